@@ -47,6 +47,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model
     from kane_dynamics.model.primitive_inertias import ball, box, disc, point_mass, rod
     from kane_dynamics.motion.motion import Motion
+    from kane_dynamics.motion.smooth_motion import SmoothMotion
     from kane_dynamics.robot.robot import Robot
     from kane_dynamics.robot.torque_bounds import TorqueBounds, Uncertainty
     from kane_dynamics.simulation.simulate import simulate
@@ -79,7 +80,7 @@ __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMot
            'PoseFilter',
            'PoseLimits', 'PoseMotion', 'PosePath',
            'Prescribed', 'QuasiStatic', 'Robot',
-           'Rolling', 'Speeds', 'StiffnessCurve', 'SweepError', 'TaskSpace',
+           'Rolling', 'SmoothMotion', 'Speeds', 'StiffnessCurve', 'SweepError', 'TaskSpace',
            'Terms', 'Torsion', 'TorqueBounds', 'Trajectory',
            'Uncertainty', 'UrdfError',
            'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'cartesian_motion', 'disc',
@@ -134,6 +135,7 @@ _NAMES_BY_MODULE = {
     'model.model': 'Body Frame Inertial Joint Limits Model',
     'model.primitive_inertias': 'ball box disc point_mass rod',
     'motion.motion': 'Motion',
+    'motion.smooth_motion': 'SmoothMotion',
     'robot.robot': 'Robot',
     'robot.torque_bounds': 'TorqueBounds Uncertainty',
     'simulation.simulate': 'simulate',

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import instance
+from kane_dynamics._util.checks import constant, instance, number
 from kane_dynamics._util.fork_safety import lazy_property
-from kane_dynamics._util.typing import Array, Matrix, Vector
+from kane_dynamics._util.text import listing
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.elastic_inverse_dynamics import (drive_sides,
+from kane_dynamics.mechanics.elastic_inverse_dynamics import (damped_step,
+                                                              deflection_rates,
+                                                              drive_sides, driven_by,
                                                               elastic_inverse_dynamics)
+from kane_dynamics.mechanics.elastic_joints import spring_deflection
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.elastic_model import link_side
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -21,6 +27,25 @@ import numpy as np
 ROWS = ('gear_torque', 'gear_torque_rate', 'gear_torque_acceleration', 'motor_position',
         'motor_speed', 'motor_acceleration', 'motor_torque')
 GRAVITY_RATES = np.zeros((2, 3)).astype(object)  # of a base at rest
+
+
+class ElasticMotion(NamedTuple):
+    """
+    Motor motion and torques along a motion of the links, (N, n) each, joint-side.
+
+    `time`, (N,), in s; `link_position`; then the rows `ROWS`, from `gear_torque` to
+    `motor_torque`.
+    """
+
+    time: Array
+    link_position: Array
+    gear_torque: Array
+    gear_torque_rate: Array
+    gear_torque_acceleration: Array
+    motor_position: Array
+    motor_speed: Array
+    motor_acceleration: Array
+    motor_torque: Array
 
 
 @fixed
@@ -51,10 +76,11 @@ class ElasticFeedforward:
     ------
     InputError
         The robot has no drives, constraints or chosen speeds; or the motor's motion does
-        not follow from four derivatives of q. With damping of a spring, the deflection is
-        a state of its own. With a dead zone it is not determined at rest. With
-        `full_coupling` the torque of a gear depends on the acceleration of the motors
-        behind it, so that the motor of the first of n joints needs 2 (n + 1) derivatives.
+        not follow from four derivatives of q. With a dead zone the deflection is not
+        determined at rest. With `full_coupling` the torque of a gear depends on the
+        acceleration of the motors behind it, so that the motor of the first of n joints
+        needs 2 (n + 1) derivatives. With damping of a spring, the deflection is a state of
+        its own: then `along` integrates it, and a call is refused.
 
     Examples
     --------
@@ -75,7 +101,9 @@ class ElasticFeedforward:
         self._tree = TreeEquations(model, wrench_frames=self._frames,
                                    payload_frame=options['payload_frame'],
                                    friction=robot.friction)
-        self._sides = drive_sides(robot.model, model.joint_names)
+        sides = drive_sides(robot.model, model.joint_names)
+        self._damped = [side for side in sides if side.drive.damping and robot.friction]
+        self._sides = [side for side in sides if side not in self._damped]
         shapes: dict[str, tuple[int, ...]] = {'q': (len(model.coordinate_names),)}
         for name in ('u', 'udot', 'jerk', 'snap'):
             shapes[name] = (model.n,)
@@ -83,6 +111,90 @@ class ElasticFeedforward:
         self.kernel = robot.compiled(self._law, name='elastic_feedforward',
                                      shape=(len(ROWS), model.n), **shapes)
         self._call = self.kernel.entry('', self.kernel)
+
+    def _refuse(self) -> None:
+        """Raise InputError: a call has no state."""
+        names = ', '.join(self.joint_names[side.link] for side in self._damped)
+        raise InputError(f'elastic feedforward: damping in the drives of {names}; expected '
+                         'along(motion, step), because their deflection is a state of its '
+                         'own')
+
+    def along(self, motion: Motion | SmoothMotion, step: float, *,
+              deflection: Any = None) -> ElasticMotion:
+        """
+        Return the motor motion and torques along a motion of the links.
+
+        Parameters
+        ----------
+        motion : SmoothMotion or Motion
+            Of `joint_names`, in this order, with a continuous jerk.
+        step : float
+            Time between rows, s.
+        deflection : (n,) array_like, optional
+            Of the damped drives at the beginning, rad or m; others do not matter.
+            Default: at rest, k^-1(tau_J).
+
+        Returns
+        -------
+        ElasticMotion
+
+        Raises
+        ------
+        InputError
+            The jerk of the motion jumps, it has other joints, or the step is not positive
+            or longer than the motion.
+
+        """
+        if not isinstance(motion, Motion | SmoothMotion):
+            raise InputError(f'motion: a {type(motion).__name__}; expected a SmoothMotion '
+                             'or a Motion')
+        if motion.joint_names != self.joint_names:
+            raise InputError(f'motion: of {listing(motion.joint_names)}; expected '
+                             f'{listing(self.joint_names)}, in this order')
+        if self._tree.n_q != self._tree.n:
+            raise InputError('motion: a robot with ball joints, which have no motion of '
+                             'joint positions; expected one without')
+        if isinstance(motion, Motion):
+            motion = SmoothMotion.from_motion(motion)
+        start = float(motion.times[0])
+        step = number(step, 'step', 'a positive number, s, of at most the duration',
+                      lambda h: 0.0 < h <= motion.duration - start)
+        count = round((motion.duration - start) / step) + 1
+        times: Array = start + step * np.arange(count, dtype=np.float64)
+        state = motion.sample(np.minimum(times, motion.duration))
+        rows = np.asarray(self.kernel(*state))
+        if self._damped:
+            links = np.ascontiguousarray(np.stack(state[:3], axis=1))
+            self._add_first(rows[0], links[0], deflection)
+            kernel = self._damped_kernel
+            kernel.scan([rows[:-1], links[:-1], rows[1:], links[1:], np.array(step)],
+                        rows[1:])
+        return ElasticMotion(times, state.q, *rows.swapaxes(0, 1))
+
+    def _add_first(self, row: Array, link: Array, deflection: Any) -> None:
+        """Complete the first row, (7, n), with the deflections of damped drives."""
+        stated = None
+        if deflection is not None:
+            stated = constant(deflection, (self._tree.n,), 'deflection', InputError)
+        for k, drive, joint in self._damped:
+            delta = stated[k] if stated is not None else spring_deflection(drive, row[0, k])
+            _, rate, acceleration, _ = deflection_rates(drive, delta, row[:3, k])
+            row[3:6, k] = link[:, k] + [delta, rate, acceleration]
+            load = drive.rotor_inertia * row[5, k] + row[0, k]
+            row[6, k] = driven_by(joint, row[4, k], load, friction=self._tree.friction)
+
+    @lazy_property
+    def _damped_kernel(self) -> Kernel:
+        """Return the step of the damped drives along a motion."""
+        n = self._tree.n
+
+        def step(before: Matrix, link_before: Matrix, rows: Matrix, link: Matrix,
+                 h: Scalar) -> Matrix:
+            return damped_step(self._tree, self._damped, before, link_before, rows, link, h)
+        return self.robot.compiled(step, name='elastic_feedforward_step',
+                                   shape=(len(ROWS), n), before=(len(ROWS), n),
+                                   link_before=(3, n), rows=(len(ROWS), n), link=(3, n),
+                                   h=())
 
     def __call__(self, q: Any, u: Any, udot: Any, jerk: Any, snap: Any,
                  gravity_rates: Any = None, wrenches: Any = None) -> Array:
@@ -115,6 +227,8 @@ class ElasticFeedforward:
             for wrenches.
 
         """
+        if self._damped:
+            self._refuse()
         if gravity_rates is None and wrenches is None:
             rows: Array = self._call(q, u, udot, jerk, snap)
             return rows
@@ -176,10 +290,7 @@ def _check(robot: Robot) -> None:
     for name, drive, _, _ in robot.drives:
         curve = drive.stiffness
         reason = ''
-        if drive.damping and robot.friction:
-            reason = (f'damping {drive.damping:g} in its drive; expected none, because '
-                      'the deflection is then a state of its own')
-        elif drive.full_coupling:
+        if drive.full_coupling:
             reason = ('full_coupling; expected the reduced model, because the motors '
                       'then depend on more than four derivatives of q')
         elif isinstance(curve, StiffnessCurve) and curve.dead_zone:

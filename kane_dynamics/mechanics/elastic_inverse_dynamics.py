@@ -14,12 +14,14 @@ tau_J''. The inverse of a stiffness curve yields its derivatives in the same man
 """
 
 from collections.abc import Sequence
+import math
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.jet import derivative, moving_jets, series_of
+from kane_dynamics.mechanics.algebra.dual import Dual
+from kane_dynamics.mechanics.algebra.jet import derivative, Jet, moving_jets, series_of
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
-from kane_dynamics.mechanics.elastic_joints import spring_deflection
+from kane_dynamics.mechanics.elastic_joints import spring_deflection, spring_torque
 from kane_dynamics.mechanics.friction import friction_torque
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.drive import Drive
@@ -27,6 +29,7 @@ from kane_dynamics.model.model import Joint, Model
 import numpy as np
 
 ORDER = 2  # of the jets
+NEWTON_STEPS = 4  # for a curve; the first one is exact for a constant stiffness
 
 
 class DriveSide(NamedTuple):
@@ -95,23 +98,94 @@ def elastic_inverse_dynamics(tree: TreeEquations, sides: Sequence[DriveSide], q:
     for link, drive, joint in sides:
         theta = positions[link] + spring_deflection(drive, torques[link])
         motor[link] = theta
-        motor_torque[link] = _motor_torque(drive, joint, theta, torques[link],
-                                           friction=tree.friction)
+        _, speed, half_acceleration = series_of(theta, ORDER + 1)
+        gear = series_of(torques[link], ORDER + 1)[0]
+        load = drive.rotor_inertia * (2.0 * half_acceleration) + gear
+        motor_torque[link] = driven_by(joint, speed, load, friction=tree.friction)
     theta = np.array(motor, dtype=object)
     torque_rows = [derivative(torques, order) for order in range(ORDER + 1)]
     motor_rows = [derivative(theta, order) for order in range(ORDER + 1)]
     return np.stack([*torque_rows, *motor_rows, np.array(motor_torque, dtype=object)])
 
 
-def _motor_torque(drive: Drive, joint: Joint, theta: Scalar, gear_torque: Scalar, *,
-                  friction: bool) -> Scalar:
-    """Return tau_m = B theta'' + tau_J + friction(theta'), N m or N."""
-    _, rate, half_acceleration = series_of(theta, ORDER + 1)
-    gear = series_of(gear_torque, ORDER + 1)[0]
-    load = drive.rotor_inertia * (2.0 * half_acceleration) + gear
-    if not friction:
-        return load
-    return load + friction_torque(joint, rate, load)
+def damped_step(tree: TreeEquations, sides: Sequence[DriveSide], before: Matrix,
+                link_before: Vector, rows: Matrix, link: Vector, h: Scalar) -> Matrix:
+    """
+    Return the rows after a step along a motion, with damped drives, (7, n).
+
+    The deflection of a damped drive is a state, D delta' = tau_J - k(delta). One step is
+    the Pade approximation (2, 3) of the exponential, with derivatives of both ends:
+
+        delta_1 - 3/5 h delta_1' + 3/20 h^2 delta_1'' - 1/60 h^3 delta_1'''
+            = delta_0 + 2/5 h delta_0' + 1/20 h^2 delta_0''
+
+    It is of order five and L-stable, so that D / k may be far shorter than the step.
+
+    Parameters
+    ----------
+    tree : TreeEquations
+        Of the links alone.
+    sides : sequence of DriveSide
+        The damped drives.
+    before, rows : (7, n) arrays of scalars
+        Rows at the beginning, complete, and at the end, with those of other joints.
+    link_before, link : (3, n) array of scalars
+        Position, speed and acceleration of the links at the beginning and the end.
+    h : scalar
+        The step, s.
+
+    """
+    result = rows.copy()
+    for k, drive, joint in sides:
+        # The beginning: its deflection and two derivatives are those of the rows.
+        delta_0 = before[3:6, k] - link_before[:, k]
+        known = delta_0[0] + h * (0.4 * delta_0[1] + 0.05 * h * delta_0[2])
+
+        # The end, by Newton's method; its derivative is that of the same function.
+        torque = rows[:3, k]
+        delta = _stiff_start(drive, known, torque[0], h)
+        for _ in range(NEWTON_STEPS):
+            dual = _pade_residual(drive, Dual(delta, 1.0), torque, h)
+            delta = delta - (dual.value - known) / dual.rate
+        _, rate, acceleration, _ = deflection_rates(drive, delta, torque)
+        result[3:6, k] = link[:, k] + np.array([delta, rate, acceleration], dtype=object)
+        load = drive.rotor_inertia * result[5, k] + result[0, k]
+        result[6, k] = driven_by(joint, result[4, k], load, friction=tree.friction)
+    return result
+
+
+def deflection_rates(drive: Drive, delta: Scalar, torque: Vector) -> list[Scalar]:
+    """
+    Return the deflection of a damped drive with three time derivatives.
+
+    `torque`, (3,), are tau_J, tau_J' and tau_J''. Each derivative of D delta' = tau_J -
+    k(delta) needs one less of delta.
+    """
+    series = [delta]
+    for order in range(ORDER + 1):
+        # The coefficients known so far, as a jet, give that of k of this order.
+        moving = Jet(series) if order else delta
+        spring = series_of(spring_torque(drive, moving), order + 1)[order]
+        coefficient = torque[order] * (1.0 / math.factorial(order)) - spring
+        series.append(coefficient * (1.0 / (drive.damping * (order + 1))))
+    return [x * float(math.factorial(k)) for k, x in enumerate(series)]
+
+
+def driven_by(joint: Joint, speed: Scalar, load: Scalar, *, friction: bool) -> Scalar:
+    """Return the motor's torque for a load B theta'' + tau_J: with its friction, N m."""
+    return load + friction_torque(joint, speed, load) if friction else load
+
+
+def _pade_residual(drive: Drive, delta: Scalar, torque: Vector, h: Scalar) -> Scalar:
+    """Return the left side of the step's equation at its end."""
+    value, first, second, third = deflection_rates(drive, delta, torque)
+    return value - h * (0.6 * first - h * (0.15 * second - (h / 60.0) * third))
+
+
+def _stiff_start(drive: Drive, known: Scalar, torque: Scalar, h: Scalar) -> Scalar:
+    """Return the end of an implicit Euler step of the linear drive, to begin with."""
+    stiffness = drive.stiffness_at_rest
+    return (drive.damping * known + h * torque) / (drive.damping + h * stiffness)
 
 
 def coordinate_jets(model: Model, q: Vector, u: Vector) -> Vector:

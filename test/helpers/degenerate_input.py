@@ -14,11 +14,11 @@ import re
 import signal
 import warnings
 
-from kane_dynamics import (box, CollisionDetector, Controller, FlexibleLink, FrictionError,
+from kane_dynamics import (box, CollisionDetector, Controller, Drive, FlexibleLink, FrictionError,
                            HandGuiding, JointImpedance, KaneError, LinkDistances, LinkShape,
                            load_urdf, LoopError, LoopTracker, ModelBuilder, ModelWarning,
                            MomentumObserver, Motion, PoseFilter, PoseMotion, PosePath, QuasiStatic,
-                           Robot)
+                           Robot, with_drives)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.identification import Efforts, PayloadEstimator, Recording, rows
 from kane_dynamics.optimal_control import TrajectoryOptimizer
@@ -38,7 +38,7 @@ RESULTS = frozenset((
     'identification.RecordingFault', 'identification.TorqueDelays',
     'optimal_control.OptimizedMotion', 'sweep.Summary', 'PosePath', 'Uncertainty', 'Model',
     'identification.WatchReport',
-    'Motion'))
+    'Motion', 'SmoothMotion'))
 ELSEWHERE = frozenset((
     'identification.ModelWatch',  # of a calibrated recording: its own tests
     'gpu.function', 'gpu.rollout', 'view.Window', 'sweep.run_sweep', 'sweep.read_table',
@@ -72,6 +72,12 @@ UNCHECKED = frozenset((
     'identification.identify',
     'Bending', 'Body', 'FlexibleLink', 'Frame', 'Joint', 'Limits', 'LinkShape', 'Torsion',
     'optimal_control.CostWeights'))
+
+
+@cache
+def elastic():
+    """Return the arm with an elastic joint."""
+    return Robot(with_drives(arm().model, {'joint1': Drive(100.0, rotor_inertia=0.1)}))
 
 
 @cache
@@ -178,6 +184,13 @@ def stated():
         'frame_wrench': {'partial_velocities': robot.jacobian('tip', Q)},
         'with_beam': {'model': model, 'link': 'link1', 'beam': FlexibleLink(
             0.5, 2.0, 80.0, (1, 0), up=(0, 0, 1))},
+        'with_drives': {'drives': {'joint1': Drive(100.0, rotor_inertia=0.1)}},
+        'StiffnessCurve': {'deflection': (0.01, 0.03), 'torque': (1.0, 5.0), 'rounding': 1e-3},
+        'Drive': {'stiffness': 100.0, 'friction': {'damping': 0.1}, 'motor': ''},
+        'Drive.from_motor_side': {'stiffness': 100.0, 'friction': {'damping': 0.1}},
+        'ElasticFeedforward': {'robot': elastic()}, 'SmoothMotion': {
+            'times': np.array([0.0, 1.0]), 'coefficients': np.zeros((1, 8, 2))},
+        'with_rigid_joints': {'model': elastic().model},
         'with_locked': {'positions': {'joint1': 0.3}}, 'with_names': {'names': {'link1': 'a'}},
         'with_model': {'prefix': 'left_'},
         'load_constraints': {'source': {'constraints': {'pin': {

@@ -4,8 +4,8 @@ from dataclasses import replace
 import math
 
 from differentiated import taylor_motion, time_derivatives
-from kane_dynamics import (Closure, Drive, Inertial, InputError, ModelBuilder, point_mass,
-                           Robot, rod, StiffnessCurve, with_drives)
+from kane_dynamics import (Closure, Drive, Inertial, InputError, ModelBuilder, Motion,
+                           point_mass, Robot, rod, SmoothMotion, StiffnessCurve, with_drives)
 from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.model.elastic_model import link_side
@@ -215,7 +215,6 @@ def refused(**drive):
 
 
 @pytest.mark.parametrize('drive, message', [
-    ({'damping': 2.0}, 'deflection is then a state of its own'),
     ({'full_coupling': True}, 'more than four derivatives'),
     ({'stiffness': StiffnessCurve([0.1, 0.2], [0.0, 1.0])}, 'a dead zone of 0.1'),
 ])
@@ -237,3 +236,86 @@ def test_other_robots_are_refused():
     closed = Robot(b.model(), constraints=[Closure('end', 'post', 'revolute', axis=(0, 1, 0))])
     with pytest.raises(InputError, match='constraints or chosen speeds'):
         ElasticFeedforward(closed)
+
+
+def smooth_motion(n, duration=1.0):
+    """Return a motion of n joints from rest to rest."""
+    points = np.random.default_rng(4).normal(size=(4, n))
+    return SmoothMotion.from_points(np.linspace(0.0, duration, 4), points,
+                                    joint_names=[f'j{k}' for k in range(n)])
+
+
+def two_links(**drive):
+    """Return an elastic arm of two joints, j0 and j1."""
+    b = ModelBuilder()
+    for k, on in enumerate(('world', 'l0')):
+        b.body(f'l{k}', on, joint=f'j{k}', axis=(0, 1, 0), at=(1.0 * k, 0, 0),
+               inertial=rod(1, (0, 0, 0), (1, 0, 0)),
+               drive=Drive(**{'stiffness': 400.0, 'rotor_inertia': 0.3, 'friction': SMOOTH,
+                              **drive}))
+    return Robot(b.model())
+
+
+def test_along_a_motion_without_damping_each_row_is_a_call():
+    robot, motion = two_links(), smooth_motion(2)
+    feedforward = ElasticFeedforward(robot)
+    result = feedforward.along(motion, 0.01)
+    assert result.time.shape == (101,) and result.motor_torque.shape == (101, 2)
+    rows = np.stack(result[2:], axis=1)
+    assert_allclose(rows, feedforward(*motion.sample(result.time)), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize('stiffness', [400.0, StiffnessCurve([0.02, 0.05], [6.0, 40.0], 0.03)])
+def test_damped_deflections_satisfy_the_equations_of_the_elastic_robot(stiffness):
+    """Also D delta' = tau_J - k(delta): the links' equations hold with no torque on links."""
+    robot, motion = two_links(stiffness=stiffness, damping=3.0), smooth_motion(2)
+    step = 2.5e-4
+    result = ElasticFeedforward(robot).along(motion, step)
+    state = motion.sample(result.time)
+    q = np.hstack([state.q, result.motor_position])
+    u = np.hstack([state.u, result.motor_speed])
+    udot = np.hstack([state.udot, result.motor_acceleration])
+    tau = robot.inverse_dynamics(q, u, udot)
+    size = np.abs(result.motor_torque).max()
+    assert_allclose(tau[:, :2], 0.0, atol=1e-11 * size)
+    assert_allclose(tau[:, 2:], result.motor_torque, rtol=0, atol=1e-11 * size)
+    # The speed is the derivative of the position: Simpson's rule over every two steps.
+    for position, speed in ((result.motor_position, result.motor_speed),
+                            (result.motor_speed, result.motor_acceleration)):
+        change = (speed[:-2:2] + 4 * speed[1:-1:2] + speed[2::2]) * step / 3
+        assert_allclose(position[2::2] - position[:-2:2], change,
+                        atol=1e-6 * np.abs(speed).max())
+
+
+def test_the_integration_of_the_deflection_is_of_order_five():
+    robot, motion = two_links(damping=30.0), smooth_motion(2)
+    feedforward = ElasticFeedforward(robot)
+    ends = [feedforward.along(motion, 0.1 / 2**k, deflection=[0.05, -0.02]).motor_position
+            for k in range(7)]
+    middles = np.array([end[len(end) // 2] for end in ends])
+    errors = np.abs(middles[:-1] - middles[-1]).max(axis=1)
+    orders = np.log2(errors[1:4] / errors[2:5])
+    assert orders.min() > 4.5
+    # Stiff: the time constant D / k is a thousandth of the step.
+    stiff = ElasticFeedforward(two_links(stiffness=4e5, damping=4.0))
+    result = stiff.along(motion, 0.01, deflection=[0.1, 0.1])
+    deflection = result.motor_position - result.link_position
+    lagging = result.gear_torque - 4.0 / 4e5 * result.gear_torque_rate
+    assert_allclose(deflection[6:], lagging[6:] / 4e5, rtol=0,
+                    atol=1e-6 * np.abs(lagging).max() / 4e5)
+
+
+def test_along_refuses_jumps_other_joints_and_steps():
+    feedforward = ElasticFeedforward(two_links(damping=2.0))
+    spline = Motion.from_points([0.0, 1.0], np.eye(2), joint_names=['j0', 'j1'])
+    with pytest.raises(InputError, match='jumps by'):
+        feedforward.along(spline, 0.01)
+    with pytest.raises(InputError, match='expected j0, j1, in this order'):
+        feedforward.along(smooth_motion(1), 0.01)
+    for step in (0.0, -1.0, 2.0, float('nan')):
+        with pytest.raises(InputError, match='step'):
+            feedforward.along(smooth_motion(2), step)
+    with pytest.raises(InputError, match='deflection'):
+        feedforward.along(smooth_motion(2), 0.01, deflection=[1.0])
+    with pytest.raises(InputError, match='deflection is a state of its own'):
+        feedforward([0, 0], [0, 0], [0, 0], [0, 0], [0, 0])
