@@ -160,24 +160,26 @@ def held_response(A: Matrix, conditions: list[Scalar], motion: Vector) -> Vector
     The others have none. Where the constraints couple joints, they share with the least
     sum of squares: A is made regular.
     """
-    k = len(conditions)
     trace: Scalar = 0.0
-    for i in range(k):
-        trace = trace + select(conditions[i], A[i, i], 0.0)
-    least = REGULAR * trace
+    for condition, row, i in zip(conditions, A, range(len(conditions))):
+        trace = trace + select(condition, row[i], 0.0)
+    return masked_solution(A + REGULAR * trace * np.eye(len(conditions)), conditions,
+                           motion)
 
-    # Rows and columns of joints that are not held are those of the unit matrix.
-    regular = np.empty((k, k), dtype=object)
+
+def masked_solution(A: Matrix, conditions: list[Scalar], motion: Vector) -> Vector:
+    """Return f, (k,), with A f = motion for the rows whose condition holds, zero of others."""
+    k = len(conditions)
+
+    # Rows and columns without condition are those of the unit matrix.
+    masked = np.empty((k, k), dtype=object)
     for i in range(k):
         for j in range(k):
-            if i == j:
-                regular[i, j] = select(conditions[i], A[i, j] + least, 1.0)
-            else:
-                entry = select(conditions[j], A[i, j], 0.0)
-                regular[i, j] = select(conditions[i], entry, 0.0)
-    masked = [select(condition, x, 0.0) for condition, x in zip(conditions, motion)]
+            entry = select(conditions[j], A[i, j], 0.0)
+            masked[i, j] = select(conditions[i], entry, float(i == j))
+    force = [select(condition, x, 0.0) for condition, x in zip(conditions, motion)]
     order = list(range(k))
-    return solve(factorize(regular, order), order, np.array(masked))
+    return solve(factorize(masked, order), order, np.array(force))
 
 
 def _unless(condition_of: dict[int, Scalar], rows: tuple[int, ...], value: Scalar,

@@ -50,7 +50,7 @@ from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.simulate import compile_simulation
 from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.step_size import possible_integrators
-from kane_dynamics.simulation.sticking.sticking_kernel import compile_sticking_steps
+from kane_dynamics.simulation.sticking.sticking_steps import compile_sticking_steps
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
 from kane_dynamics_interfaces.msg import TaskState
 import numpy as np

@@ -14,7 +14,7 @@ from kane_dynamics.simulation.step_kernels import state_names, step_kernel, Step
 from kane_dynamics.simulation.step_size import (stable_integrator, step_warning,
                                                 without_coulomb)
 from kane_dynamics.simulation.sticking.friction_state import FrictionState
-from kane_dynamics.simulation.sticking.sticking_kernel import compile_sticking
+from kane_dynamics.simulation.sticking.sticking_steps import compile_sticking
 from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_step

@@ -152,7 +152,7 @@ class FrictionState:
                  dual_to: tuple[str, ...] | None = None) -> None:
         """Find the joints."""
         self.robot, self.stops = robot, stops
-        self._dual_to = dual_to
+        self.dual_to = dual_to
         model = robot.model
         with_friction = set()
         if robot.friction:
@@ -189,9 +189,21 @@ class FrictionState:
         self.slow = AT_REST * self.units * self.constrained
 
     @lazy_property
+    def finite_stops(self) -> Array:
+        """Return the lower and upper stops for kernels, (2, k)."""
+        # Infinite stops would make not-a-number of zero times infinity.
+        return np.array([np.maximum(self.lower, -1e300), np.minimum(self.upper, 1e300)])
+
+    @lazy_property
+    def ends(self) -> Array:
+        """Return where the entries of `Forces` but the last end in the kernel's result."""
+        n, k = self.robot.n, len(self.joints)
+        return np.cumsum([n, k, k, n * k, k * k, k, k, k])
+
+    @lazy_property
     def kernel(self) -> Kernel:
         """Return the kernel of `Forces`."""
-        robot, joints, dual_to = self.robot, self.joints, self._dual_to
+        robot, joints, dual_to = self.robot, self.joints, self.dual_to
         equations: Any = robot.equations
         n, k = robot.n, len(joints)
 
@@ -199,20 +211,7 @@ class FrictionState:
                    parameters: Vector) -> Vector:
             if dual_to is not None:
                 tau = tau_from(equations, dual_to, q, tau, t)
-            system = linear_system(equations, q, u, tau, None, parameters, t,
-                                   of_all_joints(equations, joints, directions))
-            T = np.eye(n) if system.T is None else system.T
-            T_s = T[joints]
-            factors = factorize(system.M, system.order)
-            udot = solve(factors, system.order, system.net)
-            B = np.stack([solve(factors, system.order, row) for row in T_s], axis=1)
-            a = T_s @ udot + system.drift[joints]
-            least, largest = friction_bounds(equations, joints, q, tau, t)
-            driving = driving_torques(equations, joints, q, system.v, tau, directions, t)
-            sliding = of_all_joints(equations, joints, directions)
-            friction = equations.driven_friction(q, system.v, tau, t, sliding)
-            return np.concatenate([udot, system.v[joints], a, np.ravel(B),
-                                   np.ravel(T_s @ B), least, largest, driving, friction])
+            return traced_forces(equations, joints, q, u, tau, directions, t, parameters)
         name = f'forces_of_friction_{"_".join(map(str, joints))}'
         if dual_to is not None:
             name = f'{name}_dual_to_{"_".join(dual_to)}'
@@ -230,12 +229,7 @@ class FrictionState:
             inputs.append(np.array([t]))
         row = np.empty((1, *self.kernel.shape))
         self.kernel.run([np.ascontiguousarray(x, dtype=np.float64) for x in inputs], row, 1)
-        parts = []
-        begin = 0
-        for size in (n, k, k, n * k, k * k, k, k, k, robot.model.n):
-            parts.append(row[0, begin:begin + size])
-            begin += size
-        udot, v, a, B, A, *bounds_and_friction = parts
+        udot, v, a, B, A, *bounds_and_friction = np.split(row[0], self.ends)
         A = A.reshape(k, k)
         if self.constrained:  # may couple joints: then A is singular, and they share f
             A = A + REGULAR * np.diag(A).max(initial=0.0) * np.eye(k)
@@ -356,6 +350,24 @@ class FrictionState:
         if between.any():
             at_bound = np.where(f <= least, 1.0, -1.0)
             directions[resting] = np.where(between, 0.0, at_bound)
+
+
+def traced_forces(equations: Any, joints: list[int], q: Vector, u: Vector, tau: Vector,
+                  directions: Vector, t: Scalar, parameters: Vector) -> Vector:
+    """Return the entries of `Forces` in a row; `tau` is dual to the robot's speeds."""
+    sliding = of_all_joints(equations, joints, directions)
+    system = linear_system(equations, q, u, tau, None, parameters, t, sliding)
+    T = np.eye(equations.n) if system.T is None else system.T
+    T_s = T[joints]
+    factors = factorize(system.M, system.order)
+    udot = solve(factors, system.order, system.net)
+    B = np.stack([solve(factors, system.order, row) for row in T_s], axis=1)
+    a = T_s @ udot + system.drift[joints]
+    least, largest = friction_bounds(equations, joints, q, tau, t)
+    driving = driving_torques(equations, joints, q, system.v, tau, directions, t)
+    friction = equations.driven_friction(q, system.v, tau, t, sliding)
+    return np.concatenate([udot, system.v[joints], a, np.ravel(B), np.ravel(T_s @ B),
+                           least, largest, driving, friction])
 
 
 def bounds(forces: Forces, sides: Array) -> tuple[Array, Array]:

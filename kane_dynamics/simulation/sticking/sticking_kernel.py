@@ -7,7 +7,6 @@ beginning, no joint that slides changes its direction, and none passes its stop.
 `Sticking` computes the other steps, in pieces.
 """
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -23,8 +22,6 @@ from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
-from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.energy_balance import energy_kernel
 from kane_dynamics.simulation.step_kernels import (RobotMotion, step_signature,
                                                    StepChoice, time_input,
                                                    traced_step, wrench_input)
@@ -67,37 +64,20 @@ def sticking_kernel(choice: StepChoice, state: FrictionState, holds: bool) -> Ke
                                   (inputs['state'][0] + 2,), constants=constants)
 
 
-def compile_sticking_steps(robot: Robot, integrator: str, followed: Sequence[int],
-                           stops: bool) -> None:
-    """Compile the kernels of `Sticking` with and without feedback, as `step_kernel`."""
-    for feedback in (False, True):
-        compile_sticking(robot, StepChoice(feedback, integrator, None, followed), stops)
-
-
-def compile_sticking(robot: Robot, choice: StepChoice, stops: bool) -> None:
-    """Compile the kernels of `Sticking` for one choice of the step."""
-    state = FrictionState(robot, stops, choice.needed(robot).dual_to)
-    if state.joints:
-        assert state.kernel is not None  # compiled
-        energy_kernel(robot, True)
-        for holds in (False, True):
-            sticking_kernel(choice, state, holds)
-
-
 def _traced_row(contact: FrictionState, choice: StepChoice, holds: bool, state: Vector,
                 inputs: Matrix, modes: Matrix, constants: Vector) -> list[Scalar]:
     """Return the state after a step, and whether its begin and its end are valid."""
     robot = contact.robot
     directions, sides, lower, upper = modes
-    motions: list[_FrictionMotion] = []
+    motions: list[FrictionMotion] = []
 
-    def motion(*arguments: Any) -> _FrictionMotion:
-        motions.append(_FrictionMotion(contact, directions, holds, *arguments))
+    def motion(*arguments: Any) -> FrictionMotion:
+        motions.append(FrictionMotion(contact, directions, holds, *arguments))
         return motions[0]
     after = traced_step(robot, choice, state, inputs, constants, motion)
 
     if holds and contact.constrained:
-        after = _without_creep(contact, directions, after, constants)
+        after = without_creep(contact, directions, after, constants)
 
     # The begin: every held joint needs a force within its bounds; stops only press. Self-
     # locking drives that slide are driven.
@@ -135,7 +115,7 @@ def _traced_row(contact: FrictionState, choice: StepChoice, holds: bool, state: 
     return [*after, begin_valid, end_valid]
 
 
-def _without_creep(contact: FrictionState, directions: Vector, after: Vector,
+def without_creep(contact: FrictionState, directions: Vector, after: Vector,
                    constants: Vector) -> Vector:
     """Return a state in which the rates of held joints are zero, by impulses on them."""
     robot = contact.robot
@@ -166,7 +146,7 @@ def _without_creep(contact: FrictionState, directions: Vector, after: Vector,
     return np.array([*q, *u, *after[n_q + n:]])
 
 
-class _FrictionMotion(RobotMotion):
+class FrictionMotion(RobotMotion):
     """
     A robot with set-valued friction during one traced step.
 
@@ -273,7 +253,4 @@ class _FrictionMotion(RobotMotion):
 
 def mode_rows(state: FrictionState, modes: FrictionModes) -> Matrix:
     """Return the input `modes` of the kernel, (4, k)."""
-    # Infinite stops would make not-a-number of zero times infinity.
-    lower = np.maximum(state.lower, -1e300)
-    upper = np.minimum(state.upper, 1e300)
-    return np.array([*modes, lower, upper])
+    return np.array([*modes, *state.finite_stops])

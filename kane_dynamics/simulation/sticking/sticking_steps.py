@@ -9,7 +9,7 @@ problem of `friction_state` says how the joints move on, and the rest of the ste
 in the same way.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags
@@ -19,9 +19,15 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel
 from kane_dynamics.simulation.observers import Extremes, Impact
+from kane_dynamics.simulation.step_kernels import state_names, StepChoice
 from kane_dynamics.simulation.sticking.friction_state import (bounds, FrictionModes,
                                                               FrictionState)
 from kane_dynamics.simulation.sticking.sticking_kernel import mode_rows, sticking_kernel
+from kane_dynamics.simulation.sticking.transition_kernel import (CALLS, DONE,
+                                                                 MARGIN, MOST, ROOT,
+                                                                 search_places, search_row,
+                                                                 SHORT,
+                                                                 transition_kernel)
 from kane_dynamics.simulation.stops.contact_forces import admissible_state
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import StopEvent
@@ -29,11 +35,7 @@ import numpy as np
 
 PIECE = 16  # steps in the first native piece
 GROWTH = 4  # ratio of the lengths of successive pieces without a transition
-MOST = 200  # transitions in one step
-SHORT = 1e-13  # of a step: resolution of a transition's time
-ROUNDING = 1e-12  # relative, of a margin
 LEAST = 1e-300  # N m or N
-ROOT = 1e-14  # of the largest value of a function in a step: zero
 
 
 class _Event(NamedTuple):
@@ -48,6 +50,37 @@ class _Event(NamedTuple):
     def flat(self) -> Array:
         """Return all functions, (5 k,)."""
         return np.concatenate(self)
+
+
+class _Kernels(NamedTuple):
+    """Kernels of steps without and with joints that may be held, and of transitions."""
+
+    sliding: Kernel
+    sticking: Kernel
+    transitions: Kernel
+
+
+def _kernels(choice: StepChoice, contact: FrictionState) -> _Kernels:
+    """Return the kernels of one choice of the step."""
+    return _Kernels(sticking_kernel(choice, contact, holds=False),
+                    sticking_kernel(choice, contact, holds=True),
+                    transition_kernel(choice, contact))
+
+
+def compile_sticking_steps(robot: Robot, integrator: str, followed: Sequence[int],
+                           stops: bool) -> None:
+    """Compile the kernels of `Sticking` with and without feedback, as `step_kernel`."""
+    for feedback in (False, True):
+        compile_sticking(robot, StepChoice(feedback, integrator, None, followed), stops)
+
+
+def compile_sticking(robot: Robot, choice: StepChoice, stops: bool) -> None:
+    """Compile the kernels of `Sticking` for one choice of the step."""
+    state = FrictionState(robot, stops, choice.needed(robot).dual_to)
+    if state.joints:
+        assert state.kernel is not None  # compiled
+        energy_kernel(robot, True)
+        _kernels(choice, state)
 
 
 class Sticking:
@@ -78,7 +111,7 @@ class Sticking:
         self.stops = stops
         self.changed = False
         self._states: dict[int, FrictionState] = {}
-        self._kernels: dict[int, dict[bool, Kernel]] = {}  # by robot
+        self._kernels: dict[int, _Kernels] = {}  # by robot
         self._impacts: dict[int, dict[int, list[tuple[float, float]]]] = {}
         self._hits: dict[int, list[tuple[int, StopEvent]]] = {}
         self._events: list[StopEvent] = []
@@ -91,13 +124,11 @@ class Sticking:
                                               source.choice.needed(source.robot).dual_to)
         return self._states[key]
 
-    def _kernels_of(self, source: TorqueInput) -> dict[bool, Kernel]:
-        """Return the kernels of steps of a source, by whether joints may be held."""
+    def _kernels_of(self, source: TorqueInput) -> _Kernels:
+        """Return the kernels of the steps of a source."""
         key = id(source.robot)
         if key not in self._kernels:
-            contact = self.state_of(source)
-            self._kernels[key] = {holds: sticking_kernel(source.choice, contact, holds)
-                                  for holds in (False, True)}
+            self._kernels[key] = _kernels(source.choice, self.state_of(source))
         return self._kernels[key]
 
     def advance(self, source: TorqueInput, buffer: Array, done: int) -> Extremes | None:
@@ -174,20 +205,30 @@ class Sticking:
 
             # A joint breaks away before the beginning of the step, or there, where the
             # torque jumps.
+            known: FrictionModes | None = modes
             if not begin_valid[good]:
                 if good and path.breaks_away(rows[at], done + at, modes):
                     at -= 1
                 elif not resolved:
-                    modes = path.modes(rows[at], done + at)
-                    resolved = True
-                    continue
-            rows[at + 1], modes = self._through(path, i, rows[at], done + at, modes)
+                    known = None
+            rows[at + 1], modes = self._through(path, i, rows[at], done + at, known)
             at += 1
             resolved = False
 
     def _through(self, path: '_Path', i: int, state: Array, step: int,
-                 modes: FrictionModes) -> tuple[Array, FrictionModes]:
-        """Return the state after a step with transitions, and the modes there."""
+                 modes: FrictionModes | None) -> tuple[Array, FrictionModes]:
+        """
+        Return the state after a step with transitions, and the modes there.
+
+        `modes` are those at its beginning, or None if they change there.
+        """
+        search = path.searched(state, step, modes)
+        if search is not None:
+            self._record(path, i, step, self._step,
+                         _Hit([], 0.0, 0.5 * self._step * search.power))
+            return search.state, search.modes
+        if modes is None:
+            modes = path.modes(state, step)
         passed = 0.0  # of the step, s
         left = self._step
         power = path.friction_power(state, step, passed, modes)
@@ -235,15 +276,24 @@ class _Hit(NamedTuple):
     unresolved: float
 
 
+class _Searched(NamedTuple):
+    """The end of a native search: state, modes, and powers of friction at both ends, W."""
+
+    state: Array
+    modes: FrictionModes
+    power: float
+
+
 class _Path:
     """The motion of one simulation within and across steps, in given modes."""
 
-    def __init__(self, source: TorqueInput, contact: FrictionState,
-                 kernels: dict[bool, Kernel], step: float, start: float) -> None:
-        """Store the kernels of steps, by whether joints may be held."""
+    def __init__(self, source: TorqueInput, contact: FrictionState, kernels: _Kernels,
+                 step: float, start: float) -> None:
+        """Store the kernels of steps."""
         self.source, self.contact = source, contact
         self._step, self._start = step, start
         self._n_q, self._n = source.robot.n_q, source.robot.n
+        self._places = search_places(len(state_names(source.robot)), len(contact.joints))
         # The length of the step is the constant after the gains.
         self._place_of_step = 2 * source.robot.n if source.follows else 0
         self._kernels = kernels
@@ -251,6 +301,13 @@ class _Path:
     def modes(self, state: Array, step: int, passed: float = 0.0,
               sliding: dict[int, float] | None = None) -> FrictionModes:
         """Return how the joints move from a state on, `passed` s after a step's beginning."""
+        if not (self.contact.locks or passed or sliding):
+            inputs = self.source.inputs(step, 1)[0, 0]
+            # The whole step has passed, with the inputs of its beginning.
+            row = search_row(self._places, state, None, self._step)
+            search = self._search(row, np.tile(inputs[:1], (len(inputs), 1)))
+            if search is not None:
+                return search.modes
         tau, t = self._torque(state, step, passed)
         return self.contact.modes(state, tau, t, sliding)
 
@@ -259,6 +316,28 @@ class _Path:
         """Return the states after steps, and whether begins and ends are valid."""
         inputs = self.source.inputs(done, count)
         return self._scanned(state, inputs, count, modes, self.source.constants)
+
+    def searched(self, state: Array, step: int,
+                 modes: FrictionModes | None) -> _Searched | None:
+        """
+        Return the end of the native search through a step; arguments as of `_through`.
+
+        None if it meets a stop, or if a drive is self-locking.
+        """
+        if self.contact.locks:
+            return None
+        return self._search(search_row(self._places, state, modes),
+                            self.source.inputs(step, 1)[0, 0])
+
+    def _search(self, row: Array, inputs: Array) -> _Searched | None:
+        """Return the end of a native search, or None if it was refused."""
+        self._kernels.transitions.iterate(row, [inputs, self.contact.finite_stops],
+                                          CALLS, constants=self.source.constants)
+        places = self._places
+        if row[places.end] != DONE:
+            return None
+        modes = FrictionModes(row[places.directions], row[places.sides])
+        return _Searched(row[places.state], modes, float(row[places.power]))
 
     def part(self, state: Array, step: int, passed: float, length: float,
              modes: FrictionModes) -> Array:
@@ -275,7 +354,7 @@ class _Path:
         """Return the results of native steps."""
         size = len(state)
         row = inputs[0, 0] if inputs.shape[1] == 1 else inputs[0]
-        kernel = self._kernels[bool(modes.held.any())]
+        kernel = self._kernels.sticking if modes.held.any() else self._kernels.sliding
         rows = np.empty((count + 1, size + 2))
         rows[0, :size] = state
         kernel.scan([rows[:-1, :size], row, mode_rows(self.contact, modes)], rows[1:],
@@ -313,7 +392,7 @@ class _Path:
         reversal[~held] = modes.directions[~held] * forces.v[~held] + contact.slow[~held]
         f = forces.holding(held)
         least, largest = bounds(forces, modes.sides)
-        rounding = ROUNDING * np.abs(f)
+        rounding = MARGIN * np.abs(f)
         forward[held] = (f - least + rounding)[held]
         backward[held] = (largest - f + rounding)[held]
         if contact.stops:

@@ -1,0 +1,583 @@
+"""
+The native search for the transitions in one step of exact friction.
+
+The kernel is one evaluation of the search: it follows a part of the step from the last
+transition on, with directions that are constant, and evaluates there the functions whose
+roots are transitions and the response of the joints to forces. Its result, a `Search`,
+is its next argument (`Kernel.iterate`). The phases of a step:
+
+    START    the directions of the joints that move at the beginning of the step
+    SETTLE   which joints stick from here on: the complementarity problem, one change of
+             a joint at a time
+    BEGIN    the functions at the beginning of the part
+    END      the functions at the end of the step: without a sign change, it is done
+    SEARCH   regula falsi for the first root, where the next part begins with SETTLE
+
+Impacts on stops and self-locking drives are left to `sticking_steps`, where the same
+search is in Python.
+"""
+
+from functools import cache, partial
+from typing import Any, NamedTuple
+
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics.mechanics.algebra.dual import magnitude, select
+from kane_dynamics.mechanics.integrators.held_joints import masked_solution, REGULAR
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.native.tracing.subroutine import call
+from kane_dynamics.simulation.step_kernels import (step_signature, StepChoice,
+                                                   time_input, traced_step)
+from kane_dynamics.simulation.sticking.friction_state import (FrictionModes,
+                                                              FrictionState,
+                                                              NEGLIGIBLE, TOUCHING,
+                                                              traced_forces)
+from kane_dynamics.simulation.sticking.sticking_kernel import (FrictionMotion,
+                                                               without_creep)
+from kane_dynamics.simulation.user_speeds import tau_from
+import numpy as np
+
+MOST = 200  # transitions in one step
+CALLS = 20_000  # evaluations in one step
+SHORT = 1e-13  # of a step: resolution of a transition's time
+ROOT = 1e-14  # of the largest value of a function in a step: zero
+MARGIN = 1e-12  # of a force that holds a joint, relative
+FAR = 1e300  # value of a function without a root
+START, SETTLE, BEGIN, END, SEARCH = -1.0, 0.0, 1.0, 2.0, 3.0  # phases
+DONE, REFUSED = 1.0, 2.0  # ends of a search
+SCALARS = 10  # fields of `Search` before its arrays
+KINDS = 4  # reversal, breakaway forward and backward, distance from a stop
+
+
+class Search(NamedTuple):
+    """
+    The state of a search within a step; `kinds` is 4 k.
+
+    Attributes
+    ----------
+    phase, transitions, turn : scalar
+        The phase, the transitions so far and the iteration of a root, modulo 4.
+    passed : scalar
+        Time from the beginning of the step to that of the part, s.
+    power : scalar
+        Sum of the powers of friction at the beginning and the end of the step, W.
+    low, high, f_low, f_high, last : scalar
+        Bracket of the first root, s after the beginning of the part, with the least
+        function at both ends, and the end that moved last, -1 or 1.
+    state, state_high : (size,) arrays
+        At the beginning of the part, and at the end of the bracket.
+    directions, sides : (k,) arrays
+        As `FrictionModes`.
+    rates, rates_high : (k,) arrays
+        Of the joints, at both places.
+    at_begin, at_high, size : (kinds,) arrays
+        The functions at both places, and the size of their values in the part.
+    held, at_largest : (k,) arrays
+        In SETTLE: joints at rest which are held, and others whose friction is at its
+        largest.
+    end : scalar
+        0, or one of the ends of a search.
+
+    """
+
+    phase: Scalar
+    transitions: Scalar
+    turn: Scalar
+    passed: Scalar
+    power: Scalar
+    low: Scalar
+    high: Scalar
+    f_low: Scalar
+    f_high: Scalar
+    last: Scalar
+    state: Vector
+    state_high: Vector
+    directions: Vector
+    sides: Vector
+    rates: Vector
+    rates_high: Vector
+    at_begin: Vector
+    at_high: Vector
+    size: Vector
+    held: Vector
+    at_largest: Vector
+    end: Scalar
+
+
+class Evaluation(NamedTuple):
+    """
+    What holds at one place of the search, of k joints.
+
+    Attributes
+    ----------
+    x : scalar
+        s after the beginning of the part.
+    state : (size,) array
+    rates, a, forces : (k,) arrays
+        Of the joints; their accelerations with the forces; the forces of friction on
+        those at rest, N m or N.
+    least, largest : (k,) arrays
+        Bounds of the forces.
+    functions : (kinds,) array
+        Negative past a transition.
+    power : scalar
+        Of the friction of joints that slide, W.
+    touching : (k,) array
+        As `FrictionState.sides_at`.
+    sizes : two scalars
+        The largest acceleration without forces, of the joints at rest and of all.
+    rounding : (k,) array
+        Of the accelerations.
+
+    """
+
+    x: Scalar
+    state: Vector
+    rates: Vector
+    a: Vector
+    forces: Vector
+    least: Vector
+    largest: Vector
+    functions: Vector
+    power: Scalar
+    touching: Vector
+    sizes: tuple[Scalar, Scalar]
+    rounding: Vector
+
+
+def search_shapes(size: int, k: int) -> Search:
+    """Return the numbers of entries of the fields of a search."""
+    kinds = KINDS * k
+    return Search(*[1] * SCALARS, size, size, *[k] * 4, *[kinds] * 3, *[k] * 2, 1)
+
+
+def transition_kernel(choice: StepChoice, contact: FrictionState) -> Kernel:
+    """
+    Return the kernel of one evaluation of the search.
+
+    Its arguments: the search, the inputs of the step as of `step_kernel`, and the lower
+    and upper stops, (2, k).
+    """
+    robot = contact.robot
+    choice = choice.needed(robot)
+    free, inputs, constants = step_signature(robot, choice)
+    k = len(contact.joints)
+    length = sum(search_shapes(inputs['state'][0], k))
+    name = f'transitions_{free}_{"_".join(map(str, contact.joints))}'
+    if contact.stops:
+        name += '_stops'
+    return robot.kernels.compiled(
+        partial(_traced_search, contact, choice), name,
+        {'search': (length,), 'inputs': inputs['inputs'], 'stops': (2, k)}, (length,),
+        constants=constants)
+
+
+@cache
+def search_places(size: int, k: int) -> Search:
+    """Return where the fields of a search are in its row: slices, and numbers of scalars."""
+    shapes = search_shapes(size, k)
+    ends = np.cumsum(shapes).tolist()
+    slices = [slice(end - count, end) for end, count in zip(ends, shapes)]
+    return Search(*range(SCALARS), *slices[SCALARS:-1], ends[-1] - 1)
+
+
+def search_row(places: Search, state: Array, modes: FrictionModes | None = None,
+               passed: float = 0.0) -> Array:
+    """
+    Return the first search from a state, with known modes or from START.
+
+    From the whole step `passed` on, the search ends with the modes.
+    """
+    row = np.zeros(places.end + 1)
+    row[places.phase] = START
+    row[places.passed] = passed
+    row[places.state] = state
+    row[places.held] = 1.0
+    if modes is not None:
+        row[places.phase] = BEGIN
+        row[places.directions], row[places.sides] = modes
+    return row
+
+
+# The traced search. Conditions are the numbers 0 and 1.
+
+
+def _traced_search(contact: FrictionState, choice: StepChoice, row: Vector,
+                   inputs: Matrix, stops: Matrix, constants: Vector) -> list[Scalar]:
+    """Return the next search."""
+    robot = contact.robot
+    k = len(contact.joints)
+    size = (len(row) - sum(search_shapes(0, k))) // 2
+    search = Search(*(row[at] for at in search_places(size, k)))
+    place = 2 * robot.n if choice.feedback else 0
+    step = constants[place]
+
+    x = _place(search, step)
+    state = _after_part(contact, choice, search, inputs, constants, x)
+    here = _evaluation(contact, choice, search, inputs, stops, constants, state, x)
+
+    started = search._replace(phase=SETTLE, directions=_moving(contact, here.rates))
+    settled = _settled(contact, search, here, step)
+    begun = search._replace(
+        phase=END, at_begin=here.functions, rates=here.rates,
+        power=search.power + select(search.transitions < 0.5, here.power, 0.0))
+    ended = _ended(search, here, step)
+    searched = _searched(search, here)
+    followed = _by_phase(search.phase, started, settled, begun, ended, searched)
+    located = _located(contact, followed, search.phase, step)
+    entries: list[Scalar] = []
+    for field in located:
+        entries += list(np.ravel(np.asarray(field)))
+    return entries
+
+
+def _place(search: Search, step: Scalar) -> Scalar:
+    """Return the place to evaluate, s after the beginning of the part."""
+    # Regula falsi; bisection at every fourth turn. Never closer to an end of the bracket
+    # than what the result needs.
+    width = search.high - search.low
+    x = search.high - search.f_high * width / (search.f_high - search.f_low)
+    x = select(search.turn > 2.5, 0.5 * (search.low + search.high), x)
+    resolution = 0.4 * SHORT * step
+    x = _largest(x, search.low + resolution)
+    x = _least(x, search.high - resolution)
+    left = step - search.passed
+    return select(search.phase > 2.5, x, select(search.phase > 1.5, left, 0.0))
+
+
+def _after_part(contact: FrictionState, choice: StepChoice, search: Search,
+                inputs: Matrix, constants: Vector, x: Scalar) -> Vector:
+    """Return the state at a place; at the beginning of the part without a step."""
+    robot = contact.robot
+    motions: list[FrictionMotion] = []
+    place = 2 * robot.n if choice.feedback else 0
+    step = constants[place]
+    constants = np.array([*constants[:place], x, *constants[place + 1:]])
+    moments = [search.passed, search.passed + 0.5 * x, search.passed + x]
+    inputs = _inputs_at(inputs, [moment / step for moment in moments])
+
+    def motion(*arguments: Any) -> FrictionMotion:
+        motions.append(FrictionMotion(contact, search.directions, True, *arguments))
+        return motions[0]
+    after = traced_step(robot, choice, search.state, inputs, constants, motion)
+    if contact.constrained:
+        after = without_creep(contact, search.directions, after, constants)
+    moves = search.phase > 1.5
+    return np.array([select(moves, end, begin)
+                     for end, begin in zip(after, search.state)])
+
+
+def _inputs_at(inputs: Matrix, parts: list[Scalar]) -> Matrix:
+    """
+    Return the inputs of a part of a step, at three parts of its length.
+
+    The desired motion is the parabola through its values at the beginning, middle and
+    end.
+    """
+    if len(inputs) == 1:  # held torques
+        return inputs
+    begin, middle, end = inputs
+    rows = []
+    for s in parts:
+        rows.append((2.0 * s - 1.0) * (s - 1.0) * begin + 4.0 * s * (1.0 - s) * middle
+                    + s * (2.0 * s - 1.0) * end)
+    return np.stack(rows)
+
+
+def _evaluation(contact: FrictionState, choice: StepChoice, search: Search,
+                inputs: Matrix, stops: Matrix, constants: Vector, state: Vector,
+                x: Scalar) -> Evaluation:
+    """Return what holds at a state, x s after the beginning of the part."""
+    robot = contact.robot
+    equations: Any = robot.equations
+    n_q, n, k = robot.n_q, robot.n, len(contact.joints)
+    place = 2 * n if choice.feedback else 0
+    parameters = constants[place + 1:]
+    q, u = state[:n_q], state[n_q:n_q + n]
+    time = state[n_q + n:][:int(equations.timed)]
+    moment = (search.passed + x) / constants[place]
+    at_place = _inputs_at(inputs, [moment] * 3)
+    motion = FrictionMotion(contact, search.directions, True, robot, at_place,
+                            constants[:place] if choice.feedback else None, parameters,
+                            choice.dual_to, False, choice.followed, time, 0.0)
+    tau = motion.torque(q, u, 2, *time)
+
+    def forces_of(q: Vector, u: Vector, tau: Vector, directions: Vector,
+                  *options: Any) -> Vector:
+        t = options[0][()] if len(options) > 1 else 0.0
+        physical = options[-1][:robot.parameters.physical]
+        if choice.dual_to is not None:
+            tau = tau_from(equations, choice.dual_to, q, tau, t)
+        return traced_forces(equations, contact.joints, q, u, tau, directions, t, physical)
+    program = trace_program('friction_forces', forces_of, [
+        ('q', (n_q,)), ('u', (n,)), ('tau', (n,)), ('directions', (k,)),
+        *time_input(robot), ('parameters', np.shape(parameters))])
+    results = np.array(call(program, q, u, tau, search.directions, *time, parameters))
+    _, rates, a, _, A, least, largest, _, friction = np.split(results, contact.ends)
+    A = A.reshape(k, k)
+    if contact.constrained:
+        scale: Scalar = 0.0
+        for i in range(k):
+            scale = _largest(scale, A[i, i])
+        A = A + REGULAR * scale * np.eye(k)
+
+    # In SETTLE, joints at rest are at a bound or held; else all of them are held.
+    settles = search.phase < 0.5
+    resting = [1.0 - direction * direction for direction in search.directions]
+    touching = _sides_at(contact, q, stops)
+    sides = [select(settles, side * rests, known)
+             for side, rests, known in zip(touching, resting, search.sides)]
+    least = np.array([select(side > 0.5, -FAR, bound)
+                      for side, bound in zip(sides, least)])
+    largest = np.array([select(side < -0.5, FAR, bound)
+                        for side, bound in zip(sides, largest)])
+    held: list[Scalar] = []
+    at_bounds: list[Scalar] = []
+    for j in range(k):
+        by_pivot = resting[j] * search.held[j]
+        held.append(select(settles, by_pivot, resting[j]) > 0.5)
+        bound = select(search.at_largest[j] > 0.5, largest[j], least[j])
+        at_bounds.append(select(settles * (resting[j] - by_pivot) > 0.5, bound, 0.0))
+    forces = np.array(at_bounds) - masked_solution(A, held, a + A @ np.array(at_bounds))
+    accelerations = a + A @ forces
+
+    sizes: tuple[Scalar, Scalar] = 0.0, 0.0
+    for acceleration, rests in zip(a, resting):
+        of_a = magnitude(acceleration)
+        sizes = _largest(sizes[0], of_a * rests), _largest(sizes[1], of_a)
+    magnitudes = np.array([magnitude(f) for f in forces])
+    rounding = []
+    for row in A:
+        of_forces = np.array([magnitude(entry) for entry in row]) @ magnitudes
+        rounding.append(MARGIN * _largest(sizes[0], of_forces))
+
+    functions = _functions(contact, search, state, rates, forces, least, largest, stops)
+    power: Scalar = 0.0
+    for j, joint in enumerate(contact.joints):
+        power = power + (1.0 - resting[j]) * magnitude(friction[joint] * rates[j])
+    return Evaluation(x, state, rates, accelerations, forces, least, largest, functions,
+                      power, np.array(touching), sizes, np.array(rounding))
+
+
+def _sides_at(contact: FrictionState, q: Vector, stops: Matrix) -> list[Scalar]:
+    """Return the stops at which joints are, as `FrictionState.sides_at`."""
+    sides: list[Scalar] = []
+    for place, low, high, unit in zip(contact.places, *stops, contact.units):
+        if place < 0 or not contact.stops:
+            sides.append(0.0)
+            continue
+        near = TOUCHING * unit * contact.constrained
+        below = 1.0 - ((low + near) < q[place])
+        above = 1.0 - (q[place] < (high - near))
+        sides.append(select(above, 1.0, -below))
+    return sides
+
+
+def _functions(contact: FrictionState, search: Search, state: Vector, rates: Vector,
+               forces: Vector, least: Vector, largest: Vector, stops: Matrix) -> Vector:
+    """Return the functions whose roots are transitions, (kinds,), as `_Event`."""
+    reversal, forward, backward, distances = [], [], [], []
+    for j in range(len(contact.joints)):
+        direction, rounding = search.directions[j], MARGIN * magnitude(forces[j])
+        slides = direction * direction > 0.5
+        reversal.append(select(slides, direction * rates[j] + contact.slow[j], FAR))
+        forward.append(select(slides, FAR, forces[j] - least[j] + rounding))
+        backward.append(select(slides, FAR, largest[j] - forces[j] + rounding))
+        distance: Scalar = FAR
+        if contact.stops and contact.places[j] >= 0:
+            position, side = state[contact.places[j]], search.sides[j]
+            nearer = _least(position - stops[0, j], stops[1, j] - position)
+            distance = select(side * side > 0.5, FAR, nearer)
+        distances.append(distance)
+    return np.array([*reversal, *forward, *backward, *distances])
+
+
+def _moving(contact: FrictionState, rates: Vector) -> Vector:
+    """Return the directions of motion of the joints, 0 of those that have stopped."""
+    directions = []
+    for rate, slow in zip(rates, contact.slow):
+        # Twice the rate at which a joint that stops has stopped, but for rounding.
+        directions.append(select(2.0 * slow < magnitude(rate), _sign(rate), 0.0))
+    return np.array(directions)
+
+
+def _settled(contact: FrictionState, search: Search, here: Evaluation,
+             step: Scalar) -> Search:
+    """Return the search after one change of the complementarity problem at its begin."""
+    k = len(contact.joints)
+    resting = [1.0 - direction * direction for direction in search.directions]
+    none_before: Scalar = 1.0  # that is wrong
+    held, at_largest = [], []
+    for j in range(k):
+        f, low, high, a = here.forces[j], here.least[j], here.largest[j], here.a[j]
+        above = (high + MARGIN * magnitude(high)) < f
+        below = f < (low - MARGIN * magnitude(low))
+        returns = select(search.at_largest[j] > 0.5, here.rounding[j] < a,
+                         a < -here.rounding[j])
+        is_held = search.held[j] > 0.5
+        wrong = resting[j] * select(is_held, select(above, 1.0, below), returns)
+        changes = none_before * wrong > 0.5
+        none_before = none_before * (1.0 - wrong)
+        held.append(select(changes, 1.0 - search.held[j], search.held[j]))
+        at_largest.append(select(changes, high < f, search.at_largest[j]))
+
+    # Without a wrong one, joints whose friction does not hold them begin to slide.
+    moves = []
+    none_moves: Scalar = 1.0
+    for j in range(k):
+        moves.append(none_before * resting[j]
+                     * (NEGLIGIBLE * here.sizes[1] < magnitude(here.a[j])))
+        none_moves = none_moves * (1.0 - moves[j])
+    directions = np.array([
+        select(moved > 0.5, _sign(a), direction)
+        for moved, a, direction in zip(moves, here.a, search.directions)])
+    settled = none_before * none_moves
+    if contact.constrained:
+        saturated = _saturated(resting, search.directions, here)
+        directions = np.array([select(settled > 0.5, x, y)
+                               for x, y in zip(saturated, directions)])
+    starts_again = none_before * (1.0 - none_moves) > 0.5
+    held = [select(starts_again, 1.0, x) for x in held]
+    at_largest = [select(starts_again, 0.0, x) for x in at_largest]
+    sides = np.array([side * (1.0 - direction * direction)
+                      for side, direction in zip(here.touching, directions)])
+    short = 1.0 - (SHORT * step < step - search.passed)
+    return search._replace(
+        phase=select(settled > 0.5, BEGIN, SETTLE), directions=directions, sides=sides,
+        rates=here.rates, held=np.array(held), at_largest=np.array(at_largest),
+        end=settled * short * DONE)
+
+
+def _saturated(resting: list[Scalar], directions: Vector, here: Evaluation) -> Vector:
+    """Return directions of joints at rest as `FrictionState._saturate`."""
+    between = []
+    any_between: Scalar = 0.0
+    for rests, f, low, high in zip(resting, here.forces, here.least, here.largest):
+        between.append(rests * (low < f) * (f < high))
+        any_between = _largest(any_between, between[-1])
+    result = []
+    for direction, rests, inside, f, low in zip(directions, resting, between, here.forces,
+                                                here.least):
+        at_bound = select(low < f, -1.0, 1.0)
+        of_joint = select(inside > 0.5, 0.0, at_bound)
+        result.append(select(any_between * rests > 0.5, of_joint, direction))
+    return np.array(result)
+
+
+def _ended(search: Search, here: Evaluation, step: Scalar) -> Search:
+    """Return the search at the end of the step: done, or with the bracket of a root."""
+    sizes = []
+    for begin, end in zip(search.at_begin, here.functions):
+        largest = _largest(magnitude(begin), magnitude(end))
+        infinite = magnitude(end) > 0.5 * FAR
+        sizes.append(select(infinite, 1.0, select(largest > 0.0, largest, 1.0)))
+    size = np.array(sizes)
+    happens = _smallest(here.functions) < 0.0
+    left = step - search.passed
+
+    def kept(x: Any, y: Any) -> Any:
+        return _chosen(happens, x, y)
+    return search._replace(
+        phase=select(happens, SEARCH, END), turn=0.0,
+        passed=select(happens, search.passed, step),
+        power=search.power + select(happens, 0.0, here.power),
+        low=0.0, high=left, f_low=_smallest(search.at_begin / size),
+        f_high=_smallest(here.functions / size), last=0.0,
+        state=kept(search.state, here.state), state_high=here.state,
+        rates=kept(search.rates, here.rates), rates_high=here.rates,
+        at_high=here.functions, size=size, end=select(happens, 0.0, DONE))
+
+
+def _searched(search: Search, here: Evaluation) -> Search:
+    """Return the search with a smaller bracket."""
+    f = _smallest(here.functions / search.size)
+    past = f < 0.0
+    low, high, x = search.low, search.high, here.x
+    # An end that stays twice has half of its value (Illinois).
+    f_low = select(search.last < -0.5, 0.5 * search.f_low, search.f_low)
+    f_high = select(search.last > 0.5, 0.5 * search.f_high, search.f_high)
+    return search._replace(
+        turn=select(search.turn > 2.5, 0.0, search.turn + 1.0),
+        low=select(past, low, x), high=select(past, x, high),
+        f_low=select(past, f_low, f), f_high=select(past, f, f_high),
+        last=select(past, -1.0, 1.0),
+        state_high=_chosen(past, here.state, search.state_high),
+        rates_high=_chosen(past, here.rates, search.rates_high),
+        at_high=_chosen(past, here.functions, search.at_high))
+
+
+def _located(contact: FrictionState, search: Search, phase: Scalar,
+             step: Scalar) -> Search:
+    """Return the search after a transition, if one is located; `phase` was that before."""
+    robot = contact.robot
+    searches = (search.phase > 2.5) * (phase > 1.5)
+    at_once = search.f_low < 0.0
+    wide = (SHORT * step < search.high - search.low) * (search.f_high < -ROOT)
+    located = searches * _largest(at_once, 1.0 - wide) > 0.5
+    state = _chosen(at_once, search.state, search.state_high)
+    rates = _chosen(at_once, search.rates, search.rates_high)
+    functions = _chosen(at_once, search.at_begin, search.at_high)
+    reversal, forward, backward, distances = np.split(functions, KINDS)
+
+    # A joint of a tree that stops has no rate, which is zero but for the root's error.
+    if not contact.constrained:
+        for j, joint in enumerate(contact.joints):
+            place = robot.n_q + joint
+            state[place] = select(reversal[j] > 0.0, state[place], 0.0)
+            rates[j] = select(reversal[j] > 0.0, rates[j], 0.0)
+    directions = []
+    for direction, ahead, back in zip(_moving(contact, rates), forward, backward):
+        direction = select(ahead > 0.0, direction, 1.0)
+        directions.append(select(back > 0.0, direction, -1.0))
+    hits = 1.0 - (_smallest(distances) > 0.0)
+    transitions = search.transitions + 1.0
+    refused = _largest(hits, transitions > MOST - 0.5)
+    ones = np.ones(len(contact.joints))
+    after = search._replace(
+        phase=SETTLE, transitions=transitions, state=state, directions=np.array(directions),
+        passed=search.passed + select(at_once, 0.0, search.high), held=ones,
+        at_largest=0.0 * ones, end=refused * REFUSED)
+    return _where(located, after, search)
+
+
+def _by_phase(phase: Scalar, *searches: Search) -> Search:
+    """Return the search of a phase, of those of all phases in their order."""
+    result, *later = searches
+    for first, search in zip((SETTLE, BEGIN, END, SEARCH), later):
+        result = _where(first - 0.5 < phase, search, result)
+    return result
+
+
+def _where(condition: Scalar, x: Search, y: Search) -> Search:
+    """Return one of two searches."""
+    return Search(*(_chosen(condition, a, b) for a, b in zip(x, y)))
+
+
+def _chosen(condition: Scalar, x: Any, y: Any) -> Any:
+    """Return x if a condition holds, else y: scalars or arrays."""
+    if np.ndim(x) == 0:
+        return select(condition, x, y)
+    return np.array([select(condition, a, b) for a, b in zip(x, y)])
+
+
+def _least(x: Scalar, y: Scalar) -> Scalar:
+    """Return the lesser number."""
+    return select(x < y, x, y)
+
+
+def _largest(x: Scalar, y: Scalar) -> Scalar:
+    """Return the larger number."""
+    return select(x < y, y, x)
+
+
+def _smallest(values: Vector) -> Scalar:
+    """Return the least of several numbers."""
+    result = values[0]
+    for value in values[1:]:
+        result = _least(value, result)
+    return result
+
+
+def _sign(x: Scalar) -> Scalar:
+    """Return the sign of a number that is not zero."""
+    return select(x < 0.0, -1.0, 1.0)
