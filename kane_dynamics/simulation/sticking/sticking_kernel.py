@@ -191,6 +191,14 @@ class FrictionMotion(RobotMotion):
             self.first = f, least, largest
         return rates
 
+    def holding(self, q: Vector, u: Vector, tau: Vector,
+                time: Vector) -> tuple[Vector, Vector, Vector]:
+        """Return what holds joints at a state, and the bounds of friction, (k,) each."""
+        self.first = None
+        self.called(self._motion, q, u, tau, time)
+        forces: tuple[Vector, Vector, Vector] = self.first
+        return forces
+
     @lazy_property
     def _motion(self) -> Program:
         return self._program(None)
@@ -245,7 +253,11 @@ class FrictionMotion(RobotMotion):
             if self.watched:
                 results.append(equations.margin(q, t, parameters[-LIMITS:]))
             return results
-        return trace_program('friction_dynamics', dynamics, [
+        # Subroutines of one kernel differ in their names.
+        name = 'friction_dynamics' if method is None else 'implicit_friction_dynamics'
+        if self.watched:
+            name = f'watched_{name}'
+        return trace_program(name, dynamics, [
             ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)),
             ('directions', (len(joints),)), *first_stage, *wrenches, *times,
             ('parameters', robot.parameters.block.shape)])

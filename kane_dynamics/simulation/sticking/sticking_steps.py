@@ -12,10 +12,10 @@ in the same way.
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.typing import Array, Flags
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.joint_stops import nearest_stops, resolve_stops
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.event_loop import EVENT, EventKernels, follow
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel
 from kane_dynamics.simulation.observers import Extremes, Impact
@@ -23,18 +23,17 @@ from kane_dynamics.simulation.step_kernels import state_names, StepChoice
 from kane_dynamics.simulation.sticking.friction_state import (bounds, FrictionModes,
                                                               FrictionState)
 from kane_dynamics.simulation.sticking.sticking_kernel import mode_rows, sticking_kernel
-from kane_dynamics.simulation.sticking.transition_kernel import (CALLS, DONE,
-                                                                 MARGIN, MOST, ROOT,
-                                                                 search_places, search_row,
-                                                                 SHORT,
-                                                                 transition_kernel)
+from kane_dynamics.simulation.sticking.transition_kernel import (BEGIN, CALLS, DONE,
+                                                                 loop_places, MARGIN,
+                                                                 MOST, ROOT,
+                                                                 search_kernels,
+                                                                 search_places, SHORT,
+                                                                 START)
 from kane_dynamics.simulation.stops.contact_forces import admissible_state
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import StopEvent
 import numpy as np
 
-PIECE = 16  # steps in the first native piece
-GROWTH = 4  # ratio of the lengths of successive pieces without a transition
 LEAST = 1e-300  # N m or N
 
 
@@ -52,19 +51,11 @@ class _Event(NamedTuple):
         return np.concatenate(self)
 
 
-class _Kernels(NamedTuple):
-    """Kernels of steps without and with joints that may be held, and of transitions."""
-
-    sliding: Kernel
-    sticking: Kernel
-    transitions: Kernel
-
-
-def _kernels(choice: StepChoice, contact: FrictionState) -> _Kernels:
-    """Return the kernels of one choice of the step."""
-    return _Kernels(sticking_kernel(choice, contact, holds=False),
-                    sticking_kernel(choice, contact, holds=True),
-                    transition_kernel(choice, contact))
+def _kernels(choice: StepChoice, contact: FrictionState) -> EventKernels:
+    """Return the kernels of one choice of the step, which slides or also sticks."""
+    return EventKernels(sticking_kernel(choice, contact, holds=False),
+                        sticking_kernel(choice, contact, holds=True),
+                        *search_kernels(choice, contact))
 
 
 def compile_sticking_steps(robot: Robot, integrator: str, followed: Sequence[int],
@@ -111,7 +102,7 @@ class Sticking:
         self.stops = stops
         self.changed = False
         self._states: dict[int, FrictionState] = {}
-        self._kernels: dict[int, _Kernels] = {}  # by robot
+        self._kernels: dict[int, EventKernels] = {}  # by robot
         self._impacts: dict[int, dict[int, list[tuple[float, float]]]] = {}
         self._hits: dict[int, list[tuple[int, StopEvent]]] = {}
         self._events: list[StopEvent] = []
@@ -124,7 +115,7 @@ class Sticking:
                                               source.choice.needed(source.robot).dual_to)
         return self._states[key]
 
-    def _kernels_of(self, source: TorqueInput) -> _Kernels:
+    def _kernels_of(self, source: TorqueInput) -> EventKernels:
         """Return the kernels of the steps of a source."""
         key = id(source.robot)
         if key not in self._kernels:
@@ -184,49 +175,34 @@ class Sticking:
         """Compute the states of simulation i after each step, (K + 1, size)."""
         path = _Path(source, self.state_of(source), self._kernels_of(source), self._step,
                      self._start)
-        modes = path.modes(rows[0], done)
-        at, end, piece = 0, len(rows) - 1, PIECE
-        resolved = True
+        at, end = 0, len(rows) - 1
+        modes: FrictionModes | None = None
         while at < end:
-            count = min(piece, end - at)
-            after, begin_valid, end_valid = path.steps(rows[at], done + at, count, modes)
-            valid = begin_valid & end_valid
-            good = count if valid.all() else int(np.argmin(valid))
-            rows[at + 1:at + good + 1] = after[:good]
-            at += good
-            piece = GROWTH * piece
-            resolved = resolved and not good
-            if good == count:
-                continue
-            piece = PIECE
-            if not np.isfinite(after[good]).all() or path.refused(after[good]):
-                rows[at + 1:] = after[good]  # diverged, or continued in other speeds
+            computed, refused, modes = path.follow(rows[at:], done + at, modes)
+            size = rows.shape[1]
+            events = np.flatnonzero(computed[1:, size + 1] == EVENT)
+            for row in events.tolist():
+                # The power of friction has a kink at each transition, which the energy
+                # balance does not see between the ends of the step.
+                power = float(computed[row + 1, size])
+                self._record(path, i, done + at + row, self._step,
+                             _Hit([], 0.0, 0.5 * self._step * power))
+            rows[at + 1:at + len(computed)] = computed[1:, :size]
+            at += len(computed) - 1
+            if refused is not None:  # diverged, or continued in other speeds
+                rows[at + 1:] = refused
                 return
-
-            # A joint breaks away before the beginning of the step, or there, where the
-            # torque jumps.
-            known: FrictionModes | None = modes
-            if not begin_valid[good]:
-                if good and path.breaks_away(rows[at], done + at, modes):
-                    at -= 1
-                elif not resolved:
-                    known = None
-            rows[at + 1], modes = self._through(path, i, rows[at], done + at, known)
-            at += 1
-            resolved = False
+            if at < end:
+                rows[at + 1], modes = self._through(path, i, rows[at], done + at, modes)
+                at += 1
 
     def _through(self, path: '_Path', i: int, state: Array, step: int,
                  modes: FrictionModes | None) -> tuple[Array, FrictionModes]:
         """
         Return the state after a step with transitions, and the modes there.
 
-        `modes` are those at its beginning, or None if they change there.
+        `modes` are those at its beginning, None if they are not known.
         """
-        search = path.searched(state, step, modes)
-        if search is not None:
-            self._record(path, i, step, self._step,
-                         _Hit([], 0.0, 0.5 * self._step * search.power))
-            return search.state, search.modes
         if modes is None:
             modes = path.modes(state, step)
         passed = 0.0  # of the step, s
@@ -276,18 +252,10 @@ class _Hit(NamedTuple):
     unresolved: float
 
 
-class _Searched(NamedTuple):
-    """The end of a native search: state, modes, and powers of friction at both ends, W."""
-
-    state: Array
-    modes: FrictionModes
-    power: float
-
-
 class _Path:
     """The motion of one simulation within and across steps, in given modes."""
 
-    def __init__(self, source: TorqueInput, contact: FrictionState, kernels: _Kernels,
+    def __init__(self, source: TorqueInput, contact: FrictionState, kernels: EventKernels,
                  step: float, start: float) -> None:
         """Store the kernels of steps."""
         self.source, self.contact = source, contact
@@ -302,42 +270,70 @@ class _Path:
               sliding: dict[int, float] | None = None) -> FrictionModes:
         """Return how the joints move from a state on, `passed` s after a step's beginning."""
         if not (self.contact.locks or passed or sliding):
-            inputs = self.source.inputs(step, 1)[0, 0]
-            # The whole step has passed, with the inputs of its beginning.
-            row = search_row(self._places, state, None, self._step)
-            search = self._search(row, np.tile(inputs[:1], (len(inputs), 1)))
-            if search is not None:
-                return search.modes
+            settled = self._settled(state, step)
+            if settled is not None:
+                return settled
         tau, t = self._torque(state, step, passed)
         return self.contact.modes(state, tau, t, sliding)
 
-    def steps(self, state: Array, done: int, count: int,
-              modes: FrictionModes) -> tuple[Array, Flags, Flags]:
-        """Return the states after steps, and whether begins and ends are valid."""
-        inputs = self.source.inputs(done, count)
-        return self._scanned(state, inputs, count, modes, self.source.constants)
-
-    def searched(self, state: Array, step: int,
-                 modes: FrictionModes | None) -> _Searched | None:
+    def follow(self, states: Array, done: int, modes: FrictionModes | None
+               ) -> tuple[Array, Array | None, FrictionModes | None]:
         """
-        Return the end of the native search through a step; arguments as of `_through`.
+        Compute steps and their transitions in native code, as far as it can.
 
-        None if it meets a stop, or if a drive is self-locking.
+        Parameters
+        ----------
+        states : (K + 1, size) array
+            With the first state, after `done` steps.
+        done : int
+        modes : FrictionModes or None
+            At the first state, if they are known.
+
+        Returns
+        -------
+        (1 to K + 1, size + 2) array
+            As `event_loop.follow`.
+        (size,) array or None
+            The next state, if it is not accepted.
+        FrictionModes or None
+            At the last computed state, if they are known.
+
         """
-        if self.contact.locks:
-            return None
-        return self._search(search_row(self._places, state, modes),
-                            self.source.inputs(step, 1)[0, 0])
+        count, size = len(states) - 1, states.shape[1]
+        places, contact = self._places, self.contact
+        rows = np.empty((count + 1, size + 2))
+        rows[0, :size] = states[0]
+        search = np.zeros(places.end + 1)
+        search[places.lower], search[places.upper] = contact.finite_stops
+        if modes is None and contact.locks:
+            modes = self.modes(states[0], done)
+        if modes is not None:
+            search[places.directions], search[places.sides] = modes
+            search[places.holds] = modes.held.any()
+        watched = self.source.robot.equations.watched
+        computed, refused = follow(
+            self._kernels, loop_places(places), search, rows,
+            self.source.inputs(done, count)[0], self.source.constants,
+            phases=(START, BEGIN), limit=0 if contact.locks else CALLS,
+            has_modes=modes is not None, margin=size - 1 if watched else None)
+        last = rows[:computed + 1]
+        return last, rows[computed + 1, :size] if refused else None, None
 
-    def _search(self, row: Array, inputs: Array) -> _Searched | None:
-        """Return the end of a native search, or None if it was refused."""
-        self._kernels.transitions.iterate(row, [inputs, self.contact.finite_stops],
-                                          CALLS, constants=self.source.constants)
+    def _settled(self, state: Array, step: int) -> FrictionModes | None:
+        """Return the modes at the beginning of a step, or None without a solution."""
         places = self._places
-        if row[places.end] != DONE:
+        inputs = self.source.inputs(step, 1)[0, 0]
+        search = np.zeros(places.end + 1)
+        search[places.phase] = START
+        search[places.state] = state
+        search[places.lower], search[places.upper] = self.contact.finite_stops
+        # The whole step has passed, with the inputs of its beginning.
+        search[places.passed] = self._step
+        self._kernels.early.iterate(search, [np.tile(inputs[:1], (len(inputs), 1))], CALLS,
+                                    constants=self.source.constants)
+        if search[places.end] != DONE:
             return None
-        modes = FrictionModes(row[places.directions], row[places.sides])
-        return _Searched(row[places.state], modes, float(row[places.power]))
+        return FrictionModes(search[places.directions], search[places.sides])
 
     def part(self, state: Array, step: int, passed: float, length: float,
              modes: FrictionModes) -> Array:
@@ -345,26 +341,12 @@ class _Path:
         constants = self.source.constants.copy()
         constants[self._place_of_step] = length
         inputs = self.source.inputs_within(step, passed, length)
-        after, _, _ = self._scanned(state, inputs, 1, modes, constants)
-        end: Array = after[0]
-        return end
-
-    def _scanned(self, state: Array, inputs: Array, count: int, modes: FrictionModes,
-                 constants: Array) -> tuple[Array, Flags, Flags]:
-        """Return the results of native steps."""
-        size = len(state)
-        row = inputs[0, 0] if inputs.shape[1] == 1 else inputs[0]
-        kernel = self._kernels.sticking if modes.held.any() else self._kernels.sliding
-        rows = np.empty((count + 1, size + 2))
-        rows[0, :size] = state
-        kernel.scan([rows[:-1, :size], row, mode_rows(self.contact, modes)], rows[1:],
+        kernel = self._kernels.special if modes.held.any() else self._kernels.plain
+        rows = np.empty((1, len(state) + 2))
+        kernel.scan([state, inputs[0, 0], mode_rows(self.contact, modes)], rows,
                     constants=constants)
-        after = rows[1:, :size]
-        return after, rows[1:, size] > 0.5, rows[1:, size + 1] > 0.5
-
-    def refused(self, state: Array) -> bool:
-        """Return whether a state has no positive margin (`step_kernels`)."""
-        return bool(self.source.robot.constraint_names) and not state[-1] > 0.0
+        end: Array = rows[0, :len(state)]
+        return end
 
     def _torque(self, state: Array, step: int, passed: float) -> tuple[Array, float]:
         """Return the torque at a state, and the time, s."""
@@ -408,10 +390,6 @@ class _Path:
     def happens(self, state: Array, step: int, passed: float, modes: FrictionModes) -> bool:
         """Return whether a transition happened before a state."""
         return bool((self._functions(state, step, passed, modes) < 0.0).any())
-
-    def breaks_away(self, state: Array, step: int, modes: FrictionModes) -> bool:
-        """Return whether a joint broke away in the step that ends at a state."""
-        return self.happens(state, step - 1, self._step, modes)
 
     def first(self, state: Array, step: int, passed: float, left: float,
               modes: FrictionModes) -> tuple[float, Any]:

@@ -20,17 +20,15 @@ search is in Python.
 from functools import cache, partial
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.mechanics.integrators.held_joints import masked_solution, REGULAR
+from kane_dynamics.native.runtime.event_loop import SearchPlaces
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import trace_program
-from kane_dynamics.native.tracing.subroutine import call
-from kane_dynamics.simulation.step_kernels import (step_signature, StepChoice,
-                                                   time_input, traced_step)
-from kane_dynamics.simulation.sticking.friction_state import (FrictionModes,
-                                                              FrictionState,
-                                                              NEGLIGIBLE, TOUCHING,
+from kane_dynamics.simulation.step_kernels import (RobotMotion, step_signature,
+                                                   StepChoice, traced_step)
+from kane_dynamics.simulation.sticking.friction_state import (FrictionState, NEGLIGIBLE,
+                                                              of_all_joints, TOUCHING,
                                                               traced_forces)
 from kane_dynamics.simulation.sticking.sticking_kernel import (FrictionMotion,
                                                                without_creep)
@@ -45,7 +43,7 @@ MARGIN = 1e-12  # of a force that holds a joint, relative
 FAR = 1e300  # value of a function without a root
 START, SETTLE, BEGIN, END, SEARCH = -1.0, 0.0, 1.0, 2.0, 3.0  # phases
 DONE, REFUSED = 1.0, 2.0  # ends of a search
-SCALARS = 10  # fields of `Search` before its arrays
+SCALARS = 11  # fields of `Search` before its arrays
 KINDS = 4  # reversal, breakaway forward and backward, distance from a stop
 
 
@@ -61,13 +59,15 @@ class Search(NamedTuple):
         Time from the beginning of the step to that of the part, s.
     power : scalar
         Sum of the powers of friction at the beginning and the end of the step, W.
+    holds : scalar
+        Whether any joint is held.
     low, high, f_low, f_high, last : scalar
         Bracket of the first root, s after the beginning of the part, with the least
         function at both ends, and the end that moved last, -1 or 1.
     state, state_high : (size,) arrays
         At the beginning of the part, and at the end of the bracket.
-    directions, sides : (k,) arrays
-        As `FrictionModes`.
+    directions, sides, lower, upper : (k,) arrays
+        As the argument `modes` of `sticking_kernel`.
     rates, rates_high : (k,) arrays
         Of the joints, at both places.
     at_begin, at_high, size : (kinds,) arrays
@@ -85,6 +85,7 @@ class Search(NamedTuple):
     turn: Scalar
     passed: Scalar
     power: Scalar
+    holds: Scalar
     low: Scalar
     high: Scalar
     f_low: Scalar
@@ -94,6 +95,8 @@ class Search(NamedTuple):
     state_high: Vector
     directions: Vector
     sides: Vector
+    lower: Vector
+    upper: Vector
     rates: Vector
     rates_high: Vector
     at_begin: Vector
@@ -104,24 +107,17 @@ class Search(NamedTuple):
     end: Scalar
 
 
-class Evaluation(NamedTuple):
+class AtRest(NamedTuple):
     """
-    What holds at one place of the search, of k joints.
+    What the complementarity problem needs at a state, of k joints.
 
     Attributes
     ----------
-    x : scalar
-        s after the beginning of the part.
-    state : (size,) array
     rates, a, forces : (k,) arrays
         Of the joints; their accelerations with the forces; the forces of friction on
         those at rest, N m or N.
     least, largest : (k,) arrays
         Bounds of the forces.
-    functions : (kinds,) array
-        Negative past a transition.
-    power : scalar
-        Of the friction of joints that slide, W.
     touching : (k,) array
         As `FrictionState.sides_at`.
     sizes : two scalars
@@ -131,45 +127,69 @@ class Evaluation(NamedTuple):
 
     """
 
-    x: Scalar
-    state: Vector
     rates: Vector
     a: Vector
     forces: Vector
     least: Vector
     largest: Vector
-    functions: Vector
-    power: Scalar
     touching: Vector
     sizes: tuple[Scalar, Scalar]
     rounding: Vector
 
 
+class AtPlace(NamedTuple):
+    """
+    What the search for a root needs at a place of the part.
+
+    Attributes
+    ----------
+    x : scalar
+        s after the beginning of the part.
+    state : (size,) array
+    rates : (k,) array
+        Of the joints.
+    functions : (kinds,) array
+        Negative past a transition.
+    power : scalar
+        Of the friction of joints that slide, W.
+
+    """
+
+    x: Scalar
+    state: Vector
+    rates: Vector
+    functions: Vector
+    power: Scalar
+
+
 def search_shapes(size: int, k: int) -> Search:
     """Return the numbers of entries of the fields of a search."""
     kinds = KINDS * k
-    return Search(*[1] * SCALARS, size, size, *[k] * 4, *[kinds] * 3, *[k] * 2, 1)
+    return Search._make([*[1] * SCALARS, size, size, *[k] * 6, *[kinds] * 3, k, k, 1])
 
 
-def transition_kernel(choice: StepChoice, contact: FrictionState) -> Kernel:
+def search_kernels(choice: StepChoice, contact: FrictionState) -> tuple[Kernel, Kernel]:
     """
-    Return the kernel of one evaluation of the search.
+    Return the kernels of one evaluation of the search: START and SETTLE, and later phases.
 
-    Its arguments: the search, the inputs of the step as of `step_kernel`, and the lower
-    and upper stops, (2, k).
+    Their arguments: the search, and the inputs of the step as of `step_kernel`.
     """
     robot = contact.robot
     choice = choice.needed(robot)
     free, inputs, constants = step_signature(robot, choice)
     k = len(contact.joints)
     length = sum(search_shapes(inputs['state'][0], k))
-    name = f'transitions_{free}_{"_".join(map(str, contact.joints))}'
-    if contact.stops:
-        name += '_stops'
-    return robot.kernels.compiled(
-        partial(_traced_search, contact, choice), name,
-        {'search': (length,), 'inputs': inputs['inputs'], 'stops': (2, k)}, (length,),
-        constants=constants)
+    kernels = []
+    for kind, function in (('settling', _traced_settling), ('transitions', _traced_search)):
+        name = f'{kind}_{free}_{"_".join(map(str, contact.joints))}'
+        if contact.stops:
+            name += '_stops'
+        kernels.append(robot.kernels.compiled(
+            partial(function, contact, choice), name,
+            {'search': (length,), 'inputs': inputs['inputs']}, (length,),
+            constants=constants))
+    settling, transitions = kernels
+    return settling, transitions
 
 
 @cache
@@ -178,57 +198,67 @@ def search_places(size: int, k: int) -> Search:
     shapes = search_shapes(size, k)
     ends = np.cumsum(shapes).tolist()
     slices = [slice(end - count, end) for end, count in zip(ends, shapes)]
-    return Search(*range(SCALARS), *slices[SCALARS:-1], ends[-1] - 1)
+    return Search._make([*range(SCALARS), *slices[SCALARS:-1], ends[-1] - 1])
 
 
-def search_row(places: Search, state: Array, modes: FrictionModes | None = None,
-               passed: float = 0.0) -> Array:
-    """
-    Return the first search from a state, with known modes or from START.
-
-    From the whole step `passed` on, the search ends with the modes.
-    """
-    row = np.zeros(places.end + 1)
-    row[places.phase] = START
-    row[places.passed] = passed
-    row[places.state] = state
-    row[places.held] = 1.0
-    if modes is not None:
-        row[places.phase] = BEGIN
-        row[places.directions], row[places.sides] = modes
-    return row
+def loop_places(places: Search) -> SearchPlaces:
+    """Return the places of a search for the native loop."""
+    modes = slice(places.directions.start, places.upper.stop)
+    return SearchPlaces(places.phase, places.passed, places.transitions, places.power,
+                        places.holds, places.end, modes, places.state)
 
 
 # The traced search. Conditions are the numbers 0 and 1.
 
 
-def _traced_search(contact: FrictionState, choice: StepChoice, row: Vector,
-                   inputs: Matrix, stops: Matrix, constants: Vector) -> list[Scalar]:
-    """Return the next search."""
-    robot = contact.robot
+def _fields(contact: FrictionState, row: Vector) -> Search:
+    """Return the fields of a traced search."""
     k = len(contact.joints)
     size = (len(row) - sum(search_shapes(0, k))) // 2
-    search = Search(*(row[at] for at in search_places(size, k)))
-    place = 2 * robot.n if choice.feedback else 0
-    step = constants[place]
+    return Search(*(row[at] for at in search_places(size, k)))
 
-    x = _place(search, step)
-    state = _after_part(contact, choice, search, inputs, constants, x)
-    here = _evaluation(contact, choice, search, inputs, stops, constants, state, x)
 
-    started = search._replace(phase=SETTLE, directions=_moving(contact, here.rates))
+def _entries(search: Search) -> list[Scalar]:
+    """Return the row of a search."""
+    entries: list[Scalar] = []
+    for field in search:
+        entries += list(np.ravel(np.asarray(field)))
+    return entries
+
+
+def _traced_settling(contact: FrictionState, choice: StepChoice, row: Vector,
+                     inputs: Matrix, constants: Vector) -> list[Scalar]:
+    """Return the search after START, or after one change in SETTLE."""
+    search = _fields(contact, row)
+    step = _step_length(contact, choice, constants)
+    here = _at_rest(contact, choice, search, inputs, constants)
+    ones = np.ones(len(contact.joints))
+    started = search._replace(phase=SETTLE, directions=_moving(contact, here.rates),
+                              held=ones, at_largest=0.0 * ones)
     settled = _settled(contact, search, here, step)
+    return _entries(_where(search.phase < -0.5, started, settled))
+
+
+def _traced_search(contact: FrictionState, choice: StepChoice, row: Vector,
+                   inputs: Matrix, constants: Vector) -> list[Scalar]:
+    """Return the search after BEGIN, END or one evaluation in SEARCH."""
+    search = _fields(contact, row)
+    step = _step_length(contact, choice, constants)
+    x = _place(search, step)
+    here = _at_place(contact, choice, search, inputs, constants, x)
     begun = search._replace(
         phase=END, at_begin=here.functions, rates=here.rates,
         power=search.power + select(search.transitions < 0.5, here.power, 0.0))
     ended = _ended(search, here, step)
     searched = _searched(search, here)
-    followed = _by_phase(search.phase, started, settled, begun, ended, searched)
-    located = _located(contact, followed, search.phase, step)
-    entries: list[Scalar] = []
-    for field in located:
-        entries += list(np.ravel(np.asarray(field)))
-    return entries
+    late = _where(search.phase > 2.5, searched, ended)
+    after = _where(search.phase > 1.5, late, begun)
+    return _entries(_located(contact, after, search.phase, step))
+
+
+def _step_length(contact: FrictionState, choice: StepChoice, constants: Vector) -> Scalar:
+    """Return the length of the step, s, which is after the gains."""
+    return constants[2 * contact.robot.n if choice.feedback else 0]
 
 
 def _place(search: Search, step: Scalar) -> Scalar:
@@ -246,8 +276,9 @@ def _place(search: Search, step: Scalar) -> Scalar:
 
 
 def _after_part(contact: FrictionState, choice: StepChoice, search: Search,
-                inputs: Matrix, constants: Vector, x: Scalar) -> Vector:
-    """Return the state at a place; at the beginning of the part without a step."""
+                inputs: Matrix, constants: Vector,
+                x: Scalar) -> tuple[Vector, FrictionMotion]:
+    """Return the state at a place, without a step in BEGIN, and the motion to it."""
     robot = contact.robot
     motions: list[FrictionMotion] = []
     place = 2 * robot.n if choice.feedback else 0
@@ -263,8 +294,8 @@ def _after_part(contact: FrictionState, choice: StepChoice, search: Search,
     if contact.constrained:
         after = without_creep(contact, search.directions, after, constants)
     moves = search.phase > 1.5
-    return np.array([select(moves, end, begin)
-                     for end, begin in zip(after, search.state)])
+    state = [select(moves, end, begin) for end, begin in zip(after, search.state)]
+    return np.array(state), motions[0]
 
 
 def _inputs_at(inputs: Matrix, parts: list[Scalar]) -> Matrix:
@@ -284,36 +315,58 @@ def _inputs_at(inputs: Matrix, parts: list[Scalar]) -> Matrix:
     return np.stack(rows)
 
 
-def _evaluation(contact: FrictionState, choice: StepChoice, search: Search,
-                inputs: Matrix, stops: Matrix, constants: Vector, state: Vector,
-                x: Scalar) -> Evaluation:
-    """Return what holds at a state, x s after the beginning of the part."""
+def _parts(contact: FrictionState, state: Vector) -> tuple[Vector, Vector, Vector]:
+    """Return q, u and, if the equations depend on it, the time of a state."""
+    robot = contact.robot
+    ends = robot.n_q, robot.n_q + robot.n
+    time = state[ends[1]:][:int(robot.equations.timed)]
+    return state[:ends[0]], state[ends[0]:ends[1]], time
+
+
+def _at_place(contact: FrictionState, choice: StepChoice, search: Search, inputs: Matrix,
+              constants: Vector, x: Scalar) -> AtPlace:
+    """Return what holds x s after the beginning of the part."""
     robot = contact.robot
     equations: Any = robot.equations
-    n_q, n, k = robot.n_q, robot.n, len(contact.joints)
-    place = 2 * n if choice.feedback else 0
-    parameters = constants[place + 1:]
-    q, u = state[:n_q], state[n_q:n_q + n]
-    time = state[n_q + n:][:int(equations.timed)]
-    moment = (search.passed + x) / constants[place]
-    at_place = _inputs_at(inputs, [moment] * 3)
-    motion = FrictionMotion(contact, search.directions, True, robot, at_place,
-                            constants[:place] if choice.feedback else None, parameters,
-                            choice.dual_to, False, choice.followed, time, 0.0)
+    state, motion = _after_part(contact, choice, search, inputs, constants, x)
+    q, u, time = _parts(contact, state)
     tau = motion.torque(q, u, 2, *time)
+    forces, least, largest = motion.holding(q, u, tau, time)
+    least, largest = _with_stops(search.sides, least, largest)
+    rates = equations.joint_speeds(q, u, *time)[contact.joints]
+    functions = _functions(contact, search, state, rates, forces, least, largest)
 
-    def forces_of(q: Vector, u: Vector, tau: Vector, directions: Vector,
-                  *options: Any) -> Vector:
-        t = options[0][()] if len(options) > 1 else 0.0
-        physical = options[-1][:robot.parameters.physical]
-        if choice.dual_to is not None:
-            tau = tau_from(equations, choice.dual_to, q, tau, t)
-        return traced_forces(equations, contact.joints, q, u, tau, directions, t, physical)
-    program = trace_program('friction_forces', forces_of, [
-        ('q', (n_q,)), ('u', (n,)), ('tau', (n,)), ('directions', (k,)),
-        *time_input(robot), ('parameters', np.shape(parameters))])
-    results = np.array(call(program, q, u, tau, search.directions, *time, parameters))
-    _, rates, a, _, A, least, largest, _, friction = np.split(results, contact.ends)
+    if choice.dual_to is not None:
+        tau = tau_from(equations, choice.dual_to, q, tau, *time)
+    directions = of_all_joints(equations, contact.joints, search.directions)
+    t = time[0] if len(time) else 0.0
+    friction = equations.driven_friction(q, equations.joint_speeds(q, u, *time), tau, t,
+                                         directions)
+    power: Scalar = 0.0
+    for joint, direction, rate in zip(contact.joints, search.directions, rates):
+        power = power + direction * direction * magnitude(friction[joint] * rate)
+    return AtPlace(x, state, rates, functions, power)
+
+
+def _at_rest(contact: FrictionState, choice: StepChoice, search: Search, inputs: Matrix,
+             constants: Vector) -> AtRest:
+    """Return what holds at the beginning of the part, in the current sets of joints."""
+    robot = contact.robot
+    equations: Any = robot.equations
+    k = len(contact.joints)
+    q, u, time = _parts(contact, search.state)
+    gains = 2 * robot.n if choice.feedback else 0
+    parameters = constants[gains + 1:]
+    at_begin = _inputs_at(inputs, [search.passed / constants[gains]] * 3)
+    motion = RobotMotion(robot, at_begin, constants[:gains] if choice.feedback else None,
+                         parameters, choice.dual_to, False, choice.followed, time, 0.0)
+    tau = motion.torque(q, u, 0, *time)
+    if choice.dual_to is not None:
+        tau = tau_from(equations, choice.dual_to, q, tau, *time)
+    t = time[0] if len(time) else 0.0
+    results = traced_forces(equations, contact.joints, q, u, tau, search.directions, t,
+                            parameters[:robot.parameters.physical])
+    _, rates, a, _, A, least, largest, _, _ = np.split(results, contact.ends)
     A = A.reshape(k, k)
     if contact.constrained:
         scale: Scalar = 0.0
@@ -321,48 +374,45 @@ def _evaluation(contact: FrictionState, choice: StepChoice, search: Search,
             scale = _largest(scale, A[i, i])
         A = A + REGULAR * scale * np.eye(k)
 
-    # In SETTLE, joints at rest are at a bound or held; else all of them are held.
-    settles = search.phase < 0.5
+    # Joints at rest are held or at a bound.
     resting = [1.0 - direction * direction for direction in search.directions]
-    touching = _sides_at(contact, q, stops)
-    sides = [select(settles, side * rests, known)
-             for side, rests, known in zip(touching, resting, search.sides)]
-    least = np.array([select(side > 0.5, -FAR, bound)
-                      for side, bound in zip(sides, least)])
-    largest = np.array([select(side < -0.5, FAR, bound)
-                        for side, bound in zip(sides, largest)])
+    touching = _sides_at(contact, q, search)
+    sides = [side * rests for side, rests in zip(touching, resting)]
+    least, largest = _with_stops(sides, least, largest)
     held: list[Scalar] = []
     at_bounds: list[Scalar] = []
     for j in range(k):
-        by_pivot = resting[j] * search.held[j]
-        held.append(select(settles, by_pivot, resting[j]) > 0.5)
+        is_held = resting[j] * search.held[j]
+        held.append(is_held > 0.5)
         bound = select(search.at_largest[j] > 0.5, largest[j], least[j])
-        at_bounds.append(select(settles * (resting[j] - by_pivot) > 0.5, bound, 0.0))
+        at_bounds.append(select(resting[j] - is_held > 0.5, bound, 0.0))
     forces = np.array(at_bounds) - masked_solution(A, held, a + A @ np.array(at_bounds))
-    accelerations = a + A @ forces
 
     sizes: tuple[Scalar, Scalar] = 0.0, 0.0
     for acceleration, rests in zip(a, resting):
-        of_a = magnitude(acceleration)
-        sizes = _largest(sizes[0], of_a * rests), _largest(sizes[1], of_a)
+        size = magnitude(acceleration)
+        sizes = _largest(sizes[0], size * rests), _largest(sizes[1], size)
     magnitudes = np.array([magnitude(f) for f in forces])
     rounding = []
     for row in A:
         of_forces = np.array([magnitude(entry) for entry in row]) @ magnitudes
         rounding.append(MARGIN * _largest(sizes[0], of_forces))
-
-    functions = _functions(contact, search, state, rates, forces, least, largest, stops)
-    power: Scalar = 0.0
-    for j, joint in enumerate(contact.joints):
-        power = power + (1.0 - resting[j]) * magnitude(friction[joint] * rates[j])
-    return Evaluation(x, state, rates, accelerations, forces, least, largest, functions,
-                      power, np.array(touching), sizes, np.array(rounding))
+    return AtRest(rates, a + A @ forces, forces, least, largest, np.array(touching), sizes,
+                  np.array(rounding))
 
 
-def _sides_at(contact: FrictionState, q: Vector, stops: Matrix) -> list[Scalar]:
+def _with_stops(sides: Vector, least: Vector, largest: Vector) -> tuple[Vector, Vector]:
+    """Return bounds of forces, as `friction_state.bounds`."""
+    lower = [select(side > 0.5, -FAR, x) for side, x in zip(sides, least)]
+    upper = [select(side < -0.5, FAR, x) for side, x in zip(sides, largest)]
+    return np.array(lower), np.array(upper)
+
+
+def _sides_at(contact: FrictionState, q: Vector, search: Search) -> list[Scalar]:
     """Return the stops at which joints are, as `FrictionState.sides_at`."""
     sides: list[Scalar] = []
-    for place, low, high, unit in zip(contact.places, *stops, contact.units):
+    for place, low, high, unit in zip(contact.places, search.lower, search.upper,
+                                      contact.units):
         if place < 0 or not contact.stops:
             sides.append(0.0)
             continue
@@ -374,7 +424,7 @@ def _sides_at(contact: FrictionState, q: Vector, stops: Matrix) -> list[Scalar]:
 
 
 def _functions(contact: FrictionState, search: Search, state: Vector, rates: Vector,
-               forces: Vector, least: Vector, largest: Vector, stops: Matrix) -> Vector:
+               forces: Vector, least: Vector, largest: Vector) -> Vector:
     """Return the functions whose roots are transitions, (kinds,), as `_Event`."""
     reversal, forward, backward, distances = [], [], [], []
     for j in range(len(contact.joints)):
@@ -386,7 +436,7 @@ def _functions(contact: FrictionState, search: Search, state: Vector, rates: Vec
         distance: Scalar = FAR
         if contact.stops and contact.places[j] >= 0:
             position, side = state[contact.places[j]], search.sides[j]
-            nearer = _least(position - stops[0, j], stops[1, j] - position)
+            nearer = _least(position - search.lower[j], search.upper[j] - position)
             distance = select(side * side > 0.5, FAR, nearer)
         distances.append(distance)
     return np.array([*reversal, *forward, *backward, *distances])
@@ -401,7 +451,7 @@ def _moving(contact: FrictionState, rates: Vector) -> Vector:
     return np.array(directions)
 
 
-def _settled(contact: FrictionState, search: Search, here: Evaluation,
+def _settled(contact: FrictionState, search: Search, here: AtRest,
              step: Scalar) -> Search:
     """Return the search after one change of the complementarity problem at its begin."""
     k = len(contact.joints)
@@ -441,14 +491,17 @@ def _settled(contact: FrictionState, search: Search, here: Evaluation,
     at_largest = [select(starts_again, 0.0, x) for x in at_largest]
     sides = np.array([side * (1.0 - direction * direction)
                       for side, direction in zip(here.touching, directions)])
+    holds: Scalar = 0.0
+    for direction in directions:
+        holds = _largest(holds, 1.0 - direction * direction)
     short = 1.0 - (SHORT * step < step - search.passed)
     return search._replace(
         phase=select(settled > 0.5, BEGIN, SETTLE), directions=directions, sides=sides,
-        rates=here.rates, held=np.array(held), at_largest=np.array(at_largest),
+        rates=here.rates, holds=holds, held=np.array(held), at_largest=np.array(at_largest),
         end=settled * short * DONE)
 
 
-def _saturated(resting: list[Scalar], directions: Vector, here: Evaluation) -> Vector:
+def _saturated(resting: list[Scalar], directions: Vector, here: AtRest) -> Vector:
     """Return directions of joints at rest as `FrictionState._saturate`."""
     between = []
     any_between: Scalar = 0.0
@@ -464,7 +517,7 @@ def _saturated(resting: list[Scalar], directions: Vector, here: Evaluation) -> V
     return np.array(result)
 
 
-def _ended(search: Search, here: Evaluation, step: Scalar) -> Search:
+def _ended(search: Search, here: AtPlace, step: Scalar) -> Search:
     """Return the search at the end of the step: done, or with the bracket of a root."""
     sizes = []
     for begin, end in zip(search.at_begin, here.functions):
@@ -488,7 +541,7 @@ def _ended(search: Search, here: Evaluation, step: Scalar) -> Search:
         at_high=here.functions, size=size, end=select(happens, 0.0, DONE))
 
 
-def _searched(search: Search, here: Evaluation) -> Search:
+def _searched(search: Search, here: AtPlace) -> Search:
     """Return the search with a smaller bracket."""
     f = _smallest(here.functions / search.size)
     past = f < 0.0
@@ -538,14 +591,6 @@ def _located(contact: FrictionState, search: Search, phase: Scalar,
         passed=search.passed + select(at_once, 0.0, search.high), held=ones,
         at_largest=0.0 * ones, end=refused * REFUSED)
     return _where(located, after, search)
-
-
-def _by_phase(phase: Scalar, *searches: Search) -> Search:
-    """Return the search of a phase, of those of all phases in their order."""
-    result, *later = searches
-    for first, search in zip((SETTLE, BEGIN, END, SEARCH), later):
-        result = _where(first - 0.5 < phase, search, result)
-    return result
 
 
 def _where(condition: Scalar, x: Search, y: Search) -> Search:
