@@ -187,6 +187,8 @@ class KernelSet:
         self._sizes = Sizes(equations.n, equations.n_q, model.n, len(model.bodies), rows)
         self._in_order = rows > 0  # spills fewer values
         self._made: dict[Place, Kernel] = {}
+        # What other packages compile for this robot, by keys of theirs.
+        self.kept: dict[tuple[Any, ...], Any] = {}
         self._explained: set[Place] = set()  # kernels with a reason of their own
         self._same: dict[Place, Callable[[KernelSet], Kernel]] = {}  # of another set
 

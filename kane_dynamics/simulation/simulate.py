@@ -43,7 +43,7 @@ from kane_dynamics.simulation.speed_switching import SwitchingSteps
 from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.step_size import stable_integrator, without_coulomb
 from kane_dynamics.simulation.stepping import CallableSteps, Progress, run, Steps
-from kane_dynamics.simulation.sticking.friction_state import FrictionState
+from kane_dynamics.simulation.sticking.friction_state import friction_state
 from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops, require_stops
 from kane_dynamics.simulation.torque_input import torque_input
@@ -117,8 +117,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         Set-valued Coulomb friction in place of the smooth law: a joint sticks while the
         torque that it needs is below breakaway friction (`Trajectory.sticking`), and
         slides otherwise. The times of transition are found to the order of the
-        integrator; each takes about a millisecond. With `stops`, the times of impacts
-        are found in the same way.
+        integrator, in native code. With `stops`, the times of impacts are found in the
+        same way; each takes about a millisecond.
 
     Returns
     -------
@@ -177,7 +177,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     # With the Runge-Kutta method, a step that is too long explains errors of the energy.
     cause = step_text if integrator == 'rk4' else None
     # Without friction and stops there are no joints that stick.
-    friction = FrictionState(robot, stops)
+    friction = friction_state(robot, stops)
     acts = sticking and bool(friction.joints)
     limits = LimitWatch(robot, states, start, single, stops)
     balance = EnergyBalance(robot, step, states, integrator, start, single=single,

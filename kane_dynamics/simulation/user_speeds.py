@@ -158,8 +158,8 @@ class UserSpeeds:
         friction: Array | None = None
         if self._sticking:
             # That module needs the conversions of this one.
-            from kane_dynamics.simulation.sticking.friction_state import FrictionState
-            acting = FrictionState(robot, self._stops).at_samples(rows, generalized, times)
+            from kane_dynamics.simulation.sticking.friction_state import friction_state
+            acting = friction_state(robot, self._stops).at_samples(rows, generalized, times)
             udot, stop_forces, held, friction = acting
             sticking['sticking'] = held
         else:

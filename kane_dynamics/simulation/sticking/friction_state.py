@@ -11,6 +11,7 @@ With constraints the forces act in the space of the admissible motions, where th
 the independent speeds by M^-1 T_s^T f.
 """
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.fork_safety import lazy_property
@@ -121,6 +122,13 @@ class FrictionSamples(NamedTuple):
     friction: Array
 
 
+class _Begins(NamedTuple):
+    """Joints that begin to slide, (m,), and the forces that would hold them, N m or N."""
+
+    joints: Array
+    needed: Array
+
+
 class FrictionState:
     """
     The friction of one robot, and its stops if they act, at states of a simulation.
@@ -201,6 +209,12 @@ class FrictionState:
         return np.cumsum([n, k, k, n * k, k * k, k, k, k])
 
     @lazy_property
+    def parts(self) -> list[slice]:
+        """Return the parts of the kernel's result."""
+        ends = [0, *self.ends.tolist(), None]
+        return [slice(begin, end) for begin, end in pairwise(ends)]
+
+    @lazy_property
     def kernel(self) -> Kernel:
         """Return the kernel of `Forces`."""
         robot, joints, dual_to = self.robot, self.joints, self.dual_to
@@ -221,19 +235,29 @@ class FrictionState:
 
     def forces(self, state: Array, tau: Array, directions: Array, t: float) -> Forces:
         """Return `Forces` at a state, (size,), with the torque tau and these directions."""
+        rows = state[None], tau[None], directions[None], np.array([t])
+        return self.forces_at(*rows)[0]
+
+    def forces_at(self, states: Array, tau: Array, directions: Array,
+                  times: Array) -> list[Forces]:
+        """Return `Forces` at K states, (K, size); the other arguments have K rows too."""
         robot = self.robot
         n_q, n, k = robot.n_q, robot.n, len(self.joints)
         # Without the checks of a call: states and torques are those of the simulation.
-        inputs = [state[None, :n_q], state[None, n_q:n_q + n], tau[None], directions[None]]
+        inputs = [states[:, :n_q], states[:, n_q:n_q + n], tau, directions]
         if robot.equations.timed:
-            inputs.append(np.array([t]))
-        row = np.empty((1, *self.kernel.shape))
-        self.kernel.run([np.ascontiguousarray(x, dtype=np.float64) for x in inputs], row, 1)
-        udot, v, a, B, A, *bounds_and_friction = np.split(row[0], self.ends)
-        A = A.reshape(k, k)
-        if self.constrained:  # may couple joints: then A is singular, and they share f
-            A = A + REGULAR * np.diag(A).max(initial=0.0) * np.eye(k)
-        return Forces(udot, v, a, B.reshape(n, k), A, *bounds_and_friction)
+            inputs.append(times)
+        rows = np.empty((len(states), *self.kernel.shape))
+        self.kernel.run([np.ascontiguousarray(x, dtype=np.float64) for x in inputs], rows,
+                        len(rows))
+        results = []
+        for row in rows:
+            udot, v, a, B, A, *bounds_and_friction = (row[part] for part in self.parts)
+            A = A.reshape(k, k)
+            if self.constrained:  # may couple joints: then A is singular, and they share f
+                A = A + REGULAR * np.diag(A).max(initial=0.0) * np.eye(k)
+            results.append(Forces(udot, v, a, B.reshape(n, k), A, *bounds_and_friction))
+        return results
 
     def sides_at(self, q: Array) -> Array:
         """Return the stops at which joints are, (k,): 1 upper, -1 lower, else 0."""
@@ -259,43 +283,57 @@ class FrictionState:
             Directions of joints, by their numbers, that begin to slide now.
 
         """
-        directions = self.forces(state, tau, np.zeros(len(self.joints)), t).v
+        rows = state[None], tau[None], np.array([t])
+        return self.modes_at(*rows, sliding)[0]
+
+    def modes_at(self, states: Array, tau: Array, times: Array,
+                 sliding: dict[int, float] | None = None) -> list[FrictionModes]:
+        """Return the modes at K states; the arguments of `modes`, with K rows."""
+        at_rest = np.zeros((len(states), len(self.joints)))
+        forces = self.forces_at(states, tau, at_rest, times)
+        rates = np.array([at.v for at in forces])
         # Twice the rate at which a joint that stops has stopped, but for rounding.
-        directions = np.sign(directions) * (np.abs(directions) > 2.0 * self.slow)
+        directions = np.sign(rates) * (np.abs(rates) > 2.0 * self.slow)
         for joint, direction in (sliding or {}).items():
-            directions[joint] = direction
-        at_stop = self.sides_at(state[:self.robot.n_q])
+            directions[:, joint] = direction
+        at_stop = np.array([self.sides_at(state[:self.robot.n_q]) for state in states])
 
         # Joints that begin to slide have another friction then, which changes the forces
         # on those that still rest.
-        for _ in range(len(self.joints) + 1):
-            resting = np.flatnonzero(directions == 0.0)
-            if not len(resting):
-                break
-            forces = self.forces(state, tau, directions, t)
-            sides = at_stop * (directions == 0.0)
-            least, largest = bounds(forces, sides)
-            A = forces.A[np.ix_(resting, resting)]
-            f = held_forces(forces.a[resting], A, least[resting], largest[resting])
-            a = forces.a[resting] + A @ f
-            moves = np.abs(a) > NEGLIGIBLE * np.abs(forces.a).max(initial=1e-300)
-            if not moves.any():
-                if self.constrained:
-                    self._saturate(directions, resting, f, least[resting], largest[resting])
-                break
-            if self.locks:
-                f_needed = f - a / np.diag(A)
-                self._require_driven(state, tau, t, resting[moves], f_needed[moves])
-            directions[resting[moves]] = np.sign(a[moves])
-        return FrictionModes(directions, at_stop * (directions == 0.0))
+        open_rows = np.flatnonzero((directions == 0.0).any(axis=1))
+        while len(open_rows):
+            forces = self.forces_at(states[open_rows], tau[open_rows],
+                                    directions[open_rows], times[open_rows])
+            changed = []
+            for row, at in zip(open_rows.tolist(), forces):
+                begins = self._begins(at, directions[row], at_stop[row])
+                if self.locks:
+                    self._require_driven(states[row], tau[row], times[row], begins)
+                if len(begins.joints) and (directions[row] == 0.0).any():
+                    changed.append(row)
+            open_rows = np.array(changed, dtype=int)
+        return [FrictionModes(row, sides * (row == 0.0))
+                for row, sides in zip(directions, at_stop)]
 
-    def _require_driven(self, state: Array, tau: Array, t: float, joints: Array,
-                        needed: Array) -> None:
+    def _begins(self, forces: Forces, directions: Array, at_stop: Array) -> '_Begins':
+        """Return the joints at rest that begin to slide, and set their directions."""
+        resting = np.flatnonzero(directions == 0.0)
+        least, largest = bounds(forces, at_stop * (directions == 0.0))
+        A = forces.A[np.ix_(resting, resting)]
+        f = held_forces(forces.a[resting], A, least[resting], largest[resting])
+        a = forces.a[resting] + A @ f
+        moves = np.abs(a) > NEGLIGIBLE * np.abs(forces.a).max(initial=1e-300)
+        if not moves.any() and self.constrained:
+            self._saturate(directions, resting, f, least[resting], largest[resting])
+        directions[resting[moves]] = np.sign(a[moves])
+        return _Begins(resting[moves], (f - a / np.diag(A))[moves])
+
+    def _require_driven(self, state: Array, tau: Array, t: float,
+                        begins: '_Begins') -> None:
         """
         Raise InputError if the load of a self-locking drive helps its motor to move it.
 
-        With the rotor as part of the load, the law then has several motions. `needed`
-        are the forces that would hold the joints.
+        With the rotor as part of the load, the law then has several motions.
         """
         robot = self.robot
         q = state[:robot.n_q]
@@ -303,7 +341,7 @@ class FrictionState:
         if not robot.equations.in_joint_rates:
             time: dict[str, Any] = {'t': t} if robot.equations.timed else {}
             torques = robot.joint_torques(tau, q, **time)
-        for row, force in zip(joints.tolist(), needed):
+        for row, force in zip(begins.joints.tolist(), begins.needed):
             joint = robot.model.coordinate_joints[self.joints[row]]
             x = torques[self.joints[row]] - joint.friction_offset
             if is_self_locking(joint) and abs(force) > abs(x) and -force * x > 0.0:
@@ -321,9 +359,10 @@ class FrictionState:
         friction = np.zeros((len(states), n_j))
         sticking = np.zeros((len(states), n_j), dtype=bool)
         with_friction = self.has_friction
-        for row, (state, torque, t) in enumerate(zip(states, tau, times)):
-            modes = self.modes(state, torque, t)
-            forces = self.forces(state, torque, modes.directions, t)
+        modes_of_rows = self.modes_at(states, tau, times)
+        directions = np.array([modes.directions for modes in modes_of_rows])
+        forces_of_rows = self.forces_at(states, tau, directions, times)
+        for row, (modes, forces) in enumerate(zip(modes_of_rows, forces_of_rows)):
             f = forces.holding(modes.held)
             udot[row] = forces.udot + forces.B @ f
             # Friction holds first; a stop carries what is beyond breakaway friction.
@@ -350,6 +389,17 @@ class FrictionState:
         if between.any():
             at_bound = np.where(f <= least, 1.0, -1.0)
             directions[resting] = np.where(between, 0.0, at_bound)
+
+
+def friction_state(robot: Robot, stops: bool,
+                   dual_to: tuple[str, ...] | None = None) -> FrictionState:
+    """Return the `FrictionState` of a robot, which keeps it."""
+    key = 'friction', stops, dual_to
+    kept = robot.kernels.kept
+    if key not in kept:
+        kept[key] = FrictionState(robot, stops, dual_to)
+    state: FrictionState = kept[key]
+    return state
 
 
 def traced_forces(equations: Any, joints: list[int], q: Vector, u: Vector, tau: Vector,

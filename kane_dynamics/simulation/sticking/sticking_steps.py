@@ -20,7 +20,8 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel
 from kane_dynamics.simulation.observers import Extremes, Impact
 from kane_dynamics.simulation.step_kernels import state_names, StepChoice
-from kane_dynamics.simulation.sticking.friction_state import (bounds, FrictionModes,
+from kane_dynamics.simulation.sticking.friction_state import (bounds, friction_state,
+                                                              FrictionModes,
                                                               FrictionState)
 from kane_dynamics.simulation.sticking.sticking_kernel import mode_rows, sticking_kernel
 from kane_dynamics.simulation.sticking.transition_kernel import (BEGIN, CALLS, DONE,
@@ -53,9 +54,14 @@ class _Event(NamedTuple):
 
 def _kernels(choice: StepChoice, contact: FrictionState) -> EventKernels:
     """Return the kernels of one choice of the step, which slides or also sticks."""
-    return EventKernels(sticking_kernel(choice, contact, holds=False),
-                        sticking_kernel(choice, contact, holds=True),
-                        *search_kernels(choice, contact))
+    key = 'sticking', choice.needed(contact.robot), contact.stops
+    kept = contact.robot.kernels.kept
+    if key not in kept:
+        kept[key] = EventKernels(sticking_kernel(choice, contact, holds=False),
+                                 sticking_kernel(choice, contact, holds=True),
+                                 *search_kernels(choice, contact))
+    kernels: EventKernels = kept[key]
+    return kernels
 
 
 def compile_sticking_steps(robot: Robot, integrator: str, followed: Sequence[int],
@@ -67,7 +73,7 @@ def compile_sticking_steps(robot: Robot, integrator: str, followed: Sequence[int
 
 def compile_sticking(robot: Robot, choice: StepChoice, stops: bool) -> None:
     """Compile the kernels of `Sticking` for one choice of the step."""
-    state = FrictionState(robot, stops, choice.needed(robot).dual_to)
+    state = friction_state(robot, stops, choice.needed(robot).dual_to)
     if state.joints:
         assert state.kernel is not None  # compiled
         energy_kernel(robot, True)
@@ -111,8 +117,8 @@ class Sticking:
         """Return the friction of the robot of a source, in its speeds."""
         key = id(source.robot)
         if key not in self._states:
-            self._states[key] = FrictionState(source.robot, self.stops,
-                                              source.choice.needed(source.robot).dual_to)
+            dual_to = source.choice.needed(source.robot).dual_to
+            self._states[key] = friction_state(source.robot, self.stops, dual_to)
         return self._states[key]
 
     def _kernels_of(self, source: TorqueInput) -> EventKernels:

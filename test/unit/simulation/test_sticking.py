@@ -11,6 +11,7 @@ from kane_dynamics.cli import main
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.friction import held_forces
+from kane_dynamics.simulation.sticking import sticking_steps
 from linkages import at_angle, four_bar_model, PIN, sleigh
 from mechanisms import random_model, wheel
 import numpy as np
@@ -247,6 +248,22 @@ def test_the_sum_of_forces_on_every_joint_vanishes():
     expected = np.sign(run.u) * levels
     moving = sliding & (run.u != 0.0)
     np.testing.assert_allclose(friction[moving], expected[moving], atol=1e-8)
+
+
+@pytest.mark.parametrize('integrator, step', [('rk4', 0.02), ('implicit', 0.005)])
+def test_native_transitions_are_those_of_the_readable_search(monkeypatch, integrator, step):
+    robot = two_links(friction=2.0, breakaway_friction=2.3)
+    t = np.arange(round(2.0 / step)) * step
+    torque = np.stack([6.0 * np.sin(9.0 * t), 4.0 * np.sin(14.0 * t + 0.4)], axis=1)
+    options = {'step': step, 'torque': torque, 'integrator': integrator}
+    native = exact(robot, [0.0, 0.0], [0.0, 0.0], 2.0, **options)
+    # One call is too few for any search, so that every transition is found in Python.
+    monkeypatch.setattr(sticking_steps, 'CALLS', 1)
+    readable = exact(robot, [0.0, 0.0], [0.0, 0.0], 2.0, **options)
+    np.testing.assert_allclose(native.q, readable.q, atol=1e-11)
+    np.testing.assert_array_equal(native.sticking, readable.sticking)
+    changes = np.diff(np.sign(native.u), axis=0)
+    assert (changes != 0.0).sum() > 8
 
 
 @pytest.mark.slow
