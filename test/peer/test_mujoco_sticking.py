@@ -1,6 +1,6 @@
 """Exact friction is the limit of MuJoCo's noslip solver, as far as that converges."""
 
-from kane_dynamics import ModelBuilder, rod, Robot, simulate
+from kane_dynamics import ModelBuilder, Robot, rod, simulate
 import mujoco
 import numpy as np
 

@@ -96,7 +96,7 @@ row:
   %after.at = getelementptr i8, ptr %row.at, i64 %width
   %input.offset = mul i64 %i, %stride
   %input.at = getelementptr i8, ptr %inputs, i64 %input.offset
-  br i1 %modes.known, label %step, label %anew
+  br i1 %modes.known, label %step, label %restart
 
 step:
   %kind.value = load double, ptr %kind
@@ -139,7 +139,7 @@ within:
   %within.end = call double @search(ptr %table, ptr %row.at, ptr %input.at, double %known)
   br label %found
 before:
-  br i1 %regular, label %back, label %anew
+  br i1 %regular, label %back, label %restart
 back:
   %minus.width = sub i64 0, %width
   %last.at = getelementptr i8, ptr %row.at, i64 %minus.width
@@ -153,16 +153,16 @@ back:
 compare:
   %back.events = load double, ptr %events
   %earlier = fcmp ogt double %back.events, 0.5
-  br i1 %earlier, label %found, label %anew
-anew:
-  %anew.end = call double @search(ptr %table, ptr %row.at, ptr %input.at, double %fresh)
+  br i1 %earlier, label %found, label %restart
+restart:
+  %restart.end = call double @search(ptr %table, ptr %row.at, ptr %input.at, double %fresh)
   br label %found
 found:
   %target = phi ptr [%after.at, %within], [%row.at, %back], [%row.at, %compare],
-                    [%after.at, %anew]
-  %i.begun = phi i64 [%i, %within], [%i.last, %back], [%i.last, %compare], [%i, %anew]
+                    [%after.at, %restart]
+  %i.begun = phi i64 [%i, %within], [%i.last, %back], [%i.last, %compare], [%i, %restart]
   %status = phi double [%within.end, %within], [%back.end, %back], [%back.end, %compare],
-                       [%anew.end, %anew]
+                       [%restart.end, %restart]
   %whole = fcmp oeq double %status, 1.0
   br i1 %whole, label %kept, label %refused
 kept:
@@ -237,7 +237,9 @@ def follow(kernels: EventKernels, places: SearchPlaces, search: Array, rows: Arr
     Parameters
     ----------
     kernels : EventKernels
+        Of steps and searches.
     places : SearchPlaces
+        Of the entries of `search`.
     search : float64 array
         The row of a search; holds the modes after the last computed row.
     rows : (K + 1, size + 2) float64 array

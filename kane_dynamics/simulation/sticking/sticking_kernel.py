@@ -116,7 +116,7 @@ def _traced_row(contact: FrictionState, choice: StepChoice, holds: bool, state: 
 
 
 def without_creep(contact: FrictionState, directions: Vector, after: Vector,
-                   constants: Vector) -> Vector:
+                  constants: Vector) -> Vector:
     """Return a state in which the rates of held joints are zero, by impulses on them."""
     robot = contact.robot
     equations: Any = robot.equations

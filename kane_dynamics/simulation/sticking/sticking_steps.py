@@ -292,6 +292,7 @@ class _Path:
         states : (K + 1, size) array
             With the first state, after `done` steps.
         done : int
+            Number of earlier steps.
         modes : FrictionModes or None
             At the first state, if they are known.
 

@@ -109,7 +109,7 @@ class Search(NamedTuple):
 
 class AtRest(NamedTuple):
     """
-    What the complementarity problem needs at a state, of k joints.
+    Quantities of the complementarity problem at a state, of k joints.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class AtRest(NamedTuple):
 
 class AtPlace(NamedTuple):
     """
-    What the search for a root needs at a place of the part.
+    Quantities of the search for a root at a place of the part.
 
     Attributes
     ----------
