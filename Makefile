@@ -128,7 +128,7 @@ BY_COLCON = $(addprefix test/e2e/test_,demo.py node_activation.py node_arm_compe
   node_closed_loops.py node_constraints.py node_contact.py node_doctor.py node_false_states.py \
   node_faults.py node_feedforward.py node_filled_closed_loops.py node_flexible.py \
   node_flexible_loops.py node_guard.py node_guard_payload.py node_joint_trajectory_action.py \
-  node_lifecycle.py node_loads.py node_loads_at_start.py node_plant.py \
+  node_lifecycle.py node_native_path.py node_loads.py node_loads_at_start.py node_plant.py \
   node_predictive_control.py node_redundant_actuators.py node_second_guard.py node_sim_time.py \
   node_two_arms.py)
 LONG_COMMANDS = $(addprefix test/e2e/test_cli_,beams.py constraints.py feasible.py identify.py \
@@ -237,6 +237,12 @@ COLCON_TESTS ?= test/unit/_util/test_resources.py test/unit/ros/test_launch.py \
 COLCON_TEST = $(COLCON_ENV) colcon test $(COLCON_FOLDERS) --event-handlers console_direct+ \
   --return-code-on-test-failure --pytest-args $(COLCON_TESTS)
 
+# The tests of the node once more, with the native torque path wherever it can work.
+NATIVE_TEST = KANE_DYNAMICS_TEST_TORQUE_PATH=auto $(COLCON_ENV) colcon test $(COLCON_FOLDERS) \
+  --packages-select kane_dynamics --event-handlers console_direct+ --return-code-on-test-failure \
+  --pytest-args $(addprefix test/e2e/test_node_,torques.py faults.py lifecycle.py \
+  false_states.py joint_trajectory_action.py contact.py loads.py sim_time.py services.py two_arms.py)
+
 # The Python package is built anew, since colcon leaves deleted modules where they were. The results
 # are looked for by name: a package without any would pass.
 colcon-test: $(COLCON_VENV)/.tools
@@ -244,6 +250,7 @@ colcon-test: $(COLCON_VENV)/.tools
 	$(COLCON_ENV) colcon build $(COLCON_FOLDERS) --event-handlers console_cohesion+ \
 	  --cmake-args -DBUILD_TESTING=ON -DCMAKE_PROJECT_INCLUDE='$(CURDIR)/$(INTERFACES)/pip_ros.cmake'
 	$(COLCON_TEST) || { $(REPEATED) $(COLCON_TEST) $(FAILED_ONES:%=' %'); }
+	$(NATIVE_TEST) || { $(REPEATED) $(NATIVE_TEST) $(FAILED_ONES:%=' %'); }
 	$(COLCON_ENV) colcon test-result --test-result-base $(COLCON_BASE)/build --all
 	@grep -q '<testcase' $(COLCON_BASE)/build/kane_dynamics/pytest.xml
 	@grep -q '<testcase' $(COLCON_BASE)/build/$(INTERFACES)/test_results/$(INTERFACES)/*.xml

@@ -172,12 +172,12 @@ def law_program(robot: Robot, followed: Sequence[int] | None = None,
     configuration. With `commanded` it is the torques of the joints, (n_q,), NaN where
     calls of the robot are refused. In joint rates both are the same.
     """
-    law = _law(robot, followed, commanded)
+    law = law_of(robot, followed, commanded)
     return robot.kernels.function(law, NAME, _inputs(robot)).program()
 
 
-def _law(robot: Robot, followed: Sequence[int] | None, commanded: bool
-         ) -> Callable[..., Vector]:
+def law_of(robot: Robot, followed: Sequence[int] | None = None, commanded: bool = False
+           ) -> Callable[..., Vector]:
     """Return the function of `law_program`; all joints follow by default."""
     equations = robot.equations
     mechanism = equations.mechanism
@@ -228,7 +228,7 @@ def law_kernel(robot: Robot, followed: Sequence[int] | None = None,
     them.
     """
     if robot.equations.in_joint_rates:
-        law = _law(robot, None, commanded=False)
+        law = law_of(robot)
         return robot.kernels.compiled(law, NAME, _inputs(robot), (robot.n,))
     assert followed is not None
     name = f'{NAME}_{"_".join(map(str, followed))}'
@@ -247,7 +247,7 @@ def law_kernel(robot: Robot, followed: Sequence[int] | None = None,
         choice = regular.equations.mechanism
         return law_kernel(in_choice(robot, choice.free, choice.kept), followed,
                           commanded)
-    law = _law(robot, followed, commanded)
+    law = law_of(robot, followed, commanded)
     return robot.kernels.compiled(law, name, _inputs(robot), (size,), reason=reason)
 
 

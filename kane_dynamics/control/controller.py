@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 import math
 from typing import Any, Protocol
 
@@ -213,9 +212,7 @@ class Controller:
             self._blend.begin()
         if compensate is not None:
             self._compensate = compensate
-            # Feedback acts through M in any case; friction is added at the desired
-            # speed.
-            self._back = replace(compensate, inertia=True, friction=False).weights
+            self._back = compensate.of_feedback.weights
 
     @property
     def followed(self) -> tuple[str, ...]:
@@ -255,6 +252,11 @@ class Controller:
     def pose(self) -> Array | None:
         """Return the positions that are held, (n,) rad or m; None with a motion."""
         return self._pose if self._law_of_mode is None else self._law_of_mode.pose
+
+    @property
+    def blend_time(self) -> float:
+        """Return the time in which a change of the law takes effect, s."""
+        return self._blend.duration
 
     @property
     def effort_limit(self) -> Array:

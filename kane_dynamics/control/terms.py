@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any
 
@@ -80,6 +80,15 @@ class Terms:
         """Return a weight for each row of `torque_terms`; the springs have no switch."""
         switches = [getattr(self, name, True) for name in TORQUE_TERMS]
         return np.array(switches, dtype=np.float64)
+
+    @lazy_property
+    def of_feedback(self) -> Terms:
+        """
+        Return the terms at a measured state in computed torque.
+
+        Feedback acts through M in any case; friction is added at the desired speed.
+        """
+        return replace(self, inertia=True, friction=False)
 
     @lazy_property
     def complete(self) -> bool:

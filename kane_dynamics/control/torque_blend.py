@@ -1,7 +1,12 @@
 """Continuous torque across a change of the control law."""
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Scalar
 import numpy as np
+
+
+def share_left(x: Scalar) -> Scalar:
+    """Return the share of the difference that is left after x, 0 to 1, of the time."""
+    return 1.0 - x * x * (3.0 - 2.0 * x)
 
 
 class TorqueBlend:
@@ -61,5 +66,5 @@ class TorqueBlend:
         if x >= 1.0:
             self.stop()
             return tau
-        share = 1.0 - x * x * (3.0 - 2.0 * x)
-        return tau + share * self._difference
+        blended: Array = tau + share_left(x) * self._difference
+        return blended

@@ -13,6 +13,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from functools import cached_property
 import math
+from typing import NamedTuple
 
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import number
@@ -331,3 +332,40 @@ class Motion:
         for coefficients, begin, end in zip(table, ends, ends[1:]):
             np.matmul(powers[begin:end], coefficients, out=values[begin:end])
         return values
+
+
+class SegmentTable(NamedTuple):
+    """
+    The segments of a motion as arrays, with a rest before and one after.
+
+    Segment k is the one with k points not after its time; its fraction of time is
+    ``x = (t - origins[k]) rates[k]``.
+
+    Attributes
+    ----------
+    times : (K,) array
+        Times of the points, s.
+    origins, rates : (K + 1,) arrays
+        Begin of each segment, s, and the inverse of its duration, 1/s; 0 at rest.
+    rows : (K + 1, 6, 3 n) array
+        Polynomials in x: coefficients of q, u and udot.
+
+    """
+
+    times: Array
+    origins: Array
+    rates: Array
+    rows: Array
+
+
+def segment_table(motion: Motion) -> SegmentTable:
+    """Return the segments of a motion as arrays."""
+    times = np.array(motion.times)
+    count = len(times)
+    rates = np.zeros(count + 1)
+    rates[1:count] = 1.0 / np.diff(times)
+    rows = np.zeros((count + 1, 6, 3 * motion.n))
+    rows[0, 0, :motion.n] = motion.positions[0]
+    rows[1:count] = motion._table
+    rows[count, 0, :motion.n] = motion.positions[-1]
+    return SegmentTable(times, np.concatenate([times[:1], times]), rates, rows)

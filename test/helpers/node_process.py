@@ -29,6 +29,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 NAME = '/kane_dynamics'
 DYNAMICS_NODE = 'kane_dynamics.ros.dynamics_node.main'
 JOINTS = ('turn', 'lift', 'reach')
+TORQUE_PATH = os.environ.get('KANE_DYNAMICS_TEST_TORQUE_PATH', 'python')
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 DEEP = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -82,7 +83,8 @@ class Process:
         command = [sys.executable, *(program or ['-m', module, '--ros-args'])]
         if module == DYNAMICS_NODE and program is None:
             # The client is no simulated robot; torques are compared with unlimited ones.
-            choices = {'activation': 'at_once', 'limits__rate': '.inf', 'blend_time': '0.0'}
+            choices = {'activation': 'at_once', 'limits__rate': '.inf', 'blend_time': '0.0',
+                       'torque_path': TORQUE_PATH}
             if '--params-file' in arguments:  # what comes last is used
                 arguments = (*arguments, '-p', 'activation:=at_once')
             else:

@@ -55,6 +55,14 @@ class LostMessages:
             self.total += number - self._last - 1
         self._last = number
 
+    def note_number(self, number: int) -> None:
+        """Note one received message by its number; negative without one."""
+        self.note({'publication_sequence_number': None if number < 0 else number})
+
+    def skip(self) -> None:
+        """Count nothing as lost up to the next message, as some were not noted."""
+        self._last = 0
+
     def period(self, publishers: int) -> tuple[float, str]:
         """
         Close a reporting period and return its figures.

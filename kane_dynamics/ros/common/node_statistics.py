@@ -19,6 +19,7 @@ class Statistics:
         self.timeouts = 0
         self.faults = 0  # times that states were refused for longer than the grace time
         self.foreign_states = 0  # joint states that contain other joints only
+        self.unobserved = 0  # cycles of the native path that nothing could observe
         self.full_parses = 0  # states whose layout was not cached
         self.dropped: Counter[str] = Counter()
         self.rejected: Counter[str] = Counter()
@@ -70,6 +71,8 @@ class Statistics:
         values['commands clamped'] = str(self.clamped)
         values['timeouts'] = str(self.timeouts)
         values['states with uncached layout'] = str(self.full_parses)
+        if self.unobserved:
+            values['cycles not observed'] = str(self.unobserved)
         values['states of other joints'] = str(self.foreign_states)
         values['states dropped'] = str(all_dropped.total())
         for what, counts in (('states dropped', all_dropped), ('rejected', rejected)):

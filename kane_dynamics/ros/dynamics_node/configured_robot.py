@@ -12,6 +12,7 @@ from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.control.controller import Controller, ModeLaw
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import Mode
+from kane_dynamics.control.traced_laws import MODES
 from kane_dynamics.control.trajectory_joints import compile_trajectories
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.path_robot import compile_timing
@@ -40,7 +41,11 @@ from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload,
                                                            GravityAndPayload,
                                                            parameter_loads)
 from kane_dynamics.ros.torque_path.guard_messages import arm_digest
+from kane_dynamics.ros.torque_path.native_path import NativeTorquePath, python_reason
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
+from kane_dynamics.ros.torque_path.rcl_functions import (guard_condition,
+                                                         subscription_of_thread,
+                                                         UnsupportedError)
 from kane_dynamics.ros.torque_path.state_check import speed_limits
 from kane_dynamics.ros.torque_path.target_input import (POSE, TargetInput, TWIST,
                                                         WRENCH)
@@ -54,14 +59,17 @@ from kane_dynamics.simulation.sticking.sticking_steps import compile_sticking_st
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
 from kane_dynamics_interfaces.msg import TaskState
 import numpy as np
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 
 PAYLOAD = ('payload.mass', 'payload.com', 'payload.inertia')
 ACKNOWLEDGE_TIMEOUT = 0.3  # s
+REPORT_PERIOD = 0.005  # s, between two looks at the reports of the native torque path
 
 
 class ConfiguredRobot:
@@ -91,6 +99,8 @@ class ConfiguredRobot:
     ----------
     fault : str
         Why this arm cannot be commanded; empty if it can.
+    torque_path : str
+        What computes the commands: native, or python with the reason.
 
     Raises
     ------
@@ -207,10 +217,10 @@ class ConfiguredRobot:
         loops = None
         if not self.fault:
             loops = closed_loop_reader(controller, values)
-        self.path = TorquePath(
-            controller, self._commands, torques, self._now, values, self.statistics,
+        self.path, self._states = self._open_path(controller, torques, opened, (
+            self._now, values, self.statistics,
             lambda reason, detail: warn(f'joint states: {reason}', detail), stamped,
-            loops, lambda reason, detail: warn.error(f'joint states: {reason}', detail))
+            loops, lambda reason, detail: warn.error(f'joint states: {reason}', detail)))
         self.optional_topics = OptionalTopics(node, server, self.path, values, self._now,
                                               self._reject, publisher, opened)
         self._targets: TargetInput | None = None
@@ -222,14 +232,57 @@ class ConfiguredRobot:
                                    len(self.path.messages.joints), self._digest)
         self.path.arbiter = self.guard
         self._distribute()
-        self._states = node.create_subscription(
-            JointState, 'joint_states', with_info(self._on_state), BEST_EFFORT, raw=True)
-        opened.callback(node.destroy_subscription, self._states)
         if self.gravity_source is not None:
             imu = server.create_subscription(
                 Imu, node.resolve_topic_name(values['imu.topic']), self._on_imu,
                 BEST_EFFORT)
             opened.callback(server.destroy_subscription, imu)
+
+    def _open_path(self, controller: Controller, torques: Publisher, opened: ExitStack,
+                   arguments: tuple[Any, ...]) -> tuple[TorquePath, Any]:
+        """Open the torque path and its subscription, as parameter torque_path says."""
+        node = self._node
+        wanted = self.values['torque_path']
+        reason = 'torque_path: python'
+        if wanted != 'python':
+            reason = self.fault or python_reason(self.values, controller)
+        if not reason:
+            try:
+                opened_path = self._open_native_path(controller, torques, opened,
+                                                     arguments)
+                self.torque_path = 'native'
+                return opened_path
+            except UnsupportedError as error:
+                reason = str(error)
+        self.torque_path = f'python ({reason})'
+        if wanted == 'native':
+            node.get_logger().warning(f'torque_path: native, but {reason}; the '
+                                      'interpreter computes the commands')
+        path = TorquePath(controller, self._commands, torques, *arguments)
+        states = node.create_subscription(
+            JointState, 'joint_states', with_info(self._on_state), BEST_EFFORT, raw=True)
+        opened.callback(node.destroy_subscription, states)
+        return path, states
+
+    def _open_native_path(self, controller: Controller, torques: Publisher,
+                          opened: ExitStack, arguments: tuple[Any, ...]
+                          ) -> tuple[TorquePath, Any]:
+        """Open the native torque path; UnsupportedError where rcl is another one."""
+        node = self._node
+        path = NativeTorquePath(controller, self._commands, torques, *arguments)
+        with ExitStack() as entities:
+            states = subscription_of_thread(node, JointState, 'joint_states', BEST_EFFORT)
+            entities.callback(states.destroy)
+            guard = guard_condition(node.context)
+            entities.callback(guard.destroy_when_not_in_use)
+            path.connect(node, states, guard, self._commands, torques,
+                         self.lost_states)
+            entities.callback(path.close)
+            timer = node.create_timer(REPORT_PERIOD, path.read_reports,
+                                      clock=Clock(clock_type=ClockType.STEADY_TIME))
+            entities.callback(node.destroy_timer, timer)
+            opened.push(entities.pop_all())
+        return path, states
 
     def _open_task_topics(self, publisher: Callable[..., Any],
                           opened: ExitStack) -> None:
@@ -322,6 +375,10 @@ class ConfiguredRobot:
         """Raise InputError unless parameters, of which `changed` are set, fit."""
         path_settings(values, self.robot)
         self.modes.check(values)
+        if self.torque_path == 'native' and values['mode'] not in MODES:
+            raise InputError(f"parameter 'mode': {values['mode']}; expected "
+                             f'{", ".join(MODES)} on the native torque path '
+                             '(torque_path)')
         speed_limits(self.robot, values)
         FillSettings.from_values(values, self.robot.joint_names)
         parameter_loads(self.robot.model, values)
@@ -346,12 +403,12 @@ class ConfiguredRobot:
         if previous['mode'] != values['mode'] and self.path.active_motion.clear(
                 'the mode changed'):
             self._warn('mode', 'changed; desired motion dropped')
-        self.path.set_limits(values)
         if self.path.loops is not None:
             self.path.loops.update(values)
         if self.modes.update(values):
             self.path.controller.blend()
         self.path.controller.update(**path_settings(values, self.robot))
+        self.path.set_limits(values)
         if self._targets is not None:
             self._targets.update(values)
         if self.gravity_source is not None:

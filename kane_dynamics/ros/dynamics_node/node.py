@@ -357,6 +357,7 @@ class DynamicsNode(LifecycleNode):
         log.info(f'{model.name}: {len(joints)} joints ({", ".join(joints)}), kernels '
                  f'ready in {time.perf_counter() - began:.2f} s, verified to '
                  f'{self.arm.verified:.1e}')
+        log.info(f'torque path: {self.arm.torque_path}')
         added = words(self.values['arm_compensates'])
         log.info(f'the arm adds {added} to commanded efforts itself')
         # Only now, when it is known whether the robot is a simulated one, which may add

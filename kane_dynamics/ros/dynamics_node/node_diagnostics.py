@@ -58,6 +58,7 @@ def arm_figures(arm: ConfiguredRobot, mode: str) -> dict[str, str]:
     gravity = ' '.join(f'{component:.3f}' for component in arm.loads.gravity)
     figures = {
         'mode': mode,
+        'torque path': arm.torque_path,
         'joints': ', '.join(arm.robot.joint_names),
         'kernels verified to': f'{arm.verified:.1e}',
         'gravity': f'{gravity} m/s^2',

@@ -282,6 +282,10 @@ SPECS = (
          'limit of the rate of effort, N m/s or N/s; empty: 20 '
          'times the effort limit each second',
          positive=True, infinite=True, low=0.0),
+    Spec('torque_path', 'text', 'python', 'what computes the commands: python, the '
+         'interpreter; native, a thread that never waits for it (expected: what '
+         'docs/node.md lists, else a warning and python); auto, native where it can',
+         choices=('python', 'native', 'auto')),
     Spec('stamped_commands', 'flag', False, 'also publish the commands as '
          'control_msgs/JointCommand on topic stamped_commands, with joint names and the '
          'stamp of the joint state; needs the package control_msgs with that message'),

@@ -1,5 +1,6 @@
 """The desired motion that the torque path follows, and the one scheduled after it."""
 
+from collections.abc import Callable
 import threading
 import time
 
@@ -18,6 +19,11 @@ class ActiveMotion:
     clock or mode. A motion that was received, or whose reading began, before `clear` is
     rejected.
 
+    Parameters
+    ----------
+    changed : callable, optional
+        Called after each change of the motions, in the thread that changed them.
+
     Attributes
     ----------
     generation : int
@@ -29,12 +35,18 @@ class ActiveMotion:
 
     """
 
-    def __init__(self) -> None:
+    def __init__(self, changed: Callable[[], object] = bool) -> None:
+        self._changed = changed
         self._lock = threading.Lock()  # held by writers
         self._motions: tuple[ScheduledMotion | None, ScheduledMotion | None] = None, None
         self.generation = 0
         self.cleared_at = time.time_ns()
         self.reason = ''
+
+    @property
+    def scheduled(self) -> tuple[ScheduledMotion | None, ScheduledMotion | None]:
+        """Return the active motion and its successor, with their starts."""
+        return self._motions
 
     def at(self, stamp: int) -> tuple[Motion | None, float]:
         """Return the active motion at a time, ns, and the time since its start, s."""
@@ -80,7 +92,8 @@ class ActiveMotion:
             if upcoming is not None and now >= upcoming[1]:
                 current = upcoming
             self._motions = current, (motion, start)
-            return True
+        self._changed()
+        return True
 
     def clear(self, reason: str) -> bool:
         """Drop both motions for a reason; return whether there was one."""
@@ -90,4 +103,5 @@ class ActiveMotion:
             self._motions = None, None
             self.generation += 1
             self.cleared_at = time.time_ns()
-            return cleared != (None, None)
+        self._changed()
+        return cleared != (None, None)

@@ -9,6 +9,7 @@ from kane_dynamics.control.controller import Controller
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.inertial import Inertial, principal_moments
 from kane_dynamics.model.model import Model
+from kane_dynamics.robot.parameters import Parameters
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array
 import numpy as np
@@ -23,9 +24,19 @@ class GravityAndPayload:
 
     def apply(self, robot: Robot) -> None:
         """Set the parameters of a robot's kernels."""
-        robot.parameters.gravity = self.gravity
+        self._write(robot, robot.parameters)
+
+    def parameters_of(self, robot: Robot) -> Parameters:
+        """Return a copy of a robot's parameters with these loads."""
+        parameters = robot.parameters.copy()
+        self._write(robot, parameters)
+        return parameters
+
+    def _write(self, robot: Robot, parameters: Parameters) -> None:
+        """Set gravity, and the payload of a robot that may carry one."""
+        parameters.gravity = self.gravity
         if robot.equations.payload_frame is not None:
-            robot.parameters.payload = self.payload
+            parameters.payload = self.payload
 
     def apply_to(self, controller: Controller) -> None:
         """Set the parameters of the robots of a controller."""

@@ -108,6 +108,7 @@ class JointStateLayout:
         self.expected = int.from_bytes(writer.data, 'little')
         self.mask = int.from_bytes(b'\xff' * len(full.data), 'little') & ~(
             self.expected ^ int.from_bytes(full.data, 'little'))
+        self.positions_at = positions  # offset of the first position
         block = MessageBuffer(len(data))
         self.buffer = memoryview(block.bytes)
         self.has_velocity = counts[1] == len(names)
@@ -120,6 +121,11 @@ class JointStateLayout:
         self.entry: Index = np.zeros(0, dtype=np.intp)
         self.index = self.entry
         self.others = NO_OTHERS
+
+    def fits(self, data: bytes) -> bool:
+        """Return whether a message has this layout."""
+        return len(data) == len(self.buffer) and (
+            int.from_bytes(data, 'little') & self.mask) == self.expected
 
     def select(self, index: Index, others: 'OtherJoints') -> None:
         """
@@ -211,6 +217,11 @@ class JointStateReader:
         """Return the stamp of the latest state, ns."""
         return self.sec * NANO + self.nanosec
 
+    @property
+    def layouts(self) -> list[JointStateLayout]:
+        """Return the cached layouts."""
+        return list(self._layouts.values())
+
     def read(self, data: bytes, need_velocity: bool) -> str | None:
         """Read one message; return None, or the reason to drop it."""
         layout = self._layouts.get(len(data))
@@ -268,7 +279,7 @@ class JointStateReader:
             return index
         others = self._other_joints(message.name)
         fault = self._gather(message, index, others, need_velocity)
-        if fault is None and layout is not None:
+        if fault in (None, NOT_FINITE) and layout is not None:
             layout.select(index, others)
             self._cache_layout(data, layout)
         return fault

@@ -9,8 +9,9 @@ for a state that is refused.
 
 from collections.abc import Mapping, Sequence
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
+from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
@@ -56,6 +57,15 @@ class StateCheck:
         The last accepted state.
     detail : str
         Details of the last reason.
+    bounds : (5, n) array
+        Lower and upper positions, speeds, and the largest change of a position as slope
+        and constant.
+    turns : bool
+        Whether joints without limits may jump by whole turns.
+    turning : (n,) array of bool
+        The joints without limits.
+    compares : bool
+        Whether a first state needs a second one that agrees.
 
     """
 
@@ -70,11 +80,11 @@ class StateCheck:
         # The byte views are copied several times as fast as the arrays.
         self._from = memoryview(state).cast('B')
         self._to = memoryview(self.accepted).cast('B')
-        self._bounds = np.zeros((5, count))
+        self.bounds = np.zeros((5, count))
         self._elapsed = np.zeros(())
         self._possible = np.zeros(1)
         self._judge = state_kernel(robot, count).bind(
-            [state, self.accepted, self._bounds.ravel(), self._elapsed], self._possible,
+            [state, self.accepted, self.bounds.ravel(), self._elapsed], self._possible,
             'Judge a joint state.')
         self.detail = ''
         self.update(values)
@@ -89,7 +99,7 @@ class StateCheck:
         noise = values['state_check.noise']
         jitter = values['state_check.jitter']
         fastest = factor * speed_limits(self._robot, values)[places]
-        self._turns = not Mode(values['mode']).is_stiff
+        self.turns = not Mode(values['mode']).is_stiff
         limited = np.isfinite(fastest)
         slope = np.where(limited, fastest, 0.0)
         step = np.where(limited, noise + jitter * slope, UNLIMITED)
@@ -99,10 +109,10 @@ class StateCheck:
         # Continuous joints, whose angle a driver may publish between -pi and pi.
         unlimited = np.isinf(limits.lower[places]) & np.isinf(limits.upper[places])
         sliding = [name in self._robot.model.sliding for name in self._joints]
-        self._turning = unlimited & ~np.array(sliding, dtype=bool)
-        self._bounds[:] = np.clip([lower, upper, fastest, slope, step], -UNLIMITED,
-                                  UNLIMITED)
-        self._compares = bool(limited.any())
+        self.turning = unlimited & ~np.array(sliding, dtype=bool)
+        self.bounds[:] = np.clip([lower, upper, fastest, slope, step], -UNLIMITED,
+                                 UNLIMITED)
+        self.compares = bool(limited.any())
         self._grace = round(values['state_check.grace'] * NANO)
         self._timeout = round(values['state_timeout'] * NANO)
 
@@ -153,6 +163,23 @@ class StateCheck:
         self._stamp = stamp
         self._latest = 0
 
+    def mirror(self, accepted: Array, known: bool) -> None:
+        """Use the last accepted state of another judge."""
+        self.accepted[:] = accepted
+        self._confirmed = known
+
+    def explain(self, elapsed: float, jumped: bool) -> tuple[str, str]:
+        """
+        Return the reason and the details for which another judge refused the state.
+
+        `elapsed` is the time since the last accepted state, s.
+        """
+        self._elapsed[()] = elapsed
+        reason = self._explain()
+        if reason is None:  # the last accepted state was not reported
+            return (JUMP if jumped else OUTSIDE), 'compared with an unknown state'
+        return reason, self.detail
+
     def _first(self, stamp: int) -> str | None:
         """Judge a state without an earlier one."""
         self._to[:] = self._from
@@ -160,7 +187,7 @@ class StateCheck:
         if not self._is_possible():
             return self._explain()
         self.accept(stamp)
-        self._confirmed = not self._compares
+        self._confirmed = not self.compares
         return None if self._confirmed else FIRST
 
     def _is_possible(self) -> bool:
@@ -178,7 +205,7 @@ class StateCheck:
         The result is None if it is possible.
         """
         q, u = np.split(self._state, 2)
-        lower, upper, fastest, slope, step = self._bounds
+        lower, upper, fastest, slope, step = self.bounds
         finite = np.isfinite(q) & np.isfinite(u)
         if not finite.all():
             self.detail = ', '.join(np.compress(~finite, self._joints))
@@ -202,9 +229,9 @@ class StateCheck:
             return TOO_FAST
         moved = q - self.accepted[:len(q)]
         # A driver may publish the angle of such a joint between -pi and pi
-        if self._turns:
-            moved = np.where(self._turning, np.remainder(moved + math.pi,
-                                                         WHOLE_TURN) - math.pi,
+        if self.turns:
+            moved = np.where(self.turning, np.remainder(moved + math.pi,
+                                                        WHOLE_TURN) - math.pi,
                              moved)
         allowed = step + slope * self._elapsed
         if (np.abs(moved) < allowed).all():
@@ -238,6 +265,26 @@ def looks_like_degrees(value: float, lower: float, upper: float) -> str:
     return f' ({turned:.3g} rad, if these are degrees)' if within else ''
 
 
+class JointBounds(NamedTuple):
+    """Position limits, largest speed and largest change of the position of a joint."""
+
+    lower: Scalar
+    upper: Scalar
+    fastest: Scalar
+    change: Scalar
+
+
+def joint_bounds(bounds: Vector, n: int, j: int, elapsed: Scalar) -> JointBounds:
+    """
+    Return the bounds of joint j for the time since the last state, s.
+
+    `bounds`, (5 n,), are lower and upper positions, speeds, and the largest change of a
+    position as slope and constant.
+    """
+    lower, upper, fastest, slope, step = np.split(bounds, 5)
+    return JointBounds(lower[j], upper[j], fastest[j], step[j] + slope[j] * elapsed)
+
+
 def state_kernel(robot: Robot, count: int) -> Kernel:
     """
     Return the kernel that judges a state: 1 if every joint is within its bounds, else 0.
@@ -247,16 +294,15 @@ def state_kernel(robot: Robot, count: int) -> Kernel:
     of a position as slope and constant; and the time between the states, s.
     """
     def judged(state: Any, last: Any, bounds: Any, elapsed: Any) -> Any:
-        lower, upper, fastest, slope, step = np.split(bounds, 5)
         possible: Any = 1.0
         for j in range(count):
+            bound = joint_bounds(bounds, count, j, elapsed)
             position = state[j]
             speed = state[count + j]
             moved = position - last[j]
-            allowed = step[j] + slope[j] * elapsed
-            for small, large in ((lower[j], position), (position, upper[j]),
-                                 (-fastest[j], speed), (speed, fastest[j]),
-                                 (-allowed, moved), (moved, allowed)):
+            for small, large in ((bound.lower, position), (position, bound.upper),
+                                 (-bound.fastest, speed), (speed, bound.fastest),
+                                 (-bound.change, moved), (moved, bound.change)):
                 possible = select(small < large, possible, 0.0)
         return [possible]
     return robot.compiled(judged, name=f'state_check_{count}', state=(2 * count,),

@@ -1,0 +1,84 @@
+"""The laws of the modes of `Controller` as functions over any scalar, to be compiled."""
+
+from typing import Any, NamedTuple
+
+from kane_dynamics._util.typing import Scalar, Vector
+from kane_dynamics.control.computed_torque import corrected_acceleration, law_of
+from kane_dynamics.control.terms import Mode, Terms
+from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+MODES = (Mode.INVERSE_DYNAMICS, Mode.COMPUTED_TORQUE, Mode.GRAVITY_COMPENSATION)
+
+
+class Desired(NamedTuple):
+    """The desired motion (n,), and 1 if there is one, else 0."""
+
+    q: Vector
+    u: Vector
+    udot: Vector
+    moving: Scalar
+
+
+def chosen(flag: Scalar, x: Vector, y: Vector) -> Vector:
+    """Return the entries of x where the flag is 1, of y where it is 0."""
+    return np.array([select(flag > 0.5, a, b) for a, b in zip(x, y, strict=True)])
+
+
+def mode_torque(robot: Robot, mode: Mode, terms: Terms, q: Vector, u: Vector,
+                desired: Desired, gains: Vector, parameters: Vector,
+                limits: Vector) -> Vector:
+    """
+    Return the torque before the limits, (n,), as `Controller.torque` without wrenches.
+
+    Parameters
+    ----------
+    robot : Robot
+        In joint rates, without friction that depends on loads where terms are left out.
+    mode : Mode
+        One of `MODES`.
+    terms : Terms
+        The terms of the command.
+    q, u : (n,) arrays of Scalar
+        Measured state.
+    desired : Desired
+        In computed torque without a motion: the pose that is held.
+    gains : (2 n,) array of Scalar
+        kp, then kd.
+    parameters, limits : arrays of Scalar
+        Of the robot.
+
+    """
+    equations = robot.equations
+    gravity = equations.zeros
+    if terms.gravity:
+        gravity = equations.gravity_force(q, parameters)
+    if mode is Mode.GRAVITY_COMPENSATION:
+        return gravity
+    if mode is Mode.COMPUTED_TORQUE:
+        return _computed_torque(robot, terms, q, u, desired, gains, parameters, limits)
+    motion = desired.q, desired.u, desired.udot
+    if terms.complete:
+        feedforward = equations.inverse_dynamics(*motion, None, parameters)
+    else:
+        feedforward = terms.weights @ equations.torque_terms(*motion, parameters)
+    return chosen(desired.moving, feedforward, gravity)
+
+
+def _computed_torque(robot: Robot, terms: Terms, q: Vector, u: Vector, desired: Desired,
+                     gains: Vector, parameters: Vector, limits: Vector) -> Vector:
+    """Return the torque at the measured state and the corrected acceleration."""
+    equations = robot.equations
+    if terms.complete:
+        law = law_of(robot)
+        return law(q, u, desired.q, desired.u, desired.udot, gains, None, 0.0,
+                   parameters, limits)
+    feedforward = desired.udot if terms.inertia else equations.zeros
+    kp, kd = np.split(gains, 2)
+    corrected = corrected_acceleration(q, u, desired.q, desired.u, feedforward, kp, kd)
+    rows = equations.torque_terms(q, u, corrected, parameters)
+    force: Any = terms.of_feedback.weights @ rows
+    if terms.friction:  # at the desired speed, as in the whole law
+        force = force + equations.friction_force(desired.u)
+    return force

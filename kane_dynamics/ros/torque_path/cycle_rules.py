@@ -1,0 +1,563 @@
+"""
+The rules of one cycle of the native torque path, as functions over any scalar.
+
+A cycle judges a state, then answers or refuses it. Between states the path may time out.
+Each rule returns a new `PathState` for the last one, without a branch on a value, so
+that it is traced and compiled. `TorquePath` has the same rules for the interpreter; a
+test compares both on random states.
+
+Times are nanoseconds since the start of the path, which a double holds exactly for 104
+days, and to 1 us for 280 years. Flags are 1 or 0.
+"""
+
+from typing import Any, NamedTuple
+
+from kane_dynamics._util.typing import Scalar, Vector
+from kane_dynamics.control.terms import Mode, Terms
+from kane_dynamics.control.torque_blend import share_left
+from kane_dynamics.control.torque_limiter import clipped, within_rate
+from kane_dynamics.control.traced_laws import Desired, mode_torque
+from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.conversion import NANO
+from kane_dynamics.ros.torque_path.state_check import joint_bounds, UNLIMITED
+import numpy as np
+
+NEVER = -2.0**62  # ns: before every stamp
+# Results of a cycle. From NOT_FINITE on, the arm is heard, and the state is refused.
+(ACCEPTED, FIRST, NO_CLOCK, STALE, FUTURE, OUT_OF_ORDER, NOT_FINITE, OUTSIDE, TOO_FAST,
+ JUMP, NO_TORQUE) = range(11)
+# Why a motion was dropped last.
+NOT_DROPPED, BY_CLOCK, BY_TIMEOUT, BY_REFUSAL = range(4)
+
+
+class PathState(NamedTuple):
+    """
+    What the path remembers from one cycle to the next, and the result of a cycle.
+
+    Attributes
+    ----------
+    reason : Scalar
+        `ACCEPTED`, or why the state is dropped.
+    publish : Scalar
+        Whether the cycle publishes `tau`.
+    sent_at : Scalar
+        Stamp of `tau`.
+    last_now, last_heard, last_stamp : Scalar
+        The clock of the last cycle; time and stamp of the last state in time, and of
+        the last accepted one.
+    refusing, refused_since, fault : Scalar
+        Whether and since when states are refused; whether for longer than the grace.
+    timed_out, commanding : Scalar
+        As attributes of `TorquePath`.
+    drops, dropped_by : Scalar
+        How often the path dropped the desired motion, and why the last time.
+    known, check_stamp, frozen_at, confirmed, elapsed : Scalar
+        Of the comparison with the last state, as in `StateCheck`; frozen_at is `NEVER`
+        while time passes.
+    limit_known, limit_stamp : Scalar
+        Of the last command of the rate limit.
+    blending, blend_known, blend_began : Scalar
+        Of the blend, as in `TorqueBlend`.
+    restarts, blends : Scalar
+        Those of the settings that were answered.
+    jumps, silences : Scalar
+        Those of the settings that were answered.
+    holding : Scalar
+        Whether `pose` is held.
+    tau, clamped, rate_limited : (n,) arrays
+        The last published torques, and flags of their limits.
+    last, difference, pose : (n,) arrays
+        Last command of the rate limit, difference of the blend, pose that is held.
+    accepted : (2 n,) array
+        The last accepted state.
+
+    """
+
+    reason: Scalar
+    publish: Scalar
+    sent_at: Scalar
+    last_now: Scalar
+    last_heard: Scalar
+    last_stamp: Scalar
+    refusing: Scalar
+    refused_since: Scalar
+    fault: Scalar
+    timed_out: Scalar
+    commanding: Scalar
+    drops: Scalar
+    dropped_by: Scalar
+    known: Scalar
+    check_stamp: Scalar
+    frozen_at: Scalar
+    confirmed: Scalar
+    elapsed: Scalar
+    limit_known: Scalar
+    limit_stamp: Scalar
+    blending: Scalar
+    blend_known: Scalar
+    blend_began: Scalar
+    restarts: Scalar
+    blends: Scalar
+    jumps: Scalar
+    silences: Scalar
+    holding: Scalar
+    tau: Vector
+    clamped: Vector
+    rate_limited: Vector
+    last: Vector
+    difference: Vector
+    pose: Vector
+    accepted: Vector
+
+
+class CycleSettings(NamedTuple):
+    """
+    What Python may change between two cycles.
+
+    Attributes
+    ----------
+    timeout, grace : Scalar
+        ns.
+    holds : Scalar
+        Whether a lasting fault holds the last accepted position.
+    turns : Scalar
+        Whether joints without limits may jump by whole turns.
+    compares : Scalar
+        Whether a first state needs a second one that agrees.
+    blend_time : Scalar
+        ns.
+    restarts, blends : Scalar
+        How often the law began anew, and how often it changed.
+    jumps, silences : Scalar
+        How often Python saw the clock jump, and asked for zeros until the next state.
+    drops : Scalar
+        `PathState.drops` when the motion was scheduled.
+    bounds : (5 n,) array
+        Of `joint_bounds`.
+    turning : (n,) array
+        Whether a joint has no limits.
+    gains : (2 n,) array
+        kp, then kd.
+    effort, slope, free : (n,) arrays
+        Effort limits, rate limits where there are, and what else a torque may change
+        by: infinity where there are none.
+
+    """
+
+    timeout: Scalar
+    grace: Scalar
+    holds: Scalar
+    turns: Scalar
+    compares: Scalar
+    blend_time: Scalar
+    restarts: Scalar
+    blends: Scalar
+    jumps: Scalar
+    silences: Scalar
+    drops: Scalar
+    bounds: Vector
+    turning: Vector
+    gains: Vector
+    effort: Vector
+    slope: Vector
+    free: Vector
+
+
+class Event(NamedTuple):
+    """
+    Why a cycle runs.
+
+    Attributes
+    ----------
+    now, stamp : Scalar
+        The clock, and the stamp of the state.
+    moving : Scalar
+        Whether a motion is scheduled at the stamp.
+    x : Scalar
+        Fraction of the time of the segment, 0 to 1.
+    ticking : Scalar
+        Whether the clock runs: simulated time is zero before its first message.
+
+    """
+
+    now: Scalar
+    stamp: Scalar
+    moving: Scalar
+    x: Scalar
+    ticking: Scalar
+
+
+EVENT_SIZE = len(Event._fields)
+SCALARS = PathState._fields.index('tau')
+SCALAR_SETTINGS = CycleSettings._fields.index('bounds')
+
+
+def path_size(n: int) -> int:
+    """Return the number of entries of a `PathState` as an array."""
+    return SCALARS + 8 * n
+
+
+def settings_size(n: int) -> int:
+    """Return the number of entries of `CycleSettings` as an array."""
+    return SCALAR_SETTINGS + 11 * n
+
+
+def unpacked_path(array: Vector, n: int) -> PathState:
+    """Return the `PathState` of an array."""
+    sizes = [n] * 6 + [2 * n]
+    return PathState(*array[:SCALARS], *_parts(array[SCALARS:], sizes))
+
+
+def unpacked_settings(array: Vector, n: int) -> CycleSettings:
+    """Return the `CycleSettings` of an array."""
+    sizes = [5 * n, n, 2 * n, n, n, n]
+    return CycleSettings(*array[:SCALAR_SETTINGS], *_parts(array[SCALAR_SETTINGS:], sizes))
+
+
+def packed(record: PathState | CycleSettings) -> Vector:
+    """Return a record as an array."""
+    return np.concatenate([np.atleast_1d(np.asarray(field)) for field in record])
+
+
+def _parts(array: Vector, sizes: list[int]) -> list[Vector]:
+    return np.split(array, np.cumsum(sizes)[:-1])
+
+
+def initial_path(n: int, now: float) -> PathState:
+    """Return the state of a path that starts."""
+    zeros = np.zeros(n)
+    return PathState(0.0, 0.0, now, now, now, NEVER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+                     NOT_DROPPED, 0.0, NEVER, NEVER, 0.0, 0.0, 0.0, NEVER, 0.0, 0.0,
+                     0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, zeros, zeros, zeros, zeros,
+                     np.zeros(2 * n))
+
+
+# Flags.
+
+def flag(condition: Scalar) -> Scalar:
+    """Return 1 if a comparison holds, else 0."""
+    return select(condition, 1.0, 0.0)
+
+
+def either(chosen: Scalar, x: Any, y: Any) -> Any:
+    """Return x where a flag is 1, else y: numbers, or arrays entry by entry."""
+    if isinstance(x, np.ndarray):
+        return np.array([either(chosen, a, b) for a, b in zip(x, y)])
+    return select(chosen > 0.5, x, y)
+
+
+def branch(chosen: Scalar, x: PathState, y: PathState) -> PathState:
+    """Return the state x where a flag is 1, else y."""
+    return PathState(*[either(chosen, a, b) for a, b in zip(x, y)])
+
+
+def finite(numbers: Vector) -> Scalar:
+    """Return 1 if all numbers are finite."""
+    result: Scalar = 1.0
+    for x in numbers:
+        result = result * flag(x > -UNLIMITED) * flag(x < UNLIMITED)
+    return result
+
+
+# The clock.
+
+def at_time(path: PathState, now: Scalar, settings: CycleSettings) -> PathState:
+    """
+    Return the path at a time.
+
+    After a backward jump of the clock, motions and stamps are of another time. The
+    torque that acts stays: from zero the limit of its rate would let the arm fall.
+    """
+    jumped = forgotten(resumed(dropped(path, BY_CLOCK), 0.0, NEVER))
+    jumped = jumped._replace(last_heard=now, last_stamp=NEVER)
+    backward = flag(now < path.last_now)
+    has_jumped = select(path.jumps < settings.jumps, 1.0, backward)
+    path = branch(has_jumped, jumped, path)
+    return path._replace(last_now=now, jumps=settings.jumps, publish=0.0,
+                         reason=float(ACCEPTED))
+
+
+def dropped(path: PathState, reason: int) -> PathState:
+    """Return the path without its desired motion."""
+    return path._replace(drops=path.drops + 1.0, dropped_by=float(reason))
+
+
+def forgotten(path: PathState) -> PathState:
+    """Return the path that compares the next state with no earlier one."""
+    return path._replace(known=0.0, check_stamp=NEVER, frozen_at=NEVER, confirmed=0.0,
+                         refusing=0.0, fault=0.0)
+
+
+def restarted(path: PathState) -> PathState:
+    """Return the path whose law begins at the next state."""
+    return path._replace(holding=0.0, blending=0.0, blend_known=0.0)
+
+
+def resumed(path: PathState, known: Scalar, stamp: Scalar) -> PathState:
+    """Return the path that goes on from the torque that acts, with its stamp."""
+    acting = path.commanding * path.tau
+    return restarted(path)._replace(last=acting, limit_known=known, limit_stamp=stamp)
+
+
+def with_zeros(path: PathState, now: Scalar) -> PathState:
+    """Return the path that commands zeros, without the limit of the rate."""
+    zeros = 0.0 * path.tau
+    return restarted(path)._replace(tau=zeros, last=zeros, clamped=zeros,
+                                    rate_limited=zeros, limit_known=0.0, commanding=0.0,
+                                    publish=1.0, sent_at=now)
+
+
+def elapse(path: PathState, event: Event, settings: CycleSettings) -> PathState:
+    """Command zeros, once, if the last state in time has timed out, or if asked to."""
+    now = event.now
+    path = at_time(path, now, settings)
+    late = flag(settings.timeout < now - path.last_heard) * (1.0 - path.timed_out)
+    late = select(path.silences < settings.silences, 1.0, late)
+    path = path._replace(silences=settings.silences)
+    silent = forgotten(dropped(path, BY_TIMEOUT))._replace(timed_out=1.0)
+    silent = branch(path.commanding, with_zeros(silent, now), silent)
+    return branch(late, silent, path)
+
+
+# A state.
+
+def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings) -> PathState:
+    """Compare a state with the clock, the limits and the last state."""
+    now = event.now
+    stamp = event.stamp
+    path = at_time(path, now, settings)
+    moment = select(now < stamp, now, stamp)
+    heard = path._replace(last_heard=moment)
+    # A state without an earlier one that is recent enough is the first.
+    recent = flag(moment - path.check_stamp < settings.timeout + 1.0)
+    compared = path.known * select(path.confirmed > 0.5, 1.0, recent)
+    judged = branch(compared, _compare(heard, moment, state, settings),
+                    _begin(heard, moment, state, settings))
+    # Faults of the stamp say nothing about the arm, not even that it is heard.
+    reason = select(stamp < path.last_stamp, float(OUT_OF_ORDER), float(ACCEPTED))
+    reason = select(settings.timeout < stamp - now, float(FUTURE), reason)
+    reason = select(settings.timeout < now - stamp, float(STALE), reason)
+    reason = either(event.ticking, reason, float(NO_CLOCK))
+    in_time = flag(reason < 0.5)
+    return branch(in_time, judged, path._replace(reason=reason))
+
+
+def _begin(path: PathState, moment: Scalar, state: Vector,
+           settings: CycleSettings) -> PathState:
+    """Keep a possible first state, which the next one must confirm."""
+    fault = _fault(state, state, 0.0, settings)
+    kept = _kept(path, moment, state)._replace(confirmed=1.0 - settings.compares)
+    kept = kept._replace(reason=FIRST * settings.compares)
+    return branch(flag(fault < 0.5), kept, path._replace(reason=fault, accepted=state))
+
+
+def _compare(path: PathState, moment: Scalar, state: Vector,
+             settings: CycleSettings) -> PathState:
+    """Compare a state with the last one."""
+    # After a lasting fault, no more than the grace time counts.
+    frozen = flag(path.frozen_at > NEVER)
+    until = select(path.frozen_at < moment, path.frozen_at, moment)
+    elapsed = (either(frozen, until, moment) - path.check_stamp) / NANO
+    elapsed = select(elapsed > 0.0, elapsed, 0.0)
+    fault = _fault(state, path.accepted, elapsed, settings)
+    path = path._replace(reason=fault, elapsed=elapsed)
+    # Before a state is confirmed, one of two that disagree is false: the next one is
+    # compared with this one.
+    jumped = flag(fault > JUMP - 0.5) * (1.0 - path.confirmed)
+    refused = branch(jumped, _kept(path, moment, state), path)
+    return branch(flag(fault < 0.5), path._replace(confirmed=1.0), refused)
+
+
+def _kept(path: PathState, moment: Scalar, state: Vector) -> PathState:
+    """Return the path with a state to compare the next one with."""
+    return path._replace(known=1.0, check_stamp=moment, frozen_at=NEVER, accepted=state)
+
+
+def _fault(state: Vector, last: Vector, elapsed: Scalar, settings: CycleSettings) -> Scalar:
+    """Return `ACCEPTED`, or the first of the reasons why a state is impossible."""
+    n = len(state) // 2
+    inside: Scalar = 1.0
+    slow: Scalar = 1.0
+    near: Scalar = 1.0
+    for j in range(n):
+        bounds = joint_bounds(settings.bounds, n, j, elapsed)
+        position = state[j]
+        speed = state[n + j]
+        moved = position - last[j]
+        inside = inside * _between(bounds.lower, position, bounds.upper)
+        slow = slow * _between(-bounds.fastest, speed, bounds.fastest)
+        straight = _between(-bounds.change, moved, bounds.change)
+        # Modulo whole turns two angles are as near as their cosine says.
+        half_turn = np.pi
+        widest = select(bounds.change < half_turn, bounds.change, half_turn)
+        turned = flag(np.cos(widest) < np.cos(moved))
+        turned = turned * settings.turns * settings.turning[j]
+        near = near * select(straight > 0.5, 1.0, turned)
+    reason = select(near > 0.5, float(ACCEPTED), float(JUMP))
+    reason = select(slow > 0.5, reason, float(TOO_FAST))
+    reason = select(inside > 0.5, reason, float(OUTSIDE))
+    return select(finite(state) > 0.5, reason, float(NOT_FINITE))
+
+
+def _between(low: Scalar, x: Scalar, high: Scalar) -> Scalar:
+    return flag(low < x) * flag(x < high)
+
+
+# The command.
+
+def answer(robot: Robot, mode: Mode, terms: Terms, path: PathState, event: Event,
+           state: Vector, row: Vector, settings: CycleSettings, parameters: Vector,
+           limits: Vector) -> PathState:
+    """
+    Command the torque at an accepted state.
+
+    `row` has the polynomials of q, u and udot of the motion's segment, (6, 3 n). Where a
+    torque is not finite, the path stays, with the reason `NO_TORQUE`.
+    """
+    stamp = event.stamp
+    q, u = np.split(state, 2)
+    path = _with_new_settings(path, settings)
+    desired = _desired(path, event, row, settings, q, mode)
+    torque = mode_torque(robot, mode, terms, q, u, desired, settings.gains, parameters,
+                         limits)
+    is_finite = finite(torque)
+    blended, path_then = _blended(path, stamp, torque, settings)
+    clamped, tau = _limited(path_then, stamp, blended, settings)
+    stamp_kept = select(event.now < stamp, event.now, stamp)
+    commanded = _kept(path_then, stamp_kept, state)._replace(
+        reason=float(ACCEPTED), publish=1.0, sent_at=stamp, last_stamp=stamp_kept,
+        refusing=0.0, fault=0.0, timed_out=0.0, commanding=1.0, limit_known=1.0,
+        limit_stamp=stamp, tau=tau, last=tau, clamped=_differ(clamped, blended),
+        rate_limited=_differ(tau, clamped))
+    if mode is Mode.COMPUTED_TORQUE:
+        # The first state without a motion is the pose that is held next.
+        commanded = commanded._replace(holding=1.0 - desired.moving, pose=desired.q)
+    return branch(is_finite, commanded, path._replace(reason=float(NO_TORQUE)))
+
+
+def _with_new_settings(path: PathState, settings: CycleSettings) -> PathState:
+    """Return the path whose law begins or changes, if the settings say so."""
+    begins = flag(path.restarts < settings.restarts)
+    path = branch(begins, restarted(path), path)
+    changes = flag(path.blends < settings.blends) * flag(settings.blend_time > 0.0)
+    path = branch(changes, path._replace(blending=1.0, blend_known=0.0), path)
+    # The last command obeys an effort limit that became smaller; otherwise the limit of
+    # the rate would hold a command above it.
+    return path._replace(restarts=settings.restarts, blends=settings.blends,
+                         last=_within_effort(path.last, settings))
+
+
+def _desired(path: PathState, event: Event, row: Vector, settings: CycleSettings, q: Vector,
+             mode: Mode) -> Desired:
+    """Return the desired motion; that which was scheduled before a drop counts no more."""
+    moving = event.moving * (1.0 - flag(settings.drops < path.drops))
+    x = event.x
+    powers = np.array([1.0, x, x * x, x * x * x, x * x * x * x, x * x * x * x * x])
+    q_d, u_d, udot_d = np.split(powers @ row, 3)
+    if mode is Mode.COMPUTED_TORQUE:
+        pose = either(path.holding, path.pose, q)
+        q_d = either(moving, q_d, pose)
+        u_d = either(moving, u_d, 0.0 * u_d)
+        udot_d = either(moving, udot_d, 0.0 * udot_d)
+    return Desired(q_d, u_d, udot_d, moving)
+
+
+def _blended(path: PathState, t: Scalar, tau: Vector, settings: CycleSettings
+             ) -> tuple[Vector, PathState]:
+    """Return the torque that goes on from the last one, and the path, as `TorqueBlend`."""
+    blending = path.blending * path.limit_known
+    difference = either(path.blend_known, path.difference, path.last - tau)
+    began = either(path.blend_known, path.blend_began, t)
+    began = select(t < began, t, began)
+    duration = select(settings.blend_time > 0.0, settings.blend_time, 1.0)
+    x = (t - began) / duration
+    blending = blending * flag(x < 1.0)
+    blended = either(blending, tau + share_left(x) * difference, tau)
+    return blended, path._replace(blending=blending, blend_known=blending,
+                                  blend_began=began, difference=difference)
+
+
+def _limited(path: PathState, t: Scalar, tau: Vector, settings: CycleSettings
+             ) -> tuple[Vector, Vector]:
+    """Return the torque within the effort, then also within the rate."""
+    elapsed = select(path.limit_stamp < t, (t - path.limit_stamp) / NANO, 0.0)
+    elapsed = either(path.limit_known, elapsed, 0.0)
+    change = settings.slope * elapsed + settings.free
+    last = _within_effort(path.last, settings)
+    clamped = _within_effort(tau, settings)
+    limited = [within_rate(x, y, most) for x, y, most in zip(clamped, last, change)]
+    return clamped, np.array(limited)
+
+
+def _within_effort(tau: Vector, settings: CycleSettings) -> Vector:
+    """Return torques within the effort limits."""
+    return np.array([clipped(x, -largest, largest)
+                     for x, largest in zip(tau, settings.effort)])
+
+
+def _differ(x: Vector, y: Vector) -> Vector:
+    """Return a flag for each entry that differs."""
+    return np.array([select(a < b, 1.0, flag(b < a)) for a, b in zip(x, y)])
+
+
+# A refused state.
+
+def refuse(robot: Robot, terms: Terms, path: PathState, event: Event, settings: CycleSettings,
+           parameters: Vector) -> PathState:
+    """
+    Command what follows a state that is not answered; `path.reason` says why.
+
+    The last command goes on during the grace time. After it the torques are zero, or
+    hold the last accepted position.
+    """
+    now = event.now
+    reason = path.reason
+    since = either(path.refusing, path.refused_since, now)
+    path_then = path._replace(refusing=1.0, refused_since=since)
+    lasts = flag(settings.grace < now - since) * (1.0 - path.fault)
+    path_then = branch(lasts, _given_up(path_then, reason, settings), path_then)
+
+    repeated = _repeated(path_then, settings)
+    held = branch(path_then.confirmed,
+                  _held(robot, terms, repeated, settings, parameters), repeated)
+    after_grace = branch(settings.holds, held, with_zeros(path_then, now))
+    commanded = branch(path_then.fault, after_grace, repeated)
+    path_then = branch(path_then.commanding, commanded, path_then)
+    return branch(flag(reason > NOT_FINITE - 0.5), path_then, path)
+
+
+def _given_up(path: PathState, reason: Scalar, settings: CycleSettings) -> PathState:
+    """Return the path when states are refused for longer than the grace."""
+    faulty = dropped(path, BY_REFUSAL)._replace(fault=1.0)
+    # A false state must not become possible because time passes.
+    is_false = flag(reason < NO_TORQUE - 0.5)
+    faulty = faulty._replace(frozen_at=either(
+        is_false, path.check_stamp + settings.grace, path.frozen_at))
+    # The torque goes on, but the pose that was held is left: meanwhile the arm can have
+    # moved, and the position gain would throw it back.
+    holds = path.commanding * settings.holds
+    return branch(holds, resumed(faulty, 1.0, path.last_heard), faulty)
+
+
+def _repeated(path: PathState, settings: CycleSettings) -> PathState:
+    """Return the path that publishes its last torque again."""
+    # The limit of the rate counts from here on: the torque did not change until now.
+    _, last = _limited(path, path.last_heard, path.tau, settings)
+    repeated = path._replace(last=last, limit_known=1.0, limit_stamp=path.last_heard,
+                             publish=1.0)
+    return branch(path.fault, path._replace(publish=1.0), repeated)
+
+
+def _held(robot: Robot, terms: Terms, path: PathState, settings: CycleSettings,
+          parameters: Vector) -> PathState:
+    """Return the path that commands gravity at the last accepted position."""
+    n = len(path.tau)
+    gravity = robot.equations.zeros
+    if terms.gravity:
+        gravity = robot.equations.gravity_force(path.accepted[:n], parameters)
+    clamped, tau = _limited(path, path.last_heard, gravity, settings)
+    held = path._replace(tau=tau, last=tau, clamped=_differ(clamped, gravity),
+                         rate_limited=_differ(tau, clamped), limit_known=1.0,
+                         limit_stamp=path.last_heard, sent_at=path.last_heard)
+    return branch(finite(gravity), held, path)

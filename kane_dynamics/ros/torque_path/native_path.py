@@ -1,0 +1,441 @@
+"""
+The torque path on a native thread, which the interpreter cannot delay.
+
+The thread (`native_loop`) answers joint states by compiled rules (`cycle_rules`) and
+never waits for Python. This module passes it parameters, loads and motions as plans, and
+reads its reports: statistics, warnings and observers run here and may lag.
+"""
+
+from collections.abc import Mapping
+import threading
+from typing import Any
+
+from kane_dynamics.control.controller import Controller
+from kane_dynamics.control.torque_limiter import Command
+from kane_dynamics.control.traced_laws import MODES
+from kane_dynamics.motion.motion import State
+from kane_dynamics.native.runtime.message_loop import (ELAPSED, MOMENT, MOVING, NOW,
+                                                       STAMP, UNKNOWN)
+from kane_dynamics.ros.common.conversion import Array, NANO
+from kane_dynamics.ros.common.lost_messages import LostMessages
+from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
+from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
+from kane_dynamics.ros.torque_path.cycle_observer import Cycle
+from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, BY_CLOCK, BY_TIMEOUT,
+                                                       CycleSettings, FIRST,
+                                                       initial_path, JUMP,
+                                                       NO_CLOCK as NO_CLOCK_RULE,
+                                                       NO_TORQUE as NO_TORQUE_RULE,
+                                                       NOT_FINITE as FIRST_REFUSED,
+                                                       PathState)
+from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
+from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN, MALFORMED,
+                                                              MISSING, NO_CLOCK,
+                                                              NOT_FINITE, time_fault)
+from kane_dynamics.ros.torque_path.native_loop import (CyclePlan, LARGEST,
+                                                       NativeLoop, Report)
+from kane_dynamics.ros.torque_path.rcl_functions import handle_address, RclLoop
+from kane_dynamics.ros.torque_path.torque_path import NO_TORQUE, TorquePath
+import numpy as np
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+
+LONGEST_WAIT = 0.2  # of the timeout, between two looks at the clock
+ENDED = 'the native torque path ended'
+
+
+def python_reason(values: Mapping[str, Any], controller: Controller) -> str:
+    """
+    Return why a configuration needs the interpreter's torque path; empty if it does not.
+
+    Parameters
+    ----------
+    values : mapping
+        The node's parameters.
+    controller : Controller
+        Of the torque path.
+
+    """
+    robot = controller.robot
+    equations = robot.equations
+    every_term = controller.compensate.complete
+    if not equations.in_joint_rates or equations.timed:
+        return 'closed loops, constraints or chosen speeds'
+    if controller.bending is not None:
+        return 'flexible links'
+    if robot.model.balls:
+        return 'ball joints'
+    if len(commanded_joints(robot, controller.followed)) < robot.n:
+        return 'joints without actuators'
+    if equations.carries_loads and not every_term:
+        return 'friction that depends on loads, with arm_compensates'
+    for name in ('guard.enabled', 'wrench.frames', 'stamped_commands'):
+        if values[name]:
+            return name
+    if values['mode'] not in MODES:
+        return f"mode {values['mode']}"
+    return ''
+
+
+class NativeTorquePath(TorquePath):
+    """
+    The torque path on a native thread; its interface is that of `TorquePath`.
+
+    The attributes that describe the last cycle are those of the last report that was
+    read.
+
+    Parameters
+    ----------
+    controller : Controller
+        Without constraints, in one of `MODES`.
+
+    Other parameters are those of `TorquePath`.
+
+    Attributes
+    ----------
+    unobserved : int
+        Cycles whose reports found the ring full.
+
+    """
+
+    def __init__(self, controller: Controller, *arguments: Any, **named: Any) -> None:
+        self._lock = threading.Lock()  # plans are made in two threads
+        self._loop: NativeLoop | None = None
+        super().__init__(controller, *arguments, **named)
+        self.active_motion = ActiveMotion(self._replan)
+        self._loop = NativeLoop(controller.robot, controller.compensate)
+        self._rcl: RclLoop | None = None
+        self._last = initial_path(controller.robot.n, 0.0)  # as reported
+        self._epoch = 0
+        self._mode = controller.mode
+        self._gains = np.concatenate([controller.kp, controller.kd])
+        self._changes = [0, 0]  # of the mode, and of the law
+        self._asked = [0, 0]  # jumps of the clock, silences
+        self._silence_reason = ''
+        self._replay = 0, b''
+        self.unobserved = 0
+        self._unsent = 0
+        self._lost_states = LostMessages()
+
+    @property
+    def native(self) -> NativeLoop:
+        """Return the memory and the thread."""
+        assert self._loop is not None
+        return self._loop
+
+    def connect(self, node: Any, subscription: Any, guard: Any, commands: Any,
+                torques: Any, lost_states: LostMessages) -> None:
+        """
+        Use the clock of a node, a subscription, a guard condition and publishers.
+
+        `lost_states` counts lost messages by the publisher's numbers.
+
+        Raises
+        ------
+        UnsupportedError
+            This rclpy or rcl is another one than expected.
+
+        """
+        rcl = RclLoop(node.context, node.get_clock(), subscription, guard)
+        self.native.connect(rcl, handle_address(commands), handle_address(torques))
+        self._rcl = rcl
+        self._lost_states = lost_states
+
+    def close(self) -> None:
+        """Free what rcl allocated."""
+        self.native.stop_thread()
+        if self._rcl is not None:
+            self._rcl.close()
+
+    # What Python passes to the thread.
+
+    def set_limits(self, values: Mapping[str, Any]) -> None:
+        """Judge states, and command, by new parameters from the next cycle on."""
+        super().set_limits(values)
+        self._replan()
+
+    def set_loads(self, loads: GravityAndPayload) -> None:
+        """Use gravity and payload from the next cycle on; callable from any thread."""
+        super().set_loads(loads)
+        self._replan()
+
+    def _replan(self) -> None:
+        """Let the next cycle use what is valid now; callable from any thread."""
+        if self._loop is None or not self.running:
+            return
+        with self._lock:
+            self._loop.use(self._plan(self._loop))
+
+    def _plan(self, loop: NativeLoop) -> CyclePlan:
+        """Return the plan of the next cycle."""
+        controller = self.controller
+        gains = np.concatenate([controller.kp, controller.kd])
+        if controller.mode != self._mode:
+            self._changes[0] += 1
+            self._changes[1] += 1
+        elif not np.array_equal(gains, self._gains):
+            self._changes[1] += 1
+        self._mode = controller.mode
+        self._gains = gains
+        parameters = controller.robot.parameters
+        if self._loads is not None:
+            parameters = self._loads.parameters_of(controller.robot)
+        layouts = []
+        for layout in self._reader.layouts:
+            if layout.has_velocity or not self.need_velocity:
+                layouts.append(layout)
+        motions = []
+        for scheduled in self.active_motion.scheduled:
+            if scheduled is not None:
+                motion, start = scheduled
+                scheduled = motion, start - self._epoch
+            motions.append(scheduled)
+        period = max(round(LONGEST_WAIT * self._timeout), NANO // 1000)
+        return CyclePlan(loop, controller.mode, self._settings(gains), parameters.block,
+                         layouts, motions, period, self._replay)
+
+    def _settings(self, gains: Array) -> CycleSettings:
+        """Return the numbers of a plan."""
+        controller = self.controller
+        rate = controller.rate_limit
+        is_limited = np.isfinite(rate)
+        check = self.states
+        return CycleSettings(
+            float(self._timeout), float(self._grace), float(self._holds),
+            float(check.turns), float(check.compares), controller.blend_time * NANO,
+            float(self._changes[0]), float(self._changes[1]), float(self._asked[0]),
+            float(self._asked[1]), float(self._last.drops),
+            check.bounds.ravel(), check.turning.astype(np.float64), gains,
+            controller.effort_limit, np.where(is_limited, rate, 0.0),
+            np.where(is_limited, 0.0, np.inf))
+
+    # The life of the thread.
+
+    def start(self) -> None:
+        """Start; the first command follows the first states."""
+        self.running = False
+        super().start()
+        loop = self.native
+        self._epoch = self._now()
+        self._last = initial_path(loop.n, 0.0)
+        self._changes = [0, 0]
+        self._asked = [0, 0]
+        self._replay = 0, b''
+        self.unobserved = 0
+        self._unsent = loop.unsent
+        self._applied_loads = None
+        loop.begin(self._epoch, self._last)
+        self._replan()
+        if self._rcl is None:
+            return
+        loop.start_thread()
+        try:
+            loop.scheduled_as_main()
+        except OSError as error:
+            self._warn('native torque path', f'scheduling refused ({error.strerror}); it '
+                       'runs with ordinary scheduling')
+
+    def stop(self) -> None:
+        """Stop the thread, then command zeros and ignore further states."""
+        self.native.stop_thread()
+        self.read_reports()
+        super().stop()
+
+    def time_out(self, reason: str) -> None:
+        """Let the thread command zeros until the next valid state."""
+        self._silence_reason = reason
+        self._asked[1] += 1
+        self._replan()
+
+    def on_clock_jump(self) -> None:
+        """Let the thread drop motions and stamps of the time before the jump."""
+        self._asked[0] += 1
+        self._replan()
+
+    def _end(self, reason: str) -> None:
+        """Command zeros and report a fault, because the thread has ended by itself."""
+        self.native.stop_thread()
+        self.command_zeros()
+        self.timed_out = True
+        self.fault = f'{ENDED}: {reason}'
+        self._report_fault(ENDED, f'{reason}; commanding zeros; deactivate and activate '
+                           'the node')
+
+    # What the thread reports.
+
+    def on_state(self, data: bytes) -> None:
+        """Answer one message in this thread, as the native one does; for tests."""
+        if self.running:
+            self.native.answer(data)
+            self.read_reports()
+
+    def check_timeout(self) -> None:
+        """Read reports, and look at the clock if there is no thread."""
+        if self.running and self._rcl is None:
+            self.native.look_at_time()
+        self.read_reports()
+
+    def read_reports(self) -> None:
+        """Count, warn and observe what the thread did; called in the main thread."""
+        if not self.running:
+            return
+        if self._loads is not self._applied_loads:
+            self._apply_loads()
+        while reports := self.native.reports():
+            for report in reports:
+                self._read(report)
+        missing = self.native.lost - self.unobserved
+        if missing:
+            self.unobserved += missing
+            self.statistics.unobserved += missing
+            self._warn('cycles', f'{missing} answered, but not observed: the '
+                       'interpreter was busy')
+        unsent = self.native.unsent
+        if unsent > self._unsent:
+            self._warn('commands', f'{unsent - self._unsent} refused by the middleware')
+            self._unsent = unsent
+        code = self.native.code_of_end
+        if code and not self.fault:
+            self._end(f'rcl returned {code}')
+
+    def _read(self, report: Report) -> None:
+        """Read one report."""
+        if report.lost > self.unobserved:
+            self._lost_states.skip()
+        if report.kind != ELAPSED:
+            self._lost_states.note_number(report.sequence)
+        if report.kind == UNKNOWN:
+            self._learn(report)
+            return
+        if report.kind != ELAPSED:
+            self._reader.read(report.message, self.need_velocity)
+        now = round(float(report.event[NOW])) + self._epoch
+        self._note_drop(report, now)
+        reason = int(report.path.reason)
+        if report.kind == ELAPSED:
+            pass
+        elif reason == ACCEPTED:
+            self._note_command(report, now)
+        elif reason != FIRST:
+            self._note_dropped_state(report, reason, now)
+        self._mirror(report.path)
+
+    def _mirror(self, path: PathState) -> None:
+        """Take over the state of the thread."""
+        self._last = path
+        self.timed_out = bool(path.timed_out)
+        self.commanding = bool(path.commanding)
+        self._last_heard = round(float(path.last_heard)) + self._epoch
+        self.states.mirror(path.accepted, bool(path.confirmed))
+        if not path.fault:
+            self.fault = ''
+
+    def _note_command(self, report: Report, now: int) -> None:
+        """Count a command and call the observers."""
+        path = report.path
+        stamp = round(float(report.event[STAMP])) + self._epoch
+        clamped = path.clamped > 0.5
+        rate_limited = path.rate_limited > 0.5
+        limited = bool(clamped.any() or rate_limited.any())
+        self.last_update = report.begin / NANO
+        self._last_good = min(stamp, now)
+        self._last_stamp = self._last_good
+        self.statistics.command((report.end - report.begin) / NANO,
+                                (now - stamp) / NANO, limited)
+        self.statistics.full_parses = self._reader.full_parses
+        motion = None
+        if report.event[MOVING]:
+            motion, _ = self.active_motion.at(stamp)
+        command = Command(path.tau, clamped, rate_limited, limited)
+        cycle = Cycle(stamp, self._reader, motion, float(report.event[MOMENT]), path.tau,
+                      None, command)
+        for observer in self._observers:
+            try:
+                observer.on_cycle(cycle)
+            except Exception as error:  # the torques do not depend on an observer
+                self._report_fault('observer', f'{type(observer).__name__}: '
+                                   f'{type(error).__name__}: {error}')
+
+    def _note_drop(self, report: Report, now: int) -> None:
+        """Drop the desired motion where the thread did, and say what happened."""
+        path = report.path
+        before = self._last
+        if path.drops == before.drops:
+            return
+        self._last = before._replace(drops=path.drops)
+        if path.dropped_by == BY_CLOCK:
+            self.active_motion.clear('the clock jumped backward or was replaced')
+            self._warn('clock', 'jumped backward or replaced; desired motion dropped')
+        elif path.dropped_by == BY_TIMEOUT:
+            reason = f'none for {(now - self._last_heard) / NANO:.3f} s'
+            if path.silences > before.silences:
+                reason = self._silence_reason
+            dropped = self.active_motion.clear(f'joint states: {reason}')
+            if before.commanding:
+                self.statistics.timeouts += 1
+                self._warn('no joint state', f'{reason}; commanding zeros until the next '
+                           'one' + ', desired motion dropped' * dropped)
+
+    def _note_dropped_state(self, report: Report, code: int, now: int) -> None:
+        """Count and explain a state that was not answered."""
+        path = report.path
+        stamp = round(float(report.event[STAMP])) + self._epoch
+        if code == NO_CLOCK_RULE:
+            self._drop(NO_CLOCK, 'use_sim_time is true and no time was received')
+            return
+        if code < FIRST_REFUSED:
+            last = round(float(path.last_stamp)) + self._epoch
+            fault = time_fault(stamp, now, last, self._timeout)
+            assert fault is not None
+            self._drop(*fault)
+            return
+        if code == NO_TORQUE_RULE:
+            reason, detail = NO_TORQUE, ('torques: not finite; expected a state, a motion '
+                                         'and gains in a physical range')
+        else:
+            reason, detail = self.states.explain(float(path.elapsed), code == JUMP)
+        self._drop(reason, detail)
+        if path.fault and not self.fault:
+            self.fault = reason
+            dropped = self.active_motion.clear(f'joint states are refused: {reason}')
+            self.statistics.faults += 1
+            if self._last.commanding:
+                duration = (now - self._epoch - float(path.refused_since)) / NANO
+                self._report_fault('fault', f'{reason} for {duration:.3f} s; '
+                                   f'{self.reaction}'
+                                   + ', desired motion dropped' * dropped)
+
+    def _learn(self, report: Report) -> None:
+        """Learn the layout of a message and let the thread answer it, or drop it."""
+        data = report.message
+        if not data:
+            self._drop(MALFORMED, f'more than {LARGEST} bytes; expected at most as many, '
+                       'or torque_path: python')
+            return
+        reader = self._reader
+        fault = reader.read(data, self.need_velocity)
+        self.statistics.full_parses = reader.full_parses
+        if fault is not None and fault is not NOT_FINITE:
+            if fault is FOREIGN and not self.timed_out:
+                self.statistics.foreign_states += 1
+            else:
+                self._drop(MISSING if fault is FOREIGN else fault, reader.detail)
+            return
+        if not any(layout.fits(data) for layout in reader.layouts):
+            # Another encoding than plain little-endian CDR.
+            data = serialize_message(deserialize_message(data, JointState))
+            reader.read(data, self.need_velocity)
+        number, _ = self._replay
+        self._replay = number + 1, data
+        self._replan()
+        if self._rcl is None:  # there is no thread
+            self.native.answer(data)
+
+    def desired(self, stamp: int) -> State | None:
+        """Return the initial q, u and udot of a new motion, as `TorquePath`."""
+        state = self.active_motion.desired(stamp)
+        if state is None and self.last_update and self.states.known:
+            path = self._last
+            q = path.pose.copy() if path.holding else self._accepted()
+            state = q, 0.0 * q, 0.0 * q
+        return state

@@ -1,0 +1,120 @@
+"""The native torque path goes on at the full rate whatever the interpreter does."""
+
+from pathlib import Path
+import time
+
+import delayed_node
+from kane_dynamics import Robot
+from node_process import model, NAME, wait_until
+import numpy as np
+import pytest
+from std_msgs.msg import String
+
+DELAYED = str(Path(delayed_node.__file__))
+Q = np.array([0.3, -0.4, 0.2])
+RATE = 200.0  # states/s
+
+
+@pytest.fixture(scope='module')
+def holding():
+    """Return the torques that hold the pose Q."""
+    return Robot(model()).gravity_force(Q)
+
+
+@pytest.fixture
+def node(start, client):
+    process = start(program=[DELAYED, '--ros-args'], torque_path='native', state_timeout=0.5,
+                    activation='at_once', arm_compensates='none', limits__rate='.inf',
+                    state_check__speed_factor='.inf', state_check__position_margin='.inf')
+    client.delay = client.create_publisher(String, f'{NAME}/delay', 1)
+    process.wait_for('torque path: native')
+    client.connect()
+    assert wait_until(lambda: client.delay.get_subscription_count() == 1)
+    yield process
+    client.destroy_publisher(client.delay)
+
+
+def send_for(client, seconds):
+    """Publish states at the full rate; return their stamps."""
+    stamps = []
+    end = time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        stamps.append(client.send(Q, np.zeros(3)))
+        time.sleep(1.0 / RATE)
+    return stamps
+
+
+def delay(client, node, what):
+    client.delay.publish(String(data=what))
+    node.wait_for(f'delayed: {what.split()[0]}', 10.0)
+
+
+def require_answers(client, stamps, holding):
+    """States are answered with the right torque, without a gap; DDS may lose single ones."""
+    wait_until(lambda: stamps[-1] in client.torques, 2.0)
+    answered = [stamp for stamp in stamps if stamp in client.torques]
+    gaps = np.diff([stamps[0], *answered, stamps[-1]])
+    assert gaps.max() < 0.1e9, gaps.max()
+    assert len(answered) > 0.95 * len(stamps), (len(answered), len(stamps))
+    for stamp in answered:
+        np.testing.assert_allclose(client.torques[stamp], holding, rtol=1e-12)
+
+
+@pytest.mark.parametrize(('what', 'seconds'), [('lock 10', 9.0), ('collect 0', 3.0),
+                                               ('callback 3', 2.5)])
+def test_a_delayed_interpreter_delays_no_torque(node, client, holding, what, seconds):
+    client.torques.clear()
+    delay(client, node, what)
+    stamps = send_for(client, seconds)
+    require_answers(client, stamps, holding)
+    # What nothing could observe meanwhile is reported afterwards.
+    if what == 'lock 10':
+        node.wait_for('answered, but not observed: the interpreter was busy', 10.0)
+        client.diagnostics.clear()
+        assert wait_until(lambda: any(int(values.get('cycles not observed', '0')) > 100
+                                      for _, _, values in client.diagnostics), 5.0)
+
+
+def test_zeros_follow_the_last_state_while_another_thread_holds_the_lock(node, client):
+    send_for(client, 0.2)
+    delay(client, node, 'lock 5')
+    send_for(client, 0.2)
+    assert wait_until(lambda: any(client.commands[-1]), 1.0)
+    began = time.perf_counter()
+    assert wait_until(lambda: not any(client.commands[-1]), 2.0)
+    assert time.perf_counter() - began < 1.0, 'state_timeout is 0.5 s'
+    assert 'commanding zeros' not in node.log, 'the interpreter still sleeps'
+    node.wait_for('no joint state: none for', 10.0)
+
+
+def test_an_observer_that_fails_is_reported_and_torques_go_on(node, client, holding):
+    delay(client, node, 'observer 0')
+    client.torques.clear()
+    require_answers(client, send_for(client, 1.0), holding)
+    assert 'Faulty: ValueError: this observer fails' in node.log
+
+
+def test_the_node_ends_while_the_native_thread_works(node, client):
+    send_for(client, 0.2)
+    code, seconds = node.end()
+    assert code == 0
+    assert seconds < 2.0
+    assert wait_until(lambda: not any(client.commands[-1]), 1.0)
+
+
+def test_what_native_cannot_do_runs_on_the_interpreter_with_a_warning(start, client, holding):
+    node = start(torque_path='native', wrench__frames='[c]')
+    client.connect()
+    assert 'torque_path: native, but wrench.frames; the interpreter computes the commands' in (
+        node.log)
+    np.testing.assert_allclose(client.ask(Q, np.zeros(3)), holding, rtol=1e-12)
+
+
+def test_a_mode_without_a_native_law_is_refused(start, client):
+    node = start(torque_path='native', modes='[joint_impedance]')
+    client.connect()
+    node.wait_for('torque path: native')
+    answer = client.adjust(mode='joint_impedance')
+    assert not answer.successful
+    assert 'on the native torque path' in answer.reason
+    assert client.adjust(mode='computed_torque').successful

@@ -1,0 +1,268 @@
+"""The rules of the native torque path are those of the interpreter's, on random states."""
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from kane_dynamics import Controller, load_urdf, Motion, Robot, Terms  # noqa: E402, I100
+from kane_dynamics._util.resources import resource_path  # noqa: E402
+from kane_dynamics.native.runtime.message_loop import NOW, STAMP  # noqa: E402
+from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.torque_path import cycle_rules, native_loop  # noqa: E402
+from kane_dynamics.ros.torque_path.cdr import (PreparedMessage,  # noqa: E402
+                                               write_joint_state)
+from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
+from kane_dynamics.ros.torque_path.native_path import python_reason  # noqa: E402
+from kane_dynamics.ros.torque_path.rcl_functions import (handle_address,  # noqa: E402
+                                                         UnsupportedError)
+from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from native_rig import native_path  # noqa: E402
+from node_values import node_values  # noqa: E402
+
+ROBOT = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
+NAMES = ROBOT.joint_names
+NANO = 10**9
+EPOCH = 1000 * NANO  # small: `TorquePath` computes with stamps in s
+MODES = ('inverse_dynamics', 'computed_torque', 'gravity_compensation')
+NEAR = {'rtol': 1e-9, 'atol': 1e-9}
+
+
+class Sink:
+    """Keeps the bytes of the published messages."""
+
+    def __init__(self):
+        self.sent = []
+
+    def publish(self, data):
+        self.sent.append(data)
+
+
+class Side:
+    """One of the two paths, with what it published."""
+
+    def __init__(self, make, mode, values, clock, **settings):
+        self.commands = Sink()
+        self.torques = Sink()
+        self.statistics = Statistics()
+        self.warnings = []
+        self.path = make(
+            Controller(ROBOT.copy(), mode=mode, blend_time=values['blend_time'], **settings),
+            self.commands, self.torques, clock, values, self.statistics,
+            lambda reason, detail: self.warnings.append((reason, detail)))
+        self.path.start()
+
+    def outcome(self):
+        path = self.path
+        return {'dropped': dict(self.statistics.dropped), 'faults': self.statistics.faults,
+                'timeouts': self.statistics.timeouts, 'timed out': path.timed_out,
+                'commanding': path.commanding, 'fault': path.fault,
+                'commands': len(self.commands.sent), 'counted': self.statistics.commands,
+                'clamped': self.statistics.clamped, 'known': path.states.known,
+                'motion': path.active_motion.scheduled[0] is not None}
+
+
+def numbers(data):
+    return np.frombuffer(data[-8 * len(NAMES):])
+
+
+def message(q, u, stamp):
+    n = len(NAMES)
+    writer, (positions, velocities, _) = write_joint_state(NAMES, '', (n, n, 0))
+    prepared = PreparedMessage(writer, positions, n)
+    prepared.numbers[:] = q
+    prepared.doubles(velocities, n)[:] = u
+    prepared.stamp(*divmod(stamp, NANO))
+    return prepared.serialized()
+
+
+class Pair:
+    """Both paths with one clock; every step is compared."""
+
+    def __init__(self, mode, seed, **settings):
+        self.rng = np.random.default_rng(seed)
+        self.time = EPOCH
+        self.values = node_values({
+            'mode': mode, 'blend_time': 0.05, 'state_check.grace': 0.02,
+            'state_check.action': self.rng.choice(['zero', 'hold']), 'state_timeout': 0.1})
+        self.sides = [Side(make, mode, self.values, lambda: self.time, **settings)
+                      for make in (TorquePath, native_path)]
+        self.q = np.array([0.3, -0.2])
+
+    def step(self):
+        kind = self.rng.choice(
+            ['state', 'jump', 'far', 'fast', 'nan', 'stale', 'ahead', 'order', 'pause', 'back',
+             'motion', 'gains', 'mode', 'loads', 'effort', 'turn'],
+            p=[0.6, 0.05, 0.03, 0.03, 0.03, 0.02, 0.02, 0.02, 0.02, 0.01, 0.04, 0.03, 0.02, 0.02,
+               0.03, 0.03])
+        getattr(self, f'do_{kind}', self.do_state)(kind)
+        self.compare(kind)
+
+    def do_state(self, kind):
+        self.time += int(self.rng.integers(1_000_000, 9_000_000))
+        u = self.rng.uniform(-0.5, 0.5, 2)
+        self.q = self.q + 0.001 * u
+        q = self.q.copy()
+        age = 0
+        if kind == 'jump':
+            q[self.rng.integers(2)] += 0.7
+        elif kind == 'far':
+            q[1] += 50.0
+        elif kind == 'fast':
+            u[self.rng.integers(2)] = 1e4
+        elif kind == 'nan':
+            q[self.rng.integers(2)] = self.rng.choice([math.nan, math.inf])
+        elif kind == 'turn':
+            q[0] += 2.0 * math.pi
+        age = {'stale': 300_000_000, 'ahead': -300_000_000, 'order': 30_000_000}.get(kind, 0)
+        data = message(q, u, self.time - age)
+        for side in self.sides:
+            side.path.on_state(data)
+
+    def do_pause(self, kind):
+        self.time += 200_000_000
+        for side in self.sides:
+            side.path.check_timeout()
+
+    def do_back(self, kind):
+        self.time -= 5_000_000_000
+        self.do_state('state')
+
+    def do_motion(self, kind):
+        motion = Motion.from_points([0.0, 0.1, 0.3], [self.q, self.q + 0.05, self.q],
+                                    joint_names=NAMES)
+        for side in self.sides:
+            active = side.path.active_motion
+            assert active.follow(motion, self.time + 10_000_000, self.time, active.generation)
+
+    def do_gains(self, kind):
+        kp = self.rng.uniform(1.0, 50.0)
+        for side in self.sides:
+            side.path.controller.update(kp=kp)
+            side.path.set_limits(self.values)
+
+    def do_mode(self, kind):
+        mode = self.rng.choice(MODES)
+        for side in self.sides:
+            side.path.active_motion.clear('mode')
+            side.path.controller.update(mode=mode)
+            side.path.set_limits(self.values | {'mode': mode})
+
+    def do_effort(self, kind):
+        effort = self.rng.choice([1.0, 10.0, 300.0])
+        rate = self.rng.choice([20.0, math.inf])
+        for side in self.sides:
+            side.path.controller.update(effort_limit=effort, rate_limit=rate)
+            side.path.set_limits(self.values)
+
+    def do_loads(self, kind):
+        loads = GravityAndPayload(self.rng.uniform(-9.0, 9.0, 3))
+        for side in self.sides:
+            side.path.set_loads(loads)
+
+    def compare(self, kind):
+        ours, native = self.sides
+        assert native.outcome() == ours.outcome(), kind
+        if ours.commands.sent:
+            for expected, sink in ((ours.commands, native.commands),
+                                   (ours.torques, native.torques)):
+                np.testing.assert_allclose(numbers(sink.sent[-1]), numbers(expected.sent[-1]),
+                                           **NEAR)
+            assert native.torques.sent[-1][4:12] == ours.torques.sent[-1][4:12], 'stamp'
+
+
+@pytest.mark.parametrize('compensate', [
+    pytest.param(Terms(), id='every term'),
+    pytest.param(Terms(friction=False, inertia=False), id='some terms', marks=pytest.mark.slow)])
+@pytest.mark.parametrize('mode', MODES)
+def test_both_paths_give_the_same_commands_and_drop_the_same_states(mode, compensate):
+    pair = Pair(mode, 3, compensate=compensate, rate_limit=400.0)
+    for _ in range(400):
+        pair.step()
+    statistics = pair.sides[1].statistics
+    assert statistics.commands > 100
+    assert len(statistics.dropped) >= 5, 'every kind of fault'
+    assert statistics.timeouts
+    # What a person reads is the same too, but for the text of an overflow.
+    texts = [[text for text in side.warnings if text[0] != 'no finite torque']
+             for side in pair.sides]
+    assert texts[1] == texts[0]
+
+
+def test_the_compiled_rules_equal_the_readable_ones():
+    """The functions of `cycle_rules` on floats give what the thread's memory holds."""
+    pair = Pair('computed_torque', 5)
+    path = pair.sides[1].path
+    loop = path.native
+    compared = 0
+    for _ in range(60):
+        pair.step()
+        before = cycle_rules.unpacked_path(loop.path.copy(), 2)
+        pair.do_state('state')
+        settings = path._settings(np.concatenate([path.controller.kp, path.controller.kd]))
+        event = cycle_rules.Event(float(loop.event[NOW]), float(loop.event[STAMP]), 0.0, 0.0, 1.0)
+        judged = cycle_rules.judge(before, event, loop.state.copy(), settings)
+        after = cycle_rules.unpacked_path(loop.path.copy(), 2)
+        if path.active_motion.scheduled != (None, None) or after.reason:
+            continue
+        parameters = path.controller.robot.parameters.block
+        expected = cycle_rules.answer(
+            path.controller.robot, path.controller.mode, path.controller.compensate, judged,
+            event, loop.state.copy(), np.zeros((6, 6)), settings, parameters, parameters[3:])
+        np.testing.assert_allclose(cycle_rules.packed(after), cycle_rules.packed(expected),
+                                   rtol=1e-9, atol=1e-9)
+        compared += 1
+    assert compared > 10
+
+
+def test_a_full_ring_counts_what_nothing_observed():
+    pair = Pair('gravity_compensation', 1)
+    side = pair.sides[1]
+    pair.do_state('state')
+    pair.do_state('state')
+    stamped = message(pair.q, np.zeros(2), pair.time)
+    for _ in range(native_loop.SLOTS + 7):
+        side.path.native.answer(stamped)
+    side.path.read_reports()
+    assert side.path.unobserved == 7
+    assert side.statistics.unobserved == 7
+    assert side.warnings[-1][0] == 'cycles'
+
+
+def test_an_observer_that_fails_does_not_stop_the_torques():
+    pair = Pair('gravity_compensation', 1)
+    native = pair.sides[1]
+
+    class Faulty:
+        """An observer that fails."""
+
+        def start(self):
+            pass
+
+        def on_loads_changed(self):
+            pass
+
+        def on_cycle(self, cycle):
+            raise ValueError('broken')
+    native.path.add_observer(Faulty(), need_effort=False)
+    for _ in range(3):
+        pair.do_state('state')
+    pair.compare('state')
+    assert ('observer', 'Faulty: ValueError: broken') in native.warnings
+
+
+def test_what_runs_on_the_interpreters_path_is_said_with_its_reason():
+    controller = Controller(ROBOT)
+    assert not python_reason(node_values(), controller)
+    for name, value in (('guard.enabled', True), ('wrench.frames', ['tip']),
+                        ('stamped_commands', True)):
+        assert python_reason(node_values({name: value}), controller) == name
+    values = node_values({'mode': 'joint_impedance'})
+    assert python_reason(values, controller) == 'mode joint_impedance'
+
+
+def test_an_entity_without_an_address_is_refused():
+    with pytest.raises(UnsupportedError, match='no handle with an address; expected'):
+        handle_address(object())
