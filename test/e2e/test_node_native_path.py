@@ -50,11 +50,11 @@ def delay(client, node, what):
 
 
 def require_answers(client, stamps, holding):
-    """States are answered with the right torque, without a gap; DDS may lose single ones."""
+    """States are answered with the right torque, without a pause; DDS may lose single ones."""
     wait_until(lambda: stamps[-1] in client.torques, 2.0)
     answered = [stamp for stamp in stamps if stamp in client.torques]
-    gaps = np.diff([stamps[0], *answered, stamps[-1]])
-    assert gaps.max() < 0.1e9, gaps.max()
+    pauses = np.diff([stamps[0], *answered, stamps[-1]])
+    assert pauses.max() < 0.1e9, pauses.max()
     assert len(answered) > 0.95 * len(stamps), (len(answered), len(stamps))
     for stamp in answered:
         np.testing.assert_allclose(client.torques[stamp], holding, rtol=1e-12)

@@ -33,7 +33,7 @@ NOT_DROPPED, BY_CLOCK, BY_TIMEOUT, BY_REFUSAL = range(4)
 
 class PathState(NamedTuple):
     """
-    What the path remembers from one cycle to the next, and the result of a cycle.
+    The memory of the path from one cycle to the next, with the result of a cycle.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class PathState(NamedTuple):
 
 class CycleSettings(NamedTuple):
     """
-    What Python may change between two cycles.
+    The numbers that Python may change between two cycles.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class CycleSettings(NamedTuple):
     blend_time : Scalar
         ns.
     restarts, blends : Scalar
-        How often the law began anew, and how often it changed.
+        How often the law restarted, and how often it changed.
     jumps, silences : Scalar
         How often Python saw the clock jump, and asked for zeros until the next state.
     drops : Scalar
@@ -166,7 +166,7 @@ class CycleSettings(NamedTuple):
 
 class Event(NamedTuple):
     """
-    Why a cycle runs.
+    The times of a cycle, and the place on the motion.
 
     Attributes
     ----------

@@ -89,7 +89,7 @@ def compiled_rules(robot: Robot, terms: Terms) -> Rules:
 
 class CyclePlan:
     """
-    What one cycle uses; immutable, but for the row of the motion in its table.
+    The numbers and functions of a cycle; immutable, but for the row of the motion.
 
     Parameters
     ----------

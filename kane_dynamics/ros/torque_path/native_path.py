@@ -321,7 +321,7 @@ class NativeTorquePath(TorquePath):
         self._mirror(report.path)
 
     def _mirror(self, path: PathState) -> None:
-        """Take over the state of the thread."""
+        """Copy the state of the thread."""
         self._last = path
         self.timed_out = bool(path.timed_out)
         self.commanding = bool(path.commanding)
