@@ -37,6 +37,7 @@ from kane_dynamics.mechanics.elastic_joints import (damping_torque, spring_defle
                                                     spring_slope, spring_torque)
 from kane_dynamics.mechanics.friction import friction_torque
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.elastic_model import link_side
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -275,6 +276,13 @@ class _MotionLaw:
     def __init__(self, robot: Robot, motion: Motion, every: bool = False) -> None:
         self.arm = ElasticArm(robot, every)
         self.robot = robot
+        for side in self.arm.sides:
+            curve = side.drive.stiffness
+            if isinstance(curve, StiffnessCurve) and curve.dead_zone:
+                raise InputError(f"motor '{side.motor.name}': a dead zone of "
+                                 f'{curve.dead_zone:g} in its stiffness curve; expected '
+                                 'a curve without one, because no torque does not '
+                                 'determine the deflection')
         instance(motion, Motion, 'motion')
         if motion.joint_names != self.arm.names:
             raise InputError(f'motion: of the joints {list(motion.joint_names)}; '
@@ -317,8 +325,8 @@ class MotorSideControl(_MotionLaw):
     ------
     InputError
         The robot has no elastic joints; it has constraints, chosen speeds, ball joints,
-        beams or drives with `full_coupling`; the motion is of other joints; or a gain is
-        invalid.
+        beams, or drives with `full_coupling` or a dead zone; the motion is of other
+        joints; or a gain is invalid.
 
     """
 

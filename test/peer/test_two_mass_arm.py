@@ -1,7 +1,7 @@
 """An FR3 with elastic joints moves as MuJoCo's, whose joints have a rotor and a spring each."""
 
-from kane_dynamics import (Drive, load_urdf, ModelError, Robot, simulate, StiffnessCurve,
-                           with_drives)
+from kane_dynamics import (Drive, load_urdf, ModelError, Motion, MotorSideControl,
+                           natural_vibration, Robot, simulate, StiffnessCurve, with_drives)
 from kane_dynamics._util.resources import resource_path
 import numpy as np
 import pytest
@@ -60,3 +60,45 @@ def test_the_arm_in_mujoco_refuses_what_mujoco_lacks():
         in_mujoco(arm(stiffness=StiffnessCurve([0.01, 0.02], [0.0, 10.0])))
     with pytest.raises(ModelError, match=r"\['stribeck_speed'\] of the motor"):
         in_mujoco(arm(friction={'stribeck_speed': 0.1}))
+
+
+@pytest.mark.slow
+def test_the_elastic_feedforward_leaves_a_twentieth_of_the_vibration_of_the_rigid_one():
+    model = arm(stiffness=5000.0, damping=0.2)
+    robot, peer = Robot(model), in_mujoco(model, step=2.5e-4, integrator='RK4')
+    armature = {name: {'armature': 0.3} for name in JOINTS}
+    rigid = Robot(load_urdf(URDF, joints=JOINTS, supplement={'joints': armature}))
+    first = natural_vibration(robot, np.tile(HOME, 2), held=[f'{name}_motor' for name in JOINTS])
+    assert 5.0 < first.frequencies[0] / (2.0 * np.pi) < 12.0  # Hz
+
+    # A fast move with four continuous derivatives, torques held for cycles of 1 ms.
+    shape = np.polynomial.Polynomial([0, 0, 0, 0, 0, 126, -420, 540, -315, 70])
+    duration, cycle = 0.5, 1e-3
+    t = np.linspace(0.0, duration, 101)
+    move = np.array([0.7, 0.4, -0.4, 0.5, 0.4, -0.4, 0.5])
+    rows = [np.outer(shape.deriv(k)(t / duration) / duration**k, move) for k in (1, 2)]
+    motion = Motion.from_points(t, HOME + np.outer(shape(t / duration), move), *rows,
+                                joint_names=JOINTS)
+    kp, kd = 300.0, 20.0
+    control = MotorSideControl(robot, motion, kp=kp, kd=kd)
+    times = np.arange(0.0, duration + 0.4, cycle)
+    elastic = control.command(times)
+    q, u, _ = motion.sample(times)
+    sag = elastic.positions[0] - HOME
+    middles = times + 0.5 * cycle
+    commands = {
+        'elastic': (elastic.positions, elastic.velocities, control.command(middles).torques),
+        'rigid': (q + sag, u, rigid.inverse_dynamics(*motion.sample(middles)))}
+    vibration = {}
+    for name, command in commands.items():
+        peer.put(np.concatenate([HOME, elastic.positions[0]]), np.zeros(14))
+        places = []
+        for theta, rate, torque in zip(*command):
+            q, u = peer.state
+            feedback = kp * (theta - q[7:]) + kd * (rate - u[7:])
+            peer.step(np.concatenate([np.zeros(7), torque + feedback]), 4)
+            places.append(peer.position('fr3_link8'))
+        after = np.array(places)[times >= duration]
+        vibration[name] = np.ptp(after, axis=0).max()
+    assert vibration['rigid'] > 1e-3  # m
+    assert vibration['elastic'] < vibration['rigid'] / 20.0

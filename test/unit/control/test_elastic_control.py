@@ -42,9 +42,10 @@ def state_at(control, t=0.0):
     return np.concatenate([q, command.positions[0]]), np.concatenate([u, command.velocities[0]])
 
 
-@pytest.mark.parametrize('options', [{}, {'damping': 0.05, 'friction': {'damping': 0.3}},
-                                     {'stiffness': StiffnessCurve([0.02, 0.05], [4.0, 20.0])}],
-                         ids=['spring', 'damped', 'curve'])
+@pytest.mark.parametrize('options', [
+    {}, pytest.param({'damping': 0.05, 'friction': {'damping': 0.3}}, marks=pytest.mark.slow),
+    pytest.param({'stiffness': StiffnessCurve([0.02, 0.05], [4.0, 20.0])},
+                 marks=pytest.mark.slow)], ids=['spring', 'damped', 'curve'])
 def test_the_torques_of_the_feedforward_alone_move_the_links_along_the_motion(options):
     robot = Robot(elastic(**options))
     control = MotorSideControl(robot, motion(), kp=0.0, kd=0.0)
@@ -82,6 +83,7 @@ def test_the_motor_side_law_keeps_a_simulated_arm_on_the_motion_and_damps_its_er
     assert np.abs(pushed.q[-1] - run.q[-1]).max() < 0.25 * 0.02
 
 
+@pytest.mark.slow
 def test_the_motor_side_law_feeds_no_energy_into_an_arm_at_a_resting_target():
     robot = Robot(elastic(), friction=False)
     rest = Motion.from_points([0.0], [START], joint_names=NAMES)
@@ -119,6 +121,7 @@ def test_link_side_control_gives_the_links_the_fourth_derivative_that_it_wants()
     np.testing.assert_allclose(snap, wanted, rtol=2e-3, atol=2e-3 * np.abs(wanted).max())
 
 
+@pytest.mark.slow
 def test_errors_of_link_side_control_decay_with_four_equal_poles():
     robot = Robot(elastic(), friction=False)
     w, e0 = 20.0, 0.01
@@ -172,6 +175,10 @@ def test_a_trajectory_of_the_motors_has_their_positions_and_efforts_within_the_t
 @pytest.mark.parametrize(('make', 'text'), [
     (lambda: MotorSideControl(Robot(RIGID), motion(), kp=1.0, kd=1.0), 'rigid joints'),
     (lambda: LinkSideControl(Robot(elastic(NAMES[1:])), motion()), 'a drive at every joint'),
+    (lambda: LinkSideControl(Robot(elastic(
+        stiffness=StiffnessCurve([0.01, 0.02], [0.0, 5.0]))), motion()), 'a dead zone of 0.01'),
+    (lambda: MotorSideControl(Robot(elastic(full_coupling=True, rotor_inertia=1e-4)), motion(),
+                              kp=1.0, kd=1.0), 'full_coupling'),
     (lambda: MotorSideControl(Robot(elastic()), 3, kp=1.0, kd=1.0), 'motion: '),
     (lambda: MotorSideControl(Robot(elastic()), motion(), kp=-1.0, kd=1.0), 'kp'),
     (lambda: JointTorqueFeedback(Robot(elastic()), inertia=0.0), 'inertia: 0'),

@@ -124,6 +124,7 @@ def test_a_curve_counts_with_its_steepest_segment_for_the_step():
     assert of_curve.step == pytest.approx(of_line.step, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_an_implicit_step_crosses_the_dead_zone_of_a_stiff_curve():
     backlash = StiffnessCurve([0.001, 0.002], [0.0, 3e3], rounding=2e-6)
     robot = Robot(elastic_two_link(stiffness=backlash, damping=5.0))
@@ -136,6 +137,7 @@ def test_an_implicit_step_crosses_the_dead_zone_of_a_stiff_curve():
     np.testing.assert_allclose(motion.q[-1], reference.q[-1], atol=5e-4)
 
 
+@pytest.mark.slow
 def test_motors_that_are_held_leave_an_arm_on_springs():
     model = elastic_two_link(damping=0.1)
     motors = [drive.drive.motor for drive in model.drives]
