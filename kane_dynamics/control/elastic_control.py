@@ -40,6 +40,7 @@ from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.elastic_model import link_side
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -273,7 +274,7 @@ class ElasticArm:
 class _MotionLaw:
     """A law along a motion of the links, called by `simulate` as torque(t, q, u)."""
 
-    def __init__(self, robot: Robot, motion: Motion, every: bool = False) -> None:
+    def __init__(self, robot: Robot, motion: Motion | SmoothMotion, every: bool = False) -> None:
         self.arm = ElasticArm(robot, every)
         self.robot = robot
         for side in self.arm.sides:
@@ -283,7 +284,8 @@ class _MotionLaw:
                                  f'{curve.dead_zone:g} in its stiffness curve; expected '
                                  'a curve without one, because no torque does not '
                                  'determine the deflection')
-        instance(motion, Motion, 'motion')
+        if not isinstance(motion, SmoothMotion):
+            instance(motion, Motion, 'motion')
         if motion.joint_names != self.arm.names:
             raise InputError(f'motion: of the joints {list(motion.joint_names)}; '
                              f'expected {list(self.arm.names)}, those of the links')
@@ -316,8 +318,8 @@ class MotorSideControl(_MotionLaw):
     ----------
     robot : Robot
         With elastic joints, all or some.
-    motion : Motion
-        Of the links, in their order.
+    motion : Motion or SmoothMotion
+        Of the links, in their order; the torques jump where its fourth derivative does.
     kp, kd : float or (n,) array_like
         N m/rad and N m s/rad, joint-side.
 
@@ -330,7 +332,7 @@ class MotorSideControl(_MotionLaw):
 
     """
 
-    def __init__(self, robot: Robot, motion: Motion, *, kp: ArrayLike,
+    def __init__(self, robot: Robot, motion: Motion | SmoothMotion, *, kp: ArrayLike,
                  kd: ArrayLike) -> None:
         """Check the gains and compile the law."""
         super().__init__(robot, motion)
@@ -441,8 +443,8 @@ class LinkSideControl(_MotionLaw):
     ----------
     robot : Robot
         With a drive at every joint.
-    motion : Motion
-        Of the links, in their order.
+    motion : Motion or SmoothMotion
+        Of the links, in their order; the torques jump where its fourth derivative does.
     bandwidth : float or (n,) array_like
         w, rad/s.
 
@@ -453,7 +455,7 @@ class LinkSideControl(_MotionLaw):
 
     """
 
-    def __init__(self, robot: Robot, motion: Motion, *,
+    def __init__(self, robot: Robot, motion: Motion | SmoothMotion, *,
                  bandwidth: ArrayLike = BANDWIDTH) -> None:
         """Check the bandwidth and compile the law."""
         super().__init__(robot, motion, every=True)
@@ -513,8 +515,10 @@ class JointTorqueFeedback:
         return np.asarray(self._law(q, u, torque, self.inertia))
 
 
-def derivatives_of(motion: Motion, t: Array) -> Array:
+def derivatives_of(motion: Motion | SmoothMotion, t: Array) -> Array:
     """Return a motion and its first four derivatives at times (K,), (K, 5, n)."""
+    if isinstance(motion, SmoothMotion):
+        return np.stack(motion.sample(t), axis=1)
     n = motion.n
     result = np.zeros((len(t), DERIVATIVES, n))
     q, u, udot = motion.sample(t)

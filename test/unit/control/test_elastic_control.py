@@ -4,7 +4,7 @@ from functools import cache
 
 from kane_dynamics import (Coupling, Drive, InputError, JointTorqueFeedback, LinkSideControl,
                            load_urdf, Motion, MotorSideControl, Robot, simulate,
-                           StiffnessCurve, with_drives)
+                           SmoothMotion, StiffnessCurve, with_drives)
 from kane_dynamics._util.resources import resource_path
 import numpy as np
 import pytest
@@ -137,6 +137,17 @@ def test_errors_of_link_side_control_decay_with_four_equal_poles():
     expected = e0 * np.exp(-x) * (1.0 + x + x**2 / 2.0 + x**3 / 6.0)
     np.testing.assert_allclose(START - run.q[:, :2], np.tile(expected, (2, 1)).T,
                                atol=0.01 * e0)
+
+
+def test_a_smooth_motion_has_the_command_of_the_motion_through_its_points():
+    robot = Robot(elastic())
+    smooth = SmoothMotion.from_points(motion().times[::10], motion().positions[::10],
+                                      joint_names=NAMES)
+    times = np.linspace(0.1, 0.4, 7)
+    expected = MotorSideControl(robot, motion(), kp=0.0, kd=0.0).command(times)
+    command = MotorSideControl(robot, smooth, kp=0.0, kd=0.0).command(times)
+    np.testing.assert_allclose(command.positions, expected.positions, atol=1e-4)
+    np.testing.assert_allclose(command.torques, expected.torques, rtol=1e-2)
 
 
 def test_torque_feedback_gives_the_motors_the_stated_inertia():
