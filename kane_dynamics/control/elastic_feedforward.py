@@ -104,8 +104,9 @@ class ElasticFeedforward:
         sides = drive_sides(robot.model, model.joint_names)
         self._damped = [side for side in sides if side.drive.damping and robot.friction]
         self._sides = [side for side in sides if side not in self._damped]
-        shapes: dict[str, tuple[int, ...]] = {'q': (len(model.coordinate_names),)}
-        for name in ('u', 'udot', 'jerk', 'snap'):
+        shapes: dict[str, tuple[int, ...]] = {}
+        shapes['link_position'] = (len(model.coordinate_names),)
+        for name in ('link_speed', 'link_acceleration', 'jerk', 'snap'):
             shapes[name] = (model.n,)
         self._shapes = shapes
         self.kernel = robot.compiled(self._law, name='elastic_feedforward',
