@@ -37,7 +37,8 @@ def test_the_regressor_gives_the_torque_of_the_bodies():
     rotors = [body.joint.armature for body in robot.model.bodies[2:]]
     expected = inertia + coriolis + gravity
     expected[2:] -= rotors * state[2, 2:]
-    assert_allclose(robot.regressor(*state) @ robot.inertial_parameters, expected, rtol=0, atol=1e-11)
+    assert_allclose(robot.regressor(*state) @ robot.inertial_parameters, expected, rtol=0,
+                    atol=1e-11)
 
 
 def test_casadi_evaluates_and_differentiates_the_torque():
