@@ -25,6 +25,7 @@ class Mode(StrEnum):
     JOINT_IMPEDANCE = 'joint_impedance'
     CARTESIAN_IMPEDANCE = 'cartesian_impedance'
     HAND_GUIDING = 'hand_guiding'
+    ARM_COUPLING = 'arm_coupling'
 
     @property
     def follows_motions(self) -> bool:
@@ -36,7 +37,7 @@ class Mode(StrEnum):
     def is_stiff(self) -> bool:
         """Return whether the torque depends on the distance to a desired position."""
         return self in (Mode.COMPUTED_TORQUE, Mode.JOINT_IMPEDANCE,
-                        Mode.CARTESIAN_IMPEDANCE)
+                        Mode.CARTESIAN_IMPEDANCE, Mode.ARM_COUPLING)
 
 
 @hinting

@@ -219,6 +219,15 @@ class ArmCoupling:
         self.engaged = False
         self.lost = reason
 
+    def restart(self) -> None:
+        """Begin again alone, where the arm is at the next state."""
+        self._memory.restart()
+        self.disengage('this arm: began again')
+
+    def is_usable(self, t: float, partner: PartnerState) -> bool:
+        """Return whether a state of the partner is of the time t, within the timeout."""
+        return not self._lateness(t, partner)
+
     def torque(self, t: float, q: ArrayLike, u: ArrayLike,
                partner: PartnerState | None = None) -> Array:
         """

@@ -24,6 +24,7 @@ from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
+from kane_dynamics.ros.monitors.coupling_topics import CouplingTopics
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
                                                         joint_command_type,
@@ -34,6 +35,7 @@ from kane_dynamics.ros.parameters.task_settings import controlled_frame
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
+from kane_dynamics.ros.torque_path.arm_coupling_mode import ArmCouplingMode
 from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode
 from kane_dynamics.ros.torque_path.closed_loop_reader import (closed_loop_reader,
                                                               command_fault)
@@ -224,6 +226,7 @@ class ConfiguredRobot:
         self.optional_topics = OptionalTopics(node, server, self.path, values, self._now,
                                               self._reject, publisher, opened)
         self._targets: TargetInput | None = None
+        self._coupling: CouplingTopics | None = None
         if not self.fault:
             self._open_task_topics(publisher, opened)
         self.guard: GuardLink | None = None
@@ -298,6 +301,9 @@ class ConfiguredRobot:
                                    frame, controller, self.modes.laws)
             opened.callback(topic.close)
             self.path.add_observer(topic, need_effort=False)
+        coupling = self.modes.laws.get(Mode.ARM_COUPLING)
+        if isinstance(coupling, ArmCouplingMode):
+            self._open_coupling(coupling, publisher, opened)
         law = self.modes.laws.get(Mode.CARTESIAN_IMPEDANCE)
         if not isinstance(law, CartesianMode):
             return
@@ -308,6 +314,20 @@ class ConfiguredRobot:
                                      (WrenchStamped, WRENCH, targets.on_wrench)):
             opened.callback(node.destroy_subscription, node.create_subscription(
                 kind, f'~/{name}', callback, BEST_EFFORT, raw=True))
+
+    def _open_coupling(self, mode: ArmCouplingMode, publisher: Callable[..., Any],
+                       opened: ExitStack) -> None:
+        """Open the topics between this arm and its partner."""
+        node = self._node
+        self._coupling = CouplingTopics(
+            self.robot, mode, self.values,
+            publisher(JointState, '~/coupling_state', RELIABLE), node.get_logger(),
+            lambda reason, detail: self._reject(f'coupling: {reason}', detail),
+            self.path.controller.bending)
+        self.path.add_observer(self._coupling, need_effort=True)
+        opened.callback(node.destroy_subscription, node.create_subscription(
+            JointState, self.values['coupling.partner'], self._coupling.on_message,
+            BEST_EFFORT, raw=True))
 
     def _on_state(self, data: bytes, info: Mapping[str, Any]) -> None:
         self.path.on_state(data)  # first: the command must not wait for the count
@@ -411,6 +431,8 @@ class ConfiguredRobot:
         self.path.set_limits(values)
         if self._targets is not None:
             self._targets.update(values)
+        if self._coupling is not None:
+            self._coupling.update(values)
         if self.gravity_source is not None:
             self.gravity_source.time_constant = values['imu.time_constant']
         self.optional_topics.update(values)

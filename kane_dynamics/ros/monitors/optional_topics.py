@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
+from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.qos import BEST_EFFORT, LATCHED, RELIABLE
@@ -58,6 +59,8 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
         joint_command_type()
     if values['imu.topic']:
         _check_topic('imu.topic', values['imu.topic'])
+    if values['coupling.partner']:
+        _check_topic('coupling.partner', values['coupling.partner'])
     check_frames(robot.model, values['wrench.frames'])
     if values['payload.frame']:
         check_frames(robot.model, [values['payload.frame']], 'payload.frame')
@@ -68,7 +71,8 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
                      'observer.frame')
     if values['estimator.enabled']:
         estimator_settings(values, robot)
-    if values['observer.enabled'] or values['estimator.enabled']:
+    observes = values['observer.enabled'] or values['estimator.enabled']
+    if observes or Mode.ARM_COUPLING in (values['mode'], *values['modes']):
         stated_efforts(values, robot)
 
 

@@ -14,7 +14,8 @@ from kane_dynamics.control.friction_error import FRICTION_SPEED
 from kane_dynamics.control.terms import Mode, STATEMENT
 from kane_dynamics.mechanics.integrators import INTEGRATORS
 
-LAW_MODES = (Mode.JOINT_IMPEDANCE, Mode.CARTESIAN_IMPEDANCE, Mode.HAND_GUIDING)
+LAW_MODES = (Mode.JOINT_IMPEDANCE, Mode.CARTESIAN_IMPEDANCE, Mode.HAND_GUIDING,
+             Mode.ARM_COUPLING)
 Kind = Literal['text', 'flag', 'number', 'count', 'names', 'vector', 'six', 'numbers',
                'floats', 'per_joint', 'terms']
 
@@ -246,6 +247,43 @@ SPECS = (
          'number is fixed'),
     live('hand_guiding.plane_stiffness', 'number', 2000.0,
          'stiffness of the planes, N/m', low=0.0),
+    Spec('coupling.partner', 'text', '',
+         'mode arm_coupling: topic of the other arm, the ~/coupling_state of its node'),
+    live('coupling.engaged', 'flag', False,
+         'whether the arm follows its partner, from the first state of it on; after a loss '
+         'false, then true again'),
+    Spec('coupling.stiffness', 'per_joint', [],
+         'stiffness of the joints towards those of the partner, N m/rad or N/m; empty: '
+         'five times the effort limit per rad or m', low=0.0),
+    Spec('coupling.damping', 'per_joint', [],
+         'damping, N m s/rad or N s/m; empty: damping ratio 0.7 for the inertia of each '
+         'joint at zero positions. A delay between the arms should be shorter '
+         'than damping over stiffness', low=0.0),
+    Spec('coupling.reflection', 'number', 0.8,
+         "the part of the partner's external torque that is added", low=0.0, high=1.0),
+    Spec('coupling.scale', 'per_joint', 1.0,
+         'motion of a joint over that of the partner; negative: mirrored; not 0'),
+    Spec('coupling.max_force', 'per_joint', [],
+         'largest torque of the coupling beside that of the model, N m or N; empty: none',
+         positive=True, infinite=True, low=0.0),
+    Spec('coupling.max_speed', 'per_joint', [],
+         'largest speed at which a joint follows, rad/s or m/s; empty: the limits of the '
+         'URDF', positive=True, infinite=True, low=0.0),
+    Spec('coupling.alone', 'text', 'hold',
+         'what the arm does without its partner: hold its position, or yield freely',
+         choices=('hold', 'free')),
+    Spec('coupling.timeout', 'number', 0.1,
+         "age of the partner's state, s, above which it is lost", positive=True, low=0.0,
+         high=10.0),
+    Spec('coupling.ramp', 'number', 0.5,
+         'time, s, in which rates and torques of the partner fade in and out',
+         positive=True, low=0.0, high=60.0),
+    Spec('coupling.align_speed', 'number', 0.2,
+         'speed at which the distance at engagement vanishes, rad/s or m/s; 0: it stays',
+         low=0.0, high=100.0),
+    Spec('coupling.observer_gain', 'per_joint', 100.0,
+         'gain of the observer of the external torque that the partner receives, 1/s',
+         positive=True, low=0.0),
     live('target.max_speed', 'number', 0.25,
          'largest speed of the target of mode cartesian_impedance, m/s', positive=True,
          low=0.0, high=100.0),
@@ -267,8 +305,8 @@ SPECS = (
          'time a target that moves by ~/target_twist is held, and ~/target_wrench ends',
          positive=True, low=0.0, high=60.0),
     Spec('task_state.rate', 'number', 50.0,
-         'rate of ~/task_state in the modes joint_impedance, cartesian_impedance and '
-         'hand_guiding, 1/s; 0: not published', low=0.0, high=1000.0),
+         'rate of ~/task_state in the modes joint_impedance, cartesian_impedance, '
+         'hand_guiding and arm_coupling, 1/s; 0: not published', low=0.0, high=1000.0),
     live('limits.effort', 'per_joint', [],
          'effort limit, N m or N, in addition to that of the '
          'URDF; the smaller one applies; empty: only that of the URDF', positive=True,

@@ -1,6 +1,6 @@
-"""The parameters of impedance and hand guiding as settings of their laws."""
+"""The parameters of impedance, hand guiding and coupled arms as settings of their laws."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
@@ -12,6 +12,7 @@ from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 import numpy as np
 
 EFFORTS_PER_UNIT = 5.0  # joint stiffness by default: effort limits per rad or m
+RATIO = 0.7  # damping ratio of coupled joints by default
 
 
 def controlled_frame(values: Mapping[str, Any], model: Model) -> str:
@@ -140,3 +141,50 @@ def guiding_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
             'plane_stiffness': values['hand_guiding.plane_stiffness'],
             'effort_limit': per_joint(values, 'limits.effort', joints, math.inf),
             **wall_settings(values, robot)}
+
+
+def coupling_settings(values: Mapping[str, Any], robot: Robot,
+                      joints: Sequence[str]) -> dict[str, Any]:
+    """
+    Return the settings of `ArmCoupling`: parameters coupling.*.
+
+    Parameters
+    ----------
+    values : mapping
+        The node's parameters.
+    robot : Robot
+        The robot of the torque path.
+    joints : sequence of str
+        The joints that are coupled.
+
+    Raises
+    ------
+    InputError
+        A list has the wrong length, or the stiffness is not set and a joint has no
+        effort limit.
+
+    """
+    places = [robot.joint_names.index(name) for name in joints]
+    effort = EFFORTS_PER_UNIT * np.asarray(robot.limits.effort, np.float64)[places]
+    stiffness = per_joint(values, 'coupling.stiffness', joints, effort)
+    if not np.isfinite(stiffness).all():
+        joint = joints[int(np.flatnonzero(~np.isfinite(stiffness))[0])]
+        raise InputError(f"parameter 'coupling.stiffness': empty, and joint '{joint}' has "
+                         'no effort limit; expected one number or one per joint, N m/rad '
+                         'or N/m')
+    speeds = np.asarray(robot.limits.velocity, np.float64)[places]
+    # By a ratio for the inertia of each joint with the others free. The independent
+    # speeds of an arm of the node are rates of the joints that are coupled.
+    inertias = dict(zip(robot.speed_names, np.diag(robot.mass_matrix(robot.neutral()))))
+    inertia = np.array([inertias[name] for name in joints])
+    damping = 2.0 * RATIO * np.sqrt(stiffness * inertia)
+    settings = {
+        'stiffness': stiffness,
+        'damping': per_joint(values, 'coupling.damping', joints, damping),
+        'scale': per_joint(values, 'coupling.scale', joints, 1.0),
+        'force_limit': per_joint(values, 'coupling.max_force', joints, math.inf),
+        'speed_limit': per_joint(values, 'coupling.max_speed', joints, speeds),
+        'compensate': terms(values)}
+    for name in ('reflection', 'alone', 'timeout', 'ramp', 'align_speed'):
+        settings[name] = values[f'coupling.{name}']
+    return settings

@@ -1,4 +1,4 @@
-"""The laws of the modes joint_impedance, cartesian_impedance and hand_guiding."""
+"""The laws of the modes of impedance, of hand guiding and of coupled arms."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
@@ -8,6 +8,7 @@ from kane_dynamics.control.controller import ModeLaw, OWN_MODES
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.torque_path.arm_coupling_mode import ArmCouplingMode
 from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode
 from kane_dynamics.ros.torque_path.hand_guiding_mode import HandGuidingMode
 from kane_dynamics.ros.torque_path.joint_impedance_mode import JointImpedanceMode
@@ -17,7 +18,8 @@ from kane_dynamics.ros.torque_path.task_description import (TaskDescription,
 LAWS: dict[Mode, Callable[[Robot, Mapping[str, Any]], 'LiveLaw']] = {
     Mode.JOINT_IMPEDANCE: JointImpedanceMode,
     Mode.CARTESIAN_IMPEDANCE: CartesianMode,
-    Mode.HAND_GUIDING: HandGuidingMode}
+    Mode.HAND_GUIDING: HandGuidingMode,
+    Mode.ARM_COUPLING: ArmCouplingMode}
 
 
 class LiveLaw(ModeLaw, Protocol):
