@@ -1,4 +1,9 @@
-"""Leader and follower over DDS: two nodes, two simulated arms, four processes."""
+"""
+Leader and follower over DDS: two nodes, two simulated arms, four processes.
+
+That no torque jumps is tested in test/unit/ros/test_ros_arm_coupling.py: here a busy machine
+delays states and commands of arms that move in real time.
+"""
 
 import os
 import re
@@ -30,7 +35,8 @@ class Side:
                              command_timeout=2.0, **common)
         self.node = Process(*namespace, mode='arm_coupling', state_timeout=2.0,
                             coupling__partner=f'/{partner}/kane_dynamics/coupling_state',
-                            coupling__stiffness=30.0,
+                            coupling__stiffness=20.0, coupling__damping='[8.0,0.8]',
+                            coupling__observer_gain=20.0, coupling__reflection=0.5,
                             coupling__timeout=0.4, coupling__align_speed=1.0,
                             blend_time=0.1, **common)
         self.client, self.states, self.torques = client, [], []
@@ -62,10 +68,6 @@ class Side:
         message.wrench.force.x, message.wrench.force.z = force
         self.push.publish(message)
 
-    def largest_step(self):
-        """Return the largest difference of torques one after the other, N m."""
-        return np.abs(np.diff([list(message.effort) for message in self.torques], axis=0)).max()
-
 
 def wait(seconds):
     wait_until(lambda: False, seconds)
@@ -81,7 +83,6 @@ def test_a_follower_goes_where_the_leader_is_led_and_a_lost_side_is_harmless(par
             assert wait_until(lambda side=side: len(side.torques) > 50, 60.0), side.node.log
         for side, start in zip(sides, START.values()):
             np.testing.assert_allclose(side.q, start, atol=2e-3)  # each holds its position
-            side.torques.clear()
         for side in sides:
             side.set(True)
         assert wait_until(lambda: all(side.engaged for side in sides), 20.0), leader.node.log
@@ -100,12 +101,10 @@ def test_a_follower_goes_where_the_leader_is_led_and_a_lost_side_is_harmless(par
         os.kill(leader.node.pid, signal.SIGSTOP)
         try:
             follower.node.wait_for('coupling: alone, partner: no state for 0.4', 20.0)
-            wait(1.5)
+            wait(2.5)
             rest = follower.q
             wait(0.5)
             np.testing.assert_allclose(follower.q, rest, atol=5e-3)
-            # The springs would give 9 N m at once, at the engagement and at the loss.
-            assert follower.largest_step() < 3.0
         finally:
             os.kill(leader.node.pid, signal.SIGCONT)
         assert wait_until(lambda: not leader.engaged, 20.0), leader.node.log

@@ -127,7 +127,7 @@ class CouplingTopics:
                               'false, then true, to engage again')
 
     def on_message(self, data: bytes) -> None:
-        """Take the state of the partner from a serialized JointState, or refuse it."""
+        """Use a serialized JointState as the state of the partner, or refuse it."""
         reader = self._reader
         if reader is None:
             reader = self._reader_of(data)

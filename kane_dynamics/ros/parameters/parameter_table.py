@@ -257,8 +257,8 @@ SPECS = (
          'five times the effort limit per rad or m', low=0.0),
     Spec('coupling.damping', 'per_joint', [],
          'damping, N m s/rad or N s/m; empty: damping ratio 0.7 for the inertia of each '
-         'joint at zero positions. A delay between the arms should be shorter '
-         'than damping over stiffness', low=0.0),
+         'joint at zero positions, with the others free. A delay between the arms should '
+         'be shorter than damping over stiffness', low=0.0),
     Spec('coupling.reflection', 'number', 0.8,
          "the part of the partner's external torque that is added", low=0.0, high=1.0),
     Spec('coupling.scale', 'per_joint', 1.0,

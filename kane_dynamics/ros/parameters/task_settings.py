@@ -175,7 +175,8 @@ def coupling_settings(values: Mapping[str, Any], robot: Robot,
     speeds = np.asarray(robot.limits.velocity, np.float64)[places]
     # By a ratio for the inertia of each joint with the others free. The independent
     # speeds of an arm of the node are rates of the joints that are coupled.
-    inertias = dict(zip(robot.speed_names, np.diag(robot.mass_matrix(robot.neutral()))))
+    mobilities = np.diag(np.linalg.inv(robot.mass_matrix(robot.neutral())))
+    inertias = dict(zip(robot.speed_names, 1.0 / mobilities))
     inertia = np.array([inertias[name] for name in joints])
     damping = 2.0 * RATIO * np.sqrt(stiffness * inertia)
     settings = {

@@ -133,7 +133,7 @@ def test_the_arms_engage_follow_and_lose_each_other_without_a_jump(sides):
     np.testing.assert_allclose(leader.q, follower.q, atol=0.02)
     run(sides, 1.4, exchange=False)  # as if a node were gone
     for side in sides:
-        # The springs would give 24 N m at once. The observer passes the push on.
+        # The springs would give 24 N m at once. The observer passes the force on.
         assert largest_change(side, begin) < 1.0
         assert not side.mode.law.engaged and np.abs(side.u).max() < 2e-3
         engaged, alone = side.said
@@ -159,7 +159,7 @@ def test_the_arms_engage_follow_and_lose_each_other_without_a_jump(sides):
 
 
 def test_what_a_partner_feels_is_the_torque_at_its_joints(sides):
-    leader, follower = sides
+    leader = sides[0]
     for side in sides:
         side.adjust(coupling__engaged=False)
     leader.push = np.array([2.0, -1.0])

@@ -46,7 +46,8 @@ class Rig:
     def __init__(self, mode='cartesian_impedance', frame=FRAME, urdf=URDF, start=START, **changes):
         self.values = node_values({
             'mode': mode, 'modes': list(map(str, LAW_MODES)), 'cartesian.frame': frame,
-            'limits.rate': math.inf, 'coupling.partner': 'partner/coupling_state', **{k.replace('__', '.'): v for k, v in changes.items()}})
+            'limits.rate': math.inf, 'coupling.partner': 'partner/coupling_state',
+            **{k.replace('__', '.'): v for k, v in changes.items()}})
         model = load_model(urdf, self.values, lambda warning: None)
         self.controller = path_controller(model, self.values, self._laws)
         self.robot = self.controller.robot
