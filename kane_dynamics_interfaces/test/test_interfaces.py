@@ -5,7 +5,7 @@ from pathlib import Path
 from ament_index_python import get_package_share_directory
 from geometry_msgs.msg import Inertia, Point, Pose, Vector3, Wrench, WrenchStamped
 from kane_dynamics_interfaces.action import SimulateMotion
-from kane_dynamics_interfaces.msg import TaskState, TorqueExplanation
+from kane_dynamics_interfaces.msg import PayloadEstimate, TaskState, TorqueExplanation
 from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
                                           InverseDynamics, SetPayload, Simulate, TimeOptimal)
 import pytest
@@ -17,8 +17,7 @@ PARTS = [part for service in (Explain, FillTrajectory, ForwardDynamics, GetDynam
                               InverseDynamics, SetPayload, Simulate, TimeOptimal)
          for part in (service.Request, service.Response)]
 PARTS += [SimulateMotion.Goal, SimulateMotion.Result, SimulateMotion.Feedback, TorqueExplanation,
-          TaskState]
-
+          TaskState, PayloadEstimate]
 
 VALUES = {'boolean': True, 'double': 0.25, 'sequence<double>': [1.5, -2.5e300],
           'sequence<string>': ['a', 'b'], 'string': 'words', 'uint8': 2, 'uint32': 3,

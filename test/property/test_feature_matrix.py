@@ -6,12 +6,9 @@ from kinds_of_mechanism import case, KINDS, PAIRS
 import pytest
 
 
-EVERY_TIME = (('chosen speeds', 'closed loop'),)  # of the pairs; compiling all takes a minute
-
-
+# Compiling the pairs takes a minute.
 @pytest.mark.parametrize('kinds', [*((kind,) for kind in KINDS), *(
-    pair if pair in EVERY_TIME else pytest.param(pair, marks=pytest.mark.slow) for pair in PAIRS)],
-    ids=' and '.join)
+    pytest.param(pair, marks=pytest.mark.slow) for pair in PAIRS)], ids=' and '.join)
 def test_every_feature_is_right_or_refused_for(kinds):
     wrong = []
     for row in ROWS:

@@ -1,6 +1,6 @@
 """Merging keeps mass, center of mass and inertia of the robot for any selection."""
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from kane_dynamics.model.model import Inertial, WORLD
 from mechanisms import random_inertial
 import numpy as np
@@ -65,7 +65,6 @@ def whole(model, q):
     return total
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10 ** 6), st.integers(1, 8), st.data())
 def test_locking_joints_keeps_mass_com_and_inertia_of_the_robot(seed, n, data):
     source = random_urdf(seed, n)
@@ -81,7 +80,6 @@ def test_locking_joints_keeps_mass_com_and_inertia_of_the_robot(seed, n, data):
     assert_allclose(actual, expected, atol=1e-11 * np.abs(expected).max(), rtol=0)
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10 ** 6), st.integers(2, 8))
 def test_frames_of_a_locked_robot_are_where_they_were(seed, n):
     source = random_urdf(seed, n)
@@ -97,7 +95,6 @@ def test_frames_of_a_locked_robot_are_where_they_were(seed, n):
         assert_allclose(other.translation, p + R @ frame.translation, atol=1e-12 * n * 10)
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10 ** 6), st.integers(2, 8))
 def test_locking_a_master_keeps_its_mimics_where_they_were(seed, n):
     source = random_urdf(seed, n, mimics=True)
@@ -108,7 +105,6 @@ def test_locking_a_master_keeps_its_mimics_where_they_were(seed, n):
     assert_allclose(whole(still, []), expected, atol=1e-11 * np.abs(expected).max(), rtol=0)
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10 ** 6), st.integers(1, 6))
 def test_order_of_links_and_joints_in_the_text_does_not_matter(seed, n):
     source = random_urdf(seed, n)

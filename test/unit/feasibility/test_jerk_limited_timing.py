@@ -336,8 +336,8 @@ def test_duration_along_a_curve_is_the_least_of_a_program_in_time():
 
 
 @pytest.mark.parametrize(('effort', 'rate', 'jerk'), [
-    pytest.param(6.0, 20.0, math.inf, marks=pytest.mark.slow), (5.5, 40.0, 30.0),
-    (1e3, 12.0, math.inf)])
+    pytest.param(6.0, 20.0, math.inf, marks=pytest.mark.slow),
+    pytest.param(5.5, 40.0, 30.0, marks=pytest.mark.slow), (1e3, 12.0, math.inf)])
 def test_duration_of_a_pendulum_with_gravity_is_the_least_of_a_program_in_time(effort, rate, jerk):
     weight, inertia = 9.80665 * 0.5, 1.0 / 3.0  # of a rod of 1 kg and 1 m, horizontal at s = 0
 

@@ -36,7 +36,8 @@ def surface(shape):
 
 
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize('name', [pytest.param('ur10e', marks=pytest.mark.slow), 'fr3'])
+@pytest.mark.slow
+@pytest.mark.parametrize('name', ['ur10e', 'fr3'])
 def test_default_motion_keeps_above_the_floor_and_away_from_itself_between_samples(name):
     model, shapes = loaded(name)
     found = excite(model, starts=1, floor=0.0, shapes=shapes)

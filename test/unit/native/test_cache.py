@@ -102,8 +102,8 @@ def test_processes_that_start_together_do_not_disturb_each_other(place):
     expected = torque()
     for file in place.iterdir():
         file.unlink()
-    with multiprocessing.get_context('spawn').Pool(4) as pool:
-        for result in pool.map(torque, range(8)):
+    with multiprocessing.get_context('spawn').Pool(3) as pool:
+        for result in pool.map(torque, range(6)):
             assert np.array_equal(result, expected)
     assert not [name for name in os.listdir(place) if name.startswith('tmp')]
 

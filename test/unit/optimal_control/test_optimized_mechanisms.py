@@ -17,7 +17,8 @@ import pytest
 
 H = 0.03  # long, so that what closes the loops counts
 SEVERAL = [*((kind,) for kind in KINDS[1:]), ('chosen speeds', 'closed loop'),
-           ('closed loop', 'free and ball joints'), ('closed loop', 'flexible'),
+           pytest.param(('closed loop', 'free and ball joints'), marks=pytest.mark.slow),
+           ('closed loop', 'flexible'),
            ('rolling disc',)]
 each_kind = pytest.mark.parametrize('kinds', SEVERAL, ids=' and '.join)
 and_momenta = pytest.mark.parametrize('kinds', [*SEVERAL, ('momenta of a loop',)],

@@ -20,8 +20,9 @@ import numpy as np
 import pytest
 
 pytestmark = pytest.mark.skipif(shutil.which('gcc') is None, reason='no C compiler')
-STRICT = ['-Wall', '-Wextra', '-Wpedantic', '-Wdouble-promotion', '-Werror', '-O2', '-fPIC',
+STRICT = ['-Wall', '-Wextra', '-Wpedantic', '-Wdouble-promotion', '-Werror', '-O1', '-fPIC',
           '-shared']
+UNOPTIMIZED = ('gcc', '-std=c99', '-O0')  # in a fraction of the time
 SOLVED = ('forward_dynamics', 'inverse_mass_matrix')
 
 
@@ -41,8 +42,9 @@ def mechanism():
 def built(source, tmp_path, compiler=('gcc', '-std=c99')):
     """Compile a source with every warning an error, and load it."""
     library = tmp_path / f'{compiler[0]}_{len(list(tmp_path.glob("*.so")))}.so'
-    done = subprocess.run([*compiler, *STRICT, str(source), '-o', str(library), '-lm'],
-                          capture_output=True, text=True, check=False)
+    # Options of the compiler last, so that they count.
+    command = [compiler[0], *STRICT, *compiler[1:], str(source), '-o', str(library), '-lm']
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return ctypes.CDLL(str(library))
 
@@ -78,7 +80,7 @@ def test_exported_arms_give_the_librarys_numbers(name, tmp_path):
     robot = arm(name)
     source, header = robot.export_c(tmp_path / f'{name}.c')
     assert (source, header) == (tmp_path / f'{name}.c', tmp_path / f'{name}.h')
-    library = built(source, tmp_path)
+    library = built(source, tmp_path, ('gcc', '-std=c99', '-O2'))
     check(robot, library, name, DEFAULT_KERNELS)
     assert getattr(library, f'{name}_self_test')() == 0
 
@@ -86,7 +88,7 @@ def test_exported_arms_give_the_librarys_numbers(name, tmp_path):
 def test_every_kernel_of_a_mechanism_with_everything_gives_the_librarys_numbers(tmp_path):
     robot = mechanism()
     source, _ = robot.export_c(tmp_path / 'tree.c', tuple(QUANTITIES))
-    library = built(source, tmp_path)
+    library = built(source, tmp_path, UNOPTIMIZED)
     check(robot, library, 'tree', QUANTITIES)
     assert library.tree_self_test() == 0
 
@@ -95,7 +97,7 @@ def test_subroutines_are_static_functions_that_give_the_librarys_numbers(tmp_pat
     robot = Robot(random_model(5, 26, branching=0.6, passive=False))  # M^-1 by calls
     source, _ = robot.export_c(tmp_path / 'tree.c', ['inverse_mass_matrix'])
     assert 'static void tree_inverse_mass_matrix_solution(' in source.read_text()
-    library = built(source, tmp_path)
+    library = built(source, tmp_path, UNOPTIMIZED)
     check(robot, library, 'tree', ['inverse_mass_matrix'])
     symbols = subprocess.run(['nm', '-D', '--defined-only', library._name], text=True,
                              capture_output=True, check=True).stdout
@@ -106,7 +108,7 @@ def test_subroutines_are_static_functions_that_give_the_librarys_numbers(tmp_pat
 def test_null_stands_for_the_parameters_at_export_and_for_no_wrench(tmp_path):
     robot = mechanism()
     robot.parameters.gravity = [1.0, 2.0, -3.0]
-    library = built(robot.export_c(tmp_path / 'tree.c')[0], tmp_path)
+    library = built(robot.export_c(tmp_path / 'tree.c', ['inverse_dynamics'])[0], tmp_path)
     q, u, udot = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.n))
     expected = robot.inverse_dynamics(q, u, udot)
     got = call_exported(library.tree_inverse_dynamics, [q, u, udot, None, None], robot.n)
@@ -115,7 +117,7 @@ def test_null_stands_for_the_parameters_at_export_and_for_no_wrench(tmp_path):
 
 def test_a_result_may_be_written_over_an_argument(tmp_path):
     robot = arm('two_link')
-    library = built(robot.export_c(tmp_path / 'arm.c')[0], tmp_path)
+    library = built(robot.export_c(tmp_path / 'arm.c', ['inverse_dynamics'])[0], tmp_path)
     q, u, udot = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.n))
     expected = robot.inverse_dynamics(q, u, udot)
     pointers = [x.ctypes.data_as(ctypes.c_void_p) for x in (q, u, udot)]
@@ -138,7 +140,7 @@ def test_there_is_no_state_and_no_call_but_to_libm(tmp_path):
 @pytest.mark.parametrize('kernel', DEFAULT_KERNELS)
 def test_the_self_test_fails_with_the_functions_number_when_a_reference_is_altered(
         kernel, tmp_path):
-    source, _ = arm('ur10e').export_c(tmp_path / 'arm.c')
+    source, _ = arm('two_link').export_c(tmp_path / 'arm.c')
     text = source.read_text()
     at = text.index('=', text.index(f'{kernel}_2_expected['))
     number = re.search(r'-?\d[\d.e-]*', text[at:])
@@ -255,7 +257,8 @@ def test_single_precision_has_a_self_test_to_fit(name, tmp_path):
     assert 'double' not in re.sub(r'/\*.*?\*/', '', source.read_text() + header.read_text(),
                                   flags=re.DOTALL)
     text = source.read_text()
-    for more in ([], ['-O3', '-march=native'], ['-DARM_PORTABLE']):
+    options = [[], ['-O3', '-march=native'], ['-DARM_PORTABLE']] if name == 'fr3' else [[]]
+    for more in options:
         library = built(source, tmp_path, ('gcc', '-std=gnu99', *more))
         assert library.arm_self_test() == 0
     rng = np.random.default_rng(5)
@@ -279,25 +282,26 @@ def test_single_precision_has_a_self_test_to_fit(name, tmp_path):
 
 
 def test_another_sine_and_cosine_can_be_put_in(tmp_path):
-    robot = arm('fr3')
-    source, _ = robot.export_c(tmp_path / 'arm.c')
+    robot, kernels = arm('fr3'), ('inverse_dynamics', 'mass_matrix')
+    source, _ = robot.export_c(tmp_path / 'arm.c', kernels)
     hook = ['-DARM_SINCOS(x,s,c)=(*(s)=sin(x),*(c)=cos(x))', '-DARM_TANH(x)=tanh(x)']
     library = built(source, tmp_path, ('gcc', '-std=c99', *hook))
     assert library.arm_self_test() == 0
-    check(robot, library, 'arm', DEFAULT_KERNELS)
+    check(robot, library, 'arm', kernels)
     wrong = built(source, tmp_path, ('gcc', '-std=c99', '-DARM_SINCOS(x,s,c)=(*(s)=x,*(c)=1)'))
     assert wrong.arm_self_test() == 1
 
 
 def test_sines_and_tanh_hold_at_every_size_of_their_argument(tmp_path):
     robot = arm('fr3')
-    library = built(robot.export_c(tmp_path / 'arm.c')[0], tmp_path)
+    library = built(robot.export_c(tmp_path / 'arm.c', ['bias_force'])[0], tmp_path)
+    source, _ = robot.export_c(tmp_path / 'pose.c', ['frame_pose:fr3_link8'])
+    pose = built(source, tmp_path).pose_frame_pose_fr3_link8
     rng = np.random.default_rng(7)
     for size in (1e-300, 1e-9, 0.1, 3.0, 1e3, 9.9e4, 1e7, 1e12):
         q, u = rng.uniform(-size, size, (2, robot.n))
         expected = robot.frame_pose('fr3_link8', q)
-        pose, _ = robot.export_c(tmp_path / 'pose.c', ['frame_pose:fr3_link8'])
-        got = call_exported(built(pose, tmp_path).pose_frame_pose_fr3_link8, [q, None], (4, 4))
+        got = call_exported(pose, [q, None], (4, 4))
         np.testing.assert_allclose(got, expected, atol=3e-15)
         u = np.minimum(np.abs(u), 1e3) * np.sign(u)
         want = robot.bias_force(np.zeros(robot.n), u)
