@@ -117,6 +117,9 @@ KEYWORDS = {
     'link': ('frame', 'payload_frame', 'tip'), 'linkname': ('frame',),
     'framename': ('frame',), 'body': ('frame',), 'm': ('mass',),
     'mass': ('inertial',), 'i': ('inertia',), 'cog': ('com',),
+    'parent': ('on',), 'parentlink': ('on',), 'parentbody': ('on',), 'type': ('kind',),
+    'jointtype': ('kind',), 'xyz': ('at',), 'origin': ('at',), 'position': ('at',),
+    'translation': ('at',), 'orientation': ('rpy',), 'jointname': ('joint',),
 }
 SHOWN = 3  # optional arguments in the message for wrong ones
 # Of other classes, where they have these attributes.
@@ -215,13 +218,14 @@ def meant_keyword(unknown: str, known: Sequence[str]) -> str | None:
 
 
 def argument_error(error: TypeError, function: Callable[..., Any], name: str,
-                   values: Sequence[Any], named: Mapping[str, Any],
-                   bound: int = 0) -> str | None:
+                   values: Sequence[Any], named: Mapping[str, Any], bound: int = 0,
+                   caller: Callable[..., Any] | None = None) -> str | None:
     """
     Return the message for arguments that a function does not take, or None.
 
     None if it takes them: then the TypeError is of its body. The first `bound` arguments
-    are those of a method's object or class.
+    are those of a method's object or class. `caller` is the function, if another one,
+    that was called and hands arguments on: its own may be meant too.
     """
     stated = signature(function)
     parameters = list(stated.parameters.values())[bound:]
@@ -233,7 +237,12 @@ def argument_error(error: TypeError, function: Callable[..., Any], name: str,
     else:
         return None
     takes_any = any(parameter.kind is Parameter.VAR_KEYWORD for parameter in parameters)
-    message = None if takes_any else keyword_error(name, named, tuple(call.parameters))
+    known = [*call.parameters]
+    if caller is not None:
+        for parameter in list(signature(caller).parameters.values())[bound:]:
+            if parameter.name not in known and parameter.kind is not Parameter.VAR_KEYWORD:
+                known.append(parameter.name)
+    message = None if takes_any else keyword_error(name, named, known)
     if message is not None:
         return message
     _, _, reason = str(error).partition('()')  # Python names the class that defines it
@@ -272,7 +281,7 @@ def hinting_method(method: Function) -> Function:
 def _hint_constructor(cls: type) -> None:
     """Decorate the constructor of a class as `hinting` does a function."""
     construct = vars(cls)['__init__']
-    setattr(cls, '__init__', _hinted(construct, cls.__name__, bound=1))  # noqa: B010
+    setattr(cls, '__init__', _hinted(construct, '', bound=1))  # noqa: B010
 
 
 def _hinted(function: Function, name: str, bound: int = 0) -> Function:
@@ -282,14 +291,23 @@ def _hinted(function: Function, name: str, bound: int = 0) -> Function:
     `name` is that of the call in the message, by default those of the object's class and
     of the method; `bound` is the number of arguments that are the object.
     """
+    is_constructor = function.__name__ == '__init__'
+
     @wraps(function)
     def call(*values: Any, **named: Any) -> Any:
         try:
             return function(*values, **named)
         except TypeError as error:
-            called = name or f'{type(values[0]).__name__}.{function.__name__}'
+            called = name
+            caller = None
+            if not name:
+                kind = type(values[0])
+                called = f'{kind.__name__}.{function.__name__}'
+                if is_constructor:  # of the object's class, or of one above it
+                    called = kind.__name__
+                    caller = kind.__init__
             message = argument_error(error, function, called, values[bound:], named,
-                                     bound)
+                                     bound, caller)
             if message is None:
                 raise
             raise TypeError(message) from None

@@ -31,9 +31,11 @@ def constant(value: ArrayLike, shape: tuple[int, ...], what: str,
 
 def real_numbers(value: Any) -> Array:
     """Return `value` as an array of floats; raise TypeError or ValueError if it is none."""
-    if isinstance(value, np.ndarray) and value.dtype.kind == 'c':
-        raise TypeError('complex numbers')  # NumPy would drop their imaginary parts
-    return np.asarray(value, dtype=np.float64)
+    array = np.asarray(value)
+    # NumPy would drop imaginary parts, and count True as 1.
+    if array.dtype.kind in 'cb':
+        raise TypeError(f'{array.dtype} numbers')
+    return np.asarray(array, dtype=np.float64)
 
 
 def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
@@ -147,7 +149,8 @@ def number(value: Any, what: str, expected: str,
         result = float(value)
     except (TypeError, ValueError):
         result = math.nan
-    if isinstance(value, str) or not valid(result):
+    is_number = not isinstance(value, str | bool | np.bool_)
+    if not is_number or not valid(result):
         raise InputError(f'{what}: {SHORT.repr(value)}; expected {expected}')
     return result
 

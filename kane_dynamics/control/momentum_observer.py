@@ -25,7 +25,7 @@ from kane_dynamics.control.friction_error import FrictionError
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.robot.robot import in_choice, Robot
+from kane_dynamics.robot.robot import in_regular_speeds, Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -261,11 +261,8 @@ def _momentum_kernel(robot: Robot) -> Kernel:
 
     def reason(state: dict[str, Array]) -> Kernel | None:
         """Return the kernel in speeds that are regular at a state, or None."""
-        regular = robot.speed_sets.instead(equations.mechanism, state)
-        if regular is None or regular.equations.in_joint_rates:
-            return None
-        choice = regular.equations.mechanism
-        return _momentum_kernel(in_choice(robot, choice.free, choice.kept))
+        regular = in_regular_speeds(robot, state)
+        return None if regular is None else _momentum_kernel(regular)
     return robot.kernels.compiled(terms, 'momentum_terms',
                                   {'q': (robot.n_q,), 'u': (robot.n,)}, (2, robot.n),
                                   reason=reason)

@@ -5,11 +5,8 @@ from pathlib import Path
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.demo.demo_settings import DemoRobot, STIFFNESS
-from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
-from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
+from kane_dynamics.demo.recorded_arm import closed_along, loaded_arm, SavedRecord
 from kane_dynamics.plot.deflection_plot import plot_deflection
-from kane_dynamics.robot.robot import Robot
-from kane_dynamics.urdf import load_urdf
 import numpy as np
 
 MAX_DEVIATION = 0.10  # of the deflection from that of the stiffness, relative
@@ -18,7 +15,7 @@ SETTLED = 0.2  # s at the end of a force and of a rest, over which places are av
 
 
 @dataclass(frozen=True, eq=False)
-class DeflectionLog:
+class DeflectionLog(SavedRecord):
     """
     A record of the pushed arm.
 
@@ -38,12 +35,6 @@ class DeflectionLog:
     command: Array
     wrench: Array
 
-    @classmethod
-    def load(cls, path: Path) -> 'DeflectionLog':
-        """Load the record that the plant saved."""
-        with np.load(path) as file:
-            return cls(**{name: file[name] for name in cls.__dataclass_fields__})
-
     def forces(self) -> list[tuple[int, int]]:
         """Return the first and the last row of each force."""
         is_pushed = self.wrench.any(axis=1).astype(int)
@@ -55,16 +46,9 @@ class DeflectionLog:
 
 def places(robot: DemoRobot, q: Array) -> Array:
     """Return the origin of the pushed frame at positions of the joints (K, n), (K, 3)."""
-    if robot.constraints is None:
-        arm = Robot(load_urdf(robot.urdf, joints=robot.joints))
-        return arm.frame_pose(robot.frame, q)[:, :3, 3]
-    closed = Robot(load_urdf(robot.urdf), **load_constraints(robot.constraints))
-    tracker = LoopTracker(closed, robot.joints)
-    rows = []
-    for row in q:
-        tracker.update(row, np.zeros(len(row)))
-        rows.append(closed.frame_pose(robot.frame, tracker.q)[:3, 3])
-    return np.array(rows)
+    arm = loaded_arm(robot)
+    coordinates = closed_along(arm, robot.joints, q, np.zeros_like(q))
+    return arm.frame_pose(robot.frame, coordinates)[:, :3, 3]
 
 
 def report_deflections(robot: DemoRobot, run: DeflectionLog, folder: Path) -> int:
@@ -77,24 +61,24 @@ def report_deflections(robot: DemoRobot, run: DeflectionLog, folder: Path) -> in
           f'{"force [N]":>20}{"deflection":>14}{"expected":>12}{"after":>12}')
     fine = True
     forces = run.forces()
+    # The arm recovers from a force until the next one begins.
     ends = [first for first, _ in forces[1:]] + [len(run.t)]
     for (first, last), end in zip(forces, ends, strict=True):
         force = run.wrench[first, :3]
-        before = place[first - count:first].mean(axis=0)
-        pushed = place[last - count:last].mean(axis=0)
-        after = place[end - count:end].mean(axis=0)
-        direction = force / np.linalg.norm(force)
-        deflection = float((pushed - before) @ direction)
-        expected = float(np.linalg.norm(force)) / STIFFNESS[0]
-        remaining = float(np.linalg.norm(after - before))
+        at_rest, pushed, recovered = (place[row - count:row].mean(axis=0)
+                                      for row in (first, last, end))
+        magnitude = float(np.linalg.norm(force))
+        deflection = float((pushed - at_rest) @ force) / magnitude
+        expected = magnitude / STIFFNESS[0]
+        remaining = float(np.linalg.norm(recovered - at_rest))
         text = ' '.join(f'{x:g}' for x in force)
         print(f'{text:>20}{1e3 * deflection:11.2f} mm{1e3 * expected:9.2f} mm'
               f'{1e3 * remaining:9.3f} mm')
         fine &= abs(deflection - expected) <= MAX_DEVIATION * expected
         fine &= remaining <= MAX_REMAINING
     picture = folder / 'demo_cartesian.png'
-    rest = place[:count].mean(axis=0)
-    plot_deflection(run.t, place - rest, run.wrench[:, :3], STIFFNESS[:3], picture,
+    start = place[:count].mean(axis=0)
+    plot_deflection(run.t, place - start, run.wrench[:, :3], STIFFNESS[:3], picture,
                     torques=run.command, joint_names=robot.joints,
                     title=f'{robot.title}, pushed, in mode cartesian_impedance')
     print(f'\nPicture: {picture}')

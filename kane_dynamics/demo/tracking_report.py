@@ -7,12 +7,9 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.demo.demo_settings import DemoRobot, STATE_TIMEOUT
-from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
-from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
+from kane_dynamics.demo.recorded_arm import closed_along, loaded_arm, SavedRecord
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.plot import plot_tracking
-from kane_dynamics.robot.robot import Robot
-from kane_dynamics.urdf import load_urdf
 import numpy as np
 
 # Smallest accepted ratio of tracking errors without and with feedforward
@@ -21,7 +18,7 @@ MIN_ANSWERED = 0.95  # smallest share of states with torques in a run in real ti
 
 
 @dataclass(frozen=True, eq=False)
-class TrackingLog:
+class TrackingLog(SavedRecord):
     """
     A record of the arm: states, torques and latencies.
 
@@ -45,12 +42,6 @@ class TrackingLog:
     servo: Array
     late: Array
     latency: Array
-
-    @classmethod
-    def load(cls, path: Path) -> 'TrackingLog':
-        """Load the record that the plant saved."""
-        with np.load(path) as file:
-            return cls(**{name: file[name] for name in cls.__dataclass_fields__})
 
     def within(self, start: float, end: float) -> 'TrackingLog':
         """Return the part of the record between two times."""
@@ -197,17 +188,10 @@ def _draw(robot: DemoRobot, motion: Motion, alone: TrackingLog, helped: Tracking
 def torques_by_source(robot: DemoRobot, motion: Motion, t: Array) -> Array:
     """Return the terms of the torques of the joints with motors, (K, 5, n), N m."""
     q, u, udot = motion.sample(t)
-    if robot.constraints is None:
-        return Robot(load_urdf(robot.urdf, joints=robot.joints)).torque_terms(q, u, udot)
-    closed = Robot(load_urdf(robot.urdf), **load_constraints(robot.constraints))
+    arm = loaded_arm(robot)
     # The rates of the joints with motors are the independent speeds, in another order.
-    order = [robot.joints.index(name) for name in closed.speed_names]
-    # The loops are closed along the motion, from one configuration to the next.
-    tracker = LoopTracker(closed, robot.joints)
-    rows = []
-    for row in zip(q, u):
-        tracker.update(*row)
-        rows.append(tracker.q.copy())
+    order = [robot.joints.index(name) for name in arm.speed_names]
+    coordinates = closed_along(arm, robot.joints, q, u)
     terms = np.empty((len(t), 5, len(order)))
-    terms[:, :, order] = closed.torque_terms(np.array(rows), u[:, order], udot[:, order])
+    terms[:, :, order] = arm.torque_terms(coordinates, u[:, order], udot[:, order])
     return terms

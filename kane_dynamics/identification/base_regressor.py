@@ -88,9 +88,10 @@ def unknown_names(model: Model) -> list[str]:
 
 def true_unknowns(model: Model) -> Array:
     """Return the values of the unknowns of a model, (10 bodies + 4 n,)."""
-    losses = [[getattr(joint,
-                       name) for name in FRICTION] for joint in model.coordinate_joints]
-    return np.concatenate([inertial_parameters(model), np.ravel(losses)])
+    losses = []
+    for joint in model.coordinate_joints:
+        losses += [getattr(joint, name) for name in FRICTION]
+    return np.concatenate([inertial_parameters(model), losses])
 
 
 @hinting
@@ -128,14 +129,23 @@ def base_parameters(model: Model, speeds: Sequence[float] | Array, *, states: in
     _, R, order = scientific('scipy.linalg').qr(X, mode='economic', pivoting=True)
     diagonal = np.abs(np.diag(R))
     rank = int(np.sum(diagonal > RANK * diagonal[0]))
-    ties = np.linalg.solve(R[:rank, :rank], R[:rank, rank:])
+    independent = order[:rank]
+    dependent = order[rank:]
+
+    # Dependent columns are combinations of the independent ones, X_d = X_i K, so that
+    # each base parameter is its own unknown plus those of the dependent columns by K.
+    K = np.linalg.solve(R[:rank, :rank], R[:rank, rank:])
     B = np.zeros((rank, X.shape[1]))
-    B[np.arange(rank), order[:rank]] = 1.0
-    B[:, order[rank:]] = np.where(np.abs(ties) > 1e-8, ties, 0.0)
-    kept = np.argsort(order[:rank])
+    B[np.arange(rank), independent] = 1.0
+    B[:, dependent] = np.where(np.abs(K) > 1e-8, K, 0.0)
+
+    # In the order of the unknowns instead of that of the pivots.
+    by_unknown = np.argsort(independent)
     names = unknown_names(model)
-    return BaseParameters(tuple(_combination(B[k], int(order[k]), names) for k in kept),
-                          order[:rank][kept], B[kept])
+    combinations = []
+    for k in by_unknown:
+        combinations.append(_combination(B[k], int(independent[k]), names))
+    return BaseParameters(tuple(combinations), independent[by_unknown], B[by_unknown])
 
 
 def _combination(row: Array, own: int, names: Sequence[str]) -> str:

@@ -162,26 +162,31 @@ def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.
     if estimates.settled.sum() < LEAST_ROWS:
         raise InputError(f'recording: {int(estimates.settled.sum())} rows after the '
                          f'observer has settled; expected at least {LEAST_ROWS}')
+    # Without contact, what the fitted friction leaves of the estimates is error.
+    friction, unmoved_joints = _fitted_friction(estimates)
+    errors = np.abs(_remaining(estimates, friction))[estimates.settled]
+    error = errors.max(axis=0)
+    error_time = estimates.t[estimates.settled][errors.argmax(axis=0)]
+    unfitted = np.abs(estimates.torque[estimates.settled]).max(axis=0)
+
+    # What may change between the recording and use: friction, and stated uncertainties.
     largest_torque = np.abs(motion[3]).max(axis=0)
-    friction, unmoved = _fitted_friction(estimates)
-    left = np.abs(_remaining(estimates, friction))[estimates.settled]
     allowed = drift * _largest_friction(robot, estimates, friction)
-    error, error_time = left.max(axis=0), estimates.t[estimates.settled][left.argmax(axis=0)]
-    usual = np.quantile(left, 0.99, axis=0)
-    names_of = robot.speed_names
     allowed = np.maximum(allowed, LEAST * largest_torque)
     if uncertainty is not None:
         deviation = torque_deviation(robot, *motion[:3], uncertainty, motion[4])
         allowed = allowed + deviation.max(axis=0)
-    suspected = error > CONTACT * usual + allowed
-    coulomb, damping, offset, speed = friction
-    return CollisionCalibration(
-        names_of, margin * (error + allowed), error,
-        np.abs(estimates.torque[estimates.settled]).max(axis=0), error_time, coulomb,
-        damping,
-        offset, speed, tuple(name for name, is_so in zip(names_of, suspected) if is_so),
-        tuple(names_of[j] for j in unmoved),
-        _held_out_alarms(estimates, names_of, allowed, margin), float(gain))
+
+    # An error far above the usual ones of its joint is probably a contact.
+    usual = np.quantile(errors, 0.99, axis=0)
+    suspected_joints = np.flatnonzero(error > CONTACT * usual + allowed)
+    speed_names = robot.speed_names
+    suspected = tuple(speed_names[j] for j in suspected_joints)
+    unmoved = tuple(speed_names[j] for j in unmoved_joints)
+    alarms = _held_out_alarms(estimates, speed_names, allowed, margin)
+    return CollisionCalibration(speed_names, margin * (error + allowed), error, unfitted,
+                                error_time, *friction, suspected, unmoved, alarms,
+                                float(gain))
 
 
 def _largest_friction(robot: Robot, estimates: _Estimates,

@@ -431,15 +431,8 @@ class PosePath:
             raise InputError(f'paths: {paths!r}; expected one or more of PosePath')
         if len({path.oriented for path in paths}) > 1:
             raise InputError('paths: of poses and of positions; expected either')
-        for k, (before, after) in enumerate(pairwise(paths)):
-            last = before.poses([before.length])[0]
-            error = pose_error(last, after.poses([0.0])[0])
-            distance = float(np.abs(error[:3]).max())
-            angle = float(np.abs(error[3:]).max())
-            if max(distance, angle) > JOINED:
-                raise InputError(f'paths: path {k + 1} begins {distance:.4g} m and '
-                                 f'{angle:.4g} rad from the end of path {k}; expected '
-                                 f'at most {JOINED:g}')
+        for k in range(1, len(paths)):
+            _require_joined(paths[k - 1], paths[k], k)
         pieces: list[_Piece] = []
         for path in paths:
             pieces += path._pieces
@@ -535,6 +528,18 @@ def _stated(poses: ArrayLike | Sequence[ArrayLike]) -> tuple[Array, bool]:
         raise InputError(f'poses: shape {numbers.shape}; expected (K, 4, 4), poses, or '
                          '(K, 3), positions')
     return checked_pose(numbers, 'poses'), True
+
+
+def _require_joined(path: PosePath, following: PosePath, k: int) -> None:
+    """Raise InputError unless the following path, the k-th, begins where a path ends."""
+    end = path.poses([path.length])[0]
+    start = following.poses([0.0])[0]
+    error = pose_error(end, start)
+    distance = float(np.abs(error[:3]).max())
+    angle = float(np.abs(error[3:]).max())
+    if max(distance, angle) > JOINED:
+        raise InputError(f'paths: path {k} begins {distance:.4g} m and {angle:.4g} rad '
+                         f'from the end of path {k - 1}; expected at most {JOINED:g}')
 
 
 def _checked_blend(blend: float, blend_angle: float) -> tuple[float, float]:

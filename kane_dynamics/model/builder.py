@@ -32,6 +32,9 @@ KINDS = ('revolute',
          'fixed')
 PROPERTIES = ('limits',
               *FRICTION, 'friction_speed', 'armature', 'stiffness', 'rest', 'drive')
+# Those of `ModelBuilder.body` beside the properties of its joint.
+ARGUMENTS = ('on', 'kind', 'axis', 'at', 'rpy', 'quaternion', 'inertial', 'joint', 'turns',
+             'mimic', 'multiplier')
 MASSLESS = Inertial()
 ALONG = 0.01  # of a beam's length: what is nearer to its root may be a hub
 Z = (0.0, 0.0, 1.0)
@@ -179,7 +182,8 @@ class ModelBuilder:
         stated = StatedJoint(joint_name, kind, on, name, R, p, _direction(axis, what),
                              turns=turns)
         singles = expand_joint(stated)
-        _check_properties(joint_name, properties, [single.name for single in singles])
+        single_names = [single.name for single in singles]
+        _check_properties(joint_name, properties, single_names, ARGUMENTS)
         placement = self._placement(on, what)
         self._check_new(name)
         _check_inertial(name, inertial)
@@ -563,15 +567,20 @@ def _checked_turns(turns: str, count: int, what: str) -> str:
 
 
 def _check_properties(joint: str, properties: dict[str, Any],
-                      single_names: Sequence[str] = ()) -> None:
-    """Raise ModelError for an unknown property, or for one of several joints at once."""
+                      single_names: Sequence[str] = (),
+                      arguments: Sequence[str] = ()) -> None:
+    """
+    Raise ModelError for an unknown property, or for one of several joints at once.
+
+    `arguments` are those of the call beside the properties, which may be meant too.
+    """
     if properties and len(single_names) > 1:
         raise ModelError(f"joint '{joint}': {', '.join(properties)} of "
                          f'{len(single_names)} degrees of freedom; expected joint() for '
                          f'one of {", ".join(single_names)}')
     unknown = sorted(set(properties) - set(PROPERTIES))
     if unknown:
-        meant = meant_keyword(unknown[0], ('inertial', *PROPERTIES))
+        meant = meant_keyword(unknown[0], (*arguments, *PROPERTIES))
         expected = meant or f'one of {", ".join(PROPERTIES)}'
         raise ModelError(f"joint '{joint}': no property '{unknown[0]}'; expected "
                          f'{expected}')

@@ -207,18 +207,25 @@ class KernelSet:
             block = parameters
             if kernel.parameters is not self._parameters:  # constants of a function
                 block = kernel.parameters.copy()
-            reason = partial(copied._another, place) if place in self._same else None
+            reason: ResultCheck = copied._of_direction
+            if place in self._same:
+                reason = partial(copied._another, place)
             copied._made[place] = kernel.with_parameters(block, reason)
         return copied
 
     def _another(self, place: Place, state: dict[str, Array]) -> Kernel | None:
         """Return the kernel to use at a state with a non-finite result, or None."""
-        if 'q' in state:
-            require_direction(self.equations.model, state['q'], NO_DIRECTION)
+        self._of_direction(state)
         regular = None if self._instead is None else self._instead(state)
         if regular is None or regular is self:
             return None
         return self._same[place](regular)
+
+    def _of_direction(self, state: dict[str, Array]) -> None:
+        """Raise InputError if a quaternion of a state has no direction."""
+        q = state.get('q')
+        if q is not None and q.shape == (self.equations.n_q,):
+            require_direction(self.equations.model, q, NO_DIRECTION)
 
     @property
     def parameters(self) -> Array:
@@ -356,6 +363,10 @@ class KernelSet:
         place = name, traced.identity
         if reason is not None:
             self._explained.add(place)
+
+        def explanation(state: dict[str, Array]) -> Kernel | None:
+            self._of_direction(state)
+            return None if reason is None else reason(state)
         kernel = self._made.get(place)
         if kernel is None:
             block = self._parameters if constants is None else np.zeros(constants)
@@ -367,7 +378,7 @@ class KernelSet:
                 program_in_lanes = self.function(single, name, inputs, constants,
                                                  shape).program
             kernel = Kernel(name, traced.program, key, traced.arguments, block, shape,
-                            reason, program_in_lanes, self._in_order)
+                            explanation, program_in_lanes, self._in_order)
             self._made[place] = kernel
         return kernel
 

@@ -432,6 +432,15 @@ def in_choice(robot: Robot, free: Sequence[int], kept: Sequence[int]) -> Robot:
     return other
 
 
+def in_regular_speeds(robot: Robot, state: dict[str, Array]) -> Robot | None:
+    """Return a robot in speeds that are regular at a state, or None if there are none."""
+    regular = robot.speed_sets.instead(robot.equations.mechanism, state)
+    if regular is None or regular.equations.in_joint_rates:
+        return None
+    choice = regular.equations.mechanism
+    return in_choice(robot, choice.free, choice.kept)
+
+
 # Errors of Python name a method by its class: the one that users know.
 for _base in Robot.__mro__[1:-1]:
     for _name, _method in vars(_base).items():

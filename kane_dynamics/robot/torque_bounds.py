@@ -275,12 +275,9 @@ def _deviation_kernel(robot: Any, of_joints: bool) -> Kernel:
 
     def reason(state: dict[str, Array]) -> Kernel | None:
         """Return the kernel in speeds that are regular at a state, or raise the error."""
-        from kane_dynamics.robot.robot import in_choice
-        regular = robot.speed_sets.instead(equations.mechanism, state)
-        if regular is None or regular.equations.in_joint_rates:
-            return None
-        choice = regular.equations.mechanism
-        return _deviation_kernel(in_choice(robot, choice.free, choice.kept), of_joints)
+        from kane_dynamics.robot.robot import in_regular_speeds
+        regular = in_regular_speeds(robot, state)
+        return None if regular is None else _deviation_kernel(regular, of_joints)
 
     name = 'joint_torque_deviation' if of_joints else 'torque_deviation'
     inputs = {'q': (n_q,), 'u': (n,), 'udot': (n,), 'box': (size,)}

@@ -48,7 +48,7 @@ from kane_dynamics.task_space.joint_speed_limits import (brake_torques, checked_
 from kane_dynamics.task_space.joint_walls import JointWalls
 from kane_dynamics.task_space.law_kernel import (checked_effort, checked_terms,
                                                  identifier, LanesOf, Law, law_kernel,
-                                                 RunTimeSettings, Settings, StateAt)
+                                                 PoseLaw, Settings, StateAt)
 from kane_dynamics.task_space.modal_damping import inverse_root_times
 from kane_dynamics.task_space.pose_checks import pose_margin, require_pose
 from kane_dynamics.task_space.posture import null_damping, posture_force
@@ -103,7 +103,7 @@ STATE_SIZE = 6 + 6 + 2 + 5
 
 
 @guarded
-class CartesianImpedance(RunTimeSettings):
+class CartesianImpedance(PoseLaw):
     """
     Cartesian impedance of a frame: spring, damper and posture, without inertia shaping.
 
@@ -188,9 +188,7 @@ class CartesianImpedance(RunTimeSettings):
             directions = independent_directions(robot, frame, axes)
         self._task = frame_task(robot, frame, axes, directions)
         self._walls = JointWalls(robot)
-        self._timed = robot.equations.timed
-        super().__init__(Settings(self._layout()))
-        self._zero = np.zeros(6)
+        super().__init__(robot, Settings(self._layout()))
         self.update(stiffness=stiffness, damping_ratio=damping_ratio, damping=damping,
                     posture=posture, posture_stiffness=posture_stiffness,
                     null_damping=null_damping, limit_stiffness=limit_stiffness,
@@ -259,45 +257,6 @@ class CartesianImpedance(RunTimeSettings):
             **self._walls.settings(values['limit_stiffness'], values['limit_margin'])}
 
     # Torques.
-
-    def torque(self, q: ArrayLike, u: ArrayLike, pose: ArrayLike,
-               twist: ArrayLike | None = None, acceleration: ArrayLike | None = None,
-               wrench: ArrayLike | None = None, t: float = 0.0) -> Array:
-        """
-        Return the torques of the joints, (n_q,).
-
-        Parameters
-        ----------
-        q, u : (n_q,), (n,) array_like
-            The measured state, rad or m, s.
-        pose : (4, 4) array_like
-            The target in the world, m.
-        twist, acceleration : (6,) array_like, optional
-            Of the target: linear at the frame's origin, then angular; world axes.
-            Default: at rest.
-        wrench : (6,) array_like, optional
-            Force and moment to exert on the environment at the frame's origin, world
-            axes, N, N m.
-        t : float
-            Time, s, where speeds or constraints depend on it.
-
-        Raises
-        ------
-        InputError
-            A wrong shape, a number that is not finite, or no pose.
-        ConstraintError
-            The configuration is open or singular.
-
-        """
-        if twist is None:
-            twist = self._zero
-        if acceleration is None:
-            acceleration = self._zero
-        if wrench is None:
-            wrench = self._zero
-        if self._timed:
-            return self._law(q, u, pose, twist, acceleration, wrench, self._block, t)
-        return self._law(q, u, pose, twist, acceleration, wrench, self._block)
 
     def state(self, q: ArrayLike, u: ArrayLike, pose: ArrayLike,
               twist: ArrayLike | None = None, t: float = 0.0) -> ImpedanceState:

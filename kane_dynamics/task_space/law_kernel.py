@@ -1,5 +1,7 @@
 """Laws as kernels of a robot: settings in one array, checks of the configuration."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 import hashlib
@@ -15,7 +17,7 @@ from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import Shape, size_of
 from kane_dynamics.native.tracing.wide import WideLanes
-from kane_dynamics.robot.robot import in_choice, Robot
+from kane_dynamics.robot.robot import in_regular_speeds, Robot
 from kane_dynamics.task_space.pose_checks import require_pose
 import numpy as np
 from numpy.typing import ArrayLike
@@ -99,6 +101,57 @@ class RunTimeSettings:
         raise NotImplementedError
 
 
+class PoseLaw(RunTimeSettings):
+    """Base of laws by which a frame follows a pose: their torques, of one signature."""
+
+    _law: Callable[..., Array]  # the entry point of the torques
+
+    def __init__(self, robot: Robot, shapes: Settings) -> None:
+        super().__init__(shapes)
+        self.robot = robot
+        self._timed = robot.equations.timed
+        self._zero = np.zeros(6)
+
+    def torque(self, q: ArrayLike, u: ArrayLike, pose: ArrayLike,
+               twist: ArrayLike | None = None, acceleration: ArrayLike | None = None,
+               wrench: ArrayLike | None = None, t: float = 0.0) -> Array:
+        """
+        Return the torques of the joints, (n_q,).
+
+        Parameters
+        ----------
+        q, u : (n_q,), (n,) array_like
+            The measured state, rad or m, s.
+        pose : (4, 4) array_like
+            The target in the world, m.
+        twist, acceleration : (6,) array_like, optional
+            Of the target: linear at the frame's origin, then angular; world axes.
+            Default: at rest.
+        wrench : (6,) array_like, optional
+            Force and moment to exert on the environment at the frame's origin, world
+            axes, N, N m.
+        t : float
+            Time, s, where speeds or constraints depend on it.
+
+        Raises
+        ------
+        InputError
+            A wrong shape, a number that is not finite, or no pose.
+        ConstraintError
+            The configuration is open or singular.
+
+        """
+        if twist is None:
+            twist = self._zero
+        if acceleration is None:
+            acceleration = self._zero
+        if wrench is None:
+            wrench = self._zero
+        if self._timed:
+            return self._law(q, u, pose, twist, acceleration, wrench, self._block, t)
+        return self._law(q, u, pose, twist, acceleration, wrench, self._block)
+
+
 def checked_terms(value: Any) -> Terms:
     """Return terms of the model; InputError for anything else."""
     if not isinstance(value, Terms):
@@ -164,12 +217,10 @@ def law_kernel(robot: Robot, law_of: Callable[[Robot, LanesOf], Law], name: str,
         if followed and not equations.in_joint_rates:
             t = float(state.get('t', np.zeros(())))
             require_following(robot, followed, state['q'], t)
-        regular = robot.speed_sets.instead(equations.mechanism, state)
-        if regular is None or regular.equations.in_joint_rates:
+        regular = in_regular_speeds(robot, state)
+        if regular is None:
             return None
-        choice = regular.equations.mechanism
-        return law_kernel(in_choice(robot, choice.free, choice.kept), law_of, name,
-                          inputs, shape, followed)
+        return law_kernel(regular, law_of, name, inputs, shape, followed)
     return robot.kernels.compiled(watched(law_of(robot, _in_scalars)), name, inputs,
                                   shape, reason=reason,
                                   single=watched(law_of(robot, _in_lanes)))

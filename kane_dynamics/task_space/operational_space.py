@@ -33,7 +33,7 @@ from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task, Fra
                                                  TaskInertia)
 from kane_dynamics.task_space.joint_walls import JointWalls
 from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, LanesOf, Law,
-                                                 law_kernel, RunTimeSettings, Settings)
+                                                 law_kernel, PoseLaw, Settings)
 from kane_dynamics.task_space.orientation_error import pose_difference
 from kane_dynamics.task_space.pose_checks import pose_margin
 from kane_dynamics.task_space.reference_dynamics import rated_friction
@@ -42,7 +42,7 @@ from numpy.typing import ArrayLike
 
 
 @guarded
-class OperationalSpace(RunTimeSettings):
+class OperationalSpace(PoseLaw):
     """
     Acceleration of a frame prescribed, with a posture in its null space.
 
@@ -97,10 +97,8 @@ class OperationalSpace(RunTimeSettings):
             directions = independent_directions(robot, frame, axes)
         self._task = frame_task(robot, frame, axes, directions)
         self._walls = JointWalls(robot)
-        self._timed = robot.equations.timed
-        self._zero = np.zeros(6)
         joints = self._walls.count
-        super().__init__(Settings({
+        super().__init__(robot, Settings({
             'kp': (6,), 'kd': (6,), 'posture': (robot.n_q,), 'posture_kp': (joints,),
             'posture_kd': (joints,), 'singular_mass': (),
             'effort': (len(robot.joint_names),), 'wall_stiffness': (joints,),
@@ -135,30 +133,6 @@ class OperationalSpace(RunTimeSettings):
             'singular_mass': checked_mass(robot, values['singular_mass']),
             'effort': checked_effort(robot, values['effort_limit']),
             **self._walls.settings(values['limit_stiffness'], values['limit_margin'])}
-
-    def torque(self, q: ArrayLike, u: ArrayLike, pose: ArrayLike,
-               twist: ArrayLike | None = None, acceleration: ArrayLike | None = None,
-               wrench: ArrayLike | None = None, t: float = 0.0) -> Array:
-        """
-        Return the torques of the joints, (n_q,); arguments as of `CartesianImpedance`.
-
-        Raises
-        ------
-        InputError
-            A wrong shape, a number that is not finite, or no pose.
-        ConstraintError
-            The configuration is open or singular.
-
-        """
-        if twist is None:
-            twist = self._zero
-        if acceleration is None:
-            acceleration = self._zero
-        if wrench is None:
-            wrench = self._zero
-        if self._timed:
-            return self._law(q, u, pose, twist, acceleration, wrench, self._block, t)
-        return self._law(q, u, pose, twist, acceleration, wrench, self._block)
 
     def _compiled(self) -> Callable[..., Array]:
         """Return the entry point of the law."""

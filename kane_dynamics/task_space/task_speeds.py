@@ -113,20 +113,28 @@ def _speeds(robot: Robot, task: FrameTask, q: Array) -> Speeds:
     inertia = _mass_matrix(mechanism)
     k = len(task.rows)
 
+    # The complement is momentum along the null space of the rows: it vanishes where the
+    # arm moves with the least kinetic energy for the velocity of the frame.
     def Y(q: Vector, t: Scalar) -> Matrix:
         rows = _rows(mechanism, task, q, t)
         velocity = rows[:k]
         Z = _null_basis(rows, dependent)
         return np.concatenate([velocity, Z.T @ inertia(q), rows[k:]])
 
-    names = [DIRECTIONS[row] for row in task.rows]
-    names += [f'null_{r + 1}' for r in range(robot.n - k)]
-    names += [f'closure_{r + 1}' for r in range(len(mechanism.kept))]
-    key = None
+    key = ''
     if mechanism.key is not None:
         key = f'task_speeds {task.words} {dependent} {mechanism.key}'
-    names = [f'{task.frame.name}/{name}' for name in names]
-    return Speeds(Y, None, tuple(names), key or '')
+    return Speeds(Y, None, _speed_names(robot, task), key)
+
+
+def _speed_names(robot: Robot, task: FrameTask) -> tuple[str, ...]:
+    """Return the names of the speeds: of the frame, of its null space, of the closures."""
+    names = [DIRECTIONS[row] for row in task.rows]
+    for r in range(robot.n - len(task.rows)):
+        names.append(f'null_{r + 1}')
+    for r in range(len(robot.mechanism.kept)):
+        names.append(f'closure_{r + 1}')
+    return tuple(f'{task.frame.name}/{name}' for name in names)
 
 
 def _rows(mechanism: Mechanism, task: FrameTask, q: Vector, t: Scalar) -> Matrix:

@@ -66,11 +66,14 @@ class Clearance:
         self.robot = Robot(model)
         self.floor = floor
         limits = self.robot.limits
-        rest = np.clip(np.zeros(model.n), limits.lower, limits.upper)[None]
+        at_zero = np.clip(np.zeros(model.n), limits.lower, limits.upper)
         self._frames = {frame.body: frame for frame in reversed(model.frames)}
-        self.shapes = [self._shape(model, body, visual) for body, visual in shapes_of_bodies(
-            model, shapes, model_size(model, rest[0])) if body in self._frames]
+        self.shapes = []
+        for body, visual in shapes_of_bodies(model, shapes, model_size(model, at_zero)):
+            if body in self._frames:
+                self.shapes.append(self._shape(model, body, visual))
         self._bodies = sorted({shape.body for shape in self.shapes})
+
         # Pairs of bodies that no joint connects. A parent comes before its children.
         parents = [body.parent for body in model.bodies]
         pairs = []
@@ -80,21 +83,24 @@ class Clearance:
                     pairs.append((i, j))
         self.pairs = np.array(pairs, dtype=int).reshape(-1, 2)
         self.needed = np.zeros(0)
+
         # Shapes that touch at rest are left out, and all of them without a distance.
-        at_rest = self.distances(rest)[0]
-        apart = at_rest > (0.0 if distance is not None else np.inf)
+        at_rest = self.distances(at_zero[None])[0]
+        least = np.inf if distance is None else 0.0
+        apart = at_rest > least
         self.pairs = self.pairs[apart]
         self.needed = np.minimum(distance or 0.0, NEAR * at_rest[apart])
+
         # What no joint changes does not count: a link that turns about the vertical
         # stays as high as it is, a hub that turns about its own axis as far away.
         spread = np.random.default_rng(0).uniform(-1.0, 1.0, (20, model.n))
-        some = np.vstack([rest, rest + spread])
-        varying = np.ptp(self.distances(some), axis=0) > CHANGES
+        configurations = np.vstack([at_zero, at_zero + spread])
+        varying = np.ptp(self.distances(configurations), axis=0) > CHANGES
         self.pairs = self.pairs[varying]
         self.needed = self.needed[varying]
         self.moving = [k for k, shape in enumerate(self.shapes) if shape.body != WORLD]
-        changes = np.ptp(self.heights(some), axis=0)
-        self.moving = [k for k, change in zip(self.moving, changes, strict=True)
+        height_changes = np.ptp(self.heights(configurations), axis=0)
+        self.moving = [k for k, change in zip(self.moving, height_changes, strict=True)
                        if change > CHANGES]
 
     def _shape(self, model: Model, body: int, visual: LinkShape) -> Shape:

@@ -173,21 +173,26 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
         floor = None if floor_frames is None else floor
     design = DesignCriterion(model, FourierBasis(duration / periods, harmonics), share,
                              velocity, acceleration, floor, floor_frames, clearance)
-    found = []
+    # The search has many local minima: it starts several times, and the best end counts.
+    # An optimum may exceed the limits slightly, so that it is shrunk until it keeps them.
+    motions = []
     for k in range(starts):
-        kept, broken = within(design, improved(design, random_motion(design, rng)))
-        if kept is not None:
-            found.append(kept)
+        optimum = improved(design, random_motion(design, rng))
+        motion, broken = within(design, optimum)
+        if motion is not None:
+            motions.append(motion)
         progress((k + 1) / starts)
-    if not found:
+    if not motions:
         raise InputError(f'motion: none satisfies {broken}; expected more starts, a '
                          'lower share, other limits, or floor=None and distance=None')
-    best = min(found, key=lambda p: design.cost(p, 0.0)[0])
-    q = design.dense[0] @ best
+    best = min(motions, key=lambda p: design.cost(p, 0.0)[0])
+    lowest = nearest = None
+    if clearance is not None:
+        q = design.dense[0] @ best
+        lowest = clearance.lowest(q)
+        nearest = clearance.nearest(q)
     return Excitation(model.joint_names, design.basis, best, periods,
-                      design.condition(best), design.uses(best),
-                      None if clearance is None else clearance.lowest(q),
-                      None if clearance is None else clearance.nearest(q))
+                      design.condition(best), design.uses(best), lowest, nearest)
 
 
 def random_motion(design: DesignCriterion, rng: np.random.Generator) -> Array:
