@@ -5,6 +5,9 @@ from kane_dynamics.identification.base_regressor import (base_parameters, base_s
                                                          fit_base)
 from kane_dynamics.identification.collision_calibration import (calibrate_collision,
                                                                 CollisionCalibration)
+from kane_dynamics.identification.drives.drive_recording import DriveRecording
+from kane_dynamics.identification.drives.identify_drives import (DriveIdentification,
+                                                                 identify_drives)
 from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite
 from kane_dynamics.identification.fit import Identification, identify
@@ -18,9 +21,9 @@ from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.recordings.torque_delay import torque_delays, TorqueDelays
 from kane_dynamics.identification.regression import friction_speeds, rows
 
-__all__ = ['BaseFit', 'BaseParameters', 'CandidateErrors', 'CollisionCalibration', 'Efforts',
-           'Excitation', 'Identification', 'ModelChange', 'ModelWatch', 'Payload',
+__all__ = ['BaseFit', 'BaseParameters', 'CandidateErrors', 'CollisionCalibration',
+           'DriveIdentification', 'DriveRecording', 'Efforts', 'Excitation', 'Identification', 'ModelChange', 'ModelWatch', 'Payload',
            'PayloadEstimator', 'Recording', 'RecordingFault', 'TorqueDelays', 'WatchReport',
            'base_parameters', 'base_speeds',
            'calibrate_collision', 'diagnose', 'excite', 'fit_base', 'friction_speeds',
-           'identify', 'identify_payload', 'read_recording', 'rows', 'torque_delays']
+           'identify', 'identify_drives', 'identify_payload', 'read_recording', 'rows', 'torque_delays']

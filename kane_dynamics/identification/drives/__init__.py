@@ -1,0 +1,1 @@
+"""Stiffness, damping and rotor inertia of elastic joints from recordings."""

@@ -1,0 +1,180 @@
+"""Recordings of both sides of elastic joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.checks import increasing
+from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.recordings.recording import EVEN, real
+from kane_dynamics.identification.solvers import scientific
+import numpy as np
+from numpy.typing import ArrayLike
+
+SIGNALS = ('theta', 'q', 'motor_torque', 'gear_torque')
+LEAST_ROWS = 200
+
+
+@hinting
+@dataclass(frozen=True, eq=False)
+class DriveRecording:
+    """
+    Positions and torques of motors and links of elastic joints over time.
+
+    All numbers are joint-side: a motor's angle divided by the gear ratio, its torque times
+    the ratio. `from_motor_side` converts.
+
+    Attributes
+    ----------
+    t : (N,) array
+        s, increasing.
+    theta : (N, n) array
+        Motor positions, rad or m.
+    q : (N, n) array, optional
+        Positions of the links, by encoders behind the gears, rad or m.
+    motor_torque : (N, n) array, optional
+        N m or N.
+    gear_torque : (N, n) array, optional
+        Of torque sensors between gears and links, N m or N.
+
+    Raises
+    ------
+    InputError
+        Shapes differ, values are not finite, times do not increase, there are less than
+        200 rows, or beside the motor positions nothing was measured.
+
+    """
+
+    t: Array
+    theta: Array
+    q: Array | None = None
+    motor_torque: Array | None = None
+    gear_torque: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Check shapes, numbers and times."""
+        for name in ('t', *self.signals):
+            freeze(self, name, real(getattr(self, name), f'drive recording: {name}'))
+        if self.t.ndim != 1 or self.theta.ndim != 2 or not self.theta.shape[1]:
+            raise InputError(f'drive recording: t and theta of shapes {self.t.shape} and '
+                             f'{self.theta.shape}; expected (N,) and (N, n)')
+        expected = len(self.t), self.theta.shape[1]
+        for name in self.signals:
+            value = getattr(self, name)
+            if value.shape != expected:
+                raise InputError(f'drive recording: {name}: shape {value.shape}; expected '
+                                 f'{expected}')
+            if not np.isfinite(value).all():
+                row = int(np.argwhere(~np.isfinite(value))[0, 0])
+                raise InputError(f'drive recording: {name}: not finite in row {row + 1}; '
+                                 'expected finite numbers')
+        if len(self.signals) == 1:
+            raise InputError('drive recording: motor positions alone; expected also '
+                             'positions of the links, motor torques or gear torques')
+        if len(self.t) < LEAST_ROWS:
+            raise InputError(f'drive recording: {len(self.t)} rows; expected at least '
+                             f'{LEAST_ROWS}')
+        increasing(self.t, len(self.t), 'drive recording: t')
+
+    @classmethod
+    def from_motor_side(cls, t: ArrayLike, theta: ArrayLike, ratio: ArrayLike, *,
+                        q: ArrayLike | None = None, motor_torque: ArrayLike | None = None,
+                        gear_torque: ArrayLike | None = None) -> DriveRecording:
+        """
+        Return the recording of motor angles and torques as the motors have them.
+
+        Parameters
+        ----------
+        t : (N,) array_like
+            s.
+        theta : (N, n) array_like
+            Angles of the motors, rad.
+        ratio : float or (n,) array_like
+            Motor revolutions per joint revolution; negative if they turn against each
+            other.
+        q, gear_torque : (N, n) array_like, optional
+            Of the links, joint-side.
+        motor_torque : (N, n) array_like, optional
+            Torques of the motors, N m.
+
+        """
+        of_joints = real(ratio, 'ratio')
+        if not (np.isfinite(of_joints) & (of_joints != 0.0)).all():
+            raise InputError(f'ratio: {ratio}; expected finite numbers other than 0')
+        angles = real(theta, 'drive recording: theta')
+        if of_joints.ndim > 1 or of_joints.shape not in ((), angles.shape[1:]):
+            raise InputError(f'ratio: shape {of_joints.shape}; expected a number, or one '
+                             f'for each of {angles.shape[1:]} joints')
+        of_motors = None
+        if motor_torque is not None:
+            of_motors = real(motor_torque, 'drive recording: motor_torque') * of_joints
+        return cls(np.asarray(t), angles / of_joints, _optional(q), of_motors,
+                   _optional(gear_torque))
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.t)
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Return the names of what was measured."""
+        return tuple(name for name in SIGNALS if getattr(self, name) is not None)
+
+    def resampled(self) -> DriveRecording:
+        """Return evenly spaced rows, by cubic splines if the times are uneven."""
+        step = np.diff(self.t)
+        if np.abs(step - step.mean()).max() <= EVEN * step.mean():
+            return self
+        t = np.linspace(self.t[0], self.t[-1], len(self))
+        spline = scientific('scipy.interpolate').CubicSpline
+        even = {name: spline(self.t, getattr(self, name))(t) for name in self.signals}
+        return replace(self, t=t, **even)
+
+    def synchronized(self, skew: ArrayLike) -> DriveRecording:
+        """
+        Return the recording without the delay of the links' encoders.
+
+        Parameters
+        ----------
+        skew : float or (n,) array_like
+            How late the positions of the links are after those of the motors, s. Rows
+            whose positions are not recorded then are left out.
+
+        Raises
+        ------
+        InputError
+            There are no positions of the links, or skews are not finite.
+
+        """
+        if self.q is None:
+            raise InputError('drive recording: no positions of the links (q); expected '
+                             'these, since the skew is theirs')
+        late = real(skew, 'skew')
+        if not np.isfinite(late).all() or late.shape not in ((), self.q.shape[1:]):
+            raise InputError(f'skew: {skew}; expected a finite number, or one for each of '
+                             f'{self.q.shape[1]} joints, s')
+        late = np.broadcast_to(late, self.q.shape[1:])
+        spline = scientific('scipy.interpolate').CubicSpline
+        shifted = np.column_stack([spline(self.t, column)(self.t + delay)
+                                   for column, delay in zip(self.q.T, late, strict=True)])
+        inside = ((self.t + late.max() <= self.t[-1])
+                  & (self.t + late.min() >= self.t[0]))
+        kept = {name: getattr(self, name)[inside] for name in self.signals}
+        return replace(self, t=self.t[inside], **{**kept, 'q': shifted[inside]})
+
+
+def _optional(values: ArrayLike | None) -> Array | None:
+    """Return values as an array, None without any."""
+    return None if values is None else np.asarray(values)
+
+
+def joint_count(recording: DriveRecording, names: Sequence[str]) -> None:
+    """Raise InputError unless a recording has as many joints as names."""
+    count = recording.theta.shape[1]
+    if count != len(names):
+        raise InputError(f'drive recording: {count} joints; expected {len(names)}: '
+                         f'{", ".join(names)}')

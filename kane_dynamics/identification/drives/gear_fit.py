@@ -1,0 +1,335 @@
+"""
+Stiffness, damping and rotor inertia of one drive from both of its encoders.
+
+With the compliance c = 1/K and eta = D/K the spring and the motor of a joint obey
+
+    c tau_J = (theta - q) + eta (theta' - q') + offset                      (spring)
+    tau_m   = B theta'' + tau_J + friction(theta') + offset                 (motor)
+
+tau_J is measured by a torque sensor, or it is that of the links, M q'' + h(q, q') plus
+friction of the link's side. Encoders of the links may be late by s: q is q_m(t + s), and
+so is every torque computed from it. To first order the delay adds s q' to the deflection,
+as if the spring were c s q' softer: a torque that is not in step with the speed separates
+the two.
+
+All signals have noise, the deflection as much as its size: least squares would take the
+noise for stiffness. The equations are therefore weighted by the covariance that the noise
+of all signals gives them at the parameters themselves, as maximum likelihood does for
+linear equations (Pintelon & Schoukens, System Identification, 2nd ed., chapter 9):
+
+    sum over omega of E^H C(omega, x)^-1 E,   C = sum over signals of sigma^2 a a^H
+
+with E the spectra of the equations and a their coefficients of a signal.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.identification.drives.spectra import Spectra
+from kane_dynamics.identification.solvers import scientific
+from kane_dynamics.mechanics.friction import coulomb
+import numpy as np
+
+FLOOR = 1e-12  # relative size of eigenvalues of the information that are kept
+PARAMETERS = ('compliance', 'eta', 'skew', 'deflection_offset', 'link_damping',
+              'link_friction', 'rotor_inertia', 'motor_damping', 'motor_friction',
+              'motor_offset', 'log_slip')
+FIRST_SLIP = 0.05  # rad/s or m/s
+MOST_EVALUATIONS = 40
+ROUNDS = 3  # of the noise of friction
+
+
+class LinkTorque(NamedTuple):
+    """
+    Torque that the links need at one joint, and how it follows a change of q.
+
+    Attributes
+    ----------
+    torque : (N,) array
+        Without friction, N m or N, at the times of the links' encoders.
+    inertia : (n,) array
+        Row of the mass matrix, RMS over the motion.
+
+    """
+
+    torque: Array
+    inertia: Array
+
+
+@dataclass(frozen=True, eq=False)
+class JointSignals:
+    """
+    What was measured of one joint.
+
+    Attributes
+    ----------
+    t, theta, q : (N,) arrays
+    speed, link_speed : (N,) arrays
+        Of theta and q, filtered.
+    link : LinkTorque, or None with a torque sensor
+    gear_torque, motor_torque : (N,) arrays or None
+    noise : dict of str to float
+        Standard deviations of theta, q, gear_torque, motor_torque.
+    cutoff : float
+        Of the filter of the speeds, rad/s.
+    place : int
+        Of the joint among the links.
+    of_links : (n,) array
+        Standard deviations of the positions of all links.
+
+    """
+
+    t: Array
+    theta: Array
+    q: Array
+    speed: Array
+    link_speed: Array
+    link: LinkTorque | None
+    gear_torque: Array | None
+    motor_torque: Array | None
+    noise: dict[str, float]
+    cutoff: float
+    place: int
+    of_links: Array
+
+
+def mean_coulomb(speed: Array, slip: float) -> Array:
+    """
+    Return the means of Coulomb friction of coefficient 1 over the steps about rows, (N,).
+
+    It reverses within a step, so that its values at the rows alias into the band. Speeds
+    are linear between rows; the integral of tanh(x) is log(cosh(x)).
+    """
+    x = speed / slip
+    middle = 0.5 * (x[:-1] + x[1:])
+    before, after = np.append(x[0], middle), np.append(middle, x[-1])
+    halves = []
+    for begin, end in ((before, x), (x, after)):
+        change = end - begin
+        small = np.abs(change) < 1e-4
+        integral = np.logaddexp(end, -end) - np.logaddexp(begin, -begin)
+        halves.append(np.where(small, np.tanh(0.5 * (begin + end)),
+                               integral / np.where(small, 1.0, change)))
+    return np.asarray(0.5 * (halves[0] + halves[1]))
+
+
+class FrictionSlope(NamedTuple):
+    """
+    Slope of Coulomb friction of coefficient 1 over the speed, along a motion.
+
+    Through it the friction of a noisy speed has noise: the mean slope's is that of
+    damping; what the slope varies by spreads the noise over the band.
+    """
+
+    mean: float  # s/rad
+    spread: float  # variance of the friction's spectrum per variance of the position
+
+
+def friction_slope(speed: Array, slip: float, cutoff: float) -> FrictionSlope:
+    """Return the slope of Coulomb friction of speeds that are filtered at a frequency, rad/s."""
+    slope = (1.0 - coulomb(speed, slip)**2) / slip
+    return FrictionSlope(float(slope.mean()), float(slope.var()) * cutoff**2 / 3.0)
+
+
+class GearFit(NamedTuple):
+    """Values, covariance, and the mean square of the weighted residuals, 1 if noise only."""
+
+    names: tuple[str, ...]
+    x: Array
+    covariance: Array
+    misfit: float
+
+    def value(self, name: str) -> float:
+        """Return a parameter; NaN if it was no part of the fit."""
+        return float(self.x[self.names.index(name)]) if name in self.names else np.nan
+
+    def deviation(self, name: str) -> float:
+        """Return the standard deviation of a parameter; NaN if it was no part of the fit."""
+        if name not in self.names:
+            return np.nan
+        k = self.names.index(name)
+        return float(np.sqrt(self.covariance[k, k]))
+
+
+class GearEquations:
+    """The equations of a joint in the spectra of its signals."""
+
+    def __init__(self, signals: JointSignals, of: Spectra, skew: float | None) -> None:
+        self._signals = signals
+        self._of = of
+        self._given_skew = skew
+        self.names = _parameter_names(signals, skew)
+        spline = scientific('scipy.interpolate').CubicSpline
+        columns = [signals.q, signals.link_speed]
+        if signals.link is not None:
+            columns.append(signals.link.torque)
+        self._links = spline(signals.t, np.column_stack(columns))
+        self.varying = np.zeros(2)  # of the friction of motor and link, see `settle`
+        # Spectra of the last parameters: most parameters leave them as they are.
+        self._cache: dict[tuple[float, float], tuple[Array, Array, Array, Array]] = {}
+        self._sliding: dict[float, Array] = {}
+        self._constant = of.of(np.ones(len(signals.t)))
+        self._theta = of.of(signals.theta)
+        self._theta_rate = of.rate_of(signals.theta)
+        self._theta_acceleration = of.acceleration_of(signals.theta)
+        if signals.gear_torque is not None:
+            self._gear = of.of(signals.gear_torque)
+        if signals.motor_torque is not None:
+            self._motor = of.of(signals.motor_torque)
+
+    def start(self) -> Array:
+        """Return parameters to start from: least squares of the spring without a delay."""
+        signals, of = self._signals, self._of
+        deflection = self._theta - of.of(signals.q)
+        gear = self._gear if signals.link is None else of.of(signals.link.torque)
+        columns = [gear, of.of(signals.link_speed), -self._constant]
+        real = [np.concatenate([column.real, column.imag]) for column in columns]
+        solution = np.linalg.lstsq(np.column_stack(real),
+                                   np.concatenate([deflection.real, deflection.imag]))[0]
+        values = {'compliance': abs(solution[0]), 'skew': solution[1],
+                  'log_slip': np.log(FIRST_SLIP)}
+        if 'skew' in self.names and abs(values['skew']) > 0.02:
+            values['skew'] = 0.0
+        return np.array([values.get(name, 0.0) for name in self.names])
+
+    def weighted(self, x: Array) -> Array:
+        """Return the residuals over their standard deviations, real, (R,)."""
+        value = dict.fromkeys(PARAMETERS, 0.0)
+        value['skew'] = self._given_skew or 0.0
+        value.update(zip(self.names, x.tolist(), strict=True))
+        signals, of = self._signals, self._of
+        slip = FIRST_SLIP
+        if 'log_slip' in self.names:
+            slip = float(np.exp(value['log_slip']))
+        q, q_rate, sliding, rigid = self._of_links(value['skew'], slip)
+        gear = rigid
+        if signals.link is not None:
+            gear = (rigid + value['link_damping'] * q_rate
+                    + value['link_friction'] * sliding)
+        spring = (value['compliance'] * gear - (self._theta - q)
+                  - value['eta'] * (self._theta_rate - q_rate)
+                  - value['deflection_offset'] * self._constant)
+        rows = [spring]
+        if signals.motor_torque is not None:
+            losses = (value['motor_damping'] * self._theta_rate
+                      + value['motor_friction'] * self._motor_friction(slip))
+            rows.append(self._motor - value['rotor_inertia'] * self._theta_acceleration
+                        - losses - gear - value['motor_offset'] * self._constant)
+        return _whitened(np.array(rows), self._covariance(value, slip))
+
+    def settle(self, x: Array) -> None:
+        """
+        Take the noise that the varying slope of friction adds from parameters.
+
+        It stays in a fit: the residuals would be smallest for a friction of infinite noise.
+        """
+        value = dict(zip(self.names, x.tolist(), strict=True))
+        slip = float(np.exp(value.get('log_slip', np.log(FIRST_SLIP))))
+        signals = self._signals
+        self.varying = np.zeros(2)
+        for k, (name, speed) in enumerate((('motor_friction', signals.speed),
+                                           ('link_friction', signals.link_speed))):
+            slope = friction_slope(speed, slip, signals.cutoff)
+            self.varying[k] = value.get(name, 0.0) * np.sqrt(slope.spread)
+
+    def _of_links(self, skew: float, slip: float) -> tuple[Array, Array, Array, Array]:
+        """Return the spectra of q, q', Coulomb friction and torque at the motors' times."""
+        key = skew, slip
+        if key not in self._cache:
+            signals, of = self._signals, self._of
+            shifted = self._links(signals.t + skew)
+            rigid = self._gear if signals.link is None else of.of(shifted[:, 2])
+            self._cache.clear()
+            self._cache[key] = (of.of(shifted[:, 0]), of.rate_of(shifted[:, 0]),
+                                of.of_means(mean_coulomb(shifted[:, 1], slip)), rigid)
+        return self._cache[key]
+
+    def _motor_friction(self, slip: float) -> Array:
+        """Return the spectrum of Coulomb friction of coefficient 1 of the motor."""
+        if slip not in self._sliding:
+            self._sliding.clear()
+            self._sliding[slip] = self._of.of_means(mean_coulomb(self._signals.speed, slip))
+        return self._sliding[slip]
+
+    def _covariance(self, value: dict[str, float], slip: float) -> Array:
+        """Return the covariance of the equations at each frequency, (F, e, e)."""
+        signals, omega = self._signals, self._of.omega
+        nothing, ones = np.zeros(len(omega)), np.ones(len(omega))
+        elastic = 1.0 + 1j * omega * value['eta']
+        # Signals with their coefficients in the two equations; friction acts as damping
+        # on the noise of a position, by its mean slope.
+        on_motor = friction_slope(signals.speed, slip, signals.cutoff)
+        damping = value['motor_damping'] + value['motor_friction'] * on_motor.mean
+        of_motor = omega**2 * value['rotor_inertia'] - 1j * omega * damping
+        terms = [(signals.noise['theta'], -elastic, of_motor)]
+        # What the slope of friction varies by.
+        terms.append((signals.noise['theta'], nothing, self.varying[0] * ones))
+        if signals.link is None:
+            terms.append((signals.noise['q'], elastic, nothing))
+            terms.append((signals.noise['gear_torque'], value['compliance'] * ones, -ones))
+        else:
+            on_link = friction_slope(signals.link_speed, slip, signals.cutoff)
+            damping = value['link_damping'] + value['link_friction'] * on_link.mean
+            varying = self.varying[1] * ones
+            terms.append((signals.noise['q'], value['compliance'] * varying, -varying))
+            for k, deviation in enumerate(signals.of_links):
+                of_torque = -omega**2 * signals.link.inertia[k]
+                of_spring = value['compliance'] * of_torque
+                if k == signals.place:
+                    of_torque = of_torque + 1j * omega * damping
+                    of_spring = value['compliance'] * of_torque + elastic
+                terms.append((deviation, of_spring, -of_torque))
+        if signals.motor_torque is not None:
+            terms.append((signals.noise['motor_torque'], nothing, ones))
+        size = 1 if signals.motor_torque is None else 2
+        covariance = np.zeros((len(omega), size, size), dtype=complex)
+        for deviation, *of_rows in terms:
+            a = np.column_stack(of_rows[:size])
+            covariance += deviation**2 * a[:, :, None] * a[:, None, :].conj()
+        return self._of.gain * covariance
+
+
+def fitted(equations: GearEquations) -> GearFit:
+    """Return the maximum of the likelihood, with its covariance."""
+    x = equations.start()
+    for _ in range(ROUNDS):
+        solution = scientific('scipy.optimize').least_squares(
+            equations.weighted, x, x_scale='jac', method='trf',
+            max_nfev=MOST_EVALUATIONS)
+        x = solution.x
+        equations.settle(x)
+    residual = solution.fun
+    freedom = max(len(residual) - len(solution.x), 1)
+    # 1 where the noise explains the residual; what the equations lack adds to it.
+    misfit = max(float(residual @ residual) / freedom, 1.0)
+    return GearFit(equations.names, solution.x, misfit * covariance_of(solution.jac), misfit)
+
+
+def covariance_of(jacobian: Array) -> Array:
+    """Return the covariance of parameters; directions that nothing tells get a large one."""
+    scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    values, vectors = np.linalg.eigh((jacobian / scale).T @ (jacobian / scale))
+    inverse = 1.0 / np.maximum(values, FLOOR * values[-1])
+    return np.asarray((vectors * inverse) @ vectors.T / np.outer(scale, scale))
+
+
+def _parameter_names(signals: JointSignals, skew: float | None) -> tuple[str, ...]:
+    """Return the parameters that the equations of a joint have."""
+    names = ['compliance', 'eta', 'skew', 'deflection_offset']
+    if skew is not None:
+        names.remove('skew')
+    if signals.link is not None:
+        names += ['link_damping', 'link_friction']
+    if signals.motor_torque is not None:
+        names += ['rotor_inertia', 'motor_damping', 'motor_friction', 'motor_offset',
+                  'log_slip']
+    return tuple(names)
+
+
+def _whitened(rows: Array, covariance: Array) -> Array:
+    """Return equations (e, F) over the root of their covariance (F, e, e), as real numbers."""
+    root = np.linalg.cholesky(covariance)
+    white = np.linalg.solve(root, rows.T[:, :, None])[:, :, 0].ravel()
+    # The variance is shared by real and imaginary part.
+    return np.sqrt(2.0) * np.concatenate([white.real, white.imag])

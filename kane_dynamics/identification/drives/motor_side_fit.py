@@ -1,0 +1,233 @@
+"""
+Stiffness, damping and rotor inertia from motor positions and torques alone.
+
+The links are driven by the measured motion of the motors, and simulated with their own
+equations of motion from an initial state that belongs to the unknowns:
+
+    M q'' + h(q, q') + friction(q') = K (theta - q) + D (theta' - q')
+
+The torque of the springs then enters the equation of the motors,
+
+    tau_m = B theta'' + K (theta - q) + D (theta' - q') + friction(theta') + offset,
+
+whose spectra are compared. Below the resonance the motor feels M + B whatever the
+stiffness is; above it, B. Only frequencies near the resonance tell K and D.
+
+Noise of theta is seen through the drive and the links. Its part of the residual is that
+of the equations linearized about the mean configuration.
+"""
+
+from typing import Any, NamedTuple
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.identification.drives.gear_fit import (covariance_of, FIRST_SLIP,
+                                                          friction_slope,
+                                                          mean_coulomb)
+from kane_dynamics.identification.drives.spectra import Spectra
+from kane_dynamics.identification.solvers import scientific
+from kane_dynamics.mechanics.friction import coulomb
+from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+SPRING = ('compliance', 'eta', 'link_damping', 'link_friction')  # of the simulated links
+START = ('q', 'u')  # initial state of the links
+LINEAR = ('rotor_inertia', 'motor_damping', 'motor_friction', 'motor_offset')
+NAMES = (*SPRING, *START, *LINEAR)
+FREQUENCIES = np.geomspace(2.0, 60.0, 24)  # Hz, tried for each joint at first
+FIRST_DAMPING = 0.02  # damping ratio
+ROUNDS = 2  # over all joints
+MOST_EVALUATIONS = 40
+LONGEST_STEP = 0.15  # rad of the highest frequency of the links
+
+
+class MotorSignals(NamedTuple):
+    """
+    What was measured of all motors.
+
+    Attributes
+    ----------
+    t : (N,) array
+    theta, speed, motor_torque : (N, n) arrays
+    noise : dict of str to (n,) array
+    cutoff : float
+        Of the filter of the speeds, rad/s.
+
+    """
+
+    t: Array
+    theta: Array
+    speed: Array
+    motor_torque: Array
+    noise: dict[str, Array]
+    cutoff: float
+
+
+class MotorSideFit(NamedTuple):
+    """Values by name, (n,) each, their covariance, and the mean square of the residuals."""
+
+    values: dict[str, Array]
+    covariance: Array
+    misfit: float
+
+    def deviation(self, name: str) -> Array:
+        """Return the standard deviations of a parameter of all joints, (n,)."""
+        variances = np.diag(self.covariance).reshape(len(NAMES), -1)
+        return np.asarray(np.sqrt(variances[NAMES.index(name)]))
+
+
+class MotorEquations:
+    """The equations of all motors, with the links simulated."""
+
+    def __init__(self, robot: Robot, signals: MotorSignals, of: Spectra) -> None:
+        self._robot = robot
+        self._signals = signals
+        self._of = of
+        n = robot.n
+        self._mean = signals.theta.mean(axis=0)
+        self.inertia = robot.mass_matrix(self._mean)
+        self._gravity_slope = _gravity_slope(robot, self._mean)
+        self._kernel = _link_step(robot, signals.t[1] - signals.t[0])
+        # Motors at the beginning, in the middle and at the end of each step.
+        spline = scientific('scipy.interpolate').CubicSpline(signals.t, signals.theta)
+        middle = 0.5 * (signals.t[:-1] + signals.t[1:])
+        theta = np.stack([signals.theta[:-1], spline(middle), signals.theta[1:]], axis=1)
+        rate = np.stack([spline(signals.t[:-1], 1), spline(middle, 1),
+                         spline(signals.t[1:], 1)], axis=1)
+        self._motors = np.ascontiguousarray(np.stack([theta, rate], axis=2))
+        self._rate = spline(signals.t, 1)
+        self._motor = self._spectra(signals.motor_torque)
+        columns = [[of.acceleration_of(x) for x in signals.theta.T],
+                   [of.rate_of(x) for x in signals.theta.T],
+                   [of.of_means(mean_coulomb(x, FIRST_SLIP)) for x in signals.speed.T],
+                   [of.of(np.ones(len(signals.t)))] * n]
+        self._columns = np.array(columns)  # (4, n, F)
+        self._slopes = [friction_slope(x, FIRST_SLIP, signals.cutoff)
+                        for x in signals.speed.T]
+
+    def gear_torque(self, spring: Array, start: Array) -> Array:
+        """Return the torque of the springs along the motion, (N, n)."""
+        n = self._robot.n
+        stiffness = 1.0 / spring[0]
+        values = np.ascontiguousarray(np.array([stiffness, spring[1] * stiffness,
+                                                spring[2], spring[3]]))
+        states = np.empty((len(self._signals.t), 2 * n))
+        states[0] = start.ravel()
+        self._kernel.scan([states[:-1], self._motors, values], states[1:])
+        deflection = self._signals.theta - states[:, :n]
+        torque = stiffness * deflection + values[1] * (self._rate - states[:, n:])
+        # A simulation that diverges fits nothing; its residual stays a number.
+        return np.asarray(np.nan_to_num(np.clip(torque, -1e9, 1e9)))
+
+    def weighted(self, x: Array) -> Array:
+        """Return the residuals over their standard deviations, real, (R,)."""
+        rows = x.reshape(len(NAMES), -1)
+        spring, start, linear = rows[:4], rows[4:6], rows[6:]
+        gear = self._spectra(self.gear_torque(spring, start))
+        missing = self._motor - gear - np.einsum('kj,kjf->jf', linear, self._columns)
+        return self._whitened(missing, spring, linear).ravel()
+
+    def start(self) -> Array:
+        """Return parameters to start from: stiffnesses of a grid, joint by joint."""
+        n = self._robot.n
+        own_inertia = np.diag(self.inertia)
+        x = np.zeros((len(NAMES), n))
+        x[0] = 1.0 / (own_inertia * (2.0 * np.pi * 15.0)**2)
+        for _ in range(ROUNDS):
+            for j in range(n):
+                costs = []
+                trials = []
+                for frequency in FREQUENCIES:
+                    trial = x.copy()
+                    omega = 2.0 * np.pi * frequency
+                    trial[0, j] = 1.0 / (own_inertia[j] * omega**2)
+                    trial[1, j] = 2.0 * FIRST_DAMPING / omega
+                    trial = self._with_linear(trial)
+                    residual = self.weighted(trial.ravel())
+                    trials.append(trial)
+                    costs.append(float(residual @ residual))
+                x = trials[int(np.argmin(costs))]
+        return x.ravel()
+
+    def _with_linear(self, x: Array) -> Array:
+        """Return parameters with the static start and the motors that fit a simulation best."""
+        x = x.copy()
+        weight = self._robot.gravity_force(self._signals.theta[0])
+        x[4] = self._signals.theta[0] - x[0] * weight
+        x[5] = self._rate[0]
+        gear = self._spectra(self.gear_torque(x[:4], x[4:6]))
+        for j in range(self._robot.n):
+            columns = self._columns[:, j].T
+            missing = self._motor[j] - gear[j]
+            A = np.concatenate([columns.real, columns.imag])
+            scale = np.linalg.norm(A, axis=0)
+            x[6:, j] = np.linalg.lstsq(A / scale, np.concatenate([missing.real,
+                                                                  missing.imag]))[0] / scale
+        return x
+
+    def _spectra(self, values: Array) -> Array:
+        """Return the spectra of the columns of values (N, n), (n, F)."""
+        return np.array([self._of.of(column) for column in values.T])
+
+    def _whitened(self, missing: Array, spring: Array, linear: Array) -> Array:
+        """Return the residuals, (n, F), over the root of their covariance, real."""
+        omega = self._of.omega[:, None, None]
+        n = len(missing)
+        elastic = np.eye(n) * (1.0 + 1j * omega * spring[1]) / spring[0]
+        slope = np.array([of_motor.mean for of_motor in self._slopes])
+        spread = np.array([of_motor.spread for of_motor in self._slopes])
+        of_links = (self._gravity_slope + elastic - omega**2 * self.inertia
+                    + 1j * omega * np.diag(spring[2]))
+        followed = np.linalg.solve(of_links, elastic)
+        seen = (elastic - elastic @ followed - omega**2 * np.diag(linear[0])
+                + 1j * omega * np.diag(linear[1] + linear[2] * slope))
+        noise = self._signals.noise
+        covariance = (seen * noise['theta']**2) @ seen.conj().transpose(0, 2, 1)
+        of_friction = linear[2]**2 * spread * noise['theta']**2
+        covariance = covariance + np.diag(noise['motor_torque']**2 + of_friction)
+        covariance = self._of.gain * covariance
+        root = np.linalg.cholesky(covariance)
+        white = np.linalg.solve(root, missing.T[:, :, None])[:, :, 0].ravel()
+        return np.sqrt(2.0) * np.concatenate([white.real, white.imag])
+
+
+def motor_side_fit(equations: MotorEquations) -> MotorSideFit:
+    """Return the maximum of the likelihood, with its covariance."""
+    lowest = np.full((len(NAMES), len(equations.inertia)), -np.inf)
+    lowest[0] = 1e-12
+    solution = scientific('scipy.optimize').least_squares(
+        equations.weighted, equations.start(), bounds=(lowest.ravel(), np.inf),
+        x_scale='jac', max_nfev=MOST_EVALUATIONS)
+    residual = solution.fun
+    freedom = max(len(residual) - len(solution.x), 1)
+    misfit = max(float(residual @ residual) / freedom, 1.0)
+    values = dict(zip(NAMES, solution.x.reshape(len(NAMES), -1), strict=True))
+    return MotorSideFit(values, misfit * covariance_of(solution.jac), misfit)
+
+
+def _link_step(robot: Robot, step: float) -> Kernel:
+    """Return the kernel of one step of the links, driven by their motors."""
+    n = robot.n
+
+    def driven_links(state: Any, motors: Any, values: Any, parameters: Any) -> Any:
+        stiffness, damping, link_damping, link_friction = values
+
+        def rates(x: Any, motor: Any) -> Any:
+            q, u = x[:n], x[n:]
+            torque = (stiffness * (motor[0] - q) + damping * (motor[1] - u)
+                      - link_damping * u - link_friction * coulomb(u, FIRST_SLIP))
+            udot = robot.equations.forward_dynamics(q, u, torque, None, parameters)
+            return np.concatenate([u, udot])
+
+        return runge_kutta_4(rates, state, motors, step)
+
+    return robot.compiled(driven_links, name='driven_links', state=(2 * n,),
+                          motors=(3, 2, n), values=(4, n), shape=(2 * n,))
+
+
+def _gravity_slope(robot: Robot, q: Array) -> Array:
+    """Return the derivative of the gravity force by the positions, (n, n)."""
+    change = 1e-5 * np.eye(robot.n)
+    return np.asarray((robot.gravity_force(q + change) - robot.gravity_force(q - change)).T
+                      / 2e-5)

@@ -1,0 +1,126 @@
+"""
+Spectra of recordings that do not repeat, and of the derivatives of their signals.
+
+A window w that vanishes at both ends moves derivatives from a signal to the window:
+
+    <w e, x'>  = j omega <w e, x> - <w' e, x>,                         e = exp(-j omega t)
+    <w e, x''> = -omega^2 <w e, x> - 2 j omega <w' e, x> + <w'' e, x>
+
+so that equations of motion hold for the spectra as they hold in time, without a
+difference and without leakage. White noise of a signal stays white in its spectrum.
+"""
+
+from dataclasses import dataclass
+
+from kane_dynamics._util.typing import Array
+import numpy as np
+
+TAPER = 0.05  # of the rows, at either end
+RISE = 0.0, 0.0, 0.0, 0.0, 35.0, -84.0, 70.0, -20.0  # from 0 to 1, three derivatives 0
+QUIET = 0.6  # of the Nyquist frequency: above it signals are noise
+AUDIBLE = 4.0  # power over that of the noise
+WIDEST = 0.4  # of the Nyquist frequency, of the band
+LEAST_BINS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Spectra:
+    """
+    A window over a number of rows, and a band of frequencies.
+
+    Attributes
+    ----------
+    step : float
+        Between rows, s.
+    window, slope, bend : (N,) arrays
+        w and its derivatives over time.
+    omega : (F,) array
+        rad/s, from 0.
+
+    """
+
+    step: float
+    window: Array
+    slope: Array
+    bend: Array
+    omega: Array
+
+    def of(self, signal: Array) -> Array:
+        """Return the spectrum of a signal, (F,)."""
+        return self._transformed(self.window, signal)
+
+    def rate_of(self, signal: Array) -> Array:
+        """Return the spectrum of the time derivative of a signal, (F,)."""
+        return np.asarray(1j * self.omega * self.of(signal)
+                          - self._transformed(self.slope, signal))
+
+    def acceleration_of(self, signal: Array) -> Array:
+        """Return the spectrum of the second time derivative of a signal, (F,)."""
+        return np.asarray(-self.omega**2 * self.of(signal)
+                          - 2j * self.omega * self._transformed(self.slope, signal)
+                          + self._transformed(self.bend, signal))
+
+    def of_means(self, means: Array) -> Array:
+        """Return the spectrum of a signal from its means over the steps about the rows, (F,)."""
+        return np.asarray(self.of(means) / np.sinc(self.omega * self.step / (2.0 * np.pi)))
+
+    @property
+    def gain(self) -> float:
+        """Return the variance of a spectrum of white noise of variance 1."""
+        return float(self.window @ self.window)
+
+    def _transformed(self, window: Array, signal: Array) -> Array:
+        """Return the Fourier transform of a windowed signal in the band."""
+        return np.asarray(np.fft.rfft(window * signal)[:len(self.omega)])
+
+
+def spectra(count: int, step: float, highest: float) -> Spectra:
+    """Return the spectra of a number of rows up to a frequency, Hz."""
+    length = max(int(TAPER * count), 8)
+    window, slope, bend = np.ones(count), np.zeros(count), np.zeros(count)
+    # Up to the third derivative, the window is continuous: sums over rows are integrals.
+    rise = np.polynomial.Polynomial(RISE)
+    x = np.arange(length) / length
+    span = length * step
+    rising, climbing, bending = rise(x), rise.deriv()(x) / span, rise.deriv(2)(x) / span**2
+    window[:length], window[count - length:] = rising, rising[::-1]
+    slope[:length], slope[count - length:] = climbing, -climbing[::-1]
+    bend[:length], bend[count - length:] = bending, bending[::-1]
+    omega = 2.0 * np.pi * np.fft.rfftfreq(count, step)
+    inside = omega <= 2.0 * np.pi * highest
+    return Spectra(step, window, slope, bend, omega[inside])
+
+
+def white_noise(signals: Array, step: float) -> Array:
+    """
+    Return the standard deviation of the white noise of signals (N, n), (n,).
+
+    It is that of the highest frequencies, at which no arm moves. The median of the power
+    there ignores single lines, as of a switching converter.
+    """
+    power, frequency = _power(signals, step)
+    high = power[frequency > QUIET * 0.5 / step]
+    return np.asarray(np.sqrt(np.median(high, axis=0) / np.log(2.0)))
+
+
+def audible_band(signals: Array, noise: Array, step: float) -> float:
+    """Return the frequency up to which signals (N, n) stand above their noise, Hz."""
+    power, frequency = _power(signals, step)
+    # Means over neighboring frequencies vary less than single ones.
+    width = max(len(power) // 200, 5)
+    kernel = np.ones(width) / width
+    highest = LEAST_BINS / (step * len(signals))
+    for of_signal, deviation in zip(power.T, noise, strict=True):
+        mean = np.convolve(of_signal, kernel, mode='same')
+        above = frequency[mean > AUDIBLE * max(deviation**2, 1e-30)]
+        if len(above):
+            highest = max(highest, float(above[-1]))
+    return min(highest, WIDEST * 0.5 / step)
+
+
+def _power(signals: Array, step: float) -> tuple[Array, Array]:
+    """Return the power of signals, (F, n), 1 for white noise of 1, and the frequencies, Hz."""
+    window = np.hanning(len(signals))[:, None]
+    middle = signals - signals.mean(axis=0)
+    power = np.abs(np.fft.rfft(window * middle, axis=0))**2 / float(np.sum(window**2))
+    return power, np.fft.rfftfreq(len(signals), step)

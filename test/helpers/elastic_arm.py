@@ -1,0 +1,167 @@
+"""
+A planar arm with two elastic joints, from its Lagrangian, and what its sensors measure.
+
+It shares no code with the library: two links in a vertical plane, a spring and a damper
+between motor and link of each joint, Coulomb and viscous friction on either side.
+"""
+
+from dataclasses import dataclass, field
+import math
+
+from kane_dynamics.identification import DriveRecording
+import numpy as np
+from scipy.integrate import solve_ivp
+
+LENGTH = 0.5  # of the first link, m
+MASS = 4.0, 2.5
+COM = 0.25, 0.2
+INERTIA = 0.12, 0.05  # about the center of mass, kg m^2
+GRAVITY = 9.81
+SLIP = 0.05  # rad/s
+RATE = 1000.0  # Hz
+JOINTS = 'shoulder', 'elbow'
+URDF = """<robot name="elastic_arm"><link name="base"/>""" + ''.join(
+    f"""<link name="link{k}"><inertial><origin xyz="{com} 0 0"/><mass value="{mass}"/>
+    <inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/>
+    </inertial></link><joint name="{joint}" type="revolute"><parent link="{parent}"/>
+    <child link="link{k}"/><origin xyz="{place} 0 0"/><axis xyz="0 -1 0"/>
+    <limit lower="-3" upper="3" effort="200" velocity="6"/></joint>"""
+    for k, (joint, parent, place, mass, com, inertia) in enumerate(
+        zip(JOINTS, ('base', 'link0'), (0.0, LENGTH), MASS, COM, INERTIA, strict=True))
+) + '</robot>'
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The drives of the arm; every number is joint-side."""
+
+    stiffness: tuple = (3000.0, 1200.0)
+    damping: tuple = (4.0, 1.5)
+    rotor_inertia: tuple = (0.9, 0.3)
+    motor_damping: tuple = (3.0, 1.0)
+    motor_friction: tuple = (6.0, 2.5)
+    link_damping: tuple = (0.8, 0.3)
+    link_friction: tuple = (1.0, 0.5)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of what is measured, and how late the link's encoders are."""
+
+    theta: float = 2e-5
+    q: float = 2e-5
+    motor_torque: float = 0.1
+    gear_torque: float = 0.1
+    skew: float = 0.003
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The motion of the arm without noise, (N,) and (N, 2)."""
+
+    t: np.ndarray
+    q: np.ndarray
+    theta: np.ndarray
+    motor_torque: np.ndarray
+    gear_torque: np.ndarray
+    truth: Truth = field(default_factory=Truth)
+
+    def measured(self, seed, noise=None, *, use=('q', 'motor_torque')):
+        """Return what sensors measure, those of `use` beside the motor's encoders."""
+        noise = noise or Noise()
+        rng = np.random.default_rng(seed)
+        late = round(noise.skew * RATE)
+        first = max(late, 0)
+        last = len(self.t) + min(late, 0)
+        values = {'theta': self.theta[first:last], 'q': self.q[first - late:last - late],
+                  'motor_torque': self.motor_torque[first:last],
+                  'gear_torque': self.gear_torque[first:last]}
+        sensors = {}
+        for name, signal in values.items():
+            disturbed = signal + getattr(noise, name) * rng.standard_normal(signal.shape)
+            if name == 'theta' or name in use:
+                sensors[name] = disturbed
+        return DriveRecording(self.t[first:last], **sensors)
+
+
+def large_motion(seed, gains):
+    """Return a torque law that follows a sum of sines from 0.1 to 3 Hz."""
+    rng = np.random.default_rng(seed)
+    frequency = 2.0 * math.pi * np.geomspace(0.15, 3.0, 7)
+    amplitude = rng.uniform(0.5, 1.0, (2, 7)) * 0.5 / (1.0 + frequency)
+    phase = rng.uniform(0.0, 2.0 * math.pi, (2, 7))
+
+    def torque(t, theta, speed):
+        argument = frequency * t + phase
+        ramp = min(t, 1.0)
+        wanted = ramp * (amplitude * np.sin(argument)).sum(axis=1)
+        rate = ramp * (amplitude * frequency * np.cos(argument)).sum(axis=1)
+        return [gain * (wanted[k] - theta[k]) + 0.1 * gain * (rate[k] - speed[k])
+                for k, gain in enumerate(gains)]
+    return torque
+
+
+def small_vibration(seed, size, center, gains):
+    """Return a torque law that shakes the motors about a posture, from 3 to 30 Hz."""
+    rng = np.random.default_rng(seed)
+    frequency = 2.0 * math.pi * np.geomspace(3.0, 30.0, 40)
+    phase = rng.uniform(0.0, 2.0 * math.pi, (2, 40))
+    weight = _gravity(*center)
+
+    def torque(t, theta, speed):
+        shaken = np.sin(frequency * t + phase).sum(axis=1)
+        return [weight[k] + size[k] * shaken[k] + gains[k] * (center[k] - theta[k])
+                for k in range(2)]
+    return torque
+
+
+def simulated(torque, duration, truth=None, start=(0.0, 0.0)):
+    """Return the motion of the arm with a torque law, from rest."""
+    truth = truth or Truth()
+
+    def rates(t, x):
+        q, theta, u, speed = x[:2], x[2:4], x[4:6], x[6:]
+        motor = torque(t, theta, speed)
+        gear = [truth.stiffness[k] * (theta[k] - q[k])
+                + truth.damping[k] * (speed[k] - u[k]) for k in range(2)]
+        on_link, of_motor = [], []
+        for k in range(2):
+            on_link.append(gear[k] - truth.link_damping[k] * u[k]
+                           - truth.link_friction[k] * math.tanh(u[k] / SLIP))
+            losses = (truth.motor_damping[k] * speed[k]
+                      + truth.motor_friction[k] * math.tanh(speed[k] / SLIP))
+            of_motor.append((motor[k] - gear[k] - losses) / truth.rotor_inertia[k])
+        return [*u, *speed, *_accelerations(q, u, on_link), *of_motor]
+
+    t = np.arange(round(duration * RATE)) / RATE
+    sag = _gravity(*start) / np.array(truth.stiffness)
+    solution = solve_ivp(rates, (0.0, t[-1]), [*start, *(start + sag), 0, 0, 0, 0],
+                         t_eval=t, rtol=1e-8, atol=1e-10, method='RK45', max_step=2e-3)
+    q, theta, u, speed = solution.y.reshape(4, 2, -1).transpose(0, 2, 1)
+    motor = np.array([torque(*row) for row in zip(t, theta, speed, strict=True)])
+    gear = truth.stiffness * (theta - q) + truth.damping * (speed - u)
+    return Motion(t, q, theta, motor, gear, truth)
+
+
+def _gravity(q1, q2):
+    """Return the torques that hold the links, N m; angles from the horizontal, upwards."""
+    second = MASS[1] * GRAVITY * COM[1] * math.cos(q1 + q2)
+    first = (MASS[0] * COM[0] + MASS[1] * LENGTH) * GRAVITY * math.cos(q1)
+    return np.array([first + second, second])
+
+
+def _accelerations(q, u, torque):
+    """Return the accelerations of the links, by Lagrange's equations of two rods."""
+    cosine, sine = math.cos(q[1]), math.sin(q[1])
+    coupling = MASS[1] * LENGTH * COM[1]
+    elbow = INERTIA[1] + MASS[1] * COM[1]**2
+    shoulder = (INERTIA[0] + MASS[0] * COM[0]**2 + elbow + MASS[1] * LENGTH**2
+                + 2.0 * coupling * cosine)
+    mixed = elbow + coupling * cosine
+    gravity = _gravity(q[0], q[1])
+    centrifugal = coupling * sine
+    right_1 = torque[0] - gravity[0] + centrifugal * (2.0 * u[0] + u[1]) * u[1]
+    right_2 = torque[1] - gravity[1] - centrifugal * u[0]**2
+    determinant = shoulder * elbow - mixed**2
+    return [(elbow * right_1 - mixed * right_2) / determinant,
+            (shoulder * right_2 - mixed * right_1) / determinant]
