@@ -235,9 +235,19 @@ def _identify(sub: ArgumentParser) -> None:
                      help='estimate base parameters only, by weighted least squares')
     sub.add_argument('--payload', metavar='LINK',
                      help='identify the payload of this link; the arm is known')
+    sub.add_argument('--drives', action='store_true',
+                     help='identify stiffness, damping and rotor inertia of elastic '
+                          'joints; columns theta.<joint> of the motors, and q.<joint>, '
+                          'motor_torque.<joint>, gear_torque.<joint> as far as measured')
+    sub.add_argument('--ratio', type=float, nargs='+', metavar='R',
+                     help='with --drives: motor revolutions per joint revolution, one '
+                          'or one per joint; default: motor values are joint-side')
+    sub.add_argument('--skew', type=float, metavar='S',
+                     help='with --drives: how late the positions of the links are after '
+                          'those of the motors, s; default: identified')
     sub.add_argument('-o', '--out', metavar='FILE',
-                     help='write the identified model: a URDF; with --payload a '
-                          'supplement')
+                     help='write the identified model: a URDF; with --payload or --drives '
+                          'a supplement')
     add_plot(sub, 'measured torques, and those of the identified model')
 
 

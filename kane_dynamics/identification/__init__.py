@@ -5,7 +5,8 @@ from kane_dynamics.identification.base_regressor import (base_parameters, base_s
                                                          fit_base)
 from kane_dynamics.identification.collision_calibration import (calibrate_collision,
                                                                 CollisionCalibration)
-from kane_dynamics.identification.drives.drive_recording import DriveRecording
+from kane_dynamics.identification.drives.drive_recording import (DriveRecording,
+                                                                 read_drive_recording)
 from kane_dynamics.identification.drives.identify_drives import (DriveIdentification,
                                                                  identify_drives)
 from kane_dynamics.identification.efforts import Efforts
@@ -22,8 +23,10 @@ from kane_dynamics.identification.recordings.torque_delay import torque_delays, 
 from kane_dynamics.identification.regression import friction_speeds, rows
 
 __all__ = ['BaseFit', 'BaseParameters', 'CandidateErrors', 'CollisionCalibration',
-           'DriveIdentification', 'DriveRecording', 'Efforts', 'Excitation', 'Identification', 'ModelChange', 'ModelWatch', 'Payload',
-           'PayloadEstimator', 'Recording', 'RecordingFault', 'TorqueDelays', 'WatchReport',
+           'DriveIdentification', 'DriveRecording', 'Efforts', 'Excitation',
+           'Identification', 'ModelChange', 'ModelWatch', 'Payload', 'PayloadEstimator',
+           'Recording', 'RecordingFault', 'TorqueDelays', 'WatchReport',
            'base_parameters', 'base_speeds',
            'calibrate_collision', 'diagnose', 'excite', 'fit_base', 'friction_speeds',
-           'identify', 'identify_drives', 'identify_payload', 'read_recording', 'rows', 'torque_delays']
+           'identify', 'identify_drives', 'identify_payload', 'read_drive_recording',
+           'read_recording', 'rows', 'torque_delays']

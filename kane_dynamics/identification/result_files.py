@@ -150,6 +150,27 @@ def written_payload(supplement: str | os.PathLike[str] | None, link: str,
     return yaml.safe_dump({**(content or {}), 'payload': load}, sort_keys=False)
 
 
+def written_drives(supplement: str | os.PathLike[str] | None, drives: str) -> str:
+    """
+    Return the text of a supplement with drives that replace those of a former one.
+
+    Parameters
+    ----------
+    supplement : path, optional
+        Former supplement; its comments are lost.
+    drives : str
+        Text of a supplement of drives alone.
+
+    """
+    content: Any = {}
+    if supplement is not None:
+        read_supplement(supplement)  # raises of an invalid one
+        content = yaml.safe_load(Path(supplement).read_bytes()) or {}
+    former = content.get('drives') or {}
+    content['drives'] = {**former, **yaml.safe_load(drives)['drives']}
+    return yaml.safe_dump(content, sort_keys=False)
+
+
 def six(payload: Inertial) -> list[float]:
     """Return the inertia as ixx, ixy, ixz, iyy, iyz, izz: the order of supplement and node."""
     return [float(moment) for moment in payload.inertia[np.triu_indices(3)]]

@@ -16,6 +16,9 @@ from kane_dynamics.cli.printing import as_json, print_json, print_table, warn
 from kane_dynamics.cli.robot_options import every_joint, load, source_of, warn_degrees
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import base_error, base_speeds, fit_base
+from kane_dynamics.identification.drives.drive_recording import read_drive_recording
+from kane_dynamics.identification.drives.identify_drives import (DriveIdentification,
+                                                                 identify_drives)
 from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.friction_laws import COULOMB
@@ -25,7 +28,8 @@ from kane_dynamics.identification.recordings.diagnosis import refuse_faulty
 from kane_dynamics.identification.recordings.reader import read_recording
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import FRICTION, LOWEST, rms, rows
-from kane_dynamics.identification.result_files import six, written, written_payload
+from kane_dynamics.identification.result_files import (six, written, written_drives,
+                                                      written_payload)
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 from kane_dynamics.model.model import Model
@@ -33,6 +37,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 AXES = 'xyz'
+DRIVE_NUMBERS = ('stiffness', 'damping', 'rotor_inertia', 'skew')
 FURTHER = ('quadratic_damping', 'load_friction', 'presliding')  # terms of friction laws
 
 
@@ -48,6 +53,11 @@ class Outcome:
 
 def identification(options: Namespace) -> None:
     """Identify a model, base parameters or a payload; print it, draw or write it on request."""
+    if options.drives:
+        _identify_drives(options)
+        return
+    if options.ratio is not None or options.skew is not None:
+        raise InputError('--ratio or --skew: given without --drives; expected both')
     plot = pictures.plotter(options)  # errors early
     model, robot = load(options)
     if options.payload and not options.base_parameters:
@@ -337,6 +347,77 @@ def _refuse_unused(options: Namespace, kind: str) -> None:
     for name, present in unused.items():
         if present:
             raise InputError(f'{kind}: given with {name}; expected it without {name}')
+
+
+# Drives of elastic joints.
+
+def _identify_drives(options: Namespace) -> None:
+    """Identify the drives of elastic joints; print them, and write --out."""
+    _refuse_unused(options, '--drives')
+    others = {'--payload': options.payload, '--base-parameters': options.base_parameters,
+              '--constraints': options.constraints, '--cutoff': options.cutoff,
+              '--resample': options.resample, '--topic': options.topic,
+              '--plot': options.plot, '--efforts': options.efforts}
+    for name, value in others.items():
+        if value:
+            raise InputError(f'--drives: given with {name}; expected it without {name}')
+    if options.out and not options.out.endswith(('.yaml', '.yml')):
+        raise InputError(f"--out: '{options.out}'; expected a name that ends in .yaml, "
+                         'since with --drives it is a supplement')
+    model, _ = load(options)
+    ratio = np.array(options.ratio or 1.0)
+    if ratio.shape == (1,):
+        ratio = ratio[0]
+    recording = read_drive_recording(options.recording, model.joint_names, ratio)
+    result = identify_drives(model, recording, skew=options.skew)
+    files = []
+    if options.out:
+        text = written_drives(options.supplement, result.supplement())
+        with whole_file(options.out) as stream:
+            stream.write(text)
+        files.append(options.out)
+    data = drive_data(result, files)
+    if options.json:
+        print_json(data)
+    else:
+        print_drives(data)
+
+
+def drive_data(result: DriveIdentification, files: list[str]) -> dict[str, Any]:
+    """Return identified drives as plain data; numbers that are not told are None."""
+    data: dict[str, Any] = {'joint_names': list(result.joint_names),
+                            'source': result.source}
+    for name in DRIVE_NUMBERS:
+        for key in (name, f'{name}_deviation'):
+            data[key] = [float(value) if np.isfinite(value) else None
+                         for value in getattr(result, key)]
+    return {**data, 'skew_share': result.skew_share, 'misfit': result.misfit,
+            'untold': result.untold, 'files': files}
+
+
+def print_drives(data: dict[str, Any]) -> None:
+    """Print the identified drives, and what the data do not tell."""
+    print(f'drives, joint-side, by {data["source"]}; N m/rad, N m s/rad, kg m^2, s')
+    header = ['joint']
+    for name in DRIVE_NUMBERS:
+        header += [name.replace('_', ' '), '+-']
+    table = []
+    for k, joint in enumerate(data['joint_names']):
+        row = [joint]
+        for name in DRIVE_NUMBERS:
+            value, deviation = data[name][k], data[f'{name}_deviation'][k]
+            row += ['-', '-'] if value is None else [value, f'{deviation:.1g}']
+        table.append(row)
+    print_table(header, table)
+    for joint, share in zip(data['joint_names'], data['skew_share'], strict=True):
+        if share > 0.05:
+            print(f"'{joint}': the delay of the link's encoder moves the measured deflection "
+                  f'by {share:.0%} of its size; it is removed')
+    if data['untold']:
+        print('\nnot told by the recording')
+        for name, reason in data['untold'].items():
+            print(f'{name}: {reason}')
+    _print_files(data)
 
 
 # A payload.

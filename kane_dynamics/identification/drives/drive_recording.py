@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+import os
 
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.identification.recordings.reader import recorded_columns
 from kane_dynamics.identification.recordings.recording import EVEN, real
 from kane_dynamics.identification.solvers import scientific
 import numpy as np
@@ -104,7 +106,7 @@ class DriveRecording:
         """
         of_joints = real(ratio, 'ratio')
         if not (np.isfinite(of_joints) & (of_joints != 0.0)).all():
-            raise InputError(f'ratio: {ratio}; expected finite numbers other than 0')
+            raise InputError(f'ratio: {ratio!r}; expected finite numbers other than 0')
         angles = real(theta, 'drive recording: theta')
         if of_joints.ndim > 1 or of_joints.shape not in ((), angles.shape[1:]):
             raise InputError(f'ratio: shape {of_joints.shape}; expected a number, or one '
@@ -155,7 +157,7 @@ class DriveRecording:
                              'these, since the skew is theirs')
         late = real(skew, 'skew')
         if not np.isfinite(late).all() or late.shape not in ((), self.q.shape[1:]):
-            raise InputError(f'skew: {skew}; expected a finite number, or one for each of '
+            raise InputError(f'skew: {skew!r}; expected a finite number, or one for each of '
                              f'{self.q.shape[1]} joints, s')
         late = np.broadcast_to(late, self.q.shape[1:])
         spline = scientific('scipy.interpolate').CubicSpline
@@ -165,6 +167,43 @@ class DriveRecording:
                   & (self.t + late.min() >= self.t[0]))
         kept = {name: getattr(self, name)[inside] for name in self.signals}
         return replace(self, t=self.t[inside], **{**kept, 'q': shifted[inside]})
+
+
+@hinting
+def read_drive_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
+                         ratio: ArrayLike = 1.0) -> DriveRecording:
+    """
+    Return the recording of both sides of elastic joints in a CSV or npz file.
+
+    Columns (in npz: arrays) are `t`, and for each joint `theta` of the motor and, as far as
+    they are measured, `q`, `motor_torque` and `gear_torque`, named or numbered as those of
+    `read_recording`.
+
+    Parameters
+    ----------
+    path : path
+        Path of the file.
+    joint_names : sequence of str
+        Joints, in the order of the result.
+    ratio : float or (n,) array_like
+        Motor revolutions per joint revolution, where `theta` and `motor_torque` are those
+        of the motors; 1 if they are joint-side.
+
+    Raises
+    ------
+    InputError
+        As `read_recording` and `DriveRecording`.
+
+    """
+    columns = recorded_columns(path, joint_names, SIGNALS)
+    t, theta = columns.pop('t'), columns.pop('theta')
+    if t is None or theta is None:
+        raise InputError(f"{path}: no 'theta' of the motors; expected "
+                         f"'theta.{joint_names[0]}' or 'theta1', and so on")
+    try:
+        return DriveRecording.from_motor_side(t, theta, ratio, **columns)
+    except InputError as error:
+        raise InputError(f'{path}: {error}') from None
 
 
 def _optional(values: ArrayLike | None) -> Array | None:

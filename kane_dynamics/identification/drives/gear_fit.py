@@ -23,10 +23,10 @@ with E the spectra of the equations and a their coefficients of a signal.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.identification.drives.spectra import Spectra
+from kane_dynamics.identification.drives.spectra import SmoothSpeed, Spectra
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.friction import coulomb
 import numpy as np
@@ -65,14 +65,12 @@ class JointSignals:
     Attributes
     ----------
     t, theta, q : (N,) arrays
-    speed, link_speed : (N,) arrays
-        Of theta and q, filtered.
+    speed, link_speed : SmoothSpeed
+        Of theta and q.
     link : LinkTorque, or None with a torque sensor
     gear_torque, motor_torque : (N,) arrays or None
     noise : dict of str to float
         Standard deviations of theta, q, gear_torque, motor_torque.
-    cutoff : float
-        Of the filter of the speeds, rad/s.
     place : int
         Of the joint among the links.
     of_links : (n,) array
@@ -83,23 +81,24 @@ class JointSignals:
     t: Array
     theta: Array
     q: Array
-    speed: Array
-    link_speed: Array
+    speed: SmoothSpeed
+    link_speed: SmoothSpeed
     link: LinkTorque | None
     gear_torque: Array | None
     motor_torque: Array | None
     noise: dict[str, float]
-    cutoff: float
     place: int
     of_links: Array
 
 
-def mean_coulomb(speed: Array, slip: float) -> Array:
+def mean_coulomb(speed: Array, slip: float, noise: float) -> Array:
     """
     Return the means of Coulomb friction of coefficient 1 over the steps about rows, (N,).
 
     It reverses within a step, so that its values at the rows alias into the band. Speeds
     are linear between rows; the integral of tanh(x) is log(cosh(x)).
+
+    Noise of a standard deviation flattens the mean of a curve: E f(x + n) = f + n^2 f'' / 2.
     """
     x = speed / slip
     middle = 0.5 * (x[:-1] + x[1:])
@@ -111,7 +110,10 @@ def mean_coulomb(speed: Array, slip: float) -> Array:
         integral = np.logaddexp(end, -end) - np.logaddexp(begin, -begin)
         halves.append(np.where(small, np.tanh(0.5 * (begin + end)),
                                integral / np.where(small, 1.0, change)))
-    return np.asarray(0.5 * (halves[0] + halves[1]))
+    slipping = np.tanh(x)
+    bend = -2.0 * slipping * (1.0 - slipping**2)
+    flattened = 0.5 * (noise / slip)**2 * bend
+    return np.asarray(0.5 * (halves[0] + halves[1]) - flattened)
 
 
 class FrictionSlope(NamedTuple):
@@ -123,13 +125,13 @@ class FrictionSlope(NamedTuple):
     """
 
     mean: float  # s/rad
-    spread: float  # variance of the friction's spectrum per variance of the position
+    spread: float  # variance, per variance of a speed that is white up to the cutoff
 
 
-def friction_slope(speed: Array, slip: float, cutoff: float) -> FrictionSlope:
-    """Return the slope of Coulomb friction of speeds that are filtered at a frequency, rad/s."""
+def friction_slope(speed: Array, slip: float) -> FrictionSlope:
+    """Return the slope of Coulomb friction along speeds."""
     slope = (1.0 - coulomb(speed, slip)**2) / slip
-    return FrictionSlope(float(slope.mean()), float(slope.var()) * cutoff**2 / 3.0)
+    return FrictionSlope(float(slope.mean()), float(slope.var()))
 
 
 class GearFit(NamedTuple):
@@ -161,7 +163,7 @@ class GearEquations:
         self._given_skew = skew
         self.names = _parameter_names(signals, skew)
         spline = scientific('scipy.interpolate').CubicSpline
-        columns = [signals.q, signals.link_speed]
+        columns = [signals.q, signals.link_speed.values]
         if signals.link is not None:
             columns.append(signals.link.torque)
         self._links = spline(signals.t, np.column_stack(columns))
@@ -183,7 +185,7 @@ class GearEquations:
         signals, of = self._signals, self._of
         deflection = self._theta - of.of(signals.q)
         gear = self._gear if signals.link is None else of.of(signals.link.torque)
-        columns = [gear, of.of(signals.link_speed), -self._constant]
+        columns = [gear, of.of(signals.link_speed.values), -self._constant]
         real = [np.concatenate([column.real, column.imag]) for column in columns]
         solution = np.linalg.lstsq(np.column_stack(real),
                                    np.concatenate([deflection.real, deflection.imag]))[0]
@@ -198,7 +200,7 @@ class GearEquations:
         value = dict.fromkeys(PARAMETERS, 0.0)
         value['skew'] = self._given_skew or 0.0
         value.update(zip(self.names, x.tolist(), strict=True))
-        signals, of = self._signals, self._of
+        signals = self._signals
         slip = FIRST_SLIP
         if 'log_slip' in self.names:
             slip = float(np.exp(value['log_slip']))
@@ -224,14 +226,14 @@ class GearEquations:
 
         It stays in a fit: the residuals would be smallest for a friction of infinite noise.
         """
-        value = dict(zip(self.names, x.tolist(), strict=True))
-        slip = float(np.exp(value.get('log_slip', np.log(FIRST_SLIP))))
+        value: dict[str, float] = dict(zip(self.names, x.tolist(), strict=True))
+        slip = float(np.exp(value.get('log_slip', float(np.log(FIRST_SLIP)))))
         signals = self._signals
         self.varying = np.zeros(2)
         for k, (name, speed) in enumerate((('motor_friction', signals.speed),
                                            ('link_friction', signals.link_speed))):
-            slope = friction_slope(speed, slip, signals.cutoff)
-            self.varying[k] = value.get(name, 0.0) * np.sqrt(slope.spread)
+            spread = friction_slope(speed.values, slip).spread
+            self.varying[k] = value.get(name, 0.0) * np.sqrt(spread * speed.density)
 
     def _of_links(self, skew: float, slip: float) -> tuple[Array, Array, Array, Array]:
         """Return the spectra of q, q', Coulomb friction and torque at the motors' times."""
@@ -240,16 +242,19 @@ class GearEquations:
             signals, of = self._signals, self._of
             shifted = self._links(signals.t + skew)
             rigid = self._gear if signals.link is None else of.of(shifted[:, 2])
+            sliding = mean_coulomb(shifted[:, 1], slip, signals.link_speed.noise)
             self._cache.clear()
             self._cache[key] = (of.of(shifted[:, 0]), of.rate_of(shifted[:, 0]),
-                                of.of_means(mean_coulomb(shifted[:, 1], slip)), rigid)
+                                of.of_means(sliding), rigid)
         return self._cache[key]
 
     def _motor_friction(self, slip: float) -> Array:
         """Return the spectrum of Coulomb friction of coefficient 1 of the motor."""
         if slip not in self._sliding:
             self._sliding.clear()
-            self._sliding[slip] = self._of.of_means(mean_coulomb(self._signals.speed, slip))
+            speed = self._signals.speed
+            friction = mean_coulomb(speed.values, slip, speed.noise)
+            self._sliding[slip] = self._of.of_means(friction)
         return self._sliding[slip]
 
     def _covariance(self, value: dict[str, float], slip: float) -> Array:
@@ -259,20 +264,20 @@ class GearEquations:
         elastic = 1.0 + 1j * omega * value['eta']
         # Signals with their coefficients in the two equations; friction acts as damping
         # on the noise of a position, by its mean slope.
-        on_motor = friction_slope(signals.speed, slip, signals.cutoff)
+        on_motor = friction_slope(signals.speed.values, slip)
         damping = value['motor_damping'] + value['motor_friction'] * on_motor.mean
         of_motor = omega**2 * value['rotor_inertia'] - 1j * omega * damping
-        terms = [(signals.noise['theta'], -elastic, of_motor)]
+        terms: list[tuple[float, Any, Any]] = [(signals.noise['theta'], -elastic, of_motor)]
         # What the slope of friction varies by.
-        terms.append((signals.noise['theta'], nothing, self.varying[0] * ones))
+        terms.append((1.0, nothing, self.varying[0] * ones))
         if signals.link is None:
             terms.append((signals.noise['q'], elastic, nothing))
             terms.append((signals.noise['gear_torque'], value['compliance'] * ones, -ones))
         else:
-            on_link = friction_slope(signals.link_speed, slip, signals.cutoff)
+            on_link = friction_slope(signals.link_speed.values, slip)
             damping = value['link_damping'] + value['link_friction'] * on_link.mean
             varying = self.varying[1] * ones
-            terms.append((signals.noise['q'], value['compliance'] * varying, -varying))
+            terms.append((1.0, value['compliance'] * varying, -varying))
             for k, deviation in enumerate(signals.of_links):
                 of_torque = -omega**2 * signals.link.inertia[k]
                 of_spring = value['compliance'] * of_torque
@@ -332,4 +337,4 @@ def _whitened(rows: Array, covariance: Array) -> Array:
     root = np.linalg.cholesky(covariance)
     white = np.linalg.solve(root, rows.T[:, :, None])[:, :, 0].ravel()
     # The variance is shared by real and imaginary part.
-    return np.sqrt(2.0) * np.concatenate([white.real, white.imag])
+    return np.asarray(np.sqrt(2.0) * np.concatenate([white.real, white.imag]))

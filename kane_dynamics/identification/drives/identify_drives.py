@@ -1,101 +1,439 @@
-"""Identify the drives of elastic joints: the entry, what it refuses, and its result."""
+"""Identify the drives of elastic joints: what the data tell, what they do not, and why."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+import warnings
 
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.drives.drive_recording import DriveRecording, joint_count
 from kane_dynamics.identification.drives.gear_fit import (fitted, GearEquations, GearFit,
                                                           JointSignals, LinkTorque)
-from kane_dynamics.identification.drives.spectra import (audible_band, Spectra, spectra,
-                                                         white_noise)
-from kane_dynamics.identification.solvers import on_one_processor, scientific
+from kane_dynamics.identification.drives.motor_side_fit import (motor_side_fit,
+                                                                MotorEquations,
+                                                                MotorSignals)
+from kane_dynamics.identification.drives.spectra import (audible_band, BEYOND_BAND,
+                                                         smooth_motion, smooth_speeds,
+                                                         Spectra, spectra, white_noise)
+from kane_dynamics.identification.solvers import on_one_processor
+from kane_dynamics.model.drive import Drive
+from kane_dynamics.model.elastic_model import with_drives
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
+import yaml
 
-TOLD = 0.25  # largest relative standard deviation of a number that the data tell
-SKEW_TOLD = 1e-3  # s, of the skew
-FILTER_ORDER = 8  # of the Butterworth filter, forward and backward
-BEYOND_BAND = 2.0  # its cutoff over the end of the band: the band passes unchanged
+TOLD = 0.2  # largest relative standard deviation of a number that the data tell
+SKEW_TOLD = 5e-4  # s, largest standard deviation of a skew that the data tell
+SURE = 2.0  # standard deviations
 SAMPLES = 200  # configurations for the mean of the mass matrix
+MOVES = 1e-3  # rad or m: a motor that moves less rests
+ALIKE = 0.2  # relative difference of the ranges of motor and link
+FITS = 4.0  # mean square of residuals over the noise, above which equations lack something
+BOTH_ENCODERS, SENSOR, MOTOR_SIDE = 'both encoders', 'torque sensor', 'motor side'
+
+
+class DriveNumber(NamedTuple):
+    """
+    One identified number of a joint.
+
+    Attributes
+    ----------
+    value, deviation : float
+        NaN where the data do not tell it.
+    reason : str
+        Why the data do not tell it, and what would; empty if they do.
+
+    """
+
+    value: float
+    deviation: float
+    reason: str = ''
 
 
 @hinting
 @dataclass(frozen=True, eq=False)
 class DriveIdentification:
-    """Result."""
+    """
+    Identified drives; joints are in the order of the model, numbers joint-side.
+
+    Attributes
+    ----------
+    joint_names : tuple of n str
+    source : str
+        Equations that were fitted: 'torque sensor', 'both encoders' (with the torque of
+        the links' model), or 'motor side'.
+    stiffness, damping, rotor_inertia, skew : (n,) arrays
+        N m/rad, N m s/rad, kg m^2, s; NaN where the data do not tell them, see
+        `untold`. The skew is how late the encoders of the links are.
+    stiffness_deviation, damping_deviation, rotor_inertia_deviation, skew_deviation : \
+(n,) arrays
+        Standard deviations; larger by the root of `misfit` than those of the noise.
+    skew_share : (n,) array
+        RMS of skew times speed over that of the measured deflection: what the delay
+        seems to deflect. 0 without encoders of the links.
+    misfit : (n,) array
+        Mean square of the residuals over the noise; 1 if the equations hold. Of
+        'motor side' one for all joints.
+    untold : dict of str to str
+        Reasons of the numbers that the data do not tell, by '<joint> <number>'.
+
+    """
 
     joint_names: tuple[str, ...]
+    source: str
     stiffness: Array
     damping: Array
     rotor_inertia: Array
     skew: Array
-    deviations: dict[str, Array]
+    stiffness_deviation: Array
+    damping_deviation: Array
+    rotor_inertia_deviation: Array
+    skew_deviation: Array
+    skew_share: Array
     misfit: Array
-    fits: tuple[GearFit, ...]
+    untold: dict[str, str]
+
+    def drives(self) -> dict[str, Drive]:
+        """
+        Return the drives of the joints whose stiffness is told, for `with_drives`.
+
+        Untold damping is 0; for an untold rotor inertia the armature of the joint stays.
+        """
+        result = {}
+        for j, name in enumerate(self.joint_names):
+            if not np.isfinite(self.stiffness[j]):
+                continue
+            values: dict[str, Any] = {'stiffness': float(self.stiffness[j])}
+            if np.isfinite(self.damping[j]):
+                values['damping'] = float(self.damping[j])
+            if np.isfinite(self.rotor_inertia[j]):
+                values['rotor_inertia'] = float(self.rotor_inertia[j])
+            result[name] = Drive(**values, torque_sensor=self.source == SENSOR)
+        return result
+
+    def elastic(self, model: Model) -> Model:
+        """Return a model of rigid joints with the identified drives."""
+        return with_drives(model, self.drives())
+
+    def supplement(self) -> str:
+        """Return the text of a supplement with the identified drives."""
+        entries = {}
+        for name, drive in self.drives().items():
+            entry: dict[str, Any] = {'side': 'joint', 'stiffness': drive.stiffness,
+                                     'damping': drive.damping}
+            if drive.rotor_inertia is not None:
+                entry['rotor_inertia'] = drive.rotor_inertia
+            if drive.torque_sensor:
+                entry['torque_sensor'] = True
+            entries[name] = entry
+        return yaml.safe_dump({'drives': entries}, sort_keys=False)
 
 
 @hinting
 @on_one_processor
 def identify_drives(model: Model, recording: DriveRecording, *,
                     skew: float | None = None) -> DriveIdentification:
-    """Identify."""
+    """
+    Identify stiffness, damping and rotor inertia of elastic joints from a recording.
+
+    The data choose the equations:
+
+    - Positions of links and a torque sensor: the sensor against the deflection.
+    - Positions of links without a sensor: the torque that the links need by the model
+      against the deflection. Errors of masses become errors of the stiffness.
+    - No positions of links: motor torques against a simulation of the links that the
+      motors drive; this needs motion near the resonances.
+
+    Motor torques give the rotor inertia. Encoders of links that are late by a skew look
+    like a spring that deflects with the speed; the skew is identified with the rest.
+    Friction of both sides (viscous and Coulomb) and offsets are identified too, so that
+    the friction of the model is not used; nor is its armature.
+
+    Parameters
+    ----------
+    model : Model
+        The mechanism with rigid joints.
+    recording : DriveRecording
+        Of the joints of the model, in their order, unfiltered: the noise of the signals
+        is taken from their high frequencies.
+    skew : float, optional
+        How late the positions of the links are after those of the motors, s, if it is
+        known; 0 for synchronous encoders.
+
+    Warns
+    -----
+    ModelWarning
+        The residuals are more than twice the noise: the equations lack something, such as
+        masses, a stiffness that is a curve, or friction with memory. The deviations are
+        increased, but they do not contain such errors.
+
+    Raises
+    ------
+    InputError
+        The recording has other joints, or its positions are not joint-side; the model has
+        drives already, or quaternions.
+
+    """
+    instance(model, Model, 'model')
+    instance(recording, DriveRecording, 'recording')
+    if model.drives:
+        raise InputError('model: has elastic joints already; expected the one with rigid '
+                         'joints, to which drives are added')
+    if model.balls:
+        raise InputError('model: has ball or free joints; expected joints with one '
+                         'coordinate each, whose motors turn about them')
+    joint_count(recording, model.joint_names)
+    if skew is not None:
+        skew = number(skew, 'skew', 'a finite time in s', np.isfinite)
+        if recording.q is None:
+            raise InputError('skew: given without positions of the links; expected None, '
+                             'since the skew is theirs')
+    if recording.q is None and recording.motor_torque is None:
+        raise InputError('recording: neither positions of the links nor motor torques; '
+                         'expected one of them beside the torques of the gears')
     even = recording.resampled()
-    step = float(np.diff(even.t).mean())
-    of, signals = joint_signals(model, even, step)
-    fits = tuple(fitted(GearEquations(signal, of, skew)) for signal in signals)
-    return fits
+    moving = np.ptp(even.theta, axis=0) > MOVES
+    if not moving.any():
+        raise InputError(f'recording: no motor moves more than {MOVES:g} rad; expected '
+                         'motors in motion')
+    if even.q is None:
+        result = _motor_side(model, even)
+    else:
+        _require_joint_side(model.joint_names, even.theta, even.q)
+        result = _with_encoders(model, even, skew)
+    poor = np.flatnonzero(result.misfit > FITS)
+    if len(poor):
+        names = ', '.join(model.joint_names[j] for j in poor)
+        warnings.warn(f'drives of {names}: residuals are {np.sqrt(result.misfit.max()):.3g} '
+                      'times the noise; expected at most twice: the equations lack '
+                      'something (masses, a curve of stiffness, friction with memory)',
+                      ModelWarning, stacklevel=3)
+    return result
 
 
-def joint_signals(model: Model, recording: DriveRecording, step: float
-                  ) -> tuple[Spectra, list[JointSignals]]:
+def _require_joint_side(names: Sequence[str], theta: Array, q: Array) -> None:
+    """Raise InputError where motor and link do not move alike."""
+    for j, name in enumerate(names):
+        of_link = q[:, j] - q[:, j].mean()
+        if np.ptp(of_link) <= MOVES:
+            continue
+        slope = float(of_link @ (theta[:, j] - theta[:, j].mean()) / (of_link @ of_link))
+        if abs(slope - 1.0) > ALIKE:
+            raise InputError(f"recording: joint '{name}': the motor moves {slope:.4g} times "
+                             'as far as the link; expected once: motor values joint-side '
+                             '(DriveRecording.from_motor_side), signs alike, units alike')
+
+
+def links_alone(model: Model) -> Robot:
+    """Return the links of a model: without rotors and friction."""
+    bodies = [replace(body, joint=replace(body.joint, armature=0.0)) for body in model.bodies]
+    return Robot(replace(model, bodies=tuple(bodies)), friction=False)
+
+
+# Both encoders.
+
+def _with_encoders(model: Model, recording: DriveRecording, skew: float | None
+                   ) -> DriveIdentification:
+    """Return the drives from positions of motors and links."""
+    of, signals = _joint_signals(model, recording)
+    numbers = []
+    misfits, shares = [], []
+    for name, signal in zip(model.joint_names, signals, strict=True):
+        if np.ptp(signal.theta) <= MOVES:
+            numbers.append(_at_rest(name))
+            misfits.append(1.0)
+            shares.append(0.0)
+            continue
+        fit = fitted(GearEquations(signal, of, skew))
+        numbers.append(_told(name, fit, skew, signal))
+        misfits.append(fit.misfit)
+        late = fit.value('skew') if skew is None else skew
+        deflection = signal.theta - signal.q
+        shares.append(abs(late) * float(np.std(signal.link_speed.values)
+                                        / np.std(deflection)))
+    source = SENSOR if recording.gear_torque is not None else BOTH_ENCODERS
+    return _identification(model.joint_names, source, numbers, shares, misfits)
+
+
+def _joint_signals(model: Model, recording: DriveRecording
+                   ) -> tuple[Spectra, list[JointSignals]]:
     """Return the spectra, and what was measured of each joint."""
-    noise = {name: white_noise(getattr(recording, name), step) for name in recording.signals}
+    step = float(np.diff(recording.t).mean())
+    noise = {name: _noise(getattr(recording, name), step) for name in recording.signals}
     assert recording.q is not None
-    deflection = recording.theta - recording.q
-    highest = audible_band(deflection, np.hypot(noise['theta'], noise['q']), step)
-    print('band', highest, noise)
-    of = spectra(len(recording), step, highest)
-    q, u, udot = smooth_motion(recording.q, step, BEYOND_BAND * highest)
-    _, speed, _ = smooth_motion(recording.theta, step, BEYOND_BAND * highest)
-    torques = inertia = None
+    band = audible_band(recording.theta - recording.q,
+                        np.hypot(noise['theta'], noise['q']), step)
+    of = spectra(len(recording), step, band)
+    speeds = smooth_speeds(recording.theta, noise['theta'], step, band)
+    link_speeds = smooth_speeds(recording.q, noise['q'], step, band)
+    links: list[LinkTorque | None] = [None] * model.n
     if recording.gear_torque is None:
-        bare = without_drives(model)
-        robot = Robot(bare, friction=False)
-        torques = robot.inverse_dynamics(q, u, udot)
+        robot = links_alone(model)
+        q, u, udot = smooth_motion(recording.q, step, BEYOND_BAND * band)
+        torque = robot.inverse_dynamics(q, u, udot)
         some = q[np.linspace(0, len(q) - 1, SAMPLES).astype(int)]
         inertia = np.sqrt(np.mean(robot.mass_matrix(some)**2, axis=0))
+        links = [LinkTorque(torque[:, j], inertia[j]) for j in range(model.n)]
     signals = []
     for j in range(model.n):
-        of_joint = {name: float(deviation[j]) for name, deviation in noise.items()}
-        link = None
-        if torques is not None:
-            link = LinkTorque(torques[:, j], inertia[j])
+        columns = {name: getattr(recording, name)[:, j] for name in recording.signals}
         signals.append(JointSignals(
-            recording.t, recording.theta[:, j], recording.q[:, j], speed[:, j], u[:, j], link,
-            None if recording.gear_torque is None else recording.gear_torque[:, j],
-            None if recording.motor_torque is None else recording.motor_torque[:, j],
-            of_joint, 2*np.pi*BEYOND_BAND*highest, j, noise['q']))
+            recording.t, columns['theta'], columns['q'], speeds[j], link_speeds[j],
+            links[j], columns.get('gear_torque'), columns.get('motor_torque'),
+            {name: float(deviation[j]) for name, deviation in noise.items()}, j,
+            noise['q']))
     return of, signals
 
 
-def without_drives(model: Model) -> Model:
-    """Return the links alone: without rotors."""
-    bodies = [replace(body, joint=replace(body.joint, armature=0.0)) for body in model.bodies]
-    return replace(model, bodies=tuple(bodies))
+def _noise(signal: Array, step: float) -> Array:
+    """Return the noise of a signal, (n,), positive for exact numbers too."""
+    # Rounding of a computed recording is noise as well.
+    rounding = 1e-9 * float(np.abs(signal).max()) + 1e-15
+    return np.asarray(np.maximum(white_noise(signal, step), rounding))
 
 
-def smooth_motion(q: Array, step: float, cutoff: float) -> tuple[Array, Array, Array]:
-    """Return positions below a frequency, Hz, with speeds and accelerations, (N, n) each."""
-    signal = scientific('scipy.signal')
-    sections = signal.butter(FILTER_ORDER, cutoff, output='sos', fs=1.0 / step)
-    smooth = signal.sosfiltfilt(sections, q, axis=0)
-    spline = scientific('scipy.interpolate').make_interp_spline(
-        step * np.arange(len(q)), smooth, k=5)
-    t = step * np.arange(len(q))
-    return smooth, spline(t, nu=1), spline(t, nu=2)
+def _told(joint: str, fit: GearFit, skew: float | None, signal: JointSignals
+          ) -> dict[str, DriveNumber]:
+    """Return the numbers of a joint, those that the data tell and reasons of the others."""
+    compliance, of_compliance = fit.value('compliance'), fit.deviation('compliance')
+    told = of_compliance <= TOLD * abs(compliance)
+    late, of_late = fit.value('skew'), fit.deviation('skew')
+    if told and compliance < 0.0:
+        raise InputError(f"recording: joint '{joint}': the gear deflects against its torque; "
+                         'expected signs of positions and torques alike')
+    if told:
+        stiffness = DriveNumber(1.0 / compliance, of_compliance / compliance**2)
+    else:
+        stiffness = DriveNumber(np.nan, np.nan, _untold_stiffness(fit, signal))
+    numbers = {'stiffness': stiffness, 'damping': _damping(fit, stiffness.value)}
+    numbers['rotor inertia'] = _rotor_inertia(fit, signal.motor_torque is not None)
+    if skew is not None:
+        numbers['skew'] = DriveNumber(skew, 0.0)
+    elif of_late <= SKEW_TOLD:
+        numbers['skew'] = DriveNumber(late, of_late)
+    else:
+        numbers['skew'] = DriveNumber(np.nan, np.nan, (
+            f'{late:.3g} +- {of_late:.1g} s; expected at most {SKEW_TOLD:g} s of deviation: '
+            'faster motion, in which the torque does not follow the speed'))
+    return numbers
+
+
+def _untold_stiffness(fit: GearFit, signal: JointSignals) -> str:
+    """Return why the data do not tell the stiffness, and what would."""
+    compliance, deviation = fit.value('compliance'), fit.deviation('compliance')
+    if 'skew' in fit.names:
+        # The deviation if the skew were known.
+        k, s = fit.names.index('compliance'), fit.names.index('skew')
+        covariance = fit.covariance
+        alone = covariance[k, k] - covariance[k, s]**2 / covariance[s, s]
+        if np.sqrt(max(alone, 0.0)) <= TOLD * abs(compliance):
+            together = covariance[k, s] / np.sqrt(covariance[k, k] * covariance[s, s])
+            return ('not separable from the skew of the encoders (correlation '
+                    f'{together:.3f}): the torque follows the speed; expected holds in '
+                    'several configurations or reversals without stopping, or a known skew')
+    stiffest = 1.0 / max(abs(compliance) + SURE * deviation, 1e-300)
+    noise = np.hypot(signal.noise['theta'], signal.noise['q'])
+    return (f'compliance {compliance:.3g} +- {deviation:.1g} rad/(N m), stiffer than about '
+            f'{stiffest:.3g} N m/rad; expected a deviation of at most {TOLD:.0%}: larger or '
+            f'faster changes of torque (the encoders have a noise of {noise:.1g} rad)')
+
+
+def _damping(fit: GearFit, stiffness: float) -> DriveNumber:
+    """Return the damping, D = eta K, or why the data do not tell it."""
+    if not np.isfinite(stiffness):
+        return DriveNumber(np.nan, np.nan, 'the stiffness is not told; expected that first')
+    k, e = fit.names.index('compliance'), fit.names.index('eta')
+    eta, compliance = fit.x[e], fit.x[k]
+    gradient = np.array([-eta / compliance**2, 1.0 / compliance])
+    of_both = fit.covariance[np.ix_([k, e], [k, e])]
+    value, deviation = eta / compliance, float(np.sqrt(gradient @ of_both @ gradient))
+    return _judged(value, deviation, 'N m s/rad', 'motion near the resonance, where the '
+                   'deflection is fast')
+
+
+def _rotor_inertia(fit: GearFit, has_torque: bool) -> DriveNumber:
+    """Return the rotor inertia, or why the data do not tell it."""
+    if not has_torque:
+        return DriveNumber(np.nan, np.nan, 'no motor torques; expected a recording of them')
+    return _judged(fit.value('rotor_inertia'), fit.deviation('rotor_inertia'), 'kg m^2',
+                   'larger accelerations of the motor')
+
+
+def _judged(value: float, deviation: float, unit: str, expected: str) -> DriveNumber:
+    """Return a positive number with its deviation, or why the data do not tell it."""
+    if deviation <= TOLD * value:
+        return DriveNumber(float(value), float(deviation))
+    return DriveNumber(np.nan, np.nan, f'{value:.3g} +- {deviation:.1g} {unit}; expected a '
+                       f'deviation of at most {TOLD:.0%} of a positive number: {expected}')
+
+
+def _at_rest(joint: str) -> dict[str, DriveNumber]:
+    """Return the numbers of a joint that rests."""
+    reason = f"the motor of '{joint}' rests; expected motion"
+    untold = DriveNumber(np.nan, np.nan, reason)
+    return dict.fromkeys(('stiffness', 'damping', 'rotor inertia', 'skew'), untold)
+
+
+# The motors' side.
+
+def _motor_side(model: Model, recording: DriveRecording) -> DriveIdentification:
+    """Return the drives from positions and torques of motors."""
+    assert recording.motor_torque is not None
+    step = float(np.diff(recording.t).mean())
+    noise = {name: _noise(getattr(recording, name), step) for name in recording.signals}
+    band = audible_band(recording.motor_torque, noise['motor_torque'], step)
+    of = spectra(len(recording), step, band)
+    speeds = smooth_speeds(recording.theta, noise['theta'], step, band)
+    signals = MotorSignals(recording.t, recording.theta, recording.motor_torque, speeds,
+                           noise)
+    equations = MotorEquations(links_alone(model), signals, of)
+    fit = motor_side_fit(equations)
+    numbers = []
+    for j, name in enumerate(model.joint_names):
+        if np.ptp(recording.theta[:, j]) <= MOVES:
+            numbers.append(_at_rest(name))
+            continue
+        numbers.append(_told_by_motor(fit.of_joint(j)))
+    count = len(numbers)
+    return _identification(model.joint_names, MOTOR_SIDE, numbers, [0.0] * count,
+                           [fit.misfit] * count)
+
+
+def _told_by_motor(fit: GearFit) -> dict[str, DriveNumber]:
+    """Return the numbers of a joint that the motor's side tells."""
+    compliance, deviation = fit.value('compliance'), fit.deviation('compliance')
+    if deviation <= TOLD * compliance:
+        stiffness = DriveNumber(1.0 / compliance, deviation / compliance**2)
+    else:
+        stiffness = DriveNumber(np.nan, np.nan, (
+            f'compliance {compliance:.3g} +- {deviation:.1g} rad/(N m); expected a deviation '
+            f'of at most {TOLD:.0%}: motion of the motor near the resonance (below it, motor '
+            'and link move as one whatever the stiffness is)'))
+    skew = DriveNumber(np.nan, np.nan, 'no positions of the links; expected these')
+    return {'stiffness': stiffness, 'damping': _damping(fit, stiffness.value),
+            'rotor inertia': _rotor_inertia(fit, has_torque=True), 'skew': skew}
+
+
+def _identification(names: tuple[str, ...], source: str,
+                    numbers: Sequence[dict[str, DriveNumber]], shares: Sequence[float],
+                    misfits: Sequence[float]) -> DriveIdentification:
+    """Return the result of numbers of all joints."""
+    untold = {}
+    for joint, of_joint in zip(names, numbers, strict=True):
+        for name, value in of_joint.items():
+            if value.reason:
+                untold[f'{joint} {name}'] = value.reason
+    columns: dict[str, Any] = {}
+    for name in ('stiffness', 'damping', 'rotor inertia', 'skew'):
+        key = name.replace(' ', '_')
+        columns[key] = np.array([of_joint[name].value for of_joint in numbers])
+        columns[f'{key}_deviation'] = np.array([of_joint[name].deviation
+                                                for of_joint in numbers])
+    return DriveIdentification(names, source, **columns, skew_share=np.array(shares),
+                               misfit=np.array(misfits), untold=untold)

@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.identification.drives.gear_fit import (covariance_of, FIRST_SLIP,
                                                           friction_slope,
-                                                          mean_coulomb)
-from kane_dynamics.identification.drives.spectra import Spectra
+                                                          GearFit, mean_coulomb, ROUNDS)
+from kane_dynamics.identification.drives.spectra import SmoothSpeed, Spectra
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
@@ -37,9 +37,8 @@ LINEAR = ('rotor_inertia', 'motor_damping', 'motor_friction', 'motor_offset')
 NAMES = (*SPRING, *START, *LINEAR)
 FREQUENCIES = np.geomspace(2.0, 60.0, 24)  # Hz, tried for each joint at first
 FIRST_DAMPING = 0.02  # damping ratio
-ROUNDS = 2  # over all joints
+SWEEPS = 2  # over all joints
 MOST_EVALUATIONS = 40
-LONGEST_STEP = 0.15  # rad of the highest frequency of the links
 
 
 class MotorSignals(NamedTuple):
@@ -49,19 +48,17 @@ class MotorSignals(NamedTuple):
     Attributes
     ----------
     t : (N,) array
-    theta, speed, motor_torque : (N, n) arrays
+    theta, motor_torque : (N, n) arrays
+    speeds : list of n SmoothSpeed
     noise : dict of str to (n,) array
-    cutoff : float
-        Of the filter of the speeds, rad/s.
 
     """
 
     t: Array
     theta: Array
-    speed: Array
     motor_torque: Array
+    speeds: list[SmoothSpeed]
     noise: dict[str, Array]
-    cutoff: float
 
 
 class MotorSideFit(NamedTuple):
@@ -71,10 +68,12 @@ class MotorSideFit(NamedTuple):
     covariance: Array
     misfit: float
 
-    def deviation(self, name: str) -> Array:
-        """Return the standard deviations of a parameter of all joints, (n,)."""
-        variances = np.diag(self.covariance).reshape(len(NAMES), -1)
-        return np.asarray(np.sqrt(variances[NAMES.index(name)]))
+    def of_joint(self, joint: int) -> GearFit:
+        """Return the values of one joint with their covariance."""
+        count = len(self.values['compliance'])
+        places = joint + count * np.arange(len(NAMES))
+        values = np.array([of_joints[joint] for of_joints in self.values.values()])
+        return GearFit(NAMES, values, self.covariance[np.ix_(places, places)], self.misfit)
 
 
 class MotorEquations:
@@ -100,11 +99,12 @@ class MotorEquations:
         self._motor = self._spectra(signals.motor_torque)
         columns = [[of.acceleration_of(x) for x in signals.theta.T],
                    [of.rate_of(x) for x in signals.theta.T],
-                   [of.of_means(mean_coulomb(x, FIRST_SLIP)) for x in signals.speed.T],
+                   [of.of_means(mean_coulomb(speed.values, FIRST_SLIP, speed.noise))
+                    for speed in signals.speeds],
                    [of.of(np.ones(len(signals.t)))] * n]
         self._columns = np.array(columns)  # (4, n, F)
-        self._slopes = [friction_slope(x, FIRST_SLIP, signals.cutoff)
-                        for x in signals.speed.T]
+        self.varying = np.zeros(n)  # motor friction whose noise counts, see `gear_fit`
+        self._slopes = [friction_slope(speed.values, FIRST_SLIP) for speed in signals.speeds]
 
     def gear_torque(self, spring: Array, start: Array) -> Array:
         """Return the torque of the springs along the motion, (N, n)."""
@@ -134,7 +134,7 @@ class MotorEquations:
         own_inertia = np.diag(self.inertia)
         x = np.zeros((len(NAMES), n))
         x[0] = 1.0 / (own_inertia * (2.0 * np.pi * 15.0)**2)
-        for _ in range(ROUNDS):
+        for _ in range(SWEEPS):
             for j in range(n):
                 costs = []
                 trials = []
@@ -176,7 +176,8 @@ class MotorEquations:
         n = len(missing)
         elastic = np.eye(n) * (1.0 + 1j * omega * spring[1]) / spring[0]
         slope = np.array([of_motor.mean for of_motor in self._slopes])
-        spread = np.array([of_motor.spread for of_motor in self._slopes])
+        spread = np.array([of_motor.spread * speed.density for of_motor, speed
+                           in zip(self._slopes, self._signals.speeds, strict=True)])
         of_links = (self._gravity_slope + elastic - omega**2 * self.inertia
                     + 1j * omega * np.diag(spring[2]))
         followed = np.linalg.solve(of_links, elastic)
@@ -184,21 +185,25 @@ class MotorEquations:
                 + 1j * omega * np.diag(linear[1] + linear[2] * slope))
         noise = self._signals.noise
         covariance = (seen * noise['theta']**2) @ seen.conj().transpose(0, 2, 1)
-        of_friction = linear[2]**2 * spread * noise['theta']**2
+        of_friction = self.varying**2 * spread
         covariance = covariance + np.diag(noise['motor_torque']**2 + of_friction)
         covariance = self._of.gain * covariance
         root = np.linalg.cholesky(covariance)
         white = np.linalg.solve(root, missing.T[:, :, None])[:, :, 0].ravel()
-        return np.sqrt(2.0) * np.concatenate([white.real, white.imag])
+        return np.asarray(np.sqrt(2.0) * np.concatenate([white.real, white.imag]))
 
 
 def motor_side_fit(equations: MotorEquations) -> MotorSideFit:
     """Return the maximum of the likelihood, with its covariance."""
     lowest = np.full((len(NAMES), len(equations.inertia)), -np.inf)
     lowest[0] = 1e-12
-    solution = scientific('scipy.optimize').least_squares(
-        equations.weighted, equations.start(), bounds=(lowest.ravel(), np.inf),
-        x_scale='jac', max_nfev=MOST_EVALUATIONS)
+    x = equations.start()
+    for _ in range(ROUNDS):
+        equations.varying = x.reshape(len(NAMES), -1)[NAMES.index('motor_friction')]
+        solution = scientific('scipy.optimize').least_squares(
+            equations.weighted, x, bounds=(lowest.ravel(), np.inf), x_scale='jac',
+            max_nfev=MOST_EVALUATIONS)
+        x = solution.x
     residual = solution.fun
     freedom = max(len(residual) - len(solution.x), 1)
     misfit = max(float(residual @ residual) / freedom, 1.0)

@@ -11,8 +11,10 @@ difference and without leakage. White noise of a signal stays white in its spect
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.identification.solvers import scientific
 import numpy as np
 
 TAPER = 0.05  # of the rows, at either end
@@ -21,6 +23,9 @@ QUIET = 0.6  # of the Nyquist frequency: above it signals are noise
 AUDIBLE = 4.0  # power over that of the noise
 WIDEST = 0.4  # of the Nyquist frequency, of the band
 LEAST_BINS = 40
+FILTER_ORDER = 8  # of the Butterworth filter, forward and backward
+BEYOND_BAND = 2.0  # its cutoff over the end of the band: the band passes unchanged
+SPEED_NOISE = 0.0075  # rad/s or m/s, that speeds may have: of friction's smooth reversal
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +91,7 @@ def spectra(count: int, step: float, highest: float) -> Spectra:
     window[:length], window[count - length:] = rising, rising[::-1]
     slope[:length], slope[count - length:] = climbing, -climbing[::-1]
     bend[:length], bend[count - length:] = bending, bending[::-1]
-    omega = 2.0 * np.pi * np.fft.rfftfreq(count, step)
+    omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(count, step), dtype=np.float64)
     inside = omega <= 2.0 * np.pi * highest
     return Spectra(step, window, slope, bend, omega[inside])
 
@@ -123,4 +128,56 @@ def _power(signals: Array, step: float) -> tuple[Array, Array]:
     window = np.hanning(len(signals))[:, None]
     middle = signals - signals.mean(axis=0)
     power = np.abs(np.fft.rfft(window * middle, axis=0))**2 / float(np.sum(window**2))
-    return power, np.fft.rfftfreq(len(signals), step)
+    frequency = np.asarray(np.fft.rfftfreq(len(signals), step), dtype=np.float64)
+    return power, frequency
+
+
+class SmoothSpeed(NamedTuple):
+    """
+    Speed of one joint, filtered as little as its noise allows.
+
+    Attributes
+    ----------
+    values : (N,) array
+        rad/s or m/s.
+    noise : float
+        Standard deviation.
+    density : float
+        Variance of its spectrum in the band, over that of white noise of 1.
+
+    """
+
+    values: Array
+    noise: float
+    density: float
+
+
+def smooth_speeds(positions: Array, noise: Array, step: float, band: float
+                  ) -> list[SmoothSpeed]:
+    """
+    Return the speeds of positions (N, n) with noise (n,), for the reversals of friction.
+
+    Friction reverses faster than the band; the filter leaves what the noise allows.
+    """
+    nyquist = 0.5 / step
+    speeds = []
+    for position, deviation in zip(positions.T, noise, strict=True):
+        # Noise of the speed below a cutoff: the integral of (2 pi f deviation)^2 / nyquist.
+        ratio = SPEED_NOISE / (2.0 * np.pi * max(deviation, 1e-15))
+        cutoff = float(np.cbrt(3.0 * nyquist * ratio**2))
+        cutoff = min(max(cutoff, BEYOND_BAND * band), 0.8 * nyquist)
+        values = smooth_motion(position[:, None], step, cutoff)[1][:, 0]
+        variance = (2.0 * np.pi * deviation)**2 * cutoff**3 / (3.0 * nyquist)
+        speeds.append(SmoothSpeed(values, float(np.sqrt(variance)),
+                                  float(variance * nyquist / cutoff)))
+    return speeds
+
+
+def smooth_motion(q: Array, step: float, cutoff: float) -> tuple[Array, Array, Array]:
+    """Return positions below a frequency, Hz, with speeds and accelerations, (N, n) each."""
+    signal = scientific('scipy.signal')
+    sections = signal.butter(FILTER_ORDER, cutoff, output='sos', fs=1.0 / step)
+    smooth = signal.sosfiltfilt(sections, q, axis=0)
+    t = step * np.arange(len(q))
+    spline = scientific('scipy.interpolate').make_interp_spline(t, smooth, k=5)
+    return smooth, spline(t, nu=1), spline(t, nu=2)

@@ -16,7 +16,9 @@ from kane_dynamics.identification.recordings.recording import NAMES, real, Recor
 import numpy as np
 
 # Names of columns: `<word>.<joint>`, or `<word><number>` counted from the base.
-WORDS = {'q': ('q',), 'u': ('u', 'v'), 'udot': ('udot', 'a'), 'tau': ('tau',)}
+WORDS = {'q': ('q',), 'u': ('u', 'v'), 'udot': ('udot', 'a'), 'tau': ('tau',),
+         'theta': ('theta',), 'motor_torque': ('motor_torque',),
+         'gear_torque': ('gear_torque',)}
 TIMES = ('t', 'time')
 OURS = re.compile(rf'({"|".join(word for words in WORDS.values() for word in words)})'
                   r'([1-9]\d*|\..*)?|' + '|'.join(TIMES))
@@ -84,6 +86,25 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
         return Recording(t, **found, derived=derived)
     except InputError as error:
         raise InputError(f'{path}: {error}') from None
+
+
+def recorded_columns(path: str | os.PathLike[str], joint_names: Sequence[str],
+                     quantities: Sequence[str]) -> dict[str, Array | None]:
+    """
+    Return the times 't', (N,), and quantities of `WORDS`, (N, n), of a CSV or npz file.
+
+    A quantity without columns is None. Errors are those of `read_recording`.
+    """
+    columns = _read(Path(path))
+    t = _time(columns, path)
+    result: dict[str, Array | None] = {'t': t}
+    for name in quantities:
+        values = _quantity(columns, name, joint_names, list(joint_names), path)
+        if values is not None and len(values) != len(t):
+            raise InputError(f"{path}: '{name}': {len(values)} rows; expected {len(t)}, "
+                             'as many as times')
+        result[name] = values
+    return result
 
 
 def no_header(path: Any, names: Sequence[str], example: str) -> None:
