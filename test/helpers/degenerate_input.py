@@ -20,7 +20,8 @@ from kane_dynamics import (box, CollisionDetector, Controller, Drive, FlexibleLi
                            MomentumObserver, Motion, PoseFilter, PoseMotion, PosePath, QuasiStatic,
                            Robot, with_drives)
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.identification import Efforts, PayloadEstimator, Recording, rows
+from kane_dynamics.identification import (DriveRecording, Efforts, PayloadEstimator, Recording,
+                                          rows)
 from kane_dynamics.optimal_control import TrajectoryOptimizer
 from kinds_of_mechanism import case
 import numpy as np
@@ -36,20 +37,22 @@ RESULTS = frozenset((
     'identification.BaseParameters', 'identification.CollisionCalibration',
     'identification.Excitation', 'identification.Identification', 'identification.Payload',
     'identification.RecordingFault', 'identification.TorqueDelays',
+    'identification.DriveIdentification',
     'optimal_control.OptimizedMotion', 'sweep.Summary', 'PosePath', 'Uncertainty', 'Model',
     'identification.WatchReport',
     'Motion', 'SmoothMotion'))
 ELSEWHERE = frozenset((
     'identification.ModelWatch',  # of a calibrated recording: its own tests
     'gpu.function', 'gpu.rollout', 'view.Window', 'sweep.run_sweep', 'sweep.read_table',
-    'identification.read_recording', 'expand_xacro', 'load_mjcf', 'load_collision_shapes',
+    'identification.read_recording', 'identification.read_drive_recording', 'expand_xacro', 'load_mjcf', 'load_collision_shapes',
     'plot.plot_demand', 'plot.plot_energy', 'plot.plot_phase', 'plot.plot_reactions',
     'plot.plot_sweep', 'plot.plot_timing', 'plot.plot_torque_by_source', 'plot.plot_tracking',
     'plot.plot_trajectory', 'plot.plot_replay', 'plot.plot_bending', 'plot.plot_vibrations'))
 SLOW = frozenset(('identification.excite', 'identification.identify', 'sweep.Sweep',
                   'optimal_control.TrajectoryOptimizer', 'closed_forms.closed_form',
                   'feasibility.time_optimal', 'identification.diagnose', 'cartesian_motion',
-                  'identification.calibrate_collision', 'identification.torque_delays'))
+                  'identification.calibrate_collision', 'identification.torque_delays',
+                  'identification.identify_drives'))
 # Methods without numbers, of processes and files, or of the tracer (`geometry`).
 LEFT_OUT = frozenset((
     'Robot.casadi', 'Robot.torch', 'Robot.jax', 'Robot.export_c', 'Robot.compile',
@@ -69,7 +72,7 @@ LEFT_OUT = frozenset((
 # Whose numbers are checked where a model or a problem is made of them; `identify` returns NaN
 # for what a recording does not determine.
 UNCHECKED = frozenset((
-    'identification.identify',
+    'identification.identify', 'identification.identify_drives',
     'Bending', 'Body', 'FlexibleLink', 'Frame', 'Joint', 'Limits', 'LinkShape', 'Torsion',
     'optimal_control.CostWeights'))
 
@@ -130,6 +133,13 @@ def loaded_recording():
     plain = recording()
     tau = heavy.inverse_dynamics(plain.q, plain.u, plain.udot)
     return Recording(plain.t, plain.q, plain.u, plain.udot, tau)
+
+
+@cache
+def drive_recording():
+    """Return a recording of both sides of elastic joints of the arm."""
+    plain = recording()
+    return DriveRecording(plain.t, plain.q + plain.tau / 1000.0, plain.q)
 
 
 def pose(angle=0.3):
@@ -229,6 +239,12 @@ def stated():
         'identification.Efforts': {}, 'identification.PayloadEstimator': {'sigma': (0.1, 0.2)},
         'identification.Recording': {name: getattr(data, name)
                                      for name in ('t', 'q', 'u', 'udot', 'tau')},
+        'identification.DriveRecording': {name: getattr(drive_recording(), name)
+                                          for name in ('t', 'theta', 'q')},
+        'identification.DriveRecording.from_motor_side': {
+            'theta': drive_recording().theta, 'ratio': 1.0, 'q': drive_recording().q},
+        'identification.DriveRecording.synchronized': {'skew': 0.002},
+        'identification.identify_drives': {'recording': drive_recording()},
         'optimal_control.PredictiveController': {'optimizer': optimizer()},
         'sweep.Sweep': {'samples': 2}, 'QuasiStatic': {'robot': Robot(beam())},
         'inverse_kinematics': {'target': (0.5, 0.3, 0.0), 'starts': 2},
@@ -277,6 +293,7 @@ def objects():
                                  angular_acceleration=2.0), 'PosePath': path(),
         'identification.Efforts': Efforts('joint_torque'),
         'identification.Recording': recording(),
+        'identification.DriveRecording': drive_recording(),
         'identification.PayloadEstimator': PayloadEstimator(robot, 'tip', (0.1, 0.2)),
         'QuasiStatic': QuasiStatic(Robot(beam()))}
 

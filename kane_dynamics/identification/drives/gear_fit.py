@@ -60,7 +60,7 @@ class LinkTorque(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class JointSignals:
     """
-    What was measured of one joint.
+    Signals of one joint.
 
     Attributes
     ----------

@@ -43,7 +43,7 @@ MOST_EVALUATIONS = 40
 
 class MotorSignals(NamedTuple):
     """
-    What was measured of all motors.
+    Signals of all motors.
 
     Attributes
     ----------

@@ -56,13 +56,15 @@ def covered(model, motion, use, skew=0.003, numbers=(*NUMBERS, 'skew')):
     for seed in range(SEEDS):
         result = identify_drives(model, motion.measured(seed, use=use))
         of_seed = scores(result, motion.truth, skew)
+        for name in numbers:  # deviations are no excuse
+            told = getattr(result, f'{name}_deviation') / np.abs(getattr(result, name))
+            assert (told < 0.05).all(), (name, told)
         for name in numbers:
             errors[name].append(of_seed[name])
     for name, values in errors.items():
         within = np.mean(np.abs(values) < 2.0, axis=0)
         # 95.4 % of normal errors; fewer than 88 of 100 come once in 1000 trials.
         assert (within >= 0.88).all(), (name, within)
-        assert (np.std(values, axis=0) > 0.15).all(), name  # deviations are no excuse
 
 
 def test_a_sensor_and_both_encoders_tell_drives_and_skew(model, short):
@@ -137,21 +139,25 @@ def test_motor_side_values_with_a_ratio_are_the_same_recording(tmp_path, short):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 def test_true_drives_lie_within_two_deviations_by_a_torque_sensor(model, long):
     covered(model, long, ('q', 'gear_torque', 'motor_torque'))
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 def test_true_drives_lie_within_two_deviations_by_the_torque_of_the_links(model, long):
     covered(model, long, ('q', 'motor_torque'))
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 def test_true_drives_lie_within_two_deviations_by_motors_alone(model, vibration):
     covered(model, vibration, ('motor_torque',), numbers=NUMBERS)
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 def test_slow_motion_of_the_motors_tells_no_stiffness(model):
     slow = simulated(large_motion(3, (2000.0, 800.0)), 6.0,
                      truth=replace(Truth(), stiffness=(3e6, 1.2e6), damping=(50.0, 20.0)))
