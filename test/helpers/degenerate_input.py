@@ -44,7 +44,8 @@ RESULTS = frozenset((
 ELSEWHERE = frozenset((
     'identification.ModelWatch',  # of a calibrated recording: its own tests
     'gpu.function', 'gpu.rollout', 'view.Window', 'sweep.run_sweep', 'sweep.read_table',
-    'identification.read_recording', 'identification.read_drive_recording', 'expand_xacro', 'load_mjcf', 'load_collision_shapes',
+    'identification.read_drive_recording',
+    'identification.read_recording', 'expand_xacro', 'load_mjcf', 'load_collision_shapes',
     'plot.plot_demand', 'plot.plot_energy', 'plot.plot_phase', 'plot.plot_reactions',
     'plot.plot_sweep', 'plot.plot_timing', 'plot.plot_torque_by_source', 'plot.plot_tracking',
     'plot.plot_trajectory', 'plot.plot_replay', 'plot.plot_bending', 'plot.plot_vibrations'))

@@ -222,7 +222,7 @@ class GearEquations:
 
     def settle(self, x: Array) -> None:
         """
-        Take the noise that the varying slope of friction adds from parameters.
+        Update the noise that the varying slope of friction adds, from parameters.
 
         It stays in a fit: the residuals would be smallest for a friction of infinite noise.
         """

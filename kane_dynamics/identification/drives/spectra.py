@@ -25,6 +25,7 @@ WIDEST = 0.4  # of the Nyquist frequency, of the band
 LEAST_BINS = 40
 FILTER_ORDER = 8  # of the Butterworth filter, forward and backward
 BEYOND_BAND = 2.0  # its cutoff over the end of the band: the band passes unchanged
+PERIODS = 3.0  # of the cutoff, after which a filter has settled
 SPEED_NOISE = 0.0075  # rad/s or m/s, that speeds may have: of friction's smooth reversal
 
 
@@ -82,15 +83,19 @@ class Spectra:
 def spectra(count: int, step: float, highest: float) -> Spectra:
     """Return the spectra of a number of rows up to a frequency, Hz."""
     length = max(int(TAPER * count), 8)
-    window, slope, bend = np.ones(count), np.zeros(count), np.zeros(count)
+    # Filters of the motion start and end within this margin, where the window is 0.
+    margin = min(int(PERIODS / (BEYOND_BAND * highest * step)), count // 8)
+    inner = count - 2 * margin
+    window, slope, bend = np.ones(inner), np.zeros(inner), np.zeros(inner)
     # Up to the third derivative, the window is continuous: sums over rows are integrals.
     rise = np.polynomial.Polynomial(RISE)
     x = np.arange(length) / length
     span = length * step
     rising, climbing, bending = rise(x), rise.deriv()(x) / span, rise.deriv(2)(x) / span**2
-    window[:length], window[count - length:] = rising, rising[::-1]
-    slope[:length], slope[count - length:] = climbing, -climbing[::-1]
-    bend[:length], bend[count - length:] = bending, bending[::-1]
+    window[:length], window[inner - length:] = rising, rising[::-1]
+    slope[:length], slope[inner - length:] = climbing, -climbing[::-1]
+    bend[:length], bend[inner - length:] = bending, bending[::-1]
+    window, slope, bend = (np.pad(part, margin) for part in (window, slope, bend))
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(count, step), dtype=np.float64)
     inside = omega <= 2.0 * np.pi * highest
     return Spectra(step, window, slope, bend, omega[inside])
