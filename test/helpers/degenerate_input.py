@@ -243,7 +243,8 @@ def stated():
         'identification.DriveRecording': {name: getattr(drive_recording(), name)
                                           for name in ('t', 'theta', 'q')},
         'identification.DriveRecording.from_motor_side': {
-            'theta': drive_recording().theta, 'ratio': 1.0, 'q': drive_recording().q},
+            't': drive_recording().t, 'theta': drive_recording().theta, 'ratio': 1.0,
+            'q': drive_recording().q},
         'identification.DriveRecording.synchronized': {'skew': 0.002},
         'identification.identify_drives': {'recording': drive_recording()},
         'optimal_control.PredictiveController': {'optimizer': optimizer()},
