@@ -8,6 +8,7 @@ from kane_dynamics.errors import CompileError
 from kane_dynamics.native.backends.c99_math import literal, Precision
 from kane_dynamics.native.tracing.expression import Expr, operands
 from kane_dynamics.native.tracing.program import Program, size_of
+from kane_dynamics.native.tracing.subroutine import is_first
 import numpy as np
 
 FUNCTION_LANES = 4  # elementary functions that are evaluated together
@@ -241,11 +242,10 @@ def c_functions(program: Program, name: str, defaults: Mapping[str, str],
 
     # Subroutines stand before the functions that call them.
     pending = list(main.callees)
-    known = set()
+    named: dict[str, Program] = {}
     while pending:
         callee = pending.pop(0)
-        if callee.name not in known:
-            known.add(callee.name)
+        if is_first(callee, named):
             function = _Function(callee, name, precision)
             head = f'static {prototype(callee, f"{name}_{callee.name}", precision)}\n{{'
             texts.insert(0, '\n'.join([head, *function.lines, '}']))

@@ -19,6 +19,7 @@ from kane_dynamics.native.backends.real_types import (DOUBLE, intrinsic_end, lit
                                                       Real, splat, vector_type)
 from kane_dynamics.native.tracing.expression import Expr, operands
 from kane_dynamics.native.tracing.program import PLACING, Program, ROWS, size_of
+from kane_dynamics.native.tracing.subroutine import is_first
 
 # Structurally zero results from which memset is smaller than single stores.
 MEMSET_ZEROS = 16
@@ -434,13 +435,14 @@ def module_text(program: Program, symbol: str) -> str:
 def with_callees(main: Function, declarations: Sequence[str]) -> str:
     """Return the LLVM IR of a function, its subroutines and their declarations."""
     # A subroutine may call others; each is emitted once.
-    functions: dict[str, list[str]] = {}
+    named: dict[str, Program] = {}
+    functions: list[list[str]] = []
     pending = list(main.callees)
     while pending:
         current = pending.pop()
-        if current.name not in functions:
+        if is_first(current, named):
             function = main.callee(current)
-            functions[current.name] = function.lines
+            functions.append(function.lines)
             pending += function.callees
     # Declarations of the intrinsics of elementary functions, as vectors and scalars.
     v = vector_type(main.width, main.real)
@@ -457,6 +459,6 @@ def with_callees(main: Function, declarations: Sequence[str]) -> str:
         lines += [f'declare {x} @llvm.sqrt.{scalar}({x})',
                   f'declare {x} @llvm.floor.{scalar}({x})']
     lines += ['declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)', *main.lines]
-    for function_lines in functions.values():
+    for function_lines in functions:
         lines += function_lines
     return '\n'.join(lines)

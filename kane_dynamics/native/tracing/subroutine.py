@@ -69,6 +69,25 @@ class Subroutines:
         return trace_program(f'{name}_{next(self._numbers)}', function, inputs)
 
 
+def is_first(program: Program, named: dict[str, Program]) -> bool:
+    """
+    Return whether a subroutine is not among those by name yet, and add it to them.
+
+    Raises
+    ------
+    ValueError
+        Another subroutine has this name, and would be called in place of this one.
+
+    """
+    if program.name not in named:
+        named[program.name] = program
+        return True
+    if named[program.name] is not program:
+        raise ValueError(f'subroutine {program.name}: two programs have this name; '
+                         'expected a name of its own for each, as of one `Subroutines`')
+    return False
+
+
 def _constants(argument: Any) -> Pattern:
     """Return the constant entries of an argument, and None for its traced entries."""
     return tuple(None if isinstance(x, Expr) else float(x) for x in argument)

@@ -10,10 +10,14 @@ from types import SimpleNamespace
 import weakref
 
 from kane_dynamics import InputError, Robot
+from kane_dynamics.native.backends.c99 import c_functions
+from kane_dynamics.native.backends.c99_math import PRECISIONS
+from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.machine_code.compiling import gc_paused
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.native.tracing.subroutine import Subroutines
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest
@@ -26,6 +30,19 @@ STATE = random_state(MODEL, 0)
 def robot():
     """Return a random robot."""
     return Robot(MODEL)
+
+
+@pytest.mark.parametrize('text', [
+    lambda program: module_text(program, 'twice'),
+    lambda program: c_functions(program, 'twice', {}, PRECISIONS['float64'], '')])
+def test_two_subroutines_of_one_name_are_refused_rather_than_confused(text):
+    def twice(x):
+        doubled = Subroutines()('part', lambda y: 2.0 * y, x)
+        return doubled + Subroutines()('part', lambda y: y * y, x)
+
+    program = trace_program('twice', twice, [('x', (2,))])
+    with pytest.raises(ValueError, match='two programs have this name'):
+        text(program)
 
 
 def test_native_entry_supports_this_interpreter():
