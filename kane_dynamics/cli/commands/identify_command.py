@@ -29,7 +29,7 @@ from kane_dynamics.identification.recordings.reader import read_recording
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import FRICTION, LOWEST, rms, rows
 from kane_dynamics.identification.result_files import (six, written, written_drives,
-                                                      written_payload)
+                                                       written_payload)
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 from kane_dynamics.model.model import Model
