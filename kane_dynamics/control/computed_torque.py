@@ -33,6 +33,7 @@ from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.mechanics.constraints.transmission import (require_transmission,
                                                               transmission_margin)
+from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import Program, Shape
@@ -103,8 +104,9 @@ def joints_that_follow(robot: Robot) -> tuple[int, ...]:
 
 
 def require_rigid(robot: Robot) -> None:
-    """Raise InputError if a robot has beams, which feedforward would bend at will."""
+    """Raise InputError for beams or elastic joints, which laws would misjudge."""
     robot_like(robot)
+    require_rigid_joints(robot.model)
     if robot.model.modal_coordinates:
         raise InputError('robot: with beams; expected the rigid model, such as '
                          'stiffened(model), because no actuator moves the coordinates '

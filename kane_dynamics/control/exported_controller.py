@@ -15,6 +15,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import guarded
+from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.robot import Robot
@@ -67,6 +68,7 @@ def controller_kernels(robot: Robot, *, followed: Sequence[str] | None = None
 
     """
     instance(robot, Robot, 'robot')
+    require_rigid_joints(robot.model)
     if robot.equations.in_joint_rates:
         if followed is not None:
             raise InputError(f'followed: {list(followed)}; expected None, because all '

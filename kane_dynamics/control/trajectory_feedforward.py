@@ -22,6 +22,7 @@ from kane_dynamics.control.trajectory_limits import check_efforts, check_motion
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
+from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.motion.controller_points import completed, ControllerPoints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.points import Start, start_state, trajectory_points
@@ -164,6 +165,7 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
     """
     instance(robot, Robot, 'robot')
     require_angles(robot.model, 'fill_trajectory')
+    require_rigid_joints(robot.model)
     instance(compensate, Terms, 'compensate')
     source: Robot | QuasiStatic = robot
     if bending is not None:

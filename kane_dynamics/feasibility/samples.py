@@ -6,6 +6,7 @@ from kane_dynamics._util.checks import positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -42,6 +43,7 @@ def sampled(robot: Robot, motion: Motion, step: float, additional: Array = NONE
 
     """
     require_angles(robot.model, 'motion')
+    require_rigid_joints(robot.model)
     if motion.joint_names != robot.joint_names and robot.equations.in_joint_rates:
         raise InputError(f'motion: joints {list(motion.joint_names)}; expected '
                          f'{list(robot.joint_names)}')

@@ -31,6 +31,7 @@ from kane_dynamics.feasibility.timing_result import TimeOptimal
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.friction import refuse_load_friction, stribeck_excess
+from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -108,6 +109,7 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     """
     instance(robot, Robot, 'robot')
     require_angles(robot.model, 'time_optimal')
+    require_rigid_joints(robot.model)
     if robot.model.flexible:
         raise InputError('robot: with beams; expected a rigid robot, as a path does not '
                          'state their deflections')

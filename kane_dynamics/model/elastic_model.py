@@ -9,7 +9,7 @@ from typing import Any
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance
 from kane_dynamics._util.text import listing, SHORT
-from kane_dynamics.errors import ModelError
+from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.model.ball_coordinates import is_ball_part, quaternion_names
 from kane_dynamics.model.beam import renumbered
 from kane_dynamics.model.drive import Drive, friction_seen_through
@@ -99,6 +99,21 @@ def with_rigid_joints(model: Model) -> Model:
     names = [model.joint_names[k] for k in kept]
     return replace(model, bodies=tuple(bodies),
                    coordinate_names=quaternion_names(names, bodies, model.balls))
+
+
+def require_rigid_joints(model: Model) -> None:
+    """
+    Raise InputError for a model with elastic joints.
+
+    For what takes every coordinate for one that an actuator moves: it would command the
+    torques that links need at the links, where no actuator is.
+    """
+    if model.drives:
+        names = listing([elastic.name for elastic in model.drives])
+        raise InputError(f'robot: with elastic joints {names}; expected rigid ones, such as '
+                         'those of with_rigid_joints(model), because motors move the '
+                         'links through springs; MotorSideControl, LinkSideControl and '
+                         'ElasticFeedforward command the motors')
 
 
 def link_side(model: Model) -> Model:

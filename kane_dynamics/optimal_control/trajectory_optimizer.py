@@ -15,6 +15,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
 from kane_dynamics.mechanics.ball_joints import require_angles, require_unit
+from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.optimal_control.horizon import NUMBERS
 from kane_dynamics.optimal_control.horizon_kernels import HorizonKernels
@@ -152,6 +153,7 @@ class TrajectoryOptimizer:
                  speed_limits: ArrayLike | None = None) -> None:
         """Compile the kernels; only trees have a target, 0, before `set_target`."""
         instance(robot, Robot, 'robot')
+        require_rigid_joints(robot.model)
         self.robot = robot
         names = robot.joint_names
         self.interval = positive_time(interval, 'interval')

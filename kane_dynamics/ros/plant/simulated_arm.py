@@ -7,6 +7,7 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import NO_TERM, Terms
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.conditioning import described
+from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.energy_balance import EnergyBalance
@@ -111,6 +112,7 @@ class SimulatedArm:
                  arm_compensates: Collection[str] = (NO_TERM,),
                  sticking: bool = False) -> None:
         """Compile the kernels of a step."""
+        require_rigid_joints(robot.model)
         self._added = added_terms(arm_compensates)
         if self._added is not None:
             robot.compile('torque_terms')
