@@ -159,9 +159,13 @@ done:
   ret void
 }
 
-; Report a cycle in the ring; count it if the ring is full.
-define void @report(ptr %block, i64 %kind, ptr %data, i64 %length) {
+; Report a cycle in the ring, without a message that a slot cannot hold; count it if the
+; ring is full.
+define void @report(ptr %block, i64 %kind, ptr %data, i64 %all.length) {
 start:
+  %largest = number %block.LARGEST
+  %fits = icmp ule i64 %all.length, %largest
+  %length = select i1 %fits, i64 %all.length, i64 0
   %head = number %block.HEAD
   %tail.at = getelementptr i64, ptr %block, i64 TAIL
   %tail = load atomic i64, ptr %tail.at acquire, align 8
@@ -356,10 +360,7 @@ other:
   %k.next = add i64 %k, 1
   br label %candidate
 unknown:  ; Python learns the layout and passes the message again
-  %largest = number %block.LARGEST
-  %long = icmp sgt i64 %length, %largest
-  %carried = select i1 %long, i64 0, i64 %length
-  call void @report(ptr %block, i64 UNKNOWN, ptr %data, i64 %carried)
+  call void @report(ptr %block, i64 UNKNOWN, ptr %data, i64 %length)
   ret void
 known:
   call void @gather(ptr %block, ptr %layout, ptr %data)
@@ -422,6 +423,14 @@ done:
   ret void
 }
 
+; State which plan is in use, after the last read of the one before, which Python may free.
+define void @state_plan(ptr %block, ptr %plan) {
+  %at = getelementptr i64, ptr %block, i64 IN_USE
+  %number = ptrtoint ptr %plan to i64
+  store atomic i64 %number, ptr %at release, align 8
+  ret void
+}
+
 ; The thread: wait, answer the messages that are there, look at the time.
 define ptr @run(ptr %block) {
 start:
@@ -429,8 +438,7 @@ start:
 turn:
   %plan.at = getelementptr i64, ptr %block, i64 PLAN
   %plan = load atomic ptr, ptr %plan.at acquire, align 8
-  %plan.number = ptrtoint ptr %plan to i64
-  %plan.number -> %block.IN_USE
+  call void @state_plan(ptr %block, ptr %plan)
   %stop.at = getelementptr i64, ptr %block, i64 STOP
   %stop = load atomic i64, ptr %stop.at acquire, align 8
   %stops = icmp ne i64 %stop, 0
@@ -469,8 +477,7 @@ waits:
 reads:
   ; The plan again, because it may have changed while the thread waited.
   %fresh = load atomic ptr, ptr %plan.at acquire, align 8
-  %fresh.number = ptrtoint ptr %fresh to i64
-  %fresh.number -> %block.IN_USE
+  call void @state_plan(ptr %block, ptr %fresh)
   br label %take
 take:
   %taken.count = phi i64 [0, %reads], [%taken.next, %answered]
@@ -553,6 +560,12 @@ define void @write_word(ptr %to, i64 %value) {
   ret void
 }
 
+; Read a word before everything after it.
+define i64 @read_word(ptr %from) {
+  %value = load atomic i64, ptr %from acquire, align 8
+  ret i64 %value
+}
+
 declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
 declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)
 """
@@ -593,7 +606,8 @@ def message_loop_text(drops: int) -> str:
 
 def _numbers(drops: int) -> dict[str, int]:
     """Return the numbers of the names in capitals."""
-    numbers = {name: BLOCK.index(name) for name in ('PLAN', 'STOP', 'HEAD', 'TAIL')}
+    numbers = {name: BLOCK.index(name) for name in ('PLAN', 'IN_USE', 'STOP', 'HEAD',
+                                                      'TAIL')}
     return numbers | {
         'DOES_PUBLISH': DOES_PUBLISH, 'SENT_AT': SENT_AT, 'REASON': REASON, 'DROPS': drops,
         'SEQUENCE_AT': SEQUENCE_AT, 'SLOT_WORDS': len(SLOT),
@@ -614,3 +628,10 @@ def write_word(drops: int) -> Any:
     """Return a function of an address and a number that publishes a word to the thread."""
     return message_loop(drops).function('write_word', ctypes.PYFUNCTYPE(
         None, ctypes.c_void_p, ctypes.c_int64))
+
+
+@cache
+def read_word(drops: int) -> Any:
+    """Return a function that reads a word of the thread at an address."""
+    return message_loop(drops).function('read_word', ctypes.PYFUNCTYPE(
+        ctypes.c_int64, ctypes.c_void_p))

@@ -248,7 +248,8 @@ class ConfiguredRobot:
         wanted = self.values['torque_path']
         reason = 'torque_path: python'
         if wanted != 'python':
-            reason = self.fault or python_reason(self.values, controller)
+            simulated_time = node.get_parameter('use_sim_time').value
+            reason = self.fault or python_reason(self.values, controller, simulated_time)
         if not reason:
             try:
                 opened_path = self._open_native_path(controller, torques, opened,

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 import signal
 from typing import Any, NamedTuple
+from weakref import finalize
 
 from kane_dynamics.control.terms import Mode, Terms
 from kane_dynamics.control.traced_laws import MODES
@@ -212,6 +213,7 @@ class NativeLoop:
         self.rules = compiled_rules(robot, terms)
         self._code = message_loop.message_loop(DROPS)
         self._write = message_loop.write_word(DROPS)
+        self._read = message_loop.read_word(DROPS)
         self.block: Words = np.zeros(len(message_loop.BLOCK), dtype=np.int64)
         self.path = np.zeros(cycle_rules.path_size(n))
         self.result = np.zeros(cycle_rules.path_size(n))
@@ -224,8 +226,7 @@ class NativeLoop:
         self.torques = joint_state_of_efforts(robot.joint_names)
         self._messages = [message_of(self.command.bytes), message_of(self.torques.bytes)]
         self._plans: list[CyclePlan] = []
-        self._thread: ctypes.c_ulong | None = None
-        self._process = 0
+        self._end: Callable[[], object] = bool
         self._wake: Callable[[], None] = lambda: None
         library = ctypes.CDLL(None)
         self._library = library
@@ -269,8 +270,9 @@ class NativeLoop:
             self.block[message_loop.BLOCK.index(name)] = value or 0
 
     def _get(self, name: str) -> int:
-        """Return a word of the block."""
-        return int(self.block[message_loop.BLOCK.index(name)])
+        """Return a word of the block before everything read afterwards."""
+        place = message_loop.BLOCK.index(name)
+        return int(self._read(self.block.ctypes.data + 8 * place))
 
     def _publish_word(self, name: str, value: int) -> None:
         """Set a word of the block after everything written before."""
@@ -315,9 +317,12 @@ class NativeLoop:
             signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
         if code:
             raise OSError(code, os.strerror(code))
-        self._thread = thread
-        self._process = os.getpid()
         self._library.pthread_setname_np(thread, NAME)
+        stop = self.block.ctypes.data + 8 * message_loop.BLOCK.index('STOP')
+        # It ends before its memory does, also where nobody stops it: when the interpreter
+        # exits.
+        self._end = finalize(self, _end_thread, os.getpid(), thread, self._library,
+                             self._write, stop, self._wake, dict(vars(self)))
 
     def scheduled_as_main(self) -> None:
         """Schedule the thread as the main thread; OSError if it is not permitted."""
@@ -330,13 +335,7 @@ class NativeLoop:
 
     def stop_thread(self) -> None:
         """Stop the thread and wait for its end; a forked process has none."""
-        thread = self._thread
-        self._thread = None
-        if thread is None or self._process != os.getpid():
-            return
-        self._publish_word('STOP', 1)
-        self._wake()
-        self._library.pthread_join(thread, None)
+        self._end()
 
     @property
     def code_of_end(self) -> int:
@@ -396,3 +395,13 @@ class NativeLoop:
         run(self.block.ctypes.data, ctypes.addressof(data), len(message), count,
             durations.ctypes.data)
         return durations
+
+
+def _end_thread(process: int, thread: ctypes.c_ulong, library: ctypes.CDLL,
+                write: Callable[[int, int], None], stop: int, wake: Callable[[], None],
+                kept: object) -> None:
+    """Let the thread stop and wait for its end; a forked process has none."""
+    if process == os.getpid():
+        write(stop, 1)
+        wake()
+        library.pthread_join(thread, None)

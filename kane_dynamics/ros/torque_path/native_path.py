@@ -27,9 +27,12 @@ from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, BY_CLOCK, BY_TI
                                                        NO_CLOCK as NO_CLOCK_RULE,
                                                        NO_TORQUE as NO_TORQUE_RULE,
                                                        NOT_FINITE as FIRST_REFUSED,
+                                                       OUT_OF_ORDER,
                                                        PathState)
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN, MALFORMED,
+from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN,
+                                                              JointStateLayout,
+                                                              MALFORMED, MAX_LAYOUTS,
                                                               MISSING, NO_CLOCK,
                                                               NOT_FINITE, time_fault)
 from kane_dynamics.ros.torque_path.native_loop import (CyclePlan, LARGEST,
@@ -42,9 +45,14 @@ from sensor_msgs.msg import JointState
 
 LONGEST_WAIT = 0.2  # of the timeout, between two looks at the clock
 ENDED = 'the native torque path ended'
+TOO_LARGE = (f'empty or more than {LARGEST} bytes; expected at most as many, or '
+             'torque_path: python')
+# A reason to drop a state.
+LEARNED = 'layout learned after newer states'
 
 
-def python_reason(values: Mapping[str, Any], controller: Controller) -> str:
+def python_reason(values: Mapping[str, Any], controller: Controller,
+                  simulated_time: bool = False) -> str:
     """
     Return why a configuration needs the interpreter's torque path; empty if it does not.
 
@@ -54,6 +62,9 @@ def python_reason(values: Mapping[str, Any], controller: Controller) -> str:
         The node's parameters.
     controller : Controller
         Of the torque path.
+    simulated_time : bool
+        Whether the interpreter, which hears /clock, sets the node's clock. A thread
+        that does not wait for it would see late or no time-outs.
 
     """
     robot = controller.robot
@@ -69,6 +80,8 @@ def python_reason(values: Mapping[str, Any], controller: Controller) -> str:
         return 'joints without actuators'
     if equations.carries_loads and not every_term:
         return 'friction that depends on loads, with arm_compensates'
+    if simulated_time:
+        return 'use_sim_time'
     for name in ('guard.enabled', 'wrench.frames', 'stamped_commands'):
         if values[name]:
             return name
@@ -113,6 +126,7 @@ class NativeTorquePath(TorquePath):
         self._asked = [0, 0]  # jumps of the clock, silences
         self._silence_reason = ''
         self._replay = 0, b''
+        self._layouts: list[JointStateLayout] = []  # that the thread knows
         self.unobserved = 0
         self._unsent = 0
         self._lost_states = LostMessages()
@@ -181,7 +195,7 @@ class NativeTorquePath(TorquePath):
         if self._loads is not None:
             parameters = self._loads.parameters_of(controller.robot)
         layouts = []
-        for layout in self._reader.layouts:
+        for layout in self._layouts:
             if layout.has_velocity or not self.need_velocity:
                 layouts.append(layout)
         motions = []
@@ -383,6 +397,11 @@ class NativeTorquePath(TorquePath):
         if code == NO_CLOCK_RULE:
             self._drop(NO_CLOCK, 'use_sim_time is true and no time was received')
             return
+        if code == OUT_OF_ORDER and report.message == self._replay[1]:
+            # It came in order, but the thread answered other publishers meanwhile.
+            self._drop(LEARNED, f'{len(report.message)} bytes; the next one of its '
+                       'publisher is judged at once')
+            return
         if code < FIRST_REFUSED:
             last = round(float(path.last_stamp)) + self._epoch
             fault = time_fault(stamp, now, last, self._timeout)
@@ -409,8 +428,7 @@ class NativeTorquePath(TorquePath):
         """Learn the layout of a message and let the thread answer it, or drop it."""
         data = report.message
         if not data:
-            self._drop(MALFORMED, f'more than {LARGEST} bytes; expected at most as many, '
-                       'or torque_path: python')
+            self._drop(MALFORMED, TOO_LARGE)
             return
         reader = self._reader
         fault = reader.read(data, self.need_velocity)
@@ -425,6 +443,13 @@ class NativeTorquePath(TorquePath):
             # Another encoding than plain little-endian CDR.
             data = serialize_message(deserialize_message(data, JointState))
             reader.read(data, self.need_velocity)
+            if len(data) > LARGEST:
+                self._drop(MALFORMED, TOO_LARGE)
+                return
+        # The reader caches one layout of each length; two publishers may have the same.
+        if not any(layout.fits(data) for layout in self._layouts):
+            learned = [layout for layout in reader.layouts if layout.fits(data)]
+            self._layouts = [*self._layouts, *learned][-MAX_LAYOUTS:]
         number, _ = self._replay
         self._replay = number + 1, data
         self._replan()

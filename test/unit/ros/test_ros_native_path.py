@@ -1,6 +1,12 @@
 """The rules of the native torque path are those of the interpreter's, on random states."""
 
+import ctypes
+import gc
 import math
+import mmap
+import struct
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -15,7 +21,7 @@ from kane_dynamics.ros.torque_path import cycle_rules, native_loop  # noqa: E402
 from kane_dynamics.ros.torque_path.cdr import (PreparedMessage,  # noqa: E402
                                                write_joint_state)
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.torque_path.native_path import python_reason  # noqa: E402
+from kane_dynamics.ros.torque_path.native_path import LEARNED, python_reason  # noqa: E402
 from kane_dynamics.ros.torque_path.rcl_functions import (handle_address,  # noqa: E402
                                                          UnsupportedError)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
@@ -231,6 +237,131 @@ def test_a_full_ring_counts_what_nothing_observed():
     assert side.warnings[-1][0] == 'cycles'
 
 
+def before_a_closed_page(data):
+    """Return the address of bytes after which no memory can be read, and what keeps them."""
+    page = mmap.PAGESIZE
+    size = page * (len(data) // page + 1)
+    memory = mmap.mmap(-1, size + page)
+    start = ctypes.addressof(ctypes.c_char.from_buffer(memory))
+    assert ctypes.CDLL(None).mprotect(ctypes.c_void_p(start + size), page, 0) == 0
+    memory[size - len(data):size] = data
+    return start + size - len(data), memory
+
+
+def damaged(data, rng):
+    """Return a message that is cut, longer, of other bytes or numbers, or big endian."""
+    kind = rng.integers(5)
+    if kind == 0:
+        return data[:rng.integers(len(data))]
+    if kind == 1:
+        return data + rng.bytes(rng.choice([1, 7, 9000, 2**17]))
+    if kind == 2:
+        return rng.bytes(rng.integers(300))
+    if kind == 3:
+        return b'\0\0' + data[2:]
+    changed = bytearray(data)
+    for _ in range(rng.integers(1, 5)):
+        struct.pack_into('<I', changed, rng.integers(len(data) // 4) * 4,
+                         rng.choice([0, 1, 2**31, 2**32 - 1, rng.integers(2**32)]))
+    return bytes(changed)
+
+
+def test_no_message_is_read_beyond_its_end_or_ends_the_path():
+    pair = Pair('computed_torque', 2)
+    path = pair.sides[1].path
+    loop = path.native
+    cycle = loop._code.function('cycle', ctypes.PYFUNCTYPE(
+        None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64))
+    rng = np.random.default_rng(0)
+    for _ in range(400):
+        pair.time += 1_000_000
+        data = damaged(message(pair.q, np.zeros(2), pair.time), rng)
+        address, memory = before_a_closed_page(data)
+        cycle(loop.block.ctypes.data, loop._plans[-1].address, address, len(data))
+        path.read_reports()
+        del memory
+    count = len(pair.sides[1].commands.sent)
+    path.stop()
+    path.start()
+    for _ in range(3):
+        pair.time += 1_000_000
+        path.on_state(message(pair.q, np.zeros(2), pair.time))
+    assert len(pair.sides[1].commands.sent) > count
+    assert sum(pair.sides[1].statistics.dropped.values()) > 100
+
+
+def test_a_known_message_larger_than_a_slot_is_not_copied_into_the_ring():
+    pair = Pair('gravity_compensation', 1)
+    path = pair.sides[1].path
+    pair.do_state('state')
+    data = message(pair.q, np.zeros(2), pair.time)
+    path.native._set(LARGEST=len(data) - 1)
+    path.native._ring[:] = 0
+    path.native.answer(data)
+    assert path.native.reports()[-1].message == b''
+    assert data[20:] not in path.native._ring.tobytes()
+
+
+def test_two_publishers_of_one_length_are_both_answered_at_once():
+    pair = Pair('gravity_compensation', 1)
+    path = pair.sides[1].path
+    for step in range(8):
+        pair.time += 1_000_000
+        data = message(pair.q, np.zeros(2), pair.time)
+        if step % 2:  # the same joints in another order
+            writer, (positions, velocities, _) = write_joint_state(NAMES[::-1], '', (2, 2, 0))
+            prepared = PreparedMessage(writer, positions, 2)
+            prepared.numbers[:] = pair.q[::-1]
+            prepared.doubles(velocities, 2)[:] = 0.0
+            prepared.stamp(*divmod(pair.time, NANO))
+            assert len(prepared.serialized()) == len(data)
+            data = prepared.serialized()
+        path.native.answer(data)
+        kinds = {report.kind for report in path.native.reports()} if step > 3 else {0}
+        assert kinds == {0}, 'answered, not unknown'
+        if step <= 3:
+            path.native._publish_word('TAIL', path.native._get('HEAD') - 1)
+            path.read_reports()
+
+
+def test_the_first_message_of_a_layout_behind_newer_states_is_counted_by_its_name():
+    pair = Pair('gravity_compensation', 1)
+    side = pair.sides[1]
+    loop = side.path.native
+    for _ in range(3):
+        pair.do_state('state')
+    late = message(pair.q, np.zeros(2), pair.time + 1) + bytes(8)  # another layout
+    pair.time += 1_000_000
+    loop.answer(late)
+    loop.answer(message(pair.q, np.zeros(2), pair.time))
+    side.path.read_reports()
+    assert side.statistics.dropped == {LEARNED: 1}
+
+
+def test_the_thread_ends_before_its_memory_does():
+    loop = native_loop.NativeLoop(ROBOT, Terms())
+    stop_at = loop.block.ctypes.data + 8 * native_loop.message_loop.BLOCK.index('STOP')
+    ended = threading.Event()
+
+    @ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
+    def run(block):
+        while not ctypes.c_int64.from_address(stop_at).value:
+            time.sleep(0.001)
+        ended.set()
+        return 0
+
+    class Code:
+        """The code of a thread that waits for its stop."""
+
+        def address(self, name):
+            return ctypes.cast(run, ctypes.c_void_p).value
+    loop._code = Code()
+    loop.start_thread()
+    del loop
+    gc.collect()
+    assert ended.is_set()
+
+
 def test_an_observer_that_fails_does_not_stop_the_torques():
     pair = Pair('gravity_compensation', 1)
     native = pair.sides[1]
@@ -259,6 +390,7 @@ def test_what_runs_on_the_interpreters_path_is_said_with_its_reason():
     for name, value in (('guard.enabled', True), ('wrench.frames', ['tip']),
                         ('stamped_commands', True)):
         assert python_reason(node_values({name: value}), controller) == name
+    assert python_reason(node_values(), controller, simulated_time=True) == 'use_sim_time'
     values = node_values({'mode': 'joint_impedance'})
     assert python_reason(values, controller) == 'mode joint_impedance'
 
