@@ -1,4 +1,4 @@
-"""What the reports of the demo share: records that the plant saved, and the arm's loops."""
+"""Records that the plant of the demo saved, and its arm, for the reports."""
 
 from collections.abc import Sequence
 from pathlib import Path

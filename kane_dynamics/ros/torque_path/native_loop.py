@@ -319,8 +319,7 @@ class NativeLoop:
             raise OSError(code, os.strerror(code))
         self._library.pthread_setname_np(thread, NAME)
         stop = self.block.ctypes.data + 8 * message_loop.BLOCK.index('STOP')
-        # It ends before its memory does, also where nobody stops it: when the interpreter
-        # exits.
+        # It ends before its memory does, also when the interpreter exits without a stop.
         self._end = finalize(self, _end_thread, os.getpid(), thread, self._library,
                              self._write, stop, self._wake, dict(vars(self)))
 
