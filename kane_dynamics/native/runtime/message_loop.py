@@ -606,8 +606,8 @@ def message_loop_text(drops: int) -> str:
 
 def _numbers(drops: int) -> dict[str, int]:
     """Return the numbers of the names in capitals."""
-    numbers = {name: BLOCK.index(name) for name in ('PLAN', 'IN_USE', 'STOP', 'HEAD',
-                                                      'TAIL')}
+    words = ('PLAN', 'IN_USE', 'STOP', 'HEAD', 'TAIL')
+    numbers = {name: BLOCK.index(name) for name in words}
     return numbers | {
         'DOES_PUBLISH': DOES_PUBLISH, 'SENT_AT': SENT_AT, 'REASON': REASON, 'DROPS': drops,
         'SEQUENCE_AT': SEQUENCE_AT, 'SLOT_WORDS': len(SLOT),
