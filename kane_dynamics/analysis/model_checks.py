@@ -68,8 +68,15 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[F
 
 
 def _driven_joints(model: Model, robot: Robot) -> list[str]:
-    """Return the joints with motors: not those of a floating base, nor pins of closed loops."""
-    return [name for name in robot.actuated_names if name not in model.floating_base]
+    """
+    Return the joints with motors.
+
+    Those of a floating base, pins of closed loops and links behind the gear of a drive,
+    whose motor is a joint of its own, have none.
+    """
+    behind_gears = {drive.name for drive in model.drives}
+    passive = behind_gears.union(model.floating_base)
+    return [name for name in robot.actuated_names if name not in passive]
 
 
 def _examine_compensation(model: Model) -> list[Finding]:

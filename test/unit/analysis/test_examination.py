@@ -3,7 +3,7 @@
 from functools import cache
 import math
 
-from kane_dynamics import ModelBuilder, point_mass, Robot, rod
+from kane_dynamics import Drive, ModelBuilder, point_mass, Robot, rod, with_drives
 from kane_dynamics.analysis.model_checks import examine_model, largest_gravity_forces
 from kane_dynamics.model.model import Limits
 import numpy as np
@@ -45,3 +45,13 @@ def test_configurations_are_tried_up_to_the_limits_and_not_beyond(limits, slide,
                  limits=slide)
     largest = largest_gravity_forces(Robot(builder.model()))[0]
     np.testing.assert_allclose(largest, expected, rtol=1e-6)
+
+
+def test_a_link_behind_the_gear_of_a_drive_is_not_asked_for_a_rotor():
+    rigid = arm(100.0).model
+    assert any('no rotor inertia' in finding.words
+               for finding in examine_model(rigid, arm(100.0), []))
+    elastic = with_drives(rigid, {name: Drive(1e4, rotor_inertia=0.1)
+                                  for name in rigid.joint_names})
+    assert not any('rotor inertia' in finding.words
+                   for finding in examine_model(elastic, Robot(elastic), []))
