@@ -38,6 +38,14 @@ def real_numbers(value: Any) -> Array:
     return np.asarray(array, dtype=np.float64)
 
 
+def shape_of(value: ArrayLike, what: str) -> tuple[int, ...]:
+    """Return the shape of an array; raise InputError if rows have different lengths."""
+    try:
+        return np.shape(value)
+    except ValueError:
+        raise InputError(f'{what}: not rectangular; expected an array of numbers') from None
+
+
 def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
               finite: bool = True, part: str = 'joint') -> Array:
     """

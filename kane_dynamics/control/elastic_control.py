@@ -460,7 +460,11 @@ class LinkSideControl(_MotionLaw):
         """Check the bandwidth and compile the law."""
         super().__init__(robot, motion, every=True)
         w = per_joint(bandwidth, 'bandwidth', self.arm.names)
-        self.gains = np.array([w**4, 4.0 * w**3, 6.0 * w**2, 4.0 * w])
+        with np.errstate(over='ignore'):
+            self.gains = np.array([w**4, 4.0 * w**3, 6.0 * w**2, 4.0 * w])
+        if not np.isfinite(self.gains).all():
+            raise InputError(f'bandwidth: {w.max():g} rad/s; expected numbers whose fourth '
+                             'power is finite')
         n = len(self.arm.names)
         self._law = self._compiled(self.arm.linearizing_torque, desired=(DERIVATIVES, n),
                                    gains=(4, n))

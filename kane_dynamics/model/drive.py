@@ -22,12 +22,11 @@ import math
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import constant
+from kane_dynamics._util.checks import constant, shape_of
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
-import numpy as np
 
 # Power of the ratio by which a motor-side parameter of friction is multiplied on the
 # joint's side: torques by 1, rates by -1. A factor of the load has none.
@@ -73,7 +72,8 @@ class StiffnessCurve:
     def __post_init__(self) -> None:
         """Check the points."""
         what = 'stiffness curve'
-        shapes = np.shape(self.deflection), np.shape(self.torque)
+        shapes = (shape_of(self.deflection, f'{what}: deflection'),
+                  shape_of(self.torque, f'{what}: torque'))
         if len(shapes[0]) != 1 or shapes[0] != shapes[1] or shapes[0][0] < 2:
             raise ModelError(f'{what}: deflection of shape {shapes[0]}, torque of shape '
                              f'{shapes[1]}; expected two sequences of one length, at '

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from kane_dynamics._util.checks import shape_of
 from kane_dynamics._util.typing import Array, Matrix, Scalar
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.poses import checked_pose, ORTHONORMAL
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import cross
-import numpy as np
 from numpy.typing import ArrayLike
 
 
@@ -28,7 +28,7 @@ def pose_margin(pose: Matrix) -> Scalar:
 
 def require_pose(numbers: ArrayLike, what: str = 'pose') -> Array:
     """Return one pose, (4, 4); InputError for anything else."""
-    shape = np.shape(numbers)
+    shape = shape_of(numbers, what)
     if len(shape) == 3:  # poses
         raise InputError(f'{what}: shape {shape}; expected (4, 4)')
     return checked_pose(numbers, what)

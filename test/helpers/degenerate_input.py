@@ -92,6 +92,13 @@ def arm():
 
 
 @cache
+def all_elastic():
+    """Return the arm with two elastic joints."""
+    drive = Drive(100.0, rotor_inertia=0.1)
+    return Robot(with_drives(arm().model, {'joint1': drive, 'joint2': drive}))
+
+
+@cache
 def loop():
     """Return a four-bar linkage in the speed of its crank."""
     one = case('closed loop')
@@ -201,6 +208,8 @@ def stated():
         'Drive.from_motor_side': {'stiffness': 100.0, 'friction': {'damping': 0.1}},
         'ElasticFeedforward': {'robot': elastic()}, 'SmoothMotion': {
             'times': np.array([0.0, 1.0]), 'coefficients': np.zeros((1, 8, 2))},
+        'MotorSideControl': {'robot': elastic()}, 'LinkSideControl': {'robot': all_elastic()},
+        'JointTorqueFeedback': {'robot': elastic()},
         'with_rigid_joints': {'model': elastic().model},
         'with_locked': {'positions': {'joint1': 0.3}}, 'with_names': {'names': {'link1': 'a'}},
         'with_model': {'prefix': 'left_'},

@@ -114,8 +114,8 @@ class DriveRecording:
         of_motors = None
         if motor_torque is not None:
             of_motors = real(motor_torque, 'drive recording: motor_torque') * of_joints
-        return cls(np.asarray(t), angles / of_joints, _optional(q), of_motors,
-                   _optional(gear_torque))
+        return cls(real(t, 'drive recording: t'), angles / of_joints, _optional(q, 'q'),
+                   of_motors, _optional(gear_torque, 'gear_torque'))
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -206,9 +206,9 @@ def read_drive_recording(path: str | os.PathLike[str], joint_names: Sequence[str
         raise InputError(f'{path}: {error}') from None
 
 
-def _optional(values: ArrayLike | None) -> Array | None:
+def _optional(values: ArrayLike | None, what: str) -> Array | None:
     """Return values as an array, None without any."""
-    return None if values is None else np.asarray(values)
+    return None if values is None else real(values, f'drive recording: {what}')
 
 
 def joint_count(recording: DriveRecording, names: Sequence[str]) -> None:

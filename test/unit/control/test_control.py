@@ -28,7 +28,7 @@ class ClosedForm:
         none = np.full(self.n, np.inf)
         self.limits = SimpleNamespace(effort=np.array(effort), lower=-none, upper=none)
         self.model = SimpleNamespace(coordinate_names=NAMES, sliding=NAMES[1:],
-                                     modal_coordinates=())
+                                     modal_coordinates=(), drives=())
         self.equations = SimpleNamespace(model=self.model, in_joint_rates=True, timed=False,
                                          n=self.n, mechanism=None, tree=None, actuated=None,
                                          carries_loads=False)
