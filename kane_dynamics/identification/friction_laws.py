@@ -130,7 +130,7 @@ class LawRows:
         return np.asarray(of_bodies + self.data.rest + armature * self.data.recording.udot)
 
     def used(self, joint: int, law: FrictionLaw) -> Flags:
-        """Return the rows that tell a joint's parameters, (N,)."""
+        """Return the rows that determine a joint's parameters, (N,)."""
         # At standstill friction is undetermined, but for that which remembers the motion.
         if law.presliding:
             return np.ones(len(self.dahl), dtype=bool)

@@ -240,7 +240,7 @@ def identifier(*words: str | Sequence[str]) -> str:
     """
     Return a C identifier of these words, which other words do not have.
 
-    Kernels of one robot are told apart by their names. Names of frames lose characters
+    Kernels of one robot differ in their names. Names of frames lose characters
     in an identifier, so that a digest of all words follows them.
     """
     parts: list[str] = []

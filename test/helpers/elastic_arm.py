@@ -102,7 +102,7 @@ def large_motion(seed, gains):
 
 
 def small_vibration(seed, size, center, gains):
-    """Return a torque law that shakes the motors about a posture, from 3 to 30 Hz."""
+    """Return a torque law that shakes the motors at a configuration, 3 to 30 Hz."""
     rng = np.random.default_rng(seed)
     frequency = 2.0 * math.pi * np.geomspace(3.0, 30.0, 40)
     phase = rng.uniform(0.0, 2.0 * math.pi, (2, 40))

@@ -384,7 +384,7 @@ def _identify_drives(options: Namespace) -> None:
 
 
 def drive_data(result: DriveIdentification, files: list[str]) -> dict[str, Any]:
-    """Return identified drives as plain data; numbers that are not told are None."""
+    """Return identified drives as plain data; undetermined numbers are None."""
     data: dict[str, Any] = {'joint_names': list(result.joint_names),
                             'source': result.source}
     for name in DRIVE_NUMBERS:
@@ -392,11 +392,11 @@ def drive_data(result: DriveIdentification, files: list[str]) -> dict[str, Any]:
             data[key] = [float(value) if np.isfinite(value) else None
                          for value in getattr(result, key)]
     return {**data, 'skew_share': result.skew_share, 'misfit': result.misfit,
-            'untold': result.untold, 'files': files}
+            'undetermined': result.undetermined, 'files': files}
 
 
 def print_drives(data: dict[str, Any]) -> None:
-    """Print the identified drives, and what the data do not tell."""
+    """Print the identified drives, and what the data do not determine."""
     print(f'drives, joint-side, by {data["source"]}; N m/rad, N m s/rad, kg m^2, s')
     header = ['joint']
     for name in DRIVE_NUMBERS:
@@ -413,9 +413,9 @@ def print_drives(data: dict[str, Any]) -> None:
         if share > 0.05:
             print(f"'{joint}': the delay of the link's encoder moves the measured deflection "
                   f'by {share:.0%} of its size; it is removed')
-    if data['untold']:
-        print('\nnot told by the recording')
-        for name, reason in data['untold'].items():
+    if data['undetermined']:
+        print('\nnot determined by the recording')
+        for name, reason in data['undetermined'].items():
             print(f'{name}: {reason}')
     _print_files(data)
 

@@ -312,7 +312,7 @@ def fitted(equations: GearEquations) -> GearFit:
 
 
 def covariance_of(jacobian: Array) -> Array:
-    """Return the covariance of parameters; directions that nothing tells get a large one."""
+    """Return the covariance of parameters, large where nothing determines them."""
     scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     values, vectors = np.linalg.eigh((jacobian / scale).T @ (jacobian / scale))
     inverse = 1.0 / np.maximum(values, FLOOR * values[-1])

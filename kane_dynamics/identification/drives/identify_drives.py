@@ -1,4 +1,4 @@
-"""Identify the drives of elastic joints: what the data tell, what they do not, and why."""
+"""Identify the drives of elastic joints, and say what the data do not determine."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 import yaml
 
-TOLD = 0.2  # largest relative standard deviation of a number that the data tell
-SKEW_TOLD = 5e-4  # s, largest standard deviation of a skew that the data tell
+DEVIATION = 0.2  # largest relative standard deviation of a number that the data determine
+SKEW_DEVIATION = 5e-4  # s, largest standard deviation of a skew that the data determine
 SURE = 2.0  # standard deviations
 SAMPLES = 200  # configurations for the mean of the mass matrix
 MOVES = 1e-3  # rad or m: a motor that moves less rests
@@ -45,9 +45,9 @@ class DriveNumber(NamedTuple):
     Attributes
     ----------
     value, deviation : float
-        NaN where the data do not tell it.
+        NaN where the data do not determine it.
     reason : str
-        Why the data do not tell it, and what would; empty if they do.
+        Why the data do not determine it, and what would; empty if they do.
 
     """
 
@@ -69,8 +69,8 @@ class DriveIdentification:
         Equations that were fitted: 'torque sensor', 'both encoders' (with the torque of
         the links' model), or 'motor side'.
     stiffness, damping, rotor_inertia, skew : (n,) arrays
-        N m/rad, N m s/rad, kg m^2, s; NaN where the data do not tell them, see
-        `untold`. The skew is how late the encoders of the links are.
+        N m/rad, N m s/rad, kg m^2, s; NaN where the data do not determine them, see
+        `undetermined`. The skew is how late the encoders of the links are.
     stiffness_deviation, damping_deviation, rotor_inertia_deviation, skew_deviation : \
 (n,) arrays
         Standard deviations; larger by the root of `misfit` than those of the noise.
@@ -80,8 +80,8 @@ class DriveIdentification:
     misfit : (n,) array
         Mean square of the residuals over the noise; 1 if the equations hold. Of
         'motor side' one for all joints.
-    untold : dict of str to str
-        Reasons of the numbers that the data do not tell, by '<joint> <number>'.
+    undetermined : dict of str to str
+        Reasons of the numbers that the data do not determine, by '<joint> <number>'.
 
     """
 
@@ -97,13 +97,13 @@ class DriveIdentification:
     skew_deviation: Array
     skew_share: Array
     misfit: Array
-    untold: dict[str, str]
+    undetermined: dict[str, str]
 
     def drives(self) -> dict[str, Drive]:
         """
-        Return the drives of the joints whose stiffness is told, for `with_drives`.
+        Return the drives of the joints whose stiffness is determined, for `with_drives`.
 
-        Untold damping is 0; for an untold rotor inertia the armature of the joint stays.
+        Undetermined damping is 0; a rotor inertia is then the armature of the joint.
         """
         result = {}
         for j, name in enumerate(self.joint_names):
@@ -300,14 +300,14 @@ def _noise(signal: Array, step: float) -> Array:
 
 def _told(joint: str, fit: GearFit, skew: float | None, signal: JointSignals
           ) -> dict[str, DriveNumber]:
-    """Return the numbers of a joint, those that the data tell and reasons of the others."""
+    """Return the numbers of a joint, with reasons of those that are not determined."""
     compliance, of_compliance = fit.value('compliance'), fit.deviation('compliance')
-    told = of_compliance <= TOLD * abs(compliance)
+    determined = of_compliance <= DEVIATION * abs(compliance)
     late, of_late = fit.value('skew'), fit.deviation('skew')
-    if told and compliance < 0.0:
+    if determined and compliance < 0.0:
         raise InputError(f"recording: joint '{joint}': the gear deflects against its torque; "
                          'expected signs of positions and torques alike')
-    if told:
+    if determined:
         stiffness = DriveNumber(1.0 / compliance, of_compliance / compliance**2)
     else:
         stiffness = DriveNumber(np.nan, np.nan, _untold_stiffness(fit, signal))
@@ -315,24 +315,24 @@ def _told(joint: str, fit: GearFit, skew: float | None, signal: JointSignals
     numbers['rotor inertia'] = _rotor_inertia(fit, signal.motor_torque is not None)
     if skew is not None:
         numbers['skew'] = DriveNumber(skew, 0.0)
-    elif of_late <= SKEW_TOLD:
+    elif of_late <= SKEW_DEVIATION:
         numbers['skew'] = DriveNumber(late, of_late)
     else:
         numbers['skew'] = DriveNumber(np.nan, np.nan, (
-            f'{late:.3g} +- {of_late:.1g} s; expected at most {SKEW_TOLD:g} s of deviation: '
+            f'{late:.3g} +- {of_late:.1g} s; expected at most {SKEW_DEVIATION:g} s of deviation: '
             'faster motion, in which the torque does not follow the speed'))
     return numbers
 
 
 def _untold_stiffness(fit: GearFit, signal: JointSignals) -> str:
-    """Return why the data do not tell the stiffness, and what would."""
+    """Return why the data do not determine the stiffness, and what would."""
     compliance, deviation = fit.value('compliance'), fit.deviation('compliance')
     if 'skew' in fit.names:
         # The deviation if the skew were known.
         k, s = fit.names.index('compliance'), fit.names.index('skew')
         covariance = fit.covariance
         alone = covariance[k, k] - covariance[k, s]**2 / covariance[s, s]
-        if np.sqrt(max(alone, 0.0)) <= TOLD * abs(compliance):
+        if np.sqrt(max(alone, 0.0)) <= DEVIATION * abs(compliance):
             together = covariance[k, s] / np.sqrt(covariance[k, k] * covariance[s, s])
             return ('not separable from the skew of the encoders (correlation '
                     f'{together:.3f}): the torque follows the speed; expected holds in '
@@ -340,14 +340,15 @@ def _untold_stiffness(fit: GearFit, signal: JointSignals) -> str:
     stiffest = 1.0 / max(abs(compliance) + SURE * deviation, 1e-300)
     noise = np.hypot(signal.noise['theta'], signal.noise['q'])
     return (f'compliance {compliance:.3g} +- {deviation:.1g} rad/(N m), stiffer than about '
-            f'{stiffest:.3g} N m/rad; expected a deviation of at most {TOLD:.0%}: larger or '
+            f'{stiffest:.3g} N m/rad; expected a deviation of at most {DEVIATION:.0%}: larger or '
             f'faster changes of torque (the encoders have a noise of {noise:.1g} rad)')
 
 
 def _damping(fit: GearFit, stiffness: float) -> DriveNumber:
-    """Return the damping, D = eta K, or why the data do not tell it."""
+    """Return the damping, D = eta K, or why the data do not determine it."""
     if not np.isfinite(stiffness):
-        return DriveNumber(np.nan, np.nan, 'the stiffness is not told; expected that first')
+        reason = 'the stiffness is not determined; expected that first'
+        return DriveNumber(np.nan, np.nan, reason)
     k, e = fit.names.index('compliance'), fit.names.index('eta')
     eta, compliance = fit.x[e], fit.x[k]
     gradient = np.array([-eta / compliance**2, 1.0 / compliance])
@@ -358,7 +359,7 @@ def _damping(fit: GearFit, stiffness: float) -> DriveNumber:
 
 
 def _rotor_inertia(fit: GearFit, has_torque: bool) -> DriveNumber:
-    """Return the rotor inertia, or why the data do not tell it."""
+    """Return the rotor inertia, or why the data do not determine it."""
     if not has_torque:
         return DriveNumber(np.nan, np.nan, 'no motor torques; expected a recording of them')
     return _judged(fit.value('rotor_inertia'), fit.deviation('rotor_inertia'), 'kg m^2',
@@ -366,18 +367,18 @@ def _rotor_inertia(fit: GearFit, has_torque: bool) -> DriveNumber:
 
 
 def _judged(value: float, deviation: float, unit: str, expected: str) -> DriveNumber:
-    """Return a positive number with its deviation, or why the data do not tell it."""
-    if deviation <= TOLD * value:
+    """Return a positive number with its deviation, or why it is not determined."""
+    if deviation <= DEVIATION * value:
         return DriveNumber(float(value), float(deviation))
     return DriveNumber(np.nan, np.nan, f'{value:.3g} +- {deviation:.1g} {unit}; expected a '
-                       f'deviation of at most {TOLD:.0%} of a positive number: {expected}')
+                       f'deviation of at most {DEVIATION:.0%} of a positive number: {expected}')
 
 
 def _at_rest(joint: str) -> dict[str, DriveNumber]:
     """Return the numbers of a joint that rests."""
     reason = f"the motor of '{joint}' rests; expected motion"
-    untold = DriveNumber(np.nan, np.nan, reason)
-    return dict.fromkeys(('stiffness', 'damping', 'rotor inertia', 'skew'), untold)
+    undetermined = DriveNumber(np.nan, np.nan, reason)
+    return dict.fromkeys(('stiffness', 'damping', 'rotor inertia', 'skew'), undetermined)
 
 
 # The motors' side.
@@ -406,14 +407,14 @@ def _motor_side(model: Model, recording: DriveRecording) -> DriveIdentification:
 
 
 def _told_by_motor(fit: GearFit) -> dict[str, DriveNumber]:
-    """Return the numbers of a joint that the motor's side tells."""
+    """Return the numbers of a joint that the motor's side determines."""
     compliance, deviation = fit.value('compliance'), fit.deviation('compliance')
-    if deviation <= TOLD * compliance:
+    if deviation <= DEVIATION * compliance:
         stiffness = DriveNumber(1.0 / compliance, deviation / compliance**2)
     else:
         stiffness = DriveNumber(np.nan, np.nan, (
             f'compliance {compliance:.3g} +- {deviation:.1g} rad/(N m); expected a deviation '
-            f'of at most {TOLD:.0%}: motion of the motor near the resonance (below it, motor '
+            f'of at most {DEVIATION:.0%}: motion of the motor near the resonance (below it, motor '
             'and link move as one whatever the stiffness is)'))
     skew = DriveNumber(np.nan, np.nan, 'no positions of the links; expected these')
     return {'stiffness': stiffness, 'damping': _damping(fit, stiffness.value),
@@ -424,11 +425,11 @@ def _identification(names: tuple[str, ...], source: str,
                     numbers: Sequence[dict[str, DriveNumber]], shares: Sequence[float],
                     misfits: Sequence[float]) -> DriveIdentification:
     """Return the result of numbers of all joints."""
-    untold = {}
+    undetermined = {}
     for joint, of_joint in zip(names, numbers, strict=True):
         for name, value in of_joint.items():
             if value.reason:
-                untold[f'{joint} {name}'] = value.reason
+                undetermined[f'{joint} {name}'] = value.reason
     columns: dict[str, Any] = {}
     for name in ('stiffness', 'damping', 'rotor inertia', 'skew'):
         key = name.replace(' ', '_')
@@ -436,4 +437,4 @@ def _identification(names: tuple[str, ...], source: str,
         columns[f'{key}_deviation'] = np.array([of_joint[name].deviation
                                                 for of_joint in numbers])
     return DriveIdentification(names, source, **columns, skew_share=np.array(shares),
-                               misfit=np.array(misfits), untold=untold)
+                               misfit=np.array(misfits), undetermined=undetermined)

@@ -11,7 +11,7 @@ The torque of the springs then enters the equation of the motors,
     tau_m = B theta'' + K (theta - q) + D (theta' - q') + friction(theta') + offset,
 
 whose spectra are compared. Below the resonance the motor feels M + B whatever the
-stiffness is; above it, B. Only frequencies near the resonance tell K and D.
+stiffness is; above it, B. Only frequencies near the resonance determine K and D.
 
 Noise of theta is seen through the drive and the links. Its part of the residual is that
 of the equations linearized about the mean configuration.

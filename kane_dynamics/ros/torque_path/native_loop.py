@@ -45,7 +45,7 @@ class Rules(NamedTuple):
 def compiled_rules(robot: Robot, terms: Terms) -> Rules:
     """Compile the rules of a cycle for a robot in joint rates."""
     n = robot.n
-    # The terms are part of the names, by which kernels are told apart.
+    # The terms are part of the names, which distinguish kernels.
     label = ''.join(str(int(weight)) for weight in terms.weights)
     event_shape = (EVENT_SIZE,)
     state_shape = (2 * n,)

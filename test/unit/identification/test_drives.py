@@ -34,14 +34,14 @@ def long():
 
 @pytest.fixture(scope='module')
 def vibration():
-    """Return eight seconds of vibration about a posture."""
-    posture = 0.4, 0.5
-    return simulated(small_vibration(5, (12.0, 5.0), posture, (600.0, 300.0)), 8.0,
-                     start=posture)
+    """Return eight seconds of vibration about a configuration."""
+    configuration = 0.4, 0.5
+    return simulated(small_vibration(5, (12.0, 5.0), configuration, (600.0, 300.0)), 8.0,
+                     start=configuration)
 
 
 def scores(result, truth, skew):
-    """Return errors over standard deviations of all numbers that are told, by name."""
+    """Return errors over standard deviations of all numbers that are determined, by name."""
     errors = {}
     for name in NUMBERS:
         errors[name] = ((getattr(result, name) - getattr(truth, name))
@@ -57,8 +57,8 @@ def covered(model, motion, use, skew=0.003, numbers=(*NUMBERS, 'skew')):
         result = identify_drives(model, motion.measured(seed, use=use))
         of_seed = scores(result, motion.truth, skew)
         for name in numbers:  # deviations are no excuse
-            told = getattr(result, f'{name}_deviation') / np.abs(getattr(result, name))
-            assert (told < 0.05).all(), (name, told)
+            determined = getattr(result, f'{name}_deviation') / np.abs(getattr(result, name))
+            assert (determined < 0.05).all(), (name, determined)
         for name in numbers:
             errors[name].append(of_seed[name])
     for name, values in errors.items():
@@ -163,9 +163,9 @@ def test_slow_motion_of_the_motors_tells_no_stiffness(model):
                      truth=replace(Truth(), stiffness=(3e6, 1.2e6), damping=(50.0, 20.0)))
     result = identify_drives(model, slow.measured(0, use=('motor_torque',)))
     assert np.isnan(result.stiffness).all()
-    assert 'near the resonance' in result.untold['shoulder stiffness']
+    assert 'near the resonance' in result.undetermined['shoulder stiffness']
     with_encoders = identify_drives(model, slow.measured(
         0, Noise(theta=2e-4, q=2e-4), use=('q', 'gear_torque')))
     assert np.isnan(with_encoders.stiffness).all()
-    assert 'stiffer than' in with_encoders.untold['shoulder stiffness']
+    assert 'stiffer than' in with_encoders.undetermined['shoulder stiffness']
     assert not with_encoders.drives()
