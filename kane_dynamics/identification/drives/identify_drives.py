@@ -310,7 +310,7 @@ def _told(joint: str, fit: GearFit, skew: float | None, signal: JointSignals
     if determined:
         stiffness = DriveNumber(1.0 / compliance, of_compliance / compliance**2)
     else:
-        stiffness = DriveNumber(np.nan, np.nan, _untold_stiffness(fit, signal))
+        stiffness = DriveNumber(np.nan, np.nan, _stiffness_reason(fit, signal))
     numbers = {'stiffness': stiffness, 'damping': _damping(fit, stiffness.value)}
     numbers['rotor inertia'] = _rotor_inertia(fit, signal.motor_torque is not None)
     if skew is not None:
@@ -324,7 +324,7 @@ def _told(joint: str, fit: GearFit, skew: float | None, signal: JointSignals
     return numbers
 
 
-def _untold_stiffness(fit: GearFit, signal: JointSignals) -> str:
+def _stiffness_reason(fit: GearFit, signal: JointSignals) -> str:
     """Return why the data do not determine the stiffness, and what would."""
     compliance, deviation = fit.value('compliance'), fit.deviation('compliance')
     if 'skew' in fit.names:
