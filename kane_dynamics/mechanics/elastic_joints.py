@@ -3,11 +3,13 @@ Torque of the drives of elastic joints, over any scalar.
 
 With the deflection delta = theta - q of a drive, its gear transmits tau_J = k(delta) +
 D delta' from the motor to the link. A curve of stiffness is straight segments with
-rounded corners: with the ramp h(x) = (x + sqrt(x^2 + w^2)) / 2 of width w,
+rounded corners: with a ramp h(x) that is 0 below -w and x above w,
 
     k(delta) = K_1 delta + sum_i (K_i+1 - K_i) (h(delta - d_i) - h(-delta - d_i))
 
-which is odd and smooth, and whose derivatives and integral are elementary.
+which is odd, and straight farther than w from its corners, so that a dead zone transmits
+nothing. Within w the ramp's second derivative is 35 / (32 w) (1 - (x / w)^2)^3, which
+joins the straight segments with four continuous derivatives.
 """
 
 from collections.abc import Callable
@@ -16,11 +18,13 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
-from kane_dynamics.model.drive import Drive, StiffnessCurve
+from kane_dynamics.model.drive import (corner_integral, corner_ramp, corner_slope, Drive,
+                                       StiffnessCurve)
 from kane_dynamics.model.model import Model
 import numpy as np
 
-STEPS = 8  # of Newton's method for the inverse of a curve
+STEPS = 12  # of Newton's method for the inverse of a curve
+SLOPES = 1e5  # largest ratio of slopes for which that many steps suffice
 
 
 def spring_torque(drive: Drive, deflection: Scalar) -> Scalar:
@@ -82,7 +86,8 @@ def spring_deflection(drive: Drive, torque: Scalar) -> Scalar:
     Raises
     ------
     InputError
-        The curve has a dead zone, in which the torque does not determine it.
+        The curve has a dead zone, in which the torque does not determine it, or slopes
+        that differ by more than a factor of 1e5.
 
     """
     curve = drive.stiffness
@@ -93,6 +98,11 @@ def spring_deflection(drive: Drive, torque: Scalar) -> Scalar:
                          f'{curve.dead_zone:g} in its stiffness curve; expected a curve '
                          'without one, because no torque does not determine the '
                          'deflection')
+    if max(curve.slopes) > SLOPES * min(curve.slopes):
+        raise InputError(f"drive of motor '{drive.motor}': slopes from "
+                         f'{min(curve.slopes):g} to {max(curve.slopes):g} in its stiffness '
+                         f'curve; expected a ratio of at most {SLOPES:g} where the '
+                         'deflection is computed from the torque')
     deflection = _sharp_deflection(curve, torque)
     for _ in range(STEPS):
         error = spring_torque(drive, deflection) - torque
@@ -173,21 +183,29 @@ def _corners(curve: StiffnessCurve) -> list[_Corner]:
 
 
 def _ramp(x: Scalar, width: float) -> Scalar:
-    """Return the smooth ramp h: 0 far below 0, x far above."""
-    return 0.5 * (x + np.sqrt(x * x + width * width))
+    """Return the ramp h: 0 below -width, x above width."""
+    place, beyond = _split(x, width)
+    return 2.0 * width * corner_ramp(place) + beyond
 
 
 def _ramp_slope(x: Scalar, width: float) -> Scalar:
     """Return the derivative of `_ramp`."""
-    return 0.5 + 0.5 * x / np.sqrt(x * x + width * width)
+    place, _ = _split(x, width)
+    return corner_slope(place)
 
 
 def _ramp_integral(x: Scalar, width: float) -> Scalar:
-    """Return an integral of `_ramp`: x^2 / 4 + (x s + w^2 arsinh(x / w)) / 4."""
-    s = np.sqrt(x * x + width * width)
-    logarithm = np.log((magnitude(x) + s) * (1.0 / width))
-    arsinh = select(x < 0.0, -logarithm, logarithm)
-    return 0.25 * (x * x + x * s + width * width * arsinh)
+    """Return the integral of `_ramp` from far below 0."""
+    place, beyond = _split(x, width)
+    within = 4.0 * width * width * corner_integral(place)
+    return within + beyond * (width + 0.5 * beyond)
+
+
+def _split(x: Scalar, width: float) -> tuple[Scalar, Scalar]:
+    """Return the place in a corner, from 0 to 1, and what of x lies above the corner."""
+    place = 0.5 + x * (0.5 / width)
+    above = select(place > 1.0, 1.0, place)
+    return select(place < 0.0, 0.0, above), select(place > 1.0, x - width, 0.0)
 
 
 def _sharp_deflection(curve: StiffnessCurve, torque: Scalar) -> Scalar:

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-import math
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import fixed
@@ -35,7 +34,7 @@ FRICTION_POWERS = {'damping': 2, 'quadratic_damping': 3, 'friction': 1,
                    'stribeck_speed': -1, 'load_friction': 0,
                    'load_friction_backdriven': 0, 'friction_speed': -1,
                    'friction_offset': 1}
-ROUNDING = 0.1  # of the shortest segment of a curve: default width of its corners
+ROUNDING = 0.25  # of the shortest segment of a curve: default of half a corner's width
 
 
 @fixed
@@ -46,6 +45,7 @@ class StiffnessCurve:
 
     The curve is odd. It begins at zero, passes near the stated points and goes on with
     the last segment's slope. A first point with torque 0 is a dead zone (backlash).
+    Farther than `rounding` from the corners it is exactly straight.
 
     Parameters
     ----------
@@ -54,9 +54,9 @@ class StiffnessCurve:
     torque : (k,) array_like
         Increasing, N m or N; the first may be 0.
     rounding : float, optional
-        Width of the corners, rad or m: at a corner the curve is off the straight
-        segments by half of it times the change of slope. Default: a tenth of the
-        shortest segment.
+        Half of the width of the corners, rad or m: at a corner the curve is off the
+        straight segments by 35/256 of it times the change of slope. Default: a quarter
+        of the shortest segment.
 
     Raises
     ------
@@ -241,7 +241,9 @@ class Drive:
         slopes = curve.slopes
         slope = slopes[0]
         for corner, before, after in zip(curve.deflection, slopes, slopes[1:]):
-            slope += (after - before) * (1.0 - corner / math.hypot(corner, width))
+            # The corners at both signs act at rest if they are wide enough.
+            place = max(0.5 - 0.5 * corner / width, 0.0)
+            slope += 2.0 * (after - before) * corner_slope(place)
         return float(slope)
 
 
@@ -277,6 +279,27 @@ def friction_seen_through(law: Mapping[str, float], ratio: float) -> dict[str, f
                 seen['breakaway_friction'] += seen['friction'] - forward
             seen['friction_backward'] = forward
     return seen
+
+
+def corner_ramp(x: Any) -> Any:
+    """
+    Return the integral of `corner_slope`, from 0 at x = 0 to 1/2 at x = 1.
+
+    With its derivative and integral it rounds the corners of stiffness curves.
+    """
+    fifth = (x * x) * (x * x) * x
+    return 0.5 * fifth * (14.0 + x * (-28.0 + x * (20.0 - 5.0 * x)))
+
+
+def corner_slope(x: Any) -> Any:
+    """Return a step from 0 at x = 0 to 1 at x = 1 with three continuous derivatives."""
+    return (x * x) * (x * x) * (35.0 + x * (-84.0 + x * (70.0 - 20.0 * x)))
+
+
+def corner_integral(x: Any) -> Any:
+    """Return the integral of `corner_ramp` from x = 0."""
+    sixth = (x * x) * (x * x) * (x * x)
+    return sixth * (7.0 / 6.0 + x * (-2.0 + x * (1.25 - x * (5.0 / 18.0))))
 
 
 def _positive(value: Any, what: str) -> float:

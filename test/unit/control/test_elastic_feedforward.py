@@ -86,8 +86,10 @@ def deflection(drive, torque):
     x, y = CURVE.deflection, CURVE.torque
     k1, k2 = y[0] / x[0], (y[1] - y[0]) / (x[1] - x[0])
 
-    def ramp(z):
-        return 0.5 * (z + math.sqrt(z * z + CURVE.rounding**2))
+    def ramp(z):  # the second integral of 35 / (32 w) (1 - (z / w)^2)^3
+        s = min(max(z / CURVE.rounding, -1.0), 1.0)
+        within = s / 2 + 35 / 32 * (s**2 / 2 - s**4 / 4 + s**6 / 10 - s**8 / 56) + 35 / 256
+        return CURVE.rounding * within + max(z - CURVE.rounding, 0.0)
     low, high = -10.0, 10.0
     for _ in range(200):
         middle = 0.5 * (low + high)

@@ -182,11 +182,35 @@ def test_a_curve_is_odd_passes_its_points_and_agrees_with_its_energy(curve):
         assert middle >= 0.0
         if not curve.dead_zone:
             assert spring_deflection(drive, torque) == pytest.approx(x, rel=1e-12, abs=1e-16)
-    # At a point the curve is off by half of the rounding times the change of slope.
-    bound = 0.5 * curve.rounding * np.abs(np.diff(curve.slopes)).sum()
+    # At a point the curve is off by 35/256 of the rounding times the change of slope.
+    bound = 35.0 / 256.0 * curve.rounding * np.abs(np.diff(curve.slopes)).sum()
     for corner, level in zip(curve.deflection, curve.torque):
         assert abs(spring_torque(drive, corner) - level) <= 1.01 * bound
     assert drive.stiffness_at_rest == pytest.approx(spring_slope(drive, 0.0))
+
+
+def test_a_curve_is_straight_away_from_its_corners():
+    backlash = Drive(StiffnessCurve([1e-3, 4e-3], [0.0, 40.0]))
+    assert spring_torque(backlash, 0.7e-3) == 0.0
+    assert spring_slope(backlash, 0.7e-3) == spring_energy(backlash, -0.7e-3) == 0.0
+    assert backlash.stiffness_at_rest == 0.0
+    points = np.array([0.5, 2.0, 3.5, 6.0, 7.0, 12.0]) * 1e-3
+    stated = np.interp(points, [0.0, *CURVE.deflection, 2e-2], [0.0, *CURVE.torque, 270.0])
+    bent = [spring_torque(Drive(CURVE), x) for x in points]
+    np.testing.assert_allclose(bent, stated, rtol=1e-12)
+
+
+@pytest.mark.parametrize('ratio', [1e-5, 1e-2, 1e2, 1e5])
+def test_a_curve_of_very_different_slopes_is_inverted_in_its_corners(ratio):
+    drive = Drive(StiffnessCurve([1e-3, 2e-3], [1.0, 1.0 + ratio]))
+    for x in np.linspace(0.5e-3, 1.5e-3, 101):
+        assert spring_deflection(drive, spring_torque(drive, x)) == pytest.approx(x, abs=1e-12)
+
+
+def test_a_curve_whose_slopes_differ_too_much_is_not_inverted():
+    drive = Drive(StiffnessCurve([1e-3, 2e-3], [1.0, 1.0 + 2e5]))
+    with pytest.raises(InputError, match='slopes from 1000 to 2e.08'):
+        spring_deflection(drive, 1.0)
 
 
 def test_a_dead_zone_has_no_inverse():
