@@ -100,8 +100,8 @@ def spring_deflection(drive: Drive, torque: Scalar) -> Scalar:
                          'deflection')
     if max(curve.slopes) > SLOPES * min(curve.slopes):
         raise InputError(f"drive of motor '{drive.motor}': slopes from "
-                         f'{min(curve.slopes):g} to {max(curve.slopes):g} in its stiffness '
-                         f'curve; expected a ratio of at most {SLOPES:g} where the '
+                         f'{min(curve.slopes):g} to {max(curve.slopes):g} in its '
+                         f'stiffness curve; expected a ratio of at most {SLOPES:g} where the '
                          'deflection is computed from the torque')
     deflection = _sharp_deflection(curve, torque)
     for _ in range(STEPS):
