@@ -59,11 +59,22 @@ start:
   %any = icmp sgt i64 %N, 0
   br i1 %any, label %state, label %done
 state:
-  %i = phi i64 [0, %start], [%i.next, %moved]
+  %i = phi i64 [0, %start], [%i.next, %state]
   call void %kernel(ptr %own)
+  call void @advance(ptr %own, ptr %strides, i64 %slots)
+  %i.next = add i64 %i, 1
+  %more = icmp slt i64 %i.next, %N
+  br i1 %more, label %state, label %done
+done:
+  ret void
+}
+
+; Advance each pointer by its stride, bytes.
+define internal void @advance(ptr %own, ptr %strides, i64 %slots) alwaysinline {
+start:
   br label %move
 move:
-  %k = phi i64 [0, %state], [%k.next, %move]
+  %k = phi i64 [0, %start], [%k.next, %move]
   %at = getelementptr ptr, ptr %own, i64 %k
   %old = load ptr, ptr %at
   %stride.at = getelementptr i64, ptr %strides, i64 %k
@@ -74,10 +85,6 @@ move:
   %k.more = icmp slt i64 %k.next, %slots
   br i1 %k.more, label %move, label %moved
 moved:
-  %i.next = add i64 %i, 1
-  %more = icmp slt i64 %i.next, %N
-  br i1 %more, label %state, label %done
-done:
   ret void
 }
 
@@ -99,7 +106,7 @@ start:
   %result.at = getelementptr ptr, ptr %own, i64 %last
   br label %state
 state:
-  %i = phi i64 [0, %start], [%i.next, %moved]
+  %i = phi i64 [0, %start], [%i.next, %move]
   %i.next = add i64 %i, 1
   call void %kernel(ptr %own)
   %result = load ptr, ptr %result.at
@@ -108,17 +115,7 @@ state:
   %ends = fcmp une double %flag, 0.0
   br i1 %ends, label %done, label %move
 move:
-  %k = phi i64 [0, %state], [%k.next, %move]
-  %at = getelementptr ptr, ptr %own, i64 %k
-  %old = load ptr, ptr %at
-  %stride.at = getelementptr i64, ptr %strides, i64 %k
-  %stride = load i64, ptr %stride.at
-  %new = getelementptr i8, ptr %old, i64 %stride
-  store ptr %new, ptr %at
-  %k.next = add i64 %k, 1
-  %k.more = icmp slt i64 %k.next, %slots
-  br i1 %k.more, label %move, label %moved
-moved:
+  call void @advance(ptr %own, ptr %strides, i64 %slots)
   %more = icmp slt i64 %i.next, %N
   br i1 %more, label %state, label %done
 done:
