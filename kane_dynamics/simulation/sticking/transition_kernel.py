@@ -454,51 +454,88 @@ def _moving(contact: FrictionState, rates: Vector) -> Vector:
 def _settled(contact: FrictionState, search: Search, here: AtRest,
              step: Scalar) -> Search:
     """Return the search after one change of the complementarity problem at its begin."""
-    k = len(contact.joints)
     resting = [1.0 - direction * direction for direction in search.directions]
-    none_before: Scalar = 1.0  # that is wrong
-    held, at_largest = [], []
-    for j in range(k):
-        f, low, high, a = here.forces[j], here.least[j], here.largest[j], here.a[j]
-        above = (high + MARGIN * magnitude(high)) < f
-        below = f < (low - MARGIN * magnitude(low))
-        returns = select(search.at_largest[j] > 0.5, here.rounding[j] < a,
-                         a < -here.rounding[j])
-        is_held = search.held[j] > 0.5
-        wrong = resting[j] * select(is_held, select(above, 1.0, below), returns)
-        changes = none_before * wrong > 0.5
-        none_before = none_before * (1.0 - wrong)
-        held.append(select(changes, 1.0 - search.held[j], search.held[j]))
-        at_largest.append(select(changes, high < f, search.at_largest[j]))
+    sets = _first_wrong_changed(search, here, resting)
 
-    # Without a wrong one, joints whose friction does not hold them begin to slide.
-    moves = []
-    none_moves: Scalar = 1.0
-    for j in range(k):
-        moves.append(none_before * resting[j]
-                     * (NEGLIGIBLE * here.sizes[1] < magnitude(here.a[j])))
-        none_moves = none_moves * (1.0 - moves[j])
-    directions = np.array([
-        select(moved > 0.5, _sign(a), direction)
-        for moved, a, direction in zip(moves, here.a, search.directions)])
-    settled = none_before * none_moves
+    # When the sets are right, joints whose friction does not hold them begin to slide.
+    sliding = _sliding(search, here, resting, sets.right)
+    settled = sets.right * sliding.nothing
+    directions = sliding.directions
     if contact.constrained:
         saturated = _saturated(resting, search.directions, here)
-        directions = np.array([select(settled > 0.5, x, y)
-                               for x, y in zip(saturated, directions)])
-    starts_again = none_before * (1.0 - none_moves) > 0.5
-    held = [select(starts_again, 1.0, x) for x in held]
-    at_largest = [select(starts_again, 0.0, x) for x in at_largest]
-    sides = np.array([side * (1.0 - direction * direction)
-                      for side, direction in zip(here.touching, directions)])
+        directions = _selected(settled, saturated, directions)
+
+    # For the others that rest, the problem is then another one.
+    starts_again = sets.right * (1.0 - sliding.nothing)
+    k = len(contact.joints)
+    held = _selected(starts_again, np.ones(k), sets.held)
+    at_largest = _selected(starts_again, np.zeros(k), sets.at_largest)
+
+    still = 1.0 - directions * directions
     holds: Scalar = 0.0
-    for direction in directions:
-        holds = _largest(holds, 1.0 - direction * direction)
+    for rests in still:
+        holds = _largest(holds, rests)
     short = 1.0 - (SHORT * step < step - search.passed)
-    return search._replace(
-        phase=select(settled > 0.5, BEGIN, SETTLE), directions=directions, sides=sides,
-        rates=here.rates, holds=holds, held=np.array(held), at_largest=np.array(at_largest),
-        end=settled * short * DONE)
+    return search._replace(phase=select(settled > 0.5, BEGIN, SETTLE),
+                           directions=directions, sides=here.touching * still,
+                           rates=here.rates, holds=holds, held=held,
+                           at_largest=at_largest, end=settled * short * DONE)
+
+
+class _Sets(NamedTuple):
+    """Sets of joints at rest, 1 for members; `right` is 1 if no joint contradicts them."""
+
+    held: Vector
+    at_largest: Vector
+    right: Scalar
+
+
+def _first_wrong_changed(search: Search, here: AtRest, resting: list[Scalar]) -> _Sets:
+    """
+    Return the sets after the first wrong joint at rest has changed its set.
+
+    A held joint is wrong if it needs more force than friction has, and is then at that
+    bound; one at a bound is wrong if it accelerates along the force, and is then held.
+    """
+    right: Scalar = 1.0  # of the joints so far
+    held, at_largest = [], []
+    for j, rests in enumerate(resting):
+        force, least, largest = here.forces[j], here.least[j], here.largest[j]
+        above = (largest + MARGIN * magnitude(largest)) < force
+        below = force < (least - MARGIN * magnitude(least))
+        exceeds = select(above, 1.0, below)
+        along = select(search.at_largest[j] > 0.5, here.rounding[j] < here.a[j],
+                       here.a[j] < -here.rounding[j])
+        wrong = rests * select(search.held[j] > 0.5, exceeds, along)
+        changes = right * wrong > 0.5
+        right = right * (1.0 - wrong)
+        held.append(select(changes, 1.0 - search.held[j], search.held[j]))
+        at_largest.append(select(changes, largest < force, search.at_largest[j]))
+    return _Sets(np.array(held), np.array(at_largest), right)
+
+
+class _Sliding(NamedTuple):
+    """Directions of motion; `nothing` is 1 if no joint begins to slide."""
+
+    directions: Vector
+    nothing: Scalar
+
+
+def _sliding(search: Search, here: AtRest, resting: list[Scalar],
+             right: Scalar) -> _Sliding:
+    """Return the directions after joints at rest that accelerate begin to slide."""
+    nothing: Scalar = 1.0
+    directions = []
+    for direction, rests, a in zip(search.directions, resting, here.a):
+        begins = right * rests * (NEGLIGIBLE * here.sizes[1] < magnitude(a))
+        nothing = nothing * (1.0 - begins)
+        directions.append(select(begins > 0.5, _sign(a), direction))
+    return _Sliding(np.array(directions), nothing)
+
+
+def _selected(condition: Scalar, of_one: Vector, otherwise: Vector) -> Vector:
+    """Return one vector where a scalar is 1, another where it is 0."""
+    return np.array([select(condition > 0.5, x, y) for x, y in zip(of_one, otherwise)])
 
 
 def _saturated(resting: list[Scalar], directions: Vector, here: AtRest) -> Vector:
