@@ -120,8 +120,8 @@ class AtRest(NamedTuple):
         Bounds of the forces.
     touching : (k,) array
         As `FrictionState.sides_at`.
-    sizes : two scalars
-        The largest acceleration without forces, of the joints at rest and of all.
+    size : scalar
+        The largest acceleration without forces.
     rounding : (k,) array
         Of the accelerations.
 
@@ -133,7 +133,7 @@ class AtRest(NamedTuple):
     least: Vector
     largest: Vector
     touching: Vector
-    sizes: tuple[Scalar, Scalar]
+    size: Scalar
     rounding: Vector
 
 
@@ -374,31 +374,49 @@ def _at_rest(contact: FrictionState, choice: StepChoice, search: Search, inputs:
             scale = _largest(scale, A[i, i])
         A = A + REGULAR * scale * np.eye(k)
 
-    # Joints at rest are held or at a bound.
+    # Stops widen the bounds of the joints at rest that touch them.
     resting = [1.0 - direction * direction for direction in search.directions]
     touching = _sides_at(contact, q, search)
     sides = [side * rests for side, rests in zip(touching, resting)]
     least, largest = _with_stops(sides, least, largest)
-    held: list[Scalar] = []
-    at_bounds: list[Scalar] = []
-    for j in range(k):
-        is_held = resting[j] * search.held[j]
-        held.append(is_held > 0.5)
-        bound = select(search.at_largest[j] > 0.5, largest[j], least[j])
-        at_bounds.append(select(resting[j] - is_held > 0.5, bound, 0.0))
-    forces = np.array(at_bounds) - masked_solution(A, held, a + A @ np.array(at_bounds))
+    forces = _forces_of_sets(search, resting, A, a, least, largest)
 
-    sizes: tuple[Scalar, Scalar] = 0.0, 0.0
+    of_all: Scalar = 0.0
+    at_rest: Scalar = 0.0
     for acceleration, rests in zip(a, resting):
         size = magnitude(acceleration)
-        sizes = _largest(sizes[0], size * rests), _largest(sizes[1], size)
-    magnitudes = np.array([magnitude(f) for f in forces])
-    rounding = []
+        of_all = _largest(of_all, size)
+        at_rest = _largest(at_rest, size * rests)
+    return AtRest(rates, a + A @ forces, forces, least, largest, np.array(touching),
+                  of_all, _rounding(A, forces, at_rest))
+
+
+def _forces_of_sets(search: Search, resting: list[Scalar], A: Matrix, a: Vector,
+                    least: Vector, largest: Vector) -> Vector:
+    """
+    Return the forces, (k,), that the sets of the joints at rest mean.
+
+    Joints at a bound have its force; those that are held have the force that leaves them
+    no acceleration.
+    """
+    held, at_bounds = [], []
+    for j, rests in enumerate(resting):
+        is_held = rests * search.held[j]
+        bound = select(search.at_largest[j] > 0.5, largest[j], least[j])
+        held.append(is_held > 0.5)
+        at_bounds.append(select(rests - is_held > 0.5, bound, 0.0))
+    stated = np.array(at_bounds)
+    return stated - masked_solution(A, held, a + A @ stated)
+
+
+def _rounding(A: Matrix, forces: Vector, at_rest: Scalar) -> Vector:
+    """Return bounds of the rounding errors of the accelerations A forces, (k,)."""
+    magnitudes = np.array([magnitude(force) for force in forces])
+    bounds = []
     for row in A:
-        of_forces = np.array([magnitude(entry) for entry in row]) @ magnitudes
-        rounding.append(MARGIN * _largest(sizes[0], of_forces))
-    return AtRest(rates, a + A @ forces, forces, least, largest, np.array(touching), sizes,
-                  np.array(rounding))
+        terms = np.array([magnitude(entry) for entry in row]) @ magnitudes
+        bounds.append(MARGIN * _largest(at_rest, terms))
+    return np.array(bounds)
 
 
 def _with_stops(sides: Vector, least: Vector, largest: Vector) -> tuple[Vector, Vector]:
@@ -527,7 +545,7 @@ def _sliding(search: Search, here: AtRest, resting: list[Scalar],
     nothing: Scalar = 1.0
     directions = []
     for direction, rests, a in zip(search.directions, resting, here.a):
-        begins = right * rests * (NEGLIGIBLE * here.sizes[1] < magnitude(a))
+        begins = right * rests * (NEGLIGIBLE * here.size < magnitude(a))
         nothing = nothing * (1.0 - begins)
         directions.append(select(begins > 0.5, _sign(a), direction))
     return _Sliding(np.array(directions), nothing)
