@@ -24,6 +24,7 @@ from kane_dynamics.kinematics.poses import checked_pose, pose_error
 from kane_dynamics.mechanics.ball_joints import (angle_places, angles, balls,
                                                  joint_positions, joint_speeds, moved,
                                                  require_unit)
+from kane_dynamics.model.elastic_model import with_motors_at_links
 from kane_dynamics.robot.methods.configuration_methods import random_generator
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -68,7 +69,8 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike,
     Parameters
     ----------
     robot : Robot
-        Constraints on positions are met too. With chosen speeds, any.
+        Constraints on positions are met too. With chosen speeds, any. Motors of elastic
+        joints are where their springs are not deflected.
     frame : str
         One of `robot.frame_names`.
     target : (4, 4) or (3,) array_like
@@ -122,7 +124,11 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike,
     assert best is not None
     if not best.converged:
         _warn_of_millimeters(robot, frame, goal, best.q)
-    return best._replace(iterations=count)
+    # Motors of elastic joints move no frame: they are put where no spring is deflected.
+    q = with_motors_at_links(robot.model, best.q)
+    if robot.model.drives and robot.constraint_names:  # which may hold motors
+        q = robot.closed_configuration(q)
+    return best._replace(q=q, iterations=count)
 
 
 def _warn_of_millimeters(robot: Robot, frame: str, goal: Array, q: Array) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance
 from kane_dynamics._util.text import listing, SHORT
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.model.ball_coordinates import is_ball_part, quaternion_names
 from kane_dynamics.model.beam import renumbered
@@ -99,6 +100,15 @@ def with_rigid_joints(model: Model) -> Model:
     names = [model.joint_names[k] for k in kept]
     return replace(model, bodies=tuple(bodies),
                    coordinate_names=quaternion_names(names, bodies, model.balls))
+
+
+def with_motors_at_links(model: Model, q: Array) -> Array:
+    """Return configurations, (..., n_q), in which no spring of a drive is deflected."""
+    relaxed = q.copy()
+    for elastic in model.drives:
+        link, motor = model.places[elastic.link], model.places[elastic.motor]
+        relaxed[..., motor] = q[..., link]
+    return relaxed
 
 
 def require_rigid_joints(model: Model) -> None:

@@ -20,6 +20,7 @@ from kane_dynamics.mechanics.constraints.loop_closure import (closed_configurati
                                                               followed_configuration,
                                                               Rows)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.model.elastic_model import with_motors_at_links
 from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
 from kane_dynamics.native.tracing.program import Shape
@@ -401,7 +402,8 @@ class Configurations(Dispatch):
         Return a configuration within the limits, (n_q,), to start from.
 
         Commands and searches start from it. Every coordinate is 0 where its limits admit
-        that, else the middle of its limits, or the only limit. With closed loops it is
+        that, else the middle of its limits, or the only limit. Motors of elastic joints
+        are where their springs are not deflected. With closed loops it is
         the closed configuration near those values; if that is outside the limits, a
         random one within them. A robot with a `configuration` starts there.
 
@@ -421,10 +423,8 @@ class Configurations(Dispatch):
         for k in np.flatnonzero((q < lower) | (q > upper)):
             bounds = [bound for bound in (lower[k], upper[k]) if np.isfinite(bound)]
             q[k] = np.mean(bounds)
-        if not self.constraint_names:
-            return q
         try:
-            q = self.closed_configuration(q)
+            q = self._relaxed(q)
         except ConstraintError:  # far from every closed configuration
             return self.random_configuration(0)
         inside = bool((q >= lower).all() and (q <= upper).all())
@@ -438,8 +438,9 @@ class Configurations(Dispatch):
 
         One is (n_q,), several are (count, n_q). Uniform between the limits; without a
         limit, within half a turn or 1 m of 0 or of the other limit. Modal coordinates
-        are 0, rotations of ball joints uniform. Under constraints on positions, a
-        uniform configuration is the initial guess for loop closure.
+        are 0, rotations of ball joints uniform, motors of elastic joints where their
+        springs are not deflected. Under constraints on positions, a uniform
+        configuration is the initial guess for loop closure.
 
         Parameters
         ----------
@@ -462,7 +463,7 @@ class Configurations(Dispatch):
         lower, upper = sampling_range(self)
         if self.equations.in_joint_rates:
             shape = lower.shape if count is None else (count, len(lower))
-            return rng.uniform(lower, upper, shape)
+            return self._relaxed(rng.uniform(lower, upper, shape))
         if count is None:
             return self._closed(rng, lower, upper)
         return np.array([self._closed(rng, lower, upper) for _ in range(count)]).reshape(
@@ -551,6 +552,17 @@ class Configurations(Dispatch):
         Y, Z = self.mechanism.state(q, t).speed_rows(self.speed_names)
         return np.asarray(Y @ v + Z, dtype=np.float64)
 
+    def _relaxed(self, q: Array) -> Array:
+        """Return closed configurations near q, springs of drives without deflection."""
+        model = self.equations.model
+        if not self.constraint_names:
+            return with_motors_at_links(model, q)
+        closed = self.closed_configuration(with_motors_at_links(model, q))
+        if not model.drives:
+            return closed
+        # Closing the loops has moved the links; constraints may hold motors, too.
+        return self.closed_configuration(with_motors_at_links(model, closed))
+
     def _closed_all(self, q: Array, t: Array) -> Array:
         """Return configurations, (n_q,) or (N, n_q), with closed loops."""
         if not self.constraint_names:
@@ -574,7 +586,7 @@ class Configurations(Dispatch):
                 for ball in balls(self.equations.model):
                     ball.quaternion(q)[...] = rng.standard_normal(4)
                 q = on_unit_quaternions(self.equations.model, q)
-                q = self.closed_configuration(q)
+                q = self._relaxed(q)
             except ConstraintError as error:
                 failure = error
                 continue

@@ -3,9 +3,11 @@
 from dataclasses import replace
 import pickle
 
-from kane_dynamics import (Drive, Inertial, InputError, Joint, Limits, Model, ModelBuilder,
-                           ModelError, rod, StiffnessCurve, UrdfError, with_drives,
-                           with_locked, with_model, with_names, with_rigid_joints)
+from kane_dynamics import (Drive, Inertial, InputError, inverse_kinematics, Joint, Limits,
+                           load_urdf, Model, ModelBuilder, ModelError, Robot, rod,
+                           StiffnessCurve, UrdfError, with_drives, with_locked, with_model,
+                           with_names, with_rigid_joints)
+from kane_dynamics._util.resources import resource_path
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.elastic_joints import (spring_deflection, spring_energy,
                                                     spring_slope, spring_torque)
@@ -211,6 +213,19 @@ def test_a_curve_whose_slopes_differ_too_much_is_not_inverted():
     drive = Drive(StiffnessCurve([1e-3, 2e-3], [1.0, 1.0 + 2e5]))
     with pytest.raises(InputError, match=r'slopes from 1000 to 2e[+]08'):
         spring_deflection(drive, 1.0)
+
+
+def test_configurations_that_are_searched_do_not_deflect_the_springs():
+    model = load_urdf(resource_path('urdf', 'fr3.urdf'), tip='fr3_link7')
+    drives = dict.fromkeys(model.joint_names, Drive(1e4, rotor_inertia=0.5))
+    robot, n = Robot(with_drives(model, drives)), model.n
+    start = robot.feasible_configuration()
+    assert start[3] < -1.0, 'an elbow whose limits do not admit zero'
+    goal = Robot(model).random_configuration(3)
+    found = inverse_kinematics(robot, 'fr3_link7', robot.frame_pose('fr3_link7', [*goal] * 2))
+    assert found.converged
+    for q in (start, found.q, *robot.random_configuration(1, 5)):
+        np.testing.assert_array_equal(q[:n], q[n:])
 
 
 def test_a_dead_zone_has_no_inverse():
