@@ -7,6 +7,7 @@ from typing import Literal
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.friction import slides
+from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.methods.configuration_methods import sampling_range
 from kane_dynamics.robot.robot import Robot
@@ -20,6 +21,9 @@ LONGEST_LINK = 20.0  # m: longer ones are in another unit
 DENSEST = 2000.0  # kg/m^3 of a cube as large as the reach; robots have less than a tenth
 SMALLEST_REACH = 0.5  # m: what a single link may measure itself
 PROBLEMS = (NO_INERTIAL, DEGREES)
+SAG = {'prismatic': 0.01, 'revolute': 0.05}  # deflection of a gear under gravity
+UNITS = {'prismatic': 'm', 'revolute': 'rad'}
+SLOWEST, FASTEST = 1.0, 1e3  # Hz of a link on the spring of its drive
 SMALLEST_STEP, ROUNDING = 1e-4, 1e-12  # relative to the range; to the gravity force
 Level = Literal['fine', 'warning', 'problem']
 
@@ -64,6 +68,8 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[F
     else:
         findings += _examine_weight(robot)
     findings += _examine_drives(model, robot)
+    if model.drives and robot.equations.in_joint_rates:
+        findings += _examine_stiffness(model, robot)
     return findings
 
 
@@ -131,6 +137,48 @@ def _examine_drives(model: Model, robot: Robot) -> list[Finding]:
             'warning',
             f'no rotor inertia (armature) is known of {listed(without_rotor)}: behind '
             'a gear it can exceed the inertia of the link; set it in the supplement'))
+    return findings
+
+
+def _examine_stiffness(model: Model, robot: Robot) -> list[Finding]:
+    """
+    Return warnings of drives that are softer or stiffer than those of any arm.
+
+    Gravity deflects a spring by its torque over the stiffness. With its motor locked, and
+    the other joints too, a link vibrates with the frequency sqrt(K / M_jj) / (2 pi).
+    """
+    q = robot.random_configuration(0, SAMPLES)
+    gravity = np.abs(robot.gravity_force(q)).max(axis=0)
+    inertia = robot.mass_matrix(q).diagonal(axis1=1, axis2=2)
+    soft, stiff = [], []
+    for elastic in model.drives:
+        drive, link = elastic.drive, elastic.link
+        stiffness = drive.stiffness
+        if isinstance(stiffness, StiffnessCurve):
+            stiffness = max(stiffness.slopes)
+        sag = gravity[link] / stiffness
+        lightest = np.sqrt(stiffness / inertia[:, link].min()) / (2.0 * np.pi)
+        heaviest = np.sqrt(stiffness / inertia[:, link].max()) / (2.0 * np.pi)
+        words = f"'{elastic.name}' ({stiffness:.4g}: "
+        kind = model.coordinate_joints[link].kind
+        if sag > SAG[kind]:
+            soft.append(f'{words}gravity deflects it by {sag:.2g} {UNITS[kind]})')
+        elif lightest < SLOWEST:
+            soft.append(f'{words}its link vibrates at {lightest:.2g} Hz)')
+        elif heaviest > FASTEST:
+            stiff.append(f'{words}its link vibrates at {heaviest:.2g} Hz)')
+    findings = []
+    if soft:
+        findings.append(Finding(
+            'warning',
+            f'stiffness of the drives of {listed(soft)}: softer than gears of arms; '
+            "expected N m/rad on the side of the joint: a value of the motor's side is "
+            'to be stated with `side: motor`'))
+    if stiff:
+        findings.append(Finding(
+            'warning',
+            f'stiffness of the drives of {listed(stiff)}: as good as rigid; expected '
+            'N m/rad on the side of the joint, or no drive'))
     return findings
 
 

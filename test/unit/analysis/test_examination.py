@@ -3,7 +3,7 @@
 from functools import cache
 import math
 
-from kane_dynamics import Drive, ModelBuilder, point_mass, Robot, rod, with_drives
+from kane_dynamics import Drive, ModelBuilder, point_mass, Robot, rod, StiffnessCurve, with_drives
 from kane_dynamics.analysis.model_checks import examine_model, largest_gravity_forces
 from kane_dynamics.model.model import Limits
 import numpy as np
@@ -55,3 +55,15 @@ def test_a_link_behind_the_gear_of_a_drive_is_not_asked_for_a_rotor():
                                   for name in rigid.joint_names})
     assert not any('rotor inertia' in finding.words
                    for finding in examine_model(elastic, Robot(elastic), []))
+
+
+@pytest.mark.parametrize(('stiffness', 'words'), [
+    (2e4, None), (StiffnessCurve([1e-3, 4e-3], [0.0, 60.0]), None),
+    (20.0, "'rod0' (20: gravity deflects it by "), (1e12, "'rod0' (1e+12: its link vibrates at ")])
+def test_a_stiffness_that_no_gear_of_an_arm_has_is_named(stiffness, words):
+    rigid = arm(100.0).model
+    elastic = with_drives(rigid, {'rod0': Drive(stiffness, rotor_inertia=0.1)})
+    said = [finding.words for finding in examine_model(elastic, Robot(elastic), [])
+            if finding.words.startswith('stiffness of the drives')]
+    assert len(said) == (words is not None)
+    assert words is None or words in said[0]
