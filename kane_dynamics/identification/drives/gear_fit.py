@@ -189,7 +189,7 @@ class GearEquations:
         real = [np.concatenate([column.real, column.imag]) for column in columns]
         solution = np.linalg.lstsq(np.column_stack(real),
                                    np.concatenate([deflection.real, deflection.imag]))[0]
-        values = {'compliance': abs(solution[0]), 'skew': solution[1],
+        values = {'compliance': solution[0], 'skew': solution[1],
                   'log_slip': np.log(FIRST_SLIP)}
         if 'skew' in self.names and abs(values['skew']) > 0.02:
             values['skew'] = 0.0

@@ -251,7 +251,7 @@ def _with_encoders(model: Model, recording: DriveRecording, skew: float | None
             shares.append(0.0)
             continue
         fit = fitted(GearEquations(signal, of, skew))
-        numbers.append(_told(name, fit, skew, signal))
+        numbers.append(_joint_numbers(name, fit, skew, signal))
         misfits.append(fit.misfit)
         late = fit.value('skew') if skew is None else skew
         deflection = signal.theta - signal.q
@@ -298,8 +298,8 @@ def _noise(signal: Array, step: float) -> Array:
     return np.asarray(np.maximum(white_noise(signal, step), rounding))
 
 
-def _told(joint: str, fit: GearFit, skew: float | None, signal: JointSignals
-          ) -> dict[str, DriveNumber]:
+def _joint_numbers(joint: str, fit: GearFit, skew: float | None, signal: JointSignals
+                   ) -> dict[str, DriveNumber]:
     """Return the numbers of a joint, with reasons of those that are not determined."""
     compliance, of_compliance = fit.value('compliance'), fit.deviation('compliance')
     determined = of_compliance <= DEVIATION * abs(compliance)

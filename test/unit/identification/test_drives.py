@@ -67,7 +67,7 @@ def covered(model, motion, use, skew=0.003, numbers=(*NUMBERS, 'skew')):
         assert (within >= 0.88).all(), (name, within)
 
 
-def test_a_sensor_and_both_encoders_tell_drives_and_skew(model, short):
+def test_a_sensor_and_both_encoders_determine_drives_and_skew(model, short):
     result = identify_drives(model, short.measured(1, use=('q', 'gear_torque',
                                                            'motor_torque')))
     for name, error in scores(result, short.truth, 0.003).items():
@@ -109,8 +109,9 @@ def test_a_recording_is_checked(model, short):
         identify_drives(model, replace(good, theta=100.0 * good.theta))
     with pytest.raises(InputError, match='the motor moves -'):
         identify_drives(model, replace(good, q=-good.q))
-    with pytest.warns(ModelWarning, match='residuals'):
-        identify_drives(model, replace(good, gear_torque=-good.gear_torque), skew=0.003)
+    for skew in (0.003, None):
+        with pytest.raises(InputError, match='the gear deflects against its torque'):
+            identify_drives(model, replace(good, gear_torque=-good.gear_torque), skew=skew)
     with pytest.raises(InputError, match='no motor moves'):
         identify_drives(model, replace(good, theta=0.0 * good.theta, q=0.0 * good.q))
     with pytest.raises(InputError, match='neither positions of the links'):
@@ -158,7 +159,7 @@ def test_true_drives_lie_within_two_deviations_by_motors_alone(model, vibration)
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-def test_slow_motion_of_the_motors_tells_no_stiffness(model):
+def test_slow_motion_of_the_motors_determines_no_stiffness(model):
     slow = simulated(large_motion(3, (2000.0, 800.0)), 6.0,
                      truth=replace(Truth(), stiffness=(3e6, 1.2e6), damping=(50.0, 20.0)))
     result = identify_drives(model, slow.measured(0, use=('motor_torque',)))
