@@ -6,7 +6,9 @@ that turns in the world, and a fixed tendon over both joints is the spring and d
 the drive between them.
 """
 
+from collections.abc import Sequence
 import re
+from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
@@ -51,13 +53,7 @@ class TwoMassArm:
                                 flags=re.DOTALL)
         spec = mujoco.MjSpec.from_string(without_shapes)
         spec.compiler.fusestatic = False
-        # Joints that the model does not move, and what couples them, such as fingers.
-        fixed = [joint for joint in spec.joints if joint.name not in model.joint_names]
-        names = {joint.name for joint in fixed}
-        coupled = [equality for equality in spec.equalities
-                   if names & {equality.name1, equality.name2}]
-        for element in [*coupled, *fixed]:
-            spec.delete(element)
+        _delete_unmoved(spec, model.joint_names)
         motors = {body.joint.name: body.joint for body in model.bodies}
         for elastic in model.drives:
             _add_drive(spec, elastic, motors[elastic.drive.motor], friction)
@@ -101,6 +97,17 @@ class TwoMassArm:
     def position(self, link: str) -> Array:
         """Return the origin of a link, (3,), m, world axes."""
         return np.array(self.data.body(link).xpos)
+
+
+def _delete_unmoved(spec: Any, moved: Sequence[str]) -> None:
+    """Delete the other joints, such as those of fingers, and what couples them."""
+    unmoved = [joint for joint in spec.joints if joint.name not in moved]
+    names = {joint.name for joint in unmoved}
+    for equality in list(spec.equalities):
+        if names & {equality.name1, equality.name2}:
+            spec.delete(equality)
+    for joint in unmoved:
+        spec.delete(joint)
 
 
 def _add_drive(spec: 'mujoco.MjSpec', elastic: ElasticJoint, motor: Joint,

@@ -61,10 +61,10 @@ def with_drives(model: Model, drives: Mapping[str, Drive]) -> Model:
         motor = _motor(bodies[index], drive, len(names))
         if drive.full_coupling:
             _take_from_carrier(bodies, motor)
-        joint = replace(bodies[index].joint, armature=0.0,
-                        drive=replace(drive, motor=motor.name,
-                                      rotor_inertia=_rotor_inertia(bodies[index].joint,
-                                                                   drive)))
+        inertia = _rotor_inertia(bodies[index].joint, drive)
+        complete = replace(drive, motor=motor.name, rotor_inertia=inertia)
+        # The rotor's inertia is that of the motor, no longer of the link.
+        joint = replace(bodies[index].joint, armature=0.0, drive=complete)
         bodies[index] = replace(bodies[index], joint=joint)
         bodies.append(motor)
         names.append(motor.name)
@@ -88,16 +88,16 @@ def with_rigid_joints(model: Model) -> Model:
     """
     instance(model, Model, 'model')
     links = {elastic.drive.motor: elastic.link for elastic in model.drives}
-    kept = [k for k, name in enumerate(model.joint_names) if name not in links]
+    coordinates = [k for k, name in enumerate(model.joint_names) if name not in links]
     bodies = []
     for body in model.bodies:
         joint = body.joint
         coordinate = links.get(joint.name, joint.coordinate)
-        joint = replace(joint, drive=None, coordinate=kept.index(coordinate),
-                        deflection=renumbered(joint.deflection, kept.index))
+        joint = replace(joint, drive=None, coordinate=coordinates.index(coordinate),
+                        deflection=renumbered(joint.deflection, coordinates.index))
         bodies.append(replace(body, joint=joint,
-                              beam=renumbered(body.beam, kept.index)))
-    names = [model.joint_names[k] for k in kept]
+                              beam=renumbered(body.beam, coordinates.index)))
+    names = [model.joint_names[k] for k in coordinates]
     return replace(model, bodies=tuple(bodies),
                    coordinate_names=quaternion_names(names, bodies, model.balls))
 
@@ -129,7 +129,7 @@ def require_rigid_joints(model: Model) -> None:
 def link_side(model: Model) -> Model:
     """Return the links of an elastic model alone: without motors, drives and rotors."""
     motors = {elastic.drive.motor for elastic in model.drives}
-    kept = [k for k, name in enumerate(model.joint_names) if name not in motors]
+    coordinates = [k for k, name in enumerate(model.joint_names) if name not in motors]
     numbers = {WORLD: WORLD}  # of the bodies that stay
     bodies: list[Body] = []
     for index, body in enumerate(model.bodies):
@@ -137,13 +137,13 @@ def link_side(model: Model) -> Model:
         if joint.name in motors:
             continue
         numbers[index] = len(bodies)
-        joint = replace(joint, drive=None, coordinate=kept.index(joint.coordinate),
-                        deflection=renumbered(joint.deflection, kept.index))
+        joint = replace(joint, drive=None, coordinate=coordinates.index(joint.coordinate),
+                        deflection=renumbered(joint.deflection, coordinates.index))
         bodies.append(replace(body, parent=numbers[body.parent], joint=joint,
-                              beam=renumbered(body.beam, kept.index)))
+                              beam=renumbered(body.beam, coordinates.index)))
     frames = [replace(frame, body=numbers[frame.body]) for frame in model.frames]
     balls = tuple(numbers[first] for first in model.balls)
-    names = [model.joint_names[k] for k in kept]
+    names = [model.joint_names[k] for k in coordinates]
     return replace(model, bodies=tuple(bodies), frames=tuple(frames), balls=balls,
                    coordinate_names=quaternion_names(names, bodies, balls))
 

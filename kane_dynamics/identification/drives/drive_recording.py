@@ -160,13 +160,16 @@ class DriveRecording:
             raise InputError(f'skew: {skew!r}; expected a finite number, or one for each of '
                              f'{self.q.shape[1]} joints, s')
         late = np.broadcast_to(late, self.q.shape[1:])
+        # Positions of the links at a time were recorded later by the skew of their joint.
         spline = scientific('scipy.interpolate').CubicSpline
-        shifted = np.column_stack([spline(self.t, column)(self.t + delay)
-                                   for column, delay in zip(self.q.T, late, strict=True)])
-        inside = ((self.t + late.max() <= self.t[-1])
-                  & (self.t + late.min() >= self.t[0]))
-        kept = {name: getattr(self, name)[inside] for name in self.signals}
-        return replace(self, t=self.t[inside], **{**kept, 'q': shifted[inside]})
+        on_time = np.empty_like(self.q)
+        for joint, delay in enumerate(late):
+            on_time[:, joint] = spline(self.t, self.q[:, joint])(self.t + delay)
+        recorded = self.t + late.max() <= self.t[-1]
+        recorded &= self.t + late.min() >= self.t[0]
+        columns = {name: getattr(self, name)[recorded] for name in self.signals}
+        columns['q'] = on_time[recorded]
+        return replace(self, t=self.t[recorded], **columns)
 
 
 @hinting

@@ -272,23 +272,33 @@ def _joint_signals(model: Model, recording: DriveRecording
     of = spectra(len(recording), step, band)
     speeds = smooth_speeds(recording.theta, noise['theta'], step, band)
     link_speeds = smooth_speeds(recording.q, noise['q'], step, band)
+    # Without sensors, the torque of a gear is that of the links' motion.
     links: list[LinkTorque | None] = [None] * model.n
     if recording.gear_torque is None:
-        robot = links_alone(model)
-        q, u, udot = smooth_motion(recording.q, step, BEYOND_BAND * band)
-        torque = robot.inverse_dynamics(q, u, udot)
-        some = q[np.linspace(0, len(q) - 1, SAMPLES).astype(int)]
-        inertia = np.sqrt(np.mean(robot.mass_matrix(some)**2, axis=0))
-        links = [LinkTorque(torque[:, j], inertia[j]) for j in range(model.n)]
+        links = _link_torques(model, recording.q, step, band)
     signals = []
     for j in range(model.n):
-        columns = {name: getattr(recording, name)[:, j] for name in recording.signals}
+        columns = {}
+        deviations = {}
+        for name in recording.signals:
+            columns[name] = getattr(recording, name)[:, j]
+            deviations[name] = float(noise[name][j])
         signals.append(JointSignals(
             recording.t, columns['theta'], columns['q'], speeds[j], link_speeds[j],
             links[j], columns.get('gear_torque'), columns.get('motor_torque'),
-            {name: float(deviation[j]) for name, deviation in noise.items()}, j,
-            noise['q']))
+            deviations, j, noise['q']))
     return of, signals
+
+
+def _link_torques(model: Model, q: Array, step: float,
+                  band: float) -> list[LinkTorque | None]:
+    """Return the torques of the links' measured motion, with the inertia that noise has."""
+    robot = links_alone(model)
+    smooth = smooth_motion(q, step, BEYOND_BAND * band)
+    torque = robot.inverse_dynamics(*smooth)
+    samples = np.linspace(0, len(q) - 1, SAMPLES).astype(int)
+    inertia = np.sqrt(np.mean(robot.mass_matrix(smooth[0][samples])**2, axis=0))
+    return [LinkTorque(torque[:, j], inertia[j]) for j in range(model.n)]
 
 
 def _noise(signal: Array, step: float) -> Array:
