@@ -119,24 +119,30 @@ class CyclePlan:
         block = parameters.copy()
         number, message = replay
         data = np.frombuffer(message, dtype=np.uint8).copy()
-        rest = np.zeros((6, 3 * loop.n))
+        at_rest = np.zeros((6, 3 * loop.n))
         layout_words = [self._layout(layout) for layout in layouts]
-        words = {
-            'PERIOD': period, 'LAYOUTS': self._at(np.array(layout_words, dtype=np.int64)),
-            'LAYOUT_COUNT': len(layouts), 'REPLAY': number, 'REPLAY_DATA': self._at(data),
-            'REPLAY_LENGTH': len(message), 'MOTION': self._motion(motions[0]),
-            'NEXT_MOTION': self._motion(motions[1]), 'REST': self._at(rest)}
+        words = {'PERIOD': period,
+                 'LAYOUTS': self._words(layout_words), 'LAYOUT_COUNT': len(layouts),
+                 'REPLAY': number, 'REPLAY_DATA': self._at(data),
+                 'REPLAY_LENGTH': len(message),
+                 'MOTION': self._motion(motions[0]), 'NEXT_MOTION': self._motion(motions[1]),
+                 'REST': self._at(at_rest)}
+
+        # A kernel is called with a table of the addresses of its arguments and result.
         path, event, state = loop.path, loop.event, loop.state
-        tables = {'JUDGE': (rules.judge, [path, event, state, numbers]),
-                  'ANSWER': (rules.answers[mode], [path, event, state, rest, numbers]),
-                  'REFUSE': (rules.refuse, [path, event, numbers]),
-                  'ELAPSE': (rules.elapse, [path, event, numbers])}
-        for name, (kernel, arrays) in tables.items():
-            table = [self._at(array) for array in (*arrays, block, loop.result)]
+        arguments = {'JUDGE': (rules.judge, [path, event, state, numbers]),
+                     'ANSWER': (rules.answers[mode], [path, event, state, at_rest, numbers]),
+                     'REFUSE': (rules.refuse, [path, event, numbers]),
+                     'ELAPSE': (rules.elapse, [path, event, numbers])}
+        for name, (kernel, arrays) in arguments.items():
+            addresses = [self._at(array) for array in (*arrays, block, loop.result)]
             words[name] = kernel.address
-            words[f'{name}_TABLE'] = self._at(np.array(table, dtype=np.int64))
-        self.address = self._at(np.array([words[name] for name in message_loop.PLAN],
-                                         dtype=np.int64))
+            words[f'{name}_TABLE'] = self._words(addresses)
+        self.address = self._words([words[name] for name in message_loop.PLAN])
+
+    def _words(self, numbers: Sequence[Any]) -> int:
+        """Keep numbers as words of 64 bits and return their address."""
+        return self._at(np.array(numbers, dtype=np.int64))
 
     def _at(self, array: NDArray[Any]) -> int:
         """Keep an array and return its address."""
