@@ -120,6 +120,8 @@ class SimulatedArm:
         # The arm's own controller acts on joints, not on flexible modes.
         modes = {robot.model.coordinate_names[k] for k in robot.model.modal_coordinates}
         self._driven = np.array([name not in modes for name in robot.speed_names])
+
+        # The state is that of all coordinates; published is that of the joints.
         n = joint_count(robot)
         n_q = robot.n_q
         self.robot = robot
@@ -136,38 +138,40 @@ class SimulatedArm:
         self._joint_torques = np.zeros(n_q)
         self.limit = robot.limits.effort[:n].copy()
         self.wrenches: dict[str, Array] = {}
+        self.frames = WrenchFrames(robot)
         self.stop_contacts = self.clamped = 0
         self.lower = robot.limits.lower[:n]
         self.upper = robot.limits.upper[:n]
-        start = self._closed(None) if self._constrained else robot.feasible_configuration()
+        if self._constrained:
+            start = self._closed(None)
+        else:
+            start = robot.feasible_configuration()
         self._state[:n_q] = self._next[:n_q] = start
-        self.integrator_choice = ''
-        if integrator is None:
-            smooth = without_coulomb(robot) if sticking else robot
-            integrator, words = stable_integrator(smooth, self._q[None], step, None, 0.0)
-            self.integrator_choice = words or ''
-        self._integrator = integrator
-        choice = StepChoice(False, integrator)
+
+        # The kernel of a step, with constants that follow the live parameters.
+        self._integrator, self.integrator_choice = _chosen_integrator(
+            robot, integrator, self._q, step, sticking)
+        choice = StepChoice(False, self._integrator)
         kernel = step_kernel(robot, *choice)
         self._constants = kernel.parameters
         self._constants[0] = step
-        contact = FrictionState(robot, True)
-        self._sticks = sticking and bool(contact.joints)
-        self._friction = contact
-        self.energy = EnergyCheck(robot, step, integrator,
-                                  contact if self._sticks else None)
+        self._friction = FrictionState(robot, True)
+        self._sticks = sticking and bool(self._friction.joints)
+        sticking_friction = self._friction if self._sticks else None
+        self.energy = EnergyCheck(robot, step, self._integrator, sticking_friction)
         self.use_parameters()
         self._advance = kernel.bind([self._state, self._total], self._next, 'Step.')
         self._stops = JointStops(robot, step, 0.0)
         self._sticking = Sticking(robot, step, 0.0, stops=True)
         self._source = TorqueInput(robot, kernel, choice, step, self._constants,
                                    self._total[None])
+
+        # What a step may need is compiled now, not while the arm moves.
         if self._sticks:
             compile_sticking(robot, choice, stops=True)
         else:
             compile_pressed_step(robot, choice)
         robot.compile('inverse_mass_matrix')
-        self.frames = WrenchFrames(robot)
         robot.compile('external_force')
 
     @property
@@ -371,3 +375,17 @@ class EnergyCheck:
         balance.update(self._states[:, :k + 1].copy(), 0, self._torques[:, :k])
         self.warning = self.warning or balance.warning() or ''
         self.restart(self._states[0, k].copy())
+
+
+def _chosen_integrator(robot: Robot, integrator: str | None, q: Array, step: float,
+                       sticking: bool) -> tuple[str, str]:
+    """
+    Return the integrator, by the step without a stated one, and why it was chosen.
+
+    The reason is empty where the explicit one is stable or an integrator is stated.
+    """
+    if integrator is not None:
+        return integrator, ''
+    smooth = without_coulomb(robot) if sticking else robot
+    chosen, words = stable_integrator(smooth, q[None], step, None, 0.0)
+    return chosen, words or ''
