@@ -12,8 +12,9 @@ The gates: the median of the paired ratios to the echoes, and beside simulations
 less than 2 % of the states. With the argument `realtime` the node runs with its real-time settings
 (which need the rights). With the argument `palletizer` it is that of an arm of four motors with
 three closed loops, whose other six joints follow from loop closure; only the gates to the echo on
-the default executor hold there. With the name of a mode, such as `cartesian_impedance`, the node
-runs in it; by default in computed_torque. With `--no-gates` missed gates are printed and no
+the default executor hold there. With `native` the torque path of the fr3 does without the
+interpreter, with gates of its own. With the name of a mode, such as `cartesian_impedance`, the
+node runs in it; by default in computed_torque. With `--no-gates` missed gates are printed and no
 failure.
 """
 
@@ -27,8 +28,8 @@ from typing import IO
 from gates import exit_status, NO_GATES
 from kane_dynamics.demo.demo_settings import DemoRobot, ROBOTS
 from kane_dynamics.ros.parameters.parameter_table import LAW_MODES
-from node_contenders import (BEST_EFFORT, compile_echo, contenders, DEFAULT, IN_C, NAMESPACES,
-                             OURS, REALTIME, RELIABLE)
+from node_contenders import (BEST_EFFORT, compile_echo, contenders, DEFAULT, EVENTS, IN_C,
+                             NAMESPACES, OURS, REALTIME, RELIABLE)
 import numpy as np
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
@@ -36,14 +37,16 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-PALLETIZER = 'palletizer'
+PALLETIZER, NATIVE = 'palletizer', 'native'
 IDLE, BUSY = 'idle', 'beside simulations'
 PERIOD = 2e-3  # s between visits, on average
 BLOCK = 250   # rounds
 WARM_UP = 200  # rounds
 # Most paired ratio by load and contender, and most states lost.
 MOST_RATIO = {'fr3': {(IDLE, DEFAULT): 0.70, (BUSY, DEFAULT): 0.65, (IDLE, IN_C): 2.0},
-              PALLETIZER: {(IDLE, DEFAULT): 0.80, (BUSY, DEFAULT): 0.80}}
+              PALLETIZER: {(IDLE, DEFAULT): 0.80, (BUSY, DEFAULT): 0.80},
+              NATIVE: {(IDLE, EVENTS): 0.68, (BUSY, EVENTS): 0.65, (IDLE, IN_C): 1.15,
+                       (BUSY, IN_C): 1.2}}
 MOST_LOST = 0.02
 PATIENCE = 20e-3  # s after which an answer counts as lost
 
@@ -160,6 +163,8 @@ def main(*arguments: str, samples: int = 2500) -> int:
     names = [name for name in NAMESPACES if not (left_out and name == IN_C)]
     rclpy.init()
     settings = list(REALTIME) if 'realtime' in arguments else []
+    if NATIVE in arguments:
+        settings += ['-p', 'torque_path:=native']
     for mode in set(arguments) & set(LAW_MODES):
         settings += ['-p', f'mode:={mode}', '-p', f'cartesian.frame:={ROBOTS[robot].frame}']
     with contenders(robot, names[1:], *settings) as loader:
@@ -174,8 +179,9 @@ def main(*arguments: str, samples: int = 2500) -> int:
           f'load of the machine before {machine_load:.2f}')
     ratios = show(IDLE, trips[IDLE]) | show(BUSY, trips[BUSY])
     lost = np.isnan(trips[BUSY][OURS]).mean()
+    gates = MOST_RATIO[NATIVE if NATIVE in arguments else robot]
     failed = [f'{which}: the paired ratio to the {name} is {ratios[which, name]:.2f}, more than '
-              f'{most}' for (which, name), most in MOST_RATIO[robot].items()
+              f'{most}' for (which, name), most in gates.items()
               if (which, name) in ratios and not ratios[which, name] <= most]
     failed += [words for words, bad in (
         (f'{lost:.2%} lost beside simulations, {MOST_LOST:.0%} or more', lost >= MOST_LOST),
@@ -188,7 +194,7 @@ def main(*arguments: str, samples: int = 2500) -> int:
 
 
 if __name__ == '__main__':
-    if unknown := set(sys.argv[1:]) - {'realtime', PALLETIZER, NO_GATES, *LAW_MODES}:
-        sys.exit(f'arguments: {sorted(unknown)}; expected realtime, {PALLETIZER}, '
+    if unknown := set(sys.argv[1:]) - {'realtime', PALLETIZER, NATIVE, NO_GATES, *LAW_MODES}:
+        sys.exit(f'arguments: {sorted(unknown)}; expected realtime, {PALLETIZER}, {NATIVE}, '
                  f'{", ".join(LAW_MODES)}, {NO_GATES} or none')
     sys.exit(main(*sys.argv[1:]))
