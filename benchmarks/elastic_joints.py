@@ -84,15 +84,15 @@ def feedforward_times(rigid: Robot) -> tuple[float, float]:
     """Return the times of the feedforward without damping and of rigid dynamics, us."""
     springs = {name: Drive(float(k)) for name, k in zip(JOINTS, STIFFNESS)}
     feedforward = ElasticFeedforward(Robot(with_drives(rigid.model, springs)))
-    rates = np.random.default_rng(1).normal(size=(4, 7))
+    u, udot, jerk, snap = np.random.default_rng(1).normal(size=(4, 7))
 
     def to_fourth_order() -> None:
         for _ in range(CALLS):
-            feedforward(HOME, *rates)
+            feedforward(HOME, u, udot, jerk, snap)
 
     def to_second_order() -> None:
         for _ in range(CALLS):
-            rigid.inverse_dynamics(HOME, rates[0], rates[1])
+            rigid.inverse_dynamics(HOME, u, udot)
     times = least_times({'fourth': to_fourth_order, 'second': to_second_order})
     return 1e6 * times['fourth'] / CALLS, 1e6 * times['second'] / CALLS
 

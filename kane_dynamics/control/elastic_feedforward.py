@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import fixed
@@ -111,10 +112,12 @@ class ElasticFeedforward:
         self._shapes = shapes
         self.kernel = robot.compiled(self._law, name='elastic_feedforward',
                                      shape=(len(ROWS), model.n), **shapes)
-        self._call = self.kernel.entry('', self.kernel)
+        self._call: Callable[..., Array] = self.kernel.entry('', self.kernel)
+        if self._damped:
+            self._call = self._refuse
 
-    def _refuse(self) -> None:
-        """Raise InputError: a call has no state."""
+    def _refuse(self, *state: Any) -> Array:
+        """Raise InputError: a call has no state of the deflection."""
         names = ', '.join(self.joint_names[side.link] for side in self._damped)
         raise InputError(f'elastic feedforward: damping in the drives of {names}; expected '
                          'along(motion, step), because their deflection is a state of its '
@@ -228,11 +231,10 @@ class ElasticFeedforward:
             for wrenches.
 
         """
+        if gravity_rates is None and wrenches is None:
+            return self._call(q, u, udot, jerk, snap)
         if self._damped:
             self._refuse()
-        if gravity_rates is None and wrenches is None:
-            rows: Array = self._call(q, u, udot, jerk, snap)
-            return rows
         batch = np.shape(u)[:-1]
         if gravity_rates is None:
             gravity_rates = np.zeros((*batch, 2, 3))
