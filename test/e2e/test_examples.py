@@ -76,6 +76,12 @@ def test_push_and_release():
     assert numbers(mass)[1] > 1e4  # through a singular configuration
 
 
+def test_elastic_joints():
+    vibration, = printed('elastic_joints')
+    by_rigid, by_elastic = numbers(vibration)
+    assert by_rigid > 20.0 * by_elastic
+
+
 def test_free_flying_arm():
     turned, *momenta = printed('free_flying_arm')
     assert numbers(turned)[1] > 90.0
