@@ -1,5 +1,6 @@
 """Elastic joints in batches, the regressor, exported C and CasADi are those of the kernels."""
 
+from functools import cache
 import subprocess
 
 from kane_dynamics import Drive, ElasticFeedforward, load_urdf, Robot, StiffnessCurve, with_drives
@@ -9,6 +10,7 @@ from numpy.testing import assert_allclose
 import pytest
 
 
+@cache
 def elastic_arm():
     """Return the two-link arm with a damped drive and a curve, and a state."""
     model = load_urdf(resource_path('urdf', 'two_link.urdf'))
@@ -53,6 +55,7 @@ def test_casadi_evaluates_and_differentiates_the_torque():
                     atol=1e-11 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_jax_evaluates_and_differentiates_the_torque():
     jax = pytest.importorskip('jax')
     jax.config.update('jax_enable_x64', True)
@@ -64,6 +67,7 @@ def test_jax_evaluates_and_differentiates_the_torque():
                     atol=1e-11 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_torch_evaluates_and_differentiates_the_torque():
     torch = pytest.importorskip('torch')
     robot, state = elastic_arm()
