@@ -119,6 +119,8 @@ def _slides_before(model: Model, ball: Ball) -> bool:
         joint = body.joint
         if not np.array_equal(joint.rotation, np.eye(3)) or joint.translation.any():
             return False
+    # A slide carries only the next body and has no mass, rotor or spring; no joint
+    # mimics it.
     coordinates = [body.joint.coordinate for body in model.bodies]
     for k, body in enumerate(model.bodies[first:ball.body]):
         if parents.count(first + k) != 1:
@@ -181,6 +183,7 @@ def axis_acceleration(model: Model, u: Vector) -> Vector:
     total = np.zeros(model.n).astype(object)
     for ball in balls(model):
         x, y, z = ball.omega(u)
+        # The equation of the module.
         gamma = np.array([y * z, -(x * z), x * y])
         total = total + np.eye(model.n)[ball.speed:ball.speed + 3].T @ gamma
     return total
@@ -216,6 +219,7 @@ def moved(model: Model, q: Array, step: Array) -> Array:
     result = np.empty((*batch, q.shape[-1]))
     result[..., places] = q[..., places] + step[..., angles(model)]
     for ball in balls(model):
+        # The speeds are on the body's axes, so that the exponential is the right factor.
         p = product(ball.quaternion(q), exponential(ball.omega(step)))
         length = np.linalg.norm(p, axis=-1, keepdims=True)
         result[..., ball.place:ball.place + 4] = p / length
@@ -232,6 +236,7 @@ def difference(model: Model, q0: Array, q1: Array) -> Array:
     result = np.empty((*batch, model.n))
     result[..., angles(model)] = q1[..., places] - q0[..., places]
     for ball in balls(model):
+        # The rotation from q0 to q1, about the body's axes.
         p = product(conjugate(ball.quaternion(q0)), ball.quaternion(q1))
         result[..., ball.speed:ball.speed + 3] = logarithm(p)
     return result
@@ -249,6 +254,7 @@ def chord(model: Model, q0: Vector, q1: Vector) -> Vector:
     for place in model.places:
         step.append(0.0 if place is None else q1[place] - q0[place])
     for ball in balls(model):
+        # Vector part of the rotation from q0 to q1: sin(angle / 2) along the axis.
         p = product(conjugate(ball.quaternion(q0)), ball.quaternion(q1))
         factor = select(p[3] < 0.0, -2.0, 2.0)  # p and -p are one rotation
         step[ball.speed:ball.speed + 3] = [factor * x for x in p[:3]]
@@ -285,6 +291,7 @@ def require_direction(model: Model, q: Array, square: float) -> None:
     """Raise InputError for a quaternion in q, (n_q,), of almost no length."""
     for ball in balls(model):
         quaternion = ball.quaternion(q)
+        # `not ... >` refuses NaN too.
         if not quaternion @ quaternion > square:
             values = quaternion.tolist()
             raise InputError(f"q: the quaternion of '{ball.name}' is {values}; "

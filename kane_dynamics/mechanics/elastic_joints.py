@@ -32,6 +32,7 @@ def spring_torque(drive: Drive, deflection: Scalar) -> Scalar:
     curve = drive.stiffness
     if not isinstance(curve, StiffnessCurve):
         return curve * deflection
+    # The first slope everywhere, and beyond each corner, on both sides, its change.
     torque: Scalar = curve.slopes[0] * deflection
     for corner in _corners(curve):
         ahead = _ramp(deflection - corner.deflection, corner.width)
@@ -71,6 +72,7 @@ def spring_energy(drive: Drive, deflection: Scalar) -> Scalar:
     for corner in _corners(curve):
         ahead = _ramp_integral(deflection - corner.deflection, corner.width)
         behind = _ramp_integral(-deflection - corner.deflection, corner.width)
+        # Both ramps have an integral at delta = 0; without it, the energy is zero there.
         at_zero = 2.0 * _ramp_integral(-corner.deflection, corner.width)
         energy = energy + corner.change * (ahead + behind - at_zero)
     return energy
@@ -121,6 +123,7 @@ def drive_forces(model: Model, values: Vector,
     """
     total: list[Scalar] = [0.0] * model.n
     for _, drive, link, motor in model.drives:
+        # The spring pulls the motor back and the link along.
         transmitted = torque(drive, values[motor] - values[link])
         total[motor] = total[motor] + transmitted
         total[link] = total[link] - transmitted
@@ -149,6 +152,7 @@ def drive_matrix(model: Model, slope: Callable[[Drive, Scalar], Scalar],
     for _, drive, link, motor in model.drives:
         difference = 0.0 if values is None else values[motor] - values[link]
         change = slope(drive, difference)
+        # The matrix of a spring between two coordinates.
         matrix[motor, motor] = matrix[motor, motor] + change
         matrix[link, link] = matrix[link, link] + change
         matrix[motor, link] = matrix[motor, link] - change
@@ -210,6 +214,7 @@ def _split(x: Scalar, width: float) -> tuple[Scalar, Scalar]:
 
 def _sharp_deflection(curve: StiffnessCurve, torque: Scalar) -> Scalar:
     """Return the deflection of the curve without rounding."""
+    # The curve is odd. Of the segments, the last one that begins below the load counts.
     load = magnitude(torque)
     deflection = load * (1.0 / curve.slopes[0])
     points = zip(curve.deflection.tolist(), curve.torque.tolist(), curve.slopes[1:])

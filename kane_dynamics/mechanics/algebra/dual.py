@@ -34,12 +34,14 @@ class Dual:
     def __add__(self, other: Any) -> Any:
         if isinstance(other, Dual):
             return _dual(self.value + other.value, self.rate + other.rate)
+        # NumPy then calls this operator with every entry of the array.
         if isinstance(other, np.ndarray):
             return NotImplemented
         return Dual(self.value + other, self.rate)
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, Dual):
+            # (x y)' = x y' + x' y.
             product = self.value * other.value
             return _dual(product, self.value * other.rate + self.rate * other.value)
         if isinstance(other, np.ndarray):
@@ -65,6 +67,7 @@ class Dual:
 
     def __truediv__(self, other: Any) -> Any:
         if isinstance(other, Dual):
+            # With z = x / y: z' = (x' - z y') / y.
             quotient = self.value / other.value
             return _dual(quotient, (self.rate - quotient * other.rate) / other.value)
         if isinstance(other, np.ndarray):
@@ -72,14 +75,17 @@ class Dual:
         return _dual(self.value / other, self.rate / other)
 
     def __rtruediv__(self, other: Any) -> Any:
+        # With z = c / x: z' = -z x' / x.
         quotient = other / self.value
         return _dual(quotient, -(quotient * self.rate) / self.value)
 
     def __pow__(self, exponent: Any) -> Any:
         if not isinstance(exponent, numbers.Real):
             return NotImplemented
+        # x^0 is the constant 1, also at 0, where the slope below would not be finite.
         if exponent == 0:
             return 1.0
+        # (x^p)' = p x^(p - 1) x'.
         power = _power(self.value, exponent)
         slope = exponent * _power(self.value, exponent - 1)
         return _dual(power, slope * self.rate)
@@ -131,6 +137,7 @@ def select(condition: Scalar, x: Scalar, y: Scalar) -> Scalar:
     if isinstance(condition, bool | int | float | np.bool_):
         return x if condition else y
     if isinstance(x, Dual) or isinstance(y, Dual):
+        # Value and rate are those of the same branch.
         value = select(condition, _value(x), _value(y))
         return _dual(value, select(condition, _rate(x), _rate(y)))
     if isinstance(x, Jet) or isinstance(y, Jet):
@@ -192,6 +199,7 @@ def derivatives(x: Scalar, order: int) -> list[Scalar]:
         return [] if order else [x]
     if not order:
         return derivatives(x.value, 0)
+    # In nested dual numbers, what `order` rates lead to is a derivative of that order.
     return derivatives(x.value, order) + derivatives(x.rate, order - 1)
 
 

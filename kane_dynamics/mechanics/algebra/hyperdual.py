@@ -83,6 +83,7 @@ class HyperDual:
         """Return a real power."""
         if not isinstance(exponent, numbers.Real):
             return NotImplemented
+        # x^p with its derivatives p x^(p - 1) and p (p - 1) x^(p - 2).
         x = np.float64(self.value)
         p = float(exponent)
         value = _scaled_power(1.0, x, p)
@@ -132,10 +133,12 @@ class HyperDual:
     def tanh(self) -> 'HyperDual':
         """Return the hyperbolic tangent; numpy.tanh calls this on object arrays."""
         y = math.tanh(self.value)
+        # y' = 1 - y^2, y'' = -2 y y'.
         return self._mapped(y, 1.0 - y * y, -2.0 * y * (1.0 - y * y))
 
     def sqrt(self) -> 'HyperDual':
         """Return the square root; numpy.sqrt calls this on object arrays."""
+        # NaN, as of NumPy, where the function of `math` raises an error.
         y = math.sqrt(self.value) if self.value >= 0.0 else math.nan
         return self._mapped(y, 0.5 / y, -0.25 / (y * self.value))
 
@@ -152,6 +155,7 @@ class HyperDual:
 
     def arctan(self) -> 'HyperDual':
         """Return the arctangent; numpy.arctan calls this on object arrays."""
+        # y' = 1 / (1 + x^2), y'' = -2 x y'^2.
         slope = 1.0 / (1.0 + self.value * self.value)
         second = -2.0 * self.value * slope * slope
         return self._mapped(math.atan(self.value), slope, second)
@@ -161,11 +165,13 @@ class HyperDual:
         return float(math.floor(self.value))
 
     def _reciprocal(self) -> 'HyperDual':
+        # y' = -1 / x^2, y'' = 2 / x^3.
         y = 1.0 / self.value
         return self._mapped(y, -y * y, 2.0 * y * y * y)
 
     def _mapped(self, value: float, first: float, second: float) -> 'HyperDual':
         """Apply the chain rule for a function with this value and two derivatives."""
+        # The gradient of f'(x) b is f' h + f'' b g.
         gradient_rate = first * self.gradient_rate + (second * self.rate) * self.gradient
         return HyperDual(value, first * self.gradient, first * self.rate, gradient_rate)
 
@@ -174,6 +180,7 @@ def _product(a: HyperDual, b: HyperDual) -> HyperDual:
     """Return the product, by the product rule."""
     gradient = a.value * b.gradient + b.value * a.gradient
     rate = a.value * b.rate + b.value * a.rate
+    # Both second derivatives of the factors, and both products of first ones.
     gradient_rate = (a.value * b.gradient_rate + b.value * a.gradient_rate
                      + b.rate * a.gradient + a.rate * b.gradient)
     return HyperDual(a.value * b.value, gradient, rate, gradient_rate)
@@ -209,6 +216,7 @@ def seeded(values: Vector, rates: Vector, first: int, count: int) -> Vector:
     unit = np.eye(count)
     result = np.empty(len(values), dtype=object)
     for i, (value, rate) in enumerate(zip(values, rates)):
+        # A variable has a unit vector as gradient and no second derivatives.
         gradient = unit[first + i]
         result[i] = HyperDual(float(value), gradient, float(rate), np.zeros(count))
     return result

@@ -74,6 +74,7 @@ class Jet:
         return jet([a / other for a in self.c])
 
     def __rtruediv__(self, other: Any) -> Any:
+        # A constant is a series of one term.
         constant = [other, *[0.0] * (len(self.c) - 1)]
         return jet(_quotient(constant, self.c))
 
@@ -112,12 +113,14 @@ class Jet:
 
     def exp(self) -> Any:
         """Return the exponential; numpy.exp calls this on object arrays."""
+        # y' = y x'.
         def slope(y: Series) -> Series:
             return y
         return jet(_integrated(self.c, np.exp(self.c[0]), slope))
 
     def tanh(self) -> Any:
         """Return the hyperbolic tangent; numpy.tanh calls this on object arrays."""
+        # y' = (1 - y^2) x'.
         def slope(y: Series) -> Series:
             square = _product(y, y)
             return [1.0 - square[0], *[-s for s in square[1:]]]
@@ -136,11 +139,13 @@ class Jet:
         return jet(y)
 
     def log(self) -> Any:
+        # y' = x' / x.
         """Return the natural logarithm; numpy.log calls this on object arrays."""
         return jet(_from_rate(np.log(self.c[0]), _quotient(_rate(self.c), self.c[:-1])))
 
     def arctan(self) -> Any:
         """Return the arctangent; numpy.arctan calls this on object arrays."""
+        # y' = x' / (1 + x^2).
         square = _product(self.c, self.c)[:-1]
         rate = _quotient(_rate(self.c), [1.0 + square[0], *square[1:]])
         return jet(_from_rate(np.arctan(self.c[0]), rate))
@@ -162,6 +167,7 @@ def moving_jets(*derivatives: Any) -> Any:
     arrays = [np.asarray(array, dtype=object) for array in derivatives]
     result = np.empty(arrays[0].shape, dtype=object)
     for k in np.ndindex(result.shape):
+        # c_k = x^(k) / k!.
         coefficients = []
         for order, array in enumerate(arrays):
             coefficients.append(array[k] * (1.0 / math.factorial(order)))
@@ -210,6 +216,8 @@ def _product(a: Series, b: Series) -> list[Scalar]:
     result = []
     for k in range(len(a)):
         if a is b:
+            # c_k = 2 sum_(i < k / 2) a_i a_(k - i), plus the square of the middle term
+            # for even k.
             total: Scalar = 0.0
             for i in range((k + 1) // 2):
                 total = total + _times(a[i], a[k - i])
@@ -227,6 +235,7 @@ def _product(a: Series, b: Series) -> list[Scalar]:
 def _quotient(a: Series, b: Series) -> list[Scalar]:
     """Return the quotient y of two series: y b = a."""
     y: list[Scalar] = []
+    # y_k = (a_k - sum_(i < k) y_i b_(k - i)) / b_0.
     for k in range(len(a)):
         remainder = a[k]
         for i in range(k):
@@ -239,6 +248,8 @@ def _sine_and_cosine(x: Series) -> tuple[list[Scalar], list[Scalar]]:
     """Return the series of sine and cosine: s' = c x', c' = -s x'."""
     s = [np.sin(x[0])]
     c = [np.cos(x[0])]
+    # k s_k = sum_i i x_i c_(k - i), the coefficient of s^(k - 1) of s' = c x'; likewise
+    # c.
     for k in range(1, len(x)):
         sine: Scalar = 0.0
         cosine: Scalar = 0.0
@@ -255,6 +266,7 @@ def _integrated(x: Series, value: Scalar,
                 slope: Callable[[Series], Series]) -> list[Scalar]:
     """Return the series y of a function of x with y' = slope(y) x'."""
     y = [value]
+    # k y_k = sum_i i x_i slope_(k - i), where slope_(k - i) needs no later terms of y.
     for k in range(1, len(x)):
         rate = slope(y)  # of the terms known so far
         total: Scalar = 0.0

@@ -40,6 +40,8 @@ def _cosh(x: Scalar) -> Scalar:
 
 
 def _arctan2(y: Scalar, x: Scalar) -> Scalar:
+    # With y / x near the x axis, where |x| > |y|, and x / y near the y axis, both
+    # arguments are at most 1.
     """Return the angle of (x, y): by y / x near the x axis, by x / y elsewhere."""
     steep = operator.lt(_absolute(x), _absolute(y))
     half_turn = select(operator.lt(y, 0.0), -math.pi, math.pi)
@@ -69,11 +71,13 @@ def _clip(x: Scalar, low: Scalar, high: Scalar) -> Scalar:
 
 def _power(x: Scalar, exponent: Scalar) -> Scalar:
     if isinstance(exponent, numbers.Real):
+        # NumPy's power is NaN for a negative base, where Python's is complex.
         if isinstance(x, numbers.Real):
             x = np.float64(x)
         return x ** exponent
     if isinstance(x, numbers.Real) and x <= 0.0:
         raise _Unsupported(f'a power of {x} with an exponent that varies')
+    # x^y = exp(y log x).
     return np.exp(exponent * np.log(x))
 
 
@@ -219,6 +223,7 @@ class Unknown:
                            options: Any) -> Any:
         """Apply a NumPy function that is not a ufunc."""
         name = function.__name__
+        # Of functions that are no ufuncs, these three also work on arrays of `Unknown`.
         if options or name not in (*FUNCTIONS, 'polyval', 'piecewise', 'real'):
             with_options = ' with options' if options else ''
             raise _Unsupported(f'numpy.{name}{with_options}' + HINTS.get(name, ''))
@@ -259,6 +264,7 @@ for _name, _what in CONVERSIONS.items():
 def _polyval(coefficients: Any, x: Any) -> Any:
     """Return the value of a polynomial, its highest power first, as numpy.polyval."""
     value: Any = 0.0
+    # Horner's rule.
     for coefficient in coefficients:
         value = value * x + coefficient
     return value
@@ -309,6 +315,7 @@ def _broadcast(x: Any, shape: tuple[int, ...]) -> Any:
 def _inner(x: Any) -> Scalar:
     """Return the scalar that a number represents."""
     if isinstance(x, Unknown):
+        # A comparison of numbers is 1 or 0, as one of traced values is.
         is_flag = isinstance(x.inner, bool | np.bool_)
         return float(x.inner) if is_flag else x.inner
     if isinstance(x, np.ndarray) and not x.ndim:
@@ -385,6 +392,7 @@ def _failure(what: str, error: Exception) -> str:
 
 def _require_finite(result: Any, what: str, arguments: tuple[Any, ...]) -> None:
     """Raise NotFiniteError if an entry or one of two derivatives is not finite."""
+    # `what` ends with the function's name, after its constraint's.
     owner, colon, name = what.rpartition(': ')
     quantities = (f'{name} returns', f'the first derivative of {name} is',
                   f'the second derivative of {name} is')

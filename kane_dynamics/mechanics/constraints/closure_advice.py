@@ -60,6 +60,7 @@ def _singular_values(mechanism: Mechanism, stack: Stack) -> Array:
 def _nearly_closed(mechanism: Mechanism, q: Array) -> list[Array]:
     """Return configurations with residuals below `SMALL`, that near q first."""
     model = mechanism.model
+    # Loop closure in which rows that almost depend on others count as dependent.
     loose = Mechanism(model, mechanism.speeds, mechanism.constraints,
                       rank_tolerance=SMALL)
     moves = np.ones(model.n, dtype=bool)
@@ -103,6 +104,7 @@ def _kinds(mechanism: Mechanism, q: Array) -> str:
                 candidates.append((freedom, f"'{closure.name}' as kind {kind!r}"))
     if not candidates:
         return ''
+    # The strictest kind is nearest to the one that was stated.
     least = min(freedom for freedom, _ in candidates)
     fitting = [text for freedom, text in candidates if freedom == least]
     return f'{", or ".join(fitting)} would leave {least}'
@@ -113,6 +115,7 @@ def _freedom_near(mechanism: Mechanism, constraints: Sequence[Constraint],
     """Return the degrees of freedom under other constraints; 0 if not closed near q."""
     model = mechanism.model
     changed = Mechanism(model, mechanism.speeds, constraints)
+    # Only kinds whose loop is almost closed at q describe this mechanism.
     residual = np.abs(stacked(changed, q).residual / changed.row_units)
     if residual.max(initial=0.0) > OPEN:
         return 0

@@ -240,6 +240,7 @@ def _moves(mechanism: Mechanism, q: Array, rank: int) -> bool:
 def _starts(mechanism: Mechanism) -> list[Array]:
     """Return initial guesses for loop closure within the joint limits, first near 0."""
     model = mechanism.model
+    # Within a turn of zero, and within the joint limits.
     units = mechanism.units
     lower = -np.pi * units
     upper = np.pi * units
@@ -394,6 +395,7 @@ def _conditioning(rows: list[Array], dependent: Sequence[int]) -> float:
 def _best_free(rows: list[Array]) -> list[int]:
     """Return the independent speeds with the best conditioned dependent ones."""
     count, n = rows[0].shape
+    # One choice for each sample; the one whose worst sample is best conditioned.
     choices = [sorted(pivots(C, count)) for C in rows]
     best = max(choices, key=lambda dependent: _conditioning(rows, dependent))
     return [r for r in range(n) if r not in best]

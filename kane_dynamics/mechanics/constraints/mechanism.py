@@ -200,6 +200,7 @@ class Mechanism:
         parts.append(self.speeds.key or None)
         for constraint in self.constraints:
             parts.append(_exact_text(constraint))
+        # A part without key is a user-defined function, which no text identifies.
         texts = [part for part in parts if part is not None]
         return '\n'.join(texts) if len(texts) == len(parts) else None
 
@@ -236,6 +237,8 @@ class Mechanism:
             functions['speeds: Y(q, t)', ''] = Y
             functions['speeds: Z(q, t)', ''] = Z
         for constraint in self.constraints:
+            # Dependent speeds are functions of q and t, prescribed motions functions of
+            # t alone.
             if isinstance(constraint, DependentSpeeds):
                 depends_on_state = True
             elif isinstance(constraint, Prescribed | PointVelocity):

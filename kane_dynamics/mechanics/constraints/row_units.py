@@ -38,6 +38,7 @@ def length_of(model: Model, constraints: Sequence[Constraint] = ()) -> float:
     if longest > 0.0:
         return longest
 
+    # Radii of gyration, where all joints and frames coincide.
     radii = [_gyration(body.inertial) for body in model.bodies]
     return max(radii, default=0.0) or 1.0
 
@@ -46,6 +47,7 @@ def _gyration(inertial: Inertial) -> float:
     """Return a body's largest radius of gyration about its origin, m; 0 without mass."""
     if inertial.mass <= 0.0:
         return 0.0
+    # int r . r dm / m about the origin, by the parallel axis theorem.
     about_com = 0.5 * float(np.trace(inertial.inertia)) / inertial.mass
     return math.sqrt(max(about_com + float(inertial.com @ inertial.com), 0.0))
 
@@ -67,6 +69,7 @@ def turning_rows(constraint: Constraint, model: Model) -> list[bool]:
     if isinstance(constraint, PointVelocity):
         return [constraint.angular]
     turning = []
+    # Other constraints name their rows of rotation so.
     for label in constraint.labels:
         _, _, row = label.rpartition('/')
         turning.append(row.startswith('turn_'))

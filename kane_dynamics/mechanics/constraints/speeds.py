@@ -142,6 +142,7 @@ def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
     """
     def of(model: Model) -> Speeds:
         body_frame = model.frame(frame)
+        # The revolute joints between the body and the base.
         turning = set()
         for k in model.path(body_frame.body):
             joint = model.bodies[k].joint
@@ -175,6 +176,7 @@ def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
 def momenta(model: Model) -> Speeds:
     """Return u = M(q) q', the momenta conjugate to the coordinates, N m s or N s."""
     instance(model, Model, 'model')
+    # As compiled: reduced frames, and only inertial parameters on which forces depend.
     links = regrouped(denavit_hartenberg(linkage(model)))
     rotors = np.zeros(model.n)
     for body in model.bodies:

@@ -95,6 +95,7 @@ def require_transmission(mechanism: Mechanism, T: Array, places: Sequence[int],
 
     names = _names(mechanism, places)
     at = described(mechanism, q)
+    # Beyond that, a singular value is zero but for rounding.
     if ratio < 1e12:
         speed = f'{ratio:.3g} times as fast as these joints'
     else:

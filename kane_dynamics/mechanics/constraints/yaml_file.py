@@ -95,6 +95,7 @@ def load_constraints(source: str | os.PathLike[str] | Mapping[str, Any], *,
     constraints = [_constraint(name, entry, prefix) for name, entry in entries.items()]
     options: dict[str, Any] = {'constraints': tuple(constraints)}
     options['independent'] = _joints(top, 'independent', prefix)
+    # Actuators are a list of joints, or weights by joint.
     if isinstance(top.get('actuated'), Mapping):
         options['actuated'] = _numbers(top, 'actuated', prefix)
     elif 'actuated' in top:

@@ -85,6 +85,8 @@ class Twist:
 
     def _moment(self, spin_inertia: float, omega: Vector) -> Vector:
         """Return the angular momentum J omega of a disc."""
+        # A round disc has half of its polar moment about each diameter: J = spin / 2 (1
+        # + e e^T).
         return 0.5 * spin_inertia * (omega + (omega @ self.e) * self.e)
 
     def _disc_torque(self, spin_inertia: float, omega: Vector, alpha: Vector) -> Vector:
@@ -96,6 +98,8 @@ class Twist:
         """Return the contribution of torsion to -F_r*, (n,)."""
         result: Vector = np.zeros(len(self.omega_partials))
         for spin_inertia, psi in self.discs:
+            # The section turns relative to the body, about an axis that the body carries
+            # along.
             twist_rate = (psi @ u) * self.e
             twist_acceleration = (psi @ udot) * self.e
             omega = motion.omega + twist_rate
@@ -112,6 +116,7 @@ class Twist:
         n = len(self.omega_partials)
         result: Matrix = np.zeros((n, n))
         for spin_inertia, psi in self.discs:
+            # The disc of the twisted section in place of the straight beam's.
             twisted = self.omega_partials + np.multiply.outer(psi, self.e)
             result = result + self._disc_inertia(spin_inertia, twisted)
             result = result + self._disc_inertia(-spin_inertia, self.omega_partials)
@@ -156,6 +161,7 @@ def mass_matrix(beam: Beam, configuration: Configuration, q: Vector) -> Matrix:
     points = BeamPoints(beam, configuration, q)
 
     def partial_velocities(g: int) -> tuple[Matrix, Matrix]:
+        # M has v^r . v^s in place of v^r . a.
         bent, straight = points.partials[g]
         return bent.T, straight.T
 
@@ -166,6 +172,7 @@ def mass_matrix(beam: Beam, configuration: Configuration, q: Vector) -> Matrix:
 def weight(beam: Beam, configuration: Configuration, q: Vector,
            gravity: Vector) -> Vector:
     """Return the contribution of bending to the generalized force of gravity, (n,)."""
+    # Weight per unit of mass is the same vector at all points of both beams.
     return BeamPoints(beam, configuration, q).total(lambda g: (gravity, gravity))
 
 

@@ -119,6 +119,8 @@ def generalized_active_force(model: Model, q: Vector, u: Vector, *,
     x = joint_positions(model, q)
     for body, configuration in zip(model.bodies, configurations(model, q)):
         joint = body.joint
+        # Gravity m g acts at the center of mass; springs and friction act along the
+        # joint.
         force = force + configuration.partial_velocity @ (body.inertial.mass * g)
         force = force - on_coordinate(model, joint, joint_spring_torque(joint, x))
         if friction:
@@ -184,6 +186,8 @@ def mass_matrix(model: Model, q: Vector) -> Matrix:
     M: Matrix = np.zeros((model.n, model.n))
     x = joint_positions(model, q)
     for body, configuration in zip(model.bodies, configurations(model, q)):
+        # Row r of `v` and `omega` is a partial velocity, so that the sums are matrix
+        # products.
         v = configuration.partial_velocity
         omega = configuration.partial_angular_velocity
         inertia = central_inertia(body, configuration)
@@ -205,6 +209,8 @@ def forward_dynamics(model: Model, q: Array, u: Array, tau: Array, *,
     if friction:
         loads = loads_of_drives(model, u, loads)
     force = generalized_active_force(model, q, u, tau=tau, gravity=gravity,
+                                     # At udot = 0, F_r + F_r* is what is left for M
+                                     # udot.
                                      friction=friction, wrenches=wrenches, loads=loads)
     force = force + generalized_inertia_force(model, q, u, np.zeros(model.n))
     return np.linalg.solve(mass_matrix(model, q), force)
@@ -217,11 +223,13 @@ def loads_of_drives(model: Model, u: Array, tau: Array) -> Array:
         joint = body.joint
         if carries_load(joint):
             k = joint.coordinate
-            others = sum(other.joint.multiplier * friction_torque(other.joint,
-                                                                  rate(other.joint, u))
-                         for other in model.bodies
-                         if other is not body and other.joint.coordinate == k)
-            loads[k] = load_of_drive(joint, rate(joint, u), tau[k] - others)
+            # Joints that mimic this one rub too, and their friction carries no load.
+            unloaded: Scalar = 0.0
+            for mimic in model.bodies:
+                if mimic is not body and mimic.joint.coordinate == k:
+                    torque = friction_torque(mimic.joint, rate(mimic.joint, u))
+                    unloaded += mimic.joint.multiplier * torque
+            loads[k] = load_of_drive(joint, rate(joint, u), tau[k] - unloaded)
     return loads
 
 

@@ -90,6 +90,7 @@ def partials(joint: Joint, q: Vector) -> Vector:
     if deflection is None:
         return joint.multiplier * np.eye(n)[joint.coordinate]
     modes = list(deflection.coordinates)
+    # d position / d eta = slope + curvature eta.
     return (deflection.slope + deflection.curvature @ q[modes]) @ np.eye(n)[modes]
 
 
@@ -103,6 +104,7 @@ def joint_acceleration(joint: Joint, q: Vector, u: Vector, udot: Vector) -> Scal
     deflection = joint.deflection
     if deflection is None:
         return rate(joint, udot)
+    # The coefficients of the modal speeds change with the shape: eta'^T curvature eta'.
     modal_speeds = u[list(deflection.coordinates)]
     return partials(joint, q) @ udot + modal_speeds @ deflection.curvature @ modal_speeds
 
@@ -215,6 +217,7 @@ def motions(model: Model, bodies: Sequence[Configuration], q: Vector, u: Vector,
         relative_velocity = (partials(joint, q) @ u) * configuration.axis
         acceleration = joint_acceleration(joint, q, u, udot)
         relative_acceleration = acceleration * configuration.axis
+        # The axes of a ball joint turn with its body; see the notes.
         omega_axis = omega_parent
         if k in ball_parents:
             ball_parent = ball_parents[k]

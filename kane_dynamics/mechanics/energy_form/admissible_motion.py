@@ -138,6 +138,8 @@ def _rows(mechanism: Mechanism, state: FiniteMechanismState) -> tuple[Any, Any]:
             J.append(_in_time(state, declared.J[k]))
             b.append(_in_time(state, declared.b[k])[()])
         else:
+            # d residual / dq is the row, -d residual / dt its right side; the latter are
+            # the last of the variables of differentiation.
             residual = lifted(declared.residual[k], state.count)
             J.append(_timed(residual.gradient[:n], residual.gradient_rate[:n]))
             b.append(_timed(-residual.gradient[n], -residual.gradient_rate[n])[()])

@@ -26,6 +26,7 @@ import numpy as np
 def ball_matrix(quaternion: Vector) -> Matrix:
     """Return the rotation of a quaternion, (4, 4): its products with vectors."""
     x, y, z, w = quaternion
+    # p v p*: multiplication by p from the left and by its conjugate from the right.
     left = np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
     right = np.array([[w, -z, y, -x], [z, w, -x, -y], [-y, x, w, -z], [x, y, z, w]])
     return (left @ right) * (1.0 / (quaternion @ quaternion))
@@ -57,6 +58,7 @@ def joint_matrix(joint: Joint, q: Vector) -> Matrix:
 def generator(joint: Joint) -> tuple[Array, Array]:
     """Return the (4, 4) generator K of the joint's motion exp(K x), and K K."""
     K = np.zeros((4, 4))
+    # exp(K x) is a translation by x along the axis, or a rotation by x about it.
     if joint.kind == 'prismatic':
         K[:3, 3] = joint.axis
     else:

@@ -139,6 +139,7 @@ class EnergyForm:
         motion = admissible(self.mechanism, q, u, np.zeros(len(u)), t)
         force = self._constraint_force(motion, joint_torques, wrenches)
         result = np.zeros(len(self.mechanism.labels))
+        # J^T lambda = force has one solution: the rows are independent.
         result[self.mechanism.kept] = np.linalg.lstsq(motion.J.T, force, rcond=None)[0]
         return result
 
@@ -178,6 +179,7 @@ class EnergyForm:
             force = force + variations.T @ friction
         if wrenches is not None:
             for frame, (force_at_frame, moment) in wrenches.items():
+                # The work of a wrench in the possible motions of its frame.
                 R, p = motion.state.pose(frame)
                 possible = motion.state.possible_motion(R, p).along(variations)
                 force = force + possible.displacement @ force_at_frame

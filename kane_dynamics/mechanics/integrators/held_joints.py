@@ -73,6 +73,8 @@ def linear_system(equations: Equations, q: Vector, u: Vector, tau: Vector,
     """
     tree = equations.tree
     if equations.in_joint_rates:
+        # Loads of drives depend on tau, and directions of sliding on the state: their
+        # friction is added to the forces of the bodies.
         if equations.carries_loads or directions is not None:
             rigid = equations.rigid_dynamics(q, u, equations.zeros, wrench, parameters)
             bias = rigid + equations.driven_friction(q, u, tau, t, directions)
@@ -160,6 +162,7 @@ def held_response(A: Matrix, conditions: list[Scalar], motion: Vector) -> Vector
     The others have none. Where the constraints couple joints, they share with the least
     sum of squares: A is made regular.
     """
+    # The trace over the held joints is the scale of their response.
     trace: Scalar = 0.0
     for condition, row, i in zip(conditions, A, range(len(conditions))):
         trace = trace + select(condition, row[i], 0.0)

@@ -26,6 +26,7 @@ def factorize(M: Matrix, order: Sequence[int], lanes: Any = Lanes,
     `rows`, (n, n), has the values of M, if they are values of rows of lanes already.
     """
     n = len(order)
+    # Entries of M that are not zero by structure, in the order of elimination.
     ordered = np.ix_(order, order)
     nonzero = ~np.vectorize(is_zero, otypes=[bool])(M[ordered])
     if rows is None:
@@ -118,6 +119,7 @@ def _pattern(L: Sequence[Sequence[Scalar]]) -> Flags:
     for k in range(n):
         for a in range(k):
             nonzero[k, a] = not is_zero(L[k][a])
+    # W_ja is not zero where joint a carries joint j, at any distance.
     pattern = np.eye(n, dtype=bool)
     for a in reversed(range(n)):
         pattern[:, a] |= (pattern & nonzero[:, a]).any(axis=1)

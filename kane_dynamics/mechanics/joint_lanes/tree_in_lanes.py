@@ -116,6 +116,8 @@ class TreeInLanes:
         lanes = self._lanes(q[0])
         links = self.equations.base_links(parameters)
         rows = inverse_dynamics_derivatives(links, q, u, udot, parameters[:3], lanes)
+        # Springs, friction and armature are added by blocks of lanes; blocks of zeros
+        # add nothing.
         for m, slopes in enumerate(self.equations.joint_slopes(q, u)):
             for r, row in enumerate(slopes):
                 for block in range(rows.shape[2]):

@@ -52,6 +52,8 @@ class LinkPoses:
 
     def __getitem__(self, k: int) -> Pose:
         """Return axes (3, 3, columns) and origin (3,) of a link or of the world, m."""
+        # From the nearest known link: away from `axes` through a joint, toward the world
+        # through the inverse of one.
         for i in self.missing(self._poses, k):
             if i in self.inward:
                 self._poses[i] = self._of_parent(self.inward[i])
@@ -72,6 +74,7 @@ class LinkPoses:
         step = JointStep(self.links[k], self.q)
         R, p = self[self.links[k].parent]
         x, y, z = (R @ step.rotation).T
+        # The joint rotates x and y about z.
         turned = np.stack([step.c * x + step.s * y, step.c * y - step.s * x, z], axis=1)
         return turned, R @ step.offset + p
 
@@ -80,6 +83,7 @@ class LinkPoses:
         step = JointStep(self.links[k], self.q)
         R, p = self[k]
         x, y, z = R.T
+        # The rotation by the opposite angle.
         turned = np.stack([step.c * x - step.s * y, step.s * x + step.c * y, z], axis=1)
         R = turned @ step.rotation.T
         return R, p - R @ step.offset
@@ -155,6 +159,7 @@ def partial_velocity_rates(links: Sequence[Link], frame: Frame, q: Vector,
     columns: list[Vector] = [np.zeros(6)] * len(q)
     poses = LinkPoses(links, q)
     motions = LinkMotions(poses, u, np.zeros(len(q)).astype(object))
+    # Velocities of the frame's origin and of the joints' origins, in world axes.
     R, p = poses[frame.body]
     r_f = R @ frame_in_link(links, frame)[1]
     p_f = p + r_f
@@ -255,6 +260,8 @@ class LinkMotions:
         rate, acceleration = self._of_joint(k)
         # The parent's point at the link's origin, then the motion of the joint.
         v, a = parent.of_point(self._origin(k) - self._origin(link.parent))
+        # The axis s turns with the parent: (rate s)' = acceleration s + omega x (rate
+        # s).
         across = cross(parent.omega, rate)
         if link.kind == 'revolute':
             omega = parent.omega + rate

@@ -204,6 +204,7 @@ def velocities(links: Sequence[Link], q: Vector,
     for link in links:
         step = JointStep(link, q)
         rate = link.rate(q, u)
+        # The velocity of the parent's point at the link's origin, then the joint's.
         omega, v = REST, REST
         if link.parent != WORLD:
             omega, v = result[link.parent]
@@ -250,6 +251,7 @@ def first_moment(links: Sequence[Link], q: Vector) -> tuple[Scalar, Vector]:
     for i in reversed(range(len(links))):
         mass, h = moments[i]
         step = JointStep(links[i], q)
+        # About the parent's origin: h + m r, in the parent's axes.
         h = step.inward(h) + mass * step.offset
         parent = links[i].parent
         if parent == WORLD:

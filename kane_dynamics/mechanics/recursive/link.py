@@ -67,6 +67,7 @@ class Link:
         if bending is None:
             return [(self.coordinate, self.multiplier)]
         eta = q[list(bending.coordinates)]
+        # d position / d eta = slope + curvature eta.
         weights = bending.slope + bending.curvature @ eta
         return list(zip(bending.coordinates, weights))
 
@@ -89,6 +90,7 @@ class Link:
         bending = self.deflection
         if bending is None:
             return self.multiplier * udot[self.coordinate]
+        # As the rate, with udot for u, and what the coefficients' own rates add.
         eta_rate = u[list(bending.coordinates)]
         return self.rate(q, udot) + eta_rate @ (bending.curvature @ eta_rate)
 

@@ -127,6 +127,8 @@ class TreeEquations:
         if frame is None or frame.body == WORLD:
             return links
         m, hx, hy, hz, xx, xy, xz, yy, yz, zz = parameters[3:13]
+        # Pseudo inertia about the origin of the payload's frame: second moments, first
+        # moments and mass.
         P = np.array([[xx, xy, xz, hx], [xy, yy, yz, hy], [xz, yz, zz, hz],
                       [hx, hy, hz, m]])
         pose = homogeneous(frame.rotation, frame.translation)
@@ -154,6 +156,8 @@ class TreeEquations:
                        parameters: Vector) -> Vector:
         """Return inverse dynamics without friction, (n,)."""
         links, x = self._at(q, self.base_links(parameters))
+        # RNEA of the bodies, then what acts along joints alone. External wrenches
+        # relieve the actuators.
         acceleration = self._angle_accelerations(u, udot)
         rigid = inverse_dynamics.inverse_dynamics(links, x, u, acceleration,
                                                   parameters[:3])
@@ -173,6 +177,8 @@ class TreeEquations:
         acceleration = udot
         if self.model.balls:
             acceleration = udot - axis_rates(self.model, u) @ reference
+        # The products of C from passes of RNEA, by the identity above; gravity enters
+        # once.
         mean = 0.5 * (u + reference)
         half = 0.5 * (u - reference)
         force = inverse_dynamics.inverse_dynamics(links, x, mean, acceleration,
@@ -279,6 +285,8 @@ class TreeEquations:
         if self._free_balls:
             return self._forward_dynamics_of_free_bodies(q, u, tau, wrench, parameters)
         if self.carries_loads:
+            # The loads L that pass the drives satisfy tau = L + friction(u, L), so M
+            # udot = L - held.
             held = self.rigid_dynamics(q, u, self.zeros, wrench, parameters)
             load = self.drive_loads(u, tau)
             return solve(self.factors(q, parameters), self.order, load - held)
@@ -323,6 +331,8 @@ class TreeEquations:
     def order(self) -> list[int]:
         """Return the coordinates, parents first: the order of the LTDL factorization."""
         coordinates: list[int] = []
+        # The sections of a beam have no coordinates of their own; the beam lists its
+        # modes.
         for link in self._raw_links:
             if not link.deflection:
                 coordinates.append(link.coordinate)
@@ -348,6 +358,7 @@ class TreeEquations:
     def _free_order(self) -> list[int]:
         """Return `order`, but slides last if the free body carries one chain."""
         parents = [body.parent for body in self.model.bodies]
+        # Bodies with several children, and what carries them.
         branching = {k for k in parents if parents.count(k) > 1 and k != WORLD}
         carriers = {j for k in branching for j in self.model.path(k)}
         slides: list[int] = []
@@ -424,6 +435,7 @@ class TreeEquations:
         # tau = L + friction(u, L): dtau = (1 + dfriction/dL) dL + dfriction/du du
         load = self.rigid_dynamics(q, u, udot, None, parameters)
         stiffness, friction, armature = self.joint_slopes(q, u, load)
+        # What depends on the load first; then the rows are scaled by 1 + dfriction/dL.
         of_load = rigid + np.stack([stiffness, np.diag(self.zeros), armature])
         by_load = 1.0 + self.load_slope(u, load)
         by_q, by_u, by_udot = by_load[:, None] * of_load
@@ -449,6 +461,8 @@ class TreeEquations:
                                      parameters: Vector) -> Matrix:
         """Return dudot/dq, dudot/du and dudot/dtau, (3, n, n), no external wrenches."""
         udot = self.forward_dynamics(q, u, tau, None, parameters)
+        # Differentiated, M udot + bias = tau is M dudot = dtau - (dtau/dq) dq -
+        # (dtau/du) du.
         by_q, by_u, _ = self.inverse_dynamics_derivatives(q, u, udot, parameters)
         W = self.inverse_mass_matrix(q, parameters)
         if self.carries_loads:
@@ -647,6 +661,7 @@ def _own_inertia_resists(body: Body, central: bool) -> bool:
     joint, inertial = body.joint, body.inertial
     if joint.armature > 0.0 or joint.kind == 'prismatic':
         return joint.armature > 0.0 or inertial.mass > 0.0
+    # Inertia about the joint's origin, by the parallel axis theorem.
     lever = np.dot(inertial.com, inertial.com)
     offset = lever * np.eye(3) - np.outer(inertial.com, inertial.com)
     mass = 0.0 if central else inertial.mass
@@ -663,4 +678,5 @@ def _direction(directions: Vector | None, joint: Joint) -> Scalar:
     """Return the direction in which a joint slides, or None in the smooth law."""
     if directions is None:
         return None
+    # A joint with a negative multiplier slides against its coordinate.
     return math.copysign(1.0, joint.multiplier) * directions[joint.coordinate]
