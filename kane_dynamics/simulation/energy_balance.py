@@ -121,6 +121,7 @@ class EnergyBalance(Observer):
         N = len(states)
         self.began = np.full(N, np.inf)
         self.error, self.worst, self.expected, self._unresolved, self._worked = np.zeros((5, N))
+        # The balance starts with the energies of the initial states.
         self._fastest, self._low, _ = self._terms(states[:, None])[:, 0]
         self._high = self._low
 
@@ -168,6 +169,7 @@ class EnergyBalance(Observer):
             if impacts:
                 terms = _with_impacts(terms, impacts)
             too_large = ~(np.abs(terms.error) <= terms.allowed)
+        # The first row of each simulation that fails for the first time.
         new = np.flatnonzero(np.isinf(self.began) & too_large.any(axis=0))
         first = np.argmax(too_large[:, new], axis=0)
         self.began[new] = self._start + (done + 1 + first) * self._step
@@ -185,6 +187,7 @@ class EnergyBalance(Observer):
                  unresolved: bool = False) -> BalanceTerms:
         """Return the balance at all chosen rows of states except the first of them."""
         chosen = states if len(rows) == states.shape[1] else states[:, rows]
+        # Energies and the power of dissipation at the chosen rows.
         kinetic, potential, loss = self._terms(chosen)
         h = (self._step * np.diff(rows))[:, None]
         # Powers of which only the values at the rows are known are integrated by the
@@ -194,11 +197,14 @@ class EnergyBalance(Observer):
         if callable(tau):
             input_power = power = power + tau(rows).T
         else:
+            # Moving constraints do work on the robot, and friction takes what loads add
+            # to it.
             for kernel, sign in ((self._driven, 1.0), (self._loaded, -1.0)):
                 if kernel is not None:
                     begin, end = sign * self._power_at_ends(kernel, chosen, tau)
                     work = work + 0.5 * h * (begin + end)
                     input_power = input_power + np.concatenate([begin[:1], end])
+        # The trapezoidal rule for what is known as a power.
         passive = 0.5 * h * (power[1:] + power[:-1])
         energy = kinetic + potential
         gained = energy[1:] - energy[:1]
@@ -222,6 +228,7 @@ class EnergyBalance(Observer):
         if callable(tau) or not tau.any():
             return 0.0
         constant = tau.shape[1] == 1
+        # Of constant torques the rows suffice; others need every step.
         x = chosen if constant else states
         n_q, n = self.robot.n_q, self.robot.n
         if self._tree:  # u = q', so the work is exact for every step
@@ -231,6 +238,7 @@ class EnergyBalance(Observer):
             u = x[:, :, n_q:n_q + n]
             moved = 0.5 * h * (u[:, 1:] + u[:, :-1])
         work = _dot(tau, moved)
+        # One entry for each step: add those between two chosen rows.
         if len(work) == len(rows) - 1:
             return work
         return np.add.reduceat(work, rows[:-1].tolist(), axis=0)
@@ -238,6 +246,7 @@ class EnergyBalance(Observer):
     def _uncertain(self, states: Array, power: Array, potential: Array,
                    tau: Array | Power) -> Array:
         """Return the estimated quadrature error of the work of each step, (K, N), J."""
+        # By the second difference of the power, as that of the trapezoidal rule.
         uncertain = self._step * _differences(power, 2)
         if self._damped:
             uncertain = uncertain + 2.0 * _differences(potential, 3)
@@ -261,6 +270,7 @@ class EnergyBalance(Observer):
         """Return a power under held torques at both ends of each interval, (2, K, N)."""
         if kernel is self._driven and self._friction is not None:
             return self._driven_through_friction(states, tau)
+        # The power before and after each change of torque: both ends of every interval.
         shape = (len(states), states.shape[1] - 1)
         torques = np.ascontiguousarray(np.broadcast_to(tau, (*shape, tau.shape[2])))
         powers = np.empty((2, *shape))
@@ -322,6 +332,7 @@ def _with_impacts(terms: BalanceTerms, impacts: Sequence[Impact]) -> BalanceTerm
     for impact in impacts:
         lost[impact.step, impact.simulation] += impact.energy
         uncertain[impact.step, impact.simulation] += impact.unresolved
+    # The loss and the uncertainty of an impact stay in all later rows.
     uncertain = np.cumsum(uncertain, axis=0)
     return terms._replace(error=terms.error + np.cumsum(lost, axis=0),
                           allowed=terms.allowed + uncertain,
@@ -341,6 +352,8 @@ def _differences(rows: Array, order: int) -> Array:
     Each interval has the largest of the differences that include it; with too few rows,
     the order is lower.
     """
+    # Differences of order k belong to k intervals; zeros at the margins let each
+    # interval look at all of its own.
     order = min(order, len(rows) - 1)
     differences = np.abs(np.diff(rows, order, axis=0))
     margin = [(order - 1, order - 1)] + [(0, 0)] * (rows.ndim - 1)
@@ -368,6 +381,7 @@ def energy_kernel(robot: Robot, exact: bool = False) -> Kernel:
     tree = equations.tree
 
     def terms(state: Vector, parameters: Vector) -> list[Scalar]:
+        # Joints that slide in the direction of motion; `rates` are those of joints.
         q, u, time = np.split(state, [n_q, n_q + n])
         rates = equations.joint_speeds(q, u, *time)
         friction = tree.friction_force(rates, None, directions_of(rates, exact))
@@ -385,6 +399,8 @@ def driven_kernel(robot: Robot) -> Kernel | None:
         return None
 
     def power(state: Vector, tau: Vector, parameters: Vector) -> Scalar:
+        # All that the actuators and the constraints do on the joints, minus the
+        # actuators' part.
         q, u, time = np.split(state, [n_q, n_q + n])
         force = equations.actual_joint_forces(q, u, tau, parameters, *time)
         return force @ equations.joint_speeds(q, u, *time) - tau @ u
@@ -440,6 +456,8 @@ def _driven(robot: Robot) -> bool:
     """Return whether speeds or constraints prescribe joint rates (q' nonzero at u = 0)."""
     mechanism = robot.mechanism
     if mechanism not in _DRIVEN:
+        # The right sides of S q' = s at u_I = 0: zero by structure unless rates are
+        # prescribed.
         prescribed: list[bool] = []
 
         def right_side(state: Vector) -> Vector:

@@ -44,9 +44,11 @@ class _Bound(NamedTuple):
     def may_pass(self, low: Array, high: Array, was_beyond: Any) -> Any:
         """Return which entries may have passed their bound, by their least and largest values."""
         bound = self.bound
+        # Of a magnitude: passed from inside, unless all states were already beyond.
         if self.sign == 0.0:
             stays_beyond = ((low > bound) | (high < -bound)) & was_beyond
             return (np.maximum(high, -low) > bound) & ~stays_beyond
+        # A lower limit is an upper limit of the negative.
         largest, least = (high, low) if self.sign > 0.0 else (-low, -high)
         stays_beyond = (least > self.sign * bound) & was_beyond
         return (largest > self.sign * bound) & ~stays_beyond

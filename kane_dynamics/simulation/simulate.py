@@ -43,11 +43,12 @@ from kane_dynamics.simulation.speed_switching import SwitchingSteps
 from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.step_size import stable_integrator, without_coulomb
 from kane_dynamics.simulation.stepping import CallableSteps, Progress, run, Steps
-from kane_dynamics.simulation.sticking.friction_state import friction_state
+from kane_dynamics.simulation.sticking.friction_state import (friction_state,
+                                                              FrictionState)
 from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops, require_stops
 from kane_dynamics.simulation.torque_input import torque_input
-from kane_dynamics.simulation.trajectory import Trajectory
+from kane_dynamics.simulation.trajectory import StopEvent, Trajectory
 import numpy as np
 
 CLOSED = 1e-8  # rad or lengths: largest constraint residual of an initial configuration
@@ -161,31 +162,38 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     every = steps_per_sample(count, step, sample, len(states), single)
     warn_of_degrees(robot, states[:, :robot.n_q], 'q0', stacklevel=4)
 
-    # What watches the states, in this order.
+    # What watches the states, in this order. Jumps of user-defined functions are looked
+    # for before the first evaluation of the dynamics, which may not be finite.
     observers: list[Observer] = []
-    if any(body.beam is not None for body in robot.model.bodies):
+    if robot.model.flexible:
         observers.append(DeflectionWatch(robot, states, start, single))
     observers.append(DivergenceWatch(robot, step, single, *observers))
     if robot.equations.timed:
-        # Before the first evaluation of user-defined functions, which may not be finite.
         observers.append(JumpWatch(robot, states, start, step, count, single))
+
+    # The step must be stable for everything but Coulomb friction that sticks.
     smooth = without_coulomb(robot) if sticking else robot
     integrator, step_text = stable_integrator(smooth, states[:1, :robot.n_q], step,
                                               integrator, start)
     if step_text is not None:
         warnings.warn(step_text, ModelWarning, stacklevel=3)
+    # Without friction and stops there are no joints that stick.
+    friction: FrictionState | None = None
+    if sticking:
+        friction = friction_state(robot, stops)
+        if not friction.joints:
+            friction = None
+
     # With the Runge-Kutta method, a step that is too long explains errors of the energy.
     cause = step_text if integrator == 'rk4' else None
-    # Without friction and stops there are no joints that stick.
-    friction = friction_state(robot, stops)
-    acts = sticking and bool(friction.joints)
     limits = LimitWatch(robot, states, start, single, stops)
     balance = EnergyBalance(robot, step, states, integrator, start, single=single,
-                            cause=cause, friction=friction if acts else None)
+                            cause=cause, friction=friction)
     observers += [limits, balance]
 
+    # Compute the states.
     steps = _steps(robot, states, single, step, count, every, torque, integrator, start,
-                   stops, acts, progress is not None)
+                   stops, friction is not None, progress is not None)
     samples = run(steps, states, count, every, observers, progress)
 
     texts = [] if step_text is None else [step_text]
@@ -195,36 +203,43 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
             warnings.warn(text, ModelWarning, stacklevel=3)
             texts.append(text)
 
+    # The quantities of the result, at the sampled states.
     q = np.ascontiguousarray(samples.states[..., :robot.n_q])
     u = np.ascontiguousarray(samples.states[..., robot.n_q:robot.n_q + robot.n])
     tau = steps.torques(samples, q, u)
     arrays: dict[str, Any] = {'q': q, 'tau': tau, **steps.results(samples, tau)}
     if single:
         arrays = {name: x[0] for name, x in arrays.items()}
+    speed_changes = sorted(steps.changes, key=attrgetter('t'))
+    stop_events: tuple[StopEvent, ...] = ()
+    if steps.stops is not None:
+        stop_events = steps.stops.events(single)
     return Trajectory(start + samples.steps * np.float64(step), **arrays,
                       joint_names=robot.joint_names, limit_events=limits.events,
                       coordinate_names=robot.coordinate_names,
                       speed_names=robot.speed_names,
-                      constraint_names=robot.constraint_names,
-                      warnings=tuple(texts),
-                      speed_changes=tuple(sorted(steps.changes, key=attrgetter('t'))),
-                      stop_events=() if steps.stops is None else steps.stops.events(single))
+                      constraint_names=robot.constraint_names, warnings=tuple(texts),
+                      speed_changes=tuple(speed_changes), stop_events=stop_events)
 
 
 def _steps(robot: Robot, states: Array, single: bool, step: float, count: int,
-           every: int,
-           torque: Any, integrator: str, start: float, stops: bool, acts: bool,
-           in_time: bool) -> Steps:
-    """Return the steps of simulations from states, (N, size); arguments as of `simulate`."""
+           every: int, torque: Any, integrator: str, start: float, stops: bool,
+           sticks: bool, in_time: bool) -> Steps:
+    """
+    Return the steps of simulations from states, (N, size); arguments as of `simulate`.
+
+    `sticks` says that there are joints that may stick, `in_time` that progress is
+    reported.
+    """
     if callable(torque) and not single:
         raise InputError(f'torque: a function, with {len(states)} initial states; '
                          'expected None, an array or a ComputedTorque')
     source = torque_input(robot, step, count, torque, None if single else len(states),
-                          integrator, start, smooth=not acts)
+                          integrator, start, smooth=not sticks)
     joint_stops: JointStops | Sticking | None = None
     if stops:
         require_stops(robot, states[:, :robot.n_q])
-    if acts:
+    if sticks:
         joint_stops = Sticking(robot, step, start, stops)
     elif stops:
         joint_stops = JointStops(robot, step, start)

@@ -104,6 +104,7 @@ class SwitchingSteps(Steps):
     def advance(self, buffer: Array, done: int) -> Extremes | None:
         """Compute the states after each step; as `TorqueInput.advance`."""
         extremes = None
+        # Simulations in the same speeds are computed together, in SIMD lanes.
         for simulations in self._groups(len(buffer)):
             if len(simulations) == len(buffer):
                 extremes = self._advance(self._source_of(simulations), buffer, done)
@@ -111,6 +112,8 @@ class SwitchingSteps(Steps):
                 part = np.ascontiguousarray(buffer[simulations])
                 self._advance(self._source_of(simulations), part, done)
                 buffer[simulations] = part
+        # States with a margin that is not positive end the phase; others may need a
+        # closer look.
         accepted = all_trusted(buffer)
         for i in sorted(self._switched):
             if accepted[i]:
@@ -137,6 +140,8 @@ class SwitchingSteps(Steps):
         phase = self._phases[simulations[0]]
         key = id(phase.robot), phase.limit
         if key not in self._sources:
+            # The kernel of the same step in the speeds of the phase, with its limits of
+            # the margin.
             constants = self.source.constants.copy()
             residual = in_lengths(self.robot.mechanism, self._open)
             constants[-LIMITS:] = limits_of(phase.limit, residual, self._excess)
@@ -153,12 +158,14 @@ class SwitchingSteps(Steps):
 
     def _resume(self, i: int, rows: Array, rejected: int, done: int) -> None:
         """Continue simulation i from the state before the first rejected row to the last row."""
+        # States before the rejected one are accepted after the closer look.
         self._look_closely(i, rows[:rejected], done)
         start, last, piece, tries = rejected - 1, len(rows) - 1, PIECE, 0
         state = rows[start].copy()
         while start < last:
             if tries == MOST_CHANGES:
                 raise self._diverged(i, done + start + 1)
+            # A new phase from the last accepted state.
             state = self._decided(i, state, done + start)
             tries += 1
             # Steps in the new phase, in growing pieces, until one is rejected.
@@ -167,6 +174,7 @@ class SwitchingSteps(Steps):
                 local[0, 0] = state
                 source = replace(self._source_of([i]), single=True)
                 self._advance(source, local, done + start)
+                # Up to the first rejected state, this piece counts.
                 good = trusted(local[0])
                 reached = len(good) - 1 if good.all() else int(np.argmin(good)) - 1
                 self._look_closely(i, local[0, :reached + 1], done + start)

@@ -31,6 +31,8 @@ class StepChoice(NamedTuple):
 
     def needed(self, robot: Robot) -> 'StepChoice':
         """Return the choice without what changes nothing for this robot."""
+        # Torques are dual to the robot's own speeds anyway, and in joint rates no joints
+        # are followed.
         dual_to = None if self.dual_to == robot.speed_names else self.dual_to
         follows = self.feedback and not robot.equations.in_joint_rates
         followed = tuple(self.followed) if follows else ()
@@ -75,6 +77,7 @@ def step_signature(robot: Robot, choice: StepChoice) -> tuple[str, dict[str, Sha
     name = 'step_computed_torque' if feedback else 'step_held_torque'
     if integrator != 'rk4':
         name = f'{name}_{integrator}'
+    # The places of speeds and joints tell the kernels of one robot apart.
     if dual_to is not None:
         places = speed_places(robot.mechanism.speeds, dual_to)
         name = f'{name}_dual_to_{"_".join(map(str, places))}'
@@ -142,6 +145,7 @@ class RobotMotion:
         """Return the held torque, or that of the control law; by default at the moment's time."""
         torque: Vector = self._inputs[0]
         if self._law is not None:
+            # The law is evaluated at the time of the moment, or of a stage's state.
             time = time or self._time(moment)
             desired = np.split(self._inputs[moment], 3)
             law: Any = call(self._law, q, u, *desired, self._gains, *self._wrench, *time,
@@ -169,6 +173,7 @@ class RobotMotion:
 
     def rates(self, state: Vector, moment: int) -> Vector:
         """Return the time derivative of q, u, time and margin."""
+        # The rate of the time is 1, that of the margin 0: steps write it at their end.
         robot, margins = self.robot, int(self.equations.watched)
         q, u, time = np.split(state[:len(state) - margins],
                               [robot.n_q, robot.n_q + robot.n])

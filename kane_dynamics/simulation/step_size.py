@@ -101,17 +101,20 @@ def _state_matrix(robot: Robot, q: Array, u: Array, t: float) -> Array:
     order is equal on both sides of a difference.
     """
     n = robot.n
+    # Partial rates of the joints: q' at unit speeds minus q' at none.
     units = DIFFERENCE * np.eye(n)
     rates = robot.joint_rates(np.tile(q, (n + 1, 1)),
                               np.concatenate([np.zeros((1, n)), units]),
                               t=t)
     partial_rates = rates[1:] - rates[0]
+    # Rows of displacements: first of u, then of q, on both sides of the state.
     dq = np.concatenate([np.zeros((n, robot.n_q)), partial_rates])
     du = np.concatenate([units, np.zeros((n, n))])
     udot = robot.forward_dynamics(np.concatenate([q + dq, q - dq]),
                                   np.concatenate([u + du, u - du]), np.zeros((4 * n, n)),
                                   t=t)
     slopes = (udot[:2 * n] - udot[2 * n:]).T / (2.0 * DIFFERENCE)
+    # x = (changes of q along the partial rates, changes of u).
     by_u, by_q = np.split(slopes, 2, axis=1)
     return np.block([[np.zeros((n, n)), np.eye(n)], [by_q, by_u]])
 
@@ -163,6 +166,7 @@ _STEEPEST: WeakKeyDictionary[Robot, Robot] = WeakKeyDictionary()
 
 
 def _steepest(robot: Robot) -> Robot:
+    # The slope of a curve varies; the steepest segment bounds the frequency.
     """Return a robot whose drives have the steepest stiffness of their curves."""
     curves = [elastic.name for elastic in robot.model.drives
               if isinstance(elastic.drive.stiffness, StiffnessCurve)]
@@ -219,6 +223,7 @@ def _may_limit_step(model: Model, friction: bool) -> bool:
 @cache
 def _radii() -> Array:
     """Return the radius of the region ``|R(z)| <= 1`` at each of `ANGLES`."""
+    # Bisection for the largest radius inside the region, along each angle.
     low = np.zeros(len(ANGLES))
     high = np.full(len(ANGLES), 4.0)
     for _ in range(50):  # bisections

@@ -108,6 +108,7 @@ class Steps:
         n_q, n = robot.n_q, robot.n
         q = np.ascontiguousarray(samples.states[..., :n_q]).reshape(-1, n_q)
         u = np.ascontiguousarray(samples.states[..., n_q:n_q + n]).reshape(-1, n)
+        # The quantities of all samples of all simulations are computed as one batch.
         at = {}
         if robot.equations.timed:
             times = self.start + samples.steps * np.float64(self.step)
@@ -222,6 +223,8 @@ def run(steps: Steps, starts: Array, count: int, every: int,
     """
     sampled = np.append(np.arange(0, count, every), count)
     states = np.empty((len(starts), len(sampled), starts.shape[1]))
+    # One simulation begins with single steps; many share the cost of a chunk from the
+    # start.
     states[:, 0] = starts
     least, length = 1, FIRST_CHUNK
     if not steps.source.single:
@@ -238,6 +241,7 @@ def run(steps: Steps, starts: Array, count: int, every: int,
         for observer in observers:
             observer.look(chunk)
         computed = chunk.states.shape[1] - 1
+        # The samples among the states of this chunk.
         rows = slice(*np.searchsorted(sampled, [done + 1, done + computed + 1]))
         states[:, rows] = chunk.states[:, sampled[rows] - done]
         starts = chunk.states[:, -1].copy()

@@ -226,6 +226,7 @@ class Trajectory:
             raise InputError(f'q: shape {q.shape}; expected (K, {robot.n_q})')
         t = increasing(t, len(q), 't')
         tau = robot.inverse_dynamics(q, u, udot, t=t)
+        # Kinetic and potential energy, as columns.
         energy = np.stack([robot.kinetic_energy(q, u, t=t), robot.potential_energy(q)],
                           axis=-1)
         rows: dict[str, Any] = {}
@@ -256,6 +257,7 @@ class Trajectory:
                              'from 0')
         number = k % len(self.q)
 
+        # Events name their simulation; those of one motion need not.
         def of_state(events: Any) -> tuple[Any, ...]:
             return tuple(event._replace(state=None) for event in events if event.state == number)
         rows = {name: getattr(self, name)[k] for name in ARRAYS if name != 't'}
@@ -358,6 +360,7 @@ def _event_table(name: str, events: Sequence[Any]) -> Array:
     rows = []
     for event in events:
         *fields, state = event
+        # Tuples of names are joined by line breaks, which no name contains.
         cells = ['\n'.join(x) if isinstance(x, tuple) else x for x in fields]
         rows.append([*cells, '' if state is None else state])
     return np.array(rows, dtype=str).reshape(-1, len(EVENTS[name]._fields))

@@ -96,6 +96,7 @@ class UserSpeeds:
         for i, changes in enumerate(history):
             if len(changes) == 1:
                 continue
+            # Choice k holds after step `begins[k]`, up to the begin of the next one.
             begins = [after + 1 for after, _ in changes]
             ends = [*begins[1:], done + buffer.shape[1]]
             for begin, end, (_, robot) in zip(begins, ends, changes):
@@ -139,6 +140,8 @@ class UserSpeeds:
                 if name not in results:
                     shape = *states.shape[:2], *quantity.shape[1:]
                     results[name] = np.empty(shape, dtype=quantity.dtype)
+                # The rows of all simulations were computed as one batch; each part gets
+                # its own.
                 begin = 0
                 for part in parts:
                     count = part.samples.stop - part.samples.start
@@ -149,6 +152,7 @@ class UserSpeeds:
     def _derived(self, robot: Robot, rows: Array, tau: Array,
                  times: Array) -> dict[str, Array]:
         """Return the quantities of `results` for states, (K, size), in one choice of speeds."""
+        # States and torques in the speeds of `robot`, which may not be the user's.
         at: dict[str, Any] = {'t': times} if robot.equations.timed else {}
         q = np.ascontiguousarray(rows[:, :robot.n_q])
         u = np.ascontiguousarray(rows[:, robot.n_q:robot.n_q + robot.n])
@@ -165,6 +169,7 @@ class UserSpeeds:
         else:
             udot, stop_forces = actual_accelerations(robot, q, u, generalized,
                                                      self._stops, **at)
+        # What acts on the joints beside friction: actuators and stops.
         motors = self._actuator_torques(robot, q, generalized, tau, times)
         applied = stop_forces + motors
         energy = np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)],
@@ -172,6 +177,7 @@ class UserSpeeds:
         forces = self._constraint_forces(robot, q, u, udot, applied, motors, times,
                                          friction)
         residuals = constraint_residuals(robot, q, u, **at)
+        # Back to the user's speeds.
         if not in_user_speeds:
             converted = self.speeds(robot, q, u, udot, times)
             u, udot = converted[:, 0], converted[:, 1]
@@ -222,6 +228,7 @@ def _parts_by_robot(history: History, sampled: Array) -> list[tuple[Robot, list[
     """Return the samples of each choice of speeds, in all simulations."""
     groups: dict[int, tuple[Robot, list[_Part]]] = {}
     for i, changes in enumerate(history):
+        # Samples after the begin of each choice belong to it.
         begins = np.searchsorted(sampled, [step for step, _ in changes],
                                  side='right').tolist()
         ends = [*begins[1:], len(sampled)]

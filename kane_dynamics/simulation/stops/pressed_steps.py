@@ -12,26 +12,20 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
-from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units
-from kane_dynamics.mechanics.integrators.held_joints import (Held, held_response,
-                                                             held_solution,
-                                                             linear_system)
-from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
+from kane_dynamics.mechanics.integrators.held_joints import Held, held_response
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.step_kernels import (RobotMotion, step_kernel,
-                                                   StepChoice, time_input, traced_step,
-                                                   wrench_input)
+from kane_dynamics.simulation.held_motion import HeldMotion, HeldStage
+from kane_dynamics.simulation.step_kernels import (step_kernel, StepChoice, time_input,
+                                                   traced_step)
 from kane_dynamics.simulation.stops.contact_forces import ROUNDING
 from kane_dynamics.simulation.torque_input import TorqueInput
-from kane_dynamics.simulation.user_speeds import tau_from
 import numpy as np
 
 PULL = 1e-12  # of a stop, relative to the forces of all stops: rounding
@@ -85,7 +79,8 @@ def pressed_steps(source: TorqueInput, state: Array, done: int, count: int, side
 
     """
     stopped = _stopped(lower, upper)
-    size, k = len(state), len(stopped)
+    size = len(state)
+    k = len(stopped)
     kernel = _kernel(source.robot, source.kernel, source.choice, stopped)
     # Each row begins with a state, which is an argument of the next one.
     rows = np.empty((count + 1, *kernel.shape))
@@ -94,8 +89,10 @@ def pressed_steps(source: TorqueInput, state: Array, done: int, count: int, side
     inputs = source.inputs(done, count)
     row = inputs[0, 0] if inputs.shape[1] == 1 else inputs[0]
     kernel.scan([rows[:-1, :size], row, contact], rows[1:], constants=source.constants)
-    after, before, of_stops, force, valid = np.split(
-        rows[1:], np.cumsum([size, size, 3 * k, 2 * source.robot.n]), axis=1)
+    ends = np.cumsum([size, size, 3 * k, 2 * source.robot.n])
+    after, before, of_stops, force, valid = np.split(rows[1:], ends, axis=1)
+
+    # Entries of the stops, at the places of their coordinates.
     by_coordinate = np.zeros((3, count, len(side)))
     by_coordinate[:, :, stopped] = of_stops.reshape(count, 3, k).swapaxes(0, 1)
     acceleration, first, pull = by_coordinate
@@ -127,7 +124,8 @@ def _kernel(robot: Robot, free: Kernel, choice: StepChoice,
             stopped: list[int]) -> Kernel:
     """Return the kernel of a pressed step, by that of a free step and the joints with stops."""
     choice = choice.needed(robot)
-    (size,), k = free.shape, len(stopped)
+    (size,) = free.shape
+    k = len(stopped)
     name = f'pressed_{free.name}_{"_".join(map(str, stopped))}'
     inputs = {argument.name: argument.shape for argument in free.arguments}
     results = 2 * size + 3 * k + 2 * robot.n + 1
@@ -140,33 +138,39 @@ def _traced_row(robot: Robot, choice: StepChoice, stopped: list[int], state: Vec
                 inputs: Matrix, contact: Matrix, constants: Vector) -> list[Scalar]:
     """Return the entries of a row of `PressedSteps`."""
     side, lower, upper = contact
-    motions: list[_HeldMotion] = []
+    motions: list[_PressedMotion] = []
 
-    def held_motion(*arguments: Any) -> _HeldMotion:
-        motions.append(_HeldMotion(side, stopped, *arguments))
+    def pressed_motion(*arguments: Any) -> _PressedMotion:
+        motions.append(_PressedMotion(stopped, side, *arguments))
         return motions[0]
-    free = traced_step(robot, choice, state, inputs, constants, held_motion)
+    free = traced_step(robot, choice, state, inputs, constants, pressed_motion)
     stages = motions[0].stages
     q, u, time_and_margin = np.split(free, [robot.n_q, robot.n_q + robot.n])
+
+    # Trees hold their joints at rest exactly. Elsewhere the held joints go back to their
+    # stops, on closed loops.
     touching = [s * s > 0.5 for s in side]
     slack = np.zeros(len(stopped))
     valid: Scalar = 1.0
     if not robot.equations.in_joint_rates:
-        # The held joints go back to their stops exactly, on closed loops.
-        stops = [select(s > 0.0, b, a) for s, a, b in zip(side, lower, upper)]
+        stops = [select(s > 0.0, high, low) for s, low, high in zip(side, lower, upper)]
         time = list(time_and_margin[:int(robot.equations.timed)])
         parameters = constants[-len(robot.parameters.block):]
         q, u, away = _corrected(robot, stopped, touching, stops, q, u, time, parameters)
         units = coordinate_units(robot.model, robot.mechanism.constraints)
         slack = ROUNDING * units[stopped]
-        valid = _all(*(x < limit for x, limit in zip(away, slack)),
-                     *(-limit < x for x, limit in zip(away, slack)))
+        for distance, limit in zip(away, slack):
+            valid = valid * _all(distance < limit, -limit < distance)
+
     # No stop may pull, and no free joint may pass its stop.
     forces = [stage.forces for stage in stages]
-    first, pull = _pulls(forces[:1], side), _pulls(forces, side)
-    for held, x, a, b, j, limit in zip(touching, pull, lower, upper, stopped, slack):
-        within = (1.0 - _all(b + limit < q[j])) * (1.0 - _all(q[j] < a - limit))
-        valid = valid * select(held, 1.0 - _all(x > 0.0), within)
+    first = _pulls(forces[:1], side)
+    pull = _pulls(forces, side)
+    for i, place in enumerate(stopped):
+        not_above = 1.0 - _all(upper[i] + slack[i] < q[place])
+        not_below = 1.0 - _all(q[place] < lower[i] - slack[i])
+        presses = 1.0 - _all(pull[i] > 0.0)
+        valid = valid * select(touching[i], presses, not_above * not_below)
     if robot.equations.watched:
         valid = valid * _all(time_and_margin[-1] > 0.0)
     return [*q, *u, *time_and_margin, *free, *stages[0].accelerations, *first, *pull,
@@ -186,90 +190,55 @@ class _StageForces(NamedTuple):
     generalized: Vector
 
 
-class _HeldMotion(RobotMotion):
+class _PressedMotion(HeldMotion):
     """
-    A robot with held joints during one traced step.
+    A robot with joints that press against stops during one traced step.
 
     Parameters
     ----------
-    held : (k,) array
-        1 or -1 for a joint that is held, else 0.
     stopped : sequence of int
-        The indices of the k joints in q.
+        The indices in q of the k joints with stops.
+    sides : (k,) array
+        1 or -1 for a joint that presses against its stop, else 0.
     *arguments
         Of `RobotMotion`.
 
     """
 
-    def __init__(self, held: Vector, stopped: Sequence[int], *arguments: Any) -> None:
+    dynamics_name = 'held_dynamics'
+
+    def __init__(self, stopped: Sequence[int], sides: Vector, robot: Robot,
+                 *arguments: Any) -> None:
         """Begin without stages."""
-        super().__init__(*arguments)
-        self._held, self._stopped = held, stopped
+        joints = [robot.model.places.index(k) for k in stopped]
+        super().__init__(joints, sides, robot, *arguments)
         self.stages: list[_StageForces] = []
+
+    def held(self, modes: Vector) -> Held:
+        """Return the joints that press against a stop."""
+        return Held(self._joints, [side * side > 0.5 for side in modes])
+
+    def results(self, stage: HeldStage) -> list[Scalar]:
+        """Return the entries of `_StageForces`."""
+        solution = stage.solution
+        return [*solution.f, *solution.accelerations, *solution.generalized]
 
     def called(self, program: Program, q: Vector, u: Vector, tau: Vector, time: Any,
                *inputs: Any) -> Any:
-        """Return the results of the dynamics of a stage, and store what holds joints."""
-        results = super().called(program, q, u, tau, time, self._held, *inputs)
-        k, n = len(self._stopped), self.robot.n
-        ends = np.cumsum([len(results) - 2 * k - n, k, k])
+        """Return the rates of a stage, and store what holds joints."""
+        results = super().called(program, q, u, tau, time, *inputs)
+        k = len(self._joints)
+        ends = np.cumsum([len(results) - 2 * k - self.robot.n, k, k])
         rates, *stage = np.split(np.array(results), ends)
         self.stages.append(_StageForces(*stage))
         return rates
-
-    @lazy_property
-    def _motion(self) -> Program:
-        return self._program(None)
-
-    @lazy_property
-    def _stage(self) -> Program:
-        return self._program(ImplicitStep(self.equations))
-
-    def _program(self, method: ImplicitStep | None) -> Program:
-        """Trace the dynamics of a stage: those of step_kernels, then `_StageForces`."""
-        robot, dual_to = self.robot, self._dual_to
-        equations: Any = robot.equations
-        joints = [robot.model.places.index(k) for k in self._stopped]
-        wrenches, times = wrench_input(robot), time_input(robot)
-        first_stage: list[tuple[str, Shape]] = []
-        if method is not None:
-            first_stage = [('joint_rates', (robot.model.n,)), ('udot', (robot.n,)),
-                           ('g', ())]
-
-        def dynamics(q: Vector, u: Vector, tau: Vector, side: Vector,
-                     *inputs: Any) -> list[Scalar]:
-            # The inputs after those of every stage, in their order; most are optional.
-            *options, parameters = inputs
-            physical = parameters[:robot.parameters.physical]
-            implicit, options = options[:len(first_stage)], options[len(first_stage):]
-            wrench = options[0] if wrenches else None
-            t = options[-1][()] if times else 0.0
-            if dual_to is not None:
-                tau = tau_from(equations, dual_to, q, tau, t)
-            held = Held(joints, [s * s > 0.5 for s in side])
-            if method is not None:
-                k_v, k_u, g = implicit
-                v, solution = method.held_stage(held, q, u, tau, (k_v, k_u), g[()],
-                                                wrench, physical, t)
-            else:
-                system = linear_system(equations, q, u, tau, wrench, physical, t)
-                solution = held_solution(system, system.M, system.net, held)
-                v = []
-                if not equations.in_joint_rates:
-                    v = coordinate_rates(robot.model, q, system.v)
-            margin = [equations.margin(q, t,
-                                       parameters[-LIMITS:])] if self.watched else []
-            return [*v, *np.concatenate(solution), *margin]
-        return trace_program('held_dynamics', dynamics, [
-            ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)),
-            ('held', (len(joints),)), *first_stage, *wrenches, *times,
-            ('parameters', robot.parameters.block.shape)])
 
 
 def _pulls(stages: Sequence[Vector], side: Vector) -> list[Scalar]:
     """Return the largest pull of each stop in several stages, (k,); 0 if it presses."""
     largest = [0.0 * s for s in side]
     for forces in stages:
+        # What is small beside the forces of all stops is rounding.
         magnitudes = []
         for f, s in zip(forces, side):
             pull = f * s
@@ -281,8 +250,7 @@ def _pulls(stages: Sequence[Vector], side: Vector) -> list[Scalar]:
 
 
 def _corrected(robot: Robot, stopped: list[int], touching: list[Scalar],
-               stops: list[Scalar],
-               q: Vector, u: Vector, time: list[Scalar],
+               stops: list[Scalar], q: Vector, u: Vector, time: list[Scalar],
                parameters: Vector) -> tuple[Vector, Vector, Vector]:
     """Return q and u without the remaining motion of the held joints, and what is left of q."""
     system, closed = _system_of(robot, q, time, parameters)
@@ -290,11 +258,15 @@ def _corrected(robot: Robot, stopped: list[int], touching: list[Scalar],
     def away(q: Vector) -> Vector:
         distances = q[stopped] - stops
         return np.array([select(held, x, 0.0) for held, x in zip(touching, distances)])
+
+    # Displacements T M^-1 T_s^T f that end at the stops, as impulses f there would cause.
     T, _, inverse = system(q)
     along = inverse @ T[stopped].T
     for _ in range(2):  # the second has the error of the first, and of closing the loops
-        q = closed(q - T @ (along @ held_response(T[stopped] @ along, touching,
-                                                  away(q))))
+        response = held_response(T[stopped] @ along, touching, away(q))
+        q = closed(q - T @ (along @ response))
+
+    # Impulses that end the remaining rates of the held joints.
     T, X, inverse = system(q)
     along = inverse @ T[stopped].T
     u = u - along @ held_response(T[stopped] @ along, touching, (T @ u + X)[stopped])
@@ -320,12 +292,12 @@ def _system_of(robot: Robot, q: Vector, time: list[Scalar],
     def parts(q: Vector, *inputs: Any) -> Vector:
         t = time_of(inputs)
         motion = equations.at_rest(q, t)
-        T = np.stack([coordinate_rates(robot.model, q, column) for column in motion.T.T],
-                     axis=1)
-        inverse = equations.inverse_mass_matrix(q,
-                                                inputs[-1][:robot.parameters.physical],
-                                                t)
+        # In rates of coordinates: T by its columns, X the rates at u = 0.
+        columns = [coordinate_rates(robot.model, q, column) for column in motion.T.T]
+        T = np.stack(columns, axis=1)
         X = coordinate_rates(robot.model, q, motion.qdot)
+        physical = inputs[-1][:robot.parameters.physical]
+        inverse = equations.inverse_mass_matrix(q, physical, t)
         return np.concatenate([np.ravel(T), X, np.ravel(inverse)])
     system_program = trace_program('stopped_system', parts, inputs)
 
@@ -335,8 +307,10 @@ def _system_of(robot: Robot, q: Vector, time: list[Scalar],
         return T.reshape(n_q, n), X, inverse.reshape(n, n)
     if not equations.keeps_positions(q, *time):
         return system, partial(on_unit_quaternions, robot.model)
-    newton_step = trace_program('closure_step', lambda q, *inputs: equations.closure_step(
-        q, time_of(inputs)), inputs)
+
+    def closure_step(q: Vector, *inputs: Any) -> Vector:
+        return equations.closure_step(q, time_of(inputs))
+    newton_step = trace_program('closure_step', closure_step, inputs)
 
     def closed(q: Vector) -> Vector:
         corrected = np.array(call(newton_step, q, *time, parameters))
