@@ -64,12 +64,14 @@ class _Function:
                 name, k = node.args
                 read.add(name)
                 self._define(node, f'{name}_{k}', f'{name}[{k}]')
+        # An input that is not read must still be named, for compilers that warn of it.
         for name, _ in program.inputs:
             if name not in read:
                 self.lines.append(f'    (void){name};')
         for node in self._elementary_first(schedule):
             if node.index not in self.names:
                 self._operation(node)
+        # Results last, for the same reason.
         self.lines += [f'    result[{k}] = {self._value(x)};'
                        for k, x in enumerate(program.outputs)]
         if not program.outputs:
@@ -150,6 +152,8 @@ class _Function:
             self.names[node.index] = f'r{source.index}[{k}]'
         elif node.op == 'neg':
             self._define(node, name, f'-{self._value(node.args[0])}')
+        # Binary arithmetic is infix; a comparison is 1 or 0; all else is a function of
+        # math.h.
         elif node.op in ARITHMETIC:
             a, b = (self._value(arg) for arg in node.args)
             self._define(node, name, f'{a} {ARITHMETIC[node.op]} {b}')
@@ -169,6 +173,7 @@ class _Function:
         callee, *flat = node.args
         if callee not in self.callees:
             self.callees.append(callee)
+        # One array for each input of the subroutine, and one for its results.
         i = node.index
         real = self.precision.c
         arguments = []

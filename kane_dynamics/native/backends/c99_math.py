@@ -185,6 +185,7 @@ def literal(value: float, precision: Precision) -> str:
 def elementary_functions(upper: str, precision: Precision, names: set[str]) -> str:
     """Return the named C elementary functions; macros begin with `upper`."""
     def polynomial(coefficients: tuple[float, ...], x: str, square: str) -> str:
+        # (c_0 + c_1 x) + x^2 ((c_2 + c_3 x) + ...).
         """Return C code for sum c_k x^k by pairs: shorter chains than Horner's."""
         texts = [literal(c, precision) for c in coefficients]
         pairs = [f'{low} + {x} * {high}' for low, high in zip(texts[::2], texts[1::2])]
@@ -194,6 +195,7 @@ def elementary_functions(upper: str, precision: Precision, names: set[str]) -> s
         while pairs:
             text = f'({pairs.pop()}) + {square} * ({text})'
         return text
+    # Fewer terms of the series suffice for single precision.
     sine, cosine, exp = (table[:count]
                          for table, count in zip((SIN, COS, EXP), precision.terms))
     high, low = LN2
@@ -201,6 +203,7 @@ def elementary_functions(upper: str, precision: Precision, names: set[str]) -> s
         high = 0.693359375  # few bits, so that its products with whole numbers are exact
         low = math.log(2.0) - high
     numbers = {
+        # The names between @ in the C texts: numbers, then types and polynomials.
         'most': precision.most, 'inverse': 2.0 / math.pi, 'round': precision.rounding,
         'quarter': 0.25, 'four': 4.0, 'one': 1.0, 'half': 0.5, 'zero': 0.0, 'two': 2.0,
         'part0': precision.parts[0], 'part1': precision.parts[1],

@@ -28,6 +28,8 @@ def casadi_text(function: MatrixFunction) -> str:
     lines = [kernel, *_evaluation(function)]
     for end, blocks in (('in', function.inputs), ('out', function.outputs)):
         lines += _description(f'{function.name}_', end, blocks)
+    # The sizes of arg, res, iw and w that CasADi allocates: the results are computed in
+    # w.
     sizes = (len(function.inputs), len(function.outputs), 0,
              len(function.program.outputs))
     work = 'ptr %arg, ptr %res, ptr %iw, ptr %w'
@@ -42,6 +44,7 @@ def _evaluation(function: MatrixFunction) -> list[str]:
     """Return the function: it computes all results in work space, and copies them."""
     size = 8 * len(function.program.outputs)
     signature = 'ptr %arg, ptr %res, ptr %iw, ptr %w, i32 %mem'
+    # Arguments that are null are zeros, which are read from a shared array.
     read = [k for k, block in enumerate(function.inputs) if block.places]
     longest = max((len(block.places) for block in function.inputs), default=1)
     lines = [f'@zeros = internal constant [{max(longest, 1)} x double] zeroinitializer',
@@ -63,6 +66,7 @@ def _evaluation(function: MatrixFunction) -> list[str]:
               'spoil:',  # bytes of ones are NaN
               f'  call void @llvm.memset.p0.i64(ptr %w, i8 -1, i64 {size}, i1 false)',
               '  br label %results', 'results:']
+    # Copy what is wanted: results with a pointer, one after the other in w.
     offset = 0
     for k, block in enumerate(function.outputs):
         size = 8 * len(block.places)
@@ -82,6 +86,7 @@ def _evaluation(function: MatrixFunction) -> list[str]:
 
 def _check(function: MatrixFunction, read: Sequence[int]) -> list[str]:
     """Return the code that sets `%invalid`: an argument is beyond its limit."""
+    # The chain of all comparisons; each adds one position to `worst`.
     lines = []
     worst = 'false'
     for k in read:
@@ -104,6 +109,7 @@ def _description(prefix: str, end: str, blocks: Sequence[Block]) -> list[str]:
     """Return the functions for number, names, sparsity of arguments or results."""
     count = len(blocks)
     lines = [f'define i64 @{prefix}n_{end}() {{', f'  ret i64 {count}', '}']
+    # Constants of each argument or result: its name, and its compressed columns.
     for k, block in enumerate(blocks):
         pattern = _compressed(block)
         numbers = ', '.join(f'i64 {x}' for x in pattern)
@@ -111,6 +117,7 @@ def _description(prefix: str, end: str, blocks: Sequence[Block]) -> list[str]:
         name, sparsity = (f'@{kind}.{end}.{k} = internal constant' for kind in KINDS)
         lines += [f'{name} [{letters} x i8] c"{block.name}\\00"',
                   f'{sparsity} [{len(pattern)} x i64] [{numbers}]']
+    # A function that looks up the constant of number k, null beyond the last.
     for kind in KINDS:
         entries = ', '.join(f'ptr @{kind}.{end}.{k}' for k in range(count))
         lines += [f'@{kind}.{end} = internal constant [{count} x ptr] [{entries}]',

@@ -172,6 +172,7 @@ class GpuKernel(Function):
                 self._store_result(result)
             else:
                 self._store(k, self.value(result))
+        # Results of states that are not valid are overwritten by NaN.
         bad = self._vector.new(f'icmp ne {self._vector.integer} {self._bad}, 0')
         self.lines += [f'  br i1 {bad}, label %nothing, label %end', 'nothing:']
         for k in range(self.program.n_outputs):

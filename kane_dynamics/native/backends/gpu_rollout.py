@@ -82,6 +82,8 @@ class _Rollout:
         self._type = real.name
         self._sizes = [size_of(shape) for _, shape in program.inputs]
         parameters = ['i64 %steps']
+        # Base, stride of trajectories and of entries of every array; of torques and
+        # results that of steps, too.
         for name in ('q', 'u', 'tau', *layout.parameters, 'result'):
             parameters.append(f'{GLOBAL} %{name}.base, i64 %{name}.stride, i64 '
                               f'%{name}.pitch')
@@ -124,11 +126,13 @@ class _Rollout:
         """Fill state and constants, and mark a position that is too large."""
         layout = self._layout
         v = self._v
+        # The constants of a step: its length, numbers, and parameters of the trajectory.
         self._put('%h', '%c', 0)
         for k in range(self._sizes[2] - 1):
             self._put(f'%p{k}', '%c', 1 + k)
         for name, part in layout.parameters.items():
             self._copy(name, part.stop - part.start, '%c', 1 + part.start)
+        # The state: q, u and, if needed, time and a margin that is accepted.
         self._copy('q', layout.n_q, '%x', 0)
         self._copy('u', layout.n, '%x', layout.n_q)
         if layout.timed:
@@ -158,6 +162,7 @@ class _Rollout:
     def _loop(self) -> None:
         layout = self._layout
         v = self._v
+        # Once a state is not valid, all later results of the trajectory are NaN.
         incoming = '[%bad.first, %state], [%bad.next, %loop]'
         self.lines += ['  br label %loop', 'loop:',
                        '  %s = phi i64 [0, %state], [%next, %loop]',

@@ -80,6 +80,7 @@ class Rows:
         if node.op == 'column':
             tile, k = args
             return self._tiles[tile.index][int(k)]
+        # Operations on rows: shuffles of lanes, then arithmetic by lane.
         rows = [self.names[x.index] for x in args if isinstance(x, Expr)]
         if node.op == 'transposed':
             self._tiles[node.index] = transpose(v, rows)
@@ -128,6 +129,7 @@ class Rows:
     def _store(self, node: Expr, name: str) -> None:
         """Store the results that are consecutive values of a computed row."""
         for place, first, count in self._runs.get(node.index, ()):
+            # A run shorter than a row is cut out of it, and stored at once.
             v = Vector(self.lines, f'to{place}', LANES)
             part = name
             kind = vector_type(count)
@@ -148,6 +150,7 @@ def _runs(outputs: Sequence[Any]) -> Iterator[tuple[int, Expr, int, int]]:
     """
     k = 0
     while k < len(outputs):
+        # Count the outputs that are the next lanes of the same row.
         x = outputs[k]
         count = 1
         if isinstance(x, Expr) and x.op == 'lane':
@@ -333,6 +336,7 @@ class Function:
         self.lines += [f'  %ptrs{i} = alloca [{slots} x ptr]',
                        f'  %ret{i} = alloca [{max(callee.n_outputs, 1)} x {self.type}]']
         offset = 0
+        # Pointers to the arguments, then to the results.
         for k, (name, shape) in enumerate([*callee.inputs, ('result', ())]):
             entries = flat[offset:offset + size_of(shape)]
             offset += len(entries)

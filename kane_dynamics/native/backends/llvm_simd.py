@@ -59,6 +59,8 @@ class RowFunction(Function):
     def _load_inputs(self, schedule: list[Expr]) -> None:
         """Load all inputs first: results may overlap arguments in memory."""
         self._vector = Vector(self.lines, 'row', self.lanes)
+        # An argument's rows are loaded for all of its entries; only entries that the
+        # program reads get a name.
         used = {}  # indices of the nodes of entries that the program needs
         for node in schedule:
             if node.op == 'input':
@@ -68,6 +70,8 @@ class RowFunction(Function):
             rows = self._rows(slot)
             size = size_of(shape)
             is_shared = name == self.shared
+            # The shared argument is one row for all states, so that each entry is copied
+            # to all lanes.
             columns = []
             if not is_shared:
                 columns = self._columns(rows, size, size_limit(name), bits)
@@ -126,6 +130,7 @@ class RowFunction(Function):
         half = v.width // 2
         for c in range(0, size, v.width):
             # Loading half rows exchanges the largest blocks of the transpose already.
+            # A tile of `width` rows: half a row of two states in each vector.
             tile = []
             for place in (c, c + half):
                 for i in range(half):
@@ -150,6 +155,7 @@ class RowFunction(Function):
             if half <= remaining:
                 load = f'load {kind}, ptr {at}, align 8'
             else:
+                # The end of the row, without reading past it.
                 load = (f'call {kind} @llvm.masked.load.v{half}f64.p0(ptr {at}, i32 8, '
                         f'{_mask(half, remaining)}, {kind} zeroinitializer)')
             halves.append(v.new(load))
@@ -180,6 +186,7 @@ class RowFunction(Function):
         if size > MAX_PREFETCHED_ROW or not size:
             return
         block = v.width * size
+        # As many blocks ahead as PREFETCH_BYTES.
         distance = -(-PREFETCH_BYTES // (8 * block)) * block
         for row in rows:
             for k in range(0, size, CACHE_LINE):

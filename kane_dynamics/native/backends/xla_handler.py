@@ -192,11 +192,13 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
     threads = min(threads, MOST_THREADS)
     text += SUPPORT + HEAD.replace('WORDS', str(words * threads))
     text += '  %before.0 = add i64 0, 0\n'
+    # Operands: the arguments of the kernel, each with its number of entries.
     for k, size in enumerate(sizes[:-2]):
         operand = OPERAND.replace('SIZE', str(size)).replace('BYTES', str(8 * size))
         text += operand.replace('NEXT', str(k + 1)).replace('K', str(k))
     text += PARAMETERS.replace('K', str(last - 1)) + SCRATCH
     label = 'place'
+    # The table of addresses and strides, a row for each operand; then the shares.
     for k in range(last - 1):
         text += PLACE.replace('FROM', label).replace('K', str(k))
         label = f'placed{k}'

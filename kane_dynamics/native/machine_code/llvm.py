@@ -155,6 +155,8 @@ def _in_pieces(text: str) -> str:
     count = blocks = 0
     for line in text.split('\n'):
         lines.append(line)
+        # Blocks that are long cost the compiler time that grows faster than their
+        # length.
         if line.startswith('define'):
             count = 0
         elif line.startswith('  %'):

@@ -114,6 +114,7 @@ def _itself(owner: Any) -> Any:
 @cache
 def interpreter_words() -> dict[str, int]:
     """Return the table words that are equal for all functions."""
+    # Functions of NumPy's C interface are at fixed places of a table in a capsule.
     try:
         core = import_module('numpy._core.multiarray')
     except ImportError:  # numpy 1
@@ -226,6 +227,7 @@ class NativeMethods:
 @cache
 def supported() -> bool:
     """Return whether native entry points work: check the object layout, then a call."""
+    # Object layouts are known for CPython with the GIL.
     if (sys.implementation.name != 'cpython' or sys.byteorder != 'little'
             or sysconfig.get_config_var('Py_GIL_DISABLED')
             or not _in_main_interpreter()):
@@ -234,6 +236,7 @@ def supported() -> bool:
         interpreter_words()
     except AttributeError:  # an interpreter or numpy without these symbols
         return False
+    # The head of an array must have every field where machine code reads it.
     probe = np.array([1.25, -2.5, 3.75])
     head = (ctypes.c_uint64 * 10).from_address(id(probe))
     count = ctypes.c_uint32.from_address(id(probe))
@@ -266,6 +269,7 @@ def _self_test(probe: np.ndarray) -> bool:
                       '  store <3 x double> %b, ptr %y, align 8', '  ret void', '}',
                       entry_code('twice', [(3,)], [math.inf], 0, (3,)),
                       bound_code('twice', [3], [math.inf], 0, (3,))])
+    # The test kernel doubles three numbers.
     code = assembled('self-test', text)
     twice = _entry('twice', '', code, [], (3,), lambda *args,
                    **keywords: (args, keywords))
@@ -278,6 +282,7 @@ def _self_test(probe: np.ndarray) -> bool:
     bound = _bound('twice', '', code, [source, result], lambda *args: args)
     kind: Any = type('Probe', (NativeMethods,), {'__slots__': ()})
     owner = kind()
+    # A method of an object makes its function at the first call.
     table = bound_table(code, [source, result], lambda *args: args)
 
     def make(owner: Any, name: str) -> EntryTable:
@@ -285,6 +290,8 @@ def _self_test(probe: np.ndarray) -> bool:
         return table
     owner._tables = methods(kind, {'once': '', 'twice': ''}, make)
     counts = sys.getrefcount(first), sys.getrefcount(result)
+    # Results are right and not shared, also by the methods; bad, missing or converted
+    # arguments reach the fallback.
     return (all(np.array_equal(x, 2.0 * probe) for x in (first, second, third, bound()))
             and len({x.ctypes.data for x in (first, second, third)}) == 3
             and bound() is result and owner.twice() is result and owner.twice() is result

@@ -169,6 +169,7 @@ def _reuse_result(a: Assembly, place: str, shape: Shape, otherwise: str) -> None
     number = 0 if place == 'first' else 1
     slot = a.new(f'getelementptr ptr, ptr {a.word("RING")}, i64 {number}')
     array = a.load('ptr', slot)
+    # Free: no one else refers to it, and it still is a plain array of float64.
     a.branch([a.equal('i32', a.load('i32', array, COUNT), 1),
               a.equal('ptr', a.load('ptr', array, WEAKREFS), 'null'),
               a.equal('ptr', a.load('ptr', array, DTYPE), a.word('FLOAT64')),
@@ -280,6 +281,7 @@ def entry_code(symbol: str, shapes: Sequence[Shape], limits: Sequence[float],
     sizes = [math.prod(lengths) for lengths in shapes]
     a.branch(a.finite(list(zip(data, sizes, limits))), 'ready', 'slow')
     a.put('ready:')
+    # The kernel's pointers: arguments, defaults of the table, result.
     for k in range(n_defaults):
         data.append(a.load('ptr', '%table', 8 * (len(TABLE) + k)))
     for k, pointer in enumerate(data):
@@ -292,6 +294,7 @@ def entry_code(symbol: str, shapes: Sequence[Shape], limits: Sequence[float],
         _return_float(a, '%scalar')
         a.slow('%kwnames')
         return '\n'.join(a.lines)
+    # Of two results in turn, one that the caller has dropped; else a new array.
     _reuse_result(a, 'first', shape, 'second')
     a.put('second:')
     _reuse_result(a, 'second', shape, 'make')
@@ -365,6 +368,8 @@ def method_code(count: int) -> str:
           '  store ptr %table, ptr @refusal', '  ret void', '}')
     for place in range(count):
         a.put(f'define ptr @method{place}(ptr %self, ptr %args, i64 %nargs) {{')
+        # A method's code jumps to that of the object's table, or of the refusal before
+        # it exists.
         tables = a.load('ptr', '%self', SLOT)
         initialized = a.new(f'icmp ne ptr {tables}, null')
         a.put(f'  br i1 {initialized}, label %made, label %unmade', 'unmade:',

@@ -98,6 +98,7 @@ row:
   %input.at = getelementptr i8, ptr %inputs, i64 %input.offset
   br i1 %modes.known, label %step, label %restart
 
+; A regular step: the kernel of these modes. Its row ends with whether begin and end are valid.
 step:
   %kind.value = load double, ptr %kind
   %is.special = fcmp une double %kind.value, 0.0
@@ -133,6 +134,8 @@ watch:
   %margin.value = load double, ptr %margin.at
   %regular.state = fcmp ogt double %margin.value, 0.0
   br i1 %regular.state, label %look, label %stop
+; With a valid begin the event is within this step. Otherwise it may be in the last one, if that
+; was regular, and else at the begin, from where the modes are found afresh.
 look:
   br i1 %begin.good, label %within, label %before
 within:
@@ -165,6 +168,7 @@ found:
                        [%restart.end, %restart]
   %whole = fcmp oeq double %status, 1.0
   br i1 %whole, label %kept, label %refused
+; The search followed a whole step: its state and result are the row, marked if there was an event.
 kept:
   call void @llvm.memcpy.p0.p0.i64(ptr %target, ptr %state, i64 %size, i1 false)
   %result.value = load double, ptr %result
@@ -270,6 +274,7 @@ def follow(kernels: EventKernels, places: SearchPlaces, search: Array, rows: Arr
     """
     begin = address(search)
 
+    # The addresses of entries in the row of the search.
     def at(place: Any) -> int:
         start = place.start if isinstance(place, slice) else place
         return begin + NUMBER * int(start)
@@ -277,11 +282,13 @@ def follow(kernels: EventKernels, places: SearchPlaces, search: Array, rows: Arr
     stride = inputs.strides[0] if len(inputs) > 1 else 0
     margin_bytes = -1 if margin is None else NUMBER * margin
     table = array('q', (
+        # In the order of WORDS.
         *(kernel.address for kernel in kernels), address(rows), rows.strides[0],
         state_bytes, address(inputs), stride, begin, at(places.modes), address(constants),
         len(rows) - 1, limit, at(places.state), at(places.end), at(places.special),
         at(places.result), at(places.phase), at(places.events), at(places.passed),
         margin_bytes))
+    # The complement says that the next state was not accepted.
     count = _follow()(table.buffer_info()[0], has_modes, *phases)
     if count < 0:
         return ~count, True
@@ -292,6 +299,7 @@ def follow(kernels: EventKernels, places: SearchPlaces, search: Array, rows: Arr
 def _library() -> llvm.Code:
     """Return the machine code of `FOLLOW`."""
     pointers = set(WORDS) - {'width', 'size', 'stride', 'count', 'limit', 'margin'}
+    # Load every word of the table under its name.
     loads = []
     for place, word in enumerate(WORDS):
         kind = 'ptr' if word in pointers else 'i64'

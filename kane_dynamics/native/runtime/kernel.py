@@ -81,6 +81,7 @@ def converted(argument: Argument, value: Any) -> Array:
     except ValueError:
         raise InputError(f'{name}: not a rectangular array; expected shape '
                          f'{expected}') from None
+    # Kinds of numbers: floats, signed and unsigned integers; neither bool nor object.
     if array.dtype.kind not in 'fiu':
         raise InputError(f'{name}: dtype {array.dtype}; expected numbers of shape '
                          f'{expected}')

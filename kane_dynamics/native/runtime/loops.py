@@ -381,6 +381,7 @@ declare i32 @pthread_join(i64, ptr)
 
 
 def run_shares() -> str:
+    # The words of a share are the arguments of `run_batch`, in order.
     """Return `RUN_SHARES`, to be added to the module of `run_batch`."""
     kinds = ['ptr', 'ptr', 'i64', 'i64', 'ptr', 'ptr', 'i64', 'i64', 'i64']
     arguments = '\n'.join(line for k, kind in enumerate(kinds) for line in (
@@ -420,6 +421,7 @@ ROW = len(Strided._fields)  # words of a row of the table
 
 
 @cache
+# Constants of the number of lanes, then the types that contain it.
 def driver(width: int) -> llvm.Code:
     """Return the machine code of `RUN_BATCH` and of its threads."""
     counting = '<' + ', '.join(f'i64 {lane}' for lane in range(width)) + '>'

@@ -67,6 +67,8 @@ def forward(outputs: Iterable[Any], inputs: Sequence[Expr], tangents: Iterable[A
 
     """
     outputs = list(outputs)
+    # In the order of the graph, the tangents of operands are known before those of
+    # results.
     tangent: dict[int, Any] = {}
     for x, dx in zip(inputs, tangents, strict=True):
         tangent[x.index] = dx
@@ -98,6 +100,8 @@ def reverse(outputs: Iterable[Any], cotangents: Iterable[Any], inputs: Sequence[
 
     """
     outputs = list(outputs)
+    # In the opposite order: a value passes its weight on when all that use it have added
+    # theirs.
     cotangent: dict[int, Any] = {}
 
     def add(x: Any, weight: Any) -> None:
@@ -130,6 +134,7 @@ def jacobian(outputs: Any, inputs: Sequence[Expr], share: Subroutines) -> Any:
     whichever are fewer. Together the passes share the function's values, and each has
     only its own nonzero entries; but where that code would be large, they are calls of
     one subroutine.
+    # Reverse mode gives rows of the Jacobian, forward mode columns.
     """
     flat = list(np.ravel(np.asarray(outputs, dtype=object)))
     by_inputs = len(inputs) <= len(flat)
@@ -137,6 +142,7 @@ def jacobian(outputs: Any, inputs: Sequence[Expr], share: Subroutines) -> Any:
 
     def one_pass(y: Any, x: Sequence[Expr], seed: Any) -> list[Any]:
         return forward(y, x, seed, share) if by_inputs else reverse(y, seed, x, share)
+    # Code of all passes together, where they share the function's values.
     if passes * len(_between(inputs, flat)) <= LARGE:
         rows = [one_pass(flat, inputs, unit) for unit in np.eye(passes)]
     else:
@@ -198,6 +204,7 @@ def _forward_call(node: Expr, tangents: list[Any], share: Subroutines) -> Any:
     callee, *arguments = node.args
 
     def derived(values: Any, rates: Any) -> Any:
+        # Only traced values vary; constants of the call stay constants.
         moving = [k for k, x in enumerate(values) if isinstance(x, Expr)]
         moving_values = [values[k] for k in moving]
         moving_rates = [rates[k] for k in moving]

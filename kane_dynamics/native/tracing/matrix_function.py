@@ -79,6 +79,7 @@ class MatrixFunction:
 
     def forward(self) -> 'MatrixFunction':
         """Return the rates of the results for given rates of the arguments."""
+        # CasADi's names: of the seeds fwd_x, and of the results fwd_y.
         seeds = [Block(f'fwd_{x.name}', x.shape, x.places) for x in self.inputs]
         rates = [Block(f'fwd_{y.name}', y.shape, y.places) for y in self.outputs]
         count = len(self.read)
@@ -91,6 +92,7 @@ class MatrixFunction:
 
     def reverse(self) -> 'MatrixFunction':
         """Return the gradients of the results' weighted sum, for given weights."""
+        # Weights adj_y of the results give gradients adj_x of the arguments.
         seeds = [Block(f'adj_{y.name}', y.shape, y.places) for y in self.outputs]
         gradients = [Block(f'adj_{x.name}', x.shape, x.places) for x in self.inputs]
         count = len(self.read)
@@ -122,6 +124,7 @@ class MatrixFunction:
         # Which entries are always zero is known from the traced values.
         values = np.array(dense.program.outputs, dtype=object)
         depends = []
+        # Row by row, a bit for each argument entry that a result depends on.
         for row in np.reshape(values, (-1, n)):
             bits = (1 << k for k, x in enumerate(row) if not _is_zero(x))
             depends.append(sum(bits))
@@ -142,6 +145,7 @@ class MatrixFunction:
         blocks, entries = self._slopes(dependence(self.program))
 
         def function(*arrays: Any) -> Any:
+            # One forward pass for every column that has entries.
             x = _joined(arrays)
             numbers = sorted({column for _, column in entries})
             columns = {k: _rates_by(rates, x, k) for k in numbers}
@@ -204,6 +208,7 @@ def retraced(program: Program, arguments: Sequence[Block],
     def function(*columns: Any) -> Any:
         arrays = {}
         for block, x in zip(arguments, columns):
+            # CasADi stores columns one after the other, programs rows.
             arrays[block.name] = np.reshape(x, block.shape, order='F').ravel()
         values: list[Any] = []
         for key, _ in program.inputs:
@@ -241,6 +246,8 @@ def dependence(program: Program) -> list[int]:
         elif node.op == 'output':
             source, place = node.args
             bits = of_results[source.index][place]
+            # Of the results of a subroutine, the entry depends on the arguments that
+            # this result has.
             arguments = [x for k, x in enumerate(source.args[1:]) if bits >> k & 1]
             depends[node.index] = _union(depends, arguments)
         else:
@@ -258,6 +265,7 @@ def _union(depends: Mapping[int, int], values: Iterable[Any]) -> int:
 
 
 def _rates_by(rates: Program, x: list[Any], k: int) -> list[Any]:
+    # Its rate is a column of the Jacobian.
     """Return the results of a forward derivative for the unit rate of entry k of x."""
     unit = [float(j == k) for j in range(len(x))]
     return call(rates, x, unit)

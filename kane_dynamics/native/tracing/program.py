@@ -108,6 +108,7 @@ class Program:
             if node.op == 'call':
                 inner = inner + node.args[0].operation_count()
             elif node.op in ROWS:
+                # An operation on a row counts once for each lane.
                 counts[ROWS[node.op]] += LANES
             elif node.op not in (*STRUCTURE, *PLACING):
                 counts[kind.get(node.op, 'functions')] += 1
@@ -125,6 +126,8 @@ class Program:
         for node in self.schedule():
             if node.op == 'call':
                 total += node.args[0].instruction_count(width)
+            # Rows take as many instructions as registers; a transpose has three stages
+            # of exchanges.
             elif node.op in ROWS or node.op in ('gather', 'blend'):
                 total += registers
             elif node.op == 'transposed':
@@ -153,6 +156,7 @@ def trace_program(name: str, function: Callable[..., Any],
     """
     trace = Trace()
     arguments = []
+    # One traced value for each entry; what the function does with them is recorded.
     for key, shape in inputs:
         arguments.append(trace.inputs(key, *shape))
     result = np.asarray(function(*arguments), dtype=object)
@@ -257,6 +261,8 @@ def _common_factor(node: Expr, uses: dict[int, int]) -> tuple[Any, Any, Any] | N
 
 def applied(op: str, args: list[Any]) -> Any:
     """Return the result of an operation on traced values and floats, with folding."""
+    # Comparisons and selections of floats are decided now, those of traced values
+    # recorded.
     if op == 'less':
         return args[0] < args[1]
     if op == 'select':
@@ -283,6 +289,7 @@ def evaluate(program: Program, inputs: Sequence[Any], dtype: Any = np.float64) -
         In which every operation is rounded.
 
     """
+    # Every entry in the numpy type, rounded from float64.
     entries: dict[str, Any] = {}
     for (name, _), value in zip(program.inputs, inputs, strict=True):
         entries[name] = np.ravel(np.asarray(value, dtype=np.float64)).astype(dtype)

@@ -52,12 +52,14 @@ class Subroutines:
             return function(*arguments)
         program = self._programs.get((name, patterns))
         if program is None:
+            # Traced with the constants in place, so that they fold.
             def with_constants(*entries: Any) -> Any:
                 return function(*_filled_arguments(patterns, entries))
 
             program = self._programs[name, patterns] = self.trace(name, with_constants,
                                                                   inputs)
         results: list[Any] = list(call(program, *filter(None, traced_entries)))
+        # Results that came out constant need no output of the call.
         for k, output in enumerate(program.outputs):
             if not isinstance(output, Expr):
                 results[k] = output
@@ -123,6 +125,7 @@ def call(program: Any, *arguments: Iterable[Any]) -> list[Expr]:
     entries: list[Scalar] = []
     for argument in arguments:
         entries += list(np.ravel(np.asarray(argument)))
+    # Any traced entry has the graph in which the call is recorded.
     trace = next(x.trace for x in entries if isinstance(x, Expr))
     node = trace.node('call', program, *entries)
     outputs = []
@@ -145,6 +148,7 @@ def inlined(program: Program, values: Sequence[Any]) -> list[Any]:
 
     """
     remaining = iter(values)
+    # One traced value or number for each entry of each input.
     entries: dict[str, list[Any]] = {}
     for name, shape in program.inputs:
         entries[name] = [next(remaining) for _ in range(size_of(shape))]

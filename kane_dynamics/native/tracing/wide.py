@@ -24,6 +24,7 @@ class WideLanes:
 
     def pack(self, values: Sequence[Any]) -> Any:
         """Return a row of at most `LANES` values, zeros after them."""
+        # Fill the row with zeros; equal values are a scalar.
         row = [x if isinstance(x, Expr) else float(x) for x in (
             *values, *[0.0] * (LANES - len(values)))]
         first = row[0]
@@ -39,6 +40,7 @@ class WideLanes:
         """Return one value of a row."""
         if not isinstance(row, Wide):
             return row
+        # A packed row has its scalars as operands, so that none is taken out.
         return row.node.args[k] if row.node.op == 'pack' else (
             self.trace.node('lane', row.node, k))
 
@@ -52,6 +54,8 @@ class WideLanes:
     def gathered(self, rows: Sequence[Any],
                  places: Sequence[tuple[int, int] | None]) -> Any:
         """Return a row of values of rows, each from its (row, lane), or 0."""
+        # One shuffle for each source row; lane LANES stands for 0, and the results are
+        # disjoint.
         result: Any = 0.0
         for source in sorted({place[0] for place in places if place is not None}):
             chosen = tuple(LANES if place is None or place[0] != source else place[1]
