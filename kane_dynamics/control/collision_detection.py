@@ -67,6 +67,7 @@ class CollisionDetector:
     def tune(self, threshold: ArrayLike, *, confirm: float, release: float,
              clear: float) -> None:
         """Change thresholds and times; the flag keeps its value."""
+        # All are checked before the first is changed.
         thresholds = per_joint(threshold, 'threshold', self._names,
                                finite=False).tolist()
         for name, value in zip(self._names, thresholds):
@@ -98,6 +99,8 @@ class CollisionDetector:
 
         A backward jump of the time restarts the timers.
         """
+        # Each joint has its own clock, which starts when its torque passes the
+        # threshold.
         ratios = [abs(x) / limit for x, limit in zip(torque.tolist(), self._thresholds)]
         beyond = []
         for k, ratio in enumerate(ratios):

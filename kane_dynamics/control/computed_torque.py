@@ -84,6 +84,8 @@ def followed_joints(robot: Robot,
 def _default_joints(robot: Robot) -> Sequence[str]:
     """Return the joints that follow by default; InputError if there is no default."""
     names = robot.coordinate_names
+    # Joint rates; named speeds that are joint rates; or as many actuators as degrees of
+    # freedom.
     if robot.n == robot.n_q:
         return names
     if robot.mechanism.speeds.key and set(robot.speed_names) <= set(names):
@@ -121,6 +123,7 @@ def motion_columns(robot: Robot, followed: Sequence[int],
     InputError unless the motion is of these joints, in their order, or of all joints in
     theirs.
     """
+    # A motion of the joints that follow, or of all joints, in the robot's order.
     joints = robot.coordinate_names
     following = [joints[k] for k in followed]
     if list(names) == following:
@@ -229,6 +232,7 @@ def law_kernel(robot: Robot, followed: Sequence[int] | None = None,
     (n,) each; the gains: kp, then kd, (2 n,); then wrenches and time where the robot has
     them.
     """
+    # Trees need no choice of joints: all follow.
     if robot.equations.in_joint_rates:
         law = law_of(robot)
         return robot.kernels.compiled(law, NAME, _inputs(robot), (robot.n,))
@@ -352,6 +356,7 @@ class ComputedTorque:
         if not isinstance(motion, Motion):
             raise InputError(f'motion: a {type(motion).__name__}; expected a Motion: '
                              'the order is (robot, motion, kp, kd)')
+        # Without a robot, the motion's own joints.
         places = list(range(motion.n))
         columns = places
         if simulated is not None:

@@ -187,6 +187,7 @@ class Controller:
         effort: Array | None = None
         rate: Array | None = None
         if effort_limit is not None:
+            # An effort limit may only lower that of the model.
             stated = np.asarray(self.robot.limits.effort, dtype=np.float64)
             effort = np.minimum(per_joint(effort_limit, 'effort_limit', names,
                                           finite=False), stated)
@@ -196,6 +197,7 @@ class Controller:
         if blend_time is not None:
             self._blend.duration = blend_time
         gains = np.concatenate([new_kp, new_kd])
+        # New gains would make the torque jump: blend from the last one.
         if mode in (None, self._mode) and not np.array_equal(gains, self._gains):
             self._blend.begin()
         self._kp = new_kp
@@ -333,6 +335,7 @@ class Controller:
         if external is not None:
             external = finite_row(external, 'the measured external torque', self._speeds)
         moment = t if motion_time is None else motion_time
+        # Sampled at the time of the state, unless the motion has a time of its own.
         return self.command_checked(t, q, u, motion, moment, external)
 
     def command_checked(self, t: float, q: Array, u: Array, motion: Motion | None,
@@ -351,12 +354,14 @@ class Controller:
     def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
                external: Array | None = None, t: float = 0.0) -> Array:
         """Return the torques, (n,), before the limits, as `command_checked`."""
+        # Laws of task space are complete; the others add what is measured.
         if self._law_of_mode is not None:
             tau = self._law_of_mode.torque(q, u, motion, moment, t)
             return tau if self.bending is None else tau + self._sag_torque(q, t)
         at = q  # the configuration at which the model is evaluated
         if self._mode is Mode.COMPUTED_TORQUE:
             tau = self._computed_torque(q, u, motion, moment, t)
+        # Feedforward alone: everything at the desired state.
         elif self._mode is Mode.INVERSE_DYNAMICS and motion is not None:
             at, tau = self._feedforward(q, motion, moment, t)
         else:
@@ -457,10 +462,12 @@ class Controller:
     def _feedforward(self, q: Array, motion: Motion, moment: float, t: float
                      ) -> tuple[Array, Array]:
         """Return the desired configuration and the torques of its motion."""
+        # Joint rates of a tree: the desired state is the motion's.
         if self._direct:
             q_d, u_d, udot_d = motion.sample(moment)
             tau = self._compensate.inverse_dynamics(self._source, q_d, u_d, udot_d)
             return q_d, tau
+        # Loops and chosen speeds: the state of all joints follows from that of some.
         (q_d, u_d, udot_d), accelerations = self._motion.state(q, motion, moment, t)
         if self._compensate.complete:
             force = self._source.inverse_dynamics(q_d, u_d, udot_d, **self._time(t))

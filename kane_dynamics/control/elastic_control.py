@@ -400,6 +400,7 @@ class MotorSideControl(_MotionLaw):
             acting = (1.0 - shares) * torques[:-1, None] + shares * torques[1:, None]
             errors = np.abs(needed - acting).max(axis=1)
             wrong = (errors > allowed).any(axis=1)
+            # Bisect the intervals in which the interpolated torque is too far away.
             if not wrong.any():
                 break
             times = np.sort(np.append(times, 0.5 * (times[:-1] + times[1:])[wrong]))
@@ -533,6 +534,7 @@ def derivatives_of(motion: Motion | SmoothMotion, t: Array) -> Array:
     k = np.searchsorted(motion.times, t[inside], side='right') - 1
     length = np.diff(motion.times)[k]
     x = ((t[inside] - motion.times[k]) / length)[:, None]
+    # Derivatives of the segment's polynomial in x = (t - t_k) / length.
     c = motion.coefficients[k]
     jerk = 6.0 * c[:, 3] + x * (24.0 * c[:, 4] + x * (60.0 * c[:, 5]))
     snap = 24.0 * c[:, 4] + x * (120.0 * c[:, 5])

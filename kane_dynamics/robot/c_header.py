@@ -31,6 +31,8 @@ def constrained(robot: Any) -> bool:
 def header_text(robot: Any, prefix: str, about: Sequence[str], kernels: Sequence[CKernel],
                 precision: Precision, self_test: bool) -> str:
     """Return the header: sizes, the order of the joints, prototypes."""
+    # Sizes and names first, because the comment on the conventions and the prototypes
+    # use them.
     upper = prefix.upper()
     lines = [*about, f'#ifndef {upper}_H', f'#define {upper}_H', '']
     lines += _constants(robot, upper, precision)
@@ -77,6 +79,7 @@ def _constants(robot: Any, upper: str, precision: Precision) -> list[str]:
 def _function_declaration(robot: Any, kernel: CKernel,
                           precision: Precision) -> list[str]:
     """Return the declaration of a kernel, with the first paragraph of its documentation."""
+    # The declaration repeats the summary of the method of `Robot`.
     method = getattr(type(robot), kernel.name, None)
     documentation = inspect.getdoc(method) or kernel.name
     summary, _, _ = documentation.partition('\n\n')
@@ -135,6 +138,7 @@ def _joint_enum(robot: Any, upper: str) -> list[str]:
     model = robot.model
     joints = dict(zip(model.joint_names, model.coordinate_joints))
     entries = []
+    # A quaternion's entries are no joints, but entries of q.
     for name in model.coordinate_names:
         if name not in joints:
             note = 'entry of a unit quaternion (x, y, z, w)'
@@ -156,6 +160,7 @@ def _enum(upper: str, kind: str, entries: Sequence[tuple[str, str]]) -> list[str
     lines = []
     used = set()
     for k, (entry, note) in enumerate(entries):
+        # Different names may become the same identifier: a number keeps them apart.
         name = f'{upper}_{kind.upper()}_{identifier(entry).upper()}'
         if name in used:
             name = f'{name}_{k}'

@@ -69,6 +69,7 @@ class Derivative:
 
     def seeds(self, shapes: Mapping[str, Shape], result: Shape) -> list[Argument]:
         """Return the cotangent or tangents of this derivative and of those within."""
+        # Derivatives of derivatives: the seeds of the outer one come first.
         inner_seeds = [] if self.of is None else self.of.seeds(shapes, result)
         shapes, result = self._differentiated(shapes, result)
         seeds = []
@@ -110,6 +111,7 @@ class Derivative:
                 inputs.extend(np.ravel(arrays[name]))
             else:
                 inputs.extend(arrays['parameters'][PARAMETERS[name]])
+        # All of the Jacobian; or J^T times a cotangent; or J times tangents.
         if self.mode == 'derivative':
             return jacobian(result, inputs, Subroutines())
         outputs = np.ravel(np.asarray(result, dtype=object))

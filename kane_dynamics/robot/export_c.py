@@ -101,8 +101,10 @@ def _checked_laws(robot: Any, kernels: Sequence[Any]) -> list[Kernel]:
     if isinstance(kernels, Kernel) or not isinstance(kernels, Iterable):
         raise InputError(f'kernels: a {type(kernels).__name__}; expected a sequence of '
                          'names and kernels')
+    # A kernel listed twice is exported once.
     laws = {kernel.name: kernel for kernel in kernels if isinstance(kernel, Kernel)}
     for law in laws.values():
+        # A kernel's constants are those of the robot that compiled it.
         if law.parameters is not robot.parameters.block:
             raise InputError(f"kernels: '{law.name}' of another robot; expected those of "
                              'controller_kernels(robot) of the robot to export')
@@ -135,6 +137,7 @@ def _check_place(file: Path) -> None:
     """Raise InputError for a path without directory or with a file not of export_c."""
     if not file.parent.is_dir():
         raise InputError(f"path '{file}': no directory '{file.parent}'; expected an existing one")
+    # Overwrite only what an earlier export wrote.
     if not file.exists():
         return
     try:
@@ -150,6 +153,7 @@ def _check_place(file: Path) -> None:
 def _write(file: Path, text: str) -> None:
     """Write a file atomically."""
     temporary = file.with_name(f'.{file.name}.{os.getpid()}')
+    # Rename a complete file into place, so that no reader sees a part of it.
     try:
         try:
             temporary.write_text(text, encoding='utf-8')
@@ -172,6 +176,7 @@ def _kernel(robot: Any, prefix: str, name: str, precision: Precision) -> CKernel
 def _reference(robot: Any, prefix: str, kernel: Kernel, quantity: str, name: str,
                precision: Precision) -> CKernel:
     """Return a kernel with its reference results."""
+    # Results at random states, for the self-test of the exported code.
     rng = np.random.default_rng(0)
     program = kernel.traced()
     is_double = precision.name == 'float64'
@@ -190,6 +195,7 @@ def _reference(robot: Any, prefix: str, kernel: Kernel, quantity: str, name: str
         result = np.asarray(kernel(*arguments))
         inputs.append(arguments)
         results.append(result)
+        # The tolerance of this program: rounding, magnified where a system is solved.
         if is_double:
             if quantity in SOLVING:  # rounding error of a solution of M x = b
                 growth *= float(np.linalg.cond(robot.mass_matrix(q, t=t)))
@@ -274,6 +280,7 @@ def _joint_data(robot: Any, prefix: str, precision: Precision) -> list[str]:
     upper, number, size = prefix.upper(), precision.c, f'fabs{precision.suffix}'
     names = [f'    {string(name)},' for name in robot.joint_names] or ['    ""']
     lines = [f'const char {prefix}_joint_names[{upper}_N_JOINTS][{upper}_NAME_SIZE] = {{',
+             # Limits by kind, infinite where a joint has none.
              *names, '};']
     for name, limits in joint_limits(robot).items():
         entries = []
@@ -286,6 +293,7 @@ def _joint_data(robot: Any, prefix: str, precision: Precision) -> list[str]:
             entries.append(entry)
         lines.append(f'const {number} {prefix}_{name}[{limit_size(robot, name, upper)}] = {{'
                      + ', '.join(entries) + '};')
+    # `!(x <= limit)` refuses not-a-number too.
     return [*lines, '', f'int {prefix}_check_state(const {number} *q, const {number} *u)', '{',
             '    int k;',
             f'    for (k = 0; k < {robot.n_q}; ++k)',
@@ -313,6 +321,8 @@ def _self_test(prefix: str, kernels: Sequence[CKernel], precision: Precision) ->
         count = kernel.program.n_outputs
         tolerance = constant(kernel.tolerance, precision)
         least = constant(float(kernel.name in RESIDUALS), precision)
+        # Each kernel is called with its reference arguments; the number of the first
+        # that disagrees is returned.
         body += ['    {', f'        {precision.c} result[{max(count, 1)}];']
         for k, (arguments, expected) in enumerate(zip(kernel.inputs, kernel.results)):
             names = []

@@ -110,6 +110,7 @@ class Parameters:
         if value is None:
             self._tolerance = None
         else:
+            # One number stands for m and rad.
             try:
                 pair = np.broadcast_to(np.asarray(value, dtype=np.float64), 2)
             except (TypeError, ValueError):
@@ -119,6 +120,7 @@ class Parameters:
                                  'number, m and rad, a pair of them, or None')
             self._tolerance = float(pair[0]), float(pair[1])
         if len(self.block) > self.physical:  # redundant rows hold where loops close
+            # The block has 1 / limit^2, so that 0 is no limit.
             limits = np.full(3, np.inf)
             if self._tolerance is not None:
                 limits[:] = *self._tolerance, self._excess

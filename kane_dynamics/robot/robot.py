@@ -124,6 +124,7 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
                             ('frame_reduction', frame_reduction)):
             if not isinstance(value, bool | np.bool_):
                 raise InputError(f'{name}: {value!r}; expected True or False')
+        # What a copy of the robot is built from, as the user gave it.
         self._options: dict[str, Any] = {
             'wrench_frames': checked_names(wrench_frames, 'wrench_frames') or (),
             'payload_frame': payload_frame,
@@ -143,6 +144,7 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
             raise InputError(f"redundant: {redundant!r}; expected 'minimum_norm' or "
                              "'kept'")
         actuated = self._choices['actuated']
+        # The mechanism, its equations, and the block of parameters that kernels read.
         mechanism = choose_independent(
             model, speeds, self._choices['constraints'], self._choices['independent'],
             self._choices['configuration'], rank_tolerance)
@@ -152,10 +154,13 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
                                      loosened(mechanism, EXCESS))
         if limits:
             self.parameters.block[-limits:] = limits_of(SINGULAR)
+        # By default, loops are closed to a tolerance relative to the mechanism's size.
         if closure_tolerance is CLOSURE_TOLERANCE:
             closure_tolerance = in_lengths(
                 mechanism, loosened(mechanism, CLOSURE_TOLERANCE)) if limits else None
         self.parameters.closure_tolerance = closure_tolerance
+        # In joint rates the choices change nothing; elsewhere they are part of the key
+        # of kernels.
         key = model.digest() + repr(sorted(self._options.items()))
         if not mechanism.in_joint_rates:
             key += f'{actuated!r}{redundant}'
@@ -188,6 +193,7 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
 
     def _repr_html_(self) -> str:
         """Return coordinates, limits and constraints as a table for notebooks."""
+        # Speeds and efforts belong to joints, of which a quaternion's entries are none.
         limits, names = self.limits, self.coordinate_names
         efforts = dict(zip(self.joint_names, zip(limits.velocity, limits.effort)))
         rows = [[name, lower, upper, *efforts.get(name, ('', ''))]
@@ -221,6 +227,7 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         other = object.__new__(type(self))
         for name in ('_options', '_choices', 'model', 'friction', '_bare', '_carried'):
             setattr(other, name, getattr(self, name))
+        # Kernels keep their machine code and read the copy's parameters.
         other.parameters = self.parameters.copy()
         other.speed_sets = self.speed_sets.with_parameters(other.parameters)
         other.kernels = other.speed_sets.kernels(self.mechanism.free,
@@ -255,6 +262,8 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         if frame == self._options['payload_frame']:
             robot = self.copy()
         else:
+            # At another frame: the present payload becomes part of the model, and
+            # kernels compile again.
             carried = dict(self._carried)
             if self.parameters.payload is not None:
                 carried[self._options['payload_frame']] = self.parameters.payload
@@ -421,6 +430,7 @@ def in_choice(robot: Robot, free: Sequence[int], kept: Sequence[int]) -> Robot:
     kernels = robot.speed_sets.kernels(free, kept)
     if kernels is robot.kernels:
         return robot
+    # The same object but for the kernels: no copy of the model or the parameters.
     other = object.__new__(type(robot))
     for name in ('_options', 'model', 'friction', '_bare', '_carried', 'speed_sets',
                  'parameters'):

@@ -48,6 +48,8 @@ class SpeedSets:
         """Return the kernels of a choice; each compiles on first use."""
         choice = tuple(free), tuple(kept)
         if choice not in self._made:
+            # With user-defined functions there is no key, and the traced programs are
+            # compared.
             mechanism = self.asked.with_choice(*choice)
             own = '' if mechanism.in_joint_rates else mechanism.key
             key = None if self._key is None or own is None else self._key + own
@@ -114,6 +116,7 @@ class SpeedSets:
     def _require_closed(self, stack: Stack, q: Array, t: float,
                         limits: tuple[float, float]) -> None:
         """Raise ConstraintError for a residual above the closure tolerance."""
+        # Each residual as a share of its limit, in rad or m.
         share = np.abs(stack.residual) / np.where(self.asked.turning, limits[1],
                                                   limits[0])
         if np.linalg.norm(share) < SHARE:
@@ -157,6 +160,7 @@ def left_out_error(mechanism: Mechanism, stack: Stack, q: Array, t: float, most:
 
     # Rows that contradict the chosen ones have a residual in the motion at u = 0.
     free_rows = zip(stack.Y[mechanism.free] * mechanism.units, stack.Z[mechanism.free])
+    # Motion at zero independent speeds: along each row of Y, the rate that cancels Z.
     speeds = [-z / max(float(np.linalg.norm(y)), 1e-300) for y, z in free_rows]
     targets = stack.b / sizes
     motion = T @ np.concatenate([np.array(speeds), targets[chosen]])

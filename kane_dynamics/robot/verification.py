@@ -40,6 +40,7 @@ def verified(robot: Any, states: int) -> float:
     rng = np.random.default_rng(0)
     gravity = robot.parameters.gravity
     payload = robot.parameters.payload
+    # The definition knows no run-time parameters: its model has the payload.
     model = robot.model
     if payload is not None:
         model = with_payload(model, robot.equations.payload_frame.name, payload)

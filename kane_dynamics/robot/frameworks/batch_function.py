@@ -28,6 +28,7 @@ def batch_function(robot: Any, quantity: str, at: str,
 
     The parameters of the robot must not change while it is in use.
     """
+    # Only what the quantity depends on, each once.
     differentiable = robot.kernels.differentiable(quantity)
     possible = [name for name in PARAMETERS if name in differentiable]
     names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
@@ -81,6 +82,7 @@ class BatchFunction:
             inner_arguments, _ = kernels.signature(quantity, at, derivative.of)
             if inner_arguments:
                 self.seeds = len(self.arguments) - len(inner_arguments)
+        # Every order of differentiation adds arguments.
         if len(self.arguments) > MOST:
             raise InputError(f'{quantity}: a derivative with {len(self.arguments)} '
                              'arguments, cotangents and tangents; expected at most '
@@ -135,6 +137,7 @@ class BatchFunction:
         gradients = []
         begin = 0
         for name in self.derivative.by:
+            # The gradients lie one after the other, in the order of the inputs.
             end = begin + size_of(shapes[name])
             gradient = flat[..., begin:end]
             gradients.append(gradient.reshape((*flat.shape[:-1], *shapes[name])))
@@ -176,6 +179,7 @@ class BatchFunction:
             flags = kernel.run(rows, result, count)
             if flags and checked:
                 self._explain(kernel, flags, arrays, rows, result)
+            # Unchecked calls mark the results that are not valid.
             elif flags:
                 for argument, x in zip(self.arguments, rows):
                     result[beyond(argument, x)] = np.nan
@@ -206,6 +210,7 @@ def beyond(argument: Argument, array: Array) -> Any:
 def row(argument: Argument, array: Array, batch: Shape) -> Array:
     """Return an argument for kernels: of one state for all, or with a row for each."""
     leading = array.shape[:array.ndim - len(argument.shape)]
+    # One state for the whole batch stays one row.
     if math.prod(leading) == 1:
         one_state = array.reshape(argument.shape)
         return np.ascontiguousarray(one_state, dtype=np.float64)

@@ -29,6 +29,7 @@ def casadi_function(robot: Any, quantity: str, at: str, parameters: Sequence[str
     """Return a casadi.Function; see `Robot.casadi`."""
     casadi = extra('casadi', 'casadi', 'robot.casadi')
     source = Source(robot, quantity, at, parameters)
+    # Compiled if there is a linker; otherwise, unless asked for, an expression graph.
     if compiled is False:
         return graph(casadi, source.function())
     linker = shared_library.linker()
@@ -100,6 +101,7 @@ class Source:
     def jacobian(self, function: MatrixFunction) -> MatrixFunction:
         """Return its derivative: in closed form if there is one, else by passes."""
         closed_form = f'{self._quantity}_derivatives'
+        # Derivatives by q, u and tau in closed form take fewer operations than passes.
         if (closed_form in self._kernels.names
                 and set(self._shapes) <= {'q', 'u', 'udot', 'tau'}):
             def side_by_side(values: Any) -> Any:
@@ -170,6 +172,7 @@ def graph(casadi: Any, function: MatrixFunction) -> Any:
         argument = casadi.SX.sym(block.name, *block.shape)
         arguments.append(argument)
         scalars += [argument.nz[k] for k in range(argument.nnz())]
+    # The operations of the program on SX scalars, cut into the results.
     values = _evaluated(casadi, function.program, scalars)
     results = []
     begin = 0

@@ -87,6 +87,7 @@ def _lowered(*arrays: Any, operation: JaxOperation) -> Any:
         else:
             rows.append(jnp.broadcast_to(x, (*batch, *argument.shape)))
     result = jax.ShapeDtypeStruct((*batch, *function.shape), arrays[0].dtype)
+    # Machine code reads the present parameters from a block that is an operand.
     if operation.compiled:
         block = jnp.asarray(function.parameters.view(np.uint32))  # float64 may be off
         return jax.ffi.ffi_call(xla_target.registered(function), result)(*rows, block)
@@ -108,6 +109,7 @@ def _rate(primals: Sequence[Any], tangents: Sequence[Any], *,
           operation: JaxOperation) -> Any:
     """Return the value and its tangent."""
     value = evaluate.bind(*primals, operation=operation)
+    # Only tangents that are not zero by structure take part.
     names = []
     nonzero = []
     for argument, tangent in zip(operation.function.arguments, tangents):
@@ -186,6 +188,8 @@ class JaxFunction(QuantityFunction):
         """Check the names; the kernel compiles at the first call."""
         super().__init__(robot, quantity, at, parameters)
         self._made_of = (*self._made_of, compiled)
+        # By default, Python is called where this JAX lacks the interface for machine
+        # code.
         if compiled is None:
             try:
                 xla_target.require_interface()

@@ -49,6 +49,7 @@ class QuantityFunction:
 
     def _given(self, arguments: Sequence[Any], named: Mapping[str, Any]) -> list[Any]:
         """Return all arguments in order; InputError unless each is given once."""
+        # Arguments by position, then by name; none twice.
         by_name = dict(zip(self.names, arguments))
         refused = [name for name in named if name in by_name or name not in self.names]
         by_name.update(named)
@@ -62,6 +63,7 @@ class QuantityFunction:
     def _require_batches(self, arrays: Sequence[Any],
                          broadcast: Callable[..., Any]) -> None:
         """Raise InputError unless shapes are right and batch axes broadcast."""
+        # The axes before those of one state are the batch.
         batches = []
         for argument, x in zip(self.function.arguments, arrays):
             require_shape(argument, x)

@@ -65,6 +65,7 @@ class TorchOperation:
 def _operation_of(handle: str) -> TorchOperation:
     """Return an operation by its handle."""
     operation = _operations.get(handle)
+    # A handle names its operation and the derivatives that lead to it, step by step.
     if operation is None:
         root, _, derivative = handle.rpartition(STEP)
         mode, *by = derivative.split(' ')
@@ -106,6 +107,7 @@ def _backward(ctx: Any, cotangent: Any) -> Any:
     """Return the gradients of the tensors that require them, by one kernel."""
     tensors = ctx.saved_tensors
     arguments = ctx.operation.function.arguments
+    # One gradient for each tensor; PyTorch expects None for those that need none.
     required = [k for k, needed in enumerate(ctx.needs_input_grad[1:]) if needed]
     gradients: list[Any] = [None] * len(tensors)
     if cotangent is None or not required:

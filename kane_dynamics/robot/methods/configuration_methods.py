@@ -49,10 +49,12 @@ def suspected_degrees(robot: Configurations, q: Array) -> str | None:
     words = []
     for j, name in enumerate(model.coordinate_names):
         without_limits = np.isinf(lower[j]) and np.isinf(upper[j])
+        # Of a batch without limits the first row counts: later rows may have turned far.
         values = rows[:1, j] if without_limits else rows[:, j]
         if name in model.sliding or not len(values):
             continue
         value = float(values[np.argmax(np.abs(values))])
+        # Far outside the limits: by a turn, or two turns of a joint without them.
         below = lower[j] - values.min(initial=0.0)
         above = values.max(initial=0.0) - upper[j]
         outside = max(below, above, 0.0)
@@ -98,6 +100,7 @@ def sampling_range(robot: Configurations) -> tuple[Array, Array]:
     """Return the bounds of random configurations, (n_q,) each, rad or m."""
     model = robot.equations.model
     is_length = [name in model.sliding for name in model.coordinate_names]
+    # Without limits: a turn, or 1 m; beams straight; quaternions of any direction.
     span = np.where(is_length, 1.0, np.pi)
     for k in model.modal_coordinates:
         span[model.places[k]] = 0.0
@@ -386,6 +389,7 @@ class Configurations(Dispatch):
         if self.equations.in_joint_rates:
             return zero
         rng, failure = np.random.default_rng(0), None
+        # Random steps away from it, which grow from nothing.
         # 0 itself may be singular, as a stretched loop.
         for away in np.linspace(0.0, 1.0, NEARBY):
             try:
@@ -419,6 +423,8 @@ class Configurations(Dispatch):
             if self.constraint_names:
                 return self.closed_configuration(stated)
             return stated.copy()
+        # Zero, or the middle of limits that exclude it; then the modes of beams in
+        # equilibrium.
         q = neutral(self.equations.model)
         for k in np.flatnonzero((q < lower) | (q > upper)):
             bounds = [bound for bound in (lower[k], upper[k]) if np.isfinite(bound)]
@@ -461,6 +467,7 @@ class Configurations(Dispatch):
             count = integer(count, 'count', 0)
         rng = random_generator(seed)
         lower, upper = sampling_range(self)
+        # Constraints are met one by one, from random starts.
         if self.equations.in_joint_rates:
             shape = lower.shape if count is None else (count, len(lower))
             return self._relaxed(rng.uniform(lower, upper, shape))
@@ -535,6 +542,8 @@ class Configurations(Dispatch):
         step = difference(model, start, end)
         if self.equations.in_joint_rates:
             return step
+        # Speeds depend on the configuration and the time, so that each row is converted
+        # by itself.
         batch = step.shape[:-1]
         times = np.broadcast_to(t, batch).ravel()
         starts = np.broadcast_to(start, (*batch, self.n_q)).reshape(-1, self.n_q)

@@ -59,6 +59,8 @@ def of_frame(quantity: str) -> Callable[[Method], Method]:
 
         @wraps(method)
         def call(self: Any, *values: Any, **named: Any) -> Any:
+            # The fast path: positional arguments, and a kernel that an earlier call has
+            # made.
             plain = not named or (len(named) == 1 and 'out' in named)
             if plain and len(values) == count and type(values[0]) is str:
                 entry = self._entries.get((quantity, values[0]))
@@ -133,6 +135,7 @@ class Dispatch:
             return result
         frames = len(self.equations.wrench_frames)
         if frames:
+            # A single wrench stands for all states and for the one frame.
             batch: tuple[int, ...] = ()
             with suppress(ValueError):  # rows of several lengths, which the kernel refuses
                 batch = np.shape(arguments[0])[:-1]
@@ -192,6 +195,7 @@ class Dispatch:
         if self.equations.timed:
             at_time = self._at_time(arguments, t)
             result: Array = self.kernels.at_frame(name, frame)(*at_time, out=out)
+            # Kernels of a frame are made once and called directly.
             return result
         entry = self._entry(name, frame, lambda at: self.kernels.at_frame(name, at))
         result = entry(*arguments) if out is None else entry(*arguments, out=out)

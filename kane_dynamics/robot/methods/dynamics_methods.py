@@ -180,11 +180,14 @@ class DynamicsMethods(Dispatch):
                              'or ball joints; expected a tree in joint rates, since '
                              'joints share what holds others')
         u = np.zeros_like(converted(Argument('q', (self.n_q,), self.coordinate_names), q))
+        # At rest the drives carry gravity, springs and wrenches; friction holds up to
+        # breakaway.
         terms = self.torque_terms(q, u, u)
         load = terms.sum(axis=-2) - terms[..., FRICTION_TERM, :]
         if wrench is not None:
             load = load - self.external_force(q, wrench=wrench)
         least, largest = load.copy(), load.copy()
+        # Each joint's interval of friction, under the load that it has.
         equations = self.equations
         joints = [body.joint for body in equations.model.bodies if equations.friction]
         for joint in joints:
@@ -233,6 +236,7 @@ class DynamicsMethods(Dispatch):
         external: Any = self.external_force(q, wrench=wrench, t=t)
         terms = self.torque_terms(q, u, udot, t=t)
         model = self.equations.model
+        # What wrenches contribute has the opposite sign: they relieve the actuators.
         return TorqueBreakdown(
             np.concatenate([terms, 0.0 - external[..., None, :]], axis=-2),
             self.body_torques(q, u, udot, t=t), SOURCES,
@@ -343,6 +347,7 @@ class DynamicsMethods(Dispatch):
             raise InputError(f'joint: a {type(joint).__name__}; expected a name (str): '
                              'the order is (joint, q, u, udot)')
         entry = self._entry('joint_reaction', joint, self.kernels.reaction)
+        # Without wrench and time the kernel of this joint is called directly.
         if wrench is None and not self.equations.timed:
             result: Array = entry(q, u, udot)
             return result
@@ -523,6 +528,8 @@ class DynamicsMethods(Dispatch):
                              f'{len(expected)}: '
                              f'{", ".join(expected)}')
         kernel = self.kernels.kernel(quantity, at, derivative)
+        # Seeds first, then the arguments, the wrench and the time, as the kernel has
+        # them.
         inputs = self._at_time(arguments, t)
         if any(argument.name == 'wrench' for argument in kernel.arguments):
             inputs = (*arguments, wrench, *inputs[len(arguments):])

@@ -117,6 +117,7 @@ class FrameMethods(DynamicsMethods):
         J = self._at_frame('partial_velocities', frame, (q,), out, t)
         if axes == 'world':
             return J
+        # R^T J, for linear and angular rows.
         to_frame = np.swapaxes(self.frame_pose(frame, q)[..., :3, :3], -1, -2)
         J[..., :3, :] = to_frame @ J[..., :3, :]
         J[..., 3:, :] = to_frame @ J[..., 3:, :]
@@ -191,6 +192,8 @@ class FrameMethods(DynamicsMethods):
         if wrong or not len(directions) or len(set(directions)) < len(directions):
             raise InputError(f'directions: {list(directions)}; expected some of '
                              f'{", ".join(DIRECTIONS)}, each once')
+        # M^-1 maps forces of the frame to accelerations: J M^-1 J^T, whose rank says in
+        # how many directions.
         rows = [DIRECTIONS.index(name) for name in directions]
         J = self.jacobian(frame, q, t=t)[..., rows, :]
         inverse = self.inverse_mass_matrix(q, t=t)
