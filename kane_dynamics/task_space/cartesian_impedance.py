@@ -40,7 +40,6 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.effort_limits import clamped, within_limits
 from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task,
                                                  FrameMobility, FrameTask, in_axes,
-                                                 independent_directions,
                                                  singular_mass as checked_mass,
                                                  symmetric_product, TaskInertia)
 from kane_dynamics.task_space.joint_speed_limits import (brake_torques, checked_speeds,
@@ -184,8 +183,6 @@ class CartesianImpedance(PoseLaw):
         """Check the settings; kernels compile on first use."""
         instance(robot, Robot, 'robot')
         self.robot = robot
-        if directions is None:
-            directions = independent_directions(robot, frame, axes)
         self._task = frame_task(robot, frame, axes, directions)
         self._walls = JointWalls(robot)
         super().__init__(robot, Settings(self._layout()))

@@ -88,9 +88,9 @@ class FrameTask:
 
 
 def frame_task(robot: Robot, frame: str, axes: str,
-               directions: Sequence[str]) -> FrameTask:
+               directions: Sequence[str] | None) -> FrameTask:
     """
-    Return a task, checked.
+    Return a task, checked; without directions, in as many as the frame can follow.
 
     Raises
     ------
@@ -100,6 +100,8 @@ def frame_task(robot: Robot, frame: str, axes: str,
 
     """
     instance(robot, Robot, 'robot')
+    if directions is None:
+        directions = independent_directions(robot, frame, axes)
     require_rigid(robot)
     model = robot.model
     controlled = model.frame(frame)
@@ -286,7 +288,6 @@ def symmetric_product(A: Matrix, B: Matrix) -> Matrix:
 
 def independent_directions(robot: Robot, frame: str, axes: str) -> tuple[str, ...]:
     """Return as many of the six directions as the frame can follow, in their order."""
-    instance(robot, Robot, 'robot')
     task = frame_task(robot, frame, axes, DIRECTIONS)
     q = ordinary_configuration(robot)
     equations = robot.equations

@@ -28,8 +28,7 @@ from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.effort_limits import within_limits
 from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task, FrameTask,
-                                                 in_axes, independent_directions,
-                                                 singular_mass as checked_mass,
+                                                 in_axes, singular_mass as checked_mass,
                                                  TaskInertia)
 from kane_dynamics.task_space.joint_walls import JointWalls
 from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, LanesOf, Law,
@@ -93,8 +92,6 @@ class OperationalSpace(PoseLaw):
         """Check the settings and compile the kernel."""
         instance(robot, Robot, 'robot')
         self.robot = robot
-        if directions is None:
-            directions = independent_directions(robot, frame, axes)
         self._task = frame_task(robot, frame, axes, directions)
         self._walls = JointWalls(robot)
         joints = self._walls.count

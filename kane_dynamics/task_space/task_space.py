@@ -25,8 +25,7 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task, FrameTask,
-                                                 in_axes, independent_directions,
-                                                 singular_mass as checked_mass,
+                                                 in_axes, singular_mass as checked_mass,
                                                  TaskInertia)
 from kane_dynamics.task_space.law_kernel import (identifier, LanesOf, Law, law_kernel,
                                                  Settings)
@@ -114,8 +113,6 @@ class TaskSpace:
         """Check the task; the kernel compiles on first use."""
         instance(robot, Robot, 'robot')
         self.robot = robot
-        if directions is None:
-            directions = independent_directions(robot, frame, axes)
         self._task = frame_task(robot, frame, axes, directions)
         self.directions = tuple(DIRECTIONS[row] for row in self._task.rows)
         self._mass = np.array([checked_mass(robot, singular_mass)])

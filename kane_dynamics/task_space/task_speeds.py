@@ -29,7 +29,6 @@ from kane_dynamics.mechanics.recursive.link_frames import (denavit_hartenberg, l
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.frame_task import (frame_task, FrameTask, in_axes,
-                                                 independent_directions,
                                                  ordinary_configuration)
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,8 +80,6 @@ def in_task_speeds(robot: Robot, frame: str, *, axes: str = 'world',
     if not robot.mechanism.speeds.key == 'joint_rates':
         raise InputError('robot: with chosen speeds; expected joint rates, in place of '
                          'which the task speeds are chosen')
-    if directions is None:
-        directions = independent_directions(robot, frame, axes)
     task = frame_task(robot, frame, axes, directions)
     if configuration is None:
         q = ordinary_configuration(robot)

@@ -101,7 +101,7 @@ class Source:
     def jacobian(self, function: MatrixFunction) -> MatrixFunction:
         """Return its derivative: in closed form if there is one, else by passes."""
         closed_form = f'{self._quantity}_derivatives'
-        # Derivatives by q, u and tau in closed form take fewer operations than passes.
+        # Closed forms of the derivatives take fewer operations than passes.
         if (closed_form in self._kernels.names
                 and set(self._shapes) <= {'q', 'u', 'udot', 'tau'}):
             def side_by_side(values: Any) -> Any:

@@ -9,11 +9,12 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.parameters.task_settings import coupling_settings
+from kane_dynamics.ros.torque_path.live_law import LiveLaw
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.arm_coupling import ArmCoupling, PartnerState
 
 
-class ArmCouplingMode:
+class ArmCouplingMode(LiveLaw):
     """
     The law of mode arm_coupling, which engages once when parameter coupling.engaged rises.
 

@@ -12,6 +12,7 @@ from kane_dynamics.ros.parameters.task_settings import (cartesian_settings,
                                                         controlled_frame, differ,
                                                         target_limits)
 from kane_dynamics.ros.torque_path.cartesian_target import CartesianTarget, largest_of
+from kane_dynamics.ros.torque_path.live_law import LiveLaw
 from kane_dynamics.ros.torque_path.pose_functions import bound, displacement
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.cartesian_impedance import CartesianImpedance
@@ -22,7 +23,7 @@ SMOOTHING = 0.05  # s: time constant of the target's acceleration, for feedforwa
 NEAR = 0.999  # of a limit of the target, above which it is reported
 
 
-class CartesianMode:
+class CartesianMode(LiveLaw):
     """
     The law of mode cartesian_impedance, with its target.
 

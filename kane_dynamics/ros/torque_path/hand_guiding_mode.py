@@ -9,12 +9,13 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.parameters.parameter_checks import terms
 from kane_dynamics.ros.parameters.task_settings import (controlled_frame, differ,
                                                         guiding_settings)
+from kane_dynamics.ros.torque_path.live_law import LiveLaw
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.hand_guiding import HandGuiding
 import numpy as np
 
 
-class HandGuidingMode:
+class HandGuidingMode(LiveLaw):
     """
     The law of mode hand_guiding, without the terms that the arm adds itself.
 
@@ -63,9 +64,6 @@ class HandGuidingMode:
         """Compile what the path needs beside the law."""
         self._robot.compile('gravity_force', 'joint_torques')
 
-    def restart(self) -> None:
-        """Do nothing: the law has no memory."""
-
     def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
                t: float) -> Array:
         """Return joint torques (n_q,) at a state."""
@@ -76,10 +74,6 @@ class HandGuidingMode:
         if not self._robot.equations.in_joint_rates:
             gravity = self._robot.joint_torques(gravity, q)
         return tau - gravity
-
-    def snapshot(self, stamp: int) -> TaskSnapshot:
-        """Return what is kept of the last cycle."""
-        return TaskSnapshot()
 
     def describe(self, q: Array, u: Array, snapshot: TaskSnapshot) -> TaskDescription:
         """Return which limits of speed the operator exceeds, and which walls act."""

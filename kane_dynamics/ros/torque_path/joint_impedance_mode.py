@@ -11,12 +11,12 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.parameters.parameter_checks import terms
 from kane_dynamics.ros.parameters.task_settings import (differ, joint_damping,
                                                         joint_stiffness)
-from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
+from kane_dynamics.ros.torque_path.live_law import LiveLaw
 from kane_dynamics.task_space.joint_impedance import JointImpedance
 import numpy as np
 
 
-class JointImpedanceMode:
+class JointImpedanceMode(LiveLaw):
     """
     The law of mode joint_impedance; without a motion it holds the first pose.
 
@@ -104,11 +104,3 @@ class JointImpedanceMode:
     def pose(self) -> Array | None:
         """Return the positions that are held, of the joints that follow."""
         return self._pose
-
-    def snapshot(self, stamp: int) -> TaskSnapshot:
-        """Return what is kept of the last cycle."""
-        return TaskSnapshot()
-
-    def describe(self, q: Array, u: Array, snapshot: TaskSnapshot) -> TaskDescription:
-        """Return what the law does at a state: nothing at the frame."""
-        return TaskDescription()

@@ -1,10 +1,9 @@
 """The laws of the modes of impedance, of hand guiding and of coupled arms."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any
 
-from kane_dynamics._util.typing import Array
-from kane_dynamics.control.controller import ModeLaw, OWN_MODES
+from kane_dynamics.control.controller import OWN_MODES
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.robot.robot import Robot
@@ -12,33 +11,13 @@ from kane_dynamics.ros.torque_path.arm_coupling_mode import ArmCouplingMode
 from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode
 from kane_dynamics.ros.torque_path.hand_guiding_mode import HandGuidingMode
 from kane_dynamics.ros.torque_path.joint_impedance_mode import JointImpedanceMode
-from kane_dynamics.ros.torque_path.task_description import (TaskDescription,
-                                                            TaskSnapshot)
+from kane_dynamics.ros.torque_path.live_law import LiveLaw
 
-LAWS: dict[Mode, Callable[[Robot, Mapping[str, Any]], 'LiveLaw']] = {
+LAWS: dict[Mode, Callable[[Robot, Mapping[str, Any]], LiveLaw]] = {
     Mode.JOINT_IMPEDANCE: JointImpedanceMode,
     Mode.CARTESIAN_IMPEDANCE: CartesianMode,
     Mode.HAND_GUIDING: HandGuidingMode,
     Mode.ARM_COUPLING: ArmCouplingMode}
-
-
-class LiveLaw(ModeLaw, Protocol):
-    """A law whose settings follow the parameters of the node."""
-
-    def check(self, values: Mapping[str, Any]) -> None:
-        """Raise InputError unless parameters fit the arm."""
-
-    def update(self, values: Mapping[str, Any]) -> bool:
-        """Use checked parameters; return whether a setting of the law changes."""
-
-    def compile(self) -> None:  # noqa: A003
-        """Compile the kernels of the law."""
-
-    def snapshot(self, stamp: int) -> TaskSnapshot:
-        """Return what is kept of the last cycle, whose state has the stamp, ns."""
-
-    def describe(self, q: Array, u: Array, snapshot: TaskSnapshot) -> TaskDescription:
-        """Return what the law does at a state; called in the services' thread."""
 
 
 class TaskModes:

@@ -1,0 +1,36 @@
+"""The interface of the laws of modes, with what most of them share."""
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.control.controller import ModeLaw
+from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
+
+
+class LiveLaw(ModeLaw, Protocol):
+    """
+    A law whose settings follow the parameters of the node.
+
+    Defaults are those of a law without memory that does nothing at the frame.
+    """
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        """Raise InputError unless parameters fit the arm."""
+
+    def update(self, values: Mapping[str, Any]) -> bool:
+        """Use checked parameters; return whether a setting of the law changes."""
+
+    def compile(self) -> None:  # noqa: A003
+        """Compile what the path needs beside the law."""
+
+    def restart(self) -> None:
+        """Begin at the next state, as after a change of mode or a stop."""
+
+    def snapshot(self, stamp: int) -> TaskSnapshot:
+        """Return what is kept of the last cycle, whose state has the stamp, ns."""
+        return TaskSnapshot()
+
+    def describe(self, q: Array, u: Array, snapshot: TaskSnapshot) -> TaskDescription:
+        """Return what the law does at a state; called in the services' thread."""
+        return TaskDescription()
