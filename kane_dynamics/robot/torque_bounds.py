@@ -13,11 +13,12 @@ linear in the inertial parameters, and there are no such bounds.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple
+from functools import wraps
+from typing import Any, NoReturn
 
-from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.attribute_hints import hinting, hinting_method
 from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.frozen import freeze
@@ -38,13 +39,43 @@ from numpy.typing import ArrayLike
 
 FRICTION = ('damping', 'friction', 'friction_offset')  # in which the torque is linear
 LOSSES = (*FRICTION, 'armature')
+# Places of the compiled kernels of a robot.
+BOUNDS = 'torque_bounds', ''
+DEVIATION = 'torque_deviation', ''
+JOINT_DEVIATION = 'joint_torque_deviation', ''
 
 
-class TorqueBounds(NamedTuple):
-    """Smallest and largest torque, (n,) or (N, n) arrays, N m or N."""
+@hinting
+class TorqueBounds:
+    """
+    Smallest and largest torque, (n,) or (N, n) arrays, N m or N.
 
-    lower: Array
-    upper: Array
+    `lower, upper = bounds` gives both.
+    """
+
+    __slots__ = ('_rows',)
+
+    def __init__(self, rows: Array) -> None:
+        """Keep both in one array, (2, n) or (N, 2, n)."""
+        self._rows = rows
+
+    @property
+    def lower(self) -> Array:
+        """Return the smallest torque, N m or N."""
+        return self._rows[..., 0, :]
+
+    @property
+    def upper(self) -> Array:
+        """Return the largest torque, N m or N."""
+        return self._rows[..., 1, :]
+
+    def __iter__(self) -> Iterator[Array]:
+        """Yield the smallest, then the largest torque."""
+        return iter((self.lower, self.upper))
+
+    def __repr__(self) -> str:
+        """Return both as text."""
+        return f'TorqueBounds(lower={self.lower!r}, upper={self.upper!r})'
 
 
 @hinting
@@ -98,6 +129,16 @@ class Uncertainty:
                 raise InputError(f'uncertainty: {field.name}: {worst}; expected finite '
                                  'numbers >= 0')
             freeze(self, field.name, values)
+
+    @lazy_property
+    def bodies(self) -> int:
+        """Return the number of bodies."""
+        return len(np.asarray(self.damping))
+
+    @lazy_property
+    def has_payload(self) -> bool:
+        """Return whether a parameter of the payload is uncertain."""
+        return bool(np.any(self.payload))
 
     @lazy_property
     def box(self) -> Array:
@@ -160,6 +201,11 @@ class Uncertainty:
             len(joints), offset), payload=payload, **relative)
 
 
+def box_size(bodies: int) -> int:
+    """Return the number of uncertain parameters of a payload, bodies and joints."""
+    return 10 + (10 + len(LOSSES)) * bodies
+
+
 def _inertial_box(inertial: Inertial, mass: float, com: float, inertia: float) -> Array:
     """Return the half-widths of a body's ten parameters, (10,)."""
     m, center = inertial.mass, np.abs(inertial.com)
@@ -188,6 +234,58 @@ def _payload_box(mass: float, com: ArrayLike) -> Array:
     return mass * np.array([1.0, *distances, xx, xy, yy, xz, yz, zz])
 
 
+class OfSameBox:
+    """
+    The method `Robot.torque_bounds`, which calls its kernel alone where it can.
+
+    That is for one state, given by arrays, and the box of the call before. All other calls
+    go to the body of the method, which checks the box.
+    """
+
+    def __init__(self, method: Callable[..., TorqueBounds]) -> None:
+        self.checked = hinting_method(method)
+        self.__doc__ = method.__doc__
+
+    def __get__(self, robot: Any, owner: type | None = None) -> Any:
+        """Return the method of a robot, which replaces this one in it."""
+        if robot is None:
+            return self.checked
+        checked = self.checked.__get__(robot)
+        # The box of the call before, its numbers, and the kernel: one tuple, so that
+        # threads exchange all of them at once.
+        last: tuple[Any, Array, Callable[..., Any]] = None, np.empty(0), checked
+
+        @wraps(self.checked)
+        def call(*values: Any, **named: Any) -> TorqueBounds:
+            nonlocal last
+            uncertainty, box, kernel = last
+            bounds: TorqueBounds
+            if len(values) == 4 and values[3] is uncertainty and not named:
+                q, u, udot, _ = values
+                if type(q) is np.ndarray and q.ndim == 1:
+                    # Without the constructor, whose checks take as long as the kernel.
+                    bounds = object.__new__(TorqueBounds)
+                    bounds._rows = kernel(q, u, udot, box)
+                    return bounds
+            bounds = checked(*values, **named)
+            # Without wrenches and time, all that varies from call to call is the state.
+            if len(values) == 4 and not (named or robot.equations.timed):
+                last = values[3], values[3].box, robot._entries[BOUNDS]
+            return bounds
+        robot.__dict__['torque_bounds'] = call
+        return call
+
+
+def torque_bounds(robot: Any, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
+                  uncertainty: Uncertainty, wrench: Any, t: ArrayLike) -> TorqueBounds:
+    """Return the smallest and the largest torque; see `Robot.torque_bounds`."""
+    if wrench is None:
+        return TorqueBounds(_of_box(robot, BOUNDS, (q, u, udot), uncertainty, t))
+    deviation = torque_deviation(robot, q, u, udot, uncertainty, t)
+    torque = robot.inverse_dynamics(q, u, udot, wrench=wrench, t=t)
+    return TorqueBounds(np.stack([torque - deviation, torque + deviation], axis=-2))
+
+
 def torque_deviation(robot: Any, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
                      uncertainty: Uncertainty, t: ArrayLike = 0.0, *,
                      of_joints: bool = False) -> Array:
@@ -211,81 +309,114 @@ def torque_deviation(robot: Any, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
     (n,) or (N, n) array; n_q instead of n with `of_joints`.
 
     """
+    of_actuators = of_joints and not robot.equations.in_joint_rates
+    place = JOINT_DEVIATION if of_actuators else DEVIATION
+    return _of_box(robot, place, (q, u, udot), uncertainty, t)
+
+
+def _of_box(robot: Any, place: tuple[str, str], state: tuple[ArrayLike, ...],
+            uncertainty: Uncertainty, t: ArrayLike) -> Array:
+    """Return what the kernel of a place computes for states and one box of all of them."""
     instance(uncertainty, Uncertainty, 'uncertainty')
-    bodies = robot.model.bodies
-    if len(uncertainty.box) != (10 + len(LOSSES)) * len(bodies) + 10:
-        raise InputError(f'uncertainty: of {len(np.asarray(uncertainty.damping))} bodies; '
-                         f'expected {len(bodies)}: '
-                         f'{", ".join(body.name for body in bodies)}')
     equations: Equations = robot.equations
-    box = uncertainty.box
-    if equations.tree.payload_frame is None and box[:10].any():
-        raise InputError('uncertainty: of a payload, of a robot without payload frame; '
-                         'expected Robot(..., payload_frame=...)')
-    entry = _entry(robot, of_joints and not equations.in_joint_rates)
-    count = np.shape(q)[:-1]
-    if len(count) == 1:  # all states of a batch have the same box
+    if (uncertainty.bodies != len(equations.model.bodies)
+            or (uncertainty.has_payload and equations.tree.payload_frame is None)):
+        _refuse(robot, uncertainty)
+    kernel = robot._entries.get(place) or _compiled(robot, place)
+    box: Array = uncertainty.box
+    count = np.shape(state[0])[:-1]
+    if len(count) == 1:
         box = np.broadcast_to(box, (*count, len(box)))
     if not equations.timed:
-        return np.asarray(entry(q, u, udot, box))
+        return np.asarray(kernel(*state, box))
     times = np.full(count, t) if np.ndim(t) == 0 and count else t
-    return np.asarray(entry(q, u, udot, box, times))
+    return np.asarray(kernel(*state, box, times))
 
 
-def _entry(robot: Any, of_joints: bool) -> Callable[..., Any]:
-    """Return the entry point of the kernel of a robot, compiled at its first use."""
-    place = 'torque_deviation', str(of_joints)
-    entry: Callable[..., Any] | None = robot._entries.get(place)
-    if entry is None:
-        if robot.model.flexible:
-            raise InputError('robot: with beams; expected a rigid one, as the torque of '
-                             'beams is not linear in their parameters')
-        if robot.friction:
-            refuse_load_friction(robot.model, 'torque_bounds')
-        kernel = _deviation_kernel(robot, of_joints)
-        entry = robot._entries[place] = kernel.entry('', kernel)
+def _refuse(robot: Any, uncertainty: Uncertainty) -> NoReturn:
+    """Raise InputError for a box of another robot."""
+    bodies = robot.model.bodies
+    if uncertainty.bodies != len(bodies):
+        raise InputError(f'uncertainty: of {uncertainty.bodies} bodies; '
+                         f'expected {len(bodies)}: '
+                         f'{", ".join(body.name for body in bodies)}')
+    raise InputError('uncertainty: of a payload, of a robot without payload frame; '
+                     'expected Robot(..., payload_frame=...)')
+
+
+def _compiled(robot: Any, place: tuple[str, str]) -> Callable[..., Any]:
+    """Return the entry point of a kernel of a robot, which is compiled now."""
+    if robot.model.flexible:
+        raise InputError('robot: with beams; expected a rigid one, as the torque of '
+                         'beams is not linear in their parameters')
+    if robot.friction:
+        refuse_load_friction(robot.model, 'torque_bounds')
+    kernel = _kernel(robot, place)
+    entry: Callable[..., Any] = kernel.entry('', kernel)
+    robot._entries[place] = entry
     return entry
 
 
-def _deviation_kernel(robot: Any, of_joints: bool) -> Kernel:
-    """Return the kernel of |Y| delta, of generalized forces or of joint torques."""
+def _kernel(robot: Any, place: tuple[str, str]) -> Kernel:
+    """Return the kernel of the bounds, or of the deviation alone."""
     equations: Equations = robot.equations
-    bodies = len(robot.model.bodies)
-    inertial_size = 10 + 10 * bodies
-    size = inertial_size + len(LOSSES) * bodies
-    n, n_q = robot.n, robot.n_q
+
+    def bounds(q: Vector, u: Vector, udot: Vector, box: Vector, t: Scalar,
+               parameters: Vector, limits: Vector) -> Matrix:
+        torque = equations.inverse_dynamics(q, u, udot, None, parameters, t)
+        deviation = _deviation(equations, q, u, udot, box, parameters, t)
+        return guarded_result(np.stack([torque - deviation, torque + deviation]), q, t,
+                              limits)
 
     def deviation(q: Vector, u: Vector, udot: Vector, box: Vector, t: Scalar,
                   parameters: Vector, limits: Vector) -> Vector:
-        Y = _regressor(equations, q, u, udot, parameters, t)
-        Y = np.concatenate([_payload_columns(equations, Y), Y], axis=1)
-        losses = box[inertial_size:].reshape(len(LOSSES), bodies)
-        columns, sizes = _loss_columns(equations, q, u, udot, losses, t)
+        result = _deviation(equations, q, u, udot, box, parameters, t,
+                            of_joints=place == JOINT_DEVIATION)
+        return guarded_result(result, q, t, limits)
 
-        # Uncertain losses of a joint act along one line: their sizes add up.
-        Y = np.concatenate([Y, columns], axis=1)
-        widths = np.concatenate([box[:inertial_size], sizes])
-        if of_joints:
-            unit_torques = [equations.joint_torques(unit, q, t) for unit in np.eye(n)]
-            Y = np.stack(unit_torques, axis=1) @ Y
-        result = _absolute(Y) @ widths
+    def guarded_result(result: Array, q: Vector, t: Scalar, limits: Vector) -> Array:
         if not equations.watched:
             return result
-        return guarded(result, equations.margin(q, t, limits))
+        return np.asarray(guarded(result, equations.margin(q, t, limits)))
 
     def reason(state: dict[str, Array]) -> Kernel | None:
         """Return the kernel in speeds that are regular at a state, or raise the error."""
         from kane_dynamics.robot.robot import in_regular_speeds
         regular = in_regular_speeds(robot, state)
-        return None if regular is None else _deviation_kernel(regular, of_joints)
+        return None if regular is None else _kernel(regular, place)
 
-    name = 'joint_torque_deviation' if of_joints else 'torque_deviation'
+    n, n_q = robot.n, robot.n_q
+    size = box_size(len(equations.model.bodies))
     inputs = {'q': (n_q,), 'u': (n,), 'udot': (n,), 'box': (size,)}
-    shape = (n_q,) if of_joints else (n,)
+    law, shape = {BOUNDS: (bounds, (2, n)), DEVIATION: (deviation, (n,)),
+                  JOINT_DEVIATION: (deviation, (n_q,))}[place]
     explanation = None if equations.in_joint_rates else reason
-    kernel: Kernel = robot.kernels.compiled(deviation, name, inputs, shape,
+    kernel: Kernel = robot.kernels.compiled(law, place[0], inputs, shape,
                                             reason=explanation)
     return kernel
+
+
+def _deviation(equations: Equations, q: Vector, u: Vector, udot: Vector, box: Vector,
+               parameters: Vector, t: Scalar, *, of_joints: bool = False) -> Vector:
+    """Return |Y| delta, with the numbers of the box as delta."""
+    bodies = len(equations.model.bodies)
+    inertial_size = 10 + 10 * bodies
+    inertial = box[:inertial_size]
+    losses = box[inertial_size:].reshape(len(LOSSES), bodies)
+
+    # Columns of Y: of the payload, of the bodies, then one of each joint. Uncertain losses
+    # of a joint act along one line, so that their half-widths add up.
+    of_bodies = _regressor(equations, q, u, udot, parameters, t)
+    of_payload = _payload_columns(equations, of_bodies)
+    of_losses, loss_sizes = _loss_columns(equations, q, u, udot, losses, t)
+    Y = np.concatenate([of_payload, of_bodies, of_losses], axis=1)
+    delta = np.concatenate([inertial, loss_sizes])
+    if of_joints:
+        unit_forces = np.eye(equations.n)
+        to_joints = np.stack([equations.joint_torques(unit, q, t)
+                              for unit in unit_forces], axis=1)
+        Y = to_joints @ Y
+    return _absolute(Y) @ delta
 
 
 def _regressor(equations: Equations, q: Vector, u: Vector, udot: Vector,

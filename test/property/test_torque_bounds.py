@@ -166,6 +166,61 @@ def test_bounds_of_a_batch_are_those_of_its_states_and_take_at_most_three_regres
     assert median(ratios) < 3.0
 
 
+@pytest.mark.parametrize('name', ['ur10e', 'fr3'])
+def test_bounds_of_one_state_take_at_most_three_regressors(name):
+    robot = Robot(load_urdf(resource_path('urdf', f'{name}.urdf')))
+    box = Uncertainty.of(robot.model, mass=0.1, com=0.01, inertia=0.1, friction=0.3)
+    state = np.random.default_rng(2).uniform(-2.0, 2.0, (3, robot.n))
+    robot.torque_bounds(*state, box)
+    fastest = {'regressor': np.inf, 'bounds': np.inf}
+    for _ in range(100):
+        start = perf_counter()
+        for _ in range(100):
+            robot.regressor(*state)
+        middle = perf_counter()
+        for _ in range(100):
+            robot.torque_bounds(*state, box)
+        end = perf_counter()
+        fastest['regressor'] = min(fastest['regressor'], middle - start)
+        fastest['bounds'] = min(fastest['bounds'], end - middle)
+    assert fastest['bounds'] < 3.0 * fastest['regressor']
+
+
+def test_calls_in_turn_keep_their_box_gravity_and_payload():
+    c = case('tree')
+    robot, state = c.robot.copy(), (c.q, c.u, c.udot)
+    boxes = [Uncertainty.of(robot.model, mass=share) for share in (0.1, 0.2)]
+    for box in (*boxes, boxes[0], boxes[0]):
+        fresh = Robot(robot.model, **robot.options).torque_bounds(*state, box)
+        for bounds in (robot.torque_bounds(*state, box), robot.torque_bounds(*state, box)):
+            np.testing.assert_array_equal(bounds.lower, fresh.lower)
+            np.testing.assert_array_equal(bounds.upper, fresh.upper)
+    robot.parameters.gravity = [1.0, 2.0, 3.0]
+    lower, upper = robot.torque_bounds(*state, boxes[0])
+    torque = robot.inverse_dynamics(*state)
+    np.testing.assert_allclose(0.5 * (lower + upper), torque, rtol=1e-12, atol=1e-12)
+    assert (upper - lower > 0.0).any()
+    # A copy has its own parameters, and lists are answered as arrays are.
+    again = robot.copy()
+    again.parameters.gravity = [0.0, 0.0, -9.81]
+    assert not np.allclose(again.torque_bounds(*state, boxes[0]).lower, lower)
+    of_lists = robot.torque_bounds(*(x.tolist() for x in state), boxes[0])
+    np.testing.assert_array_equal(of_lists.upper, upper)
+
+
+def test_a_wrench_moves_both_bounds():
+    model = case('tree').robot.model
+    robot = Robot(model, wrench_frames=['tool'])
+    c = case('tree')
+    box = Uncertainty.of(model, mass=0.1)
+    wrench = np.arange(1.0, 7.0)
+    free = robot.torque_bounds(c.q, c.u, c.udot, box)
+    loaded = robot.torque_bounds(c.q, c.u, c.udot, box, wrench=wrench)
+    moved = -robot.external_force(c.q, wrench=wrench)
+    np.testing.assert_allclose(loaded.lower - free.lower, moved, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(loaded.upper - free.upper, moved, rtol=1e-10, atol=1e-12)
+
+
 @pytest.mark.parametrize(('change', 'words'), [
     ({'damping': np.zeros(2)}, 'uncertainty: inertial: shape'),
     ({'friction': [-1.0, 0.0]}, 'uncertainty: friction: -1.0; expected finite numbers >= 0'),

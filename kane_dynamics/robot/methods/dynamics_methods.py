@@ -15,7 +15,8 @@ from kane_dynamics.native.runtime.kernel import Argument, converted
 from kane_dynamics.native.tracing.program import size_of
 from kane_dynamics.robot.derivative_kernels import Derivative, require_known
 from kane_dynamics.robot.methods.dispatch import compiled, Dispatch
-from kane_dynamics.robot.torque_bounds import torque_deviation, TorqueBounds, Uncertainty
+from kane_dynamics.robot.torque_bounds import (OfSameBox, torque_bounds, TorqueBounds,
+                                               Uncertainty)
 from kane_dynamics.robot.torque_breakdown import SOURCES, TorqueBreakdown
 import numpy as np
 from numpy.typing import ArrayLike
@@ -256,7 +257,7 @@ class DynamicsMethods(Dispatch):
         """
         return self._call('regressor', (q, u, udot), out, t)
 
-    @hinting_method
+    @OfSameBox
     def torque_bounds(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
                       uncertainty: Uncertainty, *, wrench: ArrayLike | None = None,
                       t: ArrayLike = 0.0) -> TorqueBounds:
@@ -285,12 +286,7 @@ class DynamicsMethods(Dispatch):
             The box is not of this robot, or the robot has beams.
 
         """
-        if wrench is None and not self.equations.timed:
-            torque = self.inverse_dynamics(q, u, udot)
-        else:
-            torque = self.inverse_dynamics(q, u, udot, wrench=wrench, t=t)
-        deviation = torque_deviation(self, q, u, udot, uncertainty, t)
-        return TorqueBounds(torque - deviation, torque + deviation)
+        return torque_bounds(self, q, u, udot, uncertainty, wrench, t)
 
     @property
     def inertial_parameters(self) -> Array:
