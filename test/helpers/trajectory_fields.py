@@ -3,8 +3,11 @@ Every field of a `Trajectory` against an evaluation at the same states by the de
 
 The balance of forces of all joints, by Kane's definition of a tree, holds accelerations, torques,
 forces of constraints and of stops to each other. It uses all rows of the constraints and neither
-the choice of independent speeds nor that of rows.
+the choice of independent speeds nor that of rows. With exact friction, what is missing in the
+balance of a joint is its friction, which the set-valued law bounds.
 """
+
+from dataclasses import replace
 
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
@@ -13,12 +16,15 @@ from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.energy_form import energies
 import numpy as np
 
+AT_REST = 1e-9  # rad/s or m/s
 
-def check_fields(robot, run, samples=5, tolerance=1e-8, torque=None):
+
+def check_fields(robot, run, samples=5, tolerance=1e-8, torque=None, sticking=False):
     """
     Fail unless the fields of a single simulation are true at `samples` of its times.
 
-    `torque` is that which the simulation was given, for every time.
+    `torque` is that which the simulation was given, for every time; `sticking` says whether it
+    had exact friction.
     """
     mechanism = robot.mechanism if hasattr(robot.equations, 'mechanism') else Mechanism(
         robot.model)
@@ -29,11 +35,20 @@ def check_fields(robot, run, samples=5, tolerance=1e-8, torque=None):
         rows = rows_at(mechanism, state['q'], time)
         qdot, qddot = motion_of(mechanism, time=time, **state)
         applied = actuators(robot, mechanism, state['q'], state['tau'], time)
-        needed = kane.inverse_dynamics(robot.model, state['q'], qdot, qddot)
+        model = without_dry_friction(robot.model) if sticking else robot.model
+        needed = kane.inverse_dynamics(model, state['q'], qdot, qddot)
         supplied = applied + rows.J.T @ run.constraint_forces[k] + run.stop_forces[k]
         size = max(1.0, *(np.abs(x).max() for x in (needed, applied, run.stop_forces[k])))
-        assert np.abs(needed - supplied).max() < tolerance * size, (
-            f'balance of forces at {run.t[k]:.6g} s: {needed - supplied}')
+        least, largest = np.zeros((2, len(needed)))
+        if sticking:
+            least, largest = dry_friction(robot.model, qdot)
+            held = run.sticking[k]
+            assert np.abs(qdot[held]).max(initial=0.0) < AT_REST
+            assert np.abs(qddot[held]).max(initial=0.0) < 1e-7 * size
+        friction = supplied - needed
+        beyond = np.maximum(friction - largest, least - friction)
+        assert beyond.max() < tolerance * size, (
+            f'balance of forces at {run.t[k]:.6g} s: {friction}, from {least} to {largest}')
         if torque is not None:
             np.testing.assert_array_equal(state['tau'], torque)
         expected = [kinetic(robot.model, state['q'], qdot),
@@ -44,6 +59,35 @@ def check_fields(robot, run, samples=5, tolerance=1e-8, torque=None):
             np.testing.assert_allclose(run.constraint_velocity_residual[k],
                                        rows.J @ qdot - rows.b, atol=1e-9)
         check_stops(robot, run.q[k], qdot, qddot, run.stop_forces[k], size)
+
+
+def without_dry_friction(model):
+    """Return a model whose joints have no friction but damping and the offset."""
+    return replace(model, bodies=tuple(replace(body, joint=replace(
+        body.joint, friction=0.0, friction_backward=None, breakaway_friction=None))
+        for body in model.bodies))
+
+
+def dry_friction(model, qdot):
+    """Return the least and largest dry friction of the joints, (n,) each; equal in motion."""
+    least, largest = np.zeros((2, len(qdot)))
+    for body in model.bodies:
+        joint, m = body.joint, body.joint.multiplier
+        if not (joint.friction or joint.friction_backward or joint.breakaway_friction):
+            continue
+        rate = m * qdot[joint.coordinate]
+        forward = joint.friction
+        backward = forward if joint.friction_backward is None else joint.friction_backward
+        excess = 0.0 if joint.breakaway_friction is None else joint.breakaway_friction - forward
+        if abs(rate) < AT_REST:
+            ends = -m * (backward + excess), m * (forward + excess)
+        else:
+            falls = np.exp(-(rate / joint.stribeck_speed)**2) if joint.stribeck_speed else 0.0
+            level = (forward if rate > 0.0 else backward) + excess * falls
+            ends = (m * np.sign(rate) * level,) * 2
+        least[joint.coordinate] += min(ends)
+        largest[joint.coordinate] += max(ends)
+    return least, largest
 
 
 def check_stops(robot, q, qdot, qddot, forces, size):

@@ -12,12 +12,14 @@ import time
 import warnings
 
 from ball_trees import peer_of, random_ball_tree
-from kane_dynamics import absolute_rates, Robot, simulate
+from kane_dynamics import absolute_rates, Drive, Robot, simulate, StiffnessCurve, with_drives
 from kane_dynamics.errors import KaneError, ModelWarning
 from kane_dynamics.mechanics.ball_joints import moved, neutral
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.definition import kane, nonholonomic
+from kane_dynamics.mechanics.friction import carries_loads
 from kane_dynamics.mechanics.integrators import INTEGRATORS
+from kane_dynamics.model.ball_coordinates import is_ball_part
 from kinds_of_mechanism import case, KINDS, PAIRS
 from mechanisms import random_model
 import numpy as np
@@ -31,6 +33,9 @@ SECONDS = float(os.environ.get('KANE_DYNAMICS_SEARCH_SECONDS', '3600'))
 SEED = int(os.environ.get('KANE_DYNAMICS_SEARCH_SEED', time.time_ns() % 2**32))
 TOLERANCE = 1e-8
 MOST_FAILURES = 10
+NO_FRICTION = {'friction': 0.0, 'friction_offset': 0.0, 'quadratic_damping': 0.0,
+               'friction_backward': None, 'breakaway_friction': None, 'load_friction': 0.0,
+               'load_friction_backdriven': None}
 REFUSED = 0.25  # largest share of mechanisms that may be refused: by chance nearly singular
 
 
@@ -83,6 +88,67 @@ def random_kinds(rng):
 MAKERS = (random_tree, random_balls, random_linkage, random_linkage, random_kinds)
 
 
+def with_other_friction(model, rng):
+    """Return the model with friction of more terms in some of its joints that have some."""
+    bodies = []
+    for body in model.bodies:
+        joint, law = body.joint, {}
+        if joint.friction and rng.random() < 0.5:
+            level = joint.friction
+            law = {'quadratic_damping': joint.damping * rng.uniform(0.0, 1.0),
+                   'friction_backward': level * rng.uniform(0.5, 1.5),
+                   'breakaway_friction': level * rng.uniform(1.0, 1.5), 'stribeck_speed': 0.2}
+            coordinates = [other.joint.coordinate for other in model.bodies]
+            if coordinates.count(joint.coordinate) == 1 and rng.random() < 0.5:
+                law |= {'load_friction': rng.uniform(0.0, 0.3),
+                        'load_friction_backdriven': rng.uniform(0.0, 0.6)}
+        bodies.append(replace(body, joint=replace(joint, **law)))
+    return replace(model, bodies=tuple(bodies))
+
+
+def random_drive(joint, inertia, length, rng):
+    """Return a drive for a joint with this inertia; `length` is the unit of its position."""
+    k = inertia * rng.uniform(10.0, 50.0)**2
+    rotor = inertia * rng.uniform(0.1, 2.0)
+    law = {'damping': rotor * rng.uniform(0.0, 2.0),
+           'friction': rotor * length * rng.uniform(0.0, 2.0)}
+    damping = rotor * rng.uniform(0.0, 2.0)
+    kind = rng.integers(3)
+    if kind == 0:
+        curve = StiffnessCurve(np.array([0.01, 0.03]) * length, np.array(
+            [rng.choice([0.0, 0.01]), 0.04]) * k * length)
+        return Drive(curve, damping=damping, rotor_inertia=rotor, friction=law)
+    ratio = rng.choice([-80.0, 30.0, 50.0])  # the link contains the inertia of the rotor
+    return Drive(k, damping=damping, ratio=ratio, rotor_inertia=rotor, friction=law,
+                 full_coupling=bool(kind == 2 and joint.kind == 'revolute'))
+
+
+def with_random_drives(robot, near, rng):
+    """Return the robot with drives in some of its joints, and the configuration."""
+    model, mechanism = robot.model, Mechanism(robot.model)
+    at = neutral(model) if near is None else near
+    inertias = np.diag(kane.mass_matrix(model, at))
+    drives = {}
+    for k, body in enumerate(model.bodies):
+        joint = body.joint
+        if (joint.name not in model.joint_names or joint.deflection is not None
+                or is_ball_part(k, model.balls) or rng.random() < 0.5):
+            continue
+        place = joint.coordinate
+        drive = random_drive(joint, inertias[place], mechanism.units[place], rng)
+        drives[joint.name] = drive
+    if not drives:
+        return robot, near
+    elastic = with_drives(model, drives)
+    if near is None:
+        return Robot(elastic, **robot.options), None
+    places = {name: k for k, name in enumerate(model.coordinate_names)}
+    near = np.array([near[places[name if name in places else name.removesuffix('_motor')]]
+                     for name in elastic.coordinate_names])
+    options = robot.options | {'configuration': near}
+    return Robot(elastic, **options), near
+
+
 def random_state(robot, near, rng):
     """Return a closed configuration, speeds and torques of moderate size, and a time."""
     model, t = robot.model, 0.4 if robot.equations.timed else 0.0
@@ -92,6 +158,9 @@ def random_state(robot, near, rng):
     spread = 0.1 if near is not None else 1.0
     start = neutral(model) if near is None else near
     q = moved(model, start, spread * size * rng.uniform(-1.0, 1.0, model.n))
+    for _, _, link, motor in model.drives:
+        places = model.places[link], model.places[motor]
+        q[places[1]] = q[places[0]] + 0.03 * size[motor] * rng.uniform(-1.0, 1.0)
     if robot.constraint_names:
         q = robot.closed_configuration(q, t=t)
     by_name = dict(zip(model.joint_names, size))
@@ -109,11 +178,11 @@ def near_to(value, expected, tolerance=TOLERANCE):
 def compare_with_pinocchio(model, q, qdot, qddot):
     """Compare the definition of the tree with Pinocchio, without what Pinocchio leaves out."""
     used = [body.joint.coordinate for body in model.bodies]
-    if model.flexible or len(set(used)) < len(used):
+    if model.flexible or model.drives or len(set(used)) < len(used):
         return False
     bodies = tuple(replace(body, joint=replace(
-        body.joint, damping=0.0, friction=0.0, friction_offset=0.0, armature=0.0, stiffness=0.0,
-        offset=0.0)) for body in model.bodies)
+        body.joint, damping=0.0, armature=0.0, stiffness=0.0, offset=0.0, **NO_FRICTION))
+        for body in model.bodies)
     if any(body.joint.offset for body in model.bodies):
         return False
     rigid = replace(model, bodies=bodies)
@@ -128,21 +197,25 @@ def check(robot, q, u, udot, t, rng):
     mechanism = robot.mechanism if hasattr(robot.equations, 'mechanism') else Mechanism(
         robot.model)
     at = {'t': t} if robot.equations.timed else {}
-    tau = nonholonomic.inverse_dynamics(mechanism, q, u, udot, t)
+    motors = getattr(robot.equations, 'actuated', None)
+    if not carries_loads(robot.model):
+        motors = None  # there may be more motors than speeds
+    tau = nonholonomic.inverse_dynamics(mechanism, q, u, udot, t, motors=motors)
     near_to(robot.inverse_dynamics(q, u, udot, **at), tau)
     M = nonholonomic.mass_matrix(mechanism, q, t)
     near_to(robot.mass_matrix(q, **at), M)
     D = np.sqrt(np.diag(M))
     assert np.linalg.eigvalsh(M / np.outer(D, D)).min(initial=1.0) > 0.0
-    near_to(M @ (robot.forward_dynamics(q, u, tau, **at) - udot), 0.0 * tau,
-            TOLERANCE * max(1.0, np.abs(tau).max(initial=1.0)))
+    missing = M @ (robot.forward_dynamics(q, u, tau, **at) - udot)
+    assert np.abs(missing).max(initial=0.0) <= TOLERANCE * max(1.0, np.abs(tau).max(initial=1.0))
     qdot, qddot = motion_of(mechanism, q, u, udot, tau, t)
     compared = compare_with_pinocchio(robot.model, q, qdot, qddot)
     robot, u, stops = with_a_stop(robot, mechanism, q, u, t, rng)
     torque = tau * rng.uniform(0.5, 1.5)
+    sticking = bool(rng.random() < 0.4) and not carries_loads(robot.model)
     run = simulate(robot, q, u, 0.01, step=5e-4, t0=t, torque=torque, stops=stops,
-                   integrator=rng.choice(list(INTEGRATORS)))
-    check_fields(robot, run, samples=4, tolerance=1e-7, torque=torque)
+                   integrator=rng.choice(list(INTEGRATORS)), sticking=sticking)
+    check_fields(robot, run, samples=4, tolerance=1e-7, torque=torque, sticking=sticking)
     return compared
 
 
@@ -185,6 +258,14 @@ def test_random_mechanisms_are_those_of_the_definition_and_of_pinocchio(capsys):
                 warnings.simplefilter('ignore', ModelWarning)
                 robot, name, near = MAKERS[rng.integers(len(MAKERS))](rng)
                 what += f', {name}'
+                if rng.random() < 0.3:
+                    model = with_other_friction(robot.model, rng)
+                    options = robot.options if near is None else robot.options | {
+                        'configuration': near}
+                    robot = Robot(model, **options)
+                if rng.random() < 0.3:
+                    robot, near = with_random_drives(robot, near, rng)
+                    done['elastic'] += bool(robot.model.drives)
                 q, u, udot, t = random_state(robot, near, rng)
                 done['with Pinocchio'] += check(robot, q, u, udot, t, rng)
                 done[name.split()[0]] += 1

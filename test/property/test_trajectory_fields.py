@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from kane_dynamics import absolute_rates, Robot, simulate
+from kane_dynamics import absolute_rates, Drive, Robot, simulate, StiffnessCurve, with_drives
 from kinds_of_mechanism import case, KINDS, PAIRS
 from linkages import five_bar, five_bar_at, four_bar_model, PIN, sleigh
 import numpy as np
@@ -50,6 +50,85 @@ def test_every_field_is_that_of_the_definition_with_a_pressed_joint(kinds):
     run = simulate(robot, one.q, u, 0.001, step=1e-4, t0=one.time, torque=torque, stops=True)
     assert (run.stop_forces[1:, k] > 1.0).all()
     check_fields(robot, run, torque=torque)
+
+
+def some_kinds(*every_time):
+    """Return all kinds and pairs; those that are not of the quick run are marked slow."""
+    return [kinds if kinds in every_time else pytest.param(kinds, marks=pytest.mark.slow)
+            for kinds in (*((kind,) for kind in KINDS), *PAIRS)]
+
+
+def with_friction(model, level):
+    """Return a model with stronger friction in the joints that have some."""
+    bodies = [replace(body, joint=replace(body.joint, friction=level, stribeck_speed=0.2,
+                                          breakaway_friction=1.1 * level))
+              if body.joint.friction else body for body in model.bodies]
+    return replace(model, bodies=tuple(bodies))
+
+
+@pytest.mark.parametrize('integrator', [
+    'rk4', pytest.param('implicit', marks=pytest.mark.slow)])
+@pytest.mark.parametrize('kinds', some_kinds(('closed loop',)), ids=' and '.join)
+def test_every_field_is_that_of_exact_friction(kinds, integrator):
+    one = case(*kinds)
+    # In motion throughout; coming to rest; at rest from nearly the beginning.
+    for level in (0.2, 3.0, 40.0):
+        robot = Robot(with_friction(one.robot.model, level),
+                      **one.robot.options | {'configuration': one.q})
+        torque = torque_of(robot)
+        run = simulate(robot, one.q, 0.3 * one.u, 0.3, step=1e-3, t0=one.time, torque=torque,
+                       sticking=True, integrator=integrator, sample=0.02)
+        check_fields(robot, run, samples=16, tolerance=1e-7, torque=torque, sticking=True)
+        if level == 40.0:
+            assert run.sticking.any()
+
+
+LAW = {'damping': 0.4, 'friction': 0.5, 'friction_offset': 0.1}
+DRIVES = (Drive(200.0, damping=0.5, rotor_inertia=0.3, friction=LAW),
+          Drive(StiffnessCurve([0.01, 0.03], [0.0, 10.0]), rotor_inertia=0.2, friction=LAW),
+          Drive(150.0, ratio=-50.0, damping=0.4, rotor_inertia=1e-3, friction=LAW,
+                full_coupling=True))
+ELASTIC = ('upper', 'crank', 'fore', 'rocker', 'table')
+
+
+def elastic_case(one):
+    """Return the robot of a case with drives in its joints, and a configuration of it."""
+    joints = [joint for joint in ELASTIC if joint in one.robot.model.joint_names]
+    model = with_drives(one.robot.model, dict(zip(joints, DRIVES)))
+    places = {name: k for k, name in enumerate(one.robot.coordinate_names)}
+    q = np.array([one.q[places[name]] if name in places else
+                  one.q[places[name.removesuffix('_motor')]] + 0.015
+                  for name in model.coordinate_names])
+    return Robot(model, **one.robot.options | {'configuration': q}), q
+
+
+@pytest.mark.parametrize('sticking', [
+    True, pytest.param(False, marks=pytest.mark.slow)], ids=['exact friction', 'smooth'])
+@pytest.mark.parametrize('kinds', some_kinds(('closed loop',)), ids=' and '.join)
+def test_every_field_is_that_of_the_definition_with_elastic_joints(kinds, sticking):
+    one = case(*kinds)
+    robot, q = elastic_case(one)
+    modes = np.array([0.05 if 'mode' in name else 1.0 for name in robot.speed_names])
+    u = modes * np.random.default_rng(3).uniform(-0.5, 0.5, robot.n)
+    torque = torque_of(robot)
+    for integrator in ('rk4', 'implicit'):
+        run = simulate(robot, q, u, 0.1, step=2.5e-4, t0=one.time, torque=torque, sample=0.01,
+                       sticking=sticking, integrator=integrator)
+        check_fields(robot, run, samples=11, tolerance=1e-7, torque=torque, sticking=sticking)
+
+
+@pytest.mark.parametrize('field', ['udot', 'tau', 'energy', 'constraint_forces', 'sticking',
+                                   'constraint_residual', 'constraint_velocity_residual'])
+def test_the_check_notices_a_wrong_field_of_exact_friction(field):
+    one = case('closed loop')
+    robot = Robot(with_friction(one.robot.model, 0.2),
+                  **one.robot.options | {'configuration': one.q})
+    run = simulate(robot, one.q, one.u, 0.01, step=1e-3, torque=torque_of(robot), sticking=True)
+    check_fields(robot, run, sticking=True)
+    value = getattr(run, field)
+    wrong = ~value if value.dtype == bool else value + 1e-3 * (1.0 + np.abs(value))
+    with pytest.raises(AssertionError):
+        check_fields(robot, replace(run, **{field: wrong}), sticking=True)
 
 
 CHANGING = {

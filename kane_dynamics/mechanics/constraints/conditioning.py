@@ -345,6 +345,13 @@ def singular_error(mechanism: Mechanism, stack: Stack, q: Array, t: float,
 
     if u is not None:
         at += f', u = {np.round(u, 9).tolist()}'
+    infinite = ~np.isfinite(stack.J).all(axis=1)
+    if infinite.any():
+        rows = ', '.join(f"'{mechanism.labels[k]}'" for k in np.flatnonzero(infinite))
+        return ConstraintError(
+            f'{where}constraints: the rows {rows} are not finite at {at}; expected a '
+            'configuration at which they are defined')
+
     singular = f'{where}speeds and constraints are singular at {at}'
     loop = constraints_at_fault(mechanism, stack, mechanism.free, mechanism.kept)
     if best_choice(mechanism, stack).figure >= SINGULAR:

@@ -8,6 +8,7 @@ The reference for `equations`, on numbers. With q' = W u + X and u_D = A u_I + B
 (Kane & Levinson, chapter 4; F_r and F_r* are the sums of `kane`.)
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from kane_dynamics._util.typing import Array, Matrix
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.mechanics.friction import carries_loads
 import numpy as np
 
 if TYPE_CHECKING:  # the type alone: the definition stands on its own
@@ -121,20 +123,60 @@ def reduced(mechanism: 'Mechanism', q: Array, force: Array, t: float = 0.0) -> A
 
 
 def inverse_dynamics(mechanism: 'Mechanism', q: Array, u: Array, udot: Array,
-                     t: float = 0.0, **forces: Any) -> Array:
-    """Return tau, (n,), such that F~_r + F~_r* = 0; `forces` as in `kane`."""
+                     t: float = 0.0, *, friction: bool = True,
+                     motors: Sequence[int] | None = None, **forces: Any) -> Array:
+    """
+    Return tau, (n,), such that F~_r + F~_r* = 0.
+
+    Parameters
+    ----------
+    mechanism, q, u, udot, t
+        The mechanism and its motion.
+    friction : bool
+        Whether to include damping and Coulomb friction.
+    motors : sequence of int, optional
+        Coordinates of the joints whose motors give tau, as many as independent speeds,
+        for friction that depends on their loads. Default: all joints.
+    **forces
+        As of `kane.generalized_active_force`.
+
+    """
+    model = mechanism.model
     qdot, qddot = joint_motion(mechanism, q, u, udot, t)
-    active = kane.generalized_active_force(mechanism.model, q, qdot, **forces)
-    inertia = kane.generalized_inertia_force(mechanism.model, q, qdot, qddot)
-    return -(reduced(mechanism, q, active, t) + reduced(mechanism, q, inertia, t))
+    inertia = kane.generalized_inertia_force(model, q, qdot, qddot)
+    loads = None
+    if friction and carries_loads(model):
+        # The loads of the drives are the torques of the motion without friction.
+        active = kane.generalized_active_force(model, q, qdot, friction=False, **forces)
+        needed = -reduced(mechanism, q, active + inertia, t)
+        loads = motor_torques(mechanism, q, needed, t, motors)
+    active = kane.generalized_active_force(model, q, qdot, friction=friction,
+                                           loads=loads, **forces)
+    return -reduced(mechanism, q, active + inertia, t)
+
+
+def motor_torques(mechanism: 'Mechanism', q: Array, tau: Array, t: float = 0.0,
+                  motors: Sequence[int] | None = None) -> Array:
+    """Return the torques of all joints, (n_q,), whose motors have the force tau, (n,)."""
+    T = partial_rates(mechanism, q, t)
+    places = range(len(T)) if motors is None else motors
+    torques: Array = np.zeros(len(T))
+    torques[places] = np.linalg.solve(T[places].T, tau)
+    return torques
+
+
+def partial_rates(mechanism: 'Mechanism', q: Array, t: float = 0.0) -> Matrix:
+    """Return T, (n_q, n): joint rates per unit of each independent speed."""
+    parts = reduction(mechanism, q, t)
+    W_I = parts.W[:, mechanism.free]
+    W_D = parts.W[:, dependent_places(mechanism)]
+    T: Matrix = W_I + W_D @ parts.A
+    return T
 
 
 def mass_matrix(mechanism: 'Mechanism', q: Array, t: float = 0.0) -> Array:
     """Return M of the independent speeds, (n, n): -F~_r* = sum_s M_rs u_s' + ..."""
-    parts = reduction(mechanism, q, t)
-    W_I = parts.W[:, mechanism.free]
-    W_D = parts.W[:, dependent_places(mechanism)]
-    T = W_I + W_D @ parts.A  # joint rates per unit of each independent speed
+    T = partial_rates(mechanism, q, t)
     M: Array = T.T @ kane.mass_matrix(mechanism.model, q) @ T
     return M
 

@@ -258,12 +258,18 @@ class Dispatch:
             An unknown kernel; the message lists the valid names.
 
         """
-        names = names or self.kernels.names
-        run_concurrently([partial(self._compile, name, batches) for name in names])
+        # No forward dynamics with massless joints: calls raise. Nor with self-locking
+        # drives, which is an error if it is asked for by name.
+        refused: tuple[type[Exception], ...] = (ModelError,)
+        if not names:
+            refused = (ModelError, InputError)
+            names = self.kernels.names
+        run_concurrently([partial(self._compile, name, batches, refused)
+                          for name in names])
 
-    def _compile(self, name: str, batches: bool) -> None:
-        # No forward dynamics with massless joints: calls raise.
-        with suppress(ModelError):
+    def _compile(self, name: str, batches: bool,
+                 refused: tuple[type[Exception], ...]) -> None:
+        with suppress(*refused):
             kernel = self.kernels.quantity(name)
             if batches:
                 kernel.compile_lanes()

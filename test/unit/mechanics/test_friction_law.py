@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 from definition import Definition
-from kane_dynamics import (ComputedTorque, load_urdf, ModelBuilder, MomentumObserver, Motion,
-                           Robot, rod, simulate)
+from kane_dynamics import (absolute_rates, ComputedTorque, load_urdf, ModelBuilder,
+                           MomentumObserver, Motion, Robot, rod, simulate)
 from kane_dynamics.closed_forms.closed_form import closed_form
 from kane_dynamics.errors import ConstraintError, InputError, ModelError
 from kane_dynamics.feasibility import fastest, time_optimal
@@ -194,6 +194,33 @@ def test_load_friction_of_a_closed_loop_is_that_of_its_motor(independent):
     rate = robot.joint_rates(q, [0.9])[0]
     torque = load + friction.friction_torque(robot.model.bodies[0].joint, rate, load)
     assert robot.joint_torques(tau, q)[0] == pytest.approx(torque, rel=1e-12)
+
+
+def loaded_arm(backdriven, **choice):
+    """Return a two-link arm with load friction in both joints."""
+    model = random_model(3, 2)
+    law = {'load_friction': 0.1, 'load_friction_backdriven': backdriven}
+    bodies = tuple(replace(body, joint=replace(body.joint, **law)) for body in model.bodies)
+    return Robot(replace(model, bodies=bodies), **choice)
+
+
+@pytest.mark.parametrize('make', [
+    lambda: loaded_four_bar(independent='rocker'), lambda: loaded_arm(0.3), *(
+        pytest.param(make, marks=pytest.mark.slow) for make in (
+            lambda: loaded_arm(1.2), lambda: loaded_arm(0.3, speeds=absolute_rates),
+            lambda: loaded_arm(1.2, speeds=absolute_rates)))],
+    ids=['closed loop', 'tree', 'self-locking', 'chosen speeds', 'self-locking, chosen speeds'])
+def test_robots_with_load_friction_are_verified(make):
+    robot = make()
+    robot.compile()
+    assert robot.verify() < 1e-11
+
+
+def test_an_arm_without_coriolis_forces_is_verified():
+    robot = Robot(random_model(3, 2))  # they vanish but for rounding
+    robot.compile('coriolis_matrix')
+    assert np.abs(robot.coriolis_matrix([0.3, 0.4], [1.0, 2.0])).max() < 1e-12
+    assert robot.verify() < 1e-11
 
 
 @pytest.mark.parametrize('integrator', ['rk4', 'implicit'])

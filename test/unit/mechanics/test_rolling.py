@@ -111,6 +111,19 @@ def test_a_ball_in_a_bowl_swings_as_a_pendulum_that_carries_its_spin():
     assert np.ptp(run.energy.sum(axis=1)) < 1e-9
 
 
+def test_a_ball_at_the_pole_opposite_to_the_normal_is_refused_by_its_rows():
+    b = ModelBuilder('globe')
+    b.body('ball', kind='floating', inertial=Inertial(1.0, np.zeros(3), 4e-3 * np.eye(3)))
+    b.frame('globe', 'world')
+    q = [0.0, 0.0, -1.1, 0.0, 0.0, 0.0]
+    makes = [lambda normal=normal: Robot(b.model(), configuration=q, constraints=[Rolling(
+        'ball', 0.1, surface_frame='globe', surface='sphere', surface_radius=1.0, name='roll',
+        normal=normal)]) for normal in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0))]
+    with pytest.raises(ConstraintError, match="'roll/tangent_1', .* not finite at .*expected"):
+        makes[0]()
+    assert makes[1]().n == 3
+
+
 def test_wheels_on_an_axle_hold_the_same_force_for_every_heading():
     b = ModelBuilder('cart')
     b.body('base', kind='planar', inertial=disc(5.0, 0.3))
