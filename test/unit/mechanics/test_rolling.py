@@ -116,12 +116,12 @@ def test_a_ball_at_the_pole_opposite_to_the_normal_is_refused_by_its_rows():
     b.body('ball', kind='floating', inertial=Inertial(1.0, np.zeros(3), 4e-3 * np.eye(3)))
     b.frame('globe', 'world')
     q = [0.0, 0.0, -1.1, 0.0, 0.0, 0.0]
-    makes = [lambda normal=normal: Robot(b.model(), configuration=q, constraints=[Rolling(
+    robots = [Robot(b.model(), configuration=q, constraints=[Rolling(
         'ball', 0.1, surface_frame='globe', surface='sphere', surface_radius=1.0, name='roll',
         normal=normal)]) for normal in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0))]
-    with pytest.raises(ConstraintError, match="'roll/tangent_1', .* not finite at .*expected"):
-        makes[0]()
-    assert makes[1]().n == 3
+    with pytest.raises(ConstraintError, match=r"'roll/tangent_1', .* not finite at .*expected"):
+        robots[0].mass_matrix(q)
+    assert (np.linalg.eigvalsh(robots[1].mass_matrix(q)) > 0.0).all()
 
 
 def test_wheels_on_an_axle_hold_the_same_force_for_every_heading():
