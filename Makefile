@@ -50,7 +50,7 @@ help:
 
 # ---------------------------------------------------------------------- environment
 
-install: $(VENV)/.dependencies $(VENV)/.project
+install: $(VENV)/.dependencies $(VENV)/.interfaces $(VENV)/.project
 
 # A pip of the system, if there is one, saves the seconds that a pip of our own takes.
 PIP_UV := install --quiet --disable-pip-version-check uv
@@ -104,7 +104,7 @@ $(VENV)/.files: $(VENV)/.uv FORCE
 
 # Not editable: that would leave out the ament marker and share/. The old build/lib may hold modules
 # that have been deleted since.
-$(VENV)/.project: $(VENV)/.demo_dependencies $(VENV)/.interfaces $(VENV)/.files $(METADATA) $(PROJECT_SOURCES)
+$(VENV)/.project: $(VENV)/.demo_dependencies $(VENV)/.files $(METADATA) $(PROJECT_SOURCES)
 	@rm -rf build/lib build/bdist.*
 	$(BIN)/uv pip install --python $(BIN)/python --quiet --no-deps --reinstall .
 	@touch $@
@@ -116,8 +116,8 @@ MODE ?= feedforward
 
 # Installs only what the demo needs, on two processors.
 demo:
-	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j2) $(VENV)/.project \
-	  $(VENV)/.imported
+	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j2) $(VENV)/.interfaces \
+	  $(VENV)/.project $(VENV)/.imported
 	$(ROS_ENV) $(BIN)/kane-dynamics demo --robot '$(ROBOT)' --mode '$(MODE)'
 
 # What runs nodes in real time or judges processor time has the processors to itself; all else shares

@@ -39,11 +39,14 @@ function(_drop_missing_include_directories)
 endfunction()
 cmake_language(DEFER CALL _drop_missing_include_directories)
 
-# 3. The generated C++ files include the same large headers: those of a target are compiled
-# together, which takes a fraction of the processor time; in two parts, since all else waits.
+# 3. The generated files include the same large headers: those of a target are compiled together,
+# which takes a fraction of the processor time; in two parts, since all else waits. Not those of
+# rosidl_generator_c, which define the same names.
 function(_compile_together)
-  foreach(kind fastrtps_c fastrtps_cpp introspection_cpp c cpp)
-    set(target ${PROJECT_NAME}__rosidl_typesupport_${kind})
+  set(kinds fastrtps_c fastrtps_cpp introspection_c introspection_cpp c cpp)
+  list(TRANSFORM kinds PREPEND rosidl_typesupport_)
+  foreach(kind IN LISTS kinds ITEMS rosidl_generator_py)
+    set(target ${PROJECT_NAME}__${kind})
     if(TARGET ${target})
       set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 6)
     endif()
