@@ -269,10 +269,12 @@ class Code:
 
     def __init__(self, objects: bytes) -> None:
         """Load an object file into memory."""
-        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(''),
-                                                  _target_machine(1))
+        _initialized()
+        # The engine wants a module and a code generator, but generates no code: the first
+        # address that is asked for makes the object file executable.
+        loader = llvm.Target.from_default_triple().create_target_machine(opt=0, jit=True)
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(''), loader)
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(objects))
-        self._engine.finalize_object()
         self._loaded = np.empty(0)
         # At the exit, threads may still run the code.
         finalize(self._loaded, self._engine.close).atexit = False

@@ -1,8 +1,8 @@
 """
 Native entry points of kernels: built-in functions and methods, with a Python fallback.
 
-A function created here is a CPython built-in whose machine code is part of the kernel's
-module (`entry_code`). It accepts contiguous, finite float64 ndarrays of the declared
+A function created here is a CPython built-in, whose machine code all kernels of one
+signature share (`EntryPoints`). It accepts contiguous, finite float64 ndarrays of the declared
 shapes, which a control loop passes. For any other argument it calls the Python
 fallback, which converts it or raises an error. The machine code reads ndarray fields at
 their public offsets (numpy's ABI) and the object header of CPython builds with a GIL. A
@@ -10,11 +10,11 @@ self-test verifies this on the running interpreter; if it fails, the fallback se
 every call.
 
 Lifetime
-    A function's `self` is its table, which holds the code, the arrays, and the fallback
-    (`EntryTable`). A method's object holds the tables of its methods. So the code lives
-    as long as its callers. It is unloaded when the last reference is gone, after all
-    finalizers of the same garbage (`llvm.Code`). The definitions of functions lie in the
-    tables; those of methods are never freed.
+    A function's `self` is its table, which holds its code and the kernel's, the arrays,
+    and the fallback (`EntryTable`). A method's object holds the tables of its methods.
+    So the code lives as long as its callers. It is unloaded when the last reference is
+    gone, after all finalizers of the same garbage (`llvm.Code`). The definitions of
+    functions lie in the tables; those of methods are never freed.
 Reference counts
     `bound` and methods return the array of the result, with one more reference. `entry`
     returns a new reference; it reuses an array only while it holds the one reference to
@@ -42,13 +42,16 @@ Not supported
 
 from collections.abc import Callable, Mapping, Sequence
 import ctypes
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 import math
 import sys
 import sysconfig
 from typing import Any
+from weakref import WeakValueDictionary
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.python_call.entry_ir import (ALL_FINITE, bound_code, DATA,
                                                        DTYPE, entry_code, FLAGS, FRESH,
@@ -72,6 +75,67 @@ class MethodDef(ctypes.Structure):
 
 
 DEFINITION = ctypes.sizeof(MethodDef) // 8  # words of a definition
+
+
+@dataclass(frozen=True)
+class KernelFunction:
+    """The function ``void kernel(double **pointers)`` and the code that it lies in."""
+
+    code: llvm.Code
+    address: llvm.Address
+
+
+@dataclass(frozen=True)
+class Signature:
+    """
+    Arguments and result of a kernel: all that its entry points depend on.
+
+    Attributes
+    ----------
+    shapes : tuple of tuple of int
+        Of the arguments of a call, at least one axis each.
+    default_sizes : tuple of int
+        Numbers of entries of the default arguments; one block of parameters follows.
+    limits : tuple of float
+        Largest absolute value allowed in each argument.
+    shape : tuple of int
+        Of the result.
+
+    """
+
+    shapes: tuple[Shape, ...]
+    default_sizes: tuple[int, ...]
+    limits: tuple[float, ...]
+    shape: Shape
+
+    @property
+    def is_supported(self) -> bool:
+        """Return whether there are arguments and none has a length of 0."""
+        if not self.shapes or 0 in self.default_sizes:
+            return False
+        return not any(0 in lengths for lengths in (*self.shapes, self.shape))
+
+    @lazy_property
+    def entry_points(self) -> llvm.Code:
+        """Machine code of `entry` and `bound`, of which there is one a signature."""
+        code = _entry_points.get(self)
+        if code is None:
+            text = self._text()
+            code = llvm.Code(llvm.cached(lambda: llvm.assemble(text), 'entry', text))
+            _entry_points[self] = code
+        return code
+
+    def _text(self) -> str:
+        """Return the LLVM IR of the entry points."""
+        sizes = [math.prod(lengths) for lengths in self.shapes]
+        code = '\n'.join([
+            entry_code(self.shapes, self.limits, len(self.default_sizes) + 1, self.shape),
+            bound_code([*sizes, *self.default_sizes], self.limits, 1, self.shape)])
+        return '\n'.join([ALL_FINITE, code]) if '@all_finite' in code else code
+
+
+# The kernels keep them; they are unloaded with the last kernel of a signature.
+_entry_points: WeakValueDictionary[Signature, llvm.Code] = WeakValueDictionary()
 
 
 class EntryTable(np.ndarray):
@@ -167,14 +231,16 @@ def built_in(name: str, doc: str, address: llvm.Address, flags: int,
     return function
 
 
-def bound_table(code: llvm.Code, blocks: Sequence[np.ndarray],
-                fallback: Callable[..., Any]) -> EntryTable:
+def bound_table(kernel: KernelFunction, signature: Signature,
+                blocks: Sequence[np.ndarray], fallback: Callable[..., Any]) -> EntryTable:
     """Return the table of a method of an object that keeps it alive; see `bound`."""
     if any(block.size == 0 for block in blocks):
         code = assembled('stand-ins', placeholder_code())
         return new_table({'CODE': code.address('refer')}, fallback, code)
-    return new_table({'CODE': code.address('bound'), 'RESULT': id(blocks[-1])}, fallback,
-                     code, blocks)
+    code = signature.entry_points
+    words = {'KERNEL': kernel.address, 'CODE': code.address('bound'),
+             'RESULT': id(blocks[-1])}
+    return new_table(words, fallback, code, blocks, (kernel.code,))
 
 
 def unmade_table(make: Callable[[Any], Any]) -> EntryTable:
@@ -201,20 +267,27 @@ def assembled(name: str, text: str) -> llvm.Code:
     return llvm.Code(llvm.cached(lambda: llvm.assemble(text), name, text))
 
 
-def _entry(name: str, doc: str, code: llvm.Code, defaults: Sequence[np.ndarray],
-           shape: Shape, fallback: Callable[..., Any]) -> Callable[..., Any]:
+def _entry(name: str, doc: str, kernel: KernelFunction, signature: Signature,
+           defaults: Sequence[np.ndarray],
+           fallback: Callable[..., Any]) -> Callable[..., Any]:
+    code = signature.entry_points
+    shape = signature.shape
     lengths = np.array(shape, dtype=np.int64)
     ring = np.array([None, None])  # holds references to the results
     ring[:] = [np.empty(shape), np.empty(shape)] if shape else None
-    words = {'RESULT_SHAPE': lengths.ctypes.data, 'RING': ring.ctypes.data}
+    words = {'KERNEL': kernel.address, 'RESULT_SHAPE': lengths.ctypes.data,
+             'RING': ring.ctypes.data}
+    table = new_table(words, fallback, code, defaults, (kernel.code, lengths, ring))
     return built_in(name, doc, code.address('entry'), METH_FASTCALL | METH_KEYWORDS,
-                    new_table(words, fallback, code, defaults, (lengths, ring)))
+                    table)
 
 
-def _bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
+def _bound(name: str, doc: str, kernel: KernelFunction, signature: Signature,
+           blocks: Sequence[np.ndarray],
            fallback: Callable[..., Any]) -> Callable[..., Any]:
-    return built_in(name, doc, code.address('bound'), METH_FASTCALL,
-                    bound_table(code, blocks, fallback))
+    table = bound_table(kernel, signature, blocks, fallback)
+    return built_in(name, doc, signature.entry_points.address('bound'), METH_FASTCALL,
+                    table)
 
 
 class NativeMethods:
@@ -262,28 +335,30 @@ def _in_main_interpreter() -> bool:
 def _self_test(probe: np.ndarray) -> bool:
     """Return whether a test kernel works through each entry point and its fallback."""
     text = '\n'.join(['define void @twice(ptr %args) {', '  %x = load ptr, ptr %args',
-                      '  %slot = getelementptr ptr, ptr %args, i64 1',
+                      '  %slot = getelementptr ptr, ptr %args, i64 2',
                       '  %y = load ptr, ptr %slot',
                       '  %a = load <3 x double>, ptr %x, align 8',
                       '  %b = fadd <3 x double> %a, %a',
-                      '  store <3 x double> %b, ptr %y, align 8', '  ret void', '}',
-                      entry_code('twice', [(3,)], [math.inf], 0, (3,)),
-                      bound_code('twice', [3], [math.inf], 0, (3,))])
+                      '  store <3 x double> %b, ptr %y, align 8', '  ret void', '}'])
     # The test kernel doubles three numbers.
     code = assembled('self-test', text)
-    twice = _entry('twice', '', code, [], (3,), lambda *args,
-                   **keywords: (args, keywords))
+    kernel = KernelFunction(code, code.address('twice'))
+    signature = Signature(((3,),), (), (math.inf,), (3,))
+    parameters = np.zeros(1)
+    twice = _entry('twice', '', kernel, signature, [parameters],
+                   lambda *args, **keywords: (args, keywords))
     bad = np.array([1.0, np.nan, 0.0])
     first = twice(probe)
     second = twice(probe)
     third = twice(probe)
     source = probe.copy()
     result = np.empty(3)
-    bound = _bound('twice', '', code, [source, result], lambda *args: args)
+    blocks = [source, parameters, result]
+    bound = _bound('twice', '', kernel, signature, blocks, lambda *args: args)
     kind: Any = type('Probe', (NativeMethods,), {'__slots__': ()})
     owner = kind()
     # A method of an object makes its function at the first call.
-    table = bound_table(code, [source, result], lambda *args: args)
+    table = bound_table(kernel, signature, blocks, lambda *args: args)
 
     def make(owner: Any, name: str) -> EntryTable:
         owner._tables[1] = id(table)
@@ -303,8 +378,8 @@ def _self_test(probe: np.ndarray) -> bool:
             and twice(np.full(3, 1e308))[0][0].shape == (3,) and bound(1) == (1,))
 
 
-def entry(name: str, doc: str, code: llvm.Code, shapes: Sequence[Shape],
-          defaults: Sequence[np.ndarray], shape: Shape,
+def entry(name: str, doc: str, kernel: KernelFunction, signature: Signature,
+          defaults: Sequence[np.ndarray],
           fallback: Callable[..., Any]) -> Callable[..., Any]:
     """
     Return a built-in function that calls a kernel with minimal overhead.
@@ -313,25 +388,23 @@ def entry(name: str, doc: str, code: llvm.Code, shapes: Sequence[Shape],
     ----------
     name, doc : str
         Name and docstring of the function.
-    code : Code
-        Machine code that includes the result of `entry_points`.
-    shapes : sequence of tuple of int
-        Of the positional arguments, at least one axis each.
+    kernel : KernelFunction
+        The kernel.
+    signature : Signature
+        Of the kernel.
     defaults : sequence of array
         Arrays passed after the arguments; read at each call.
-    shape : tuple of int
-        Shape of the result; () returns a float.
     fallback : callable
         Called with the same arguments when they do not match exactly.
 
     """
-    if not shapes or _is_empty(*shapes, shape) or not supported():
+    if not signature.is_supported or not supported():
         return fallback
-    return _entry(name, doc, code, defaults, shape, fallback)
+    return _entry(name, doc, kernel, signature, defaults, fallback)
 
 
-def bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
-          fallback: Callable[[], Any]) -> Callable[[], Any]:
+def bound(name: str, doc: str, kernel: KernelFunction, signature: Signature,
+          blocks: Sequence[np.ndarray], fallback: Callable[[], Any]) -> Callable[[], Any]:
     """
     Return a built-in function without arguments that calls a kernel on fixed arrays.
 
@@ -339,8 +412,10 @@ def bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
     ----------
     name, doc : str
         Name and docstring of the function.
-    code : Code
-        Machine code that includes the result of `entry_points`.
+    kernel : KernelFunction
+        The kernel.
+    signature : Signature
+        Of the kernel.
     blocks : sequence of array
         The kernel's arguments, its parameters, its result, all C-contiguous. The
         function returns the last one (as a float if it has no dimension).
@@ -350,7 +425,7 @@ def bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
     """
     if any(block.size == 0 for block in blocks) or not supported():
         return fallback
-    return _bound(name, doc, code, blocks, fallback)
+    return _bound(name, doc, kernel, signature, blocks, fallback)
 
 
 def methods(cls: type[NativeMethods], docs: Mapping[str, str],
@@ -392,35 +467,3 @@ def methods(cls: type[NativeMethods], docs: Mapping[str, str],
     tables = np.array([id(table) for table in unmade], dtype=np.uint64).view(EntryTable)
     tables.owned = (unmade, code)
     return tables
-
-
-def entry_points(symbol: str, shapes: Sequence[Shape], default_sizes: Sequence[int],
-                 limits: Sequence[float], shape: Shape) -> str:
-    """
-    Return the LLVM IR of `entry` and `bound`, to be added to a kernel's module.
-
-    Parameters
-    ----------
-    symbol : str
-        Name of the kernel function.
-    shapes : sequence of tuple of int
-        Of the arguments of a call.
-    default_sizes : sequence of int
-        Numbers of entries of the default arguments; one block of parameters follows.
-    limits : sequence of float
-        Largest absolute value allowed in each argument.
-    shape : tuple of int
-        Shape of the result.
-
-    """
-    if not shapes or _is_empty(*shapes, default_sizes, shape):
-        return ''
-    sizes = [math.prod(lengths) for lengths in shapes]
-    code = '\n'.join([entry_code(symbol, shapes, limits, len(default_sizes) + 1, shape),
-                      bound_code(symbol, [*sizes, *default_sizes], limits, 1, shape)])
-    return '\n'.join([ALL_FINITE, code]) if '@all_finite' in code else code
-
-
-def _is_empty(*shapes: Sequence[int]) -> bool:
-    """Return whether one of the shapes has a length of 0."""
-    return any(0 in lengths for lengths in shapes)

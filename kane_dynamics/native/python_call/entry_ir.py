@@ -1,10 +1,10 @@
 """
-LLVM IR of the native entry points, generated for one kernel's signature.
+LLVM IR of the native entry points, generated for one signature of kernels.
 
-Two C functions are added to the kernel's module. `entry` takes arrays as positional
-arguments, checks them, allocates the result, and calls the kernel; `bound` takes no
-argument and calls the kernel on fixed memory. Both call the Python fallback for calls
-that they do not support.
+There are two C functions. `entry` takes arrays as positional arguments, checks them,
+allocates the result, and calls the kernel; `bound` takes no argument and calls the
+kernel on fixed memory. Both find the kernel in their table, so that all kernels of one
+signature share them, and call the Python fallback for calls that they do not support.
 
 CPython calls a method faster than a function stored as an attribute. The methods of all
 kernels share one code, which forwards a call to the `bound` of the object's kernel.
@@ -26,8 +26,9 @@ from kane_dynamics.native.tracing.program import Shape
 
 # 64-bit words of the table that a function receives as `self`, in order. Pointers
 # follow: for `entry`, those of the default arguments; for `bound`, those of all
-# arguments and of the result. CODE is the function to which a method forwards its call.
-TABLE = ('CODE', 'FALLBACK', 'VECTORCALL', 'NDARRAY', 'FLOAT64', 'NEW_ARRAY',
+# arguments and of the result. KERNEL is the address of the kernel, ``void
+# kernel(double **pointers)``; CODE is the function to which a method forwards its call.
+TABLE = ('KERNEL', 'CODE', 'FALLBACK', 'VECTORCALL', 'NDARRAY', 'FLOAT64', 'NEW_ARRAY',
          'NEW_FLOAT', 'RELEASE', 'RESULT_SHAPE', 'RING', 'RESULT')
 
 # Byte offsets of the fields of a CPython object and of an ndarray.
@@ -218,16 +219,15 @@ def _return_float(a: Assembly, number_at: str) -> None:
     a.put(f'  ret ptr {result}')
 
 
-def entry_code(symbol: str, shapes: Sequence[Shape], limits: Sequence[float],
-               n_defaults: int, shape: Shape) -> str:
+def entry_code(shapes: Sequence[Shape], limits: Sequence[float], n_defaults: int,
+               shape: Shape) -> str:
     """
     Return the LLVM IR of `entry`.
 
+    The kernel gets pointers to the arguments, the defaults and the result.
+
     Parameters
     ----------
-    symbol : str
-        The kernel function, ``void symbol(double **pointers)``: arguments, defaults,
-        result.
     shapes : sequence of tuple of int
         Of the positional arguments, at least one axis each; no length may be 0.
     limits : sequence of float
@@ -290,7 +290,7 @@ def entry_code(symbol: str, shapes: Sequence[Shape], limits: Sequence[float],
     result = a.new(f'getelementptr ptr, ptr %pointers, i64 {slots - 1}')
     if not shape:
         a.put(f'  store ptr %scalar, ptr {result}',
-              f'  call void @{symbol}(ptr %pointers)')
+              f'  call void {a.word("KERNEL")}(ptr %pointers)')
         _return_float(a, '%scalar')
         a.slow('%kwnames')
         return '\n'.join(a.lines)
@@ -303,7 +303,8 @@ def entry_code(symbol: str, shapes: Sequence[Shape], limits: Sequence[float],
           '  %out = phi ptr [%first.array, %first.taken], [%second.array, '
           '%second.taken], [%made.array, %keep]')
     memory = a.load('ptr', '%out', DATA)
-    a.put(f'  store ptr {memory}, ptr {result}', f'  call void @{symbol}(ptr %pointers)')
+    a.put(f'  store ptr {memory}, ptr {result}',
+          f'  call void {a.word("KERNEL")}(ptr %pointers)')
     a.branch(a.finite([(memory, math.prod(shape), math.inf)]), 'good', 'discard')
     a.put('good:', '  ret ptr %out', 'discard:')  # the fallback explains the error
     a.put(f'  call void {a.word("RELEASE")}(ptr %out)', '  br label %slow')
@@ -311,16 +312,15 @@ def entry_code(symbol: str, shapes: Sequence[Shape], limits: Sequence[float],
     return '\n'.join(a.lines)
 
 
-def bound_code(symbol: str, sizes: Sequence[int], limits: Sequence[float],
-               n_parameters: int, shape: Shape) -> str:
+def bound_code(sizes: Sequence[int], limits: Sequence[float], n_parameters: int,
+               shape: Shape) -> str:
     """
     Return the LLVM IR of `bound`.
 
+    The kernel gets pointers to the arguments, the parameters and the result.
+
     Parameters
     ----------
-    symbol : str
-        The kernel function, ``void symbol(double **pointers)``: arguments, parameters,
-        result.
     sizes : sequence of int
         Number of entries of each argument; none may be 0.
     limits : sequence of float
@@ -340,7 +340,8 @@ def bound_code(symbol: str, sizes: Sequence[int], limits: Sequence[float],
     # Only the values can be wrong: the arrays are those of the table.
     no_arguments = a.equal('i64', '%nargs', 0)
     a.branch([no_arguments, *a.finite(list(zip(data, sizes, limits)))], 'run', 'slow')
-    a.put('run:', f'  call void @{symbol}(ptr %pointers)')
+    a.put('run:')
+    a.put(f'  call void {a.word("KERNEL")}(ptr %pointers)')
     # The result stands last, behind the parameters.
     memory = a.load('ptr', '%pointers', 8 * (len(sizes) + n_parameters))
     if shape:

@@ -21,7 +21,8 @@ from kane_dynamics.native.backends.real_types import size_limit
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
-from kane_dynamics.native.python_call.entry import EntryTable
+from kane_dynamics.native.python_call.entry import (EntryTable, KernelFunction,
+                                                    Signature)
 from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, driver, repeat,
                                                 repeat_until, run_batch)
 from kane_dynamics.native.tracing.program import (origin, Program, Shape, size_of,
@@ -169,36 +170,34 @@ class Kernel:
         self._program = program
         self.defaults: list[Array] = []
         # Of the arguments that every call must have; a scalar is an array of one number.
-        self._shapes: list[Shape] = []
+        shapes: list[Shape] = []
         self._ranks = []  # axes of the arguments, the parameters and one state's result
-        signature = []
+        inputs = []
         default_sizes = []
         limits = []
         for argument in self.arguments:
             if argument.default is None:
-                self._shapes.append(argument.shape or (1,))
+                shapes.append(argument.shape or (1,))
             else:
                 self.defaults.append(argument.default)
                 default_sizes.append(argument.default.size)
             limits.append(size_limit(argument.name))
             self._ranks.append(len(argument.shape))
-            signature.append((argument.name, argument.shape))
+            inputs.append((argument.name, argument.shape))
         self._ranks += [parameters.ndim, len(shape)]
+        self._signature = Signature(tuple(shapes), tuple(default_sizes), tuple(limits),
+                                    shape)
         self._key: str | None = None
         if key:
             origin_of_single = origin(single) if single else ''
             self._key = '|'.join([key, origin(program), origin_of_single,
-                                  f'{signature} {parameters.shape} {shape}'])
+                                  f'{inputs} {parameters.shape} {shape}'])
         self._compiling = ForkSafeLock()
         self._lanes: tuple[llvm.Code, llvm.Address] | None = None  # set once
-
-        def text_of_single() -> str:
-            text = module_text((single or program)(), SYMBOL)
-            entries = entry.entry_points(SYMBOL, self._shapes, default_sizes, limits,
-                                         shape)
-            return f'{text}\n{entries}'
-        self.code = self._compiled('', text_of_single, in_order)
-        self.address = self.code.address(SYMBOL)
+        code = self._compiled('', lambda: module_text((single or program)(), SYMBOL),
+                              in_order)
+        self.address = code.address(SYMBOL)
+        self._function = KernelFunction(code, self.address)
 
     def _compiled(self, kind: str, text: Callable[[], str],
                   in_order: bool = False) -> llvm.Code:
@@ -234,6 +233,11 @@ class Kernel:
         """Trace the program."""
         return self._program()
 
+    def compile_entry(self) -> None:
+        """Compile the entry points of calls with one state, if not done yet."""
+        if self._signature.is_supported:
+            _ = self._signature.entry_points
+
     def compile_lanes(self) -> llvm.Address:
         """Compile the lane kernel for batches, if not done yet; return its address."""
         if self._lanes is None:
@@ -255,19 +259,20 @@ class Kernel:
 
     def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
         """Return a native entry point, or the fallback without support for it."""
-        return entry.entry(self.name, doc, self.code, self._shapes,
-                           [*self.defaults, self.parameters], self.shape, fallback)
+        return entry.entry(self.name, doc, self._function, self._signature,
+                           [*self.defaults, self.parameters], fallback)
 
     def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[],
                                                                                     Any]:
         """Return a function without arguments that calls the kernel on fixed arrays."""
-        return entry.bound(self.name, doc, self.code,
+        return entry.bound(self.name, doc, self._function, self._signature,
                            [*arguments, self.parameters, result],
                            self._fallback(arguments, result))
 
     def table(self, arguments: Sequence[Array], result: Array) -> EntryTable:
         """Return the table of a native method that calls the kernel on fixed arrays."""
-        return entry.bound_table(self.code, [*arguments, self.parameters, result],
+        return entry.bound_table(self._function, self._signature,
+                                 [*arguments, self.parameters, result],
                                  self._fallback(arguments, result))
 
     def _fallback(self, arguments: Sequence[Array], result: Array) -> Callable[[], Any]:

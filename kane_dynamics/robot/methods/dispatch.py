@@ -271,6 +271,7 @@ class Dispatch:
                  refused: tuple[type[Exception], ...]) -> None:
         with suppress(*refused):
             kernel = self.kernels.quantity(name)
+            kernel.compile_entry()
             if batches:
                 kernel.compile_lanes()
             getattr(self, name)
