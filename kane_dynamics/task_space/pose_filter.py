@@ -6,6 +6,13 @@ distance d without overshoot: along d, of the speed s with s h + s^2 / (2 a) = |
 the sample time h, plus the goal's own velocity. It changes by at most a h, and its
 length stays below the limit. Position and orientation do so separately, the orientation
 by its rotation vector.
+
+The acceleration then changes in steps. With a smoothing time T the target is that pose
+behind a low-pass filter of first order: p_s + T p_s' = p. Its velocity and acceleration
+are those of p behind the same filter, so that all three belong together, the limits hold
+as before, and the acceleration is continuous. The target is T later for it. Orientations
+go a part of the rotation vector between the two; where its axis changes, the limit of the
+angular acceleration holds to the order of (T w)^2 for an angular speed w.
 """
 
 from __future__ import annotations
@@ -42,7 +49,7 @@ class TargetState(NamedTuple):
         m.
     twist, acceleration : (6,) arrays
         Linear at the origin, then angular. The acceleration is that of the last sample
-        interval and changes in steps.
+        interval; without smoothing it changes in steps.
 
     """
 
@@ -64,6 +71,9 @@ class PoseFilter:
         m/s and rad/s, positive and finite.
     linear_acceleration, angular_acceleration : float
         m/s^2 and rad/s^2, positive and finite.
+    smoothing : float, optional
+        Time constant, s, of a low-pass filter that makes the acceleration continuous; the
+        target is late by it. Default: 0, none.
 
     Raises
     ------
@@ -73,10 +83,16 @@ class PoseFilter:
     """
 
     def __init__(self, *, linear_speed: float, angular_speed: float,
-                 linear_acceleration: float, angular_acceleration: float) -> None:
+                 linear_acceleration: float, angular_acceleration: float,
+                 smoothing: float = 0.0) -> None:
         """Check the limits; the filter starts with `reset`."""
         self._limits = np.zeros(4)
-        self._state: Array | None = None  # pose, twist and acceleration in a row
+        self._smoothing = np.zeros(1)
+        self._smoothing[0] = number(smoothing, 'smoothing',
+                                    'a finite time in s, not negative',
+                                    lambda x: 0.0 <= x < math.inf)
+        # Pose, twist and acceleration in a row; with smoothing, then those behind it.
+        self._state: Array | None = None
         self.tune(linear_speed=linear_speed, angular_speed=angular_speed,
                   linear_acceleration=linear_acceleration,
                   angular_acceleration=angular_acceleration)
@@ -100,6 +116,13 @@ class PoseFilter:
         if twist is not None:
             velocity = finite_row(twist, 'twist', DIRECTIONS, part='direction')
         self._state = np.concatenate([start.ravel(), velocity, STILL])
+        if self._smoothing[0] > 0.0:
+            # The pose before the low-pass filter is ahead by its time constant.
+            displacement = self._smoothing[0] * velocity
+            position = start[:3, 3] + displacement[:3]
+            rotation = _turned(start[:3, :3], displacement[3:])
+            ahead = _pose_row(rotation, position)
+            self._state = np.concatenate([ahead, velocity, STILL, self._state])
 
     @property
     def state(self) -> TargetState | None:
@@ -138,37 +161,63 @@ class PoseFilter:
         self._elapsed[0] = elapsed
         velocity = STILL if twist is None else twist
         self._state = self._next(self._state, goal, velocity, self._limits,
-                                 self._elapsed)
+                                 self._elapsed, self._smoothing)
         return _target(self._state)
 
     def _explained(self, state: Array, goal: ArrayLike, twist: Any, limits: Array,
-                   elapsed: Array) -> Array:
+                   elapsed: Array, smoothing: Array) -> Array:
         """Return the next state, or raise the InputError that explains why not."""
         pose = require_pose(goal, 'goal')
         velocity = finite_row(twist, 'twist', DIRECTIONS, part='direction')
-        result: Array = self._kernel(state, pose, velocity, limits, elapsed)
+        result: Array = self._kernel(state, pose, velocity, limits, elapsed, smoothing)
         return result
 
     @lazy_property
     def _kernel(self) -> Kernel:
         """Return the compiled step."""
-        inputs = [('state', (28,)), ('goal', (4, 4)), ('twist', (6,)), ('limits', (4,)),
-                  ('elapsed', (1,))]
-        return batch_kernel('target_filter', _step, inputs, (28,))
+        name, step, size = 'target_filter', _step, ROW
+        if self._smoothing[0] > 0.0:
+            name, step, size = 'smooth_target_filter', _smooth_step, 2 * ROW
+        inputs = [('state', (size,)), ('goal', (4, 4)), ('twist', (6,)),
+                  ('limits', (4,)), ('elapsed', (1,)), ('smoothing', (1,))]
+        return batch_kernel(name, step, inputs, (size,))
 
 
+ROW = 28  # numbers of a pose, a twist and an acceleration
 LIMITS = ('linear_speed', 'angular_speed', 'linear_acceleration', 'angular_acceleration')
 
 
 def _target(state: Array) -> TargetState:
     """Return the parts of a state."""
     # A copy, so that a caller who changes the target does not move the filter.
-    copied = state.copy()
+    copied = state[-ROW:].copy()
     return TargetState(copied[:16].reshape(4, 4), copied[16:22], copied[22:28])
 
 
+def _smooth_step(state: Vector, target: Matrix, twist: Vector, limits: Vector,
+                 elapsed: Vector, smoothing: Vector) -> Vector:
+    """Return the state after a sample interval, then the one behind the low-pass filter."""
+    h = elapsed[0]
+    followed = _step(state[:ROW], target, twist, limits, elapsed, smoothing)
+    late = state[ROW:]
+    late_pose = late[:16].reshape(4, 4)
+    goal = followed[:16].reshape(4, 4)
+    # The filter in its implicit form, stable for every interval: T (p_s - before) / h
+    # = p - p_s, and likewise for the velocities, as their equation is its derivative.
+    v = (h * followed[16:19] + smoothing[0] * late[16:19]) / (h + smoothing[0])
+    position = goal[:3, 3] - smoothing[0] * v
+    # Orientations: a part of the rotation vector from the late one to the other.
+    turn = _rotation_vector(goal[:3, :3] @ late_pose[:3, :3].T)
+    w = turn / (h + smoothing[0])
+    rotation = _turned(late_pose[:3, :3], h * w)
+    velocity = np.concatenate([v, w])
+    acceleration = (velocity - late[16:22]) * (1.0 / h)
+    return np.concatenate([followed, _pose_row(rotation, position), velocity,
+                           acceleration])
+
+
 def _step(state: Vector, target: Matrix, twist: Vector, limits: Vector,
-          elapsed: Vector) -> Vector:
+          elapsed: Vector, smoothing: Vector) -> Vector:
     """Return the state after a sample interval, over any scalar; see the module."""
     h = elapsed[0]
     pose = state[:16].reshape(4, 4)
@@ -180,12 +229,17 @@ def _step(state: Vector, target: Matrix, twist: Vector, limits: Vector,
 
     position = pose[:3, 3] + h * v
     rotation = _turned(R, h * w)
-    row = np.array([0.0, 0.0, 0.0, 1.0])
-    upper = np.concatenate([rotation, position[:, None]], axis=1)
-    moved = np.concatenate([upper, row[None]]).reshape(16)
+    moved = _pose_row(rotation, position)
     velocity = np.concatenate([v, w])
     result = np.concatenate([moved, velocity, (velocity - state[16:22]) * (1.0 / h)])
     return nan_unless(result, pose_margin(target))
+
+
+def _pose_row(rotation: Matrix, position: Vector) -> Vector:
+    """Return a pose as a row, (16,)."""
+    last = np.array([0.0, 0.0, 0.0, 1.0])
+    upper = np.concatenate([rotation, position[:, None]], axis=1)
+    return np.concatenate([upper, last[None]]).reshape(16)
 
 
 def _approaching(distance: Vector, v: Vector, goal_velocity: Vector, fastest: Scalar,

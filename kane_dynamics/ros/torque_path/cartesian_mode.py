@@ -19,7 +19,7 @@ from kane_dynamics.task_space.cartesian_impedance import CartesianImpedance
 from kane_dynamics.task_space.pose_filter import PoseFilter
 import numpy as np
 
-SMOOTHING = 0.05  # s: time constant of the target's acceleration, for feedforward
+SMOOTHING = 0.03  # s: of the target, so that its acceleration has no steps
 NEAR = 0.999  # of a limit of the target, above which it is reported
 
 
@@ -64,8 +64,8 @@ class CartesianMode(LiveLaw):
         self._trial = CartesianImpedance(robot, self.frame, axes=self._axes,
                                          **self._posed(robot.neutral()))
         self.target = CartesianTarget(robot, values['target.timeout'])
-        self._filter = PoseFilter(**target_limits(values))
-        self._acceleration = np.zeros(6)  # of the target, smoothed
+        # Steps of the target's acceleration would be steps of torque.
+        self._filter = PoseFilter(**target_limits(values), smoothing=SMOOTHING)
         self._measured = np.eye(4)
         self._difference = np.zeros(6)
         self._compare = bound(robot, displacement, self._difference,
@@ -124,18 +124,13 @@ class CartesianMode(LiveLaw):
         self._time = t
         desired = self._filter.step(target.pose, max(elapsed, 0.0), target.twist)
         self._desired = desired
-        # The acceleration changes in steps, which would be steps of torque.
-        share = min(max(elapsed, 0.0) / SMOOTHING, 1.0)
-        self._acceleration += share * (desired.acceleration - self._acceleration)
-        return self.law.torque(q, u, desired.pose, desired.twist, self._acceleration,
-                               target.wrench(stamp), t)
+        return self.law.torque(q, u, *desired, target.wrench(stamp), t)
 
     def _begin(self, q: Array) -> None:
         """Hold the pose of the frame at q, (n_q,), and the posture if none is stated."""
         pose = self._robot.frame_pose(self.frame, q)
         self.target.begin(pose)
         self._filter.reset(pose)
-        self._acceleration = np.zeros(6)
         self._posture = q.copy()
         self.law.update(**self._posed(self._posture))
 
@@ -168,6 +163,8 @@ class CartesianMode(LiveLaw):
                 saturated.append(f'{what} of the spring')
         if state.effort_scale < 1.0:
             saturated.append('effort of the task')
+        if state.speed_scale < 1.0 or state.braking > 0.0:
+            saturated.append('speed of the joints')
         if state.regularization > 0.0:
             saturated.append('singular configuration')
         for what, part, limit in (('speed', twist[:3], self._fastest[0]),

@@ -92,7 +92,7 @@ class JointImpedanceMode(LiveLaw):
         return self.law.torque(q, u, self._pose, t=t)
 
     def _begin(self, q: Array) -> None:
-        """Damp by the inertia of each joint at q, (n_q,), with the others free."""
+        """Damp by the inertia of each joint at q, (n_q,), with the others at rest."""
         self._begins = False
         # The independent speeds of an arm of the node are rates of joints that follow.
         inertias = np.diag(self._robot.mass_matrix(q))

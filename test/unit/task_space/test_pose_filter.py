@@ -19,10 +19,10 @@ def norms(rows):
 
 
 @pytest.mark.slow
-@settings(max_examples=6, deadline=None)
-@given(TWISTS, TWISTS, st.sampled_from([1e-3, 4e-3, 0.02]))
-def test_limits_hold_while_the_goal_jumps_and_it_is_reached(first, second, h):
-    target = PoseFilter(**LIMITS)
+@settings(max_examples=12, deadline=None)
+@given(TWISTS, TWISTS, st.sampled_from([1e-3, 4e-3, 0.02]), st.sampled_from([0.0, 0.03]))
+def test_limits_hold_while_the_goal_jumps_and_it_is_reached(first, second, h, smoothing):
+    target = PoseFilter(**LIMITS, smoothing=smoothing)
     target.reset(np.eye(4))
     twists, accelerations, poses = [np.zeros(6)], [], [np.eye(4)]
     for goal in (pose_exp(first), pose_exp(second)):
@@ -32,7 +32,9 @@ def test_limits_hold_while_the_goal_jumps_and_it_is_reached(first, second, h):
             accelerations.append(state.acceleration)
             poses.append(state.pose)
     assert np.all(norms(twists) <= np.array([0.5, 1.0]) * (1 + 1e-12))
-    assert np.all(norms(accelerations) <= np.array([2.0, 5.0]) * (1 + 1e-9))
+    # (T w)^2 where the axis of a smoothed rotation changes.
+    turning = 1e-9 + (smoothing * LIMITS['angular_speed']) ** 2
+    assert np.all(norms(accelerations) <= np.array([2.0 * (1 + 1e-9), 5.0 * (1 + turning)]))
     steps = [pose_error(a, b) / h for a, b in pairwise(poses)]
     np.testing.assert_allclose(steps, twists[1:], atol=1e-7)
     for _ in range(int(8.0 / h)):
@@ -72,6 +74,40 @@ def test_a_start_in_motion_keeps_its_velocity_at_first():
     assert state.twist[0] == pytest.approx(0.398)
 
 
+def test_smoothing_makes_the_acceleration_continuous_and_the_target_late():
+    plain, smooth = PoseFilter(**LIMITS), PoseFilter(**LIMITS, smoothing=0.03)
+    goal = pose_exp([0.3, -0.2, 0.1, 0.4, -0.5, 0.2])
+    poses, twists, accelerations, followed = [np.eye(4)], [np.zeros(6)], [np.zeros(6)], [0.0]
+    for target in (plain, smooth):
+        target.reset(np.eye(4))
+    for _ in range(4000):
+        followed.append(plain.step(goal, 1e-3).pose[0, 3])
+        state = smooth.step(goal, 1e-3)
+        poses.append(state.pose)
+        twists.append(state.twist)
+        accelerations.append(state.acceleration)
+    # One motion: each is the rate of the one before.
+    np.testing.assert_allclose([pose_error(a, b) / 1e-3 for a, b in pairwise(poses)], twists[1:],
+                               atol=1e-9)
+    np.testing.assert_allclose(np.diff(twists, axis=0) / 1e-3, accelerations[1:], atol=1e-9)
+    # A step of acceleration by at most twice its limit comes within the time constant.
+    steps = norms(np.diff(accelerations, axis=0))
+    assert np.all(steps <= 2.0 * np.array([2.0, 5.0]) * 1e-3 / 0.03)
+    np.testing.assert_allclose(state.pose, goal, atol=1e-9)
+    # p_s + T p_s' = p
+    late = np.array([pose[0, 3] for pose in poses]) + 0.03 * np.array(twists)[:, 0]
+    np.testing.assert_allclose(late, followed, atol=1e-12)
+
+
+def test_a_smoothed_start_in_motion_goes_on_from_its_pose():
+    target = PoseFilter(**LIMITS, smoothing=0.03)
+    target.reset(np.eye(4), [0.4, 0, 0, 0, 0, 0.9])
+    np.testing.assert_array_equal(target.state.pose, np.eye(4))
+    state = target.step(pose_exp([0.4, 0, 0, 0, 0, 0.9]), 1e-3)
+    np.testing.assert_allclose(pose_error(np.eye(4), state.pose),
+                               [0.4e-3, 0, 0, 0, 0, 0.9e-3], atol=1e-6)
+
+
 def test_limits_change_while_the_target_moves():
     target = PoseFilter(**LIMITS)
     target.reset(np.eye(4))
@@ -100,6 +136,9 @@ def test_wrong_numbers_are_refused_and_change_nothing():
                 target.tune(**{name: value})
     with pytest.raises(InputError, match='speed'):
         target.tune(speed=1.0)
+    for value in (-1.0, np.inf, np.nan, 'x'):
+        with pytest.raises(InputError, match='smoothing'):
+            PoseFilter(**LIMITS, smoothing=value)
     for pose, twist in ((np.eye(3), None), (np.eye(4), [1.0]), (np.eye(4), [np.inf] * 6)):
         with pytest.raises(InputError, match='expected'):
             target.reset(pose, twist)

@@ -1,0 +1,89 @@
+"""The FR3 in MuJoCo, with friction, is led by hand over DDS: with and without hand guiding."""
+
+from pathlib import Path
+import sys
+
+from node_process import Process
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip('mujoco')
+sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
+
+import task_space_laws as experiments  # noqa: E402, I100
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+LED = 2.5  # s
+ACCELERATED = 1.0  # s at the beginning that do not count
+
+
+class LedPlant(experiments.Plant):
+    """The arm with its friction, whose flange a hand leads along a line."""
+
+    def __init__(self, robot, arm):
+        super().__init__(robot, arm.urdf)
+        self.rub(robot)
+        self.frame = arm.frame
+        self.reset(arm.home)
+        self.start = robot.frame_pose(arm.frame, arm.home)[:3, 3]
+        self.led_since = None  # s of the simulation
+        self.forces = []
+
+    def load(self):
+        """Add the force of the hand, which holds on to a point that moves."""
+        if self.led_since is None:
+            return
+        q, u = self.state
+        stiffness, damping = experiments.HAND
+        velocity = np.array([0.0, experiments.LED, 0.0])
+        hand = self.start + (self.data.time - self.led_since) * velocity
+        place = self.robot.frame_pose(self.frame, q)[:3, 3]
+        speed = self.robot.frame_velocity(self.frame, q, u)[:3]
+        force = stiffness * (hand - place) + damping * (velocity - speed)
+        self.data.qfrc_applied[self.u_places] += (
+            self.robot.jacobian(self.frame, q)[:3].T @ force)
+        if self.data.time - self.led_since > ACCELERATED:
+            self.forces.append(np.linalg.norm(force))
+
+
+def scaled_friction(path, factor):
+    """Write the friction of the examples times a factor; return the path."""
+    supplement = yaml.safe_load(experiments.FRICTION.read_text())
+    for numbers in supplement['joints'].values():
+        for name in ('damping', 'friction'):
+            numbers[name] *= factor
+    path.write_text(yaml.safe_dump(supplement))
+    return path
+
+
+def mean_force(mode, supplement):
+    """Return the mean force, N, of the hand on an arm whose node is in a mode."""
+    from lockstep_arm import LockstepArm
+    arm = experiments.arms()['FR3']
+    plant = LedPlant(experiments.with_friction(arm, 1.0), arm)
+    lockstep = LockstepArm(plant)
+    node = Process(urdf=arm.urdf, tip=arm.frame, supplement=supplement, mode=mode,
+                   arm_compensates='none', use_sim_time='true', state_timeout=1.0,
+                   real_states=True)
+    try:
+        node.wait_for('active, mode')
+        lockstep.connect()
+        plant.led_since = plant.data.time
+        for _ in range(round(LED * experiments.RATE)):
+            lockstep.cycle()
+    finally:
+        lockstep.close()
+        code = node.end()[0]
+    assert code == 0 and 'Traceback' not in node.log, node.log
+    assert lockstep.unanswered == 0
+    return np.mean(plant.forces)
+
+
+def test_a_hand_needs_a_fifth_of_the_force(participant, tmp_path):
+    """With a model of 20 % more friction than the arm has."""
+    supplement = scaled_friction(tmp_path / 'friction.yaml', 1.2)
+    without = mean_force('gravity_compensation', supplement)
+    guided = mean_force('hand_guiding', supplement)
+    print(f'\n{without:.1f} N with gravity compensation, {guided:.1f} N with hand guiding')
+    assert without > experiments.LIGHTER * guided
