@@ -1,5 +1,6 @@
 """The laws of the modes of `Controller` as functions over any scalar, to be compiled."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Scalar, Vector
@@ -19,6 +20,69 @@ class Desired(NamedTuple):
     u: Vector
     udot: Vector
     moving: Scalar
+
+
+class LawInput(NamedTuple):
+    """
+    What a law computes a torque from.
+
+    Attributes
+    ----------
+    q, u : (n,) arrays
+        Measured state.
+    stamp : Scalar
+        Its time, ns since the path began.
+    desired : Desired
+    begins : Scalar
+        1 at the first state of the law, whose memory is not valid there; else 0.
+    memory, settings : arrays
+        Of the law.
+    parameters, limits : arrays
+        Of the robot.
+
+    """
+
+    q: Vector
+    u: Vector
+    stamp: Scalar
+    desired: Desired
+    begins: Scalar
+    memory: Vector
+    settings: Vector
+    parameters: Vector
+    limits: Vector
+
+
+class TracedLaw(NamedTuple):
+    """
+    The law of a mode as a function over any scalar.
+
+    Attributes
+    ----------
+    torque : callable
+        Returns the torque before the limits, (n,), and the next memory, of a `LawInput`.
+    settings, memory : int
+        Lengths of its settings and its memory.
+    holds : bool
+        Whether the pose of the first state without a motion is desired.
+
+    """
+
+    torque: Callable[[LawInput], tuple[Vector, Vector]]
+    settings: int
+    memory: int = 0
+    holds: bool = False
+
+
+def controller_laws(robot: Robot, terms: Terms) -> dict[Mode, TracedLaw]:
+    """Return the laws of `MODES`; their settings are the gains, kp then kd."""
+    def law_of(mode: Mode) -> TracedLaw:
+        def torque(at: LawInput) -> tuple[Vector, Vector]:
+            tau = mode_torque(robot, mode, terms, at.q, at.u, at.desired, at.settings,
+                              at.parameters, at.limits)
+            return tau, at.memory
+        return TracedLaw(torque, 2 * robot.n, holds=mode is Mode.COMPUTED_TORQUE)
+    return {mode: law_of(mode) for mode in MODES}
 
 
 def chosen(flag: Scalar, x: Vector, y: Vector) -> Vector:

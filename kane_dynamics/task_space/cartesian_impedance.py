@@ -297,6 +297,21 @@ class CartesianImpedance(PoseLaw):
         return kernel.entry('', kernel)
 
 
+def impedance_law(law: CartesianImpedance, robot: Robot, lanes_of: LanesOf) -> Law:
+    """
+    Return the torques of an object's law as a function over any scalar.
+
+    Its arguments are those of `torque`, with all settings for the last. The robot is that
+    of the object, or the same in other speeds.
+    """
+    return _law(robot, law._task, law._walls, law._shapes, False, lanes_of)
+
+
+def posture_place(law: CartesianImpedance) -> slice:
+    """Return where its settings have the posture."""
+    return law._shapes.place('posture')
+
+
 def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,
          with_state: bool, lanes_of: LanesOf) -> Law:
     """Return the law as a function over any scalar; see the module."""

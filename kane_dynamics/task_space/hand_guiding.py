@@ -201,6 +201,11 @@ class HandGuiding(RunTimeSettings):
         return kernel.entry('', kernel)
 
 
+def hand_guiding_law(law: HandGuiding) -> Law:
+    """Return the law of an object as a function of q, u and settings, over any scalar."""
+    return _law(law.robot, law._frame, law._walls, law._shapes)
+
+
 def _checked_planes(planes: ArrayLike) -> Array:
     """Return planes as a (k, 4) array; InputError for anything else."""
     try:

@@ -143,6 +143,16 @@ class JointImpedance(RunTimeSettings):
         return kernel.entry('', kernel)
 
 
+def joint_impedance_law(law: JointImpedance) -> Law:
+    """
+    Return the law of an object as a function over any scalar.
+
+    Its arguments are q, u, q_d, u_d, udot_d and the settings: stiffness, damping, weights
+    of the compensation.
+    """
+    return _law(law.robot, law._places, law._shapes)
+
+
 def _law(robot: Robot, followed: Sequence[int], shapes: Settings) -> Law:
     """Return the law as a function over any scalar; see the module."""
     equations = robot.equations

@@ -45,6 +45,15 @@ class Settings:
         self.shapes = dict(shapes)
         self.size = sum(map(size_of, self.shapes.values()))
 
+    def place(self, name: str) -> slice:
+        """Return where the array has a setting."""
+        first = 0
+        for other, shape in self.shapes.items():
+            if other == name:
+                return slice(first, first + size_of(shape))
+            first += size_of(shape)
+        raise KeyError(name)
+
     def packed(self, values: Mapping[str, Any]) -> Array:
         """Return the array of settings; infinite numbers become `UNLIMITED`."""
         parts = []
@@ -99,6 +108,11 @@ class RunTimeSettings:
     def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return the numbers of the kernel by name, from checked settings."""
         raise NotImplementedError
+
+
+def settings_of(law: RunTimeSettings) -> Array:
+    """Return the settings of a law as its kernel takes them."""
+    return law._block.copy()
 
 
 class PoseLaw(RunTimeSettings):
@@ -221,17 +235,17 @@ def law_kernel(robot: Robot, law_of: Callable[[Robot, LanesOf], Law], name: str,
         if regular is None:
             return None
         return law_kernel(regular, law_of, name, inputs, shape, followed)
-    return robot.kernels.compiled(watched(law_of(robot, _in_scalars)), name, inputs,
+    return robot.kernels.compiled(watched(law_of(robot, lanes_of_scalars)), name, inputs,
                                   shape, reason=reason,
-                                  single=watched(law_of(robot, _in_lanes)))
+                                  single=watched(law_of(robot, lanes_of_single_states)))
 
 
-def _in_lanes(scalar: Scalar) -> Any:
+def lanes_of_single_states(scalar: Scalar) -> Any:
     """Return the functions of lanes of SIMD instructions, for a traced scalar."""
     return WideLanes(scalar.trace)
 
 
-def _in_scalars(scalar: Scalar) -> Any:
+def lanes_of_scalars(scalar: Scalar) -> Any:
     """Return the functions of lanes for any scalar."""
     return Lanes
 

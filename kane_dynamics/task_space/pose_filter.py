@@ -177,7 +177,7 @@ class PoseFilter:
         """Return the compiled step."""
         name, step, size = 'target_filter', _step, ROW
         if self._smoothing[0] > 0.0:
-            name, step, size = 'smooth_target_filter', _smooth_step, 2 * ROW
+            name, step, size = 'smooth_target_filter', smooth_step, 2 * ROW
         inputs = [('state', (size,)), ('goal', (4, 4)), ('twist', (6,)),
                   ('limits', (4,)), ('elapsed', (1,)), ('smoothing', (1,))]
         return batch_kernel(name, step, inputs, (size,))
@@ -194,9 +194,24 @@ def _target(state: Array) -> TargetState:
     return TargetState(copied[:16].reshape(4, 4), copied[16:22], copied[22:28])
 
 
-def _smooth_step(state: Vector, target: Matrix, twist: Vector, limits: Vector,
+def smooth_step(state: Vector, target: Matrix, twist: Vector, limits: Vector,
                  elapsed: Vector, smoothing: Vector) -> Vector:
-    """Return the state after a sample interval, then the one behind the low-pass filter."""
+    """
+    Return the state after a sample interval, then the one behind the low-pass filter.
+
+    Parameters
+    ----------
+    state : (56,) array
+        Pose, twist and acceleration before the low-pass filter, and those behind it.
+    target : (4, 4) array
+    twist : (6,) array
+        Of the target.
+    limits : (4,) array
+        In the order of `LIMITS`.
+    elapsed, smoothing : (1,) arrays
+        s, positive.
+
+    """
     h = elapsed[0]
     followed = _step(state[:ROW], target, twist, limits, elapsed, smoothing)
     late = state[ROW:]

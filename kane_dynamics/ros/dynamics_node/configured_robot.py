@@ -12,7 +12,6 @@ from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.control.controller import Controller, ModeLaw
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import Mode
-from kane_dynamics.control.traced_laws import MODES
 from kane_dynamics.control.trajectory_joints import compile_trajectories
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.path_robot import compile_timing
@@ -396,10 +395,6 @@ class ConfiguredRobot:
         """Raise InputError unless parameters, of which `changed` are set, fit."""
         path_settings(values, self.robot)
         self.modes.check(values)
-        if self.torque_path == 'native' and values['mode'] not in MODES:
-            raise InputError(f"parameter 'mode': {values['mode']}; expected "
-                             f'{", ".join(MODES)} on the native torque path '
-                             '(torque_path)')
         speed_limits(self.robot, values)
         FillSettings.from_values(values, self.robot.joint_names)
         parameter_loads(self.robot.model, values)

@@ -1,9 +1,10 @@
 """Mode cartesian_impedance: the controlled frame on a spring to its target."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics.control.traced_laws import LawInput, TracedLaw
 from kane_dynamics.model.model import WORLD
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
@@ -11,19 +12,23 @@ from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.parameters.task_settings import (cartesian_settings,
                                                         controlled_frame, differ,
                                                         target_limits)
-from kane_dynamics.ros.torque_path.cartesian_target import CartesianTarget, largest_of
-from kane_dynamics.ros.torque_path.live_law import LiveLaw
-from kane_dynamics.ros.torque_path.pose_functions import bound, displacement
+from kane_dynamics.ros.torque_path.cartesian_cycle import (CartesianCycle, memory_size,
+                                                           ORDERS_SIZE, packed,
+                                                           target_of, unpacked_memory)
+from kane_dynamics.ros.torque_path.cartesian_target import CartesianTarget
+from kane_dynamics.ros.torque_path.native_law import NativeLaw
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
-from kane_dynamics.task_space.cartesian_impedance import CartesianImpedance
-from kane_dynamics.task_space.pose_filter import PoseFilter
+from kane_dynamics.task_space.cartesian_impedance import (CartesianImpedance,
+                                                          impedance_law, posture_place)
+from kane_dynamics.task_space.law_kernel import (identifier, lanes_of_single_states,
+                                                 LanesOf, Law, law_kernel, settings_of)
+from kane_dynamics.task_space.pose_filter import LIMITS
 import numpy as np
 
-SMOOTHING = 0.03  # s: of the target, so that its acceleration has no steps
 NEAR = 0.999  # of a limit of the target, above which it is reported
 
 
-class CartesianMode(LiveLaw):
+class CartesianMode(NativeLaw):
     """
     The law of mode cartesian_impedance, with its target.
 
@@ -59,30 +64,66 @@ class CartesianMode(LiveLaw):
         self._robot = robot
         self._axes = values['cartesian.axes']
         self._settings = cartesian_settings(values, robot)
-        self.law = CartesianImpedance(robot, self.frame, axes=self._axes,
-                                      **self._posed(robot.neutral()))
-        self._trial = CartesianImpedance(robot, self.frame, axes=self._axes,
-                                         **self._posed(robot.neutral()))
-        self.target = CartesianTarget(robot, values['target.timeout'])
-        # Steps of the target's acceleration would be steps of torque.
-        self._filter = PoseFilter(**target_limits(values), smoothing=SMOOTHING)
-        self._measured = np.eye(4)
-        self._difference = np.zeros(6)
-        self._compare = bound(robot, displacement, self._difference,
-                              start=self._measured, goal=self.target.pose)
+        self.law = self._law_with(robot.neutral())
+        self._numbers = settings_of(self.law)
+        # A law of its own checks settings that the path does not use yet, and another one
+        # describes the states of other threads.
+        self._trial = self._law_with(robot.neutral())
+        self._describing = self._law_with(robot.neutral())
+        self._described = robot.neutral(), self._settings
+        self.target = CartesianTarget(values['target.timeout'])
         self._use_target_limits(values)
+        self._cycle = self._compiled()
+        # Arguments of the cycle, where they change from cycle to cycle.
+        self._memory = np.zeros(memory_size(robot.n_q))
+        self._orders = np.zeros(ORDERS_SIZE)
+        self._ordered: tuple[int, int] | None = None  # the epoch and the count of orders
+        self._epoch = 0
+        self._clock = np.array([0.0, 1.0])  # stamp, and whether the law begins
         self.restart()
 
-    def _posed(self, q: Array) -> dict[str, Any]:
-        """Return the settings of the law, with q, (n_q,), as posture by default."""
-        return {'posture': q, **self._settings}
+    def _law_with(self, posture: Array) -> CartesianImpedance:
+        """Return a law with the present settings."""
+        return CartesianImpedance(self._robot, self.frame, axes=self._axes,
+                                  **{'posture': posture, **self._settings})
+
+    def _compiled(self) -> Callable[..., Array]:
+        """Return the entry point of the cycle: torques, then the next memory."""
+        robot = self._robot
+
+        def cycle_of(choice: Robot, lanes_of: LanesOf) -> Law:
+            cycle = self._cycle_of(choice, lanes_of)
+
+            def row(q: Vector, u: Vector, clock: Vector, memory: Vector, settings: Vector,
+                    orders: Vector, *, t: Scalar, parameters: Vector) -> Vector:
+                stamp, begins = clock
+                return np.concatenate(cycle.torque(q, u, stamp, begins, memory, settings,
+                                                   orders, t=t, parameters=parameters))
+            return row
+        joints = len(robot.joint_names)
+        memory = memory_size(robot.n_q)
+        inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'clock': (2,),
+                  'memory': (memory,), 'settings': self._numbers.shape,
+                  'orders': (ORDERS_SIZE,)}
+        kernel = law_kernel(robot, cycle_of, identifier('cartesian_cycle', self.frame,
+                                                        self._axes), inputs,
+                            (joints + memory,))
+        return kernel.entry('', kernel)
+
+    def _cycle_of(self, robot: Robot, lanes_of: LanesOf) -> CartesianCycle:
+        """Return the cycle for the robot, or for the same in other speeds."""
+        frame = robot.model.frame(self.frame)
+
+        def frame_pose(q: Vector, t: Scalar) -> Matrix:
+            return robot.equations.frame_pose(frame, q, t)
+        return CartesianCycle(frame_pose, impedance_law(self.law, robot, lanes_of),
+                              posture_place(self.law))
 
     def _use_target_limits(self, values: Mapping[str, Any]) -> None:
         """Use the parameters of the target."""
         self.target.timeout = values['target.timeout']
         limits = target_limits(values)
-        self._filter.tune(**limits)
-        self._fastest = limits['linear_speed'], limits['angular_speed']
+        self._limits = np.array([limits[name] for name in LIMITS])
         self._farthest = values['target.max_distance']
         self._widest = values['target.max_angle']
 
@@ -99,64 +140,56 @@ class CartesianMode(LiveLaw):
         changed = differ(settings, self._settings)
         self._settings = settings
         self._use_target_limits(values)
+        self._ordered = None
         if changed:
-            self.law.update(**self._posed(self._posture))
+            self.law.update(**{'posture': self._robot.neutral(), **settings})
+            self._numbers = settings_of(self.law)
         return changed
 
     def compile(self) -> None:  # noqa: A003
-        """Compile the kernels of the law."""
+        """Compile what describes a state; the cycle is compiled."""
         self.law.compile()
 
     def restart(self) -> None:
         """Begin at the pose of the frame at the next state."""
-        self.target.clear()
-        self._time = 0.0
+        self._clock[1] = 1.0
 
     def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
                t: float) -> Array:
         """Return joint torques (n_q,) towards the target at stamp t, s."""
-        target = self.target
-        if not target.known:
-            self._begin(q)
         stamp = round(t * NANO)
-        target.advance(stamp, self._may_move(q))
-        elapsed = t - self._time if self._time else 0.0
-        self._time = t
-        desired = self._filter.step(target.pose, max(elapsed, 0.0), target.twist)
-        self._desired = desired
-        return self.law.torque(q, u, *desired, target.wrench(stamp), t)
-
-    def _begin(self, q: Array) -> None:
-        """Hold the pose of the frame at q, (n_q,), and the posture if none is stated."""
-        pose = self._robot.frame_pose(self.frame, q)
-        self.target.begin(pose)
-        self._filter.reset(pose)
-        self._posture = q.copy()
-        self.law.update(**self._posed(self._posture))
-
-    def _may_move(self, q: Array) -> bool:
-        """Return whether a target that moves by a twist is near enough to the frame."""
-        if not self.target.has_twist:
-            return True
-        self._measured[:] = self._robot.frame_pose(self.frame, q)
-        self._compare()
-        distance, angle = largest_of(self._difference)
-        return bool(distance <= self._farthest and angle <= self._widest)
+        if self._clock[1]:
+            self._epoch = stamp
+        self._clock[0] = stamp - self._epoch
+        times = (t,) if self._robot.equations.timed else ()
+        if self._ordered != (self._epoch, self.target.changes):
+            self._orders = self.order_numbers(self._epoch)
+            self._ordered = self._epoch, self.target.changes
+        row = self._cycle(q, u, self._clock, self._memory, self._numbers, self._orders,
+                          *times)
+        self._clock[1] = 0.0
+        n = len(self._robot.joint_names)
+        self._memory = row[n:]
+        return row[:n]
 
     def snapshot(self, stamp: int) -> TaskSnapshot:
         """Return what is kept of the last cycle."""
+        memory = unpacked_memory(self._memory.copy(), self._robot.n_q)
         age = -1.0
-        if self.target.moved_at:
+        if self.target.moved_at >= self._epoch + memory.law_began:
             age = (stamp - self.target.moved_at) / NANO
-        desired = self._desired
-        return TaskSnapshot(desired.pose, age,
-                            (desired.twist, self.target.wrench(stamp)))
+        pose, twist, _ = target_of(memory.followed)
+        return TaskSnapshot(pose, age, (twist, memory.wrench, memory.posture))
 
     def describe(self, q: Array, u: Array, snapshot: TaskSnapshot) -> TaskDescription:
         """Return the wrench of the law at a state, and what is at its limit."""
         assert snapshot.desired is not None
-        twist, wrench = snapshot.detail
-        state = self.law.state(q, u, snapshot.desired, twist)
+        twist, wrench, posture = snapshot.detail
+        described = self._described
+        self._described = posture, self._settings
+        if not np.array_equal(posture, described[0]) or self._settings is not described[1]:
+            self._describing.update(**{'posture': posture, **self._settings})
+        state = self._describing.state(q, u, snapshot.desired, twist)
         saturated = []
         for what, scale in zip(('force', 'moment'), state.spring_scale):
             if scale < 1.0:
@@ -167,13 +200,11 @@ class CartesianMode(LiveLaw):
             saturated.append('speed of the joints')
         if state.regularization > 0.0:
             saturated.append('singular configuration')
-        for what, part, limit in (('speed', twist[:3], self._fastest[0]),
-                                  ('angular speed', twist[3:], self._fastest[1])):
+        for what, part, limit in (('speed', twist[:3], self._limits[0]),
+                                  ('angular speed', twist[3:], self._limits[1])):
             if np.sqrt(part @ part) > NEAR * limit:
                 saturated.append(f'{what} of the target')
-        total = in_world(self._rotation(snapshot.desired), state.wrench)
-        if wrench is not None:
-            total = total + wrench
+        total = in_world(self._rotation(snapshot.desired), state.wrench) + wrench
         return TaskDescription(total, tuple(saturated))
 
     def _rotation(self, desired: Array) -> Array:
@@ -187,6 +218,34 @@ class CartesianMode(LiveLaw):
         if reference.body == WORLD:
             return reference.rotation
         return desired[:3, :3] @ model.frame(self.frame).rotation.T @ reference.rotation
+
+
+    # On the native torque path.
+
+    def traced(self) -> TracedLaw:
+        """Return the law for an arm in joint rates."""
+        cycle = self._cycle_of(self._robot, lanes_of_single_states)
+        size = len(self.settings_numbers())
+
+        def torque(at: LawInput) -> tuple[Vector, Vector]:
+            return cycle.torque(at.q, at.u, at.stamp, at.begins, at.memory,
+                                at.settings[:size], at.settings[size:], t=0.0,
+                                parameters=at.parameters)
+        return TracedLaw(torque, size + ORDERS_SIZE, memory_size(self._robot.n_q))
+
+    def settings_numbers(self) -> Array:
+        """Return the settings of the law."""
+        return self._numbers
+
+    def order_numbers(self, epoch: int) -> Array:
+        """Return what messages ask of the target, with times since epoch, ns."""
+        return packed(self.target.orders(epoch, self._farthest, self._widest,
+                                         self._limits, 'posture' in self._settings))
+
+    def mirror(self, memory: Array, epoch: int) -> None:
+        """Take over the target that the native thread had in a cycle."""
+        self._memory = memory[:len(self._memory)]
+        self._epoch = epoch
 
 
 def in_world(rotation: Array, six: Array) -> Array:

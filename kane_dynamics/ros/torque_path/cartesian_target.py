@@ -1,165 +1,105 @@
-"""
-The target of the controlled frame between two messages.
-
-A pose of `~/target_pose` is reached along a straight line and about one axis, at constant
-speed, in the time between the last two poses: poses at 5 Hz then give a motion without
-stops, one period late. While `~/target_twist` is in time, the target moves with it from
-the last pose on, without delay. A target that no message moves any more is held.
-"""
+"""What messages ask of the target of the controlled frame; `cartesian_cycle` follows it."""
 
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Matrix, Vector
 from kane_dynamics.mechanics.algebra.quaternion import rotation_matrix
-from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
-from kane_dynamics.ros.torque_path.pose_functions import (bound, displaced,
-                                                          displacement)
+from kane_dynamics.ros.torque_path.cartesian_cycle import NEVER, TargetOrders
 import numpy as np
 
-LONGEST_PERIOD = 0.3  # s between two poses that belong together: of 5 Hz, with delays
+
+class Directed(NamedTuple):
+    """
+    A twist or a wrench of a message.
+
+    Attributes
+    ----------
+    numbers : (6,) array
+        Linear, then angular.
+    turns : bool
+        Whether they are in the axes of the target; else in those of the world.
+    at : int
+        When it arrived, ns.
+
+    """
+
+    numbers: Array
+    turns: bool
+    at: int
 
 
 class CartesianTarget:
     """
-    The pose and the twist that the controlled frame is to have, and the wrench.
+    The latest pose, twist and wrench of messages.
 
     Messages and states are processed in the same thread.
 
     Parameters
     ----------
-    robot : Robot
-        Compiles the kernels.
     timeout : float
         s; without a further message in this time, twist and wrench end.
 
     Attributes
     ----------
-    pose : (4, 4) array
-        At the time of the last `advance`, in the world.
-    twist : (6,) array
-        Its velocity, linear then angular, world axes.
-    known : bool
-        Whether there is a pose.
+    timeout : float
     moved_at : int
-        When the last pose or twist arrived, ns; 0: none since `clear`.
+        When the last pose or twist arrived, ns; 0: none.
+    changes : int
+        How often a message changed what is asked.
+    changed : callable
+        Called after each message.
 
     """
 
-    def __init__(self, robot: Robot, timeout: float) -> None:
+    def __init__(self, timeout: float) -> None:
         self.timeout = timeout
-        self.pose = np.eye(4)
-        self.twist = np.zeros(6)
-        self._start = np.eye(4)  # where the present movement began
+        self.changed: Callable[[], Any] = lambda: None
+        self.changes = 0
+        self._count = 0
         self._goal = np.eye(4)
-        self._step = np.zeros(6)  # its displacement
-        self._share = np.zeros(())
-        self._displace = bound(robot, displaced, self.pose, start=self._start,
-                               step=self._step, share=self._share)
-        self._compare = bound(robot, displacement, self._step, start=self._start,
-                              goal=self._goal)
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget the target, as the law restarts."""
-        self.known = False
+        self._posed_at = 0
         self.moved_at = 0
-        self._posed_at = 0  # when the last pose arrived, ns
-        self._advanced_at = 0
-        self._duration = 0.0  # of the movement to the last pose, s
-        self._wrench: Callable[[], Array] | None = None
-        self._wrench_at = 0
-        self._twist: Callable[[], Array] | None = None
-        self._twist_at = 0
-        self.twist[:] = 0.0
+        self._twist: Directed | None = None
+        self._wrench: Directed | None = None
 
-    def begin(self, pose: Array) -> None:
-        """Hold a pose, that of the frame when the law begins."""
-        self.pose[:] = pose
-        self.known = True
-        self._duration = 0.0
-
-    def go_to(self, pose: Array, now: int) -> None:
+    def go_to(self, pose: Matrix, now: int) -> None:
         """Reach a pose in the time since the last one."""
-        self.advance(now, True)
-        since = (now - self._posed_at) / NANO
+        self._count += 1
+        self._goal = pose.copy()
         self._posed_at = self.moved_at = now
-        self._start[:] = self.pose
-        self._goal[:] = pose
-        self._compare()
-        # A single pose is reached as fast as the limits of the target allow.
-        self._duration = since if 0.0 < since <= LONGEST_PERIOD else 0.0
-        self._began = now
-        if self._duration == 0.0 or self._moves_by_twist(now):
-            self.pose[:] = pose
-            self._duration = 0.0
+        self._note_change()
 
-    def move(self, twist: Callable[[], Array], now: int) -> None:
-        """Move with a twist, whose function gives it in world axes at the present pose."""
-        self._twist = twist
-        self._twist_at = self.moved_at = now
+    def move(self, twist: Vector, turns: bool, now: int) -> None:
+        """Move with a twist, (6,), in the axes of the target if it turns, else the world's."""
+        self._twist = Directed(twist.copy(), turns, now)
+        self.moved_at = now
+        self._note_change()
 
-    def press(self, wrench: Callable[[], Array], now: int) -> None:
-        """Add a wrench, whose function gives it in world axes at the present pose."""
-        self._wrench = wrench
-        self._wrench_at = now
+    def press(self, wrench: Vector, turns: bool, now: int) -> None:
+        """Add a wrench, (6,), in the axes of the target if it turns, else the world's."""
+        self._wrench = Directed(wrench.copy(), turns, now)
+        self._note_change()
 
-    @property
-    def has_twist(self) -> bool:
-        """Return whether a twist was received that has not ended yet."""
-        return self._twist is not None
+    def _note_change(self) -> None:
+        self.changes += 1
+        self.changed()
 
-    def _moves_by_twist(self, now: int) -> bool:
-        """Return whether the last twist is in time."""
-        if self._twist is None:
-            return False
-        if (now - self._twist_at) / NANO > self.timeout:
-            self._twist = None
-            return False
-        return True
-
-    def advance(self, now: int, may_move: bool) -> None:
+    def orders(self, epoch: int, farthest: float, widest: float, limits: Vector,
+               posture_stated: bool) -> TargetOrders:
         """
-        Set `pose` and `twist` to their values at a time, ns.
+        Return what the messages ask, with times since epoch, ns.
 
-        Parameters
-        ----------
-        now : int
-            Stamp of the state, ns.
-        may_move : bool
-            False holds a target that moves with a twist, such as one that is far ahead
-            of the arm.
-
+        Further parameters are the fields of `TargetOrders` of these names.
         """
-        elapsed = max(now - self._advanced_at, 0) / NANO if self._advanced_at else 0.0
-        self._advanced_at = now
-        self.twist[:] = 0.0
-        if self._duration > 0.0:
-            share = (now - self._began) / NANO / self._duration
-            if share < 1.0:
-                self._share[()] = max(share, 0.0)
-                self.twist[:] = self._step
-                self.twist /= self._duration
-            else:
-                self._share[()] = 1.0
-                self._duration = 0.0
-            self._displace()
-        elif self._moves_by_twist(now) and may_move:
-            assert self._twist is not None
-            self.twist[:] = self._twist()
-            self._start[:] = self.pose
-            np.multiply(self.twist, elapsed, out=self._step)
-            self._share[()] = 1.0
-            self._displace()
-
-    def wrench(self, now: int) -> Array | None:
-        """Return the wrench at the frame, (6,) in world axes; None without one in time."""
-        if self._wrench is None:
-            return None
-        if (now - self._wrench_at) / NANO > self.timeout:
-            self._wrench = None
-            return None
-        return self._wrench()
+        def of(directed: Directed | None) -> tuple[Array, float, float]:
+            if directed is None:
+                return np.zeros(6), NEVER, 0.0
+            return directed.numbers, float(directed.at - epoch), float(directed.turns)
+        return TargetOrders(float(self._count), float(self._posed_at - epoch), self._goal,
+                            *of(self._twist), *of(self._wrench), self.timeout * NANO,
+                            farthest, widest, limits, float(posture_stated))
 
 
 def pose_of_numbers(numbers: Vector, frame: Matrix) -> Matrix:

@@ -13,10 +13,10 @@ days, and to 1 us for 280 years. Flags are 1 or 0.
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Scalar, Vector
-from kane_dynamics.control.terms import Mode, Terms
+from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.torque_blend import share_left
 from kane_dynamics.control.torque_limiter import clipped, within_rate
-from kane_dynamics.control.traced_laws import Desired, mode_torque
+from kane_dynamics.control.traced_laws import Desired, LawInput, TracedLaw
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
@@ -65,12 +65,16 @@ class PathState(NamedTuple):
         Those of the settings that were answered.
     holding : Scalar
         Whether `pose` is held.
+    law_known : Scalar
+        Whether `memory` is of the present law.
     tau, clamped, rate_limited : (n,) arrays
         The last published torques, and flags of their limits.
     last, difference, pose : (n,) arrays
         Last command of the rate limit, difference of the blend, pose that is held.
     accepted : (2 n,) array
         The last accepted state.
+    memory : (m,) array
+        Of the law; that of the largest memory has m entries.
 
     """
 
@@ -102,6 +106,7 @@ class PathState(NamedTuple):
     jumps: Scalar
     silences: Scalar
     holding: Scalar
+    law_known: Scalar
     tau: Vector
     clamped: Vector
     rate_limited: Vector
@@ -109,6 +114,7 @@ class PathState(NamedTuple):
     difference: Vector
     pose: Vector
     accepted: Vector
+    memory: Vector
 
 
 class CycleSettings(NamedTuple):
@@ -137,11 +143,11 @@ class CycleSettings(NamedTuple):
         Of `joint_bounds`.
     turning : (n,) array
         Whether a joint has no limits.
-    gains : (2 n,) array
-        kp, then kd.
     effort, slope, free : (n,) arrays
         Effort limits, rate limits where there are, and what else a torque may change
         by: infinity where there are none.
+    law : (k,) array
+        Of the law; those of the law with most settings have k entries.
 
     """
 
@@ -158,10 +164,10 @@ class CycleSettings(NamedTuple):
     drops: Scalar
     bounds: Vector
     turning: Vector
-    gains: Vector
     effort: Vector
     slope: Vector
     free: Vector
+    law: Vector
 
 
 class Event(NamedTuple):
@@ -193,14 +199,14 @@ SCALARS = PathState._fields.index('tau')
 SCALAR_SETTINGS = CycleSettings._fields.index('bounds')
 
 
-def path_size(n: int) -> int:
+def path_size(n: int, memory: int) -> int:
     """Return the number of entries of a `PathState` as an array."""
-    return SCALARS + 8 * n
+    return SCALARS + 8 * n + memory
 
 
-def settings_size(n: int) -> int:
+def settings_size(n: int, law: int) -> int:
     """Return the number of entries of `CycleSettings` as an array."""
-    return SCALAR_SETTINGS + 11 * n
+    return SCALAR_SETTINGS + 9 * n + law
 
 
 def unpacked_path(array: Vector, n: int) -> PathState:
@@ -211,7 +217,7 @@ def unpacked_path(array: Vector, n: int) -> PathState:
 
 def unpacked_settings(array: Vector, n: int) -> CycleSettings:
     """Return the `CycleSettings` of an array."""
-    sizes = [5 * n, n, 2 * n, n, n, n]
+    sizes = [5 * n, n, n, n, n]
     return CycleSettings(*array[:SCALAR_SETTINGS], *_parts(array[SCALAR_SETTINGS:], sizes))
 
 
@@ -221,16 +227,17 @@ def packed(record: PathState | CycleSettings) -> Vector:
 
 
 def _parts(array: Vector, sizes: list[int]) -> list[Vector]:
-    return np.split(array, np.cumsum(sizes)[:-1])
+    """Return parts of these sizes, and the rest."""
+    return np.split(array, np.cumsum(sizes))
 
 
-def initial_path(n: int, now: float) -> PathState:
+def initial_path(n: int, now: float, memory: int = 0) -> PathState:
     """Return the state of a path that starts."""
     zeros = np.zeros(n)
     return PathState(0.0, 0.0, now, now, now, NEVER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
                      NOT_DROPPED, 0.0, NEVER, NEVER, 0.0, 0.0, 0.0, NEVER, 0.0, 0.0,
-                     0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, zeros, zeros, zeros, zeros,
-                     np.zeros(2 * n))
+                     0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, zeros, zeros, zeros,
+                     zeros, np.zeros(2 * n), np.zeros(memory))
 
 
 # Flags.
@@ -291,7 +298,7 @@ def forgotten(path: PathState) -> PathState:
 
 def restarted(path: PathState) -> PathState:
     """Return the path whose law begins at the next state."""
-    return path._replace(holding=0.0, blending=0.0, blend_known=0.0)
+    return path._replace(holding=0.0, law_known=0.0, blending=0.0, blend_known=0.0)
 
 
 def resumed(path: PathState, known: Scalar, stamp: Scalar) -> PathState:
@@ -406,11 +413,10 @@ def _between(low: Scalar, x: Scalar, high: Scalar) -> Scalar:
 
 # The command.
 
-def answer(robot: Robot, mode: Mode, terms: Terms, path: PathState, event: Event,
-           state: Vector, row: Vector, settings: CycleSettings, parameters: Vector,
-           limits: Vector) -> PathState:
+def answer(law: TracedLaw, path: PathState, event: Event, state: Vector, row: Vector,
+           settings: CycleSettings, parameters: Vector, limits: Vector) -> PathState:
     """
-    Command the torque at an accepted state.
+    Command the torque of a law at an accepted state.
 
     `row` has the polynomials of q, u and udot of the motion's segment, (6, 3 n). Where a
     torque is not finite, the path stays, with the reason `NO_TORQUE`.
@@ -418,9 +424,10 @@ def answer(robot: Robot, mode: Mode, terms: Terms, path: PathState, event: Event
     stamp = event.stamp
     q, u = np.split(state, 2)
     path = _with_new_settings(path, settings)
-    desired = _desired(path, event, row, settings, q, mode)
-    torque = mode_torque(robot, mode, terms, q, u, desired, settings.gains, parameters,
-                         limits)
+    desired = _desired(path, event, row, settings, q, law.holds)
+    torque, memory = law.torque(LawInput(
+        q, u, stamp, desired, 1.0 - path.law_known, path.memory[:law.memory],
+        settings.law[:law.settings], parameters, limits))
     is_finite = finite(torque)
     blended, path_then = _blended(path, stamp, torque, settings)
     clamped, tau = _limited(path_then, stamp, blended, settings)
@@ -429,8 +436,9 @@ def answer(robot: Robot, mode: Mode, terms: Terms, path: PathState, event: Event
         reason=float(ACCEPTED), publish=1.0, sent_at=stamp, last_stamp=stamp_kept,
         refusing=0.0, fault=0.0, timed_out=0.0, commanding=1.0, limit_known=1.0,
         limit_stamp=stamp, tau=tau, last=tau, clamped=_differ(clamped, blended),
-        rate_limited=_differ(tau, clamped))
-    if mode is Mode.COMPUTED_TORQUE:
+        rate_limited=_differ(tau, clamped), law_known=1.0,
+        memory=np.concatenate([memory, path.memory[law.memory:]]))
+    if law.holds:
         # The first state without a motion is the pose that is held next.
         commanded = commanded._replace(holding=1.0 - desired.moving, pose=desired.q)
     return branch(is_finite, commanded, path._replace(reason=float(NO_TORQUE)))
@@ -449,13 +457,13 @@ def _with_new_settings(path: PathState, settings: CycleSettings) -> PathState:
 
 
 def _desired(path: PathState, event: Event, row: Vector, settings: CycleSettings, q: Vector,
-             mode: Mode) -> Desired:
+             holds: bool) -> Desired:
     """Return the desired motion; that which was scheduled before a drop counts no more."""
     moving = event.moving * (1.0 - flag(settings.drops < path.drops))
     x = event.x
     powers = np.array([1.0, x, x * x, x * x * x, x * x * x * x, x * x * x * x * x])
     q_d, u_d, udot_d = np.split(powers @ row, 3)
-    if mode is Mode.COMPUTED_TORQUE:
+    if holds:
         pose = either(path.holding, path.pose, q)
         q_d = either(moving, q_d, pose)
         u_d = either(moving, u_d, 0.0 * u_d)

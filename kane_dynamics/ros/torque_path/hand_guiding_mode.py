@@ -3,19 +3,21 @@
 from collections.abc import Mapping
 from typing import Any
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Vector
+from kane_dynamics.control.traced_laws import LawInput, TracedLaw
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.parameters.parameter_checks import terms
 from kane_dynamics.ros.parameters.task_settings import (controlled_frame, differ,
                                                         guiding_settings)
-from kane_dynamics.ros.torque_path.live_law import LiveLaw
+from kane_dynamics.ros.torque_path.native_law import NativeLaw
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
-from kane_dynamics.task_space.hand_guiding import HandGuiding
+from kane_dynamics.task_space.hand_guiding import hand_guiding_law, HandGuiding
+from kane_dynamics.task_space.law_kernel import settings_of
 import numpy as np
 
 
-class HandGuidingMode(LiveLaw):
+class HandGuidingMode(NativeLaw):
     """
     The law of mode hand_guiding, without the terms that the arm adds itself.
 
@@ -91,3 +93,21 @@ class HandGuidingMode(LiveLaw):
         if self.law.energy(q) > 0.0:
             saturated.append('wall')
         return TaskDescription(saturated=tuple(saturated))
+
+    # On the native torque path.
+
+    def traced(self) -> TracedLaw:
+        """Return the law for an arm in joint rates; it has no memory."""
+        equations = self._robot.equations
+        law = hand_guiding_law(self.law)
+
+        def torque(at: LawInput) -> tuple[Vector, Vector]:
+            tau = law(at.q, at.u, at.settings, t=0.0, parameters=at.parameters)
+            if not self._adds_gravity:
+                tau = tau - equations.gravity_force(at.q, at.parameters)
+            return tau, at.memory
+        return TracedLaw(torque, len(self.settings_numbers()))
+
+    def settings_numbers(self) -> Array:
+        """Return the settings of the law."""
+        return settings_of(self.law)

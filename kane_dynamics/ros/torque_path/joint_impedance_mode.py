@@ -3,20 +3,22 @@
 from collections.abc import Mapping
 from typing import Any
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Vector
 from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.control.followed_motion import FollowedMotion
+from kane_dynamics.control.traced_laws import chosen, LawInput, TracedLaw
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.parameters.parameter_checks import terms
 from kane_dynamics.ros.parameters.task_settings import (differ, joint_damping,
                                                         joint_stiffness)
-from kane_dynamics.ros.torque_path.live_law import LiveLaw
-from kane_dynamics.task_space.joint_impedance import JointImpedance
+from kane_dynamics.ros.torque_path.native_law import NativeLaw
+from kane_dynamics.task_space.joint_impedance import JointImpedance, joint_impedance_law
+from kane_dynamics.task_space.reference_dynamics import compensation_weights
 import numpy as np
 
 
-class JointImpedanceMode(LiveLaw):
+class JointImpedanceMode(NativeLaw):
     """
     The law of mode joint_impedance; without a motion it holds the first pose.
 
@@ -104,3 +106,38 @@ class JointImpedanceMode(LiveLaw):
     def pose(self) -> Array | None:
         """Return the positions that are held, of the joints that follow."""
         return self._pose
+
+    # On the native torque path.
+
+    def traced(self) -> TracedLaw:
+        """
+        Return the law for an arm in joint rates.
+
+        Its memory are the inertias of the joints where the mode begins, by which a ratio
+        damps.
+        """
+        equations = self._robot.equations
+        law = joint_impedance_law(self.law)
+        n = self._robot.n
+
+        def torque(at: LawInput) -> tuple[Vector, Vector]:
+            stiffness, stated, per_root, weights = np.split(at.settings, [n, 2 * n, 3 * n])
+            inertia = chosen(at.begins, np.diag(equations.mass_matrix(at.q, at.parameters)),
+                             at.memory)
+            damping = stated + per_root * np.sqrt(inertia)
+            settings = np.concatenate([stiffness, damping, weights])
+            desired = at.desired
+            tau = law(at.q, at.u, desired.q, desired.u, desired.udot, settings, t=0.0,
+                      parameters=at.parameters)
+            return tau, inertia
+        return TracedLaw(torque, len(self.settings_numbers()), memory=n, holds=True)
+
+    def settings_numbers(self) -> Array:
+        """Return stiffness, stated damping, that per root of inertia, and weights."""
+        robot = self._robot
+        stiffness = joint_stiffness(self._values, robot)
+        # Linear in the root of the inertia, so that its values at 0 and 1 tell all.
+        stated = joint_damping(self._values, robot, stiffness, np.zeros(robot.n))
+        per_root = joint_damping(self._values, robot, stiffness, np.ones(robot.n)) - stated
+        weights = compensation_weights(terms(self._values))
+        return np.concatenate([stiffness, stated, per_root, weights])

@@ -1,6 +1,6 @@
 """The memory and the thread of the native torque path."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import ctypes
 import os
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from weakref import finalize
 
 from kane_dynamics.control.terms import Mode, Terms
-from kane_dynamics.control.traced_laws import MODES
+from kane_dynamics.control.traced_laws import TracedLaw
 from kane_dynamics.motion.motion import Motion, segment_table
 from kane_dynamics.native.runtime import message_loop
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -42,15 +42,30 @@ class Rules(NamedTuple):
     elapse: Kernel
 
 
-def compiled_rules(robot: Robot, terms: Terms) -> Rules:
-    """Compile the rules of a cycle for a robot in joint rates."""
+class Sizes(NamedTuple):
+    """The largest memory and the most settings of some laws."""
+
+    memory: int
+    settings: int
+
+
+def sizes_of(laws: Mapping[Mode, TracedLaw]) -> Sizes:
+    """Return what is enough for each of the laws."""
+    return Sizes(max(law.memory for law in laws.values()),
+                 max(law.settings for law in laws.values()))
+
+
+def compiled_rules(robot: Robot, terms: Terms, laws: Mapping[Mode, TracedLaw]) -> Rules:
+    """Compile the rules of a cycle for a robot in joint rates, with its laws by mode."""
     n = robot.n
-    # The terms are part of the names, which distinguish kernels.
-    label = ''.join(str(int(weight)) for weight in terms.weights)
+    sizes = sizes_of(laws)
+    # Names distinguish kernels, so that terms and sizes are part of them.
+    weights = ''.join(str(int(weight)) for weight in terms.weights)
+    label = f'{weights}_{sizes.memory}_{sizes.settings}'
     event_shape = (EVENT_SIZE,)
     state_shape = (2 * n,)
-    path_shape = (cycle_rules.path_size(n),)
-    settings_shape = (cycle_rules.settings_size(n),)
+    path_shape = (cycle_rules.path_size(n, sizes.memory),)
+    settings_shape = (cycle_rules.settings_size(n, sizes.settings),)
     row_shape = (6, 3 * n)
 
     def judge(path: Any, event: Any, state: Any, settings: Any) -> Any:
@@ -62,9 +77,8 @@ def compiled_rules(robot: Robot, terms: Terms) -> Rules:
         def answer(path: Any, event: Any, state: Any, row: Any, settings: Any,
                    parameters: Any, limits: Any) -> Any:
             return cycle_rules.packed(cycle_rules.answer(
-                robot, mode, terms, cycle_rules.unpacked_path(path, n), Event(*event),
-                state, row, cycle_rules.unpacked_settings(settings, n), parameters,
-                limits))
+                laws[mode], cycle_rules.unpacked_path(path, n), Event(*event), state, row,
+                cycle_rules.unpacked_settings(settings, n), parameters, limits))
         return robot.compiled(answer, name=f'answer_{mode}_{label}', path=path_shape,
                               event=event_shape, state=state_shape, row=row_shape,
                               settings=settings_shape, shape=path_shape)
@@ -79,12 +93,12 @@ def compiled_rules(robot: Robot, terms: Terms) -> Rules:
             cycle_rules.unpacked_path(path, n), Event(*event),
             cycle_rules.unpacked_settings(settings, n)))
     return Rules(
-        robot.compiled(judge, name='judge', path=path_shape, event=event_shape,
+        robot.compiled(judge, name=f'judge_{label}', path=path_shape, event=event_shape,
                        state=state_shape, settings=settings_shape, shape=path_shape),
-        {mode: answer_of(mode) for mode in MODES},
+        {mode: answer_of(mode) for mode in laws},
         robot.compiled(refuse, name=f'refuse_{label}', path=path_shape, event=event_shape,
                        settings=settings_shape, shape=path_shape),
-        robot.compiled(elapse, name='elapse', path=path_shape, event=event_shape,
+        robot.compiled(elapse, name=f'elapse_{label}', path=path_shape, event=event_shape,
                        settings=settings_shape, shape=path_shape))
 
 
@@ -210,19 +224,23 @@ class NativeLoop:
         In joint rates.
     terms : Terms
         Terms of the command.
+    laws : mapping of Mode to TracedLaw
 
     """
 
-    def __init__(self, robot: Robot, terms: Terms) -> None:
+    def __init__(self, robot: Robot, terms: Terms, laws: Mapping[Mode, TracedLaw]
+                 ) -> None:
         n = robot.n
         self.n = n
-        self.rules = compiled_rules(robot, terms)
+        self.sizes = sizes_of(laws)
+        self.rules = compiled_rules(robot, terms, laws)
         self._code = message_loop.message_loop(DROPS)
         self._write = message_loop.write_word(DROPS)
         self._read = message_loop.read_word(DROPS)
         self.block: Words = np.zeros(len(message_loop.BLOCK), dtype=np.int64)
-        self.path = np.zeros(cycle_rules.path_size(n))
-        self.result = np.zeros(cycle_rules.path_size(n))
+        path_size = cycle_rules.path_size(n, self.sizes.memory)
+        self.path = np.zeros(path_size)
+        self.result = np.zeros(path_size)
         self.event = np.zeros(message_loop.EVENT_LENGTH)
         self.state = np.zeros(2 * n)
         self._info = np.zeros(INFO_SIZE, dtype=np.uint8)

@@ -12,7 +12,7 @@ from typing import Any
 
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.torque_limiter import Command
-from kane_dynamics.control.traced_laws import MODES
+from kane_dynamics.control.traced_laws import controller_laws, MODES
 from kane_dynamics.motion.motion import State
 from kane_dynamics.native.runtime.message_loop import (ELAPSED, MOMENT, MOVING, NOW,
                                                        STAMP, UNKNOWN)
@@ -38,6 +38,7 @@ from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN,
 from kane_dynamics.ros.torque_path.native_loop import (CyclePlan, LARGEST,
                                                        NativeLoop, Report)
 from kane_dynamics.ros.torque_path.rcl_functions import handle_address, RclLoop
+from kane_dynamics.ros.torque_path.task_modes import native_laws, NATIVE_MODES
 from kane_dynamics.ros.torque_path.torque_path import NO_TORQUE, TorquePath
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
@@ -85,8 +86,9 @@ def python_reason(values: Mapping[str, Any], controller: Controller,
     for name in ('guard.enabled', 'wrench.frames', 'stamped_commands'):
         if values[name]:
             return name
-    if values['mode'] not in MODES:
-        return f"mode {values['mode']}"
+    for mode in (values['mode'], *values['modes']):
+        if mode not in (*MODES, *NATIVE_MODES):
+            return f'mode {mode}'
     return ''
 
 
@@ -100,7 +102,7 @@ class NativeTorquePath(TorquePath):
     Parameters
     ----------
     controller : Controller
-        Without constraints, in one of `MODES`.
+        Without constraints; the laws that it has are of `task_modes`.
 
     Other parameters are those of `TorquePath`.
 
@@ -116,12 +118,15 @@ class NativeTorquePath(TorquePath):
         self._loop: NativeLoop | None = None
         super().__init__(controller, *arguments, **named)
         self.active_motion = ActiveMotion(self._replan)
-        self._loop = NativeLoop(controller.robot, controller.compensate)
+        self._laws = native_laws(controller)
+        laws = controller_laws(controller.robot, controller.compensate)
+        laws |= {mode: law.traced() for mode, law in self._laws.items()}
+        self._loop = NativeLoop(controller.robot, controller.compensate, laws)
         self._rcl: RclLoop | None = None
-        self._last = initial_path(controller.robot.n, 0.0)  # as reported
+        self._last = self._initial()  # as reported
         self._epoch = 0
         self._mode = controller.mode
-        self._gains = np.concatenate([controller.kp, controller.kd])
+        self._law_settings = self._numbers()
         self._changes = [0, 0]  # of the mode, and of the law
         self._asked = [0, 0]  # jumps of the clock, silences
         self._silence_reason = ''
@@ -183,14 +188,14 @@ class NativeTorquePath(TorquePath):
     def _plan(self, loop: NativeLoop) -> CyclePlan:
         """Return the plan of the next cycle."""
         controller = self.controller
-        gains = np.concatenate([controller.kp, controller.kd])
+        numbers = self._numbers()
         if controller.mode != self._mode:
             self._changes[0] += 1
             self._changes[1] += 1
-        elif not np.array_equal(gains, self._gains):
+        elif not np.array_equal(numbers, self._law_settings):
             self._changes[1] += 1
         self._mode = controller.mode
-        self._gains = gains
+        self._law_settings = numbers
         parameters = controller.robot.parameters
         if self._loads is not None:
             parameters = self._loads.parameters_of(controller.robot)
@@ -205,12 +210,26 @@ class NativeTorquePath(TorquePath):
                 scheduled = motion, start - self._epoch
             motions.append(scheduled)
         period = max(round(LONGEST_WAIT * self._timeout), NANO // 1000)
-        return CyclePlan(loop, controller.mode, self._settings(gains), parameters.block,
+        return CyclePlan(loop, controller.mode, self._settings(), parameters.block,
                          layouts, motions, period, self._replay)
 
-    def _settings(self, gains: Array) -> CycleSettings:
+    def _numbers(self) -> Array:
+        """Return the settings of the law of the mode."""
+        controller = self.controller
+        law = self._laws.get(controller.mode)
+        if law is None:
+            return np.concatenate([controller.kp, controller.kd])
+        return law.settings_numbers()
+
+    def _settings(self) -> CycleSettings:
         """Return the numbers of a plan."""
         controller = self.controller
+        law = np.zeros(self.native.sizes.settings)
+        numbers = self._law_settings
+        own_law = self._laws.get(controller.mode)
+        if own_law is not None:
+            numbers = np.concatenate([numbers, own_law.order_numbers(self._epoch)])
+        law[:len(numbers)] = numbers
         rate = controller.rate_limit
         is_limited = np.isfinite(rate)
         check = self.states
@@ -219,9 +238,18 @@ class NativeTorquePath(TorquePath):
             float(check.turns), float(check.compares), controller.blend_time * NANO,
             float(self._changes[0]), float(self._changes[1]), float(self._asked[0]),
             float(self._asked[1]), float(self._last.drops),
-            check.bounds.ravel(), check.turning.astype(np.float64), gains,
+            check.bounds.ravel(), check.turning.astype(np.float64),
             controller.effort_limit, np.where(is_limited, rate, 0.0),
-            np.where(is_limited, 0.0, np.inf))
+            np.where(is_limited, 0.0, np.inf), law)
+
+    def _initial(self) -> PathState:
+        """Return the state of the path at its start."""
+        loop = self.native
+        return initial_path(loop.n, 0.0, loop.sizes.memory)
+
+    def law_changed(self) -> None:
+        """Use what the law of the mode was asked for from the next cycle on."""
+        self._replan()
 
     # The life of the thread.
 
@@ -231,7 +259,7 @@ class NativeTorquePath(TorquePath):
         super().start()
         loop = self.native
         self._epoch = self._now()
-        self._last = initial_path(loop.n, 0.0)
+        self._last = self._initial()
         self._changes = [0, 0]
         self._asked = [0, 0]
         self._replay = 0, b''
@@ -360,6 +388,9 @@ class NativeTorquePath(TorquePath):
         motion = None
         if report.event[MOVING]:
             motion, _ = self.active_motion.at(stamp)
+        law = self._laws.get(self.controller.mode)
+        if law is not None:
+            law.mirror(path.memory, self._epoch)
         command = Command(path.tau, clamped, rate_limited, limited)
         cycle = Cycle(stamp, self._reader, motion, float(report.event[MOMENT]), path.tau,
                       None, command)

@@ -56,6 +56,7 @@ class TargetInput:
                  values: Mapping[str, Any], reject: Callable[[str, str], None]) -> None:
         self._path = path
         self._target = target
+        target.changed = path.law_changed
         self._frame = frame
         self._reject = reject
         robot = path.controller.robot
@@ -148,7 +149,7 @@ class TargetInput:
         message = self._accepted(TWIST, data, TwistStamped, 6, _twist_numbers)
         if message is None:
             return
-        twist = self._in_world(TWIST, message)
+        twist = self._in_axes(TWIST, message)
         if twist is None or not self._is_small(TWIST, message, self._fastest,
                                                'target.max_speed and '
                                                'target.max_angular_speed'):
@@ -157,20 +158,20 @@ class TargetInput:
             self._refuse(TWIST, NO_STATE, 'expected valid joint states before')
             return
         self._stamps[TWIST] = message.stamp
-        self._target.move(twist, self._path.now)
+        self._target.move(*twist, self._path.now)
 
     def on_wrench(self, data: bytes) -> None:
         """Press with a serialized WrenchStamped, or refuse it with the reason."""
         message = self._accepted(WRENCH, data, WrenchStamped, 6, wrench_array)
         if message is None:
             return
-        wrench = self._in_world(WRENCH, message)
+        wrench = self._in_axes(WRENCH, message)
         if wrench is None or not self._is_small(WRENCH, message, self._strongest,
                                                 'cartesian.max_force and '
                                                 'cartesian.max_moment'):
             return
         self._stamps[WRENCH] = message.stamp
-        self._target.press(wrench, self._path.now)
+        self._target.press(*wrench, self._path.now)
 
     def _accepted(self, topic: str, data: bytes, kind: Any, count: int,
                   numbers_of: Callable[[Any], Array]) -> StampedNumbers | None:
@@ -201,24 +202,21 @@ class TargetInput:
             return None
         return message._replace(stamp=stamp)
 
-    def _in_world(self, topic: str, message: StampedNumbers
-                  ) -> Callable[[], Array] | None:
+    def _in_axes(self, topic: str, message: StampedNumbers) -> tuple[Array, bool] | None:
         """
-        Return a function that gives the numbers in world axes at the present pose.
+        Return the numbers, and whether they are in the axes of the target, not the world's.
 
         None, and the message is refused, if its frame is unknown.
         """
-        halves = message.numbers.reshape(2, 3)
-        if message.frame == self._frame:  # they turn with the target
-            pose = self._target.pose
-            return lambda: (halves @ pose[:3, :3].T).ravel()
+        if message.frame == self._frame:
+            return message.numbers, True
         frame = self._fixed.get(message.frame)
         if frame is None:
             self._refuse(topic, FRAME, self._unknown(message.frame)
                          + f", or the controlled frame '{self._frame}'")
             return None
-        in_world = (halves @ frame[:3, :3].T).ravel()
-        return lambda: in_world
+        halves = message.numbers.reshape(2, 3)
+        return (halves @ frame[:3, :3].T).ravel(), False
 
     def _is_small(self, topic: str, message: StampedNumbers, most: Array,
                   limits: str) -> bool:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from kane_dynamics.control.controller import OWN_MODES
+from kane_dynamics.control.controller import Controller, OWN_MODES
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.robot.robot import Robot
@@ -12,12 +12,21 @@ from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode
 from kane_dynamics.ros.torque_path.hand_guiding_mode import HandGuidingMode
 from kane_dynamics.ros.torque_path.joint_impedance_mode import JointImpedanceMode
 from kane_dynamics.ros.torque_path.live_law import LiveLaw
+from kane_dynamics.ros.torque_path.native_law import NativeLaw
 
 LAWS: dict[Mode, Callable[[Robot, Mapping[str, Any]], LiveLaw]] = {
     Mode.JOINT_IMPEDANCE: JointImpedanceMode,
     Mode.CARTESIAN_IMPEDANCE: CartesianMode,
     Mode.HAND_GUIDING: HandGuidingMode,
     Mode.ARM_COUPLING: ArmCouplingMode}
+# Modes whose law also runs on the native torque path.
+NATIVE_MODES = (Mode.JOINT_IMPEDANCE, Mode.CARTESIAN_IMPEDANCE, Mode.HAND_GUIDING)
+
+
+def native_laws(controller: Controller) -> dict[Mode, NativeLaw]:
+    """Return the laws of a controller that also run on the native torque path."""
+    laws = controller.laws.items()
+    return {mode: law for mode, law in laws if isinstance(law, NativeLaw)}
 
 
 class TaskModes:

@@ -167,6 +167,9 @@ class TorquePath:
         together = set().union(*parts)
         return sorted(parts) if together == set(self._reader.joints) else []
 
+    def law_changed(self) -> None:
+        """Do nothing: the law reads what it was asked for in each cycle."""
+
     def set_loads(self, loads: GravityAndPayload) -> None:
         """Use gravity and payload from the next state on; callable from any thread."""
         self._loads = loads

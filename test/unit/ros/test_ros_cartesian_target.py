@@ -12,14 +12,17 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from kane_dynamics.ros.torque_path.cartesian_target import (CartesianTarget,  # noqa: E402, I100
+from kane_dynamics.ros.torque_path import cartesian_cycle  # noqa: E402, I100
+from kane_dynamics.ros.torque_path.cartesian_target import (CartesianTarget,  # noqa: E402
                                                             pose_of_numbers)
+from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode  # noqa: E402
 from kane_dynamics.ros.torque_path.pose_functions import (displaced,  # noqa: E402
                                                           displacement)
 from kane_dynamics.ros.torque_path.target_reach import REACHED, TargetReach  # noqa: E402
+from kane_dynamics.task_space.law_kernel import lanes_of_scalars  # noqa: E402
+from node_values import node_values  # noqa: E402
 
 NANO = 10**9
-ARM = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
 BEGIN = 50 * NANO
 FR3_JOINTS = [f'fr3_joint{k}' for k in range(1, 8)]
 HOME = np.array([0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8])
@@ -32,10 +35,34 @@ def random_pose(rng):
     return pose
 
 
+class Follower:
+    """The target by the messages, from a pose on."""
+
+    def __init__(self, pose, timeout):
+        self.messages = CartesianTarget(timeout)
+        self.go_to, self.press = self.messages.go_to, self.messages.press
+        self.memory = cartesian_cycle.beginning(pose, np.zeros(2), 0.0, self.orders)
+
+    @property
+    def orders(self):
+        return self.messages.orders(BEGIN, math.inf, math.inf, np.ones(4), False)
+
+    @property
+    def pose(self):
+        return self.memory.pose
+
+    def move(self, twist, now, turns=False):
+        self.messages.move(np.asarray(twist), turns, now)
+
+    def advance(self, now, may_move):
+        """Follow the messages up to a time."""
+        posed = cartesian_cycle.posed(self.memory, self.orders)
+        self.memory, self.twist = cartesian_cycle.advanced(
+            posed, self.orders, float(now - BEGIN), float(may_move))
+
+
 def target_at(pose, timeout=0.5):
-    target = CartesianTarget(ARM, timeout)
-    target.begin(pose)
-    return target
+    return Follower(pose, timeout)
 
 
 def test_displacements_are_those_of_the_library():
@@ -111,7 +138,7 @@ def test_a_twist_moves_the_target_until_it_is_stale():
     twist = np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.5])
     target = target_at(np.eye(4), timeout=0.2)
     target.advance(BEGIN, True)
-    target.move(lambda: twist, BEGIN)
+    target.move(twist, BEGIN)
     for k in range(1, 401):
         target.advance(BEGIN + k * 1_000_000, True)
         assert target.twist.any() == (k <= 200)
@@ -122,11 +149,7 @@ def test_a_twist_moves_the_target_until_it_is_stale():
 def test_a_twist_in_the_frames_own_axes_turns_with_the_target():
     target = target_at(np.eye(4), timeout=9.0)
     target.advance(BEGIN, True)
-    own = np.array([0.1, 0.0, 0.0])
-
-    def twist():
-        return np.concatenate([target.pose[:3, :3] @ own, [0.0, 0.0, 1.0]])
-    target.move(twist, BEGIN)
+    target.move([0.1, 0.0, 0.0, 0.0, 0.0, 1.0], BEGIN, turns=True)
     steps = 4000
     for k in range(1, steps + 1):  # once around a circle
         target.advance(BEGIN + round(k * 2.0 * math.pi / steps * NANO), True)
@@ -136,7 +159,7 @@ def test_a_twist_in_the_frames_own_axes_turns_with_the_target():
 def test_a_target_that_may_not_move_is_held():
     target = target_at(np.eye(4))
     target.advance(BEGIN, True)
-    target.move(lambda: np.ones(6), BEGIN)
+    target.move(np.ones(6), BEGIN)
     target.advance(BEGIN + NANO // 10, False)
     np.testing.assert_array_equal(target.pose, np.eye(4))
     assert not target.twist.any()
@@ -147,21 +170,61 @@ def test_a_pose_beside_a_stream_of_twists_corrects_the_target_at_once():
     target = target_at(np.eye(4))
     for k in range(50):
         now = BEGIN + k * 20_000_000
-        target.move(lambda: twist, now)
+        target.move(twist, now)
         target.go_to(displaced(np.eye(4), 0.02 * k * twist), now)
         target.advance(now, True)
     np.testing.assert_allclose(target.pose[0, 3], 0.02 * 49 * 0.1, atol=1e-9)
 
 
+def test_the_cycle_on_floats_is_the_compiled_one():
+    """Poses, twists and wrenches of every kind; torque and memory agree in every cycle."""
+    robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), joints=FR3_JOINTS))
+    values = node_values({'mode': 'cartesian_impedance', 'cartesian.frame': 'fr3_hand'})
+    mode = CartesianMode(robot, values)
+    cycle = mode._cycle_of(robot, lanes_of_scalars)
+    rng = np.random.default_rng(5)
+    q, u = HOME.copy(), np.zeros(7)
+    for k in range(60):
+        now = BEGIN + k * 4_000_000
+        if k % 7 == 3:
+            pose = robot.frame_pose('fr3_hand', HOME)
+            pose[:3, 3] += rng.uniform(-0.1, 0.1, 3)
+            mode.target.go_to(pose, now - 1_000_000)
+        if k % 20 == 10:
+            mode.target.move(rng.uniform(-0.1, 0.1, 6), k > 30, now)
+        if k % 20 == 12:
+            mode.target.press(rng.uniform(-5.0, 5.0, 6), k > 30, now)
+        before = mode._memory.copy()
+        begins = mode._clock[1]
+        tau = mode.torque(q, u, None, 0.0, now / NANO)
+        expected, memory = cycle.torque(q, u, mode._clock[0], begins, before,
+                                        mode.settings_numbers(), mode._orders, t=0.0,
+                                        parameters=robot.parameters.block)
+        np.testing.assert_allclose(tau, expected, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(mode._memory, memory, rtol=1e-9, atol=1e-9)
+        u = rng.uniform(-0.05, 0.05, 7)
+        q = q + 0.004 * u
+    twist, wrench, _ = mode.snapshot(now).detail
+    assert twist.any() and wrench.any()
+
+
 def test_a_wrench_ends_when_it_is_stale_and_a_restart_forgets_all():
-    target = target_at(np.eye(4), timeout=0.2)
-    assert target.wrench(BEGIN) is None
-    target.press(lambda: np.arange(6.0), BEGIN)
-    assert target.wrench(BEGIN + NANO // 10).tolist() == list(range(6))
-    assert target.wrench(BEGIN + NANO) is None
-    target.press(lambda: np.arange(6.0), BEGIN)
-    target.clear()
-    assert target.wrench(BEGIN) is None and not target.known
+    robot = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
+    values = node_values({'mode': 'cartesian_impedance', 'target.timeout': 0.2})
+    mode = CartesianMode(robot, values)
+    q = np.array([0.4, -0.9])
+
+    def wrench_at(now):
+        mode.torque(q, np.zeros(2), None, 0.0, now / NANO)
+        return mode.snapshot(now).detail[1].tolist()
+    assert wrench_at(BEGIN) == [0.0] * 6
+    mode.target.press(np.arange(6.0), False, BEGIN)
+    assert wrench_at(BEGIN + NANO // 10) == list(range(6))
+    assert wrench_at(BEGIN + NANO) == [0.0] * 6
+    mode.target.press(np.arange(6.0), False, BEGIN + NANO)
+    assert wrench_at(BEGIN + NANO) == list(range(6))
+    mode.restart()
+    assert wrench_at(BEGIN + NANO + 1) == [0.0] * 6
 
 
 def test_a_pose_is_reached_within_the_limits_alone():

@@ -14,6 +14,8 @@ import pytest
 pytest.importorskip('rclpy')
 
 from kane_dynamics import Controller, load_urdf, Motion, Robot, Terms  # noqa: E402, I100
+from kane_dynamics.control import traced_laws  # noqa: E402
+from kane_dynamics.control.terms import Mode  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.native.runtime.message_loop import NOW, STAMP  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
@@ -24,6 +26,8 @@ from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # n
 from kane_dynamics.ros.torque_path.native_path import LEARNED, python_reason  # noqa: E402
 from kane_dynamics.ros.torque_path.rcl_functions import (handle_address,  # noqa: E402
                                                          UnsupportedError)
+from kane_dynamics.ros.torque_path.task_modes import (native_laws,  # noqa: E402
+                                                        NATIVE_MODES, TaskModes)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from native_rig import native_path  # noqa: E402
 from node_values import node_values  # noqa: E402
@@ -32,7 +36,9 @@ ROBOT = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
 NAMES = ROBOT.joint_names
 NANO = 10**9
 EPOCH = 1000 * NANO  # small: `TorquePath` computes with stamps in s
-MODES = ('inverse_dynamics', 'computed_torque', 'gravity_compensation')
+MODES = (*map(str, traced_laws.MODES), *map(str, NATIVE_MODES))
+CHANGED = ('mode', 'modes', 'blend_time', 'target.timeout', 'state_check.grace',
+           'state_check.action', 'state_timeout')
 NEAR = {'rtol': 1e-9, 'atol': 1e-9}
 
 
@@ -54,10 +60,15 @@ class Side:
         self.torques = Sink()
         self.statistics = Statistics()
         self.warnings = []
+        robot = ROBOT.copy()
+        self.modes = TaskModes(robot, values)
         self.path = make(
-            Controller(ROBOT.copy(), mode=mode, blend_time=values['blend_time'], **settings),
+            Controller(robot, mode=mode, blend_time=values['blend_time'],
+                       laws=self.modes.laws, **settings),
             self.commands, self.torques, clock, values, self.statistics,
             lambda reason, detail: self.warnings.append((reason, detail)))
+        self.target = self.modes.laws[Mode.CARTESIAN_IMPEDANCE].target
+        self.target.changed = self.path.law_changed
         self.path.start()
 
     def outcome(self):
@@ -91,7 +102,8 @@ class Pair:
         self.rng = np.random.default_rng(seed)
         self.time = EPOCH
         self.values = node_values({
-            'mode': mode, 'blend_time': 0.05, 'state_check.grace': 0.02,
+            'mode': mode, 'modes': list(NATIVE_MODES), 'blend_time': 0.05,
+            'target.timeout': 0.03, 'state_check.grace': 0.02,
             'state_check.action': self.rng.choice(['zero', 'hold']), 'state_timeout': 0.1})
         self.sides = [Side(make, mode, self.values, lambda: self.time, **settings)
                       for make in (TorquePath, native_path)]
@@ -100,9 +112,9 @@ class Pair:
     def step(self):
         kind = self.rng.choice(
             ['state', 'jump', 'far', 'fast', 'nan', 'stale', 'ahead', 'order', 'pause', 'back',
-             'motion', 'gains', 'mode', 'loads', 'effort', 'turn'],
-            p=[0.6, 0.05, 0.03, 0.03, 0.03, 0.02, 0.02, 0.02, 0.02, 0.01, 0.04, 0.03, 0.02, 0.02,
-               0.03, 0.03])
+             'motion', 'gains', 'mode', 'loads', 'effort', 'turn', 'target'],
+            p=[0.55, 0.05, 0.03, 0.03, 0.03, 0.02, 0.02, 0.02, 0.02, 0.01, 0.04, 0.03, 0.02, 0.02,
+               0.03, 0.03, 0.05])
         getattr(self, f'do_{kind}', self.do_state)(kind)
         self.compare(kind)
 
@@ -145,9 +157,30 @@ class Pair:
 
     def do_gains(self, kind):
         kp = self.rng.uniform(1.0, 50.0)
+        self.values |= node_values({
+            'joint_impedance.stiffness': [kp] * 2, 'hand_guiding.damping': [0.1 * kp] * 2,
+            'cartesian.stiffness': [10.0 * kp] * 6}) | {
+            name: self.values[name] for name in CHANGED}
         for side in self.sides:
             side.path.controller.update(kp=kp)
+            if side.modes.update(self.values | {'mode': side.path.controller.mode}):
+                side.path.controller.blend()
             side.path.set_limits(self.values)
+
+    def do_target(self, kind):
+        """Let a message ask for a pose, a twist or a wrench."""
+        what = self.rng.choice(['pose', 'twist', 'wrench'])
+        pose = ROBOT.frame_pose(ROBOT.frame_names[-1], self.q)
+        pose[:3, 3] += self.rng.uniform(-0.1, 0.1, 3)
+        numbers = self.rng.uniform(-0.3, 0.3, 6)
+        turns = bool(self.rng.integers(2))
+        for side in self.sides:
+            if what == 'pose':
+                side.target.go_to(pose, self.time)
+            elif what == 'twist':
+                side.target.move(numbers, turns, self.time)
+            else:
+                side.target.press(numbers, turns, self.time)
 
     def do_mode(self, kind):
         mode = self.rng.choice(MODES)
@@ -197,17 +230,21 @@ def test_both_paths_give_the_same_commands_and_drop_the_same_states(mode, compen
     assert texts[1] == texts[0]
 
 
-def test_the_compiled_rules_equal_the_readable_ones():
+@pytest.mark.parametrize('mode', ['computed_torque', 'joint_impedance', 'hand_guiding'])
+def test_the_compiled_rules_equal_the_readable_ones(mode):
     """The functions of `cycle_rules` on floats give what the thread's memory holds."""
-    pair = Pair('computed_torque', 5)
+    pair = Pair(mode, 6)
     path = pair.sides[1].path
     loop = path.native
+    robot = path.controller.robot
+    laws = traced_laws.controller_laws(robot, path.controller.compensate)
+    laws |= {mode: law.traced() for mode, law in native_laws(path.controller).items()}
     compared = 0
     for _ in range(60):
         pair.step()
         before = cycle_rules.unpacked_path(loop.path.copy(), 2)
         pair.do_state('state')
-        settings = path._settings(np.concatenate([path.controller.kp, path.controller.kd]))
+        settings = path._settings()
         event = cycle_rules.Event(float(loop.event[NOW]), float(loop.event[STAMP]), 0.0, 0.0, 1.0)
         judged = cycle_rules.judge(before, event, loop.state.copy(), settings)
         after = cycle_rules.unpacked_path(loop.path.copy(), 2)
@@ -215,8 +252,8 @@ def test_the_compiled_rules_equal_the_readable_ones():
             continue
         parameters = path.controller.robot.parameters.block
         expected = cycle_rules.answer(
-            path.controller.robot, path.controller.mode, path.controller.compensate, judged,
-            event, loop.state.copy(), np.zeros((6, 6)), settings, parameters, parameters[3:])
+            laws[path.controller.mode], judged, event, loop.state.copy(), np.zeros((6, 6)),
+            settings, parameters, parameters[3:])
         np.testing.assert_allclose(cycle_rules.packed(after), cycle_rules.packed(expected),
                                    rtol=1e-9, atol=1e-9)
         compared += 1
@@ -339,7 +376,8 @@ def test_the_first_message_of_a_layout_behind_newer_states_is_counted_by_its_nam
 
 
 def test_the_thread_ends_before_its_memory_does():
-    loop = native_loop.NativeLoop(ROBOT, Terms())
+    loop = native_loop.NativeLoop(ROBOT, Terms(),
+                                  traced_laws.controller_laws(ROBOT, Terms()))
     stop_at = loop.block.ctypes.data + 8 * native_loop.message_loop.BLOCK.index('STOP')
     ended = threading.Event()
 
@@ -391,8 +429,10 @@ def test_what_runs_on_the_interpreters_path_is_said_with_its_reason():
                         ('stamped_commands', True)):
         assert python_reason(node_values({name: value}), controller) == name
     assert python_reason(node_values(), controller, simulated_time=True) == 'use_sim_time'
-    values = node_values({'mode': 'joint_impedance'})
-    assert python_reason(values, controller) == 'mode joint_impedance'
+    for changes in ({'mode': 'arm_coupling'}, {'modes': ['hand_guiding', 'arm_coupling']}):
+        assert python_reason(node_values(changes), controller) == 'mode arm_coupling'
+    for mode in NATIVE_MODES:
+        assert not python_reason(node_values({'mode': mode}), controller)
 
 
 def test_an_entity_without_an_address_is_refused():
