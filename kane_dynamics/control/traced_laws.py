@@ -24,7 +24,7 @@ class Desired(NamedTuple):
 
 class LawInput(NamedTuple):
     """
-    What a law computes a torque from.
+    Input of a law: state, desired motion, memory, settings.
 
     Attributes
     ----------

@@ -195,7 +195,7 @@ def _target(state: Array) -> TargetState:
 
 
 def smooth_step(state: Vector, target: Matrix, twist: Vector, limits: Vector,
-                 elapsed: Vector, smoothing: Vector) -> Vector:
+                elapsed: Vector, smoothing: Vector) -> Vector:
     """
     Return the state after a sample interval, then the one behind the low-pass filter.
 
@@ -204,8 +204,9 @@ def smooth_step(state: Vector, target: Matrix, twist: Vector, limits: Vector,
     state : (56,) array
         Pose, twist and acceleration before the low-pass filter, and those behind it.
     target : (4, 4) array
+        The pose to reach.
     twist : (6,) array
-        Of the target.
+        Its velocity.
     limits : (4,) array
         In the order of `LIMITS`.
     elapsed, smoothing : (1,) arrays

@@ -30,7 +30,7 @@ FILTER_SIZE = 56  # of the state of `smooth_step`
 
 class TargetOrders(NamedTuple):
     """
-    What messages ask of the target, and the limits of its parameters.
+    Orders of messages to the target, and the limits of its parameters.
 
     Attributes
     ----------
@@ -188,7 +188,9 @@ def advanced(memory: TargetMemory, orders: TargetOrders, now: Scalar, may_move: 
     Parameters
     ----------
     memory : TargetMemory
+        The target before.
     orders : TargetOrders
+        What messages ask.
     now : Scalar
         ns.
     may_move : Scalar
@@ -332,4 +334,3 @@ def target_of(followed: Vector) -> tuple[Matrix, Vector, Vector]:
 
 def _length(x: Vector) -> Scalar:
     return np.sqrt(x @ x)
-

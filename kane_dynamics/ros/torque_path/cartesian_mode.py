@@ -219,7 +219,6 @@ class CartesianMode(NativeLaw):
             return reference.rotation
         return desired[:3, :3] @ model.frame(self.frame).rotation.T @ reference.rotation
 
-
     # On the native torque path.
 
     def traced(self) -> TracedLaw:
@@ -239,11 +238,12 @@ class CartesianMode(NativeLaw):
 
     def order_numbers(self, epoch: int) -> Array:
         """Return what messages ask of the target, with times since epoch, ns."""
-        return packed(self.target.orders(epoch, self._farthest, self._widest,
-                                         self._limits, 'posture' in self._settings))
+        orders = self.target.orders(epoch, self._farthest, self._widest, self._limits,
+                                    'posture' in self._settings)
+        return np.asarray(packed(orders), dtype=np.float64)
 
     def mirror(self, memory: Array, epoch: int) -> None:
-        """Take over the target that the native thread had in a cycle."""
+        """Keep the target of a cycle of the native thread."""
         self._memory = memory[:len(self._memory)]
         self._epoch = epoch
 

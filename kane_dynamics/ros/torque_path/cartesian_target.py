@@ -1,4 +1,4 @@
-"""What messages ask of the target of the controlled frame; `cartesian_cycle` follows it."""
+"""Messages to the target of the controlled frame, which `cartesian_cycle` follows."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""What the law of a mode has in addition where it also runs on the native torque path."""
+"""Base of the laws of modes that also run on the native torque path."""
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.traced_laws import TracedLaw
@@ -24,4 +24,4 @@ class NativeLaw(LiveLaw):
         return NOTHING
 
     def mirror(self, memory: Array, epoch: int) -> None:
-        """Take over the memory that the native thread had in a cycle."""
+        """Keep the memory of a cycle of the native thread."""

@@ -42,16 +42,16 @@ class Rules(NamedTuple):
     elapse: Kernel
 
 
-class Sizes(NamedTuple):
+class LawSizes(NamedTuple):
     """The largest memory and the most settings of some laws."""
 
     memory: int
     settings: int
 
 
-def sizes_of(laws: Mapping[Mode, TracedLaw]) -> Sizes:
+def sizes_of(laws: Mapping[Mode, TracedLaw]) -> LawSizes:
     """Return what is enough for each of the laws."""
-    return Sizes(max(law.memory for law in laws.values()),
+    return LawSizes(max(law.memory for law in laws.values()),
                  max(law.settings for law in laws.values()))
 
 

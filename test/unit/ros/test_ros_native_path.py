@@ -14,9 +14,9 @@ import pytest
 pytest.importorskip('rclpy')
 
 from kane_dynamics import Controller, load_urdf, Motion, Robot, Terms  # noqa: E402, I100
+from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.control import traced_laws  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
-from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.native.runtime.message_loop import NOW, STAMP  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.torque_path import cycle_rules, native_loop  # noqa: E402
@@ -27,7 +27,7 @@ from kane_dynamics.ros.torque_path.native_path import LEARNED, python_reason  # 
 from kane_dynamics.ros.torque_path.rcl_functions import (handle_address,  # noqa: E402
                                                          UnsupportedError)
 from kane_dynamics.ros.torque_path.task_modes import (native_laws,  # noqa: E402
-                                                        NATIVE_MODES, TaskModes)
+                                                      NATIVE_MODES, TaskModes)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from native_rig import native_path  # noqa: E402
 from node_values import node_values  # noqa: E402
