@@ -20,7 +20,7 @@ from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.elastic_model import link_side
 from kane_dynamics.motion.motion import Motion
-from kane_dynamics.motion.smooth_motion import SmoothMotion
+from kane_dynamics.motion.smooth_motion import SmoothMotion, SmoothState
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -166,14 +166,31 @@ class ElasticFeedforward:
         count = round((motion.duration - start) / step) + 1
         times: Array = start + step * np.arange(count, dtype=np.float64)
         state = motion.sample(np.minimum(times, motion.duration))
+        rows = self.rows_along(times, state, deflection)
+        return ElasticMotion(times, state.q, *rows.swapaxes(0, 1))
+
+    def rows_along(self, times: Array, state: SmoothState, deflection: Any = None) -> Array:
+        """
+        Return the rows `ROWS` of a motion of the links, (N, 7, n), unchecked.
+
+        Parameters
+        ----------
+        times : (N,) array
+            s, not decreasing; the two sides of a jump of the snap have one time.
+        state : SmoothState
+            Of the links at these times, (N, n) arrays.
+        deflection : (n,) array_like, optional
+            As in `along`.
+
+        """
         rows = np.asarray(self.kernel(*state))
         if self._damped:
             links = np.ascontiguousarray(np.stack(state[:3], axis=1))
             self._add_first(rows[0], links[0], deflection)
-            kernel = self._damped_kernel
-            kernel.scan([rows[:-1], links[:-1], rows[1:], links[1:], np.array(step)],
-                        rows[1:])
-        return ElasticMotion(times, state.q, *rows.swapaxes(0, 1))
+            steps = np.diff(times)
+            self._damped_kernel.scan([rows[:-1], links[:-1], rows[1:], links[1:], steps],
+                                     rows[1:])
+        return rows
 
     def _add_first(self, row: Array, link: Array, deflection: Any) -> None:
         """Complete the first row, (7, n), with the deflections of damped drives."""

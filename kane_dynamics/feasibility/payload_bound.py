@@ -15,6 +15,7 @@ from kane_dynamics.feasibility.samples import NONE, ROUNDS, STEP
 from kane_dynamics.feasibility.torque_demand import Demand, demand, demand_at, torque_of
 from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
 from kane_dynamics.mechanics.friction import refuse_load_friction
+from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.model.inertial import check_moments, Inertial
 from kane_dynamics.model.placement import point
 from kane_dynamics.motion.motion import Motion
@@ -90,6 +91,7 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
     """
     instance(robot, Robot, 'robot')
     instance(motion, Motion, 'motion')
+    require_rigid_joints(robot.model)
     if robot.friction:
         refuse_load_friction(robot.model, 'largest_payload')
     moments = np.zeros((3, 3))

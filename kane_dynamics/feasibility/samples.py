@@ -47,22 +47,7 @@ def sampled(robot: Robot, motion: Motion, step: float, additional: Array = NONE
     if motion.joint_names != robot.joint_names and robot.equations.in_joint_rates:
         raise InputError(f'motion: joints {list(motion.joint_names)}; expected '
                          f'{list(robot.joint_names)}')
-    step = positive_time(step, 'step')
-    starts, h = motion.times[:-1], np.diff(motion.times)
-    intervals = np.ceil(h / step)
-    if intervals.sum() > MOST_SAMPLES:
-        raise InputError(f'step: {step:g} s, {intervals.sum():.3g} samples of a motion '
-                         f'of {motion.duration:g} s; expected a larger step, at most '
-                         f'{MOST_SAMPLES} samples')
-    counts = np.maximum(intervals, 1.0).astype(int) + 1
-    segment = np.repeat(np.arange(len(h)), counts)
-    first = np.cumsum(counts) - counts
-    inside = np.arange(len(segment)) - np.repeat(first, counts)
-    t = starts[segment] + h[segment] * (inside / (counts[segment] - 1))
-    # Points are sampled on both sides: udot may differ between segments.
-    last = inside == counts[segment] - 1
-    t[last] = np.nextafter(motion.times[1:], -math.inf)
-    t = np.sort(np.concatenate([t, additional]))
+    t = sample_times(motion.times, step, additional)
     q, u, udot = motion.sample(t)
     # The motion rests before and after.
     at_rest = np.zeros((1, motion.n))
@@ -71,6 +56,36 @@ def sampled(robot: Robot, motion: Motion, step: float, additional: Array = NONE
     u = np.concatenate([at_rest, u, at_rest])
     udot = np.concatenate([at_rest, udot, at_rest])
     return t, q, u, udot
+
+
+def sample_times(points: Array, step: float, additional: Array = NONE) -> Array:
+    """
+    Return times of samples of a motion, with both sides of its points, (N,), s.
+
+    Parameters
+    ----------
+    points : (K,) array
+        Times of the points, s.
+    step, additional
+        As of `sampled`.
+
+    """
+    step = positive_time(step, 'step')
+    starts, h = points[:-1], np.diff(points)
+    intervals = np.ceil(h / step)
+    if intervals.sum() > MOST_SAMPLES:
+        raise InputError(f'step: {step:g} s, {intervals.sum():.3g} samples of a motion '
+                         f'of {points[-1]:g} s; expected a larger step, at most '
+                         f'{MOST_SAMPLES} samples')
+    counts = np.maximum(intervals, 1.0).astype(int) + 1
+    segment = np.repeat(np.arange(len(h)), counts)
+    first = np.cumsum(counts) - counts
+    inside = np.arange(len(segment)) - np.repeat(first, counts)
+    t = starts[segment] + h[segment] * (inside / (counts[segment] - 1))
+    # Points are sampled on both sides: a derivative may differ between segments.
+    last = inside == counts[segment] - 1
+    t[last] = np.nextafter(points[1:], -math.inf)
+    return np.sort(np.concatenate([t, additional]))
 
 
 def times_to_refine(t: Array, shares: Array) -> Array:

@@ -16,6 +16,11 @@ speed comes close to a limit between samples, samples are added there and the se
 repeated. A slower motion is not always feasible: an arm that cannot hold a configuration
 may swing through it.
 
+With elastic joints the torques of the motors are polynomials of degree four in s, or
+no polynomials with curves of stiffness and damping: speeds are tried from the highest one
+down, in steps of 1 % (10 % where a limit is used ten times), and the first feasible one is refined by bisection. Feasible
+ranges that are narrower are missed.
+
 With closed loops or chosen speeds all rates are proportional to s, too, and the torques
 of the actuators are a linear map W(q) of the forces of the joints: W_ij T_j(s) is
 monotonic in s.
@@ -33,6 +38,7 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDING, ROUNDS, sampled, STEP
 from kane_dynamics.feasibility.torque_demand import (at_actuators, Demand, demand_at,
+                                                     DrivesAlong, refuse_with_drives,
                                                      require_scalable, torque_of,
                                                      unit_torques, whole_motion)
 from kane_dynamics.loop_tracking.driven_mechanism import MechanismMotion
@@ -42,6 +48,7 @@ from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.friction import (refuse_load_friction, slides,
                                               stribeck_excess)
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.torque_bounds import Uncertainty
 import numpy as np
@@ -49,6 +56,9 @@ from numpy.typing import ArrayLike, NDArray
 
 LOWEST, HIGHEST = 1e-6, 1e4  # range of the search
 PRECISION = 1e-10  # relative, of the speed with friction, power limits or beams
+# Relative steps of the speeds that are tried with elastic joints: where a limit is used
+# `FAR` times, and nearer.
+WIDE, COARSE, FAR = 0.1, 0.01, 10.0
 
 Indices = NDArray[np.int_]
 
@@ -64,7 +74,8 @@ class TimeScale:
     speed : float
         Factor on the velocities of the motion; infinite if no limit bounds it.
     joint, limit : str or None
-        The joint that reaches a limit, and the limit: 'effort', 'velocity' or 'power'.
+        The joint that reaches a limit, and the limit: 'effort', 'velocity', 'power', or
+        'gear' of an elastic joint.
     t : float or None
         Time of that, s, in the scaled motion.
 
@@ -77,8 +88,9 @@ class TimeScale:
 
 
 @hinting
-def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float = STEP,
-            power: ArrayLike = math.inf, bending: QuasiStatic | None = None,
+def fastest(robot: Robot, motion: Motion | SmoothMotion, *, most: float = math.inf,
+            step: float = STEP, power: ArrayLike = math.inf,
+            bending: QuasiStatic | None = None,
             uncertainty: Uncertainty | None = None) -> TimeScale | None:
     """
     Return the highest speed at which a motion satisfies all limits, if there is one.
@@ -88,8 +100,9 @@ def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float
     robot : Robot
         With chosen speeds or constraints, as for `demand`; they must not prescribe
         velocities.
-    motion : Motion
-        As for `demand`: of the robot's joints, or of the driving joints.
+    motion : Motion or SmoothMotion
+        As for `demand`: of the robot's joints, of the driving joints, or of the links of
+        elastic joints.
     most : float
         Highest speed to consider.
     step : float
@@ -115,8 +128,11 @@ def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float
 
     """
     instance(robot, Robot, 'robot')
-    instance(motion, Motion, 'motion')
     most = number(most, 'most', 'a positive number', lambda x: x > 0.0)
+    if robot.drives:
+        refuse_with_drives(bending, uncertainty)
+        return _fastest_of_drives(DrivesAlong(robot, motion, step, power), most)
+    instance(motion, Motion, 'motion')
 
     def added_torques(additional: Array, speed: float) -> Array:
         """Return what the deflections at a speed add to the torques."""
@@ -154,6 +170,56 @@ def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float
     return scale
 
 
+def _fastest_of_drives(drives: DrivesAlong, most: float) -> TimeScale | None:
+    """Return the highest speed of a motion of elastic joints, if there is one."""
+    additional = NONE
+    for _ in range(ROUNDS + 1):
+        at_samples = partial(drives.demand_at, additional=additional)
+        slowest = at_samples(LOWEST)
+        if any(excess.limit in ('lower', 'upper') for excess in slowest.excesses
+               if excess.joint in drives.motion.joint_names):
+            return None
+
+        # The links' speeds are proportional to s.
+        rates = np.abs(slowest.u[:, drives.links]).max(axis=0) / LOWEST
+        with np.errstate(divide='ignore', invalid='ignore'):
+            bound = drives.limits.velocity[drives.links] / rates
+        top = min(most, HIGHEST, float(np.fmin.reduce(bound, initial=math.inf)))
+        speed = _highest_tried(at_samples, top)
+        if speed is None:
+            return None
+        at_speed = at_samples(speed)
+        scale = TimeScale(math.inf) if speed == HIGHEST else _bound(at_speed, speed)
+        refined = at_speed.in_doubt
+        if not refined.size:
+            break
+        additional = np.concatenate([additional, speed * refined])
+    return scale
+
+
+def _highest_tried(at_samples: Callable[[float], Demand], top: float) -> float | None:
+    """Return the highest speed up to `top` at which a demand fits, or None."""
+    if top < LOWEST:
+        return None
+    too_fast, speed = top, top
+    demanded = at_samples(speed)
+    while not demanded.fits:
+        too_fast = speed
+        largest = max(float(uses.max()) for uses in demanded.uses.values())
+        speed = speed / (1.0 + (WIDE if largest > FAR else COARSE))
+        if speed < LOWEST:
+            return None
+        demanded = at_samples(speed)
+    # The demand fits at `speed`, and no longer at the next faster one.
+    while too_fast - speed > PRECISION * speed:
+        middle = 0.5 * (speed + too_fast)
+        if at_samples(middle).fits:
+            speed = middle
+        else:
+            too_fast = middle
+    return speed
+
+
 def _bound(demanded: Demand, speed: float) -> TimeScale:
     """Return the highest speed and the limit that bounds it."""
     uses = demanded.uses
@@ -162,8 +228,8 @@ def _bound(demanded: Demand, speed: float) -> TimeScale:
     if uses[limit][j] < 1.0 - 1e3 * ROUNDING:
         return TimeScale(speed)
     largest_torque = np.abs(demanded.tau) + demanded.deviation
-    quantities = {'effort': largest_torque, 'velocity': demanded.u,
-                  'power': largest_torque * demanded.u}
+    quantities = {'effort': largest_torque, 'gear': largest_torque,
+                  'velocity': demanded.u, 'power': largest_torque * demanded.u}
     k = int(np.abs(quantities[limit][:, j]).argmax())
     return TimeScale(speed, demanded.joint_names[j], limit, float(demanded.t[k]))
 

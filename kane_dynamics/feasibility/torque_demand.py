@@ -1,20 +1,23 @@
 """Torque, speed and power along a motion, compared with the joint limits."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
 
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, number, per_joint
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility.samples import (NONE, ROUNDING, ROUNDS, sampled, STEP,
-                                               times_to_refine)
+from kane_dynamics.feasibility.samples import (NONE, ROUNDING, ROUNDS, sample_times,
+                                               sampled, STEP, times_to_refine)
 from kane_dynamics.loop_tracking.driven_mechanism import (mechanism_motion,
                                                           MechanismMotion)
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.smooth_motion import SmoothMotion, SmoothState
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.torque_bounds import torque_deviation, Uncertainty
@@ -22,15 +25,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 FASTEST = 1e6  # largest factor of the speed of a motion
-QUANTITIES = {'effort': 'torque', 'velocity': 'speed', 'power': 'power',
-              'lower': 'position', 'upper': 'position'}
+QUANTITIES = {'effort': 'torque', 'gear': 'torque of the gear', 'velocity': 'speed',
+              'power': 'power', 'lower': 'position', 'upper': 'position'}
 
 
 class Excess(NamedTuple):
     """Largest excess of a joint over one of its limits."""
 
     joint: str
-    limit: str  # 'effort', 'velocity', 'power', 'lower' or 'upper'
+    limit: str  # 'effort', 'gear', 'velocity', 'power', 'lower' or 'upper'
     t: float
     value: float
     bound: float
@@ -65,6 +68,9 @@ class Demand:
     deviation : (N, n) array
         How far the torques may be from `tau` with uncertain parameters, N m or N; zeros
         without them. Limits of effort and power are compared with the largest torques.
+    gears : tuple of str
+        The elastic joints. Their columns of `tau` and `limits.effort` are those of the
+        gear, which the limit 'gear' compares; the motor's are those of its own joint.
 
     """
 
@@ -77,6 +83,7 @@ class Demand:
     limits: JointLimits
     power_limit: Array
     deviation: Array
+    gears: tuple[str, ...] = ()
 
     @property
     def power(self) -> Array:
@@ -131,7 +138,12 @@ class Demand:
     def _sizes(self) -> Iterator[tuple[str, Array, Array]]:
         """Yield the limits on absolute values: name, (N, n) values, (n,) bounds."""
         largest_torque = np.abs(self.tau) + self.deviation
-        yield 'effort', largest_torque, self.limits.effort
+        effort = self.limits.effort
+        if self.gears:
+            of_gear = np.isin(self.joint_names, self.gears)
+            yield 'gear', largest_torque, np.where(of_gear, effort, math.inf)
+            effort = np.where(of_gear, math.inf, effort)
+        yield 'effort', largest_torque, effort
         yield 'velocity', self.u, self.limits.velocity
         yield 'power', largest_torque * self.u, self.power_limit
 
@@ -148,8 +160,9 @@ class Demand:
 
 
 @hinting
-def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = STEP,
-           power: ArrayLike = math.inf, bending: QuasiStatic | None = None,
+def demand(robot: Robot, motion: Motion | SmoothMotion, *, speed: float = 1.0,
+           step: float = STEP, power: ArrayLike = math.inf,
+           bending: QuasiStatic | None = None,
            uncertainty: Uncertainty | None = None) -> Demand:
     """
     Return torque, speed and power of a motion, including payload and friction.
@@ -161,17 +174,21 @@ def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = ST
     ----------
     robot : Robot
         With chosen speeds or constraints the result has all joints, with the torques of
-        `Robot.joint_torques`; constraints must be those of positions.
-    motion : Motion
+        `Robot.joint_torques`; constraints must be those of positions. With elastic joints
+        it has links and motors, by `ElasticFeedforward`: torques of gears and of motors,
+        which accelerate the rotors and have their friction.
+    motion : Motion or SmoothMotion
         Motion of the robot's joints, in their order; with constraints, of as many joints
         as there are independent speeds, which determine the others (`mechanism_motion`).
+        With elastic joints, of the links, with a continuous jerk; without them a Motion.
     speed : float
         Factor on the velocities of the motion; 2 is twice as fast.
     step : float
         Largest time between two samples of the motion at speed 1, s; much narrower peaks
         are missed.
     power : float or (n,) array_like
-        Limit on the absolute mechanical power of each joint, W; not part of URDF.
+        Limit on the absolute mechanical power of each joint, W; not part of URDF. Of an
+        elastic joint the motor has the limit, its link none.
     bending : QuasiStatic, optional
         The flexible arm of which `robot` is the rigid model, in the same joints and
         speeds: the torques are those with the deflections in equilibrium along the
@@ -179,7 +196,7 @@ def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = ST
         the other joints of closed loops have the positions and speeds of rigid beams.
     uncertainty : Uncertainty, optional
         Box of uncertain parameters of the robot; the limits hold for all of them. Not with
-        `bending`.
+        `bending` or elastic joints.
 
     Raises
     ------
@@ -189,25 +206,43 @@ def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = ST
 
     """
     instance(robot, Robot, 'robot')
+    if robot.drives:
+        refuse_with_drives(bending, uncertainty)
+        drives = DrivesAlong(robot, motion, step, power)
+        return refined_demand(drives.demand_at, _speed(speed))
     instance(motion, Motion, 'motion')
+
+    def at_samples(factor: float, additional: Array) -> Demand:
+        return demand_at(robot, motion, factor, step, power, additional, bending,
+                         uncertainty)
+    return refined_demand(at_samples, speed)
+
+
+def refined_demand(at_samples: Callable[[float, Array], Demand], speed: float) -> Demand:
+    """
+    Return the demand at samples, with some added until no limit is in doubt.
+
+    `at_samples` returns it for a speed with samples at additional times of the motion.
+    """
     additional = NONE
     for _ in range(ROUNDS):
-        result = demand_at(robot, motion, speed, step, power, additional, bending,
-                           uncertainty)
+        result = at_samples(speed, additional)
         refined = result.in_doubt
         if not refined.size:
             return result
         additional = np.concatenate([additional, speed * refined])
-    return demand_at(robot, motion, speed, step, power, additional, bending, uncertainty)
+    return at_samples(speed, additional)
 
 
-def demand_at(robot: Robot, motion: Motion, speed: float, step: float, power: ArrayLike,
+def demand_at(robot: Robot, motion: Motion | SmoothMotion, speed: float, step: float, power: ArrayLike,
               additional: Array, bending: QuasiStatic | None = None,
               uncertainty: Uncertainty | None = None) -> Demand:
     """Return the demand of a motion at its samples and at additional times."""
+    if robot.drives:
+        refuse_with_drives(bending, uncertainty)
+        return DrivesAlong(robot, motion, step, power).demand_at(_speed(speed), additional)
     t, q, u, udot = sampled(robot, motion, step, additional)
-    speed = number(speed, 'speed', f'a number from {1.0 / FASTEST:g} to {FASTEST:g}',
-                   lambda x: 1.0 / FASTEST <= x <= FASTEST)
+    speed = _speed(speed)
     t, u, udot = t / speed, speed * u, speed**2 * udot
     if bending is not None:
         _require_rigid_model(robot, bending)
@@ -223,12 +258,116 @@ def demand_at(robot: Robot, motion: Motion, speed: float, step: float, power: Ar
     deviation = np.zeros_like(tau)
     if uncertainty is not None:
         deviation = torque_deviation(robot, *state, uncertainty, t, of_joints=True)
+    _require_finite(robot, speed * t, tau)
+    return Demand(robot.joint_names, t, q, u, udot, tau, robot.limits,
+                  per_joint(power, 'power', robot.joint_names, finite=False), deviation)
+
+
+class DrivesAlong:
+    """
+    The drives of elastic joints along a motion of their links, at any speed.
+
+    Parameters
+    ----------
+    robot : Robot
+        With drives, as for `ElasticFeedforward`.
+    motion : Motion or SmoothMotion
+        Of the links, with a continuous jerk.
+    step, power
+        As of `demand`.
+
+    """
+
+    def __init__(self, robot: Robot, motion: Motion | SmoothMotion, step: float,
+                 power: ArrayLike) -> None:
+        require_angles(robot.model, 'motion')
+        if not isinstance(motion, SmoothMotion):
+            instance(motion, Motion, 'motion')
+        self.robot, self.step = robot, step
+        self.feedforward = ElasticFeedforward(robot)
+        names = self.feedforward.joint_names
+        if motion.joint_names != names:
+            raise InputError(f'motion: joints {list(motion.joint_names)}; expected '
+                             f'{list(names)}, the links of elastic joints')
+        if isinstance(motion, Motion):
+            motion = SmoothMotion.from_motion(motion)
+        self.motion = motion
+        self._sampled: tuple[Array, Array, SmoothState] | None = None
+        self.gears = tuple(elastic.name for elastic in robot.drives)
+        self.links = [robot.joint_names.index(name) for name in names]
+
+        # The links of elastic joints have the gears' limits, and no motor of their own.
+        self.limits = limits_of_drives(robot)
+        self.power = per_joint(power, 'power', robot.joint_names, finite=False).copy()
+        self.power[[elastic.link for elastic in robot.drives]] = math.inf
+
+    def demand_at(self, speed: float, additional: Array) -> Demand:
+        """Return the demand at the samples of the motion and at additional times."""
+        robot = self.robot
+        t, sampled_state = self._samples(additional)
+        state = SmoothState(*[speed**order * derivative
+                              for order, derivative in enumerate(sampled_state)])
+        rows = self.feedforward.rows_along(t / speed, state)
+
+        # Links with the torques of gears, or of rigid joints; then motors.
+        columns = np.empty((4, len(t), robot.n))
+        columns[:3, :, self.links] = state[:3]
+        columns[3][:, self.links] = rows[:, 0]
+        joint_names = self.feedforward.joint_names
+        for elastic in robot.drives:
+            link = joint_names.index(elastic.name)
+            columns[:, :, elastic.motor] = rows[:, 3:, link].T
+        q, u, udot, tau = columns
+        _require_finite(robot, t, tau)
+        return Demand(robot.joint_names, t / speed, q, u, udot, tau, self.limits,
+                      self.power, np.zeros_like(tau), self.gears)
+
+
+    def _samples(self, additional: Array) -> tuple[Array, SmoothState]:
+        """Return the times of samples, (N,), and the motion there; as it was last."""
+        if self._sampled is not None and np.array_equal(self._sampled[0], additional):
+            return self._sampled[1:]
+        motion = self.motion
+        t = sample_times(motion.times, self.step, additional)
+        ends = motion.times[[0, -1]]
+        t = np.concatenate([ends[:1], t, ends[1:]])
+        state = motion.sample(t)
+        for derivative in state[1:]:  # the motion rests before and after
+            derivative[[0, -1]] = 0.0
+        self._sampled = additional, t, state
+        return t, state
+
+
+def limits_of_drives(robot: Robot) -> JointLimits:
+    """Return the limits of a robot, with those of gears as efforts of elastic links."""
+    limits = robot.limits
+    effort = limits.effort.copy()
+    for elastic in robot.drives:
+        effort[elastic.link] = elastic.drive.gear_effort
+    return replace(limits, effort=effort)
+
+
+def refuse_with_drives(bending: QuasiStatic | None, uncertainty: Uncertainty | None
+                       ) -> None:
+    """Raise InputError for what is defined for robots with rigid joints alone."""
+    for name, value in (('bending', bending), ('uncertainty', uncertainty)):
+        if value is not None:
+            raise InputError(f'{name}: given for a robot with elastic joints; expected '
+                             'None, or rigid joints (with_rigid_joints)')
+
+
+def _speed(speed: float) -> float:
+    """Return the checked factor of the speed of a motion."""
+    return number(speed, 'speed', f'a number from {1.0 / FASTEST:g} to {FASTEST:g}',
+                  lambda x: 1.0 / FASTEST <= x <= FASTEST)
+
+
+def _require_finite(robot: Robot, t: Array, tau: Array) -> None:
+    """Raise InputError for torques that are not finite; t are times of the motion."""
     if not np.isfinite(tau).all():
         k, j = np.argwhere(~np.isfinite(tau))[0].tolist()
         raise InputError(f"joint '{robot.joint_names[j]}': torque {tau[k, j]} at "
-                         f'{speed * t[k]:.4g} s; expected a motion with finite torques')
-    return Demand(robot.joint_names, t, q, u, udot, tau, robot.limits,
-                  per_joint(power, 'power', robot.joint_names, finite=False), deviation)
+                         f'{t[k]:.4g} s; expected a motion with finite torques')
 
 
 def _require_rigid_model(robot: Robot, bending: QuasiStatic) -> None:

@@ -18,14 +18,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+import math
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import constant, shape_of
+from kane_dynamics._util.checks import constant, number, shape_of
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import ModelError
+from kane_dynamics.errors import InputError, ModelError
 
 # Power of the ratio by which a motor-side parameter of friction is multiplied on the
 # joint's side: torques by 1, rates by -1. A factor of the load has none.
@@ -141,6 +142,14 @@ class Drive:
         stribeck_speed, load_friction, load_friction_backdriven, friction_speed,
         friction_offset. The parameters of the `Joint` itself are those of the link's
         side.
+    motor_effort : float, optional
+        Largest torque of the motor, times the ratio, N m, positive. Default: the effort
+        limit of the joint.
+    motor_velocity : float, optional
+        Largest speed of the motor, divided by the ratio, rad/s, positive. Default: the
+        velocity limit of the joint.
+    gear_effort : float
+        Largest torque of the gear, on the joint's side, N m, positive.
     torque_sensor : bool
         Whether the gear's torque is measured.
     full_coupling : bool
@@ -163,6 +172,9 @@ class Drive:
     ratio: float = 1.0
     rotor_inertia: float | None = None
     friction: Mapping[str, float] = field(default_factory=dict)
+    motor_effort: float | None = None
+    motor_velocity: float | None = None
+    gear_effort: float = math.inf
     torque_sensor: bool = False
     full_coupling: bool = False
     motor: str = ''
@@ -183,6 +195,10 @@ class Drive:
             freeze(self, 'rotor_inertia',
                    _positive(self.rotor_inertia, 'rotor_inertia'))
         freeze(self, 'friction', _checked_friction(self.friction))
+        for name in ('motor_effort', 'motor_velocity', 'gear_effort'):
+            limit = getattr(self, name)
+            if limit is not None:
+                freeze(self, name, _limit(limit, name))
         for name in ('torque_sensor', 'full_coupling'):
             if not isinstance(getattr(self, name), bool):
                 raise ModelError(f'drive: {name} {getattr(self, name)!r}; expected True '
@@ -194,7 +210,9 @@ class Drive:
     def from_motor_side(cls, *, ratio: float, stiffness: Any, damping: float = 0.0,
                         rotor_inertia: float | None = None,
                         friction: Mapping[str, float] | None = None,
-                        **options: Any) -> Drive:
+                        motor_effort: float | None = None,
+                        motor_velocity: float | None = None,
+                        gear_effort: float = math.inf, **options: Any) -> Drive:
         """
         Return the drive with these numbers on the motor's side of the gear.
 
@@ -208,6 +226,11 @@ class Drive:
             N m s/rad and kg m^2; rotor_inertia None: the joint's armature.
         friction : mapping of str to float
             Of the motor's rate, rad/s, and torque, N m.
+        motor_effort, motor_velocity : float, optional
+            Limits of the motor's shaft, N m and rad/s. Default: those of the joint.
+        gear_effort : float
+            Limit of the gear's torque at its input, N m: that at its output, which data
+            sheets of gears state, divided by the ratio.
         **options
             As of the class: torque_sensor, full_coupling.
 
@@ -227,8 +250,14 @@ class Drive:
             inertia = _positive(rotor_inertia, 'rotor_inertia') * r * r
         motor_damping = float(constant(damping, (), 'drive: damping'))
         law = _checked_friction({} if friction is None else friction)
+        if motor_effort is not None:
+            motor_effort = _limit(motor_effort, 'motor_effort') * abs(r)
+        if motor_velocity is not None:
+            motor_velocity = _limit(motor_velocity, 'motor_velocity') / abs(r)
+        gear_effort = _limit(gear_effort, 'gear_effort') * abs(r)
         return cls(joint_side, motor_damping * r * r, r, inertia,
-                   friction_seen_through(law, r), **options)
+                   friction_seen_through(law, r), motor_effort, motor_velocity,
+                   gear_effort, **options)
 
     @property
     def stiffness_at_rest(self) -> float:
@@ -307,6 +336,15 @@ def _positive(value: Any, what: str) -> float:
     if number <= 0.0:
         raise ModelError(f'drive: {what} {number}; expected a positive number')
     return number
+
+
+def _limit(value: Any, what: str) -> float:
+    """Return a checked limit, infinite for none."""
+    try:
+        return number(value, f'drive: {what}', 'a positive number, or infinity',
+                      lambda limit: limit > 0.0)
+    except InputError as error:
+        raise ModelError(str(error)) from None
 
 
 def _checked_friction(law: Any) -> dict[str, float]:

@@ -33,7 +33,8 @@ def with_drives(model: Model, drives: Mapping[str, Drive]) -> Model:
 
     The armature of an elastic joint becomes the rotor inertia of its drive, unless the
     drive states one, which then replaces it. The friction of the joint is that of the
-    link's side. The motor has the joint's limits of velocity and effort.
+    link's side. The motor has the drive's limits of velocity and effort, by default those
+    of the joint.
 
     Parameters
     ----------
@@ -187,7 +188,12 @@ def _motor(body: Body, drive: Drive, coordinate: int) -> Body:
     joint = body.joint
     name = joint.name + SUFFIX
     inertia = _rotor_inertia(joint, drive)
-    limits = Limits(velocity=joint.limits.velocity, effort=joint.limits.effort)
+    effort, velocity = joint.limits.effort, joint.limits.velocity
+    if drive.motor_effort is not None:
+        effort = drive.motor_effort
+    if drive.motor_velocity is not None:
+        velocity = drive.motor_velocity
+    limits = Limits(velocity=velocity, effort=effort)
     if not drive.full_coupling:
         # Spong's reduced model: the rotor turns in the world, with its own energy alone.
         law: dict[str, Any] = dict(drive.friction)

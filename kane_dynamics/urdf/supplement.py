@@ -48,6 +48,9 @@ Schema; every key is optional unless noted::
         damping: 5.0            # of the spring, N m s/rad or N s/m; default 0
         rotor_inertia: 0.5      # kg m^2 or kg, > 0; default: armature of the joint
         friction: {damping: 1.0, friction: 2.0}  # of the motor, with the keys above
+        motor_effort: 80.0      # limit of the motor's torque, N m or N, > 0; and
+        motor_velocity: 3.0     # of its speed; default: those of the joint in the URDF
+        gear_effort: 120.0      # limit of the gear's torque; default: none
         torque_sensor: false
         full_coupling: false    # the rotor also moves with the link that carries it
 
@@ -72,7 +75,8 @@ from kane_dynamics.model.model import FRICTION
 import numpy as np
 
 DRIVE_KEYS = ('side', 'ratio', 'stiffness', 'damping', 'rotor_inertia', 'friction',
-              'torque_sensor', 'full_coupling')
+              'motor_effort', 'motor_velocity', 'gear_effort', 'torque_sensor',
+              'full_coupling')
 CURVE_KEYS = ('deflection', 'torque', 'rounding')
 JOINT_KEYS = ('armature', 'stiffness', 'rest', *FRICTION, 'friction_speed')
 SIGNED_KEYS = ('rest', 'friction_offset')
@@ -181,7 +185,8 @@ def _drive(name: str, data: Any) -> Drive:
         raise UrdfError(f"{what}: side motor without 'ratio'; expected the motor's "
                         'revolutions per revolution of the joint')
     numbers: dict[str, Any] = {'stiffness': _stiffness(entry['stiffness'], what)}
-    for key in ('damping', 'rotor_inertia', 'ratio'):
+    for key in ('damping', 'rotor_inertia', 'ratio', 'motor_effort', 'motor_velocity',
+                'gear_effort'):
         if key in entry:
             numbers[key] = _number(entry[key], f'{what}: {key}', signed=key == 'ratio')
     law = mapping(entry.get('friction', {}), f'{what}: friction',
