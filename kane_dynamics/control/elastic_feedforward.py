@@ -204,6 +204,11 @@ class ElasticFeedforward:
             load = drive.rotor_inertia * row[5, k] + row[0, k]
             row[6, k] = driven_by(joint, row[4, k], load, friction=self._tree.friction)
 
+    @property
+    def damped(self) -> bool:
+        """Whether the deflection of a drive is a state of its own."""
+        return bool(self._damped)
+
     @lazy_property
     def _damped_kernel(self) -> Kernel:
         """Return the step of the damped drives along a motion."""

@@ -16,6 +16,7 @@ from kane_dynamics._util.checks import (instance, integer, limit_per_joint,
                                         number)
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.feasibility.elastic_timing import elastic_timing
 from kane_dynamics.feasibility.jerk_limited.rate_peaks import rate_uses_at_points
 from kane_dynamics.feasibility.jerk_limited.third_order_limits import RateBounds
 from kane_dynamics.feasibility.jerk_limited.third_order_timing import rate_limited
@@ -28,11 +29,12 @@ from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit
                                                     IntervalLimits)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
+from kane_dynamics.feasibility.torque_demand import limits_of_drives
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.friction import refuse_load_friction, stribeck_excess
-from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,7 +58,8 @@ RESTING = 100.0  # roundings of its position that a joint at rest may vary by, a
 
 
 @hinting
-def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = math.inf,
+def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
+                 power: ArrayLike = math.inf,
                  acceleration: ArrayLike = math.inf, jerk: ArrayLike = math.inf,
                  torque_rate: ArrayLike = math.inf, start_speed: float = 0.0,
                  end_speed: float = 0.0, points: int = POINTS,
@@ -67,29 +70,37 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     Torques include friction and the payload. The path is followed exactly at the points
     of the result, and to rounding between them.
 
+    With elastic joints the limits are those of motors and gears, and the motion has four
+    continuous derivatives: torques do not jump. It is the fastest one, to a local optimum,
+    whose path parameter is a spline of degree seven in time (`elastic_timing`).
+
     Parameters
     ----------
     robot : Robot
         Without beams. With chosen speeds or constraints, the limits of all joints count,
         those of effort and power where joints have actuators (`Robot.joint_torques`).
-    path : Motion or (K, n) array_like
+    path : Motion, SmoothMotion or (K, n) array_like
         A motion, whose timing is ignored, or waypoints, rad or m, through which a cubic
-        spline is drawn. The result rests where the motion rests between its ends,
+        spline is drawn; with elastic joints one of degree five, of the links. A motion
+        of elastic joints must not rest or have corners inside; without elastic joints it
+        is a Motion. The result rests where the motion rests between its ends,
         without dwells. With constraints, of as many joints as there are independent
         speeds, which determine the others as in `demand`; waypoints are of the joints
         that follow motions (`ComputedTorque`).
     power : float or (n,) array_like
-        Limit on the absolute mechanical power of each joint, W.
+        Limit on the absolute mechanical power of each joint, W; of elastic joints, of
+        the motors.
     acceleration : float or (n,) array_like
         Limit on the absolute acceleration of each joint, rad/s^2 or m/s^2.
     jerk : float or (n,) array_like
         Limit on the absolute jerk of each joint, rad/s^3 or m/s^3.
     torque_rate : float or (n,) array_like
         Limit on the absolute rate of the torque of each joint, N m/s or N/s, without
-        Coulomb friction, which changes almost at once where a joint reverses.
+        Coulomb friction, which changes almost at once where a joint reverses. Elastic
+        joints take neither this limit nor that of jerk.
     start_speed, end_speed : float
         Euclidean norm of the velocities of the path's joints at its ends, rad/s or m/s;
-        0 with limits of jerk or torque rate.
+        0 with limits of jerk or torque rate, and with elastic joints.
     points : int
         Intervals of the grid, about; more where they are needed.
     rest : (n_q,) array_like, optional
@@ -109,7 +120,6 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     """
     instance(robot, Robot, 'robot')
     require_angles(robot.model, 'time_optimal')
-    require_rigid_joints(robot.model)
     if robot.model.flexible:
         raise InputError('robot: with beams; expected a rigid robot, as a path does not '
                          'state their deflections')
@@ -125,12 +135,33 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     points = integer(points, 'points', 10, MOST_SAMPLES)
     if rest is not None and not robot.constraint_names:
         raise InputError('rest: given for a robot without constraints; expected None')
+    if robot.drives:
+        if rates.given:
+            raise InputError('robot: elastic joints with a limit of jerk or torque rate; '
+                             'expected neither')
+        if any(speeds):
+            raise InputError(f'speeds at the ends: {list(speeds)} of elastic joints; '
+                             'expected 0')
+        return _with_drives(robot, path, bounds)
+    if isinstance(path, SmoothMotion):
+        raise InputError('path: a SmoothMotion for a robot with rigid joints; expected a '
+                         'Motion or waypoints')
     along = PathRobot(robot, path, bounds, rest)
     if rates.given:
         _require_linear_damping(robot, rates)
         return _rate_limited(along, rates, speeds, points)
     parts = _fastest(along, speeds, points)
     return _result(along, parts, {})
+
+
+def _with_drives(robot: Robot, path: Motion | SmoothMotion | ArrayLike, bounds: Bounds
+                 ) -> TimeOptimal:
+    """Return a fast motion of elastic joints within the limits of their drives."""
+    power = bounds.power.copy()
+    power[[elastic.link for elastic in robot.drives]] = math.inf  # that of motors counts
+    bounds = bounds._replace(effort=limits_of_drives(robot).effort, power=power)
+    timing = elastic_timing(robot, path, bounds)
+    return TimeOptimal(timing.motion, timing.points, timing.tau, robot.copy(), bounds, {})
 
 
 def _require_linear_damping(robot: Robot, rates: RateBounds) -> None:

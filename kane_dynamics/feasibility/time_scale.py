@@ -18,8 +18,8 @@ may swing through it.
 
 With elastic joints the torques of the motors are polynomials of degree four in s, or
 no polynomials with curves of stiffness and damping: speeds are tried from the highest one
-down, in steps of 1 % (10 % where a limit is used ten times), and the first feasible one is refined by bisection. Feasible
-ranges that are narrower are missed.
+down, in steps of 1 % (10 % where a limit is used ten times), and the first feasible one
+is refined by bisection. Feasible ranges that are narrower are missed.
 
 With closed loops or chosen speeds all rates are proportional to s, too, and the torques
 of the actuators are a linear map W(q) of the forces of the joints: W_ij T_j(s) is
@@ -38,7 +38,9 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDING, ROUNDS, sampled, STEP
 from kane_dynamics.feasibility.torque_demand import (at_actuators, Demand, demand_at,
-                                                     DrivesAlong, refuse_with_drives,
+                                                     DrivesAlong,
+                                                     motion_of_rigid_joints,
+                                                     refuse_with_drives,
                                                      require_scalable, torque_of,
                                                      unit_torques, whole_motion)
 from kane_dynamics.loop_tracking.driven_mechanism import MechanismMotion
@@ -132,7 +134,7 @@ def fastest(robot: Robot, motion: Motion | SmoothMotion, *, most: float = math.i
     if robot.drives:
         refuse_with_drives(bending, uncertainty)
         return _fastest_of_drives(DrivesAlong(robot, motion, step, power), most)
-    instance(motion, Motion, 'motion')
+    motion = motion_of_rigid_joints(motion)
 
     def added_torques(additional: Array, speed: float) -> Array:
         """Return what the deflections at a speed add to the torques."""

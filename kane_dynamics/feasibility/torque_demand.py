@@ -210,7 +210,7 @@ def demand(robot: Robot, motion: Motion | SmoothMotion, *, speed: float = 1.0,
         refuse_with_drives(bending, uncertainty)
         drives = DrivesAlong(robot, motion, step, power)
         return refined_demand(drives.demand_at, _speed(speed))
-    instance(motion, Motion, 'motion')
+    motion_of_rigid_joints(motion)
 
     def at_samples(factor: float, additional: Array) -> Demand:
         return demand_at(robot, motion, factor, step, power, additional, bending,
@@ -234,13 +234,14 @@ def refined_demand(at_samples: Callable[[float, Array], Demand], speed: float) -
     return at_samples(speed, additional)
 
 
-def demand_at(robot: Robot, motion: Motion | SmoothMotion, speed: float, step: float, power: ArrayLike,
-              additional: Array, bending: QuasiStatic | None = None,
+def demand_at(robot: Robot, motion: Motion | SmoothMotion, speed: float, step: float,
+              power: ArrayLike, additional: Array, bending: QuasiStatic | None = None,
               uncertainty: Uncertainty | None = None) -> Demand:
     """Return the demand of a motion at its samples and at additional times."""
     if robot.drives:
         refuse_with_drives(bending, uncertainty)
         return DrivesAlong(robot, motion, step, power).demand_at(_speed(speed), additional)
+    motion = motion_of_rigid_joints(motion)
     t, q, u, udot = sampled(robot, motion, step, additional)
     speed = _speed(speed)
     t, u, udot = t / speed, speed * u, speed**2 * udot
@@ -303,8 +304,11 @@ class DrivesAlong:
 
     def demand_at(self, speed: float, additional: Array) -> Demand:
         """Return the demand at the samples of the motion and at additional times."""
+        return self.demand_of(*self._samples(additional), speed)
+
+    def demand_of(self, t: Array, sampled_state: SmoothState, speed: float) -> Demand:
+        """Return the demand of a motion of the links at times, (N,), and its states."""
         robot = self.robot
-        t, sampled_state = self._samples(additional)
         state = SmoothState(*[speed**order * derivative
                               for order, derivative in enumerate(sampled_state)])
         rows = self.feedforward.rows_along(t / speed, state)
@@ -354,6 +358,13 @@ def refuse_with_drives(bending: QuasiStatic | None, uncertainty: Uncertainty | N
         if value is not None:
             raise InputError(f'{name}: given for a robot with elastic joints; expected '
                              'None, or rigid joints (with_rigid_joints)')
+
+
+def motion_of_rigid_joints(motion: Motion | SmoothMotion) -> Motion:
+    """Return the checked motion of a robot without drives."""
+    if not isinstance(motion, Motion):
+        raise InputError(f'motion: a {type(motion).__name__}; expected a Motion')
+    return motion
 
 
 def _speed(speed: float) -> float:

@@ -11,12 +11,12 @@ and last segment.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 import math
 from typing import NamedTuple
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import instance, real_numbers
+from kane_dynamics._util.checks import instance, number, real_numbers
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -114,22 +114,8 @@ class SmoothMotion:
         t, q, _, _ = trajectory_points(times, positions, None, None, names)
         if not 2 <= len(t) <= MOST_POINTS:
             raise InputError(f'times: {len(t)} points; expected 2 to {MOST_POINTS}')
-        # In units of the mean segment, for the size of the powers of time.
-        scale = (t[-1] - t[0]) / (len(t) - 1)
-        places = (t - t[0]) / scale
-        knots = _knots(places)
-        weights = _spline_weights(places, q - q[0], knots, degree)
-        coefficients = np.stack([
-            _basis(knots, degree, knots[:-1], order) @ weights / math.factorial(order)
-            for order in range(degree + 1)], axis=1)
-        coefficients[:, 0] += q[0]
-        with np.errstate(over='ignore', invalid='ignore'):
-            powers = scale ** -np.arange(degree + 1.0)
-            coefficients = coefficients * powers[:, None]
-        if not np.isfinite(coefficients).all():
-            raise InputError(f'motion: positions up to {np.abs(q).max():g} in '
-                             f'{t[-1] - t[0]:g} s overflow; expected a finite motion')
-        return cls(names, t[0] + scale * knots, coefficients)
+        rest = range(1, (degree + 1) // 2 + 1)  # derivatives that vanish at the ends
+        return cls(names, *_spline(t, q, degree, rest, _knots))
 
     @classmethod
     def from_motion(cls, motion: Motion) -> SmoothMotion:
@@ -172,6 +158,14 @@ class SmoothMotion:
                     's; expected continuous jerk, as of SmoothMotion.from_points, since '
                     'the torque rate of an elastic joint would jump')
 
+    def scaled(self, speed: float) -> SmoothMotion:
+        """Return the motion `speed` times as fast."""
+        factor = number(speed, 'speed', 'a positive number',
+                        lambda x: 0.0 < x < math.inf)
+        powers = factor ** np.arange(self.degree + 1.0)
+        coefficients = self._coefficients * powers[:, None]
+        return SmoothMotion(self.joint_names, self.times / factor, coefficients)
+
     def sample(self, t: ArrayLike) -> SmoothState:
         """
         Return q, u, udot, jerk and snap at times t from the start.
@@ -208,6 +202,65 @@ class SmoothMotion:
         return SmoothState(*states)
 
 
+class SmoothCurve:
+    """
+    Spline of degree five through points, as a path: it does not rest at its ends.
+
+    Its third and fourth derivatives vanish there, as those of a straight line do. The
+    parameter is the length of the straight lines between the points.
+
+    Attributes
+    ----------
+    length : float
+        Parameter of the last point, rad or m.
+
+    """
+
+    def __init__(self, positions: Array) -> None:
+        """Create the curve through different points, (K, n), K >= 2, unchecked."""
+        if len(positions) == 2:  # the conditions at the ends need three
+            positions = np.stack([positions[0], positions.mean(axis=0), positions[1]])
+        steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+        places = np.concatenate([[0.0], np.cumsum(steps)])
+        self.length = float(places[-1])
+        self._places, self._coefficients = _spline(places, positions, 5, range(3, 5),
+                                                   np.array)
+
+    def sample(self, parameters: Array) -> SmoothState:
+        """Return positions and four derivatives at parameters, (K, n) arrays each."""
+        pieces = np.searchsorted(self._places[1:-1], parameters, side='right')
+        coefficients = self._coefficients[pieces]
+        beyond = parameters - self._places[pieces]
+        return SmoothState(*[_polynomials(coefficients, beyond, order)
+                             for order in range(DERIVATIVES + 1)])
+
+
+def _spline(t: Array, q: Array, degree: int, orders: Iterable[int],
+            knots_of: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """
+    Return the knots, (K,), of a spline through points, and its coefficients.
+
+    Derivatives of the stated orders vanish at both ends; with `knots_of` the places of
+    the points it has as many more knots as these need.
+    """
+    # In units of the mean segment, for the size of the powers of time.
+    scale = (t[-1] - t[0]) / (len(t) - 1)
+    places = (t - t[0]) / scale
+    knots = knots_of(places)
+    weights = _spline_weights(places, q - q[0], knots, degree, orders)
+    coefficients = np.stack([
+        b_splines(knots, degree, knots[:-1], order) @ weights / math.factorial(order)
+        for order in range(degree + 1)], axis=1)
+    coefficients[:, 0] += q[0]
+    with np.errstate(over='ignore', invalid='ignore'):
+        powers = scale ** -np.arange(degree + 1.0)
+        coefficients = coefficients * powers[:, None]
+    if not np.isfinite(coefficients).all():
+        raise InputError(f'motion: positions up to {np.abs(q).max():g} in '
+                         f'{t[-1] - t[0]:g} s overflow; expected a finite motion')
+    return t[0] + scale * knots, coefficients
+
+
 def _knots(places: Array) -> Array:
     """Return the points with a knot in the middle of the first and last segment."""
     first, last = places[:2], places[-2:]
@@ -217,18 +270,19 @@ def _knots(places: Array) -> Array:
     return np.array([first[0], first.mean(), *places[1:-1], last.mean(), last[1]])
 
 
-def _spline_weights(places: Array, values: Array, knots: Array, degree: int) -> Array:
-    """Return the weights of the B-splines, through the points and at rest at the ends."""
+def _spline_weights(places: Array, values: Array, knots: Array, degree: int,
+                    orders: Iterable[int]) -> Array:
+    """Return the weights of the B-splines, with derivatives that vanish at the ends."""
     ends = knots[[0, -1]]
-    rows = [_basis(knots, degree, places, 0)]
+    rows = [b_splines(knots, degree, places, 0)]
     right = [values]
-    for order in range(1, (degree + 1) // 2 + 1):
-        rows.append(_basis(knots, degree, ends, order))
+    for order in orders:
+        rows.append(b_splines(knots, degree, ends, order))
         right.append(np.zeros((2, values.shape[1])))
     return np.linalg.solve(np.vstack(rows), np.vstack(right))
 
 
-def _basis(knots: Array, degree: int, x: Array, order: int) -> Array:
+def b_splines(knots: Array, degree: int, x: Array, order: int) -> Array:
     """
     Return a derivative of all B-splines at x, (len(x), len(knots) - 1 + degree).
 
