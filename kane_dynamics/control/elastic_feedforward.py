@@ -206,7 +206,7 @@ class ElasticFeedforward:
 
     @property
     def damped(self) -> bool:
-        """Whether the deflection of a drive is a state of its own."""
+        """Return whether the deflection of a drive is a state."""
         return bool(self._damped)
 
     @lazy_property

@@ -220,7 +220,7 @@ def demand(robot: Robot, motion: Motion | SmoothMotion, *, speed: float = 1.0,
 
 def refined_demand(at_samples: Callable[[float, Array], Demand], speed: float) -> Demand:
     """
-    Return the demand at samples, with some added until no limit is in doubt.
+    Return the demand at samples, with some added where a limit may be exceeded between.
 
     `at_samples` returns it for a speed with samples at additional times of the motion.
     """
