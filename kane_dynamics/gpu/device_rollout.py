@@ -16,6 +16,7 @@ from kane_dynamics.robot.derivative_kernels import PARAMETERS
 from kane_dynamics.robot.frameworks.batch_function import batch_function
 from kane_dynamics.robot.frameworks.quantity_function import require_shape
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.presliding import require_no_bristles
 from kane_dynamics.simulation.step_kernels import step_program, StepChoice
 
 MOST_STEPS = 2**31
@@ -37,6 +38,7 @@ class DeviceRollout:
         batch_function(self._robot, 'forward_dynamics', '', parameters)
         names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
         parts = {name: PARAMETERS[name] for name in names}
+        require_no_bristles(robot, 'rollout')
         self._layout = StepLayout(robot.n_q, robot.n, robot.equations.timed,
                                   robot.equations.watched, parts)
         self._arguments = [Argument('q', (robot.n_q,)), Argument('u', (robot.n,)),

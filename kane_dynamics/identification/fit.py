@@ -387,6 +387,8 @@ def identified(model: Model, x: Array, speeds: Array, further: dict[str, Array],
                         'friction_speed': float(speeds[j])}
         for term, values in further.items():
             losses[name][term] = float(values[j])
+        if not losses[name]['friction']:  # without sliding there is no presliding
+            losses[name] |= {'presliding_stiffness': 0.0, 'presliding_damping': 0.0}
     bodies = []
     for k, body in enumerate(model.bodies):
         inertial = body.inertial

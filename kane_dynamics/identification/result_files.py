@@ -15,7 +15,8 @@ import yaml
 
 PASSIVE = (*FRICTION, 'friction_speed', 'armature', 'stiffness', 'rest')
 OF_SOME = ('quadratic_damping', 'friction_backward', 'breakaway_friction', 'stribeck_speed',
-           'load_friction', 'load_friction_backdriven')  # written if not the default
+           'load_friction', 'load_friction_backdriven', 'presliding_stiffness',
+           'presliding_damping')  # written if not the default
 
 
 def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, str]:

@@ -270,7 +270,8 @@ class Equations:
         return rigid + self.tree.friction_force(motion.qdot, loads)
 
     def driven_friction(self, q: Vector, rates: Vector, tau: Vector, t: Scalar = 0.0,
-                        directions: Vector | None = None) -> Vector:
+                        directions: Vector | None = None,
+                        deflections: Vector | None = None) -> Vector:
         """
         Return the friction of the joints, (n_j,), while motors have torques.
 
@@ -284,14 +285,30 @@ class Equations:
             Generalized force of the motors.
         t : scalar
             s.
-        directions : (n_j,) array, optional
+        directions, deflections : (n_j,), (n_b,) arrays, optional
             As of `TreeEquations.friction_force`.
 
         """
         if not self.tree.carries_loads:
-            return self.tree.friction_force(rates, None, directions)
+            return self.tree.friction_force(rates, None, directions, deflections)
         torques = self.drive_torques(q, tau, t)
-        return torques - self.tree.drive_loads(rates, torques, None, directions)
+        loads = self.tree.drive_loads(rates, torques, None, directions, deflections)
+        if deflections is None:
+            return torques - loads
+        return self.tree.friction_force(rates, loads, directions, deflections)
+
+    def deflection_rates(self, q: Vector, rates: Vector, deflections: Vector, tau: Vector,
+                         t: Scalar = 0.0) -> Vector:
+        """
+        Return the rates of the deflections of bristles, (n_b,), while motors have torques.
+
+        Arguments as of `driven_friction`.
+        """
+        loads = None
+        if self.tree.carries_loads:
+            torques = self.drive_torques(q, tau, t)
+            loads = self.tree.drive_loads(rates, torques, None, None, deflections)
+        return self.tree.deflection_rates(rates, deflections, loads)
 
     def load_friction(self, q: Vector, u: Vector, tau: Vector,
                       t: Scalar = 0.0) -> Vector:

@@ -26,6 +26,18 @@ equation for L, joint by joint. The solution is unique where the right side grow
 at all rates. Of other drives, such as self-locking ones (``load_friction_backdriven`` of
 1 or more), `require_solvable` refuses forward dynamics with this smooth law.
 
+With ``presliding_stiffness`` s, friction in simulations has a state of its own, the
+deflection z of bristles (Dahl 1968; LuGre: Canudas de Wit, Olsson, Astrom & Lischinsky,
+IEEE Trans. Automatic Control 40 (1995)):
+
+    z' = v - s |v| z / g(v, L)
+    F = d v + c v |v| + offset + s z + s_d z'
+
+with ``presliding_damping`` s_d and the friction g of sliding, level(v) + mu |L| in the
+direction of motion. In steady sliding F is the law above with y of 1 or -1. The load of
+g is that of a motor whose friction is F without s_d z'. All other quantities have the law
+above, in which the bristles have no part.
+
 All formulations of the dynamics, the integrators and identification use the functions
 below; to change or to extend the law, edit them and the fields of `model.Joint`. They
 run over any scalar.
@@ -199,6 +211,73 @@ def viscous_over_rate(joint: Joint, rate: Scalar) -> Scalar:
     if joint.quadratic_damping:
         ratio = ratio + joint.quadratic_damping * magnitude(rate)
     return ratio
+
+
+def has_bristles(joint: Joint) -> bool:
+    """Return whether the friction of a joint has a state of its own in simulations."""
+    return bool(joint.presliding_stiffness)
+
+
+def sliding_friction(joint: Joint, rate: Scalar, load: Scalar = 0.0) -> Scalar:
+    """Return the friction g of sliding in the direction of motion, positive, N m or N."""
+    forward, backward = coulomb_levels(joint)
+    level: Scalar = forward
+    if joint.friction_backward is not None:
+        level = select(rate < 0.0, backward, forward)
+    if _has_stribeck(joint):
+        level = level + _stribeck(joint, rate)
+    if carries_load(joint):
+        driving, backdriven = load_fractions(joint)
+        fraction = select(rate * load < 0.0, backdriven, driving)
+        level = level + fraction * magnitude(load)
+    return level
+
+
+def bristle_decay(joint: Joint, rate: Scalar, load: Scalar = 0.0) -> Scalar:
+    """Return s |v| / g, 1/s: with it, z' = v - decay z is the rate of the deflection."""
+    g = sliding_friction(joint, rate, load)
+    return joint.presliding_stiffness * magnitude(rate) / g
+
+
+def bristle_rate(joint: Joint, rate: Scalar, deflection: Scalar,
+                 load: Scalar = 0.0) -> Scalar:
+    """Return the rate z' of the deflection of a joint's bristles, rad/s or m/s."""
+    return rate - bristle_decay(joint, rate, load) * deflection
+
+
+def bristle_torque(joint: Joint, rate: Scalar, deflection: Scalar,
+                   load: Scalar = 0.0) -> Scalar:
+    """Return the torque F that overcomes friction with bristles, N m or N."""
+    torque = elastic_bristle_torque(joint, rate, deflection)
+    if joint.presliding_damping:
+        change = bristle_rate(joint, rate, deflection, load)
+        torque = torque + joint.presliding_damping * change
+    return torque
+
+
+def elastic_bristle_torque(joint: Joint, rate: Scalar, deflection: Scalar) -> Scalar:
+    """Return `bristle_torque` without the damping of the bristles, N m or N."""
+    viscous = _viscous(joint, rate)
+    return viscous + joint.friction_offset + joint.presliding_stiffness * deflection
+
+
+def bristle_energy(joint: Joint, deflection: Scalar) -> Scalar:
+    """Return the energy of the bristles of a joint, J."""
+    return (0.5 * joint.presliding_stiffness) * (deflection * deflection)
+
+
+def bristle_slope(joint: Joint, rate: Scalar, deflection: Scalar,
+                  load: Scalar = 0.0) -> Scalar:
+    """
+    Return d z' / d v for linearly implicit steps, between 0 and about 2.
+
+    Without the slope of g, which Stribeck friction makes negative; 0 where the deflection
+    exceeds that of steady sliding.
+    """
+    g = sliding_friction(joint, rate, load)
+    forward = select(rate < 0.0, -1.0, 1.0)
+    slope = 1.0 - (joint.presliding_stiffness * forward) * deflection / g
+    return select(slope < 0.0, 0.0, slope)
 
 
 def holding_interval(joint: Joint, load: Any) -> tuple[Any, Any]:

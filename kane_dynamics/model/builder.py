@@ -161,7 +161,8 @@ class ModelBuilder:
             rest, drive (of an elastic joint), and its friction law as of `Joint`:
             damping, quadratic_damping, friction, friction_backward, breakaway_friction,
             stribeck_speed, load_friction, load_friction_backdriven, friction_speed,
-            friction_offset. For other joints, see `joint`.
+            friction_offset, presliding_stiffness, presliding_damping. For other joints, see
+            `joint`.
 
         Raises
         ------

@@ -34,7 +34,8 @@ FRICTION_POWERS = {'damping': 2, 'quadratic_damping': 3, 'friction': 1,
                    'friction_backward': 1, 'breakaway_friction': 1,
                    'stribeck_speed': -1, 'load_friction': 0,
                    'load_friction_backdriven': 0, 'friction_speed': -1,
-                   'friction_offset': 1}
+                   'friction_offset': 1, 'presliding_stiffness': 2,
+                   'presliding_damping': 2}
 ROUNDING = 0.25  # of the shortest segment of a curve: default of half a corner's width
 
 
@@ -140,8 +141,8 @@ class Drive:
         Friction law of the motor's side, with the parameters of `Joint`: damping,
         quadratic_damping, friction, friction_backward, breakaway_friction,
         stribeck_speed, load_friction, load_friction_backdriven, friction_speed,
-        friction_offset. The parameters of the `Joint` itself are those of the link's
-        side.
+        friction_offset, presliding_stiffness, presliding_damping. The parameters of the
+        `Joint` itself are those of the link's side.
     motor_effort : float, optional
         Largest torque of the motor, times the ratio, N m, positive. Default: the effort
         limit of the joint.

@@ -39,10 +39,12 @@ ROUNDING = 1e-9  # relative tolerance for equal bounds of a mimic joint and its 
 # The fields of `Joint` of its friction law, but for the speed of its smoothing.
 FRICTION = ('damping', 'quadratic_damping', 'friction', 'friction_backward',
             'breakaway_friction', 'stribeck_speed', 'load_friction',
-            'load_friction_backdriven', 'friction_offset')
+            'load_friction_backdriven', 'friction_offset', 'presliding_stiffness',
+            'presliding_damping')
 NONNEGATIVE = ('damping', 'quadratic_damping', 'friction', 'friction_backward',
                'breakaway_friction', 'stribeck_speed', 'load_friction',
-               'load_friction_backdriven', 'friction_speed', 'armature', 'stiffness')
+               'load_friction_backdriven', 'friction_speed', 'presliding_stiffness',
+               'presliding_damping', 'armature', 'stiffness')
 WORLD = -1  # parent index of a body, or body index of a frame, fixed in the world
 
 
@@ -134,6 +136,11 @@ class Joint:
     friction_offset : float
         Constant torque added to friction, N m or N, such as the offset of a torque
         sensor.
+    presliding_stiffness : float
+        Stiffness of the contact before it slides, N m/rad or N/m: in `simulate`, friction
+        then has a state of its own, the deflection of bristles. 0: none.
+    presliding_damping : float
+        Of the deflection's rate, N m s/rad or N s/m (LuGre); 0 in Dahl's law.
     armature : float
         Rotor inertia reflected through the gear, kg m^2 or kg.
     stiffness, rest : float
@@ -170,6 +177,8 @@ class Joint:
     load_friction_backdriven: float | None = None
     friction_speed: float = 0.05
     friction_offset: float = 0.0
+    presliding_stiffness: float = 0.0
+    presliding_damping: float = 0.0
     armature: float = 0.0
     stiffness: float = 0.0
     rest: float = 0.0
@@ -216,6 +225,20 @@ class Joint:
         if breakaway is not None and breakaway < self.friction:
             raise ModelError(f'{what}: breakaway_friction {breakaway}; expected at least '
                              f'the friction, {self.friction}')
+        self._require_presliding_law(what)
+
+    def _require_presliding_law(self, what: str) -> None:
+        """Raise ModelError for bristles without a friction at which they slide."""
+        if not self.presliding_stiffness:
+            if self.presliding_damping:
+                raise ModelError(f'{what}: presliding_damping {self.presliding_damping} '
+                                 'without presliding_stiffness; expected both')
+            return
+        for name in ('friction', 'friction_backward'):
+            if getattr(self, name) == 0.0:
+                raise ModelError(f'{what}: presliding_stiffness '
+                                 f'{self.presliding_stiffness} and {name} 0; expected a '
+                                 'positive friction, at which the deflection ends')
 
     def __repr__(self) -> str:
         """Return kind, axis and what differs from a free, ideal joint, on one line."""

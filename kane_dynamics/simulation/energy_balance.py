@@ -24,6 +24,10 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Chunk, Impact, Observer, Power
+from kane_dynamics.simulation.presliding import (bristle_energies, bristle_friction,
+                                                 BristleFriction)
+from kane_dynamics.simulation.step_kernels import bristle_names, size_without_margin
+from kane_dynamics.simulation.step_size import bristle_frequency
 from kane_dynamics.simulation.sticking.friction_state import FrictionState
 import numpy as np
 
@@ -108,14 +112,20 @@ class EnergyBalance(Observer):
         self.robot, self._step, self._start = robot, step, start
         self._single, self._cause = single, cause
         exact = friction is not None
-        self._friction = friction
+        self._friction: FrictionState | BristleFriction | None = friction
+        self._bristle_frequency = 0.0  # rad/s, of the stiffest bristles
+        if bristle_names(robot):
+            self._friction = bristle_friction(robot, False)
+            self._bristle_frequency = bristle_frequency(robot, states[0, :robot.n_q],
+                                                        start)
         self._kernel = energy_kernel(robot, exact)
         self._parameters = robot.parameters.block.copy()
         self._driven = driven_kernel(robot)
         self._loaded = load_friction_kernel(robot, exact)
         # An implicit step damps high frequencies by design.
-        vibrates = any(body.beam is not None or body.joint.stiffness or body.joint.drive
-                       for body in robot.model.bodies)
+        vibrates = bool(bristle_names(robot)) or any(
+            body.beam is not None or body.joint.stiffness or body.joint.drive
+            for body in robot.model.bodies)
         self._damped = integrator_of(integrator).damps and vibrates
         self._tree = robot.equations.in_joint_rates
         N = len(states)
@@ -250,6 +260,12 @@ class EnergyBalance(Observer):
         uncertain = self._step * _differences(power, 2)
         if self._damped:
             uncertain = uncertain + 2.0 * _differences(potential, 3)
+        if self._bristle_frequency:
+            # Bristles answer the jumps of a held torque by vibrations within the steps,
+            # of which the rates at the ends of the steps are no mean.
+            bent = bristle_energies(self.robot, states).T
+            ripple = min(1.0, 0.5 * (self._bristle_frequency * self._step)**2)
+            uncertain = uncertain + _differences(bent, 2) + ripple * _differences(bent, 1)
         if not (callable(tau) or self._tree):
             n_q, n = self.robot.n_q, self.robot.n
             changes = _differences(states[:, :, n_q:n_q + n].swapaxes(0, 1), 2)
@@ -291,7 +307,7 @@ class EnergyBalance(Observer):
         robot, friction = self.robot, self._friction
         assert friction is not None
         kernel = joint_power_kernel(robot)
-        n_q, n, size = robot.n_q, robot.n, _size(robot)
+        n_q, n, size = robot.n_q, robot.n, size_without_margin(robot)
         shape = (len(states), states.shape[1] - 1)
         torques = np.broadcast_to(tau, (*shape, tau.shape[2])).reshape(-1, tau.shape[2])
         powers = np.empty((2, *shape))
@@ -376,36 +392,43 @@ def energy_kernel(robot: Robot, exact: bool = False) -> Kernel:
     Return the kernel of kinetic energy, potential energy and power of friction, (3,).
 
     With `exact`, friction is set-valued: of joints that slide in the direction of motion.
+    The potential energy has that of bristles.
     """
-    equations, n_q, n = robot.equations, robot.n_q, robot.n
+    equations = robot.equations
     tree = equations.tree
 
     def terms(state: Vector, parameters: Vector) -> list[Scalar]:
         # Joints that slide in the direction of motion; `rates` are those of joints.
-        q, u, time = np.split(state, [n_q, n_q + n])
+        q, u, time, deflections = _parts(robot, state)
         rates = equations.joint_speeds(q, u, *time)
-        friction = tree.friction_force(rates, None, directions_of(rates, exact))
-        return [tree.kinetic_energy(q, rates, parameters),
-                tree.potential_energy(q, parameters), friction @ rates]
+        friction = tree.friction_force(rates, None, directions_of(rates, exact),
+                                       deflections)
+        potential = tree.potential_energy(q, parameters)
+        loss = friction @ rates
+        if deflections is not None:
+            potential = potential + tree.bristle_energy(deflections)
+            changes = tree.deflection_rates(rates, deflections)
+            loss = loss - tree.bristle_power(deflections, changes)
+        return [tree.kinetic_energy(q, rates, parameters), potential, loss]
     name = 'energy_terms_of_sticking' if exact else 'energy_terms'
-    return robot.compiled(terms, name=name, state=(_size(robot),),
+    return robot.compiled(terms, name=name, state=(size_without_margin(robot),),
                           shape=(TERMS,))
 
 
 def driven_kernel(robot: Robot) -> Kernel | None:
     """Return the kernel of the power of moving constraints, W; None without any."""
-    equations, n_q, n = robot.equations, robot.n_q, robot.n
+    equations, n = robot.equations, robot.n
     if equations.in_joint_rates or not _driven(robot):
         return None
 
     def power(state: Vector, tau: Vector, parameters: Vector) -> Scalar:
         # All that the actuators and the constraints do on the joints, minus the
         # actuators' part.
-        q, u, time = np.split(state, [n_q, n_q + n])
+        q, u, time, _ = _parts(robot, state)
         force = equations.actual_joint_forces(q, u, tau, parameters, *time)
         return force @ equations.joint_speeds(q, u, *time) - tau @ u
-    return robot.compiled(power, name='driven_power', state=(_size(robot),), tau=(n,),
-                          shape=())
+    size = size_without_margin(robot)
+    return robot.compiled(power, name='driven_power', state=(size,), tau=(n,), shape=())
 
 
 def directions_of(rates: Vector, exact: bool) -> Vector | None:
@@ -417,35 +440,44 @@ def directions_of(rates: Vector, exact: bool) -> Vector | None:
 
 def load_friction_kernel(robot: Robot, exact: bool = False) -> Kernel | None:
     """Return the kernel of the power of load friction, W; None without any."""
-    equations, n_q, n = robot.equations, robot.n_q, robot.n
+    equations, n = robot.equations, robot.n
+    tree = equations.tree
     if not equations.carries_loads:
         return None
 
     def power(state: Vector, tau: Vector) -> Scalar:
-        q, u, time = np.split(state, [n_q, n_q + n])
+        q, u, time, deflections = _parts(robot, state)
         motion = equations.joint_motion(q, u, equations.zeros, *time)
         directions = directions_of(motion.qdot, exact)
         t = time[0] if len(time) else 0.0
-        friction = equations.driven_friction(q, motion.qdot, tau, t, directions)
-        unloaded = equations.tree.friction_force(motion.qdot, None, directions)
-        return (friction - unloaded) @ motion.qdot
+        friction = equations.driven_friction(q, motion.qdot, tau, t, directions,
+                                             deflections)
+        unloaded = tree.friction_force(motion.qdot, None, directions, deflections)
+        loss = (friction - unloaded) @ motion.qdot
+        if deflections is None:
+            return loss
+        # The bristles of a loaded drive yield less.
+        loaded = equations.deflection_rates(q, motion.qdot, deflections, tau, t)
+        change = loaded - tree.deflection_rates(motion.qdot, deflections)
+        return loss - tree.bristle_power(deflections, change)
     name = 'load_friction_power_of_sticking' if exact else 'load_friction_power'
-    return robot.compiled(power, name=name, state=(_size(robot),),
+    return robot.compiled(power, name=name, state=(size_without_margin(robot),),
                           tau=(n,), shape=())
 
 
 def joint_power_kernel(robot: Robot) -> Kernel:
     """Return the kernel of the power of the forces of joints in a motion, W."""
-    equations, n_q, n = robot.equations, robot.n_q, robot.n
+    equations, n = robot.equations, robot.n
 
     def power(state: Vector, udot: Vector, friction: Vector,
               parameters: Vector) -> Scalar:
-        q, u, time = np.split(state, [n_q, n_q + n])
+        q, u, time, _ = _parts(robot, state)
         motion = equations.joint_motion(q, u, udot, *time)
         rigid = equations.tree.rigid_dynamics(q, motion.qdot, motion.qddot, None,
                                               parameters)
         return (rigid + friction) @ motion.qdot
-    return robot.compiled(power, name='joint_power', state=(_size(robot),), udot=(n,),
+    size = size_without_margin(robot)
+    return robot.compiled(power, name='joint_power', state=(size,), udot=(n,),
                           friction=(robot.model.n,), shape=())
 
 
@@ -461,15 +493,17 @@ def _driven(robot: Robot) -> bool:
         prescribed: list[bool] = []
 
         def right_side(state: Vector) -> Vector:
-            q, _, time = np.split(state, [robot.n_q, robot.n_q + robot.n])
+            q, _, time, _ = _parts(robot, state)
             right: Vector = mechanism.system(mechanism.state(q, *time))[1]
             prescribed.extend(not is_zero(x) for x in right)
             return right
-        trace_program('given_rates', right_side, [('state', (_size(robot),))])
+        trace_program('given_rates', right_side, [('state', (size_without_margin(robot),))])
         _DRIVEN[mechanism] = any(prescribed)
     return _DRIVEN[mechanism]
 
 
-def _size(robot: Robot) -> int:
-    """Return the number of entries of a state without its margin."""
-    return robot.n_q + robot.n + robot.equations.timed
+def _parts(robot: Robot, state: Vector) -> tuple[Vector, Vector, Vector, Vector | None]:
+    """Return q, u, the time as (0 or 1,), and the deflections of bristles or None."""
+    sizes = [robot.n_q, robot.n, int(robot.equations.timed)]
+    q, u, time, deflections = np.split(state, np.cumsum(sizes))
+    return q, u, time, deflections if len(deflections) else None

@@ -9,10 +9,12 @@ from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution,
                                                              linear_system, Solution)
+from kane_dynamics.mechanics.integrators.interface import StageRates
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
-from kane_dynamics.simulation.step_kernels import (optional_inputs, RobotMotion,
-                                                   time_input, wrench_input)
+from kane_dynamics.simulation.step_kernels import (deflection_input,
+                                                   first_stage_inputs, optional_inputs,
+                                                   RobotMotion, time_input, wrench_input)
 from kane_dynamics.simulation.user_speeds import tau_from
 
 
@@ -91,13 +93,12 @@ class HeldMotion(RobotMotion):
         # An implicit stage also has the results of the first stage, and its factor g.
         first_stage: list[tuple[str, Shape]] = []
         if method is not None:
-            first_stage = [('joint_rates', (robot.model.n,)), ('udot', (robot.n,)),
-                           ('g', ())]
+            first_stage = first_stage_inputs(robot)
 
         def dynamics(q: Vector, u: Vector, tau: Vector, modes: Vector,
                      *inputs: Any) -> list[Scalar]:
             options = inputs[len(first_stage):]
-            wrench, t, parameters = optional_inputs(robot, options)
+            wrench, t, parameters, deflections = optional_inputs(robot, options)
             physical = parameters[:robot.parameters.physical]
             if self._dual_to is not None:
                 tau = tau_from(equations, self._dual_to, q, tau, t)
@@ -106,19 +107,23 @@ class HeldMotion(RobotMotion):
             directions = self.directions(modes)
             if method is None:
                 system = linear_system(equations, q, u, tau, wrench, physical, t,
-                                       directions)
+                                       directions, deflections)
                 solution = held_solution(system, system.M, system.net, held)
                 rates: Any = []  # q' = u
                 if not equations.in_joint_rates:
                     rates = coordinate_rates(robot.model, q, system.v)
+                bent: Any = []  # rates of the deflections of bristles
+                if deflections is not None:
+                    bent = equations.deflection_rates(q, system.v, deflections, tau, t)
             else:
-                k_v, k_u, g = inputs[:len(first_stage)]
-                rates, solution = method.held_stage(held, q, u, tau, (k_v, k_u), g[()],
-                                                    wrench, physical, t,
-                                                    directions=directions)
+                *first, g = inputs[:len(first_stage)]
+                of_stage, solution = method.held_stage(
+                    held, q, u, tau, StageRates(*first), g[()], wrench, physical, t,
+                    directions=directions, deflections=deflections)
+                rates, _, bent = of_stage
 
             stage = HeldStage(q, u, tau, modes, t, solution)
-            results = [*rates, *solution.w, *self.results(stage)]
+            results = [*rates, *solution.w, *bent, *self.results(stage)]
             if self.watched:
                 results.append(equations.margin(q, t, parameters[-LIMITS:]))
             return results
@@ -132,4 +137,5 @@ class HeldMotion(RobotMotion):
         return trace_program(name, dynamics, [
             ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)),
             ('modes', (len(self._joints),)), *first_stage, *wrench_input(robot),
-            *time_input(robot), ('parameters', robot.parameters.block.shape)])
+            *time_input(robot), *deflection_input(robot),
+            ('parameters', robot.parameters.block.shape)])

@@ -39,8 +39,11 @@ from kane_dynamics.simulation.discontinuities import JumpWatch
 from kane_dynamics.simulation.energy_balance import compile_balance, EnergyBalance
 from kane_dynamics.simulation.limit_events import LimitWatch
 from kane_dynamics.simulation.observers import DivergenceWatch, Observer
+from kane_dynamics.simulation.presliding import (bristle_energies, initial_deflections,
+                                                 require_no_bristles, SettlingWatch)
 from kane_dynamics.simulation.speed_switching import SwitchingSteps
-from kane_dynamics.simulation.step_kernels import step_kernel
+from kane_dynamics.simulation.step_kernels import (bristle_names, deflections_of,
+                                                   step_kernel)
 from kane_dynamics.simulation.step_size import stable_integrator, without_coulomb
 from kane_dynamics.simulation.stepping import CallableSteps, Progress, run, Steps
 from kane_dynamics.simulation.sticking.friction_state import (friction_state,
@@ -65,7 +68,8 @@ AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy',
 def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1e-3,
              torque: Any = None, sample: float | None = None,
              progress: Progress | None = None, integrator: str | None = None,
-             t0: float = 0.0, stops: bool = False, sticking: bool = False) -> Trajectory:
+             t0: float = 0.0, stops: bool = False, sticking: bool = False,
+             bristles0: Any = None) -> Trajectory:
     """
     Integrate the equations of motion with steps of one length.
 
@@ -104,7 +108,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         (`mechanics.integrators.rosenbrock`). The first is more accurate for smooth
         motions; the second is faster by orders of magnitude where joints stick. By
         default 'rk4' if the step is stable at the (first) initial configuration
-        (`longest_step`), else 'implicit', with a warning that says so.
+        (`longest_step`), else 'implicit', with a warning that says so; 'implicit' if
+        joints have bristles.
     t0 : float
         Initial time, s, for functions of time.
     stops : bool
@@ -119,7 +124,11 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         torque that it needs is below breakaway friction (`Trajectory.sticking`), and
         slides otherwise. The times of transition are found to the order of the
         integrator, in native code. With `stops`, the times of impacts are found in the
-        same way; each takes about a millisecond.
+        same way; each takes about a millisecond. Refused for joints with
+        `presliding_stiffness`, which have bristles in place of the smooth law.
+    bristles0 : (n_b,) or (N, n_b) array_like, optional
+        Initial deflections of the bristles, rad or m (`Trajectory.bristles`). Default:
+        none.
 
     Returns
     -------
@@ -153,7 +162,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     """
     _require_arguments(robot, t0, progress, integrator, stops, sticking)
     start = float(constant(t0, (), 't0 (s)', InputError))
-    states = initial_states(robot, q0, u0, start)
+    states = initial_states(robot, q0, u0, start, bristles0)
     single = states.ndim == 1
     states = np.atleast_2d(states)
     step = positive_time(step, 'step')
@@ -172,6 +181,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         observers.append(JumpWatch(robot, states, start, step, count, single))
 
     # The step must be stable for everything but Coulomb friction that sticks.
+    if sticking:
+        require_no_bristles(robot, 'sticking')
     smooth = without_coulomb(robot) if sticking else robot
     integrator, step_text = stable_integrator(smooth, states[:1, :robot.n_q], step,
                                               integrator, start)
@@ -190,6 +201,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     balance = EnergyBalance(robot, step, states, integrator, start, single=single,
                             cause=cause, friction=friction)
     observers += [limits, balance]
+    if bristle_names(robot) and integrator == 'rk4':
+        observers.append(SettlingWatch(robot, step, single))
 
     # Compute the states.
     steps = _steps(robot, states, single, step, count, every, torque, integrator, start,
@@ -208,6 +221,9 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     u = np.ascontiguousarray(samples.states[..., robot.n_q:robot.n_q + robot.n])
     tau = steps.torques(samples, q, u)
     arrays: dict[str, Any] = {'q': q, 'tau': tau, **steps.results(samples, tau)}
+    if bristle_names(robot):
+        arrays['bristles'] = np.ascontiguousarray(deflections_of(robot, samples.states))
+        arrays['energy'][..., 1] += bristle_energies(robot, samples.states)
     if single:
         arrays = {name: x[0] for name, x in arrays.items()}
     speed_changes = sorted(steps.changes, key=attrgetter('t'))
@@ -217,7 +233,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     return Trajectory(start + samples.steps * np.float64(step), **arrays,
                       joint_names=robot.joint_names, limit_events=limits.events,
                       coordinate_names=robot.coordinate_names,
-                      speed_names=robot.speed_names,
+                      speed_names=robot.speed_names, bristle_names=bristle_names(robot),
                       constraint_names=robot.constraint_names, warnings=tuple(texts),
                       speed_changes=tuple(speed_changes), stop_events=stop_events)
 
@@ -282,7 +298,8 @@ def _require_distinct_times(start: float, step: float) -> None:
                          f'{step:g} s')
 
 
-def initial_states(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
+def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,
+                   bristles0: Any = None) -> Array:
     """Return the initial state or states, (size,) or (N, size), entries as `state_names`."""
     q = checked(Argument('q0', (robot.n_q,), robot.coordinate_names), q0)
     u = checked(Argument('u0', (robot.n,), robot.speed_names), u0)
@@ -302,7 +319,8 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
                              'configuration, as robot.closed_configuration(q0)')
     time = np.full((*q.shape[:-1], int(robot.equations.timed)), t0)
     margins = np.ones((*q.shape[:-1], int(robot.equations.watched)))
-    return np.concatenate([q, u, time, margins], axis=-1)
+    deflections = initial_deflections(robot, bristles0, q.shape[:-1])
+    return np.concatenate([q, u, time, deflections, margins], axis=-1)
 
 
 def whole_steps(name: str, value: float, step: float) -> int:

@@ -24,13 +24,16 @@ from kane_dynamics.mechanics.constraints.conditioning import (
     loosened, SHARE, SINGULAR, singular_error, Stack, stacked, WELL_CHOSEN)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators import integrator_of
+from kane_dynamics.mechanics.integrators.interface import StageRates
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.backends.real_types import size_limit
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import in_choice, Robot
 from kane_dynamics.robot.speed_sets import left_out_error, limits_of
 from kane_dynamics.simulation.observers import diverged_error, Extremes
-from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice, watches_stages
+from kane_dynamics.simulation.step_kernels import (deflections_of, presliding_rates,
+                                                   step_kernel, StepChoice,
+                                                   watches_stages)
 from kane_dynamics.simulation.stepping import Samples, Steps
 from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops
@@ -514,7 +517,9 @@ class _StagesInNumbers:
         self.stages: list[tuple[float, Array]] = []
         self._tau, self._dual_to, self._step = tau, dual_to, step
         self._split = [robot.n_q, robot.n_q + robot.n]
-        self._time = state[self._split[1]:-1]
+        self.bristles = len(robot.equations.tree.bristles)
+        self._robot = robot
+        self._time = state[self._split[1]:][:int(robot.equations.timed)]
         self.start = self._time[0] if len(self._time) else 0.0
         self._block = robot.parameters.block[:robot.parameters.physical]
         no_wrench = robot.kernels.no_wrench
@@ -528,23 +533,31 @@ class _StagesInNumbers:
         return tau_from(self.equations, self._dual_to, q, self._tau, t), t
 
     def rates(self, state: Any, moment: int) -> Any:
-        """Return the rates of q, u, time and margin."""
+        """Return the rates of q, u, time, deflections and margin."""
         q, u, _ = np.split(state, self._split)
         tau, t = self._stage(q, moment)
-        rates = self.equations.state_rates(q, u, tau, self._wrench, self._block, t)
-        return np.array([*rates, *self.quadratures(q, u, moment)], dtype=np.float64)
+        *time, margin = self.quadratures(q, u, moment)
+        if not self.bristles:
+            rates = self.equations.state_rates(q, u, tau, self._wrench, self._block, t)
+            return np.array([*rates, *time, margin], dtype=np.float64)
+        rates = presliding_rates(self._robot, q, u, tau, self._wrench, self._block, t,
+                                 deflections_of(self._robot, state))
+        end = len(rates) - self.bristles
+        return np.array([*rates[:end], *time, *rates[end:], margin], dtype=np.float64)
 
     def torque(self, q: Any, u: Any, moment: int) -> Any:
         """Return the held torque."""
         return self._tau
 
-    def implicit_stage(self, q: Any, u: Any, tau: Any, before: tuple[Any, Any], g: Any,
-                       moment: int) -> tuple[Any, Any]:
-        """Return joint rates and udot of a stage of the linearly implicit equations."""
+    def implicit_stage(self, q: Any, u: Any, tau: Any, before: StageRates, g: Any,
+                       moment: int, deflections: Any) -> StageRates:
+        """Return the rates of a stage of the linearly implicit equations."""
         generalized, t = self._stage(q, moment)
-        v, udot = ImplicitStep(self.equations).stage(q, u, generalized, before, g,
-                                                     self._wrench, self._block, t)
-        return np.asarray(v, dtype=np.float64), np.asarray(udot, dtype=np.float64)
+        bent = deflections if self.bristles else None
+        rates = ImplicitStep(self.equations).stage(q, u, generalized, before, g,
+                                                   self._wrench, self._block, t,
+                                                   deflections=bent)
+        return StageRates(*(np.asarray(x, dtype=np.float64) for x in rates))
 
     def quadratures(self, q: Any, u: Any, moment: int) -> Any:
         """Return the rates of time and margin."""

@@ -5,13 +5,16 @@ from functools import partial, reduce
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.fork_safety import lazy_property
-from kane_dynamics._util.typing import Matrix, Scalar, Vector
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.computed_torque import law_margin, law_program
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
+from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.speeds import speed_places
 from kane_dynamics.mechanics.integrators import integrator_of
+from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution,
+                                                             linear_system)
+from kane_dynamics.mechanics.integrators.interface import StageRates
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -89,10 +92,31 @@ def step_signature(robot: Robot, choice: StepChoice) -> tuple[str, dict[str, Sha
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:
-    """Return the names of the entries of a state: q, u, and if needed the time and the margin."""
+    """
+    Return the names of the entries of a state.
+
+    They are q, u, and if needed the time, the deflections of bristles and the margin.
+    """
     time = ('time',) if robot.equations.timed else ()
     margin = ('margin',) if robot.equations.watched else ()
-    return (*robot.coordinate_names, *robot.speed_names, *time, *margin)
+    bristles = [f'{name}/deflection' for name in bristle_names(robot)]
+    return (*robot.coordinate_names, *robot.speed_names, *time, *bristles, *margin)
+
+
+def bristle_names(robot: Robot) -> tuple[str, ...]:
+    """Return the names of the joints whose friction has a state of its own in simulations."""
+    return tuple(joint.name for joint in robot.equations.tree.bristles)
+
+
+def size_without_margin(robot: Robot) -> int:
+    """Return the number of entries of a state but for its margin."""
+    return len(state_names(robot)) - int(robot.equations.watched)
+
+
+def deflections_of(robot: Robot, states: Array) -> Array:
+    """Return the deflections of bristles in states, (..., size), as (..., n_b)."""
+    begin = robot.n_q + robot.n + int(robot.equations.timed)
+    return states[..., begin:begin + len(robot.equations.tree.bristles)]
 
 
 def watches_stages(robot: Robot, q: Vector, t: Scalar) -> bool:
@@ -131,6 +155,7 @@ class RobotMotion:
         stages.
         """
         self.equations, self.robot, self._dual_to = robot.equations, robot, dual_to
+        self.bristles = len(robot.equations.tree.bristles)
         self._inputs, self._parameters = inputs, parameters
         self._gains: Any = gains
         self.watched, self.margins = watched, list[Scalar]()
@@ -159,7 +184,11 @@ class RobotMotion:
 
     def called(self, program: Program, q: Vector, u: Vector, tau: Vector, time: Any,
                *inputs: Any) -> Any:
-        """Return the results of the dynamics of a stage; their margin, if any, is stored."""
+        """
+        Return the results of the dynamics of a stage; their margin, if any, is stored.
+
+        `time` has the time and the deflections of bristles, where there are these.
+        """
         results = call(program, q, u, tau, *inputs, *self._wrench, *time,
                        self._parameters)
         if self.watched:
@@ -172,15 +201,27 @@ class RobotMotion:
         return _state_program(self.robot, self._dual_to, self.watched)
 
     def rates(self, state: Vector, moment: int) -> Vector:
-        """Return the time derivative of q, u, time and margin."""
+        """Return the time derivative of q, u, time, deflections and margin."""
         # The rate of the time is 1, that of the margin 0: steps write it at their end.
         robot, margins = self.robot, int(self.equations.watched)
-        q, u, time = np.split(state[:len(state) - margins],
+        q, u, time = np.split(state[:len(state) - margins - self.bristles],
                               [robot.n_q, robot.n_q + robot.n])
-        rates = self.called(self._motion, q, u, self.torque(q, u, moment, *time), time)
+        deflections = deflections_of(robot, state)
+        rates = self.called(self._motion, q, u, self.torque(q, u, moment, *time),
+                            self._and_bristles(time, deflections))
         if self.equations.in_joint_rates:
             rates = [*u, *rates]
-        return np.array([*rates, *(1.0 for _ in time), *[0.0] * margins])
+        end = len(rates) - self.bristles
+        return np.array([*rates[:end], *(1.0 for _ in time), *rates[end:],
+                         *[0.0] * margins])
+
+    def _and_bristles(self, time: Sequence[Scalar] | Vector,
+                      deflections: Vector) -> list[Any]:
+        """Return the inputs of a stage behind its wrenches: the time, and deflections."""
+        inputs: list[Any] = list(time)
+        if self.bristles:
+            inputs.append(deflections)
+        return inputs
 
     @lazy_property
     def _stage(self) -> Program:
@@ -188,13 +229,14 @@ class RobotMotion:
                               watched=self.watched)
 
     def implicit_stage(self, q: Vector, u: Vector, tau: Vector,
-                       before: tuple[Vector, Vector], g: Scalar, moment: int
-                       ) -> tuple[Vector, Vector]:
-        """Return joint rates and udot of a stage of the linearly implicit equations."""
-        rates = self.called(self._stage, q, u, tau, self._time(moment), *before,
-                            np.array(g))
-        n_j = self.robot.model.n
-        return np.array(rates[:n_j]), np.array(rates[n_j:])
+                       before: StageRates, g: Scalar, moment: int,
+                       deflections: Vector) -> StageRates:
+        """Return the rates of a stage of the linearly implicit equations."""
+        first = before if self.bristles else before[:2]
+        time = self._and_bristles(self._time(moment), deflections)
+        rates = self.called(self._stage, q, u, tau, time, *first, np.array(g))
+        n_j, n = self.robot.model.n, self.robot.n
+        return StageRates(*np.split(np.array(rates), [n_j, n_j + n]))
 
     def quadratures(self, q: Vector, u: Vector, moment: int) -> Vector:
         """Return the rates of time and margin."""
@@ -252,71 +294,127 @@ def time_input(robot: Robot) -> list[tuple[str, Shape]]:
     return [('t', ())] if robot.equations.timed else []
 
 
-def optional_inputs(robot: Robot, values: Sequence[Any]) -> tuple[Any, Scalar, Vector]:
-    """Return wrench (or None), time (or 0) and parameters from the last inputs of a program."""
+def deflection_input(robot: Robot) -> list[tuple[str, Shape]]:
+    """Return the input of the deflections of bristles, if the robot has any."""
+    count = len(robot.equations.tree.bristles)
+    return [('deflections', (count,))] if count else []
+
+
+class OptionalInputs(NamedTuple):
+    """Last inputs of a program: wrench or None, time or 0, parameters, deflections or None."""
+
+    wrench: Any
+    t: Scalar
+    parameters: Vector
+    deflections: Vector | None
+
+
+def optional_inputs(robot: Robot, values: Sequence[Any]) -> OptionalInputs:
+    """Return the last inputs of a program: those that its robot has, and the parameters."""
     *options, parameters = values
     wrench = None
     t: Scalar = 0.0
+    deflections = None
     if wrench_input(robot):
         wrench = options.pop(0)
     if time_input(robot):
         t = options.pop(0)[()]
-    return wrench, t, parameters
+    if options:
+        deflections = options.pop(0)
+    return OptionalInputs(wrench, t, parameters, deflections)
 
 
 def implicit_stage(robot: Robot, method: ImplicitStep,
                    dual_to: tuple[str, ...] | None = None,
                    *, watched: bool = False, varied: bool = False) -> Program:
     """
-    Trace `ImplicitStep.stage`: joint rates, udot and, if `watched`, the margin.
+    Trace `ImplicitStep.stage`: its rates and, if `watched`, the margin.
 
     Its inputs: q, u, tau, results of the first stage, g, factors on friction if
-    `varied`, wrench, time and parameters.
+    `varied`, wrench, time, deflections and parameters. With `varied`, friction has no
+    bristles.
     """
     equations: Any = robot.equations
     n = robot.n
     n_j = robot.model.n
     inputs: list[tuple[str, Shape]] = [
-        ('q', (robot.n_q,)), ('u', (n,)), ('tau', (n,)), ('joint_rates', (n_j,)),
-        ('udot', (n,)), ('g', ())]
+        ('q', (robot.n_q,)), ('u', (n,)), ('tau', (n,))]
+    first_stage = first_stage_inputs(robot, presliding=not varied)
+    inputs += first_stage
     if varied:
         inputs.append(('factors', (n_j,)))
-    inputs += [*wrench_input(robot), *time_input(robot),
-               ('parameters', robot.parameters.block.shape)]
+    inputs += [*wrench_input(robot), *time_input(robot)]
+    if not varied:
+        inputs += deflection_input(robot)
+    inputs.append(('parameters', robot.parameters.block.shape))
 
-    def stage(q: Vector, u: Vector, tau: Vector, k_v: Vector, k_u: Vector, g: Matrix,
-              *inputs: Any) -> list[Scalar]:
+    def stage(q: Vector, u: Vector, tau: Vector, *inputs: Any) -> list[Scalar]:
+        *first, g = inputs[:len(first_stage)]
+        others = inputs[len(first_stage):]
         factors: Any = 1.0
         if varied:
-            factors = inputs[0]
-            inputs = inputs[1:]
-        wrench, t, parameters = optional_inputs(robot, inputs)
+            factors = others[0]
+            others = others[1:]
+        wrench, t, parameters, deflections = optional_inputs(robot, others)
         if dual_to is not None:
             tau = tau_from(equations, dual_to, q, tau, t)
-        v, udot = method.stage(q, u, tau, (k_v, k_u), g[()], wrench,
-                               parameters[:robot.parameters.physical], t, factors)
+        rates = method.stage(q, u, tau, StageRates(*first), g[()], wrench,
+                             parameters[:robot.parameters.physical], t, factors,
+                             deflections)
+        results = [*rates.joints, *rates.udot, *rates.deflections]
         if not watched:
-            return [*v, *udot]
-        return [*v, *udot, equations.margin(q, t, parameters[-LIMITS:])]
+            return results
+        return [*results, equations.margin(q, t, parameters[-LIMITS:])]
     return trace_program('implicit_stage', stage, inputs)
+
+
+def first_stage_inputs(robot: Robot, presliding: bool = True) -> list[tuple[str, Shape]]:
+    """Return the inputs of a stage after its torque: rates of the first stage, and g."""
+    inputs: list[tuple[str, Shape]] = [('joint_rates', (robot.model.n,)),
+                                       ('udot', (robot.n,))]
+    if presliding and deflection_input(robot):
+        inputs.append(('deflection_rates', deflection_input(robot)[0][1]))
+    return [*inputs, ('g', ())]
 
 
 def _state_program(robot: Robot, dual_to: tuple[str, ...] | None,
                    watched: bool = False) -> Program:
-    """Trace udot; with chosen speeds or constraints, q' and udot; if `watched`, the margin too."""
+    """
+    Trace udot; with chosen speeds or constraints, q' and udot.
+
+    Then come the rates of the deflections of bristles and, if `watched`, the margin.
+    """
     equations = robot.equations
-    if equations.in_joint_rates:
+    if equations.in_joint_rates and not equations.tree.bristles:
         return robot.kernels.program('forward_dynamics')
     physical = robot.parameters.physical
 
     def rates(q: Vector, u: Vector, tau: Vector, *inputs: Any) -> Any:
-        wrench, t, parameters = optional_inputs(robot, inputs)
+        wrench, t, parameters, deflections = optional_inputs(robot, inputs)
         if dual_to is not None:
             tau = tau_from(equations, dual_to, q, tau, t)
-        state_rates = equations.state_rates(q, u, tau, wrench, parameters[:physical], t)
+        at = wrench, parameters[:physical], t
+        if deflections is None:
+            state_rates = equations.state_rates(q, u, tau, *at)
+        else:
+            state_rates = presliding_rates(robot, q, u, tau, *at, deflections)
         if not watched:
             return state_rates
         return [*state_rates, equations.margin(q, t, parameters[-LIMITS:])]
     return trace_program('state_rates', rates, [
         ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), *wrench_input(robot),
-        *time_input(robot), ('parameters', robot.parameters.block.shape)])
+        *time_input(robot), *deflection_input(robot),
+        ('parameters', robot.parameters.block.shape)])
+
+
+def presliding_rates(robot: Robot, q: Vector, u: Vector, tau: Vector, wrench: Any,
+                     parameters: Vector, t: Scalar, deflections: Vector) -> list[Scalar]:
+    """Return q' (but in joint rates), udot, and the rates of the deflections of bristles."""
+    equations: Any = robot.equations
+    system = linear_system(equations, q, u, tau, wrench, parameters, t, None, deflections)
+    solution = held_solution(system, system.M, system.net, Held([], []))
+    rates: Vector = ()
+    if not equations.in_joint_rates:
+        rates = coordinate_rates(robot.model, q, system.v)
+    change = equations.deflection_rates(q, system.v, deflections, tau, t)
+    return [*rates, *solution.w, *change]

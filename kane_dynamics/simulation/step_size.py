@@ -10,16 +10,22 @@ from weakref import WeakKeyDictionary
 
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, instance
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.elastic_joints import steepest_slope
-from kane_dynamics.mechanics.friction import slides
+from kane_dynamics.mechanics.friction import bristle_decay, has_bristles, slides
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
+REAL_RADIUS = 2.785  # of the region of stability along the negative real axis
+# Fields of a joint whose friction does not depend on the direction of motion.
+SLIDELESS: dict[str, Any] = {
+    'friction': 0.0, 'friction_backward': None, 'breakaway_friction': None,
+    'load_friction': 0.0, 'load_friction_backdriven': None, 'presliding_stiffness': 0.0,
+    'presliding_damping': 0.0}
 DIFFERENCE = 1e-6  # rad, m and their rates: small compared to the friction speed
 ANGLES = np.linspace(0.5 * np.pi, np.pi, 181)
 
@@ -52,7 +58,9 @@ def longest_step(robot: Robot, q: Any, u: Any = None, *, t: float = 0.0) -> Long
     Differential Equations II, section IV.2). The limit is most often smoothed Coulomb
     friction: the slope of mu tanh(u / u_s) at rest, mu / u_s, over a small inertia.
 
-    A curve of stiffness counts with its steepest segment, wherever its drive is.
+    A curve of stiffness counts with its steepest segment, wherever its drive is. Bristles
+    (`presliding_stiffness`) count as springs and dampers before they slide, and with the
+    rate at which they settle at the speeds u.
 
     In a motion the limit of a beam or spring changes with the configuration and the
     speeds: take the least over the states of the motion. A stable step is not an
@@ -81,7 +89,10 @@ def longest_step(robot: Robot, q: Any, u: Any = None, *, t: float = 0.0) -> Long
     u = np.zeros(n) if u is None else constant(u, (n,), 'u', InputError)
     if not (n and _may_limit_step(robot.model, robot.friction)):
         return LongestStep(math.inf)
-    values, vectors = np.linalg.eig(_state_matrix(_steepest(robot), q, u, t))
+    bristles = settling_step(robot, q, u, t)
+    matrix = _state_matrix(_with_bound_bristles(_steepest(robot)), q, u, t)
+    matrix[n:, :n] -= _bristle_stiffness(robot, q, t)
+    values, vectors = np.linalg.eig(matrix)
     # The step limit of an eigenvalue depends on its angle. An unstable equilibrium (an
     # inverted arm) does not limit the step.
     angles = np.angle(np.minimum(values.real, 0.0) + 1j * np.abs(values.imag))
@@ -89,7 +100,37 @@ def longest_step(robot: Robot, q: Any, u: Any = None, *, t: float = 0.0) -> Long
         steps = np.interp(angles, ANGLES, _radii()) / np.abs(values)
     worst = int(np.argmin(steps))
     speed = int(np.argmax(np.abs(vectors[n:, worst])))
+    if bristles.step < steps[worst]:
+        return bristles
     return LongestStep(float(steps[worst]), robot.speed_names[speed])
+
+
+def settling_step(robot: Robot, q: Array, u: Array, t: float) -> LongestStep:
+    """Return the longest stable step with the bristles of sliding joints."""
+    joints = robot.equations.tree.bristles
+    if not joints:
+        return LongestStep(math.inf)
+    decays = settling_rates(robot, q[None], u[None], np.array([t]))[0]
+    fastest = int(np.argmax(decays))
+    with np.errstate(divide='ignore'):
+        step = float(REAL_RADIUS / decays[fastest])
+    return LongestStep(step, joints[fastest].name)
+
+
+def settling_rates(robot: Robot, q: Array, u: Array, times: Array) -> Array:
+    """Return the rates at which bristles settle, (K, n_b), 1/s, at K states without load."""
+    equations: Any = robot.equations
+    joints = equations.tree.bristles
+
+    def rates(q: Vector, u: Vector, t: Scalar) -> Vector:
+        v = equations.joint_speeds(q, u, t)
+        return np.array([bristle_decay(joint, joint.multiplier * v[joint.coordinate])
+                         for joint in joints])
+    kernel = robot.compiled(rates, name='settling_rates', q=(robot.n_q,), u=(robot.n,),
+                            shape=(len(joints),))
+    inputs = [q, u, times] if equations.timed else [q, u]
+    result: Array = kernel(*inputs)
+    return result
 
 
 def _state_matrix(robot: Robot, q: Array, u: Array, t: float) -> Array:
@@ -145,6 +186,8 @@ def stable_integrator(robot: Robot, q: Array, step: float, integrator: str | Non
         return integrator or 'rk4', None
     if integrator is not None:
         return integrator, step_warning(robot, q[0], step, integrator, t)
+    if robot.equations.tree.bristles:
+        return 'implicit', None  # how fast bristles settle depends on the rate
     longest, name = longest_step(robot, q[0], t=t)
     if step <= longest:
         return 'rk4', None
@@ -157,6 +200,8 @@ def possible_integrators(robot: Robot, integrator: str | None) -> tuple[str, ...
     """Return the integrators that `stable_integrator` may return for a robot."""
     if integrator is not None:
         return (integrator,)
+    if robot.equations.tree.bristles:
+        return ('implicit',)
     if _may_limit_step(robot.model, robot.friction):
         return 'rk4', 'implicit'
     return ('rk4',)
@@ -188,7 +233,53 @@ def _steepest(robot: Robot) -> Robot:
     return other
 
 
+def _bristle_stiffness(robot: Robot, q: Array, t: float) -> Any:
+    """Return M^-1 T^T S T, (n, n), with the stiffnesses S of bristles that do not slide."""
+    equations: Any = robot.equations
+    joints = equations.tree.bristles
+    if not joints:
+        return 0.0
+    S = np.zeros((robot.model.n, robot.model.n))
+    for joint in joints:
+        k = joint.coordinate
+        S[k, k] += joint.multiplier**2 * joint.presliding_stiffness
+    T = np.eye(robot.n)
+    if not equations.in_joint_rates:
+        T = np.array(equations.at_rest(q, t).T, dtype=float)
+    at: dict[str, Any] = {'t': t} if equations.timed else {}
+    return robot.inverse_mass_matrix(q, **at) @ T.T @ S @ T
+
+
+def bristle_frequency(robot: Robot, q: Array, t: float) -> float:
+    """Return the highest frequency of a robot on bristles that do not slide, rad/s."""
+    values = np.linalg.eigvals(_bristle_stiffness(robot, q, t))
+    return float(np.sqrt(np.abs(values).max(initial=0.0)))
+
+
 _WITHOUT_COULOMB: WeakKeyDictionary[Robot, Robot] = WeakKeyDictionary()
+
+
+_BOUND: WeakKeyDictionary[Robot, Robot] = WeakKeyDictionary()
+
+
+def _with_bound_bristles(robot: Robot) -> Robot:
+    """Return a robot with the dampers of bristles that do not slide, without friction."""
+    if not robot.equations.tree.bristles:
+        return robot
+    other = _BOUND.get(robot)
+    if other is None:
+        bodies = []
+        for body in robot.model.bodies:
+            joint = body.joint
+            if has_bristles(joint):
+                damping = joint.damping + joint.presliding_damping
+                joint = replace(joint, damping=damping, **SLIDELESS)
+                body = replace(body, joint=joint)
+            bodies.append(body)
+        other = Robot(replace(robot.model, bodies=tuple(bodies)), **robot.options)
+        _BOUND[robot] = other
+    other.parameters.block[:] = robot.parameters.block
+    return other
 
 
 def without_coulomb(robot: Robot) -> Robot:
@@ -199,10 +290,7 @@ def without_coulomb(robot: Robot) -> Robot:
         return other
     bodies = []
     for body in robot.model.bodies:
-        joint = replace(body.joint, friction=0.0, friction_backward=None,
-                        breakaway_friction=None, load_friction=0.0,
-                        load_friction_backdriven=None)
-        bodies.append(replace(body, joint=joint))
+        bodies.append(replace(body, joint=replace(body.joint, **SLIDELESS)))
     other = Robot(replace(robot.model, bodies=tuple(bodies)), **robot.options)
     other.parameters.block[:] = robot.parameters.block
     _WITHOUT_COULOMB[robot] = other

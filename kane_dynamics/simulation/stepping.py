@@ -18,6 +18,8 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.simulation.observers import (Chunk, diverged, Extremes, Impact,
                                                 Observer, Power)
+from kane_dynamics.simulation.presliding import bristle_friction
+from kane_dynamics.simulation.step_kernels import bristle_names
 from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.torque_input import (evaluated_torque, TorqueFunction,
@@ -121,6 +123,12 @@ class Steps:
                 states, tau.reshape(u.shape), times)
             rows |= at_samples._asdict()
             del rows['friction']  # of the constraint forces of other robots
+        elif bristle_names(robot):
+            times = np.tile(self.start + samples.steps * np.float64(self.step), shape[0])
+            states = samples.states.reshape(-1, samples.states.shape[2])
+            friction = bristle_friction(robot, self.stops is not None)
+            at_samples = friction.at_samples(states, tau.reshape(u.shape), times)
+            rows['udot'], rows['stop_forces'] = at_samples[:2]
         else:
             rows['udot'], rows['stop_forces'] = actual_accelerations(
                 robot, q, u, tau.reshape(u.shape), self.stops is not None, **at)

@@ -26,10 +26,13 @@ import numpy as np
 Path = str | os.PathLike[str]
 OF_CONSTRAINTS = ('constraint_forces', 'constraint_residual',
                   'constraint_velocity_residual')
-ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'stop_forces', *OF_CONSTRAINTS, 'sticking')
-LATER = ('stop_forces', 'constraint_velocity_residual', 'sticking')  # arrays that older files lack
+ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'stop_forces', *OF_CONSTRAINTS, 'sticking',
+          'bristles')
+# Arrays that older files lack.
+LATER = ('stop_forces', 'constraint_velocity_residual', 'sticking', 'bristles')
 FORMER = {'constraint_residual': 'constraint_gap'}  # names of arrays in older files
-NAMES = ('joint_names', 'speed_names', 'constraint_names', 'coordinate_names')
+NAMES = ('joint_names', 'speed_names', 'constraint_names', 'coordinate_names',
+         'bristle_names')
 
 
 class LimitEvent(NamedTuple):
@@ -111,7 +114,7 @@ class Trajectory:
     tau : (K, n) or (N, K, n) array
         Torques of the actuators, N m or N; where speeds are chosen, dual to them.
     energy : (K, 2) or (N, K, 2) array
-        Kinetic and potential energy, J.
+        Kinetic and potential energy, J; the latter with that of bristles.
     joint_names : tuple of str
     limit_events : sequence of LimitEvent
         Checked at every step, not only at the samples. Without `stops` the simulation
@@ -136,6 +139,11 @@ class Trajectory:
         the constraints.
     sticking : (K, n_j) or (N, K, n_j) array of bool
         Which joints friction holds, in a simulation with `sticking`; not in CSV files.
+    bristles : (K, n_b) or (N, K, n_b) array
+        Deflections of the bristles of joints with `presliding_stiffness`, rad or m; not
+        in CSV files.
+    bristle_names : tuple of str
+        The joints of `bristles`.
     coordinate_names : tuple of str
         Of the entries of q: `joint_names`, but four for the quaternion of a ball joint.
 
@@ -160,6 +168,8 @@ class Trajectory:
     coordinate_names: tuple[str, ...] = ()
     stop_forces: Array = field(default_factory=partial(np.zeros, 0))
     sticking: Any = field(default_factory=partial(np.zeros, 0, dtype=bool))
+    bristles: Array = field(default_factory=partial(np.zeros, 0))
+    bristle_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Set the defaults of names and constraint arrays."""
@@ -176,6 +186,9 @@ class Trajectory:
         if not self.sticking.size:
             shape = *self.q.shape[:-1], len(self.joint_names)
             freeze(self, 'sticking', np.zeros(shape, dtype=bool))
+        if not self.bristles.size:
+            freeze(self, 'bristles', np.zeros((*self.q.shape[:-1],
+                                               len(self.bristle_names))))
 
     def __repr__(self) -> str:
         """Return size and joints on one line."""
@@ -298,7 +311,7 @@ class Trajectory:
             for name in LATER:
                 if name in file:
                     content[name] = file[name]
-            for name in ('coordinate_names', 'warnings'):
+            for name in ('coordinate_names', 'bristle_names', 'warnings'):
                 content[name] = tuple(map(str, file.get(name, ())))
             for name in EVENTS:
                 content[name] = _events(name, file.get(name, ()))
@@ -317,7 +330,8 @@ class Trajectory:
         with whole_file(path) as file:
             writer = csv.writer(file)
             writer.writerow(self._columns())
-            columns = [getattr(self, name) for name in ARRAYS if name != 'sticking']
+            columns = [getattr(self, name) for name in ARRAYS
+                       if name not in ('sticking', 'bristles')]
             for row in np.column_stack(columns).tolist():
                 writer.writerow(map(repr, row))  # all digits
 

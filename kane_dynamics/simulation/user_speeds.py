@@ -166,6 +166,11 @@ class UserSpeeds:
             acting = friction_state(robot, self._stops).at_samples(rows, generalized, times)
             udot, stop_forces, held, friction = acting
             sticking['sticking'] = held
+        elif robot.equations.tree.bristles:
+            from kane_dynamics.simulation.presliding import bristle_friction
+            acting = bristle_friction(robot, self._stops).at_samples(rows, generalized,
+                                                                     times)
+            udot, stop_forces, _, friction = acting
         else:
             udot, stop_forces = actual_accelerations(robot, q, u, generalized,
                                                      self._stops, **at)

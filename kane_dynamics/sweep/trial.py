@@ -29,6 +29,7 @@ from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
 from kane_dynamics.mechanics.constraints.conditioning import (
     EXCESS, in_lengths, loosened, WELL_CHOSEN)
 from kane_dynamics.mechanics.integrators import integrator_of
+from kane_dynamics.mechanics.integrators.interface import StageRates
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -283,6 +284,8 @@ class TrialMotion:
 
     """
 
+    bristles = 0  # sweeps have the law of friction without presliding
+
     def __init__(self, trial: Trial, controller: str, desired: Matrix, plant: Vector,
                  shared: Vector, start: Vector) -> None:
         """Split the arguments of the step."""
@@ -339,14 +342,14 @@ class TrialMotion:
                               varied=True)
 
     def implicit_stage(self, q: Vector, u: Vector, tau: Vector,
-                       before: tuple[Vector, Vector], g: Scalar, moment: int
-                       ) -> tuple[Vector, Vector]:
-        """Return joint rates and udot of a stage of the linearly implicit equations."""
+                       before: StageRates, g: Scalar, moment: int,
+                       deflections: Vector) -> StageRates:
+        """Return the rates of a stage of the linearly implicit equations."""
         robot = self._trial.robot
-        rates: Any = call(self._stage, q, u, tau, *before, np.array(g), self._factors,
+        rates: Any = call(self._stage, q, u, tau, *before[:2], np.array(g), self._factors,
                           *self._time(moment), padded(robot, self._carried))
         n_j = robot.model.n
-        return np.array(rates[:n_j]), np.array(rates[n_j:])
+        return StageRates(np.array(rates[:n_j]), np.array(rates[n_j:]))
 
     def quadratures(self, q: Vector, u: Vector, moment: int) -> Vector:
         """Return the rates of time, work, squared errors and margin."""

@@ -18,6 +18,8 @@ Schema; every key is optional unless noted::
         load_friction_backdriven: 0.1  # where the load drives; default: load_friction
         friction_speed: 0.05    # of friction * tanh(rate / friction_speed), > 0
         friction_offset: 0.1    # added at any rate, N m or N
+        presliding_stiffness: 500.0  # of bristles, N m/rad or N/m, >= 0; default: none
+        presliding_damping: 2.0 # of their rate, N m s/rad or N s/m, >= 0; default 0
     payload:
       link: tool0               # required: the link that carries it
       mass: 2.0                 # required: kg, >= 0

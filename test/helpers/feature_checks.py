@@ -387,6 +387,26 @@ def stopped(case):
             assert_close(run.stop_events[0].loss, 0.5 * into**2 / (row @ along), 1e-4)
 
 
+def slid_exactly(case):
+    """Compare accelerations of sliding joints with those of the smooth law's difference."""
+    robot = case.robot
+    run = simulate(robot, case.q, case.u, 2e-3, step=1e-3, t0=case.time, sticking=True)
+    for k in range(len(run.t)):
+        at = {'t': run.t[k]} if case.t else {}
+        rates = np.array(robot.equations.joint_speeds(run.q[k], run.u[k], at.get('t', 0.0)),
+                         dtype=float)
+        difference = np.zeros(robot.model.n)
+        for body in robot.model.bodies:
+            joint, v = body.joint, rates[body.joint.coordinate]
+            if joint.friction:
+                assert abs(v) > 1e-3 and not run.sticking[k, joint.coordinate]
+                smooth = np.tanh(v / joint.friction_speed)
+                difference[joint.coordinate] += joint.friction * (smooth - np.sign(v))
+        force = robot.generalized_force(difference, run.q[k], **at)
+        expected = robot.forward_dynamics(run.q[k], run.u[k], force, **at)
+        assert_close(run.udot[k], expected, 1e-9)
+
+
 def implicit(case):
     simulation(case, 'implicit', 1e-6)
 

@@ -114,6 +114,10 @@ ROWS = (
     Row('collision detection', check.collision, pairs=False),
     Row('payload estimate', check.payload),
     Row('joint stops of `simulate`', check.stopped, pairs=False),
+    Row('exact friction of `simulate`', check.slid_exactly, pairs=False),
+    Row('presliding friction of `simulate`', None, {}, dict.fromkeys(
+        KINDS, 'test/unit/simulation/test_presliding.py::'
+        'test_every_kind_of_mechanism_moves_as_a_readable_reference'), pairs=False),
     Row('power balance', check.balanced_power, pairs=False),
     Row('sweep', check.swept),
     Row('view and plots of a simulated motion', check.drawn, pairs=False),

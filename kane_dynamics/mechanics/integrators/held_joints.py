@@ -65,19 +65,23 @@ class Solution(NamedTuple):
 
 def linear_system(equations: Equations, q: Vector, u: Vector, tau: Vector,
                   wrench: Matrix | None, parameters: Vector, t: Scalar = 0.0,
-                  directions: Vector | None = None) -> LinearSystem:
+                  directions: Vector | None = None,
+                  deflections: Vector | None = None) -> LinearSystem:
     """
     Return the equations of motion of a state; arguments as of `forward_dynamics`.
 
-    `directions`, (n_j,), are those of sliding, as of `TreeEquations.friction_force`.
+    `directions`, (n_j,), are those of sliding and `deflections`, (n_b,), those of
+    bristles, as of `TreeEquations.friction_force`.
     """
     tree = equations.tree
+    smooth = directions is None and deflections is None
     if equations.in_joint_rates:
         # Loads of drives depend on tau, and directions of sliding on the state: their
         # friction is added to the forces of the bodies.
-        if equations.carries_loads or directions is not None:
+        if equations.carries_loads or not smooth:
             rigid = equations.rigid_dynamics(q, u, equations.zeros, wrench, parameters)
-            bias = rigid + equations.driven_friction(q, u, tau, t, directions)
+            bias = rigid + equations.driven_friction(q, u, tau, t, directions,
+                                                     deflections)
         else:
             bias = equations.inverse_dynamics(q, u, equations.zeros, wrench, parameters)
         M = equations.mass_matrix(q, parameters)
@@ -85,9 +89,10 @@ def linear_system(equations: Equations, q: Vector, u: Vector, tau: Vector,
 
     # Chosen speeds or constraints: the terms of the tree at u' = 0, projected by T.
     motion = equations.joint_motion(q, u, equations.zeros, t)
-    if equations.carries_loads or directions is not None:
+    if equations.carries_loads or not smooth:
         rigid = tree.rigid_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
-        bias = rigid + equations.driven_friction(q, motion.qdot, tau, t, directions)
+        bias = rigid + equations.driven_friction(q, motion.qdot, tau, t, directions,
+                                                 deflections)
     else:
         bias = tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
     M = congruent(tree.mass_matrix(q, parameters), motion.T)

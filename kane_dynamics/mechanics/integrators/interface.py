@@ -1,13 +1,29 @@
 """The interface between integrators and the systems that they integrate."""
 
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from kane_dynamics._util.typing import Scalar, Vector
+
+
+class StageRates(NamedTuple):
+    """
+    Rates of one stage of linearly implicit equations.
+
+    They are those of the joints, (n_j,), of the speeds, (n,), and of the deflections of
+    bristles, (n_b,).
+    """
+
+    joints: Vector
+    udot: Vector
+    deflections: Vector = ()
 
 
 class System(Protocol):
     """
     System to integrate over one step; its state is q, u and quadratures.
+
+    If `bristles` is not 0, so many deflections follow the time among the quadratures,
+    or u where the equations do not depend on the time.
 
     `moment` is 0 at the beginning of the step, 1 in the middle and 2 at the end: inputs
     such as a desired motion differ between them.
@@ -17,6 +33,10 @@ class System(Protocol):
     def equations(self) -> Any:
         """Return the equations of motion."""
 
+    @property
+    def bristles(self) -> int:
+        """Return the number of joints whose friction has a state of its own."""
+
     def rates(self, state: Vector, moment: int) -> Vector:
         """Return the time derivative of the whole state."""
 
@@ -24,12 +44,12 @@ class System(Protocol):
         """Return the generalized force of actuators, (n,)."""
 
     def implicit_stage(self, q: Vector, u: Vector, tau: Vector,
-                       first: tuple[Vector, Vector], g: Scalar,
-                       moment: int) -> tuple[Vector, Vector]:
-        """Return joint rates and udot of a stage, as `rosenbrock.ImplicitStep.stage`."""
+                       first: StageRates, g: Scalar, moment: int,
+                       deflections: Vector) -> StageRates:
+        """Return the rates of a stage, as `rosenbrock.ImplicitStep.stage`."""
 
     def quadratures(self, q: Vector, u: Vector, moment: int) -> Vector:
-        """Return the time derivative of what is integrated beside q and u."""
+        """Return the time derivative of what is integrated beside q, u and deflections."""
 
 
 class Integrator(Protocol):

@@ -10,10 +10,18 @@ The method is the second-order Rosenbrock method of Verwer, Spee, Blom & Hundsdo
 (SIAM J. Sci. Comput. 20 (1999), eq. 1.6). It is of second order for any linearization; a
 better linearization allows larger steps. With linear friction and springs it is
 unconditionally stable. T is constant in the linearization, and so are all other forces.
+
+Joints with bristles have deflections z beside q and u. With a = `bristle_decay`, b =
+`bristle_slope`, the stiffness s and the damping s_d of the bristles, each stage solves
+
+    (1 + g a) z' = v - a z + g b v',    F = ... + s z + s_d z'
+
+for z', which adds b (s_d + g s) / (1 + g a) to the damping of the joint.
 """
 
 from collections.abc import Callable
 import math
+from typing import NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import is_zero
@@ -22,15 +30,36 @@ from kane_dynamics.mechanics.constraints.mechanism import congruent
 from kane_dynamics.mechanics.elastic_joints import (damping_slope, drive_matrix,
                                                     spring_slope)
 from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.mechanics.friction import friction_over_rate, viscous_over_rate
+from kane_dynamics.mechanics.friction import (bristle_decay, bristle_rate, bristle_slope,
+                                              friction_over_rate, has_bristles,
+                                              viscous_over_rate)
 from kane_dynamics.mechanics.integrators.held_joints import (
     Held, held_solution, linear_system, Solution)
-from kane_dynamics.mechanics.integrators.interface import System
+from kane_dynamics.mechanics.integrators.interface import StageRates, System
 import numpy as np
 
 GAMMA = 1.0 - math.sqrt(0.5)  # the smaller of the two values for L-stability
-Pair = tuple[Vector, Vector]  # rates of the joints, (n_j,), and udot, (n,)
-Stage = Callable[[Vector, Vector, Vector, Pair, Scalar, int], Pair]
+Stage = Callable[[Vector, Vector, Vector, StageRates, Scalar, int, Vector], StageRates]
+
+
+class BristleStage(NamedTuple):
+    """
+    The linearized bristles of n_b joints in one stage.
+
+    Attributes
+    ----------
+    damping, force : (n_j,) arrays
+        What they add to the damping of the joints and to the forces on them.
+    rates, slopes : (n_b,) arrays
+        The rates of the deflections are rates + slopes times the change of the rates of
+        the joints.
+
+    """
+
+    damping: Vector
+    force: Vector
+    rates: Vector
+    slopes: Vector
 
 
 class ImplicitStep:
@@ -79,14 +108,15 @@ class ImplicitStep:
         return self._K + drive_matrix(model, spring_slope, joint_positions(model, q))
 
     def resistance(self, v: Vector, loads: Vector | None = None, *,
-                   viscous: bool = False) -> Vector:
+                   viscous: bool = False, presliding: bool = False) -> Vector:
         """
         Return the friction of the joints divided by speed, (n_j,), N m s or N s/m.
 
         For Coulomb friction that is mu / sqrt(v^2 + u_s^2), within 8 % of mu tanh(v /
         u_s) / v. The slope of the law is not suitable: it vanishes in sliding, and large
         steps then oscillate about zero speed. `loads`, (n_j,), are those of the drives;
-        `viscous` leaves out what depends on the direction of sliding.
+        `viscous` leaves out what depends on the direction of sliding, `presliding` does
+        so for joints with bristles.
         """
         total: list[Scalar] = [0.0] * self.n
         if not self._tree.friction:
@@ -96,24 +126,54 @@ class ImplicitStep:
             r = joint.coordinate
             load = 0.0 if loads is None else loads[r]
             rate = joint.multiplier * v[r]
-            if viscous:
+            if viscous or (presliding and has_bristles(joint)):
                 ratio = viscous_over_rate(joint, rate)
             else:
                 ratio = friction_over_rate(joint, rate, load)
             total[r] = total[r] + joint.multiplier**2 * ratio
         return np.array(total)
 
-    def stage(self, q: Vector, u: Vector, tau: Vector, first: Pair, g: Scalar,
+    def _bristled(self, v: Vector, loads: Vector | None, deflections: Vector,
+                  first: StageRates, first_qddot: Vector, g: Scalar) -> BristleStage:
+        """Return the linearized bristles at joint rates v, (n_j,), with these deflections."""
+        damping: list[Scalar] = [0.0] * self.n
+        force: list[Scalar] = [0.0] * self.n
+        rates, slopes = [], []
+        for joint, z, first_rate in zip(self._tree.bristles, deflections,
+                                        first.deflections):
+            r, m = joint.coordinate, joint.multiplier
+            load = 0.0 if loads is None else loads[r]
+            rate = m * v[r]
+            decay = bristle_decay(joint, rate, load)
+            slope = bristle_slope(joint, rate, z, load)
+            z_rate = bristle_rate(joint, rate, z, load)
+            stiffness, s_d = joint.presliding_stiffness, joint.presliding_damping
+            implicit = 1.0 / (1.0 + g * decay)
+            damping[r] = damping[r] + m * m * slope * (s_d + g * stiffness) * implicit
+
+            # Where the deflection returns by itself, its force does too.
+            by_z = stiffness - s_d * decay
+            returning = g * by_z * (2.0 * first_rate - z_rate) * implicit
+            force[r] = force[r] + m * returning
+            change = g * slope * m
+            rates.append((z_rate + 2.0 * g * decay * first_rate
+                          - 2.0 * change * first_qddot[r]) * implicit)
+            slopes.append(change * implicit)
+        return BristleStage(np.array(damping), np.array(force), np.array(rates),
+                            np.array(slopes))
+
+    def stage(self, q: Vector, u: Vector, tau: Vector, first: StageRates, g: Scalar,
               wrench: Matrix | None, parameters: Vector, t: Scalar = 0.0,
-              factors: Vector | float = 1.0) -> Pair:
+              factors: Vector | float = 1.0,
+              deflections: Vector | None = None) -> StageRates:
         """
-        Return the rates of the joints, (n_j,), and udot, (n,), of one stage of a step.
+        Return the rates of one stage of a step.
 
         Parameters
         ----------
         q, u, tau : arrays
             State and torque of the stage.
-        first : two arrays
+        first : StageRates
             Results of the first stage; zeros in the first. The sum of both stages is as
             in the reference, since this returns its second stage plus twice the first.
         g : scalar
@@ -122,28 +182,31 @@ class ImplicitStep:
             As in `equations.forward_dynamics`.
         factors : scalar or (n_j,) array
             Factors on the model's friction in the linearization.
+        deflections : (n_b,) array, optional
+            Of bristles; None for the law without presliding.
 
         """
-        v, solution = self.held_stage(Held([], []), q, u, tau, first, g, wrench,
-                                      parameters, t, factors)
-        return v, solution.w
+        rates, _ = self.held_stage(Held([], []), q, u, tau, first, g, wrench, parameters,
+                                   t, factors, deflections=deflections)
+        return rates
 
-    def held_stage(self, held: Held, q: Vector, u: Vector, tau: Vector, first: Pair,
+    def held_stage(self, held: Held, q: Vector, u: Vector, tau: Vector,
+                   first: StageRates,
                    g: Scalar, wrench: Matrix | None, parameters: Vector, t: Scalar = 0.0,
-                   factors: Vector | float = 1.0,
-                   directions: Vector | None = None) -> tuple[Vector, Solution]:
+                   factors: Vector | float = 1.0, directions: Vector | None = None,
+                   deflections: Vector | None = None) -> tuple[StageRates, Solution]:
         """
         Return the results of `stage` while joints are held, with what holds them.
 
         With `directions` of sliding, (n_j,), Coulomb friction is constant in the stage.
         """
         system = linear_system(self.equations, q, u, tau, wrench, parameters, t,
-                               directions)
+                               directions, deflections)
         T = system.T
         if T is None:
             T = np.eye(self.n)
         v = system.v
-        first_v, first_udot = first
+        first_v, first_udot, _ = first
         K = self._stiffness(q)
 
         # Each stage evaluates its own friction over speed; otherwise stopping joints
@@ -151,13 +214,20 @@ class ImplicitStep:
         loads = None
         if self.equations.carries_loads and directions is None:
             torques = self.equations.drive_torques(q, tau, t)
-            loads = self._tree.drive_loads(v, torques)
-        D = factors * self.resistance(v, loads, viscous=directions is not None)
+            loads = self._tree.drive_loads(v, torques, None, None, deflections)
+        D = factors * self.resistance(v, loads, viscous=directions is not None,
+                                      presliding=deflections is not None)
+        first_qddot = T @ first_udot
+        bristles: BristleStage | None = None
+        if deflections is not None:
+            bristles = self._bristled(v, loads, deflections, first, first_qddot, g)
+            D = D + bristles.damping
 
         # Forces of dampers and springs that the first stage's results change.
-        first_qddot = T @ first_udot
         resisted = D * first_qddot + self._C @ first_qddot + K @ first_v
         force = (2.0 * g) * resisted - g * (K @ (v - (2.0 * g) * first_qddot))
+        if bristles is not None:
+            force = force + bristles.force
 
         # (M + T^T (g D + g^2 K) T) w = net + T^T force.
         A = np.diag(g * D) + _scaled(self._C, g) + _scaled(K, g * g)
@@ -165,43 +235,56 @@ class ImplicitStep:
                                  system.net + T.T @ force, held)
 
         # Only rates of joints with springs are implicit.
-        change = T @ solution.w - 2.0 * first_qddot
-        return v + g * (self._sprung * change), solution
+        qddot = T @ solution.w
+        change = qddot - 2.0 * first_qddot
+        deflection_rates: Vector = ()
+        if bristles is not None:
+            of_bristles = [joint.coordinate for joint in self._tree.bristles]
+            deflection_rates = bristles.rates + bristles.slopes * qddot[of_bristles]
+        rates = StageRates(v + g * (self._sprung * change), solution.w, deflection_rates)
+        return rates, solution
 
     def step(self, stage: Stage, q: Vector, u: Vector,
              torque: Callable[[Vector, Vector, int], Vector],
-             h: Scalar) -> tuple[Vector, Vector]:
+             h: Scalar, deflections: Vector) -> tuple[Vector, Vector, Vector]:
         """
-        Return q and u after one step.
+        Return q, u and the deflections after one step.
 
         Parameters
         ----------
         stage : callable
-            ``stage(q, u, tau, first, g, moment)``: `ImplicitStep.stage` with the robot's
-            wrenches, parameters and time; `moment` is 0 at the beginning of the step and
-            2 at its end.
+            ``stage(q, u, tau, first, g, moment, deflections)``: `ImplicitStep.stage`
+            with the robot's wrenches, parameters and time; `moment` is 0 at the beginning
+            of the step and 2 at its end.
         q, u : (n_q,), (n,) arrays
             The state.
         torque : callable
             ``torque(q, u, moment)``, (n,).
         h : scalar
             Step size, s.
+        deflections : (n_b,) array
+            Of bristles; may be empty.
 
         """
         model = self.equations.model
         g = GAMMA * h
 
         # First stage, at the step's beginning.
-        zeros = np.zeros(self.n), np.zeros(self.equations.n)
-        k_v, k_u = stage(q, u, torque(q, u, 0), zeros, g, 0)
-        k_q = coordinate_rates(model, q, k_v)
+        z = deflections
+        zeros = StageRates(np.zeros(self.n), np.zeros(self.equations.n), np.zeros(len(z)))
+        first = stage(q, u, torque(q, u, 0), zeros, g, 0, z)
+        k_q = coordinate_rates(model, q, first.joints)
 
         # Second stage, at the end of an Euler step with the first; then their mean.
         q_1 = q + h * k_q
-        u_1 = u + h * k_u
-        w_v, w_u = stage(q_1, u_1, torque(q_1, u_1, 2), (k_v, k_u), g, 2)
-        w_q = coordinate_rates(model, q_1, w_v)
-        return q + (0.5 * h) * (k_q + w_q), u + (0.5 * h) * (k_u + w_u)
+        u_1 = u + h * first.udot
+        z_1 = z + h * np.array(first.deflections)
+        second = stage(q_1, u_1, torque(q_1, u_1, 2), first, g, 2, z_1)
+        w_q = coordinate_rates(model, q_1, second.joints)
+        z_rates = np.array(first.deflections) + np.array(second.deflections)
+        return (q + (0.5 * h) * (k_q + w_q),
+                u + (0.5 * h) * (first.udot + second.udot),
+                z + (0.5 * h) * z_rates)
 
 
 class Rosenbrock:
@@ -213,14 +296,17 @@ class Rosenbrock:
     def step(self, system: System, state: Vector, h: Scalar) -> Vector:
         """Return the state after a step of h, s; quadratures by the trapezoidal rule."""
         equations = system.equations
-        ends = [equations.n_q, equations.n_q + equations.n]
-        q, u, quadratures = np.split(state, ends)
+        timed = int(equations.timed)
+        ends = np.cumsum([equations.n_q, equations.n, timed, system.bristles])
+        q, u, time, z, others = np.split(state, ends)
         implicit = ImplicitStep(equations)
-        q_1, u_1 = implicit.step(system.implicit_stage, q, u, system.torque, h)
+        q_1, u_1, z_1 = implicit.step(system.implicit_stage, q, u, system.torque, h, z)
+        quadratures = np.concatenate([time, others])
         if not len(quadratures):
-            return np.concatenate([q_1, u_1])
+            return np.concatenate([q_1, u_1, z_1])
         rates = system.quadratures(q, u, 0) + system.quadratures(q_1, u_1, 2)
-        return np.concatenate([q_1, u_1, quadratures + (0.5 * h) * rates])
+        quadratures = quadratures + (0.5 * h) * rates
+        return np.concatenate([q_1, u_1, quadratures[:timed], z_1, quadratures[timed:]])
 
 
 def _scaled(A: Matrix, factor: Scalar) -> Matrix:

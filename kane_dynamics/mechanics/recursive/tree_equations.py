@@ -25,9 +25,11 @@ from kane_dynamics.mechanics.elastic_joints import (damping_slope,
                                                     damping_torque, drive_forces,
                                                     drive_matrix, spring_energy,
                                                     spring_slope, spring_torque)
-from kane_dynamics.mechanics.friction import (carries_load, carries_loads,
+from kane_dynamics.mechanics.friction import (bristle_energy, bristle_rate,
+                                              bristle_torque, carries_load,
+                                              carries_loads, elastic_bristle_torque,
                                               friction_slope, friction_torque,
-                                              load_of_drive, load_slope,
+                                              has_bristles, load_of_drive, load_slope,
                                               require_solvable)
 from kane_dynamics.mechanics.recursive import (center_of_mass as masses,
                                                composite_inertia,
@@ -82,6 +84,9 @@ class TreeEquations:
         self.friction = friction
         # Whether friction depends on the torques that the drives transmit.
         self.carries_loads = friction and carries_loads(model)
+        # The joints whose friction has a state of its own in simulations.
+        self.bristles = [body.joint for body in model.bodies
+                         if friction and has_bristles(body.joint)]
         self.wrench_frames = tuple(model.frame(name) for name in wrench_frames)
         self.payload_frame = (None if payload_frame is None
                               else model.frame(payload_frame))
@@ -479,27 +484,57 @@ class TreeEquations:
             lambda joint: joint.multiplier**2 * joint.armature * x[joint.coordinate])
 
     def friction_force(self, u: Vector, load: Vector | None = None,
-                       directions: Vector | None = None) -> Vector:
+                       directions: Vector | None = None,
+                       deflections: Vector | None = None) -> Vector:
         """
         Return the torque that overcomes friction, (n,), by `friction.friction_torque`.
 
         `load`, (n,), are the loads of the drives; None for drives without load.
         `directions`, (n,), are those of sliding in the set-valued law, -1, 1, or 0 of a
-        joint at rest; None for the smooth law.
+        joint at rest; None for the smooth law. `deflections` are those of `bristles`;
+        None for the law without presliding.
         """
         if not self.friction:
             return self.zeros
+        deflection_of = self._by_bristle(deflections)
 
         def force(joint: Joint) -> Scalar:
             rate = joint.multiplier * u[joint.coordinate]
-            torque = friction_torque(joint, rate, _entry(load, joint),
-                                     _direction(directions, joint))
+            if joint.name in deflection_of:
+                deflection = deflection_of[joint.name]
+                torque = bristle_torque(joint, rate, deflection, _entry(load, joint))
+            else:
+                torque = friction_torque(joint, rate, _entry(load, joint),
+                                         _direction(directions, joint))
             return joint.multiplier * torque
         friction = self._by_coordinate(force)
         if self.model.drives:
             friction = friction + drive_forces(self.model, u, damping_torque)
         return self._with_beams(friction,
                                 lambda beam: beam.damping @ u[list(beam.coordinates)])
+
+    def deflection_rates(self, u: Vector, deflections: Vector,
+                         load: Vector | None = None) -> Vector:
+        """Return the rates of the deflections of `bristles`, (n_b,), rad/s or m/s."""
+        rates = []
+        for joint, deflection in zip(self.bristles, deflections):
+            rate = joint.multiplier * u[joint.coordinate]
+            rates.append(bristle_rate(joint, rate, deflection, _entry(load, joint)))
+        return np.array(rates)
+
+    def bristle_energy(self, deflections: Vector) -> Scalar:
+        """Return the energy of all bristles, J."""
+        energy: Scalar = 0.0
+        for joint, deflection in zip(self.bristles, deflections):
+            energy = energy + bristle_energy(joint, deflection)
+        return energy
+
+    def bristle_power(self, deflections: Vector, rates: Vector) -> Scalar:
+        """Return the rate of `bristle_energy`, W, for the rates of the deflections."""
+        power: Scalar = 0.0
+        for joint, z, rate in zip(self.bristles, deflections, rates):
+            power = power + joint.presliding_stiffness * z * rate
+        return power
 
     def friction_slope(self, u: Vector, load: Vector | None = None) -> Vector:
         """Return d friction_force / du, (n,)."""
@@ -520,21 +555,29 @@ class TreeEquations:
 
     def drive_loads(self, u: Vector, tau: Vector,
                     factors: Vector | None = None,
-                    directions: Vector | None = None) -> Vector:
+                    directions: Vector | None = None,
+                    deflections: Vector | None = None) -> Vector:
         """
         Return the loads of the drives, (n,): L with tau = L + factors friction(u, L).
 
-        `factors`, (n,), are 1 by default; `directions` are as of `friction_force`.
+        `factors`, (n,), are 1 by default; `directions` and `deflections` are as of
+        `friction_force`.
         """
-        friction = self.friction_force(u, None, directions)
+        friction = self.friction_force(u, None, directions, deflections)
         loads = tau - (friction if factors is None else factors * friction)
         if not self.carries_loads:
             return loads
         if directions is None:
             require_solvable(self.model)
+        deflection_of = self._by_bristle(deflections)
         for joint in self.model.coordinate_joints:
             k = joint.coordinate
-            if carries_load(joint):
+            if joint.name in deflection_of:
+                # Its bristles bear what does not depend on the load.
+                z = deflection_of[joint.name]
+                borne = elastic_bristle_torque(joint, u[k], z)
+                loads[k] = loads[k] + bristle_torque(joint, u[k], z) - borne
+            elif carries_load(joint):
                 # Friction without load, that of joints which mimic this one included.
                 factor = 1.0 if factors is None else factors[k]
                 direction = _direction(directions, joint)
@@ -567,6 +610,13 @@ class TreeEquations:
                 for k, value in zip(body.beam.coordinates, force(body.beam)):
                     result[k] = result[k] + value
         return np.array(result)
+
+    def _by_bristle(self, deflections: Vector | None) -> dict[str, Scalar]:
+        """Return the deflections by the names of their joints; empty for None."""
+        if deflections is None:
+            return {}
+        names = [joint.name for joint in self.bristles]
+        return dict(zip(names, deflections, strict=True))
 
     def _by_coordinate(self, force: Callable[[Joint], Scalar]) -> Vector:
         """Sum a force of every joint on its coordinate, (n,)."""

@@ -11,7 +11,9 @@ from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.energy_balance import EnergyBalance
-from kane_dynamics.simulation.step_kernels import state_names, step_kernel, StepChoice
+from kane_dynamics.simulation.presliding import require_no_bristles
+from kane_dynamics.simulation.step_kernels import (deflections_of, state_names,
+                                                   step_kernel, StepChoice)
 from kane_dynamics.simulation.step_size import (stable_integrator, step_warning,
                                                 without_coulomb)
 from kane_dynamics.simulation.sticking.friction_state import FrictionState
@@ -113,6 +115,8 @@ class SimulatedArm:
                  sticking: bool = False) -> None:
         """Compile the kernels of a step."""
         require_rigid_joints(robot.model)
+        if sticking:
+            require_no_bristles(robot, 'sticking')
         self._added = added_terms(arm_compensates)
         if self._added is not None:
             robot.compile('torque_terms')
@@ -200,6 +204,7 @@ class SimulatedArm:
         """
         self.u[:] = 0.0
         self._u[:] = 0.0
+        deflections_of(self.robot, self._state)[:] = 0.0
         self.effort[:] = 0.0
         if self._constrained:
             self._q[:] = self._closed(q)

@@ -51,10 +51,10 @@ def test_native_steps_are_the_readable_methods_steps(make):
     q, u, tau = np.array([0.3, 0.015, -0.008]), np.full(n, 0.1), np.full(n, 0.2)
 
     def stage(*arguments):
-        return method.stage(*arguments[:-1], None, robot.parameters.block)
+        return method.stage(*arguments[:-2], None, robot.parameters.block)
     run = simulate(robot, q, u, 20 * h, step=h, torque=tau, integrator='implicit')
     for _ in range(20):
-        q, u = method.step(stage, q, u, lambda q, u, moment: tau, h)
+        q, u, _ = method.step(stage, q, u, lambda q, u, moment: tau, h, ())
     np.testing.assert_allclose(run.q[-1], q, rtol=1e-11, atol=1e-12)
     np.testing.assert_allclose(run.u[-1], u, rtol=1e-11, atol=1e-12)
 

@@ -1,0 +1,185 @@
+"""
+Accelerations, friction and energy of joints with bristles, at states of a simulation.
+
+The deflections of the bristles are states beside q and u (`step_kernels.state_names`),
+and the law is that of `mechanics.friction`. The steps of the integrators are those of
+`step_kernels`.
+"""
+
+from typing import Any
+
+from kane_dynamics._util.fork_safety import lazy_property
+from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution,
+                                                             linear_system)
+from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.observers import Chunk, Observer
+from kane_dynamics.simulation.step_kernels import bristle_names, deflections_of
+from kane_dynamics.simulation.step_size import REAL_RADIUS, settling_rates
+from kane_dynamics.simulation.sticking.friction_state import FrictionSamples
+from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
+import numpy as np
+
+
+class BristleFriction:
+    """
+    The friction of a robot with bristles at states of a simulation.
+
+    Parameters
+    ----------
+    robot : Robot
+        The simulated robot, in the speeds of the states.
+    stops : bool
+        Whether there are stops at the position limits.
+
+    """
+
+    def __init__(self, robot: Robot, stops: bool) -> None:
+        """Store the robot."""
+        self.robot, self._stops = robot, stops
+
+    @lazy_property
+    def kernel(self) -> Kernel:
+        """Return the kernel of udot, (n,), friction, (n_j,), and the energy of bristles."""
+        equations: Any = self.robot.equations
+        tree = equations.tree
+
+        def forces(q: Vector, u: Vector, tau: Vector, deflections: Vector, t: Scalar,
+                   parameters: Vector) -> Vector:
+            system = linear_system(equations, q, u, tau, None, parameters, t, None,
+                                   deflections)
+            solution = held_solution(system, system.M, system.net, Held([], []))
+            friction = equations.driven_friction(q, system.v, tau, t, None, deflections)
+            energy = tree.bristle_energy(deflections)
+            return np.array([*solution.w, *friction, energy])
+        n, n_b = self.robot.n, len(tree.bristles)
+        return self.robot.compiled(forces, name='forces_of_bristles', q=(self.robot.n_q,),
+                                   u=(n,), tau=(n,), deflections=(n_b,),
+                                   shape=(n + tree.n + 1,))
+
+    def rows_at(self, states: Array, tau: Array, times: Array) -> Array:
+        """Return the results of the kernel at K states, (K, size)."""
+        n_q, n = self.robot.n_q, self.robot.n
+        inputs = [states[:, :n_q], states[:, n_q:n_q + n], tau,
+                  deflections_of(self.robot, states)]
+        if self.robot.equations.timed:
+            inputs.append(times)
+        rows = np.empty((len(states), *self.kernel.shape))
+        self.kernel.run([np.ascontiguousarray(x, dtype=np.float64) for x in inputs], rows,
+                        len(rows))
+        return rows
+
+    def at_samples(self, states: Array, tau: Array, times: Array) -> FrictionSamples:
+        """Return accelerations, forces of stops and friction at K states, (K, size)."""
+        robot = self.robot
+        n_q, n, n_j = robot.n_q, robot.n, robot.model.n
+        rows = self.rows_at(states, tau, times)
+        udot = np.ascontiguousarray(rows[:, :n])
+        stop_forces = np.zeros((len(states), n_j))
+        if self._stops:
+            at: dict[str, Any] = {'t': times} if robot.equations.timed else {}
+            q = np.ascontiguousarray(states[:, :n_q])
+            u = np.ascontiguousarray(states[:, n_q:n_q + n])
+            udot, stop_forces = with_stop_forces(robot, q, u, udot, robot.limits.lower,
+                                                 robot.limits.upper, **at)
+        held = np.zeros((len(states), n_j), dtype=bool)
+        return FrictionSamples(udot, stop_forces, held, rows[:, n:n + n_j])
+
+
+def bristle_friction(robot: Robot, stops: bool) -> BristleFriction:
+    """Return the `BristleFriction` of a robot, which keeps it."""
+    key = 'bristles', stops
+    kept = robot.kernels.kept
+    if key not in kept:
+        kept[key] = BristleFriction(robot, stops)
+    friction: BristleFriction = kept[key]
+    return friction
+
+
+def bristle_energies(robot: Robot, states: Array) -> Array:
+    """Return the energies of the bristles in states, (..., size), J."""
+    stiffness = np.array([joint.presliding_stiffness
+                          for joint in robot.equations.tree.bristles])
+    energies: Array = 0.5 * deflections_of(robot, states)**2 @ stiffness
+    return energies
+
+
+def initial_deflections(robot: Robot, bristles0: Any, rows: tuple[int, ...]) -> Array:
+    """
+    Return the initial deflections of bristles, (*rows, n_b), zero for None.
+
+    Raises
+    ------
+    InputError
+        They have a wrong shape, or the robot has no bristles.
+
+    """
+    names = bristle_names(robot)
+    shape = *rows, len(names)
+    if bristles0 is None:
+        return np.zeros(shape)
+    if not names:
+        raise InputError('bristles0: deflections for a robot without presliding_stiffness; '
+                         'expected None')
+    z = checked(Argument('bristles0', (len(names),), names), bristles0)
+    if z.shape != shape and z.ndim > 1:
+        raise InputError(f'bristles0: shape {z.shape}; expected ({len(names)},) or {shape}')
+    return np.broadcast_to(z, shape)
+
+
+class SettlingWatch(Observer):
+    """
+    Watches that the step of an explicit method resolves how fast bristles settle.
+
+    Parameters
+    ----------
+    robot : Robot
+    step : float
+        s.
+    single : bool
+        Leave out the number of the simulation.
+
+    """
+
+    def __init__(self, robot: Robot, step: float, single: bool) -> None:
+        """Begin without a state at which the step is too long."""
+        self._robot, self._step, self._single = robot, step, single
+        self._text: str | None = None
+
+    def look(self, chunk: Chunk) -> None:
+        """Look at the states of a chunk until the step is too long at one of them."""
+        if self._text is not None:
+            return
+        n_q, n = self._robot.n_q, self._robot.n
+        states = chunk.energetics.in_user_speeds(chunk.states, chunk.done)
+        for i, rows in enumerate(states):
+            q = np.ascontiguousarray(rows[:, :n_q])
+            u = np.ascontiguousarray(rows[:, n_q:n_q + n])
+            decays = settling_rates(self._robot, q, u, chunk.times)
+            too_fast = decays * self._step > REAL_RADIUS
+            if too_fast.any():
+                k, j = np.argwhere(too_fast)[0]
+                self._note(i, chunk.times[k], j, decays[k, j])
+                return
+
+    def _note(self, simulation: int, t: float, joint: int, decay: float) -> None:
+        """Store the text of the warning."""
+        which = '' if self._single else f'simulation {simulation}: '
+        name = bristle_names(self._robot)[joint]
+        self._text = (f'{which}from {t:.6g} s on a step of {self._step:g} s is too long for '
+                      f"the bristles of joint '{name}' with 'rk4'; expected at most "
+                      f'{REAL_RADIUS / decay:.2g} s at this speed, or the integrator '
+                      "'implicit'")
+
+    def warning(self) -> str | None:
+        """Return the text, or None."""
+        return self._text
+
+
+def require_no_bristles(robot: Robot, what: str) -> None:
+    """Raise InputError if the friction of a joint has a state of its own."""
+    for joint in robot.equations.tree.bristles:
+        raise InputError(f"{what}: joint '{joint.name}' has presliding_stiffness "
+                         f'{joint.presliding_stiffness:g}; expected none (0)')
