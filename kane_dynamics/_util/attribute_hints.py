@@ -92,6 +92,22 @@ FUNCTIONS = {
         'identify identification sysid',
     'kane_dynamics.load_urdf(path), which expands xacro': 'loadxacro fromxacro',
 }
+# What is no method of Model here, but one in other libraries.
+MODEL_FUNCTIONS = {
+    'robot.with_payload(frame, payload), robot = Robot(model)':
+        'withpayload payload addpayload setpayload attachpayload',
+    'kane_dynamics.with_tool(model, on, name, inertial)':
+        'withtool addtool attachtool tool addlink addbody attach',
+    'kane_dynamics.with_model(model, other, on)':
+        'withmodel append appendmodel merge addmodel combine',
+    'kane_dynamics.with_locked(model, positions)':
+        'withlocked lock lockjoint lockjoints freeze freezejoints buildreducedmodel',
+    'kane_dynamics.with_names(model, names)': 'withnames rename renamejoint renamelink',
+    'kane_dynamics.with_drives(model, drives)': 'withdrives drives elasticjoints',
+    'kane_dynamics.with_beam(model, link, beam)': 'withbeam flexiblelink',
+}
+_FUNCTION_OF_MODEL = {name: ours for ours, names in MODEL_FUNCTIONS.items()
+                      for name in names.split()}
 _FUNCTION_BY_NAME = {name: ours for ours, names in FUNCTIONS.items()
                      for name in names.split()}
 # Keyword arguments of other libraries, with ours in the order of preference.
@@ -389,6 +405,11 @@ def _hint(owner: object, name: str) -> str:
             if full_name in names:
                 names[short_name] = full_name
         meant = names.get(plain)
+        is_model = hasattr(type(owner), 'joint_names') and 'bodies' in names
+        if meant is None and is_model:
+            function = _FUNCTION_OF_MODEL.get(plain, function_hint(name))
+            if function is not None:
+                return f'; expected {function}'
     if meant is None:
         near = difflib.get_close_matches(name, names, 1)
         meant = names[near[0]] if near else None

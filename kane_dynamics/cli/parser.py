@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Sequence
 import difflib
+import errno
 from importlib import import_module
 import os
 import re
@@ -99,7 +100,7 @@ def _main(arguments: list[str]) -> int:
     try:
         return _run(options)
     except (KaneError, OSError) as error:
-        if isinstance(error, BrokenPipeError):
+        if isinstance(error, BrokenPipeError) or _of_full_output(error):
             raise
         text = _with_option_names(parser, options.command, _text_of(error))
         print(f'kane-dynamics: error: {text}', file=sys.stderr)
@@ -112,9 +113,11 @@ def _main(arguments: list[str]) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     """Import the chosen command, and no other; run it and return its exit code."""
+    from kane_dynamics.cli.printing import printed_warnings
     module, function = options.run.split('.')
     commands = import_module(f'kane_dynamics.cli.commands.{module}')
-    code = getattr(commands, function)(options)
+    with printed_warnings(verbose=getattr(options, 'verbose', False)):
+        code = getattr(commands, function)(options)
     return 0 if code is None else int(code)
 
 
@@ -147,6 +150,12 @@ def _without_blanks(value: Any) -> Any:
     if isinstance(value, str) and value.startswith(' -') and _is_number(value[1:]):
         return value[1:]
     return value
+
+
+def _of_full_output(error: KaneError | OSError) -> bool:
+    """Return whether standard output cannot take all: errors of files name the file."""
+    return (isinstance(error, OSError) and error.errno == errno.ENOSPC
+            and error.filename is None)
 
 
 def _text_of(error: KaneError | OSError) -> str:

@@ -53,6 +53,28 @@ def model_warnings(collected: list[str] | None = None, *, verbose: bool = False
                     warn(brief(text))
 
 
+@contextmanager
+def printed_warnings(*, verbose: bool = False) -> Iterator[None]:
+    """
+    Print model warnings as `model_warnings` does, as they come.
+
+    For what no other block collects: a user sees no line of the source code.
+    """
+    def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+        if not issubclass(category, ModelWarning):
+            former(message, category, *place)
+        elif verbose:
+            warn(in_options(str(message)))
+        elif not issubclass(category, UnusedWarning):
+            warn(brief(in_options(str(message))))
+
+    with warnings.catch_warnings():
+        former = warnings.showwarning
+        warnings.showwarning = show
+        warnings.simplefilter('always', ModelWarning)
+        yield
+
+
 def brief(text: str) -> str:
     """
     Return a message whose long lists of names are shortened; its sentences stay whole.

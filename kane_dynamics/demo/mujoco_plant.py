@@ -19,6 +19,7 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from kane_dynamics._util.typing import Array
+from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.demo.demo_settings import DemoRobot, NODE, PLANT, RATE, ROBOTS
 from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.motion.motion import Motion
@@ -260,8 +261,9 @@ class MujocoPlant(Node):
         columns: Any = {}
         for name, values in zip(COLUMNS, zip(*self._rows)):
             columns[name] = np.array(values)
-        np.savez(self._record, latency=np.array(self._latencies).reshape(-1, 2),
-                 **columns)
+        latency = np.array(self._latencies).reshape(-1, 2)
+        with whole_file(self._record, binary=True) as file:
+            np.savez(file, latency=latency, **columns)
         response.success = True
         response.message = self._record
         return response

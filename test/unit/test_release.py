@@ -1,6 +1,7 @@
 """What a release is made of: versions that agree, a branch with both packages side by side."""
 
 from pathlib import Path
+import re
 import subprocess
 import sys
 from xml.etree import ElementTree
@@ -41,6 +42,15 @@ def test_versions_agree_everywhere():
     citation = yaml.safe_load((CHECKOUT / 'CITATION.cff').read_text('utf-8'))
     assert versions == {citation['version']}
     assert f'## {citation["version"]} (' in (CHECKOUT / 'CHANGELOG.md').read_text('utf-8')
+
+
+def test_the_page_on_installing_names_every_extra_of_users():
+    statement = re.search(r'extras_require=\{(.*?)\}', (CHECKOUT / 'setup.py').read_text('utf-8'),
+                          re.DOTALL)
+    extras = set(re.findall(r"'(\w+)':", statement[1])) - {'test', 'lint', 'bench', 'docs'}
+    page = (CHECKOUT / 'docs/how_to/installing.md').read_text('utf-8')
+    assert extras == {name for row in re.findall(r'^\| (`.*?) \|', page, re.MULTILINE)
+                      for name in re.findall(r'`(\w+)`', row)}
 
 
 def test_release_branch_holds_both_packages_side_by_side(clone):

@@ -134,7 +134,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
         Least distance between links, m, as capsules around their shapes; None for none.
         Links that a joint connects and shapes that touch at rest (all coordinates 0, or
         at the nearest limit) are left out; shapes that are near each other at rest keep
-        half that distance. None without shapes omits the warning.
+        half that distance. Without shapes, None suppresses the warning about them.
     progress : callable
         Called with the share of the work that is done.
 

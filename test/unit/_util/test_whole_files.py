@@ -3,12 +3,26 @@
 import errno
 import os
 from pathlib import Path
+import re
 
 from kane_dynamics import load_urdf, Robot, simulate
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics._util.whole_files import whole_file
 import numpy as np
 import pytest
+
+LIBRARY = Path(__file__).resolve().parents[3] / 'kane_dynamics'
+WRITES = re.compile(r"""\bopen\([^)]*['"][wax]b?\+?['"]|\.write_(text|bytes)\(|\bnp\.save"""
+                    r"""|\.savefig\(|\bfdopen\(|\bO_CREAT\b|\bwrite_table\(""")
+# What writes files without `whole_file`, and why no part of one is left.
+OTHER_WRITERS = {
+    '_util/whole_files.py': '`whole_file` itself',
+    '_util/disk_cache.py': 'under another name first: checked in the tests of the cache',
+    'cli/parser.py': 'to the null device',
+    'native/machine_code/shared_library.py': 'in a temporary folder',
+    'robot/frameworks/casadi_function.py': 'in a temporary folder',
+    'robot/export_c.py': 'under another name first: several files together',
+    'sweep/table.py': 'under another name first, and synchronized: sweeps resume'}
 
 
 def full(*_):
@@ -69,3 +83,13 @@ def test_trajectories_and_pictures_are_whole(name, tmp_path, monkeypatch):
     assert caught.value.filename.endswith(name)
     assert (tmp_path / name).read_bytes() == content and os.listdir(tmp_path) == [name]
     assert np.isfinite(run.q).all()
+
+
+def test_every_module_that_writes_files_writes_whole_ones():
+    others = set()
+    for path in LIBRARY.rglob('*.py'):
+        lines = path.read_text().splitlines()
+        places = [k for k, line in enumerate(lines) if WRITES.search(line)]
+        if any('whole_file(' not in ''.join(lines[max(0, k - 2):k + 1]) for k in places):
+            others.add(str(path.relative_to(LIBRARY)))
+    assert others == set(OTHER_WRITERS)

@@ -52,6 +52,12 @@ def test_inverse_kinematics_reaches_what_it_can_and_says_what_it_cannot(capsys):
     assert code == 0 and data['distance'] < 1e-8 and data['angle'] < 1e-8
 
 
+def test_a_warning_has_the_form_of_the_command_line_and_names_no_source(capsys):
+    assert main(['inverse-kinematics', URDF, 'tool0', '--position', '500', '200', '300']) == 1
+    line, = capsys.readouterr().err.splitlines()
+    assert line.startswith('kane-dynamics: warning: target: 615') and line.endswith('mm?')
+
+
 def test_inspect_lists_the_frames_with_their_places(capsys):
     assert main(['inspect', URDF, '--frames']) == 0
     printed = capsys.readouterr().out

@@ -4,13 +4,14 @@ import copy
 import inspect
 import pickle
 import pydoc
+import re
 from xml.etree import ElementTree
 
 import kane_dynamics
 from kane_dynamics import (CollisionDetector, ComputedTorque, Controller, frame_wrench, Inertial,
                            InputError, inverse_kinematics, load_urdf, ModelBuilder, ModelWarning,
                            MomentumObserver, Motion, Robot, simulate)
-from kane_dynamics._util.attribute_hints import COUNTERPARTS
+from kane_dynamics._util.attribute_hints import COUNTERPARTS, FUNCTIONS, MODEL_FUNCTIONS
 from kane_dynamics.robot.parameters import JointLimits
 from mechanisms import random_model
 import numpy as np
@@ -83,6 +84,28 @@ def test_a_method_of_another_library_is_answered_with_the_place_of_ours(name, wo
 def test_names_of_other_libraries_in_the_package_are_answered(name, words):
     with pytest.raises(AttributeError, match=f"module 'kane_dynamics' has no.*'{name}'.*{words}"):
         getattr(kane_dynamics, name)
+
+
+@pytest.mark.parametrize(('name', 'words'), [
+    ('with_payload', r'robot.with_payload\(frame, payload\)'),
+    ('add_tool', r'kane_dynamics.with_tool\(model, on, name, inertial\)'),
+    ('append', r'kane_dynamics.with_model\(model, other, on\)'),
+    ('lock', r'kane_dynamics.with_locked\(model, positions\)'),
+    ('rename', r'kane_dynamics.with_names\(model, names\)'),
+    ('mass', r'sum\(body.inertial.mass'), ('nq', 'n$'), ('bodys', 'bodies$')])
+def test_a_method_that_a_model_lacks_is_answered_with_the_function(name, words):
+    with pytest.raises(AttributeError, match=f"'Model' .* no attribute '{name}'; .*{words}"):
+        getattr(MODEL, name)
+
+
+@pytest.mark.parametrize('names', [FUNCTIONS, MODEL_FUNCTIONS])
+def test_functions_that_hints_name_exist(names):
+    for ours in names:
+        call = re.match(r'(kane_dynamics|robot)\.([\w.]+)\(', ours)
+        value = robot() if call and call[1] == 'robot' else kane_dynamics
+        for part in call[2].split('.') if call else ():
+            value = getattr(value, part)
+        assert callable(value) or not call
 
 
 @pytest.mark.parametrize(('call', 'words'), [
