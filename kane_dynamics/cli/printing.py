@@ -6,7 +6,7 @@ import json
 import math
 import re
 import sys
-from typing import Any
+from typing import Any, TextIO
 import warnings
 
 from kane_dynamics._util.typing import Array
@@ -60,9 +60,10 @@ def printed_warnings(*, verbose: bool = False) -> Iterator[None]:
 
     For what no other block collects: a user sees no line of the source code.
     """
-    def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+    def show(message: Warning | str, category: type[Warning], filename: str, lineno: int,
+             file: TextIO | None = None, line: str | None = None) -> None:
         if not issubclass(category, ModelWarning):
-            former(message, category, *place)
+            former(message, category, filename, lineno, file, line)
         elif verbose:
             warn(in_options(str(message)))
         elif not issubclass(category, UnusedWarning):
