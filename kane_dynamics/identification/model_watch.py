@@ -14,7 +14,8 @@ times a size, which is fitted by least squares, one cause at a time. The model's
 errors have sizes too: those of a sound recording, the reference, are subtracted; or the
 residuals themselves, if the motion is the same, so that the errors of the model cancel.
 The standard error is that of the sizes of blocks of rows (jackknife), since residuals of
-neighboring rows are alike.
+neighboring rows are alike. Rows in which a joint rests say nothing of it, because static
+friction is unknown.
 
 A cause is an alarm if its size is beyond the quantile of Student's distribution for the
 stated rate of false alarms, divided among all causes (Bonferroni). Of several, the one
@@ -28,10 +29,11 @@ from typing import NamedTuple
 
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import number
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
+from kane_dynamics.identification.friction_laws import moving_rms
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
-from kane_dynamics.identification.regression import rms
+from kane_dynamics.identification.regression import rms, STANDSTILL
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
@@ -109,8 +111,19 @@ class WatchReport:
     alarms: tuple[ModelChange, ...]
 
 
+class Sizes(NamedTuple):
+    """Sizes of a cause, (k,), and those without each block of rows, (blocks, k)."""
+
+    all_rows: Array
+    without_blocks: Array
+
+
 class _Cause(NamedTuple):
-    """A possible change: name, joint, and its directions of the torque, (N, n, k)."""
+    """
+    A possible change: name, joint, and its directions of the torque, (N, n, k).
+
+    The directions are zero where joints rest.
+    """
 
     name: str
     joint: str
@@ -147,7 +160,17 @@ class ModelWatch:
         self._reference = reference
         self._residual = _residual(self._robot, reference)
         scale = ROUNDING * rms(reference.tau)
-        self._sigma = np.maximum(rms(self._residual), np.maximum(scale, 1e-12))
+        moving = _moving(reference)
+        deviation = np.nan_to_num(moving_rms(self._residual, moving))
+        self._sigma = np.maximum(deviation, np.maximum(scale, 1e-12))
+        # Of each cause: its sizes in the reference, or None if the reference lacks the
+        # motion that would show it.
+        self._sound: list[Sizes | None] = []
+        for cause in _causes(self._robot, reference):
+            shown = cause.directions.any()
+            self._sound.append(self._sizes(cause.directions, self._residual * moving)
+                               if shown else None)
+        self._quantile = self._largest_ratio(len(self._sound))
 
     @on_one_processor
     def report(self, recording: Recording) -> WatchReport:
@@ -163,22 +186,19 @@ class ModelWatch:
         robot = self._robot
         _require_rows(robot.model, recording)
         residual = _residual(robot, recording)
-        paired = _same_motion(recording, self._reference)
         causes = _causes(robot, recording)
-        sound: list[tuple[Array, Array]] | None = None
+        sound: list[Sizes | None] | None = self._sound
         remaining = residual
-        if paired:
+        if _same_motion(recording, self._reference):
+            # The errors of the model cancel.
             remaining = residual - self._residual
-        else:
-            of_reference = _causes(robot, self._reference)
-            sound = [self._sizes(cause.directions, self._residual)
-                     for cause in of_reference]
-        quantile = self._quantile(len(causes))
+            sound = None
+        remaining = remaining * _moving(recording)
 
         # The largest cause is taken away, and the others are judged again.
         alarms: list[ModelChange] = []
         for _ in range(MOST_ALARMS):
-            change, torque = self._largest(causes, sound, remaining, quantile)
+            change, torque = self._largest(causes, sound, remaining)
             if change is None:
                 break
             alarms.append(change)
@@ -186,7 +206,7 @@ class ModelWatch:
         return WatchReport(robot.joint_names, rms(residual), rms(self._residual),
                            tuple(alarms))
 
-    def _quantile(self, causes: int) -> float:
+    def _largest_ratio(self, causes: int) -> float:
         """Return the largest ratio of a size to its deviation that is no alarm."""
         # A difference of two sizes has between one and two times these degrees of
         # freedom, because the deviations of both motions differ (Welch).
@@ -194,9 +214,8 @@ class ModelWatch:
         share = self._rate / (2.0 * causes)
         return float(scientific('scipy.stats').t.ppf(1.0 - share, freedom))
 
-    def _largest(self, causes: Sequence[_Cause],
-                 sound: Sequence[tuple[Array, Array]] | None, residual: Array,
-                 quantile: float) -> tuple[ModelChange | None, Array]:
+    def _largest(self, causes: Sequence[_Cause], sound: Sequence[Sizes | None] | None,
+                 residual: Array) -> tuple[ModelChange | None, Array]:
         """Return the significant cause of the largest torque, and that torque."""
         largest: ModelChange | None = None
         torque = np.zeros_like(residual)
@@ -206,10 +225,12 @@ class ModelWatch:
             change, jackknifed = self._sizes(cause.directions, residual)
             deviation = _spread(jackknifed)
             if sound is not None:
-                size_of_sound, jackknifed_sound = sound[k]
-                change = change - size_of_sound
-                deviation = np.hypot(deviation, _spread(jackknifed_sound))
-            least = max(quantile * float(deviation[0]), _floor(cause.name, self._sigma))
+                of_sound = sound[k]
+                if of_sound is None:
+                    continue
+                change = change - of_sound.all_rows
+                deviation = np.hypot(deviation, _spread(of_sound.without_blocks))
+            least = max(self._quantile * float(deviation[0]), _floor(cause.name, self._sigma))
             if abs(change[0]) <= least:
                 continue
             of_cause = cause.directions @ change
@@ -221,8 +242,8 @@ class ModelWatch:
                                       float(deviation[0]), min(of_this / whole, 1.0))
         return largest, torque
 
-    def _sizes(self, directions: Array, residual: Array) -> tuple[Array, Array]:
-        """Return the sizes of a cause (k,) and those without each block, (blocks, k)."""
+    def _sizes(self, directions: Array, residual: Array) -> Sizes:
+        """Return the sizes of a cause that fit a residual best."""
         weighted = directions / self._sigma[:, None]
         target = residual / self._sigma
         count = directions.shape[2]
@@ -237,7 +258,7 @@ class ModelWatch:
         without = information.sum(axis=0) - information, products.sum(axis=0) - products
         sizes = _solutions(np.concatenate([[information.sum(axis=0)], without[0]]),
                            np.concatenate([[products.sum(axis=0)], without[1]]))
-        return sizes[0], sizes[1:]
+        return Sizes(sizes[0], sizes[1:])
 
 
 def _require_rows(model: Model, recording: Recording) -> None:
@@ -252,6 +273,11 @@ def _residual(robot: Robot, recording: Recording) -> Array:
     """Return measured minus computed torques, (N, n), N m or N."""
     computed = robot.inverse_dynamics(recording.q, recording.u, recording.udot)
     return np.asarray(recording.tau - computed)
+
+
+def _moving(recording: Recording) -> Flags:
+    """Return where a joint moves, (N, n)."""
+    return np.asarray(np.abs(recording.u) > STANDSTILL)
 
 
 def _same_motion(recording: Recording, other: Recording) -> bool:
@@ -271,20 +297,21 @@ def _causes(robot: Robot, recording: Recording) -> list[_Cause]:
     terms = robot.torque_terms(q, u, udot)
     friction = terms[:, TORQUE_TERMS.index('friction')] - offsets
     rate = np.gradient(torque, recording.t, axis=0)
+    moving = _moving(recording)
     causes = []
-    Y = robot.regressor(q, u, udot)
+    Y = robot.regressor(q, u, udot) * moving[..., None]
     parents = {body.parent for body in robot.model.bodies}
     for k, body in enumerate(robot.model.bodies):
         if k not in parents - {WORLD}:
             # Mass, and mass times its center: the inertia of a payload is small.
             causes.append(_Cause('payload', body.name, Y[:, :, 10 * k:10 * k + 4]))
-    causes.append(_Cause('delay', ALL_JOINTS, -rate[..., None]))
+    causes.append(_Cause('delay', ALL_JOINTS, -(rate * moving)[..., None]))
     for j, name in enumerate(robot.joint_names):
         of_joint = {'friction': friction[:, j], 'offset': np.ones(len(q)),
                     'torque constant': torque[:, j], 'delay': -rate[:, j]}
         for cause, column in of_joint.items():
             directions = np.zeros((*torque.shape, 1))
-            directions[:, j, 0] = column
+            directions[:, j, 0] = column * moving[:, j]
             causes.append(_Cause(cause, name, directions))
     return causes
 

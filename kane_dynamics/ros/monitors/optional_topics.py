@@ -1,10 +1,11 @@
-"""The optional topics: wrenches, contact, payload, torque breakdown."""
+"""The optional topics: wrenches, contact, payload, model watch, torque breakdown."""
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from importlib import import_module
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError
@@ -16,6 +17,8 @@ from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,
                                                         friction_settings,
                                                         observed_frame,
                                                         observer_settings)
+from kane_dynamics.ros.monitors.model_watch_monitor import (check_watch,
+                                                            ModelWatchMonitor)
 from kane_dynamics.ros.monitors.payload_monitor import estimator_settings, PayloadMonitor
 from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic
 from kane_dynamics.ros.services.services import Services
@@ -71,6 +74,8 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
                      'observer.frame')
     if values['estimator.enabled']:
         estimator_settings(values, robot)
+    if values['watch.reference']:
+        check_watch(values, robot)
     observes = values['observer.enabled'] or values['estimator.enabled']
     if observes or Mode.ARM_COUPLING in (values['mode'], *values['modes']):
         stated_efforts(values, robot)
@@ -131,6 +136,18 @@ class OptionalTopics:
                 lambda reason, detail: reject(f'estimator: {reason}', detail), bending)
             opened.callback(self._estimator.close)
             path.add_observer(self._estimator, need_effort=True)
+        self.watch: ModelWatchMonitor | None = None
+        if values['watch.reference']:
+            if bending is not None:
+                raise InputError("parameter 'watch.reference': for an arm with beams; "
+                                 'expected rigid links, whose torque is linear in their '
+                                 'parameters')
+            self.watch = ModelWatchMonitor(
+                robot, values, server,
+                publisher(DiagnosticArray, '~/model_watch', LATCHED), node.get_logger(),
+                lambda reason, detail: reject(f'model watch: {reason}', detail))
+            opened.callback(self.watch.close)
+            path.add_observer(self.watch, need_effort=True)
         if values['explanation.rate']:
             explainer = TorqueBreakdownTopic(
                 server, publisher(TorqueExplanation, '~/torque_by_source', RELIABLE),
@@ -145,8 +162,15 @@ class OptionalTopics:
             self.contact.update(values)
         if self._estimator is not None:
             self._estimator.update(values)
+        if self.watch is not None:
+            self.watch.update(values)
         if self._path.wrenches is not None:
             self._path.wrenches.update(values)
+
+    @property
+    def model_change(self) -> str | None:
+        """Return the change of the arm that its model lacks, if there is one, in words."""
+        return None if self.watch is None else self.watch.alarm
 
     @property
     def collision(self) -> str | None:
@@ -155,4 +179,8 @@ class OptionalTopics:
 
     def figures(self) -> dict[str, str]:
         """Return the entries for the diagnostics."""
-        return {} if self.contact is None else self.contact.figures()
+        figures: dict[str, str] = {}
+        for monitor in (self.contact, self.watch):
+            if monitor is not None:
+                figures |= monitor.figures()
+        return figures

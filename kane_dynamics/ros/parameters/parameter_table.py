@@ -404,6 +404,16 @@ SPECS = (
          'standard deviation of the torque '
          'residual of the model, N m or N; empty: 1 % of the effort limits',
          positive=True, low=0.0),
+    Spec('watch.reference', 'text', '',
+         'recording of the sound arm (CSV, npz or bag) in motion, with which the arm is '
+         'compared while it works, without payload but that of the model; empty: no watch '
+         'over the model'),
+    Spec('watch.window', 'number', 30.0,
+         'time in motion after which ~/model_watch says what has changed, s', low=2.0,
+         high=60.0),
+    Spec('watch.false_alarms', 'number', 1e-3,
+         'share of the windows of a sound arm that may have an alarm', positive=True,
+         low=0.0, high=0.4),
     Spec('explanation.rate', 'number', 0.0,
          'rate of ~/torque_by_source, 1/s; 0: not published', low=0.0, high=100.0),
     Spec('guard.enabled', 'flag', False,

@@ -1,0 +1,285 @@
+"""The watch over the model while the arm works, in the services' thread."""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from kane_dynamics.errors import InputError, KaneError
+from kane_dynamics.identification.model_watch import (FEWEST_ROWS, ModelWatch,
+                                                      WatchReport)
+from kane_dynamics.identification.recordings.reader import read_recording
+from kane_dynamics.identification.recordings.recording import NAMES, Recording
+from kane_dynamics.identification.regression import STANDSTILL
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.conversion import NANO
+from kane_dynamics.ros.monitors.applied_torque import AppliedTorque, stated_efforts
+from kane_dynamics.ros.monitors.payload_monitor import MAX_GAP, PERIOD, TorqueSample
+from kane_dynamics.ros.services.services import Services
+from kane_dynamics.ros.torque_path.cycle_observer import Cycle
+import numpy as np
+from rclpy.clock import Clock, ClockType
+from rclpy.publisher import Publisher
+
+CHECKS = 1.0  # s between two looks at the queue
+MOST_SAMPLES = 6000  # queued: a minute
+FEWEST_IN_STRETCH = 5  # consecutive samples whose speeds give accelerations
+
+
+def check_watch(values: Mapping[str, Any], robot: Robot) -> None:
+    """Raise InputError if the robot or the parameters do not allow a watch."""
+    stated_efforts(values, robot)
+    if not robot.equations.in_joint_rates:
+        raise InputError("parameter 'watch.reference': for a robot with chosen speeds or "
+                         'constraints; expected a tree in joint rates, with a torque of '
+                         'each joint')
+    if not Path(values['watch.reference']).exists():
+        raise InputError(f"parameter 'watch.reference': {values['watch.reference']!r}; "
+                         'expected the path of a recording')
+
+
+def model_watch(values: Mapping[str, Any], robot: Robot) -> ModelWatch:
+    """
+    Return the watch over the model of a robot, with its reference recording.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or has other joints or too few rows.
+
+    """
+    names = robot.joint_names
+    try:
+        recording = read_recording(values['watch.reference'], names, numbered=names)
+        # The reference is of the model as it is, without what the node has been told since.
+        reference = stated_efforts(values, robot).applied(Robot(robot.model), recording)
+        return ModelWatch(robot.model, reference,
+                          false_alarms=values['watch.false_alarms'])
+    except (InputError, OSError) as error:
+        raise InputError(f"parameter 'watch.reference': {error}") from None
+
+
+class ModelWatchMonitor:
+    """
+    Compares the arm in motion with its model and a sound recording, window by window.
+
+    The torque path queues samples; the services' thread makes a report of each window,
+    and publishes it on `~/model_watch`. Gravity, payload and wrenches that the node knows
+    are no change of the model.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot of the torque path.
+    values : mapping
+        The node's parameters.
+    server : Services
+        Its thread makes the reports.
+    publisher : Publisher
+        Publisher of DiagnosticArray.
+    log : rcutils logger
+    reject : callable
+        Called with the reason and the details of each state that cannot be used.
+
+    Raises
+    ------
+    InputError
+        A parameter does not fit the robot.
+
+    """
+
+    def __init__(self, robot: Robot, values: Mapping[str, Any], server: Services,
+                 publisher: Publisher, log: Any,
+                 reject: Callable[[str, str], None]) -> None:
+        self._robot = robot
+        self._server = server
+        self._publisher = publisher
+        self._log = log
+        self._reject = reject
+        self._applied_torque = AppliedTorque(robot, values, reject)
+        self._watch = model_watch(values, robot)
+        self._bare = Robot(robot.model)
+        self._rows = max(round(values['watch.window'] * NANO / PERIOD), FEWEST_ROWS)
+        self._samples: deque[TorqueSample] = deque(maxlen=MOST_SAMPLES)
+        self._last = 0
+        self._reset_pending = False  # carried out by the services' thread
+        self._stretch: list[TorqueSample] = []
+        self._window: list[Recording] = []
+        self._newest = 0  # stamp of the latest sample, ns
+        self._origin = 0  # stamp of the first sample of the window, ns
+        self.report: WatchReport | None = None
+        for model_of_arm in (robot, self._bare):
+            model_of_arm.compile('inverse_dynamics', batches=True)
+        self._timer = server.create_timer(CHECKS, self._process,
+                                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    # In the thread of the torque path.
+
+    def start(self) -> None:
+        """Begin a window."""
+        self._reset_pending = True
+        self._samples.clear()
+        self._last = 0
+
+    def stop(self) -> None:
+        """Drop queued samples; keep the last report."""
+        self._samples.clear()
+
+    # Samples before and after a change of the loads do not belong together.
+    on_loads_changed = start
+
+    def update(self, values: Mapping[str, Any]) -> None:
+        """Use checked parameters from the next state on."""
+        self._applied_torque.update(values)
+
+    def on_cycle(self, cycle: Cycle) -> None:
+        """Queue a sample if one is due and the arm moves."""
+        if 0 <= cycle.stamp - self._last < PERIOD:
+            return
+        state = cycle.state
+        if state.has_velocity and np.abs(state.u).max(initial=0.0) <= STANDSTILL:
+            return
+        torque = self._applied_torque.torque(cycle)
+        if torque is not None:
+            self._last = cycle.stamp
+            self._samples.append(TorqueSample(cycle.stamp, state.q.copy(),
+                                              state.u.copy(), torque.copy()))
+
+    # In the services' thread.
+
+    def close(self) -> None:
+        """Stop the reports."""
+        self._server.destroy_timer(self._timer)
+
+    def _process(self) -> None:
+        """Add the queued samples to the window; report on it when it is full."""
+        if self._reset_pending:
+            self._reset_pending = False
+            self._stretch = []
+            self._window = []
+        for _ in range(len(self._samples)):
+            try:
+                sample = self._samples.popleft()
+            except IndexError:  # the torque path has cleared the queue
+                break
+            gap = sample.stamp - self._newest
+            if gap <= 0:  # the clock has been set back
+                self._stretch = []
+                self._window = []
+            elif gap > MAX_GAP * PERIOD:
+                self._end_stretch()
+            self._newest = sample.stamp
+            self._stretch.append(sample)
+        rows = len(self._stretch) + sum(map(len, self._window))
+        if rows < self._rows:
+            return
+        self._end_stretch()
+        window = self._window
+        self._window = []
+        if sum(map(len, window)) >= FEWEST_ROWS and not self._reset_pending:
+            self._make_report(window)
+
+    def _end_stretch(self) -> None:
+        """Add the consecutive samples to the window, with their accelerations."""
+        stretch = self._stretch
+        self._stretch = []
+        if len(stretch) < FEWEST_IN_STRETCH:
+            return
+        # Seconds since the window began; stamps in seconds have too few digits.
+        if not self._window:
+            self._origin = stretch[0].stamp
+        t = np.array([sample.stamp - self._origin for sample in stretch]) / NANO
+        q = np.array([sample.q for sample in stretch])
+        u = np.array([sample.u for sample in stretch])
+        udot = np.gradient(u, t, axis=0)
+        tau = np.array([sample.torque for sample in stretch])
+        # What the node knows of gravity and payload is no change of the model.
+        try:
+            known = self._robot.inverse_dynamics(q, u, udot)
+            tau = tau - (known - self._bare.inverse_dynamics(q, u, udot))
+        except KaneError as error:  # overflow from finite numbers
+            self._reject('not finite', str(error))
+            return
+        # The accelerations at both ends are one-sided differences.
+        self._window.append(Recording(t, q, u, udot, tau).rows(slice(1, -1)))
+
+    def _make_report(self, window: list[Recording]) -> None:
+        """Compare a window with the reference, publish the report and log its alarms."""
+        t = np.concatenate([stretch.t for stretch in window])
+        states = []
+        for name in NAMES:
+            states.append(np.concatenate([getattr(stretch, name) for stretch in window]))
+        q, u, udot, tau = states
+        try:
+            report = self._watch.report(Recording(t, q, u, udot, tau))
+        except KaneError as error:  # overflow from finite numbers
+            self._reject('no report', str(error))
+            return
+        before = () if self.report is None else _causes(self.report)
+        self.report = report
+        for alarm in report.alarms:
+            if (alarm.joint, alarm.cause) not in before:
+                self._log.warning(f'model watch: {alarm}')
+        if before and not report.alarms:
+            self._log.info('model watch: the model describes the arm again')
+        self._publisher.publish(report_message(report, self._newest))
+
+    # For the diagnostics.
+
+    @property
+    def alarm(self) -> str | None:
+        """Return the first change of the latest window in words, if there is one."""
+        report = self.report
+        return str(report.alarms[0]) if report is not None and report.alarms else None
+
+    def figures(self) -> dict[str, str]:
+        """Return the entries for the diagnostics."""
+        report = self.report
+        if report is None:
+            return {'model watch': 'no window yet; it fills while the arm moves'}
+        words = '; '.join(map(str, report.alarms)) or 'no change'
+        ratios = np.array(report.residual) / np.maximum(report.reference, 1e-12)
+        worst = int(ratios.argmax())
+        return {'model watch': words,
+                'model watch: largest residual, relative to the reference':
+                    f"{ratios[worst]:.2f} at joint '{report.joint_names[worst]}'"}
+
+
+def _causes(report: WatchReport) -> tuple[tuple[str, str], ...]:
+    """Return joints and causes of the alarms of a report."""
+    return tuple((alarm.joint, alarm.cause) for alarm in report.alarms)
+
+
+def report_message(report: WatchReport, moment: int) -> DiagnosticArray:
+    """
+    Return a report as a message: a status of each joint, and of all other alarms.
+
+    Parameters
+    ----------
+    report : WatchReport
+        Of a window.
+    moment : int
+        Stamp of the latest sample, ns.
+
+    """
+    message = DiagnosticArray()
+    stamp = message.header.stamp
+    stamp.sec, stamp.nanosec = divmod(moment, NANO)
+    statuses = {}
+    for name, residual, reference in zip(report.joint_names, report.residual,
+                                         report.reference, strict=True):
+        status = DiagnosticStatus(level=DiagnosticStatus.OK, name=name,
+                                  message='as in the reference')
+        status.values = [KeyValue(key='residual', value=f'{residual:.6g}'),
+                         KeyValue(key='reference', value=f'{reference:.6g}')]
+        statuses[name] = status
+    for alarm in report.alarms:
+        status = statuses.setdefault(alarm.joint, DiagnosticStatus(name=alarm.joint))
+        status.level = DiagnosticStatus.WARN
+        status.message = str(alarm)
+        for key, value in (('cause', alarm.cause), ('size', f'{alarm.size:.6g}'),
+                           ('deviation', f'{alarm.deviation:.6g}')):
+            status.values.append(KeyValue(key=key, value=value))
+    message.status = list(statuses.values())
+    return message

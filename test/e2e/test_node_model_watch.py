@@ -1,0 +1,108 @@
+"""The live watch over the model, over DDS, of simulated arms that are not as their model."""
+
+from contextlib import contextmanager
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from node_process import active_until_end, DEEP, JOINTS, NAME, Process, URDF, wait_until
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+PLANT = 'kane_dynamics.ros.plant.main'
+START = np.array([0.3, -0.4, 0.2])
+AMPLITUDE = np.array([0.5, 0.4, 0.15])
+NOISE = 0.05  # N m or N
+WINDOW = 6.0
+LIFT = ('<dynamics damping="0.5" friction="0.2"/>'
+        '<limit lower="-3" upper="3" velocity="5" effort="60"/>')
+OK = DiagnosticStatus.OK
+STIFF = LIFT.replace('0.5', '0.75').replace('0.2', '0.3')  # 1.5 times the friction
+
+
+def motion(t, frequencies):
+    """Return positions, speeds and accelerations that begin at rest at the start."""
+    angles = np.outer(t, frequencies)
+    w = np.asarray(frequencies)
+    return (START + AMPLITUDE * (1.0 - np.cos(angles)), AMPLITUDE * w * np.sin(angles),
+            AMPLITUDE * w**2 * np.cos(angles))
+
+
+@contextmanager
+def simulated(client, urdf, frequencies, **parameters):
+    """Provide a simulated arm that follows a motion for a minute."""
+    plant = Process(module=PLANT, robot_description=f"'{urdf}'", rate=200,
+                    initial__position=START.tolist(), noise__effort=NOISE, **parameters)
+    try:
+        plant.wait_for('200 joint states/s')
+        time.sleep(1.0)
+        message = JointTrajectory(joint_names=list(JOINTS))
+        times = np.arange(0.0, 60.0, 0.05)
+        for moment, *state in zip(times, *motion(times, frequencies), strict=True):
+            fields = zip(('positions', 'velocities', 'accelerations'), state, strict=True)
+            point = JointTrajectoryPoint(**{name: x.tolist() for name, x in fields})
+            point.time_from_start.sec = int(moment)
+            point.time_from_start.nanosec = round(moment % 1.0 * 1e9)
+            message.points.append(point)
+        client.motions.publish(message)
+        yield plant
+    finally:
+        assert plant.end()[0] == 0
+
+
+@contextmanager
+def node(client, **parameters):
+    """Provide a node in mode computed_torque, of which the client gets torques."""
+    for process in active_until_end(Process(
+            robot_description=f"'{URDF}'", mode='computed_torque', diagnostics_rate=20,
+            state_timeout=2.0, **parameters)):
+        client.process = process
+        client.connect()
+        yield process
+
+
+def record(client, path, duration):
+    """Record the sound arm, as its joint states come over DDS."""
+    rows = []
+
+    def on_state(message):
+        stamp = message.header.stamp
+        rows.append([stamp.sec + 1e-9 * stamp.nanosec, *message.position,
+                     *message.velocity, *message.effort])
+    with node(client), simulated(client, URDF, (1.9, 1.4, 2.6)):
+        time.sleep(2.0)
+        subscription = client.create_subscription(JointState, 'joint_states', on_state, DEEP)
+        time.sleep(duration)
+        client.destroy_subscription(subscription)
+    t, *columns = np.array(rows).T
+    q, u, tau = np.array(columns).reshape(3, 3, -1).transpose(0, 2, 1)
+    np.savez(path, t=t - t[0], q=q, u=u, tau=tau)
+
+
+@pytest.mark.timeout(300)
+def test_the_node_names_what_has_changed_of_simulated_arms(client, tmp_path):
+    record(client, tmp_path / 'sound.npz', 12.0)
+    reports = []
+    subscription = client.create_subscription(DiagnosticArray, f'{NAME}/model_watch',
+                                              reports.append, DEEP)
+
+    def alarms():
+        """Return name and cause of the alarms of the latest report."""
+        warned = [status for status in reports[-1].status if status.level != OK]
+        return [(status.name, pair.value) for status in warned for pair in status.values
+                if pair.key == 'cause']
+    with node(client, watch__reference=str(tmp_path / 'sound.npz'),
+              watch__window=WINDOW) as process:
+        with simulated(client, URDF, (1.7, 2.3, 1.3)):
+            assert wait_until(lambda: len(reports) > 1, 60.0), process.log
+            assert alarms() == []
+            assert wait_until(lambda: client.diagnostics[-1][2]['model watch'] == 'no change')
+        with simulated(client, URDF.replace(LIFT, STIFF), (1.7, 2.3, 1.3)):
+            assert wait_until(lambda: alarms()[:1] == [('lift', 'friction')], 60.0), (
+                process.log, len(reports), alarms(), client.diagnostics[-1])
+            assert wait_until(lambda: "'lift': friction up" in client.diagnostics[-1][1])
+            process.wait_for("model watch: joint 'lift': friction up")
+        with simulated(client, URDF, (1.7, 2.3, 1.3), payload__frame='c', payload__mass=1.0):
+            assert wait_until(lambda: ('c', 'payload') in alarms(), 60.0), process.log
+    client.destroy_subscription(subscription)
