@@ -38,6 +38,7 @@ ROUNDS = 3  # of reweighting
 WEIGHTS = 10.0 ** np.arange(1, 7)
 CHOICES = 2  # of laws and weight in turn, at most
 FIRST_WEIGHT = 1e3  # of the prior, before one is chosen
+LEAST_LOAD = 1e-3  # of gravity, relative to the RMS of the torque
 SELECT = 'select'  # the law of friction of each joint
 OTHER_TERMS: dict[str, Any] = {'friction_backward': None, 'breakaway_friction': None,
                                'stribeck_speed': 0.0, 'load_friction_backdriven': None}
@@ -280,7 +281,7 @@ def _chosen_fit(plain_fits: _PlainFits, stated: tuple[FrictionLaw, ...] | None,
     Return the fit, its weight of the prior, and the errors of all laws.
 
     The weight is chosen with Coulomb friction. With it the laws are compared, then the
-    weight is chosen with these laws; once more if both have changed.
+    weight is chosen with these laws, if that is smaller; once more if both have changed.
 
     Neither `stated` laws nor a `given` weight are chosen; the weight is infinite for given
     bodies.
@@ -307,7 +308,8 @@ def _chosen_fit(plain_fits: _PlainFits, stated: tuple[FrictionLaw, ...] | None,
             break
         fit = fit_laws(data, laws, plain, Prior(model, weight))
         if given is None:
-            weight = plain_fits.weight(fit)
+            # A weight that is too large costs more than one that is too small.
+            weight = min(weight, plain_fits.weight(fit))
         if weight == last_weight:
             break
         fit = fit_laws(data, laws, fit, Prior(model, weight))
@@ -464,7 +466,14 @@ def _selected(rows_of_fit: LawRows, blocks: list[Flags], start: LawFit, prior: P
         errors.append(every)
         candidates[law.name] = CandidateErrors(_root_mean_square(every),
                                                _root_mean_square(moving))
-    return chosen_laws(errors), candidates
+    return chosen_laws(errors, _loaded(rows_of_fit, prior.model)), candidates
+
+
+def _loaded(rows_of_fit: LawRows, model: Model) -> Flags:
+    """Return whether gravity loads a joint along a recording, (n,)."""
+    recording = rows_of_fit.data.recording
+    weight = rms(Robot(model).gravity_force(recording.q))
+    return np.asarray(weight > LEAST_LOAD * rms(recording.tau))
 
 
 def _root_mean_square(errors: Array) -> Array:

@@ -17,9 +17,10 @@ A law is judged on blocks of rows that its fit has left out. Motion that repeats
 test of a fit: rows of a periodic motion are divided by their phase instead.
 
 The blocks are few and the rows within one are correlated, so that single joints cannot
-be told apart by their errors alone. Drives of one arm are alike: the mean of all joints
-is the prior of each joint (empirical Bayes; Efron & Morris, JASA 70 (1975)). A joint
-keeps the simplest law whose error is the smallest within its standard error.
+be told apart by their errors alone. Drives of one arm are of one kind: the law is that
+of the arm, the simplest whose error is the smallest within its standard error. A joint
+has another one only if its own errors say so clearly; the mean of all joints is the prior
+of each joint's (empirical Bayes; Efron & Morris, JASA 70 (1975)).
 """
 
 from collections.abc import Sequence
@@ -44,6 +45,7 @@ LOWEST_OF_ALL = np.concatenate([LOWEST, [0.0, 0.0]])
 BLOCKS = 6  # of rows that are left out in turn
 TURNS = 3  # alternating fits of bodies and of what enters nonlinearly
 REWEIGHTED = 2  # fits with weights of the joints by their residuals
+SIGNIFICANT = 2.0  # standard errors by which the law of a joint is better than the arm's
 NEGLIGIBLE = 0.01  # relative difference of errors that justifies no further term
 FLOOR = 1e-3  # of the RMS of the torque: smaller errors are no difference
 ALIKE = 0.02  # RMS distance of a repeated motion, relative to the range of each joint
@@ -402,33 +404,54 @@ def moving_rms(error: Array, moving: Flags) -> Array:
     return np.where(counts > 0, np.sqrt(squares / np.maximum(counts, 1)), np.nan)
 
 
-def chosen_laws(errors: Sequence[Array]) -> tuple[FrictionLaw, ...]:
+def chosen_laws(errors: Sequence[Array], loaded: Flags) -> tuple[FrictionLaw, ...]:
     """
     Return the law of each joint from the errors of all laws on left-out blocks.
+
+    Drives of one arm are of one kind: the law is first that of the arm, the simplest whose
+    error over all joints is the smallest within its standard error. A joint has another
+    one if its own gain is larger than twice the standard error, and Coulomb friction in
+    place of a law of the load if gravity does not load it.
 
     Parameters
     ----------
     errors : sequence of (blocks, n) arrays
         Of each of `LAWS`.
+    loaded : (n,) array of bool
+        Whether gravity acts on a joint.
 
     """
     first = np.log(errors[0])
-    n = first.shape[1]
-    chosen = [COULOMB] * n
-    gains, doubts = [np.zeros(n)], [np.zeros(n)]
-    for of_law in errors[1:]:
-        gain, doubt = _of_alike_drives(np.log(of_law) - first)
-        gains.append(gain)
-        doubts.append(doubt)
-    for j in range(n):
-        best = int(np.argmin([gain[j] for gain in gains]))
-        # The simplest law whose gain is within the standard error of the best one's.
-        noise = max(float(doubts[best][j]), NEGLIGIBLE)
-        for law, gain in zip(LAWS, gains, strict=True):
-            if gain[j] <= gains[best][j] + noise:
-                chosen[j] = law
-                break
+    gains = [np.log(of_law) - first for of_law in errors]
+    of_arm = np.array([gain.mean(axis=1) for gain in gains])  # (laws, blocks)
+    arm_law = LAWS[_simplest(of_arm)]
+    chosen = []
+    for j in range(first.shape[1]):
+        law = arm_law
+        # Friction of a load that only accelerations cause looks like inertia.
+        if law.load and not loaded[j]:
+            law = COULOMB
+        present = LAWS.index(law)
+        candidates = [k for k, other in enumerate(LAWS) if loaded[j] or not other.load]
+        for k in candidates:
+            gain, doubt = _of_alike_drives(gains[k] - gains[present])
+            if gain[j] < -max(SIGNIFICANT * float(doubt[j]), NEGLIGIBLE):
+                present = k
+        chosen.append(LAWS[present])
     return tuple(chosen)
+
+
+def _simplest(levels: Array) -> int:
+    """
+    Return the first row whose mean is the smallest within noise, of (laws, blocks).
+
+    The noise is the standard error of the difference to the best row, over the blocks.
+    """
+    best = int(np.argmin(levels.mean(axis=1)))
+    differences = levels - levels[best]
+    deviation = differences.std(axis=1, ddof=1) / np.sqrt(levels.shape[1])
+    noise = np.maximum(deviation, NEGLIGIBLE)
+    return int(np.argmax(differences.mean(axis=1) <= noise))
 
 
 def _of_alike_drives(ratios: Array) -> tuple[Array, Array]:
