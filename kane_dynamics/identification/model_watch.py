@@ -111,8 +111,8 @@ class WatchReport:
     alarms: tuple[ModelChange, ...]
 
 
-class Sizes(NamedTuple):
-    """Sizes of a cause, (k,), and those without each block of rows, (blocks, k)."""
+class CauseSizes(NamedTuple):
+    """CauseSizes of a cause, (k,), and those without each block of rows, (blocks, k)."""
 
     all_rows: Array
     without_blocks: Array
@@ -165,7 +165,7 @@ class ModelWatch:
         self._sigma = np.maximum(deviation, np.maximum(scale, 1e-12))
         # Of each cause: its sizes in the reference, or None if the reference lacks the
         # motion that would show it.
-        self._sound: list[Sizes | None] = []
+        self._sound: list[CauseSizes | None] = []
         for cause in _causes(self._robot, reference):
             shown = cause.directions.any()
             self._sound.append(self._sizes(cause.directions, self._residual * moving)
@@ -187,7 +187,7 @@ class ModelWatch:
         _require_rows(robot.model, recording)
         residual = _residual(robot, recording)
         causes = _causes(robot, recording)
-        sound: list[Sizes | None] | None = self._sound
+        sound: list[CauseSizes | None] | None = self._sound
         remaining = residual
         if _same_motion(recording, self._reference):
             # The errors of the model cancel.
@@ -214,7 +214,7 @@ class ModelWatch:
         share = self._rate / (2.0 * causes)
         return float(scientific('scipy.stats').t.ppf(1.0 - share, freedom))
 
-    def _largest(self, causes: Sequence[_Cause], sound: Sequence[Sizes | None] | None,
+    def _largest(self, causes: Sequence[_Cause], sound: Sequence[CauseSizes | None] | None,
                  residual: Array) -> tuple[ModelChange | None, Array]:
         """Return the significant cause of the largest torque, and that torque."""
         largest: ModelChange | None = None
@@ -242,7 +242,7 @@ class ModelWatch:
                                       float(deviation[0]), min(of_this / whole, 1.0))
         return largest, torque
 
-    def _sizes(self, directions: Array, residual: Array) -> Sizes:
+    def _sizes(self, directions: Array, residual: Array) -> CauseSizes:
         """Return the sizes of a cause that fit a residual best."""
         weighted = directions / self._sigma[:, None]
         target = residual / self._sigma
@@ -258,7 +258,7 @@ class ModelWatch:
         without = information.sum(axis=0) - information, products.sum(axis=0) - products
         sizes = _solutions(np.concatenate([[information.sum(axis=0)], without[0]]),
                            np.concatenate([[products.sum(axis=0)], without[1]]))
-        return Sizes(sizes[0], sizes[1:])
+        return CauseSizes(sizes[0], sizes[1:])
 
 
 def _require_rows(model: Model, recording: Recording) -> None:
