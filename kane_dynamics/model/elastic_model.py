@@ -183,9 +183,18 @@ def _rotor_inertia(joint: Joint, drive: Drive) -> float:
     return inertia
 
 
+def _has_load_friction(joint: Joint) -> bool:
+    """Return whether the friction of a joint depends on the torque that it transmits."""
+    return bool(joint.load_friction or joint.load_friction_backdriven)
+
+
 def _motor(body: Body, drive: Drive, coordinate: int) -> Body:
     """Return the body of a drive's rotor."""
     joint = body.joint
+    if _has_load_friction(joint):
+        # No motor acts on the link's side: the load of its law would always vanish.
+        raise ModelError(f"drives: joint '{joint.name}': load friction of the link's "
+                         'side; expected it in the friction of the drive')
     name = joint.name + SUFFIX
     inertia = _rotor_inertia(joint, drive)
     effort, velocity = joint.limits.effort, joint.limits.velocity
@@ -204,6 +213,12 @@ def _motor(body: Body, drive: Drive, coordinate: int) -> Body:
         raise ModelError(f"drives: joint '{joint.name}': full_coupling of a "
                          f'{joint.kind} joint; expected a revolute one, whose motor '
                          'turns about the same axis')
+    fractions = ('load_friction', 'load_friction_backdriven')
+    if any(drive.friction.get(fraction) for fraction in fractions):
+        # The load of the law is the torque of the motor's joint, on the joint's side of
+        # the gear, while this joint has the motor's rate.
+        raise ModelError(f"drives: joint '{joint.name}': full_coupling with load "
+                         'friction of the motor; expected full_coupling=False')
     # The rotor turns by the motor's angle relative to its carrier, so that its friction
     # is that of the motor's side. Its mass is part of the carrier's.
     r = drive.ratio

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.control.computed_torque import ComputedTorque, law_kernel
+from kane_dynamics.control.computed_torque import (ComputedTorque, law_kernel,
+                                                   require_rigid)
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.runtime.kernel import Argument, checked, windows
 from kane_dynamics.robot.robot import Robot
@@ -250,6 +251,7 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
 def _require_same_robot(torque: ComputedTorque, robot: Robot) -> None:
     """Raise InputError for computed torque of another robot than the simulated one."""
     if torque.robot is None:
+        require_rigid(robot)
         if torque.motion.joint_names != robot.joint_names:
             raise InputError(f'motion: of the joints {list(torque.motion.joint_names)}; '
                              f'expected {list(robot.joint_names)}')

@@ -233,6 +233,12 @@ def test_a_dead_zone_has_no_inverse():
         spring_deflection(Drive(StiffnessCurve([2e-3, 5e-3], [0.0, 60.0])), 1.0)
 
 
+def with_load_friction(model):
+    """Return a model with load friction in all joints."""
+    return replace(model, bodies=tuple(replace(body, joint=replace(
+        body.joint, load_friction=0.1)) for body in model.bodies))
+
+
 @pytest.mark.parametrize('make, message', [
     (lambda: Drive(0.0), 'stiffness 0.0; expected a positive number'),
     (lambda: Drive(float('nan')), 'stiffness: nan'),
@@ -259,6 +265,11 @@ def test_a_dead_zone_has_no_inverse():
     (lambda: with_drives(arm().model(), {'b': Drive(1.0, ratio=1.0, rotor_inertia=5.0,
                                                     full_coupling=True)}),
      "in link 'upper'"),
+    (lambda: with_drives(arm().model(), {'b': Drive(
+        1.0, ratio=100.0, rotor_inertia=0.1, full_coupling=True,
+        friction={'load_friction': 0.1})}), 'full_coupling with load friction of the motor'),
+    (lambda: with_drives(with_load_friction(arm().model()), {'b': Drive(
+        1.0, rotor_inertia=0.1)}), "'b': load friction of the link's side; expected it in"),
     (lambda: arm(a=Drive(1.0, friction={'damping': -1.0})).model(), 'damping -1.0'),
     (lambda: arm(a=7.0).model(), 'expected a Drive'),
     (lambda: Model('m', (Body('l', -1, Joint('j', 'revolute', (0, 0, 1), drive=Drive(1.0)),
