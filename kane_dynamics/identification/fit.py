@@ -30,6 +30,7 @@ from kane_dynamics.identification.regression import (compressed, fit_friction, F
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.identification.standard_deviations import friction_statistics, statistics
 from kane_dynamics.mechanics.recursive.regressor import pseudo_inertia_of
+from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -219,6 +220,7 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     standstill = number(standstill, 'standstill', 'a number >= 0', lambda x: x >= 0.0)
     _check_options(weight, bounded, friction_only, standstill, friction)
     check_recording(model, recording)
+    require_rigid_joints(model)
     if not diagnosed:
         for finding in diagnose(model, recording):
             if finding.level != 'remark':

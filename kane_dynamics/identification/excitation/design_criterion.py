@@ -27,6 +27,7 @@ from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
 from kane_dynamics.identification.regression import FRICTION, without_losses
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.friction import coulomb
+from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -64,6 +65,7 @@ class DesignCriterion:
                  clearance: Clearance | None = None) -> None:
         """Store the limits, and sample the Fourier basis."""
         require_angles(model, 'excitation')
+        require_rigid_joints(model)
         self.model = model
         self.basis = basis
         self.share = share
@@ -87,6 +89,7 @@ class DesignCriterion:
         upper = np.where(np.isfinite(limits.upper), limits.upper,
                          limits.lower + 2.0 * math.pi)
         free = ~np.isfinite(lower)
+        lower = np.where(free, 0.0, lower)
         self.middle = np.where(free, 0.0, 0.5 * (lower + upper))
         self.reach = np.where(free, math.inf, 0.5 * (upper - lower))
         self.speeds = np.array([joint.friction_speed for joint in model.coordinate_joints])

@@ -2,9 +2,10 @@
 
 from kane_dynamics import (ComputedTorque, Controller, controller_kernels, Drive,
                            fill_trajectory, HandGuiding, InputError, JointImpedance,
-                           ModelBuilder, Motion, Robot, rod, TaskSpace, with_drives,
-                           with_rigid_joints)
+                           ModelBuilder, Motion, Robot, rod, simulate, TaskSpace,
+                           with_drives, with_rigid_joints)
 from kane_dynamics.feasibility import demand, largest_payload
+from kane_dynamics.identification import excite, identify, Recording
 from kane_dynamics.optimal_control import TrajectoryOptimizer
 import numpy as np
 import pytest
@@ -31,10 +32,20 @@ def motion(robot):
     lambda robot: ComputedTorque(robot, motion(robot)),
     lambda robot: fill_trajectory(robot, TIMES, np.zeros((5, robot.n))),
     lambda robot: largest_payload(robot, motion(robot)),
+    lambda robot: excite(robot.model, velocity=1.0, acceleration=1.0, distance=None),
+    lambda robot: identify(robot.model, Recording(TIMES, *np.ones((4, 5, 2)))),
 ])
 def test_laws_of_rigid_joints_refuse_elastic_ones(law):
     with pytest.raises(InputError, match='robot: with elastic joints shoulder; expected'):
         law(Robot(elastic()))
+
+
+def test_computed_torque_that_states_no_robot_is_refused_by_the_simulation():
+    robot = Robot(elastic())
+    with pytest.warns(DeprecationWarning, match='is deprecated'):
+        law = ComputedTorque(motion(robot), 1.0, 1.0)
+    with pytest.raises(InputError, match='robot: with elastic joints shoulder; expected'):
+        simulate(robot, [0.0, 0.0], [0.0, 0.0], 0.01, torque=law)
 
 
 def test_the_demand_of_joints_made_rigid_includes_the_rotor():

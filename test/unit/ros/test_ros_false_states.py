@@ -13,9 +13,9 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from false_states import arm, FALSE, FAULT, LONG, MOST, NANO, PERIOD, SHORT  # noqa: E402
-from false_states import simulated_arm  # noqa: E402
-from kane_dynamics import Controller  # noqa: E402, I100
+from false_states import (arm, FALSE, FAULT, LONG, MOST, NANO, PERIOD,  # noqa: E402, I100
+                          SHORT, simulated_arm)
+from kane_dynamics import Controller  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
