@@ -2,8 +2,8 @@
 Count the modules and functions of kane_dynamics that one first call passes.
 
 A first call traces and compiles what it needs, so it passes more code than any later one: this is
-what a reader has to follow. Functions are counted once each, with class bodies, module bodies,
-comprehensions and lambdas. `--list` names them by module.
+what a reader has to follow. Functions are counted once each, without comprehensions and lambdas, which
+belong to the function around them. `--list` names them by module.
 """
 
 import argparse
@@ -23,7 +23,8 @@ def functions_passed(call):
 
     def count(frame, event, argument):
         code = frame.f_code
-        if event == 'call' and code.co_filename.startswith(PACKAGE):
+        is_named = not code.co_name.startswith('<')
+        if event == 'call' and is_named and code.co_filename.startswith(PACKAGE):
             passed[code.co_filename[len(PACKAGE) + 1:]].add(code.co_qualname)
 
     sys.setprofile(count)

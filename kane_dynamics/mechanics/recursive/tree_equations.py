@@ -100,27 +100,19 @@ class TreeEquations:
     # The links, with their inertial parameters and at a configuration.
 
     @lazy_property
-    def _raw_links(self) -> tuple[Link, ...]:  # needed only for tracing
+    def joint_links(self) -> tuple[Link, ...]:
+        """Links with origins at the model's joints, without a payload."""
         return linkage(self.model)
 
     @lazy_property
-    def _links(self) -> tuple[Link, ...]:
-        links = self._raw_links
-        return denavit_hartenberg(links) if self.frame_reduction else links
-
-    @property
-    def joint_links(self) -> tuple[Link, ...]:
-        """Return the links with origins at the model's joints, without a payload."""
-        return self._raw_links
-
-    @property
     def geometry(self) -> tuple[Link, ...]:
-        """Return the links without a payload, for kinematics."""
-        return self._links
+        """Links without a payload, for kinematics."""
+        links = self.joint_links
+        return denavit_hartenberg(links) if self.frame_reduction else links
 
     def links(self, parameters: Vector) -> tuple[Link, ...]:
         """Return the links with full inertial parameters, including the payload."""
-        return self._loaded(self._links, parameters)
+        return self._loaded(self.geometry, parameters)
 
     def base_links(self, parameters: Vector) -> tuple[Link, ...]:
         """Return the links with base inertial parameters, enough for joint forces."""
@@ -243,7 +235,7 @@ class TreeEquations:
                         parameters: Vector) -> Matrix:
         """Return reactions of parents on children, (n_bodies, 6), world axes."""
         wrenches = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
-        links, x = self._at(q, self._loaded(self._raw_links, parameters))
+        links, x = self._at(q, self._loaded(self.joint_links, parameters))
         reactions = joint_reactions.joint_reactions(
             links, x, u, self._angle_accelerations(u, udot), parameters[:3], wrenches)
         return np.array(reactions).reshape(len(reactions), 6)
@@ -251,7 +243,7 @@ class TreeEquations:
     def regressor(self, q: Vector, u: Vector, udot: Vector, parameters: Vector,
                   share: Share = directly) -> Matrix:
         """Return the joint torque regressor of the rigid bodies, (n, 10 n_bodies)."""
-        links, x = self._at(q, self._raw_links)
+        links, x = self._at(q, self.joint_links)
         return regressor.regressor(links, x, u, self._angle_accelerations(u, udot),
                                    parameters[:3], share)
 
@@ -313,7 +305,7 @@ class TreeEquations:
         slides = {ball.body: slice(ball.speed - 3,
                                    ball.speed) for ball in self._free_balls}
         links = posed(self.base_links(parameters), self.model, q, list(slides))
-        geometry = posed(self._links, self.model, q, list(slides))
+        geometry = posed(self.geometry, self.model, q, list(slides))
         x, R = joint_positions(self.model, q), rotations(self.model, q)
         applied = self.drive_loads(u, tau)
         for body, slide in slides.items():
@@ -338,7 +330,7 @@ class TreeEquations:
         coordinates: list[int] = []
         # The sections of a beam have no coordinates of their own; the beam lists its
         # modes.
-        for link in self._raw_links:
+        for link in self.joint_links:
             if not link.deflection:
                 coordinates.append(link.coordinate)
             if link.beam:
@@ -659,7 +651,7 @@ class TreeEquations:
 
     def frame_pose(self, frame: Frame, q: Vector) -> Matrix:
         """Return the homogeneous transformation from the frame to the world, (4, 4)."""
-        links, x = self._at(q, self._links)
+        links, x = self._at(q, self.geometry)
         return frame_kinematics.frame_pose(links, frame, x)
 
     def frame_velocity(self, frame: Frame, q: Vector, u: Vector) -> Vector:
@@ -674,17 +666,17 @@ class TreeEquations:
     def _frame_motion(self, frame: Frame, q: Vector, u: Vector,
                       acceleration: Vector) -> Matrix:
         """Return velocity and acceleration of a frame, (2, 6), for local angles."""
-        poses = frame_kinematics.LinkPoses(*self._at(q, self._links))
+        poses = frame_kinematics.LinkPoses(*self._at(q, self.geometry))
         return frame_kinematics.frame_motion(frame, poses, u, acceleration)
 
     def partial_velocities(self, frame: Frame, q: Vector) -> Matrix:
         """Return the Jacobian (partial velocities), (6, n): linear, then angular."""
-        links, x = self._at(q, self._links)
+        links, x = self._at(q, self.geometry)
         return frame_kinematics.partial_velocities(links, frame, x)
 
     def partial_velocity_rates(self, frame: Frame, q: Vector, u: Vector) -> Matrix:
         """Return the time derivative of the Jacobian (partial velocities), (6, n)."""
-        links, x = self._at(q, self._links)
+        links, x = self._at(q, self.geometry)
         J_rate = frame_kinematics.partial_velocity_rates(links, frame, x, u)
         if not self.model.balls:
             return J_rate
@@ -693,7 +685,7 @@ class TreeEquations:
 
     def joint_origins(self, q: Vector) -> list[Vector]:
         """Return the joint origins of all bodies, (3,) each, m, world axes."""
-        poses = frame_kinematics.link_poses(*self._at(q, self._raw_links))
+        poses = frame_kinematics.link_poses(*self._at(q, self.joint_links))
         return [origin for _, origin in poses]
 
 

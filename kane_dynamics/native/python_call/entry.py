@@ -118,20 +118,18 @@ class Signature:
     @lazy_property
     def entry_points(self) -> llvm.Code:
         """Machine code of `entry` and `bound`, of which there is one a signature."""
-        code = _entry_points.get(self)
-        if code is None:
-            text = self._text()
-            code = llvm.Code(llvm.cached(lambda: llvm.assemble(text), 'entry', text))
-            _entry_points[self] = code
-        return code
-
-    def _text(self) -> str:
-        """Return the LLVM IR of the entry points."""
+        shared = _entry_points.get(self)
+        if shared is not None:
+            return shared
         sizes = [math.prod(lengths) for lengths in self.shapes]
-        code = '\n'.join([
+        text = '\n'.join([
             entry_code(self.shapes, self.limits, len(self.default_sizes) + 1, self.shape),
             bound_code([*sizes, *self.default_sizes], self.limits, 1, self.shape)])
-        return '\n'.join([ALL_FINITE, code]) if '@all_finite' in code else code
+        if '@all_finite' in text:
+            text = f'{ALL_FINITE}\n{text}'
+        code = llvm.Code(llvm.cached(lambda: llvm.assemble(text), 'entry', text))
+        _entry_points[self] = code
+        return code
 
 
 # The kernels keep them; they are unloaded with the last kernel of a signature.

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain, compress
+from itertools import compress
 import math
 import operator
 from types import CodeType
@@ -208,7 +208,8 @@ def _describe(value: Any, parts: list[str], seen: set[int]) -> None:
 
 def factored(program: Program) -> Program:
     """Rewrite ``a*c + b*c`` as ``(a + b)*c`` where both products have no other use."""
-    uses = _number_of_uses(program)
+    nodes = program.schedule()
+    uses = _number_of_uses([*map(operands, nodes), program.outputs])
     trace = Trace()
     rewritten: dict[int, Any] = {}
 
@@ -216,7 +217,7 @@ def factored(program: Program) -> Program:
         return rewritten[arg.index] if isinstance(arg, Expr) else arg
 
     # In order of creation, so that the operands of a node are rewritten before it.
-    for node in program.schedule():
+    for node in nodes:
         args = list(map(value_of, node.args))
         common = _common_factor(node, uses) if node.op in ('add', 'sub') else None
         if common is not None:
@@ -232,10 +233,10 @@ def factored(program: Program) -> Program:
     return Program(program.name, program.inputs, outputs, program.shape)
 
 
-def _number_of_uses(program: Program) -> dict[int, int]:
-    """Return how often each node is an operand or an output, by its index."""
+def _number_of_uses(users: Sequence[Sequence[Any]]) -> dict[int, int]:
+    """Return how often each node is used by an operation or as an output, by its index."""
     uses: dict[int, int] = {}
-    for values in chain(map(operands, program.schedule()), [program.outputs]):
+    for values in users:
         for x in values:
             if isinstance(x, Expr):
                 uses[x.index] = uses.get(x.index, 0) + 1

@@ -309,6 +309,28 @@ def test_native_entry_takes_matrices_as_they_are():
                 kernel(wrong, x)
 
 
+def test_entry_points_are_shared_by_kernels_of_one_signature_as_long_as_one_lives():
+    robots = [Robot(random_model(seed, 4)) for seed in (5, 6)]
+    q = np.full(4, 0.5)
+    # Through one code, each entry point calls its robot's kernel.
+    kernels = [robot.kernels.quantity('gravity_force') for robot in robots]
+    for robot, kernel in zip(robots, kernels):
+        np.testing.assert_array_equal(robot.gravity_force(q), kernel(q))
+        workspace = robot.bind()
+        workspace.q[:] = q
+        np.testing.assert_array_equal(workspace.gravity_force(), kernel(q))
+    code, other_code = (kernel._signature.entry_points for kernel in kernels)
+    assert code is other_code
+
+    alive = weakref.ref(code)
+    del code, other_code, kernels[0], robots[0]
+    gc.collect()
+    assert alive() is not None
+    del robot, kernel, workspace, kernels, robots
+    gc.collect()
+    assert alive() is None
+
+
 def test_results_are_freed_with_their_entry():
     robot = Robot(MODEL)
     ghosts = [weakref.ref(tau) for tau in [robot.inverse_dynamics(*STATE) for _ in range(4)]]
