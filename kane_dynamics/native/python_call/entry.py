@@ -118,7 +118,8 @@ class Signature:
     @lazy_property
     def entry_points(self) -> llvm.Code:
         """Machine code of `entry` and `bound`, of which there is one a signature."""
-        shared = _entry_points.get(self)
+        key = self.shapes, self.default_sizes, self.limits, self.shape
+        shared = _entry_points.get(key)
         if shared is not None:
             return shared
         sizes = [math.prod(lengths) for lengths in self.shapes]
@@ -128,12 +129,13 @@ class Signature:
         if '@all_finite' in text:
             text = f'{ALL_FINITE}\n{text}'
         code = llvm.Code(llvm.cached(lambda: llvm.assemble(text), 'entry', text))
-        _entry_points[self] = code
+        _entry_points[key] = code
         return code
 
 
-# The kernels keep them; they are unloaded with the last kernel of a signature.
-_entry_points: WeakValueDictionary[Signature, llvm.Code] = WeakValueDictionary()
+# The kernels keep them; they are unloaded with the last kernel of a signature. The keys
+# are the values of signatures: a signature would keep its own code.
+_entry_points: WeakValueDictionary[tuple[Any, ...], llvm.Code] = WeakValueDictionary()
 
 
 class EntryTable(np.ndarray):
