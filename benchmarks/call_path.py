@@ -2,7 +2,9 @@
 Count the modules and functions of kane_dynamics that one first call passes.
 
 A first call traces and compiles what it needs, so it passes more code than any later one: this is
-what """
+what a reader has to follow. Functions are counted once each, without comprehensions and lambdas,
+which belong to the function around them. `--list` names them by module.
+"""
 
 import argparse
 from collections import defaultdict
