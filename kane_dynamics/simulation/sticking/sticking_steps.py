@@ -237,7 +237,7 @@ class Sticking:
         raise InputError(
             f'sticking: more than {MOST} transitions of joints between sticking and sliding '
             f'in the step at {self._start + step * self._step:.6g} s; expected a shorter '
-            'step')
+            'step, or smooth friction where a closed loop sticks as a whole')
 
     def _record(self, path: '_Path', i: int, step: int, passed: float,
                 hit: '_Hit') -> None:
