@@ -195,7 +195,7 @@ def _guarded(cls: Class, refuses: Callable[[Any, str], bool]) -> Class:
 
 
 def function_hint(name: str) -> str | None:
-    """Return what replaces a name of another library that is no attribute, or None."""
+    """Return the hint for an attribute that is a name of another library, or None."""
     return _FUNCTION_BY_NAME.get(name.lower().replace('_', ''))
 
 

@@ -93,7 +93,7 @@ def limit_per_joint(value: ArrayLike, what: str, names: Sequence[str]) -> Array:
     for name, limit in zip(names, limits.tolist(), strict=True):
         if limit and not (LEAST_LIMIT <= limit <= LARGEST_LIMIT or math.isinf(limit)):
             raise InputError(f"{what} of joint '{name}': {limit:g}; expected from "
-                             f'{LEAST_LIMIT:g} to {LARGEST_LIMIT:g}, or inf without one')
+                             f'{LEAST_LIMIT:g} to {LARGEST_LIMIT:g}, or inf for no limit')
     return limits
 
 

@@ -99,7 +99,7 @@ def _default_joints(robot: Robot) -> Sequence[str]:
 
 
 def joints_that_follow(robot: Robot) -> tuple[int, ...]:
-    """Return the indices of the joints that follow motions: all in joint rates."""
+    """Return the indices of the joints that follow motions: all joints of trees."""
     if robot.equations.in_joint_rates:
         return tuple(range(robot.n_q))
     return followed_joints(robot)
@@ -280,7 +280,7 @@ def require_following(robot: Robot, followed: Sequence[int], q: Array, t: float,
 
 
 def law_margin(robot: Robot, followed: Sequence[int], q: Vector, t: Scalar) -> Scalar:
-    """Return what is positive where `require_following` raises no error; traced."""
+    """Return a traced number, positive where `require_following` raises no error."""
     equations = robot.equations
     T = equations.at_rest(q, t).T
     margin = transmission_margin(equations.mechanism, T, followed)

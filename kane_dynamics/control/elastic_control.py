@@ -142,7 +142,7 @@ class ElasticArm:
                              'through the derivatives of the others')
 
     def accelerations(self, q: Vector, torques: Vector, parameters: Vector) -> Vector:
-        """Return what torques beside inverse dynamics accelerate the links by, (n,)."""
+        """Return accelerations of the links by torques beyond inverse dynamics, (n,)."""
         return solve(self.tree.factors(q, parameters), self.tree.order, torques)
 
     def motor_torque(self, side: DriveSide, theta_rate: Scalar,
@@ -282,8 +282,8 @@ class _MotionLaw:
             if isinstance(curve, StiffnessCurve) and curve.dead_zone:
                 raise InputError(f"motor '{side.motor.name}': a dead zone of "
                                  f'{curve.dead_zone:g} in its stiffness curve; expected '
-                                 'a curve without one, because no torque does not '
-                                 'determine the deflection')
+                                 'a curve without one, because within it the '
+                                 'torque 0 leaves the deflection open')
         if not isinstance(motion, SmoothMotion):
             instance(motion, Motion, 'motion')
         if motion.joint_names != self.arm.names:
@@ -292,7 +292,7 @@ class _MotionLaw:
         self.motion = motion
 
     def _compiled(self, law: Callable[..., Any], **inputs: tuple[int, ...]) -> Kernel:
-        """Return a law as native code; inputs are q and u, and these."""
+        """Return a law as native code, whose inputs are q, u and the named ones."""
         n = self.robot.n
         return self.robot.compiled(law, name=f'elastic_{law.__name__}', q=(n,), u=(n,),
                                    shape=(n,), **inputs)

@@ -91,7 +91,7 @@ class FollowedMotion:
 
     def _closed(self, measured: Array, whole: Array | None, q: Array, rates: Array,
                 t: float) -> tuple[Array, Array]:
-        """Return configuration and speeds for those of the joints that follow."""
+        """Return configuration and speeds of all joints from those that follow."""
         tracker = self._tracker
         if tracker.path_rows and whole is None:
             raise InputError(f'motion: of {len(q)} joints, with '

@@ -120,8 +120,8 @@ def _add_drive(spec: 'mujoco.MjSpec', elastic: ElasticJoint, motor: Joint,
                          "constant stiffness and Spong's reduced model in MuJoCo")
     others = [name for name in drive.friction if name not in LINEAR_FRICTION]
     if friction and others:
-        raise ModelError(f'{what}: {others} of the motor; expected some of '
-                         f'{list(LINEAR_FRICTION)} in MuJoCo')
+        raise ModelError(f'{what}: motor friction {others}; expected only '
+                         f'{", ".join(LINEAR_FRICTION)}, which MuJoCo has')
     rotor = spec.worldbody.add_body(name=motor.name, mass=ROTOR_MASS,
                                     inertia=[ROTOR_MASS] * 3, explicitinertial=True)
     hinge = mujoco.mjtJoint.mjJNT_HINGE

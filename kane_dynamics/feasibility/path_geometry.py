@@ -132,7 +132,7 @@ def _waypoints(path: ArrayLike, names: Sequence[str]) -> Array:
 
 
 def _apart(points: Array, least: float) -> Array:
-    """Return the first and the last of the points, and those between that are apart."""
+    """Return the points without those too near to the one before; the ends stay."""
     distant = [points[0]]
     for point in points[1:]:
         if math.dist(point, distant[-1]) > least:
@@ -192,7 +192,7 @@ def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]
 
 
 class Part:
-    """The part of a motion between two rests, of which the outer ones may be none."""
+    """The part of a motion between two rests, or to an end that moves."""
 
     def __init__(self, motion: Motion, begin: float, end: float,
                  at_rests: tuple[bool, bool]) -> None:
@@ -245,7 +245,7 @@ class Part:
         return Section(q, *derivatives, lowest, highest, self.span)
 
     def _power(self, t: float, speed: float, at_rest: bool) -> int:
-        """Return the power of the time with which the path leaves an end."""
+        """Return the exponent p of s ~ t^p near an end: 1, 2, or 3 from rest."""
         if not at_rest and speed * self.span > AT_REST * self.length:
             return 1
         udot = self.motion.sample(t)[2]

@@ -149,7 +149,7 @@ def base_parameters(model: Model, speeds: Sequence[float] | Array, *, states: in
 
 
 def _combination(row: Array, own: int, names: Sequence[str]) -> str:
-    """Return a combination as text, with its own unknown first."""
+    """Return a combination of unknowns as text, beginning with the one it stands for."""
     parts = [names[own]]
     for k in np.flatnonzero(row).tolist():
         if k != own:

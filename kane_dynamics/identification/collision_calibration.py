@@ -89,7 +89,7 @@ class CollisionCalibration:
 
 @dataclass(frozen=True, eq=False)
 class _Estimates:
-    """External torques (N, n) along a recording, and what friction is fitted with."""
+    """External torques (N, n) along a recording, and the regressors of friction."""
 
     t: Array
     u: Array

@@ -272,7 +272,7 @@ class _PlainFits(NamedTuple):
         return _coulomb_fit(self.model, self.rows.data, weight, self.lowest, start)
 
     def weight(self, fit: LawFit) -> float:
-        """Return the weight of the prior that errors on left-out blocks support."""
+        """Return the weight of the prior that predicts left-out blocks best."""
         return _chosen_weight(self.rows, self.blocks, fit, self.model)
 
 

@@ -167,7 +167,7 @@ class _Follower:
         self.loops = DrivenLoops(robot, names) if robot.constraint_names else None
 
     def follow(self, start: Array) -> CartesianMotion:
-        """Return the motion from a configuration, with points until it is near enough."""
+        """Return the motion from a configuration, with as many points as needed."""
         times = _divided(self.desired.times, FIRST_INTERVALS)
         self._require_start(start)
         while True:

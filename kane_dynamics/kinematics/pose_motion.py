@@ -106,8 +106,9 @@ class PoseMotion:
                  duration: float | None = None) -> None:
         instance(path, PosePath, 'path')
         if (limits is None) == (duration is None):
-            raise InputError('limits and duration: both or none of them; expected one of '
-                             'limits or a duration')
+            both = 'neither is given' if limits is None else 'both are given'
+            raise InputError(f'limits and duration: {both}; expected exactly one of '
+                             'them')
         if limits is not None:
             instance(limits, PoseLimits, 'limits')
             if limits.angular is None and path.oriented and path.turns:

@@ -585,7 +585,7 @@ def _arc(start: Array, center: Array, circling: Array, turn: Array) -> _Piece:
 
 
 def _joint(before: _Piece, after: _Piece, blend: float, blend_angle: float) -> _Joint:
-    """Return how two pieces are joined within a largest distance and angle."""
+    """Return the largest blend of two pieces within a distance and an angle."""
     end = before.derivatives(np.array([before.length]))
     start = after.derivatives(np.zeros(1))
     jump = scale = 0.0

@@ -47,7 +47,7 @@ class ClosedPath:
         self._passed: list[Array] = []  # configurations, in the order of the motion
 
     def begin(self, *starts: Array) -> None:
-        """Begin at the first of some nearly closed configurations that closes."""
+        """Begin at the first of some configurations whose loops can be closed."""
         for k, start in enumerate(starts):
             try:
                 self._tracker.restart(start)

@@ -220,9 +220,10 @@ def _closed(robot: Robot, driving: list[int], t: Array, q: Array) -> Array:
 def motion_of_closed(robot: Robot, driving: Sequence[int], t: Array, Q: Array,
                      rates: Array, accelerations: Array) -> MechanismMotion:
     """
-    Return the motion in closed configurations, (N, n_q); `driving` are indices.
+    Return the motion through closed configurations, (N, n_q), of a robot.
 
-    The other arguments are those of `mechanism_motion`.
+    `driving` are the indices of the driving joints; the other arguments are those of
+    `mechanism_motion`.
     """
     at_rest = np.zeros((len(t), robot.n))
     # Columns of T: the rates at unit speeds, less those at rest, x.

@@ -728,7 +728,7 @@ class LoopTracker:
 
 
 def velocity_rows(robot: Robot) -> tuple[str, ...]:
-    """Return the rows on velocities: with these, positions depend on the path."""
+    """Return the rows of velocity constraints; positions then depend on the path."""
     mechanism = robot.mechanism
     return _velocity_rows(mechanism, range(len(mechanism.labels)))
 

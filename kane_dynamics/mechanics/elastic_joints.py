@@ -98,8 +98,8 @@ def spring_deflection(drive: Drive, torque: Scalar) -> Scalar:
     if curve.dead_zone:
         raise InputError(f"drive of motor '{drive.motor}': a dead zone of "
                          f'{curve.dead_zone:g} in its stiffness curve; expected a curve '
-                         'without one, because no torque does not determine the '
-                         'deflection')
+                         'without one, because within it the torque 0 leaves the '
+                         'deflection open')
     if max(curve.slopes) > SLOPES * min(curve.slopes):
         raise InputError(f"drive of motor '{drive.motor}': slopes from "
                          f'{min(curve.slopes):g} to {max(curve.slopes):g} in its '

@@ -493,7 +493,7 @@ class ModelBuilder:
         ratio = float(constant(multiplier, (), f'{what}: multiplier'))
         shift = float(constant(offset, (), f'{what}: offset'))
         if not ratio:
-            raise ModelError(f'{what}: multiplier: 0; expected another number')
+            raise ModelError(f'{what}: multiplier: 0; expected a nonzero number')
         # The master may itself mimic a joint; both then share that joint's coordinate.
         master = masters[mimic]
         return {'coordinate': master.coordinate, 'multiplier': ratio * master.multiplier,

@@ -190,7 +190,7 @@ class Drive:
         freeze(self, 'damping', damping)
         ratio = float(constant(self.ratio, (), 'drive: ratio'))
         if ratio == 0.0:
-            raise ModelError('drive: ratio 0; expected another number')
+            raise ModelError('drive: ratio 0; expected a nonzero number')
         freeze(self, 'ratio', ratio)
         if self.rotor_inertia is not None:
             freeze(self, 'rotor_inertia',
@@ -238,7 +238,7 @@ class Drive:
         """
         r = float(constant(ratio, (), 'drive: ratio'))
         if r == 0.0:
-            raise ModelError('drive: ratio 0; expected another number')
+            raise ModelError('drive: ratio 0; expected a nonzero number')
         if isinstance(stiffness, StiffnessCurve):
             width = stiffness.rounding
             assert width is not None

@@ -232,9 +232,9 @@ def _without_locked_drives(model: Model, held: Mapping[int, float]) -> list[Body
         rest = held[link] if link in held else held[motor]
         joint = bodies[moving].joint
         if isinstance(drive.stiffness, StiffnessCurve) or joint.stiffness:
-            raise InputError(f"positions: of link and motor of joint '{name}' one alone, "
-                             'with a stiffness curve or a spring at the other; expected '
-                             'both or none')
+            raise InputError(f"positions: only one side of the elastic joint '{name}', "
+                             'which has a stiffness curve or a spring; expected its link '
+                             'and its motor, or neither')
         # The joint's position is its multiplier times the coordinate.
         r = joint.multiplier
         joint = replace(joint, stiffness=drive.stiffness / (r * r), rest=r * rest,

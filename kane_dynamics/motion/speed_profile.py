@@ -128,7 +128,7 @@ def _speeds_between(sections: Sequence[SectionLimits], stops: Sequence[bool]
 
 
 def _reached(section: SectionLimits, speed: float) -> float:
-    """Return the largest speed to which a section lets a speed rise."""
+    """Return the largest speed at the end of a section that begins with a speed."""
     if section.steady:
         return speed
     return _largest(section, speed, lambda top: _distance(section, speed, top))

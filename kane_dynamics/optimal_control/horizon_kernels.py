@@ -16,7 +16,7 @@ import numpy as np
 
 
 class Input(NamedTuple):
-    """Entries of an array that a kernel reads, the row counted from the interval's."""
+    """Entries that a kernel reads from an array, in a row counted from the interval."""
 
     array: str
     row: int

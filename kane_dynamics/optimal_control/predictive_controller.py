@@ -191,7 +191,7 @@ class PredictiveController:
             iterations=0, converged=False, feasible=False)
 
     def _forget_disturbance(self) -> None:
-        """Begin the estimate again: a state without a plan would stay in it."""
+        """Reset the estimate, in which a state without a plan would leave a trace."""
         if self._observer is None:
             return
         self._observer.reset()

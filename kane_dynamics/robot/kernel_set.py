@@ -51,7 +51,7 @@ class Sizes(NamedTuple):
         return self.n_q + 2 * self.n
 
     def shape(self, entries: tuple[int | str, ...]) -> Shape:
-        """Return the shape whose entries are numbers or names of these sizes."""
+        """Return a shape as numbers, with these sizes in place of their names."""
         shape = []
         for entry in entries:
             size: int = getattr(self, entry) if isinstance(entry, str) else entry
@@ -582,7 +582,7 @@ def method_in_lanes(equations: Equations, name: str) -> Callable[..., Any] | Non
 
 def kernel_per_robot(function: Callable[[Any], Kernel]) -> Callable[[Any], Kernel]:
     """
-    Return a function that asks another one for a kernel once for each robot.
+    Return a function that makes a kernel once for each robot, by another function.
 
     `Robot.compiled` compiles once, too, but reads its function again at each call, which
     takes longer than many kernels. The robot's set of kernels stores the kernel, which

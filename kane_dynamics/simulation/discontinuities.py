@@ -152,7 +152,7 @@ class JumpWatch(Observer):
                               'numbers below 1e100')
 
     def _kernel(self, of_state: bool) -> Kernel:
-        """Return the kernel of `Screen`, (1 + C,), by begin and end, and by q and q' before."""
+        """Return the kernel of `Screen`, (1 + C,), for an interval of time."""
         robot, mechanism = self._robot, self._mechanism
         assert mechanism is not None
         shape = (robot.n_q,)

@@ -25,7 +25,7 @@ import numpy as np
 
 
 class StepChoice(NamedTuple):
-    """Arguments of `step_kernel` after the robot."""
+    """Which step a kernel computes: the arguments of `step_kernel` after the robot."""
 
     feedback: bool
     integrator: str = 'rk4'

@@ -475,5 +475,5 @@ def _scales(scale: ArrayLike, names: Sequence[str]) -> Array:
     scales = finite_row(row, 'scale', names)
     if not scales.all():
         joint = names[int(np.flatnonzero(scales == 0.0)[0])]
-        raise InputError(f"scale of joint '{joint}': 0; expected another number")
+        raise InputError(f"scale of joint '{joint}': 0; expected a nonzero number")
     return scales

@@ -139,11 +139,12 @@ def checked_directions(directions: Sequence[str], what: str) -> tuple[int, ...]:
 
 
 def singular_mass(robot: Robot, stated: float | None) -> float:
-    """Return the mass above which a direction counts as singular, kg; HEAVY times all."""
+    """Return the mass, kg, above which a direction is singular."""
     if stated is not None:
         return number(stated, 'singular_mass', 'a positive, finite mass in kg',
                       lambda x: 0.0 < x < np.inf)
-    # The rotors count as masses at the mechanism's length.
+    # By default HEAVY times the mass of all bodies; rotors count as masses at the
+    # mechanism's length.
     mass = 0.0
     for body in robot.model.bodies:
         joint = body.joint

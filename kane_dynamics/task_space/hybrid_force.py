@@ -254,7 +254,7 @@ def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls
 
 def _integrated(integral: Scalar, error: Scalar, contact: Scalar, wanted: Scalar,
                 gain: Scalar) -> Scalar:
-    """Return the integral after a step: in contact alone, within a part of the force."""
+    """Return the integral after a step, which grows in contact alone."""
     moved = integral + select(contact > 0.0, gain * error, 0.0)
     bound = INTEGRAL_LIMIT * magnitude(wanted)
     moved = select(bound < moved, bound, moved)

@@ -40,7 +40,7 @@ class JointWalls:
     def settings(self, stiffness: ArrayLike | None,
                  margin: ArrayLike | None) -> dict[str, Array]:
         """
-        Return stiffness, N m/rad, where the walls begin, and damping; checked.
+        Return stiffness and damping of the walls, and the positions where they begin.
 
         By default a wall holds the effort limit at the joint limit.
         """

@@ -129,7 +129,7 @@ def _singles(tree: UrdfTree) -> dict[str, StatedJoint]:
 
 
 def _behind(singles: Iterable[StatedJoint], base: str) -> dict[str, list[StatedJoint]]:
-    """Return the outward joints of the base and of every link and body beyond it."""
+    """Return the joints beyond the base, by the link or body that carries them."""
     outward: dict[str, list[StatedJoint]] = {}
     for single in singles:
         outward.setdefault(single.parent, []).append(single)

@@ -111,7 +111,7 @@ def _frames(model: Model) -> list[dict[str, Any]]:
 
 
 def _constraints(robot: Robot) -> dict[str, Any]:
-    """Return what the constraints leave, and by how much the given configuration is open."""
+    """Return degrees of freedom, rows, actuators, and the residual of the loops."""
     labels = robot.mechanism.labels
     independent_rows = set(robot.mechanism.kept)
     redundant = [label for k, label in enumerate(labels) if k not in independent_rows]

@@ -105,7 +105,7 @@ def _print_summary(data: Mapping[str, Any]) -> None:
 
 
 def _entries(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return the entries of a file, those that name files relative to this process."""
+    """Return the entries of a sweep's file, with the paths of other files resolved."""
     entries = read_yaml(path, 'sweep', InputError)
     if not isinstance(entries, dict):
         raise InputError(f'{path}: {SHORT.repr(entries)}; expected entries such as urdf '

@@ -148,7 +148,7 @@ class _Part:
         return derivatives[0], derivatives[1], derivatives[2], derivatives[3]
 
     def _powers(self) -> list[int]:
-        """Return the powers of the time with which the path leaves its two ends."""
+        """Return the exponents p of s ~ t^p near both ends: 1, 2, or 3 from rest."""
         span = self.t[-1] - self.t[0]
         powers = []
         for end in (0, -1):
@@ -191,7 +191,7 @@ class _Part:
         return SmoothSection(s, place[vertex], vertex, section, third)
 
     def _jumps(self, t: Array, at: Segments, knots: Segments) -> Segments:
-        """Return those points at points of the motion at which its jerk jumps."""
+        """Return the points of the motion at which its jerk jumps."""
         if not at.size:
             return at
         sides = [self.derivatives(t[at], knots[at] - k)[3] for k in (0, 1)]

@@ -249,7 +249,7 @@ class GearEquations:
         return self._cache[key]
 
     def _motor_friction(self, slip: float) -> Array:
-        """Return the spectrum of Coulomb friction of coefficient 1 of the motor."""
+        """Return the spectrum of the motor's Coulomb friction of coefficient 1."""
         if slip not in self._sliding:
             self._sliding.clear()
             speed = self._signals.speed

@@ -207,7 +207,7 @@ class PayloadRows:
                              Derivative('derivative', ('payload',)))
 
     def _slack(self, rates: Array) -> Array:
-        """Return what friction of joints at these rates may hold beyond the smoothed law."""
+        """Return the most that friction may hold beyond the smoothed law."""
         slip = np.abs(coulomb(rates, self._joint_speed))
         return np.asarray((1.0 - slip) * self._joint_friction)
 
@@ -226,7 +226,7 @@ def _second_moments(P: Array) -> Array:
 
 
 def _transmission_kernel(robot: Robot, equations: Equations) -> Kernel:
-    """Return the kernel of T beside the rates of the joints, (n_j, n + 1), by q, u and t."""
+    """Return the kernel of T and, as its last column, the joint rates, (n_j, n + 1)."""
     def rows(q: Any, u: Any, t: Any) -> Any:
         motion = equations.joint_motion(q, u, equations.zeros, t)
         return np.concatenate([motion.T, motion.qdot[:, None]], axis=1)

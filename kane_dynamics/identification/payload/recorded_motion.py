@@ -94,7 +94,7 @@ def recorded_states(robot: Robot, names: Sequence[str],
 
 
 def _driving(robot: Robot, names: Sequence[str]) -> list[int]:
-    """Return which of more actuators than independent speeds drive the others."""
+    """Return the actuators that drive the others, where there are more than speeds."""
     wanted = driving_joints(robot)
     if not set(wanted) <= set(names):
         raise InputError(f'recording: of {", ".join(names)}; expected the joints that '

@@ -72,8 +72,8 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
                              for name in NAMES}
     for name in ('q', 'tau'):
         if found[name] is None:
-            raise InputError(f"{path}: no '{name}' of the joints; expected "
-                             f"'{name}.{joint_names[0]}' or '{name}1', and so on")
+            raise InputError(f"{path}: no '{name}'; expected a column for each joint, "
+                             f"the first named '{name}.{joint_names[0]}' or '{name}1'")
     for name, value in found.items():
         if value is not None and len(value) != len(t):
             raise InputError(f"{path}: '{name}': {len(value)} rows; expected {len(t)}, "
@@ -256,7 +256,8 @@ def _places(count: int, word: str, joint_names: Sequence[str], numbered: list[st
     for order in (numbered, among):
         if len(order) == count:
             return [order.index(joint) for joint in joint_names]
-    robot = f', or of all {len(numbered)} of the robot' if len(numbered) > len(among) else ''
-    raise InputError(f"{path}: '{word}': numbered to {count}; expected numbers of the "
-                     f'{len(among)} joints {among}{robot}; or name the columns '
-                     f"'{word}.{joint_names[0]}' and so on")
+    or_all = ''
+    if len(numbered) > len(among):
+        or_all = f', or for all {len(numbered)} of the robot'
+    raise InputError(f"{path}: '{word}': {count} numbered columns; expected one for each of "
+                     f"the joints {among}{or_all}, or columns named '{word}.<joint>'")

@@ -159,7 +159,7 @@ def _outlying(delay: Array, deviation: Array, from_delay: float) -> Flags:
 
 
 def _residuals(A: Array, torques: Array) -> Array:
-    """Return what the columns of A miss of each column of torques."""
+    """Return the residuals of each column of torques in a least-squares fit by A."""
     size = np.linalg.norm(A, axis=0)
     # Columns pivoted by length: the diagonal of R falls like the singular values.
     U, R, _ = scientific('scipy.linalg').qr(A[:, size > 0.0] / size[size > 0.0],

@@ -18,7 +18,7 @@ import numpy as np
 
 class TreeInLanes:
     """
-    The matrices of `TreeEquations` that take many joints' vectors, by the same names.
+    Matrices of `TreeEquations`, by the same names, computed for several joints at once.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Around compiling: garbage collection pauses, and what takes long is logged."""
+"""Pause garbage collection while code compiles, and log compilations that take long."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -188,7 +188,7 @@ class BatchFunction:
 
     def _explain(self, kernel: Kernel, flags: int, arrays: Sequence[Array],
                  rows: Sequence[Array], result: Array) -> None:
-        """Raise InputError for what is not finite, but for effects of the seeds."""
+        """Raise InputError for numbers that are not finite other than by seeds."""
         differentiable = self._kernels.differentiable(self._quantity)
         bad = beyond(self._result, result)
         for argument, array, x in zip(self.arguments, arrays, rows):

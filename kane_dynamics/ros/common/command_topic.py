@@ -75,7 +75,7 @@ def several_commanders(names: list[str]) -> str:
 
 def not_simulated(node: Node, topic: str) -> str:
     """
-    Return why a topic of commands is not known to be of simulated robots only.
+    Return why commands on a topic might reach a real robot; empty if they cannot.
 
     A simulated robot publishes a topic whose last name is ``simulated_robot``. Hidden
     nodes and recorders (rosbag2, Foxglove) do not count.

@@ -155,7 +155,7 @@ class GraphExamination:
         return all(self._topic_ends()) and self._all_named()
 
     def _state_publishers(self, foreign: int) -> list[Finding]:
-        """Return the findings of the publishers of joint states; some are of others."""
+        """Return a problem if more than one node publishes the joint states."""
         publishers, _, _ = self._topic_ends()
         if len(publishers) - foreign <= 1:
             return []

@@ -112,7 +112,7 @@ class ConfiguredGuard:
         subscribe(Float64MultiArray, f'{target}/{REQUEST}', self._on_request, RELIABLE)
 
     def _tick(self) -> None:
-        """Note that the guard runs, and report that it did not."""
+        """Note that the guard runs; report it if the guard was stopped before."""
         watch = self.path.watch
         watch.tick(time.perf_counter())
         if watch.stopped_for > 0.0:

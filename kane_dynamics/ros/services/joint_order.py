@@ -73,7 +73,7 @@ def close_loops(robot: Robot, q: Array) -> Array:
     units = robot.mechanism.units
     if not (moved / units).max() <= MOST_MOVED:
         k = int((moved / units).argmax())
-        raise InputError(f'position: the loops close {moved[k]:.3g} rad or m away in '
-                         f"'{robot.joint_names[k]}'; expected at most {MOST_MOVED:g} "
-                         'rad, or lengths of the mechanism')
+        raise InputError(f"position: closing the loops moves '{robot.joint_names[k]}' by "
+                         f'{moved[k]:.3g} rad or m; expected at most {MOST_MOVED:g} rad, '
+                         'or lengths of the mechanism')
     return closed

@@ -74,7 +74,7 @@ class ArmCouplingMode(LiveLaw):
         """Do nothing: the law is compiled."""
 
     def restart(self) -> None:
-        """Begin alone at the next state; after an interruption only a new wish engages."""
+        """Begin alone at the next state; an interrupted coupling needs a new request."""
         self.law.restart()
 
     def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,

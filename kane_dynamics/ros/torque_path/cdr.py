@@ -235,7 +235,7 @@ class PreparedMessage(MessageBuffer):
 
 
 def joint_state_of_efforts(names: Sequence[str]) -> PreparedMessage:
-    """Return a sensor_msgs/JointState with an effort a name and no other numbers."""
+    """Return a sensor_msgs/JointState with one effort per name and no other numbers."""
     writer, offsets = write_joint_state(names, '', (0, 0, len(names)))
     return PreparedMessage(writer, offsets[2], len(names))
 

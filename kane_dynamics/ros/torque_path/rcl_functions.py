@@ -44,7 +44,7 @@ class SerializedMessage(ctypes.Structure):
 
 
 class WaitSet(ctypes.Structure):
-    """The structure rcl_wait_set_t: arrays with their lengths, and what is behind."""
+    """The structure rcl_wait_set_t, with room for more than its fields."""
 
     _fields_ = [('words', SIZE * 32)]  # more than it has
 

@@ -73,7 +73,7 @@ class TargetReach:
         return float(best[0]), float(best[1])
 
     def _search(self, goal: Array, q: Array) -> tuple[Array, Array]:
-        """Return the last configuration, and what remains there."""
+        """Return the last configuration, and its distance and angle from the goal."""
         rows = self._rows
         rows[0, :-2] = q
         last = np.inf
@@ -90,7 +90,7 @@ class TargetReach:
 
     def _step(self, row: Vector, goal: Matrix, bounds: Matrix) -> Vector:
         """
-        Return the next configuration, and what remains at this one; traced.
+        Return the next configuration, and distance and angle at the present one; traced.
 
         The row is the configuration, then distance and angle, which are not used.
         """

@@ -325,7 +325,7 @@ def _parts(contact: FrictionState, state: Vector) -> tuple[Vector, Vector, Vecto
 
 def _at_place(contact: FrictionState, choice: StepChoice, search: Search, inputs: Matrix,
               constants: Vector, x: Scalar) -> AtPlace:
-    """Return what holds x s after the beginning of the part."""
+    """Return the state, x s after the beginning of the part, with its functions."""
     robot = contact.robot
     equations: Any = robot.equations
     state, motion = _after_part(contact, choice, search, inputs, constants, x)
@@ -350,7 +350,7 @@ def _at_place(contact: FrictionState, choice: StepChoice, search: Search, inputs
 
 def _at_rest(contact: FrictionState, choice: StepChoice, search: Search, inputs: Matrix,
              constants: Vector) -> AtRest:
-    """Return what holds at the beginning of the part, in the current sets of joints."""
+    """Return the complementarity problem at the beginning of the part."""
     robot = contact.robot
     equations: Any = robot.equations
     k = len(contact.joints)

@@ -65,9 +65,9 @@ def test_numbers_as_many_as_the_wanted_joints_count_these_from_the_base(tmp_path
     path = table(tmp_path / 'a.csv', *counted(2))
     assert read_recording(path, ['d', 'b'], numbered='abcd').q[0].tolist() == [2.0, 1.0]
     for wanted in ('bcd', 'b'):
-        with pytest.raises(InputError, match=r"'q': numbered to 2; expected .* all 4 of"):
+        with pytest.raises(InputError, match=r"'q': 2 numbered columns; expected .* all 4 of"):
             read_recording(path, list(wanted), numbered='abcd')
-    with pytest.raises(InputError, match="'q': numbered to 2; expected numbers of the 1 joints"):
+    with pytest.raises(InputError, match="'q': 2 numbered columns; expected one for each"):
         read_recording(path, ['a'])
 
 

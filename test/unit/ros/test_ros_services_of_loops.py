@@ -66,5 +66,5 @@ def test_loops_that_close_far_away_are_refused_though_their_residual_is_small():
     assert np.abs(closed - straight).max() > MOST_MOVED
     between = straight + 0.1 * (closed - straight)
     assert np.abs(robot.constraint_residual(between)).max() < 0.01
-    with pytest.raises(InputError, match=r"the loops close 0\.\d+ rad or m away in 'rocker'"):
+    with pytest.raises(InputError, match=r"closing the loops moves 'rocker' by 0\.\d+ rad or m"):
         close_loops(robot, between)

@@ -131,7 +131,7 @@ class Prescribed:
         return ConstraintRows(row[None, :], np.array([velocity]), (residual,))
 
     def functions(self, geometry: Geometry) -> dict[str, Any]:
-        """Return what must be continuous in time, by name: position and velocity."""
+        """Return the functions that must be continuous, by name: position, velocity."""
         # The velocity is the derivative part of the position at a time with t' = 1.
         what = f"constraint '{self.name}': position(t)"
         time = moving(geometry.t, 1.0)

@@ -80,7 +80,7 @@ class PointVelocity:
         return ConstraintRows(np.array([row]), np.array([b]), (None,))
 
     def functions(self, geometry: Geometry) -> dict[str, Any]:
-        """Return what must be continuous in time, by name: the value, if a function."""
+        """Return the functions that must be continuous: the value, if it is one."""
         if not callable(self.value):
             return {}
         what = f"constraint '{self.name}': value(t)"
@@ -138,7 +138,7 @@ class DependentSpeeds:
         return ConstraintRows(Y_D - A @ Y_I, B - Z_D + A @ Z_I, no_residuals)
 
     def functions(self, geometry: Geometry) -> dict[str, Any]:
-        """Return what must be continuous in time, by name: A and B."""
+        """Return the functions that must be continuous in time, by name: A and B."""
         m = len(self.dependent)
         what = f"constraint '{self.name}'"
         q = geometry.q
