@@ -172,6 +172,7 @@ def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]
         If the motion does not move.
 
     """
+    # Cut at the rests, and leave out what does not move.
     cuts = rests(motion)
     parts = []
     for k, (begin, end) in enumerate(pairwise(cuts)):
@@ -181,13 +182,15 @@ def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]
     if not parts:
         raise InputError(f'path: rests at {motion.positions[0].tolist()}; expected a '
                          'path that moves')
+    # At a rest the path begins as a power of s; where it moves through an end, as s.
     sampled = []
     for k, part in enumerate(parts):
         from_rest = k > 0 or ends[0]
         to_rest = k < len(parts) - 1 or ends[1]
+        first_order = order if from_rest else 1
+        last_order = order if to_rest else 1
         intervals = max(FEWEST, round(points * part.length / total))
-        sampled.append(part.sampled(intervals, order if from_rest else 1,
-                                    order if to_rest else 1))
+        sampled.append(part.sampled(intervals, first_order, last_order))
     return sampled
 
 

@@ -189,6 +189,8 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
     base = base_parameters(model, speeds)
     equations, floor, counts = compressed(data, speeds)
     equations = [(R[:, base.columns], z) for R, z in equations]
+
+    # Weighted least squares; the weights are the deviations of the last residuals.
     sigma = np.ones(len(equations))
     for _ in range(ROUNDS if weighted else 1):
         A, b = stacked(equations, sigma)
@@ -197,6 +199,7 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
             raise InputError('motion: does not excite '
                              f"'{base.names[int(np.argmin(scale))]}'; expected an "
                              'exciting motion')
+        # The combination of the smallest singular value is the least excited.
         _, singular, Vt = np.linalg.svd(A / scale, full_matrices=False)
         if singular[-1] < 1e-12 * singular[0]:
             worst = int(np.argmax(np.abs(Vt[-1])))

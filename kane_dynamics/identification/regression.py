@@ -282,11 +282,17 @@ def compressed(data: RegressionRows,
             raise InputError(f"joint '{data.joint_names[j]}': moves in {count} rows of "
                              f'the fit; expected more than {columns + 1} for {columns} '
                              'unknowns')
+    # QR of the QR of consecutive blocks: [R z; 0 f] for each joint, where f^2 is the sum of
+    # squares that no parameters reduce. With few columns in use that row may be missing.
     parts = [factorized(part, speeds) for part in data.stretches]
-    whole = [triangle(np.vstack(of_joint)) for of_joint in zip(*parts, strict=True)]
-    # With few columns in use the last row may be missing.
-    floor = [R[-1, -1]**2 if len(R) > columns else 0.0 for R in whole]
-    return [(R[:columns, :-1], R[:columns, -1]) for R in whole], np.array(floor), counts
+    equations = []
+    floor = np.zeros(len(counts))
+    for j, of_joint in enumerate(zip(*parts, strict=True)):
+        R = triangle(np.vstack(of_joint))
+        if len(R) > columns:
+            floor[j] = R[-1, -1]**2
+        equations.append((R[:columns, :-1], R[:columns, -1]))
+    return equations, floor, counts
 
 
 def factorized(data: RegressionRows, speeds: Array) -> list[Array]:
@@ -315,5 +321,9 @@ def triangle(A: Array) -> Array:
 
 def stacked(equations: list[tuple[Array, Array]], sigma: Array) -> tuple[Array, Array]:
     """Return the equations of all joints, divided by their standard deviations."""
-    return (np.vstack([R / s for (R, _), s in zip(equations, sigma, strict=True)]),
-            np.concatenate([z / s for (_, z), s in zip(equations, sigma, strict=True)]))
+    rows = []
+    right_sides = []
+    for (R, z), deviation in zip(equations, sigma, strict=True):
+        rows.append(R / deviation)
+        right_sides.append(z / deviation)
+    return np.vstack(rows), np.concatenate(right_sides)

@@ -244,23 +244,27 @@ class PosePath:
         """Store pieces, the next of which begins where the last one ends."""
         self.oriented = oriented
         self._pieces = tuple(pieces)
-        joints = [_joint(before, after, blend, blend_angle)
-                  for before, after in pairwise(pieces)]
+        joints = []
+        for piece, following in pairwise(pieces):
+            joints.append(_joint(piece, following, blend, blend_angle))
+        joints.append(_Joint(0.0, False))  # the end of the path
+
+        # Of each piece, what the blends at its ends leave; then the blend with the next.
         sections: list[_Section] = []
         stops: list[bool] = []
         corners: list[Corner] = []
         total = sum(piece.length for piece in pieces)
         passed = 0.0
-        begin = 0.0  # of what the blend before has left of the piece
+        begin = 0.0  # of what the last blend has left of the piece
         for k, piece in enumerate(pieces):
-            joint = joints[k] if k < len(joints) else _Joint(0.0, False)
+            joint = joints[k]
             straight = piece.length - begin - joint.half
             if straight > SHORTEST * piece.length:
                 sections.append(_Section(piece, begin, straight))
                 stops.append(joint.rests)
             begin = joint.half
             passed += piece.length
-            if k == len(joints):
+            if k == len(pieces) - 1:
                 break
             distance = angle = 0.0
             if joint.half:

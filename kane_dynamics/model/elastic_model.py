@@ -130,7 +130,12 @@ def require_rigid_joints(model: Model) -> None:
 def link_side(model: Model) -> Model:
     """Return the links of an elastic model alone: without motors, drives and rotors."""
     motors = {elastic.drive.motor for elastic in model.drives}
-    coordinates = [k for k, name in enumerate(model.joint_names) if name not in motors]
+    coordinates = []  # those that stay, in order
+    for k, name in enumerate(model.joint_names):
+        if name not in motors:
+            coordinates.append(k)
+
+    # Bodies, joints and beams with the indices of what is left.
     numbers = {WORLD: WORLD}  # of the bodies that stay
     bodies: list[Body] = []
     for index, body in enumerate(model.bodies):

@@ -135,8 +135,10 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *,
 
 def _largest_distance(lines: Lines, moved: Lines) -> float:
     """Return the largest distance along an axis between the points of lines, m."""
-    return max(float(np.abs(moved_points - points).max())
-               for (_, points), (_, moved_points) in zip(lines, moved))
+    distances = []
+    for (_, points), (_, moved_points) in zip(lines, moved):
+        distances.append(np.abs(moved_points - points).max())
+    return float(max(distances))
 
 
 def _checked(model: Model, q: Any) -> Array:

@@ -184,15 +184,17 @@ def beside(axes: Axes, *words: tuple[str, str]) -> None:
 
 def legend_below(figure: Figure, panels: Any, last: Sequence[str] = ()) -> None:
     """Place one legend of all panels below them; labels in `last` come last."""
-    shown: dict[str, Any] = {}
+    # The first handle of each label, in order of appearance; then those in `last`.
+    handles: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            shown.setdefault(label, handle)
-    labels = [label for label in shown if label not in last]
-    labels += [label for label in last if label in shown]
+            handles.setdefault(label, handle)
+    for label in last:
+        if label in handles:
+            handles[label] = handles.pop(label)
     room = 5 if figure.get_figwidth() < 12.0 else 9
-    figure.legend([shown[label] for label in labels], labels, loc='outside lower center',
-                  ncols=min(len(labels), room), columnspacing=1.6)
+    figure.legend(list(handles.values()), list(handles), loc='outside lower center',
+                  ncols=min(len(handles), room), columnspacing=1.6)
 
 
 def panel_unit(what: str, names: Sequence[str], prismatic: Collection[str]) -> str:

@@ -276,15 +276,17 @@ class SwitchingSteps(Steps):
 
     def _changed(self, i: int, state: Array, choice: Any, done: int) -> Array:
         """Change simulation i to another choice; return the state in its speeds."""
-        old, t = self._phases[i].robot, self._time(done)
-        q, u = self._parts(state)
+        old = self._phases[i].robot
         new = in_choice(self.robot, choice.free, choice.kept)
+        t = self._time(done)
+        q, u = self._parts(state)
+
+        # The joint rates in the old speeds give the new ones: u = Y q' + Z.
         at: dict[str, Any] = {'t': t} if old.equations.timed else {}
-        Y, Z = (np.array(x, dtype=np.float64) for x in new.mechanism.state(
-            q, t).speed_rows(new.speed_names))
+        rates = joint_speeds(old.model, q, old.joint_rates(q, u, **at))
+        Y, Z = new.mechanism.state(q, t).speed_rows(new.speed_names)
         state = state.copy()
-        state[old.n_q:old.n_q + old.n] = Y @ joint_speeds(
-            old.model, q, old.joint_rates(q, u, **at)) + Z
+        state[old.n_q:old.n_q + old.n] = np.asarray(Y @ rates + Z, dtype=np.float64)
         self._enter(i, Phase(new, max(self._usual, ROOM * choice.figure)))
         self._history[i].append((done, new))
         if new.speed_names != old.speed_names:
@@ -426,9 +428,8 @@ class SingularityWatch:
             side = np.sign(np.linalg.det(rows[:, [*of_user.free, *constraint_rows]]))
             for k in np.flatnonzero(side[1:] * side[:-1] <= 0.0)[:1].tolist():
                 stack = stacked(of_user, q[k], times[k])
-                loop = constraints_at_fault(of_user, stack, of_user.free,
-                                            best_choice(of_user, stack,
-                                                        of_user.free).kept)
+                kept = best_choice(of_user, stack, of_user.free).kept
+                loop = constraints_at_fault(of_user, stack, of_user.free, kept)
                 raise ConstraintError(
                     f'{where(k)}the independent speeds {", ".join(of_user.speed_names)} '
                     f'become singular within the next step under {loop}, at '
@@ -438,9 +439,10 @@ class SingularityWatch:
                     'changes them')
         if near:
             S = rows[:, [*mechanism.free, *constraint_rows]]
-            turn = np.linalg.solve(S[:-1], S[1:]) - np.eye(n)
-            for k in np.flatnonzero(np.linalg.norm(turn,
-                                                   axis=(1, 2)) > TURN)[:1].tolist():
+            # From row to row S changes little, unless a singularity lies between them.
+            change = np.linalg.solve(S[:-1], S[1:]) - np.eye(n)
+            sizes = np.linalg.norm(change, axis=(1, 2))
+            for k in np.flatnonzero(sizes > TURN)[:1].tolist():
                 loop = constraints_at_fault(mechanism,
                                             stacked(mechanism, q[k], times[k]),
                                             mechanism.free, mechanism.kept)

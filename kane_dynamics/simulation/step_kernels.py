@@ -145,8 +145,7 @@ class RobotMotion:
     """A robot during one traced step, in the interface of the integrators (`System`)."""
 
     def __init__(self, robot: Robot, inputs: Matrix, gains: Vector | None,
-                 parameters: Vector,
-                 dual_to: tuple[str, ...] | None, watched: bool,
+                 parameters: Vector, dual_to: tuple[str, ...] | None, watched: bool,
                  followed: Sequence[int], start: Vector, h: Scalar) -> None:
         """
         Store the arguments of the step of length h, which begins at the time `start`, (0 or 1,).
@@ -154,12 +153,19 @@ class RobotMotion:
         `gains` is None if torques are held; with `watched`, `margins` collects those of
         stages.
         """
-        self.equations, self.robot, self._dual_to = robot.equations, robot, dual_to
+        self.robot = robot
+        self.equations = robot.equations
         self.bristles = len(robot.equations.tree.bristles)
-        self._inputs, self._parameters = inputs, parameters
+        self.watched = watched
+        self.margins: list[Scalar] = []
+        self._dual_to = dual_to
+        self._inputs = inputs
+        self._parameters = parameters
         self._gains: Any = gains
-        self.watched, self.margins = watched, list[Scalar]()
-        self._start, self._h = start, h
+        self._start = start
+        self._h = h
+
+        # No wrench acts in simulations, but programs may have it as an input.
         no_wrench = robot.kernels.no_wrench
         self._wrench = [no_wrench] if len(no_wrench) else []
         self._law: Program | None = None

@@ -107,17 +107,20 @@ class PayloadEquations:
 
     def add(self, row: Array) -> None:
         """Add the equations of one sample."""
-        block: Array | None = row
+        # Level k has sums of 2^k successive rows. Two of its blocks are one of the next
+        # level; a first one waits for the second.
+        block = row
         for level in range(LEVELS):
-            if block is None:
-                return
-            kept = self._kept**(2**level)
-            self._products[level] *= kept
+            weight = self._kept**(2**level)
+            self._products[level] *= weight
             self._products[level] += block[..., :, None] * block[..., None, :]
-            self._counts[level] = kept * self._counts[level] + 1.0
-            before = self._pending[level]
-            self._pending[level] = block if before is None else None
-            block = None if before is None else before + block
+            self._counts[level] = weight * self._counts[level] + 1.0
+            first_of_two = self._pending[level]
+            if first_of_two is None:
+                self._pending[level] = block
+                return
+            self._pending[level] = None
+            block = first_of_two + block
 
     def solve(self) -> tuple[Array, Array]:
         """

@@ -75,15 +75,20 @@ class PayloadRegressor:
 
     def __init__(self, model: Model | Robot, frame: str) -> None:
         """Prepare a robot with a payload at the frame."""
-        given = model if isinstance(model, Robot) else Robot(model)
-        if given.model.frame(frame).body == WORLD:
+        bare = model if isinstance(model, Robot) else Robot(model)
+        if bare.model.frame(frame).body == WORLD:
             raise InputError(f"frame '{frame}': fixed in the world; expected a frame "
                              'that joints move')
-        self.robot = Robot(given.model, **{**given.options, 'payload_frame': frame,
-                                           'wrench_frames': ()})
-        self.robot.parameters.gravity = given.parameters.gravity
-        self._moments = np.column_stack([
-            _second_moments(pseudo_inertia_of(unit)) for unit in np.eye(10)])
+        options = {**bare.options, 'payload_frame': frame, 'wrench_frames': ()}
+        self.robot = Robot(bare.model, **options)
+        self.robot.parameters.gravity = bare.parameters.gravity
+
+        # Kernels take second moments where parameters are moments of inertia: the linear
+        # map from one to the other, column by column.
+        columns = []
+        for unit in np.eye(10):
+            columns.append(_second_moments(pseudo_inertia_of(unit)))
+        self._moments = np.column_stack(columns)
 
     def __call__(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
                  t: ArrayLike = 0.0) -> Array:

@@ -132,16 +132,20 @@ def bag_messages(path: Path, kind: str, topic: str | None) -> Iterator[tuple[str
 def _connections(connections: Sequence[Any], path: Path, kind: str,
                  topic: str | None) -> list[Any]:
     """Return the connections of the chosen topic of messages of a type."""
-    topics = sorted({c.topic for c in connections if c.msgtype == kind})
+    of_kind = [connection for connection in connections if connection.msgtype == kind]
+    topics = sorted({connection.topic for connection in of_kind})
     if topic is None and len(topics) == 1:
         topic = topics[0]
     if topic not in topics:
-        found = 'several topics' if topic is None and topics else f"no topic '{topic}'"
-        if topic is None and not topics:
-            found = 'no topic'
-        raise InputError(f'{path}: {found} of {kind}; expected one of '
+        if topic is not None:
+            problem = f"no topic '{topic}'"
+        elif topics:
+            problem = 'several topics'
+        else:
+            problem = 'no topic'
+        raise InputError(f'{path}: {problem} of {kind}; expected one of '
                          f"{topics or 'none'}")
-    return [c for c in connections if c.topic == topic and c.msgtype == kind]
+    return [connection for connection in of_kind if connection.topic == topic]
 
 
 def _of_joints(message: Any, joint_names: Sequence[str], path: Path) -> list[Any]:
@@ -151,12 +155,14 @@ def _of_joints(message: Any, joint_names: Sequence[str], path: Path) -> list[Any
     if missing:
         raise InputError(f'{path}: joint states of {list(message.name)}; expected also '
                          f'{missing}')
-    index = [places[name] for name in joint_names]
+    chosen = [places[name] for name in joint_names]
     parts: list[Any] = []
     for values in (message.position, message.velocity, message.effort):
-        if len(values) not in (0, len(message.name)):
+        if not len(values):
+            parts.append(None)
+            continue
+        if len(values) != len(message.name):
             raise InputError(f'{path}: a joint state with {len(values)} values; '
                              f'expected {len(message.name)}, one per name')
-        parts.append(np.asarray(values,
-                                dtype=np.float64)[index] if len(values) else None)
+        parts.append(np.asarray(values, dtype=np.float64)[chosen])
     return parts

@@ -68,22 +68,26 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
         columns = _read(file)
     t = _time(columns, path)
     order = list(joint_names if numbered is None else numbered)
-    found: dict[str, Any] = {name: _quantity(columns, name, joint_names, order, path)
-                             for name in NAMES}
+    quantities: dict[str, Any] = {}
+    for name in NAMES:
+        quantities[name] = _quantity(columns, name, joint_names, order, path)
     for name in ('q', 'tau'):
-        if found[name] is None:
+        if quantities[name] is None:
             raise InputError(f"{path}: no '{name}'; expected a column for each joint, "
                              f"the first named '{name}.{joint_names[0]}' or '{name}1'")
-    for name, value in found.items():
+    for name, value in quantities.items():
         if value is not None and len(value) != len(t):
             raise InputError(f"{path}: '{name}': {len(value)} rows; expected {len(t)}, "
                              'as many as times')
-    derived = tuple(name for name in ('u', 'udot') if found[name] is None)
+
+    # Speeds that are missing are differences of positions, accelerations of speeds.
+    derived: tuple[str, ...] = ()
     for name, source in (('u', 'q'), ('udot', 'u')):
-        if name in derived:
-            found[name] = np.gradient(found[source], t, axis=0)
+        if quantities[name] is None:
+            quantities[name] = np.gradient(quantities[source], t, axis=0)
+            derived += (name,)
     try:
-        return Recording(t, **found, derived=derived)
+        return Recording(t, **quantities, derived=derived)
     except InputError as error:
         raise InputError(f'{path}: {error}') from None
 
@@ -204,13 +208,13 @@ def _joint_columns(columns: Mapping[str, Any], word: str, joint_names: Sequence[
                    numbered: list[str], path: Any) -> list[str]:
     """Return the name of each joint's column: `word.joint`, or `word1`; empty without any."""
     by_name = [f'{word}.{joint}' for joint in joint_names]
-    if any(column in columns for column in by_name):
+    if not columns.keys().isdisjoint(by_name):
         return by_name
-    by_number = [column for column in columns if re.fullmatch(rf'{word}[1-9]\d*',
-                                                              column)]
-    if not by_number:
+    is_numbered = re.compile(rf'{word}[1-9]\d*').fullmatch
+    count = len(list(filter(is_numbered, columns)))
+    if not count:
         return []
-    places = _places(len(by_number), word, joint_names, numbered, path)
+    places = _places(count, word, joint_names, numbered, path)
     return [f'{word}{place + 1}' for place in places]
 
 

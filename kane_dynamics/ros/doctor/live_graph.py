@@ -235,14 +235,19 @@ def examine_states(robot: Robot, received: list[ReceivedState], seconds: float,
                         f'joint states: none within {seconds:g} s; expected a '
                         'driver with the same ROS_DOMAIN_ID, namespace and topic '
                         '(--joint-states)')]
+    # States are judged by those with all joints that are needed.
     needed = needed_joints(robot)
-    complete = [state for state in received if set(needed) <= set(state.message.name)]
+    complete = []
+    published: set[str] = set()
+    for state in received:
+        published.update(state.message.name)
+        if set(needed) <= set(state.message.name):
+            complete.append(state)
     if not complete:
-        published = sorted({name for state in received for name in state.message.name})
         missing = [name for name in needed if name not in published]
         expected = 'all joints' if needed == robot.joint_names else listed(needed)
         return [Finding('problem', f'joint states: {listed(missing)} missing among '
-                        f'{listed(published)}; expected {expected}')]
+                        f'{listed(sorted(published))}; expected {expected}')]
     return [*_times(complete), *_numbers(robot, complete[-1].message, efforts)]
 
 

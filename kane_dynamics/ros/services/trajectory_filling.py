@@ -153,10 +153,13 @@ def _refuse_impossible(served: ServedRobot, names: Sequence[str], points: Sequen
     joints = served.robot.joint_names
     if not set(names) <= set(joints):
         return
+    # From the measured positions, if there are any: at the speeds that are stated.
     measured = served.measured()
-    place = None if measured is None else measured[[joints.index(name)
-                                                    for name in names]]
-    start = None if place is None else (place, None, None)
+    place: Array | None = None
+    start = None
+    if measured is not None:
+        place = measured[[joints.index(name) for name in names]]
+        start = place, None, None
     motion = Motion.from_points(*points, joint_names=names, start=start)
     refuse_impossible(served, motion, place if executed else None)
 

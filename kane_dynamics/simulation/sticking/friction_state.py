@@ -159,21 +159,28 @@ class FrictionState:
     def __init__(self, robot: Robot, stops: bool,
                  dual_to: tuple[str, ...] | None = None) -> None:
         """Find the joints."""
-        self.robot, self.stops = robot, stops
+        self.robot = robot
+        self.stops = stops
         self.dual_to = dual_to
+
+        # Joints that may stick, and joints with stops.
         model = robot.model
         with_friction = set()
         if robot.friction:
-            with_friction = {body.joint.coordinate for body in model.bodies
-                             if slides(body.joint)}
+            for body in model.bodies:
+                if slides(body.joint):
+                    with_friction.add(body.joint.coordinate)
         limits = robot.limits
-        place_of = {joint: place for joint, place in enumerate(model.places)
-                    if place is not None}
+        place_of: dict[int, int] = {}  # in q, of joints that have a position
         stopped = set()
-        if stops:
-            for joint, place in place_of.items():
-                if np.isfinite([limits.lower[place], limits.upper[place]]).any():
-                    stopped.add(joint)
+        for joint, place in enumerate(model.places):
+            if place is None:
+                continue
+            place_of[joint] = place
+            if stops and np.isfinite([limits.lower[place], limits.upper[place]]).any():
+                stopped.add(joint)
+
+        # Of both kinds together: their places in q, and their stops.
         self.joints = sorted(with_friction | stopped)
         self.places = np.array([place_of.get(joint, -1) for joint in self.joints], dtype=int)
         self.lower = np.full(len(self.joints), -np.inf)

@@ -306,25 +306,39 @@ class _Path:
             At the last computed state, if they are known.
 
         """
-        count, size = len(states) - 1, states.shape[1]
-        places, contact = self._places, self.contact
+        count = len(states) - 1
+        size = states.shape[1]
         rows = np.empty((count + 1, size + 2))
         rows[0, :size] = states[0]
+
+        # Searches in native code do not know self-locking joints: their modes are found
+        # here, and the first step with a transition ends the loop.
+        contact = self.contact
+        calls = CALLS
+        if contact.locks:
+            calls = 0
+            if modes is None:
+                modes = self.modes(states[0], done)
+
+        # The row of the search, from which the first step reads the modes.
+        places = self._places
         search = np.zeros(places.end + 1)
         search[places.lower], search[places.upper] = contact.finite_stops
-        if modes is None and contact.locks:
-            modes = self.modes(states[0], done)
         if modes is not None:
             search[places.directions], search[places.sides] = modes
             search[places.holds] = modes.held.any()
-        watched = self.source.robot.equations.watched
+
+        margin: int | None = None
+        if self.source.robot.equations.watched:
+            margin = size - 1
         computed, refused = follow(
             self._kernels, loop_places(places), search, rows,
             self.source.inputs(done, count)[0], self.source.constants,
-            phases=(START, BEGIN), limit=0 if contact.locks else CALLS,
-            has_modes=modes is not None, margin=size - 1 if watched else None)
-        last = rows[:computed + 1]
-        return last, rows[computed + 1, :size] if refused else None, None
+            phases=(START, BEGIN), limit=calls, has_modes=modes is not None, margin=margin)
+        refused_state: Array | None = None
+        if refused:
+            refused_state = rows[computed + 1, :size]
+        return rows[:computed + 1], refused_state, None
 
     def _settled(self, state: Array, step: int) -> FrictionModes | None:
         """Return the modes at the beginning of a step, or None without a solution."""

@@ -279,22 +279,24 @@ def _after_part(contact: FrictionState, choice: StepChoice, search: Search,
                 inputs: Matrix, constants: Vector,
                 x: Scalar) -> tuple[Vector, FrictionMotion]:
     """Return the state at a place, without a step in BEGIN, and the motion to it."""
+    # The step of length x, with the inputs at its own begin, middle and end.
     robot = contact.robot
-    motions: list[FrictionMotion] = []
     place = 2 * robot.n if choice.feedback else 0
     step = constants[place]
     constants = np.array([*constants[:place], x, *constants[place + 1:]])
     moments = [search.passed, search.passed + 0.5 * x, search.passed + x]
     inputs = _inputs_at(inputs, [moment / step for moment in moments])
 
+    motions: list[FrictionMotion] = []
+
     def motion(*arguments: Any) -> FrictionMotion:
         motions.append(FrictionMotion(contact, search.directions, True, *arguments))
         return motions[0]
-    after = traced_step(robot, choice, search.state, inputs, constants, motion)
+    end = traced_step(robot, choice, search.state, inputs, constants, motion)
     if contact.constrained:
-        after = without_creep(contact, search.directions, after, constants)
+        end = without_creep(contact, search.directions, end, constants)
     moves = search.phase > 1.5
-    state = [select(moves, end, begin) for end, begin in zip(after, search.state)]
+    state = [select(moves, x_end, x_begin) for x_end, x_begin in zip(end, search.state)]
     return np.array(state), motions[0]
 
 
