@@ -98,23 +98,22 @@ def write_bag(path: Path, trajectories: Sequence[Points],
     """Write a bag with filled trajectories, with topics and times of the given ones."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     types = typestore()
-    Message, Point, Duration = (types.types[name] for name in (
-        JOINT_TRAJECTORY, 'trajectory_msgs/msg/JointTrajectoryPoint',
-        'builtin_interfaces/msg/Duration'))
+    Message = types.types[JOINT_TRAJECTORY]
+    Point = types.types['trajectory_msgs/msg/JointTrajectoryPoint']
+    Duration = types.types['builtin_interfaces/msg/Duration']
     if path.exists():
         raise InputError(f"--out: '{path}' exists; expected the folder of a new bag")
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connection = writer.add_connection(trajectories[0].topic, JOINT_TRAJECTORY,
                                            typestore=types)
         for points, result in zip(trajectories, filled, strict=True):
-            tables = [np.ascontiguousarray(table) for table in (
-                result.positions, result.velocities, result.accelerations,
-                result.efforts)]
+            tables = map(np.ascontiguousarray, (result.positions, result.velocities,
+                                                result.accelerations, result.efforts))
             nanoseconds = np.rint(result.times * 1e9).astype(np.int64).tolist()
             rows = []
             for *values, time in zip(*tables, nanoseconds, strict=True):
-                rows.append(Point(*values, time_from_start=Duration(*divmod(time,
-                                                                            10**9))))
+                sec, nanosec = divmod(time, 10**9)
+                rows.append(Point(*values, time_from_start=Duration(sec, nanosec)))
             message = Message(points.message.header, list(result.joint_names), rows)
             writer.write(connection, points.logged,
                          types.serialize_cdr(message, JOINT_TRAJECTORY))

@@ -186,10 +186,13 @@ def row(x: DeviceArray, shape: Shape, batch: Shape, steps: bool = False) -> list
         The strides of several axes are not those of one.
 
     """
-    inner = len(shape) + steps
-    axes, entries = x.ndim - inner, x.ndim - len(shape)
-    own = x.shape[:axes]
-    stride = 0 if math.prod(own) == 1 else collapsed(own, x.strides[:axes])
+    # The axes are those of the batch, of the steps if there are any, and of one state.
+    entries = x.ndim - len(shape)
+    axes = entries - steps
+    batch_of_x = x.shape[:axes]
+    stride: int | None = 0
+    if math.prod(batch_of_x) > 1:
+        stride = collapsed(batch_of_x, x.strides[:axes])
     pitch = collapsed(x.shape[entries:], x.strides[entries:])
     if stride is None or pitch is None:
         raise InputError(f'{x.name}: strides {x.strides} of shape {x.shape}; expected '

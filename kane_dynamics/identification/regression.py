@@ -169,10 +169,14 @@ def _friction_factor(data: RegressionRows, joint: int) -> Factor:
     if moves.sum() < 10:
         raise InputError(f"joint '{data.joint_names[joint]}': moves in {moves.sum()} "
                          'rows of the fit; expected at least 10')
+    # What the bodies do not explain is damping, armature and an offset; the column of
+    # Coulomb friction, which depends on the friction speed, comes later.
     left = data.recording.tau[:, joint] - data.rigid[:, joint] - data.rest[:, joint]
-    u, udot = data.recording.u[moves, joint], data.recording.udot[moves, joint]
-    return Factor(np.array([0, 2, 3, 4]), 1, u, *np.linalg.qr(np.column_stack(
-        [u, udot, np.ones(len(u)), left[moves]])))
+    u = data.recording.u[moves, joint]
+    udot = data.recording.udot[moves, joint]
+    columns = np.column_stack([u, udot, np.ones(len(u)), left[moves]])
+    Q, R = np.linalg.qr(columns)
+    return Factor(np.array([0, 2, 3, 4]), 1, u, Q, R)
 
 
 def _fitted_friction(factor: Factor, speed: float, lowest: Array) -> tuple[Array, float]:

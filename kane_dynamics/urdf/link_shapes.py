@@ -134,8 +134,13 @@ def _shape(link: str, element: Any, colors: Mapping[str, Any]) -> LinkShape | No
         return None
     kind = stated[0]
     geometry = getattr(element.geometry, kind)
-    numbers = [getattr(geometry, name) for name in _SIZES[kind]]
-    size = np.hstack([1.0 if number is None else number for number in numbers])
+
+    # Lengths, or for a mesh its scale: one number for all axes, by default 1.
+    numbers = []
+    for name in _SIZES[kind]:
+        number = getattr(geometry, name)
+        numbers.append(1.0 if number is None else number)
+    size = np.hstack(numbers)
     if kind == 'mesh':
         size = np.broadcast_to(size, 3)
     pose = np.eye(4) if element.origin is None else element.origin

@@ -25,6 +25,8 @@ def doctor(options: Namespace) -> int:
     if model.flexible:  # modes have no limits and are in no message
         model = stiffened(model)
         robot = Robot(model, **constraints_of(options))
+
+    # The configuration of a node, and the robot that it describes.
     of_configuration: list[Finding] = []
     node_robot: Robot | None = None
     if options.config:
@@ -35,8 +37,11 @@ def doctor(options: Namespace) -> int:
             namespace=options.namespace, told=model_texts)
     if node_robot is not None and node_robot.constraint_names and not options.constraints:
         # The tree would have other motors and loads.
-        model, robot = node_robot.model, node_robot
+        robot = node_robot
+        model = node_robot.model
     findings = [*examine_model(model, robot, model_texts), *of_configuration]
+
+    # The running nodes, which may have prefixed names.
     if options.live:
         if node_robot is None:
             constraints = constraints_of(options, options.prefix)
@@ -46,14 +51,15 @@ def doctor(options: Namespace) -> int:
             node_robot, options.live, options.namespace, options.commands,
             options.joint_states,
             _stated_efforts(options))
+
     if options.json:
-        print_json([{'level': finding.level,
-                     'words': finding.words} for finding in findings])
+        print_json([{'level': finding.level, 'words': finding.words}
+                    for finding in findings])
     elif options.verbose:
         print_findings(findings)
     else:
-        print_findings([Finding(finding.level,
-                                brief(finding.words)) for finding in findings])
+        print_findings([Finding(finding.level, brief(finding.words))
+                        for finding in findings])
     return int(any(finding.level == 'problem' for finding in findings))
 
 

@@ -357,6 +357,8 @@ def _at_rest(contact: FrictionState, choice: StepChoice, search: Search, inputs:
     equations: Any = robot.equations
     k = len(contact.joints)
     q, u, time = _parts(contact, search.state)
+
+    # The torque at the beginning of the part: all three inputs of the step are those there.
     gains = 2 * robot.n if choice.feedback else 0
     parameters = constants[gains + 1:]
     at_begin = _inputs_at(inputs, [search.passed / constants[gains]] * 3)
@@ -366,6 +368,8 @@ def _at_rest(contact: FrictionState, choice: StepChoice, search: Search, inputs:
     if choice.dual_to is not None:
         tau = tau_from(equations, choice.dual_to, q, tau, *time)
     t = time[0] if len(time) else 0.0
+
+    # Accelerations a + A f of the joints under forces f, regular where loops couple them.
     results = traced_forces(equations, contact.joints, q, u, tau, search.directions, t,
                             parameters[:robot.parameters.physical])
     _, rates, a, _, A, least, largest, _, _ = np.split(results, contact.ends)
@@ -383,6 +387,7 @@ def _at_rest(contact: FrictionState, choice: StepChoice, search: Search, inputs:
     least, largest = _with_stops(sides, least, largest)
     forces = _forces_of_sets(search, resting, A, a, least, largest)
 
+    # The largest accelerations without forces, by which rounding is judged.
     of_all: Scalar = 0.0
     at_rest: Scalar = 0.0
     for acceleration, rests in zip(a, resting):
