@@ -162,7 +162,7 @@ def test_a_motion_has_the_stated_duration_and_rests_outside_it():
                               PosePath.through(POSES[:2, :3, 3])]), r'paths: of poses and of'),
     (lambda: PoseLimits((1.0, 2.0)), r'linear: .*; expected speed, acceleration, jerk'),
     (lambda: PoseLimits((1.0, 2.0, 3.0), (0.0, 1.0, 1.0)), r'angular: .*; expected'),
-    (lambda: PoseMotion(PosePath.through(POSES)), r'limits and duration: both or none'),
+    (lambda: PoseMotion(PosePath.through(POSES)), r'limits and duration: neither is given'),
     (lambda: PoseMotion(PosePath.through(POSES), PoseLimits((1, 2, 3))),
      r'limits: no angular ones'),
     (lambda: PoseMotion(POSES, LIMITS), r'path: a ndarray; expected a PosePath'),
