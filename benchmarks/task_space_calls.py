@@ -37,6 +37,7 @@ def main() -> None:
     u = np.full(7, 0.1)
     pose = robot.frame_pose(FRAME, q + 0.05)
     wrench = np.array([0.0, 0.0, -10.0, 0.0, 0.0, 0.0])
+    measured = -wrench
     joints = JointImpedance(robot, stiffness=100.0, damping=5.0)
     impedance = CartesianImpedance(robot, FRAME, stiffness=STIFFNESS)
     hybrid = HybridForce(robot, FRAME, stiffness=STIFFNESS, force_directions=['z'])
@@ -53,7 +54,7 @@ def main() -> None:
         'HandGuiding': lambda: guiding.torque(q, u),
         'OperationalSpace': lambda: operational.torque(q, u, pose),
         'CartesianImpedance': lambda: impedance.torque(q, u, pose),
-        'HybridForce': lambda: hybrid.torque(q, u, pose, wrench=wrench, measured=-wrench,
+        'HybridForce': lambda: hybrid.torque(q, u, pose, wrench=wrench, measured=measured,
                                              elapsed=1e-3),
         'ArmCoupling': lambda: coupling.torque(0.0, q, u, partner)}
     natives = {}

@@ -213,9 +213,12 @@ class Part:
         counts = FINER + (MESH / self.span * lengths + VARIED * varied).astype(np.intp)
         number = np.repeat(np.arange(len(counts)), counts)
         self.segment = number + first
-        segments = np.stack([
-            ends[:-1] - begin, lengths / counts, np.cumsum(counts) - counts,
-            ends[:-1] - knots[:-1], 1.0 / (knots[1:] - knots[:-1])], axis=1)
+        segments = np.empty((len(counts), 5))
+        segments[:, 0] = ends[:-1] - begin
+        segments[:, 1] = lengths / counts
+        segments[:, 2] = counts.cumsum() - counts
+        segments[:, 3] = ends[:-1] - knots[:-1]
+        segments[:, 4] = 1.0 / (knots[1:] - knots[:-1])
         self.intervals = np.empty((len(number), LENGTH + 1))
         inputs = [np.arange(float(len(number))), segments, self.coefficients]
         numbers = {'segment': number, 'coefficients': self.segment}
@@ -281,9 +284,9 @@ def _intervals_of(share: Array, mean: Array) -> Segments:
 def _variations(coefficients: Array) -> Array:
     """Return how much the speed varies within segments, from 0 for not at all to 1."""
     velocities = VELOCITIES @ coefficients[:, 1:]
-    begin, middle, end = np.sqrt(np.einsum('kij,kij->ik', velocities, velocities))
-    high = np.maximum(np.maximum(begin, middle), end)
-    low = np.minimum(np.minimum(begin, middle), end)
+    speeds = np.sqrt(np.einsum('kij,kij->ik', velocities, velocities))
+    high = speeds.max(axis=0)
+    low = speeds.min(axis=0)
     return np.asarray((high - low) / np.where(high > 0.0, high, 1.0))
 
 

@@ -15,26 +15,27 @@ P / |q_s s'|, which is replaced likewise.
 """
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags, Matrix, Vector
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.reachability import IntervalLimits
-from kane_dynamics.feasibility.segment_peaks import largest
+from kane_dynamics.feasibility.segment_peaks import (ACTIVE, largest,
+                                                     limited_quantities, MARGIN)
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.feasibility.torque_demand import at_actuators, unit_torques
 from kane_dynamics.loop_tracking.driven_mechanism import motion_of_closed
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque, slides
 from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
+from kane_dynamics.native.runtime.loops import BAD_RESULT
 from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
+SIZES = 2  # numbers of a vertex that are results of `bounds_kernel`
 FLAT = 1e-9  # least x, relative to its size, at which friction has a tangent
-MARGIN = 5e-4  # of all limits, for the motion between the points
-ACTIVE = 1.0 - 0.5 * MARGIN  # share from which a limit is tightened
 OUT_OF_REACH = 1e4  # width of a limit on one side, relative to its numbers
 IRRELEVANT = 3.0  # torque of a limit of power that does not count, in limits of effort
 
@@ -98,28 +99,41 @@ class PathLimits:
         self._rough = rough_coordinates(robot)
         self.powered = bool(np.isfinite(bounds.power).any())
         self.linear = not self.powered and not self._rough
-        # The limits on the torque as lines of the passes, without friction and width.
-        self._lines = np.empty((count, 4, robot.n_q))
+        # A row for each vertex: the results of `bounds_kernel`, and the limits on the
+        # torque as lines of the passes, without friction and width.
+        self._rows = np.empty((count, SIZES + 4 * robot.n_q))
+        self._lines = self._rows[:, SIZES:].reshape(count, 4, robot.n_q)
         self._map: Array | None = None  # W of the joints with friction, (N + 1, n_q, k)
         self._acts: Flags | bool = True  # whether joints have torques
         if driving is None:
-            self._tree_torques(q, first, second)
+            self._compute_rows(vertex_kernel(robot), [q, first, second])
         else:
             self._mechanism_torques(q, driving)
+            self._compute_rows(bounds_kernel(robot.n_q), [self._lines[:, 0], first])
         self._compute_sizes()
         # Factors of the limits, smaller where a motion exceeds them between points.
-        self._tight = np.full((count, len(bounds), robot.n_q), 1.0 - MARGIN)
+        self._tight: dict[int, Array] = {}
+        for quantity in limited_quantities(np.stack(bounds)):
+            self._tight[quantity] = np.full((count, robot.n_q), 1.0 - MARGIN)
         self._tight_speed = np.full(count, 1.0 - MARGIN)
         self._used = [self._used_joints(quantity) for quantity in range(len(bounds))]
         self._latest: IntervalLimits | None = None
         self.tightened: Segments = np.arange(count)
         self.sets: Array | None = None
 
-    def _tree_torques(self, q: Array, first: Array, second: Array) -> None:
-        """Write the coefficients of the torque of a tree in joint rates."""
-        kernel = torque_kernel(self.robot)
-        if kernel.run([q, first, second], self._lines[:, :3], len(q)):
-            kernel(q, first, second)  # raises an error that names the state
+    def _compute_rows(self, kernel: Kernel, inputs: list[Array]) -> None:
+        """Write the results of a kernel at the vertices, beside which q_s is known too."""
+        count, bounds = len(self._rows), self.bounds
+        limits = np.array([bounds.effort, bounds.acceleration, bounds.velocity])
+        # Factors that make the largest of |a|, |q_s| and |q_s| its share of the limits.
+        factors = np.divide(1.0, limits, out=np.zeros_like(limits), where=limits > 0.0)
+        first = self.section.first
+        before, following = _middles_beside(count)
+        inputs = [*inputs, first, first, factors]
+        numbers = {'before': before, 'following': following}
+        if kernel.run(inputs, self._rows, count, numbers) & BAD_RESULT:
+            kernel(*inputs[:-3], first[before], first[following],
+                   np.broadcast_to(factors, (count, *factors.shape)))  # names the state
 
     def _mechanism_torques(self, q: Array, driving: list[int]) -> None:
         """Write the coefficients of the torque with chosen speeds or constraints."""
@@ -147,28 +161,16 @@ class PathLimits:
 
     def _compute_sizes(self) -> None:
         """Compute the largest x within the limits of speed, and the size of x."""
-        count, bounds, section = len(self._lines), self.bounds, self.section
-        # Factors that make the largest of |a|, |q_s| and |q_s| its share of the limits.
-        factors = []
-        for bound in (bounds.effort, bounds.acceleration, bounds.velocity):
-            positive = bound > 0.0
-            reciprocal = 1.0 / np.where(positive, bound, 1.0)
-            factors.append(np.where(positive, reciprocal, 0.0))
-        vertices = 2 * np.arange(count)
-        beside = {'before': np.maximum(vertices - 1, 1),
-                  'following': np.minimum(vertices + 1, 2 * count - 3)}
-        inputs = [self._lines[:, 0], self._first, section.first, section.first,
-                  np.array(factors)]
-        rows = np.empty((count, 2))
-        bounds_kernel(self.robot.n_q).run(inputs, rows, count, beside)
-        speed = rows[:, 0].copy()
-        need = rows[:, 1].max()
+        count = len(self._rows)
+        with np.errstate(divide='ignore'):
+            speed = 1.0 / self._rows[:, 0]
+        need = self._rows[:, 1].max()
         # Sizes of x: with an acceleration along the whole path, and at the fastest.
         with np.errstate(divide='ignore'):
             sizes = [(count - 1) / need, speed.min()]
         sizes = [x for x in sizes if 0.0 < x < np.inf]
         if not sizes:
-            sizes = [(0.5 * (count - 1) / section.span)**2]
+            sizes = [(0.5 * (count - 1) / self.section.span)**2]
         self.free = HIGHEST**2 * float(sizes[0])
         self.size = float(min(sizes))
         self.most = np.minimum(speed, self.free)
@@ -196,16 +198,19 @@ class PathLimits:
             first = first[self._driving]
         return float(first @ first)
 
-    def tighten(self, shares: Array, largest: Array, factor: float) -> None:
+    def tighten(self, shares: Array, largest: Array, quantities: Sequence[int],
+                factor: float) -> None:
         """
         Make limits smaller where a motion uses more than them.
 
         Parameters
         ----------
-        shares : (N + 1, 4, n) array
+        shares : (N + 1, k, n) array
             The largest shares around the vertices.
         largest : (N + 1,) array
             The largest of them at each vertex.
+        quantities : sequence of int
+            The k quantities of the shares.
         factor : float
             By which a limit is tightened, in its excess.
 
@@ -219,8 +224,10 @@ class PathLimits:
         worst = np.maximum(shares[near - inner], shares[near + inner])
         worst = np.maximum(worst, shares[near])
         target = np.where(worst > 1.0, 1.0 + factor * (worst - 1.0), worst)
-        self._tight[near] /= np.where(worst > ACTIVE, target / (1.0 - MARGIN), 1.0)
-        self._tight_speed[near] = self._tight[near, VELOCITY].min(axis=1)
+        tighter = np.where(worst > ACTIVE, target / (1.0 - MARGIN), 1.0)
+        for quantity, tighter_limits in zip(quantities, tighter.swapaxes(0, 1)):
+            self._tight[quantity][near] /= tighter_limits
+        self._tight_speed[near] = self._tight[VELOCITY][near].min(axis=1)
         self.tightened = near
 
     def at(self, x: Array | None, calm: bool = False) -> IntervalLimits:
@@ -241,7 +248,7 @@ class PathLimits:
         for quantity, used in enumerate(self._used):
             if used is None:
                 continue
-            width = self._tight[:, quantity] * self.bounds[quantity]
+            width = self._tight[quantity] * self.bounds[quantity]
             if quantity == POWER:
                 lines = self._power_lines(torque, width, x, used)
                 rows += lines.vertices
@@ -268,7 +275,7 @@ class PathLimits:
         for quantity, used in enumerate(self._used):
             if used is None:
                 continue
-            width = self._tight[near, quantity] * self.bounds[quantity]
+            width = self._tight[quantity][near] * self.bounds[quantity]
             end = begin + int(used.sum())
             limits.rows[near, 3, begin:end] = width[:, used]
             begin = end
@@ -361,51 +368,66 @@ def rough_coordinates(robot: Robot) -> list[int]:
     return sorted(rough)
 
 
-@kernel_per_robot
-def torque_kernel(robot: Robot) -> Kernel:
-    """
-    Return the kernel of the coefficients of the torque, (3, n), without friction.
+@lru_cache(maxsize=8)  # most paths have a grid of the same size
+def _middles_beside(count: int) -> tuple[Segments, Segments]:
+    """Return the samples of the middles before and after each vertex."""
+    vertices = 2 * np.arange(count)
+    return np.maximum(vertices - 1, 1), np.minimum(vertices + 1, 2 * count - 3)
 
-    Its arguments are q and its derivatives with respect to s. The results multiply s''
-    and s'^2, and the last one, with the offset of friction, is the torque at rest.
+
+@kernel_per_robot
+def vertex_kernel(robot: Robot) -> Kernel:
     """
-    def values(q: Vector, first: Vector, second: Vector, parameters: Vector) -> Matrix:
+    Return the kernel of the limits of a tree at a vertex, (2 + 3 n,).
+
+    Its arguments are q and its derivatives with respect to s, and the last three of
+    `bounds_kernel`. The results are those of `bounds_kernel` and the coefficients of the
+    torque, (3, n), without friction: they multiply s'' and s'^2, and the last one, with
+    the offset of friction, is the torque at rest.
+    """
+    def values(q: Vector, first: Vector, second: Vector, before: Vector,
+               following: Vector, factors: Matrix, parameters: Vector) -> Vector:
         equations = robot.equations
         zero = np.zeros(robot.n)
         static = equations.rigid_dynamics(q, zero, zero, None, parameters)
-        inertia = equations.rigid_dynamics(q, zero, first, None, parameters)
-        moving = equations.rigid_dynamics(q, first, second, None, parameters)
-        return np.array([inertia - static, moving - static,
-                         static + equations.friction_force(zero)])
+        inertia = equations.rigid_dynamics(q, zero, first, None, parameters) - static
+        moving = equations.rigid_dynamics(q, first, second, None, parameters) - static
+        at_rest = static + equations.friction_force(zero)
+        sizes = _sizes_at(inertia, first, before, following, factors)
+        return np.concatenate([sizes, inertia, moving, at_rest])
     row = (robot.n,)
-    return robot.compiled(values, name='path_torque', q=row, first=row, second=row,
-                          shape=(3, robot.n))
+    return robot.compiled(values, name='path_vertex', q=row, first=row, second=row,
+                          before=row, following=row, factors=(3, robot.n),
+                          shape=(SIZES + 3 * robot.n,))
 
 
 @cache
 def bounds_kernel(n: int) -> Kernel:
     """
-    Return the kernel of the largest x = s'^2 within the speed limits, and of a share.
+    Return the kernel of the least 1 / s'^2 within the speed limits, and of a share.
 
     Its arguments are the coefficients of s'' in the torque and q_s at a vertex, q_s at
     the middles before and after it, (n,), and the reciprocal limits of torque,
-    acceleration and speed. At a middle, x is the mean of its two
-    vertices'. The share is the largest fraction of a torque or acceleration limit that
-    s'' = 1 takes.
+    acceleration and speed. The share is the largest fraction of a torque or acceleration
+    limit that s'' = 1 takes.
     """
-    def values(inertia: Vector, first: Vector, before: Vector, following: Vector,
-               factors: Matrix) -> Vector:
-        effort, acceleration, speed = factors
-        needs = []
-        for rates in (first, before, following):
-            share = speed * rates
-            needs.append(largest(share * share))
-        shares = np.concatenate([inertia * effort, first * acceleration])
-        return np.array([1.0 / largest([needs[0], 0.5 * largest(needs[1:])]),
-                         np.sqrt(largest(shares * shares))])
     names = ('inertia', 'first', 'before', 'following')
-    return batch_kernel('path_bounds', values, [
-        *((name, (n,)) for name in names), ('factors', (3, n))], (2,))
+    return batch_kernel('path_bounds', _sizes_at, [
+        *((name, (n,)) for name in names), ('factors', (3, n))], (SIZES,))
+
+
+def _sizes_at(inertia: Vector, first: Vector, before: Vector, following: Vector,
+              factors: Matrix) -> Vector:
+    """Return the results of `bounds_kernel` at a vertex."""
+    effort, acceleration, speed = factors
+    needs = []
+    for rates in (first, before, following):
+        share = speed * rates
+        needs.append(largest(share * share))
+    shares = np.concatenate([inertia * effort, first * acceleration])
+    # At a middle, x is the mean of its two vertices'.
+    slowness = largest([needs[0], 0.5 * largest(needs[1:])])
+    return np.array([slowness, np.sqrt(largest(shares * shares))])
 
 
 def _side_by_side(blocks: Sequence[Array]) -> Array:

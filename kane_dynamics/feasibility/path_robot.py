@@ -19,12 +19,13 @@ from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.feasibility.path_geometry import (kernels as path_kernels, path_of,
                                                      Section, sections)
 from kane_dynamics.feasibility.path_limits import (Bounds, bounds_kernel, PathLimits,
-                                                   torque_kernel)
-from kane_dynamics.feasibility.path_timing import point_kernel, SectionMotion
+                                                   vertex_kernel)
+from kane_dynamics.feasibility.path_timing import (point_kernel, SectionMotion,
+                                                   tree_point_kernel)
 from kane_dynamics.feasibility.reachability import compile_passes
 from kane_dynamics.feasibility.samples import ROUNDING
-from kane_dynamics.feasibility.segment_peaks import (peaks_kernel, SegmentPeaks,
-                                                     shares_kernel)
+from kane_dynamics.feasibility.segment_peaks import (limited_quantities, peaks_kernel,
+                                                     SegmentPeaks, shares_kernel)
 from kane_dynamics.feasibility.torque_demand import require_scalable, unit_torques
 from kane_dynamics.loop_tracking.driven_mechanism import DrivenLoops, motion_of_closed
 from kane_dynamics.loop_tracking.loop_tracker import tracking_kernel, velocity_rows
@@ -221,7 +222,7 @@ class PathRobot:
 
     def motion_along(self, section: Section) -> SectionMotion:
         """Return the motion along a section, for profiles to follow."""
-        limits = np.array(self.bounds)
+        limits = np.stack(self.bounds)
         if self.driving is None:
             peaks = SegmentPeaks(self.robot, limits)
         else:
@@ -248,15 +249,18 @@ def compile_timing(robot: Robot) -> None:
             robot.constraint_names and velocity_rows(robot)):
         return  # refused
     compile_spline(robot.n)
-    kernels = [*path_kernels(robot.n), bounds_kernel(robot.n_q), point_kernel(robot.n_q)]
+    kernels = [*path_kernels(robot.n)]
     limited = np.isfinite(robot.limits.effort)
+    unlimited = np.full((len(Bounds._fields), robot.n_q), np.inf)
+    quantities = limited_quantities(unlimited)
     if robot.equations.in_joint_rates:
-        kernels += [torque_kernel(robot), peaks_kernel(robot),
-                    robot.kernels.quantity('inverse_dynamics')]
+        kernels += [vertex_kernel(robot), tree_point_kernel(robot),
+                    peaks_kernel(robot, quantities)]
     else:
         names = robot.coordinate_names
         limited = limited[sorted(names.index(name) for name in robot.actuated_names)]
-        kernels.append(shares_kernel(robot.n_q))
+        kernels += [bounds_kernel(robot.n_q), point_kernel(robot.n_q),
+                    shares_kernel(robot.n_q, quantities)]
         if robot.constraint_names:
             places = sorted(names.index(name) for name in driving_joints(robot))
             kernels.append(tracking_kernel(robot, places))

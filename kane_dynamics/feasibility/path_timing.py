@@ -6,13 +6,15 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags, Scalar, Vector
 from kane_dynamics.feasibility.path_geometry import Section
-from kane_dynamics.feasibility.segment_peaks import (MotionStates, QUANTITIES,
+from kane_dynamics.feasibility.segment_peaks import (ACTIVE, MotionStates,
+                                                     QUANTITIES, require_finite,
                                                      SegmentPeaks)
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.friction import slides
 from kane_dynamics.model.model import Joint
 from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
+from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -34,8 +36,8 @@ class Checked(NamedTuple):
     ----------
     points : ControllerPoints
         The N + 2 points.
-    largest : (4, N + 1, n) array
-        The largest shares in the segments.
+    largest : (k, N + 1, n) array
+        The largest shares in the segments, of k quantities.
     tau : (N + 2, n) array
         Torques at the points.
 
@@ -69,7 +71,9 @@ class SectionMotion:
 
     Attributes
     ----------
-    shares : (N + 1, 4, n) array
+    quantities : tuple of int
+        The k quantities whose limits are checked, as places in `QUANTITIES`.
+    shares : (N + 1, k, n) array
         The largest shares of the limits in the segments.
     largest : (N + 1,) array
         The largest of them in each segment.
@@ -91,23 +95,25 @@ class SectionMotion:
         self._profile[:, 2] = STEP
         self._profile[[0, -3], 2] = 0.5 * STEP
         self._profile[-2:, 2] = 0.0
-        self._rows = np.empty((count, 3 * n + 1))
-        self._tau = np.empty((count, n))
+        # q, u, udot, the time to the next point, and the torques.
+        self._rows = np.empty((count, 4 * n + 1))
+        self._kernel = point_kernel(n) if peaks.driving else tree_point_kernel(robot)
         self._x: Array | None = None
-        self.shares = np.empty((count - 1, len(QUANTITIES), n))
+        self.quantities = peaks.quantities
+        self.shares = np.empty((count - 1, len(self.quantities), n))
         self.largest = np.empty(count - 1)
 
     @property
     def duration(self) -> float:
         """Return the duration, s."""
-        return float(self._rows[:-1, -1].sum())
+        return float(self._rows[:-1, 3 * self._n].sum())
 
     @property
     def states(self) -> MotionStates:
         """Return the states at the points."""
         rows, n = self._rows, self._n
         return MotionStates(rows[:, :n], rows[:, n:2 * n], rows[:, 2 * n:3 * n],
-                            self._tau, rows[:-1, -1])
+                            rows[:, 3 * n + 1:], rows[:-1, 3 * n])
 
     def checked(self) -> Checked:
         """Return the points with the shares of the limits between them."""
@@ -128,13 +134,11 @@ class SectionMotion:
         profile[0, :2] = x[0], profile[1, 1]
         profile[-2:, :2] = x[-1], profile[-3, 1]
         if points is None:
-            self._compute(self._rows, self._tau, np.arange(len(self._rows)))
+            self._compute(self._rows, None)
         else:
-            rows = np.empty((len(points), 3 * self._n + 1))
-            tau = np.empty((len(points), self._n))
-            self._compute(rows, tau, points)
+            rows = np.empty((len(points), self._rows.shape[1]))
+            self._compute(rows, points)
             self._rows[points] = rows
-            self._tau[points] = tau
         shares, largest = largest_shares(self._coulomb, self._peaks, self.states,
                                          segments)
         if segments is None:
@@ -160,31 +164,55 @@ class SectionMotion:
         points[-1] |= changed[-2]
         return np.flatnonzero(points), np.flatnonzero(points[1:] | points[:-1])
 
-    def _compute(self, rows: Array, tau: Array, points: Segments) -> None:
-        """Write the states at points, the times to the next ones, and the torques."""
+    def _compute(self, rows: Array, points: Segments | None) -> None:
+        """Write the rows of points, of all for None."""
         n, path = self._n, self._section[:3]
-        numbers = dict.fromkeys(Section._fields[:3], self._places[points])
-        numbers |= {'profile': points, 'following': points}
+        numbers = dict.fromkeys(Section._fields[:3], self._places)
+        if points is not None:
+            numbers = dict.fromkeys(Section._fields[:3], self._places[points])
+            numbers |= {'profile': points, 'following': points}
         inputs = [*path, self._profile, self._profile[1:]]
-        point_kernel(n).run(inputs, rows, len(rows), numbers)
-        q, u, udot = (rows[:, k * n:(k + 1) * n] for k in range(3))
-        tau[:] = self._peaks.torques(q, u, udot)
+        require_finite(self._kernel.run(inputs, rows, len(rows), numbers))
+        if self._peaks.driving:
+            q, u, udot = (rows[:, k * n:(k + 1) * n] for k in range(3))
+            rows[:, 3 * n + 1:] = self._peaks.torques(q, u, udot)
+
+
+def _point(q: Vector, first: Vector, second: Vector, profile: Vector, following: Vector
+           ) -> Vector:
+    """Return q, u and udot at a point, and the time to the next one, (3 n + 1,)."""
+    x, slope, step = profile
+    root = np.sqrt(x)
+    total = root + np.sqrt(following[0])
+    curvature = step * (following[1] - slope) / (total * total)
+    time = 2.0 * step / total * _lengthening(curvature)
+    return np.array([*q, *(root * first), *(x * second + slope * first), time])
+
+
+def _point_inputs(n: int) -> dict[str, tuple[int, ...]]:
+    """Return the inputs of `_point`: the path, x and x' at the point and the next one."""
+    return {**dict.fromkeys(Section._fields[:3], (n,)), 'profile': (3,),
+            'following': (3,)}
 
 
 @cache
 def point_kernel(n: int) -> Kernel:
-    """Return the kernel of the state at a point and the time to the next, (3 n + 1,)."""
-    def values(q: Vector, first: Vector, second: Vector, profile: Vector,
-               following: Vector) -> Vector:
-        x, slope, step = profile
-        root = np.sqrt(x)
-        total = root + np.sqrt(following[0])
-        curvature = step * (following[1] - slope) / (total * total)
-        time = 2.0 * step / total * _lengthening(curvature)
-        return np.array([*q, *(root * first), *(x * second + slope * first), time])
-    return batch_kernel('path_point', values, [
-        *((name, (n,)) for name in Section._fields[:3]), ('profile', (3,)),
-        ('following', (3,))], (3 * n + 1,))
+    """Return the kernel of `_point`."""
+    return batch_kernel('path_point', _point, [*_point_inputs(n).items()], (3 * n + 1,))
+
+
+@kernel_per_robot
+def tree_point_kernel(robot: Robot) -> Kernel:
+    """Return the kernel of `_point`, continued with the torques of a tree, (4 n + 1,)."""
+    n = robot.n
+
+    def values(*inputs: Vector, parameters: Vector) -> Vector:
+        row = _point(*inputs)
+        q, u, udot = row[:n], row[n:2 * n], row[2 * n:3 * n]
+        tau = robot.equations.inverse_dynamics(q, u, udot, None, parameters)
+        return np.concatenate([row, tau])
+    return robot.compiled(values, name='path_tree_point', **_point_inputs(n),
+                          shape=(4 * n + 1,))
 
 
 def _lengthening(z: Scalar) -> Scalar:
@@ -216,7 +244,9 @@ def checked(robot: Robot, points: ControllerPoints, limits: Array) -> Checked:
     t, q, u, udot = points
     states = MotionStates(q, u, udot, peaks.torques(q, u, udot), t[1:] - t[:-1])
     shares, _ = largest_shares(coulomb_joints(robot), peaks, states)
-    return Checked(points, shares.swapaxes(0, 1), states.tau)
+    largest = np.zeros((len(QUANTITIES), *states.q[1:].shape))
+    largest[list(peaks.quantities)] = shares.swapaxes(0, 1)
+    return Checked(points, largest, states.tau)
 
 
 def largest_shares(coulomb: Sequence[Joint], peaks: SegmentPeaks, states: MotionStates,
@@ -224,9 +254,10 @@ def largest_shares(coulomb: Sequence[Joint], peaks: SegmentPeaks, states: Motion
     """
     Return the largest shares of limits in all segments, or in some, and their largest.
 
-    They are (S, 4, n) and (S,) arrays. Each segment is examined at its ends and its
+    They are (S, k, n) and (S,) arrays. Each segment is examined at its ends and its
     middle, and at more places where a share may exceed its limit between these, or the
-    Coulomb friction of a joint changes.
+    Coulomb friction of a joint changes. The shares count these places where the largest
+    one is `ACTIVE`.
     """
     shares, largest, change, estimate = peaks.middles(states, segments)
     examined = estimate > 1.0
@@ -240,10 +271,11 @@ def largest_shares(coulomb: Sequence[Joint], peaks: SegmentPeaks, states: Motion
     if turning is not None:
         places[turning[closer]] = DENSE
     numbers = closer if segments is None else segments[closer]
-    inside = peaks.inside(states, numbers, places)
-    shares[closer] = np.maximum(shares[closer], inside)
-    worst = inside.reshape(len(closer), -1).max(axis=1)
+    worst, active, inside = peaks.inside(states, numbers, places, ACTIVE)
     largest[closer] = np.maximum(largest[closer], worst)
+    if active.size:
+        closest = closer[active]
+        shares[closest] = np.maximum(shares[closest], inside)
     return shares, largest
 
 

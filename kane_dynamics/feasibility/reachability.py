@@ -131,8 +131,8 @@ def _in_interval(rows: Matrix, following: Matrix) -> list[Vector]:
     """
     limits = []
     for begin, end in zip(rows.T, following.T):
-        both = select(_ratio(begin) < STIFF, 0.0, 0.5)
-        both = both * select(_ratio(end) < STIFF, 0.0, 1.0)
+        both = select(_stiff(begin, STIFF), 0.0, 0.5)
+        both = both * select(_stiff(end, STIFF), 0.0, 1.0)
         both = select(begin[0] * end[0] > 0.0, both, 0.0)
         # The limit at the end, at x + v, as one of x and v.
         at_end = np.array([end[0] + end[1], *end[1:]])
@@ -141,9 +141,9 @@ def _in_interval(rows: Matrix, following: Matrix) -> list[Vector]:
     return limits
 
 
-def _ratio(row: Vector) -> Scalar:
-    """Return the ratio of the coefficients of v and x."""
-    return magnitude(row[0]) / (magnitude(row[1]) + TINY)
+def _stiff(row: Vector, ratio: float) -> Scalar:
+    """Return whether the coefficients of v and x have less than a ratio."""
+    return magnitude(row[0]) < ratio * (magnitude(row[1]) + TINY)
 
 
 def steady(rows: Matrix, most: Scalar) -> Scalar:
@@ -155,13 +155,11 @@ def steady(rows: Matrix, most: Scalar) -> Scalar:
     """
     for row in rows.T:
         _, beta, gamma, width = row
-        stiff = select(_ratio(row) < STIFFEST, 1.0, 0.0)
-        for sign in (1.0, -1.0):
-            rate = sign * beta
-            room = width - sign * gamma
-            bound = stiff * select(rate > 0.0, 1.0, 0.0) * select(room > 0.0, 1.0, 0.0)
-            x = room / select(bound > 0.0, rate, 1.0)
-            most = select(bound > 0.0, select(x < most, x, most), most)
+        # The limit that a larger x uses up: the upper one, or that on the other side.
+        room = width - select(beta < 0.0, -gamma, gamma)
+        bound = select(_stiff(row, STIFFEST), room, 0.0)
+        x = room / magnitude(select(bound > 0.0, beta, 1.0))
+        most = select(bound > 0.0, select(x < most, x, most), most)
     return most
 
 

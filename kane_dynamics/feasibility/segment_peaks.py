@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import NamedTuple
 
-from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics._util.typing import Array, Flags, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.motion.controller_points import Segments
@@ -23,11 +23,14 @@ import numpy as np
 
 SMALLEST = 1e-300  # limit
 QUANTITIES = ('effort', 'velocity', 'power', 'acceleration')
+ALWAYS = 2  # of these quantities, the first ones, are computed even where unlimited
 # Within a segment a share exceeds the largest of its values at both ends and in the
 # middle by at most these parts of their range and of their second difference, about. A
 # parabola does so by at most an eighth of the second difference.
 RANGE, BEND = 0.15, 0.2
 CHANGING = 0.005  # range of a share in a segment from which it counts between the places
+MARGIN = 5e-4  # of all limits, for the motion between the points
+ACTIVE = 1.0 - 0.5 * MARGIN  # share from which a limit is tightened
 BLOCK = 1024  # places of a mechanism computed together, for arrays that fit the caches
 STATE = ('q', 'u', 'udot', 'tau')
 
@@ -52,8 +55,8 @@ class Peaks(NamedTuple):
 
     Attributes
     ----------
-    shares : (S, 4, n) array
-        Shares of the limits of `QUANTITIES`; 0 for infinite limits.
+    shares : (S, k, n) array
+        Shares of the limits of `SegmentPeaks.quantities`; 0 for infinite limits.
     largest : (S,) array
         The largest of them.
     change : (S,) array
@@ -84,36 +87,45 @@ class SegmentPeaks:
     driving : sequence of int
         Indices of the driving joints of such a robot.
 
+    Attributes
+    ----------
+    quantities : tuple of int
+        The k quantities of which shares are computed, as places in `QUANTITIES`.
+    driving : list of int
+        Indices of the driving joints; empty for a tree.
+
     """
 
     def __init__(self, robot: Robot, limits: Array, states: States | None = None,
                  driving: Sequence[int] = ()) -> None:
         self.n = limits.shape[1]
-        self._factors = 1.0 / np.maximum(limits, SMALLEST)
-        self._states, self._driving = states, driving
+        self.quantities = limited_quantities(limits)
+        self._factors = 1.0 / np.maximum(limits[list(self.quantities)], SMALLEST)
+        self._states = states
+        self.driving = list(driving)
         if states is None:
-            self._kernel = peaks_kernel(robot)
-            self._torque = robot.kernels.quantity('inverse_dynamics')
+            self._kernel = peaks_kernel(robot, self.quantities)
+            self._robot = robot
         else:
-            self._kernel = shares_kernel(self.n)
+            self._kernel = shares_kernel(self.n, self.quantities)
 
     def torques(self, q: Array, u: Array, udot: Array) -> Array:
         """Return the torques at points, (P, n)."""
         if self._states is not None:
-            return self._states(q, u[:, self._driving], udot[:, self._driving])[3]
+            return self._states(q, u[:, self.driving], udot[:, self.driving])[3]
         tau = np.empty((len(q), self.n))
-        kernel = self._torque
-        _require_finite(kernel.run([q, u, udot, *kernel.defaults], tau, len(q)))
+        kernel = self._robot.kernels.quantity('inverse_dynamics')
+        require_finite(kernel.run([q, u, udot, *kernel.defaults], tau, len(q)))
         return tau
 
     def middles(self, states: MotionStates, segments: Segments | None = None) -> Peaks:
         """Return the shares at both ends and in the middle of segments."""
         return self._peaks(states, np.array(0.5), segments)
 
-    def inside(self, states: MotionStates, segments: Segments, places: Segments
-               ) -> Array:
+    def inside(self, states: MotionStates, segments: Segments, places: Segments,
+               least: float = 0.0) -> tuple[Array, Segments, Array]:
         """
-        Return the largest shares in some segments, (S, 4, n).
+        Return the largest shares in some segments, at places between their ends.
 
         Parameters
         ----------
@@ -123,6 +135,17 @@ class SegmentPeaks:
             Numbers of the segments.
         places : (S,) array of int
             Numbers of places between the ends of each segment, at least 1.
+        least : float
+            Largest share in a segment from which its shares are needed.
+
+        Returns
+        -------
+        largest : (S,) array
+            The largest share in each segment.
+        needed : (P,) array of int
+            The rows of `segments` whose shares are needed.
+        shares : (P, k, n) array
+            The largest shares of these.
 
         """
         ends = places.cumsum()
@@ -131,7 +154,15 @@ class SegmentPeaks:
         first, step = np.repeat([begins - 1.0, 1.0 / (1.0 + places)], places, axis=1)
         x = (np.arange(ends[-1]) - first) * step
         peaks = self._peaks(states, x, segments.repeat(places))
-        return np.asarray(np.maximum.reduceat(peaks.shares, begins))
+        worst = np.maximum.reduceat(peaks.largest, begins)
+        is_needed = worst >= least
+        needed = is_needed.nonzero()[0]
+        shares = np.empty((0, *peaks.shares.shape[1:]))
+        if needed.size:
+            counts = places[needed]
+            rows = peaks.shares[is_needed.repeat(places)]
+            shares = np.maximum.reduceat(rows, counts.cumsum() - counts)
+        return worst, needed, shares
 
     def _peaks(self, states: MotionStates, x: Array, segments: Segments | None) -> Peaks:
         """Return the shares at a place in all segments, or at one in each of some."""
@@ -146,8 +177,8 @@ class SegmentPeaks:
                 block = slice(begin, begin + BLOCK)
                 self._closed(self._states, states, places[block], numbers[block],
                              table[block])
-        shares = table[:, :-3].reshape(count, len(QUANTITIES), self.n)
-        return Peaks(shares, *table[:, -3:].T)
+        shares = table[:, :-3].reshape(count, len(self.quantities), self.n)
+        return Peaks(shares, *table[:, -3:].T.copy())
 
     def _compiled(self, states: MotionStates, x: Array, segments: Segments | None,
                   table: Array) -> None:
@@ -159,7 +190,7 @@ class SegmentPeaks:
             arguments = self._kernel.arguments[:len(ends)]
             numbers = {argument.name: segments for argument in arguments}
         inputs = [*ends, x, self._factors]
-        _require_finite(self._kernel.run(inputs, table, len(table), numbers))
+        require_finite(self._kernel.run(inputs, table, len(table), numbers))
 
     def _closed(self, states_of: States, states: MotionStates, x: Array,
                 segments: Segments, table: Array) -> None:
@@ -168,19 +199,26 @@ class SegmentPeaks:
         begin = [row[segments] for row in rows]
         end = [row[segments + 1] for row in rows]
         near, u, udot = quintic(begin, end, h[segments, None], x[:, None])
-        inside = states_of(near, u[:, self._driving], udot[:, self._driving])
+        inside = states_of(near, u[:, self.driving], udot[:, self.driving])
         inputs = [*begin, *end, *inside, self._factors]
-        _require_finite(self._kernel.run(inputs, table, len(table)))
+        require_finite(self._kernel.run(inputs, table, len(table)))
+
+
+def limited_quantities(limits: Array) -> tuple[int, ...]:
+    """Return the quantities whose shares are computed for limits (4, n)."""
+    limited: Flags = np.asarray(np.isfinite(limits).any(axis=1))
+    limited[:ALWAYS] = True
+    return tuple(np.flatnonzero(limited).tolist())
 
 
 @kernel_per_robot
-def peaks_kernel(robot: Robot) -> Kernel:
+def peaks_kernel(robot: Robot, quantities: tuple[int, ...]) -> Kernel:
     """
-    Return the kernel of `Peaks` of a segment of a tree, (4 n + 3,).
+    Return the kernel of `Peaks` of a segment of a tree, (k n + 3,).
 
     Its arguments are the positions, velocities, accelerations and torques (n,) at the
     start and at the end of the segment, its duration, s, the place x in it from 0 to 1,
-    and the reciprocal limits (4, n).
+    and the reciprocal limits (k, n) of the quantities.
     """
     n = robot.n
     states = [f'{name}_{end}' for end in (0, 1) for name in STATE]
@@ -190,37 +228,40 @@ def peaks_kernel(robot: Robot) -> Kernel:
         h, x, factors = inputs[8:]
         q, u, udot = quintic(begin[:3], end[:3], h, x)
         tau = robot.equations.inverse_dynamics(q, u, udot, None, parameters)
-        return largest_shares_of(begin, end, (q, u, udot, tau), factors)
+        return largest_shares_of(quantities, begin, end, (q, u, udot, tau), factors)
     return robot.compiled(
         values, name='shares', **dict.fromkeys(states, (n,)), h=(), x=(),
-        factors=(len(QUANTITIES), n), shape=(len(QUANTITIES) * n + 3,))
+        factors=(len(quantities), n), shape=(len(quantities) * n + 3,))
 
 
 @cache
-def shares_kernel(n: int) -> Kernel:
+def shares_kernel(n: int, quantities: tuple[int, ...]) -> Kernel:
     """Return the kernel of `largest_shares_of`, for states at the three places."""
     names = [f'{name}_{place}' for place in (0, 1, 'x') for name in STATE]
     inputs: list[tuple[str, tuple[int, ...]]] = [(name, (n,)) for name in names]
-    inputs.append(('factors', (len(QUANTITIES), n)))
+    inputs.append(('factors', (len(quantities), n)))
 
     def values(*arguments: Matrix) -> Vector:
         begin, end, inside = arguments[:4], arguments[4:8], arguments[8:12]
-        return largest_shares_of(begin, end, inside, arguments[12])
-    return batch_kernel('shares_of_states', values, inputs, (len(QUANTITIES) * n + 3,))
+        return largest_shares_of(quantities, begin, end, inside, arguments[12])
+    return batch_kernel('shares_of_states', values, inputs, (len(quantities) * n + 3,))
 
 
-def largest_shares_of(begin: Sequence[Vector], end: Sequence[Vector],
-                      inside: Sequence[Vector], factors: Matrix) -> Vector:
+def largest_shares_of(quantities: Sequence[int], begin: Sequence[Vector],
+                      end: Sequence[Vector], inside: Sequence[Vector], factors: Matrix
+                      ) -> Vector:
     """
     Return the content of `Peaks` as one array, for one segment of a motion.
 
     `begin`, `end` and `inside` are the states (q, u, udot, tau) at its ends and at a place
-    between. The array has the 4 n shares, the largest one, the largest range that counts and the
+    between. The array has the k n shares, the largest one, the largest range that counts and the
     largest estimate, in this order.
     """
     shares = []
     for _, u, udot, tau in (begin, end, inside):
-        shares.append(np.ravel([tau, u, tau * u, udot]) * np.ravel(factors))
+        values = tau, u, tau * u, udot  # in the order of `QUANTITIES`
+        used = [values[quantity] for quantity in quantities]
+        shares.append(np.ravel(used) * np.ravel(factors))
     peaks, changes, estimates = [], [], []
     for first, last, middle in zip(*shares):
         high = largest([first, last, middle])
@@ -264,7 +305,8 @@ def quintic(begin: Sequence[Vector], end: Sequence[Vector], h: Scalar, x: Scalar
     return q, rate * r, change * (r * r)
 
 
-def _require_finite(flags: int) -> None:
+def require_finite(flags: int) -> None:
+    """Raise InputError for flags of a kernel that tell of a number that is not finite."""
     if flags:
         raise InputError('path: the torques along it are not finite; expected a path '
                          'with finite torques')

@@ -54,6 +54,7 @@ SMALL, LARGEST = 1e-5, 1e-3  # excess of a limit between points; on the finest g
 COARSE, FINE = 2e-3, 4000
 DIVISIONS = 32  # intervals that resolve a segment of the path
 ROUNDED = 50.0  # error of accelerations, in the rounding of positions over dt^2; measured
+EPSILON = float(np.finfo(np.float64).eps)
 RESTING = 100.0  # roundings of its position that a joint at rest may vary by, at most
 
 
@@ -161,7 +162,8 @@ def _with_drives(robot: Robot, path: Motion | SmoothMotion | ArrayLike, bounds: 
     power[[elastic.link for elastic in robot.drives]] = math.inf  # that of motors counts
     bounds = bounds._replace(effort=limits_of_drives(robot).effort, power=power)
     timing = elastic_timing(robot, path, bounds)
-    return TimeOptimal(timing.motion, timing.points, timing.tau, robot.copy(), bounds, {})
+    return TimeOptimal(timing.motion, timing.points, timing.tau, robot,
+                       robot.parameters.copy(), robot.limits, bounds, {})
 
 
 def _require_linear_damping(robot: Robot, rates: RateBounds) -> None:
@@ -208,8 +210,10 @@ def _result(along: PathRobot, parts: Sequence[Checked], rate_uses: dict[str, Arr
     tau = parts[0].tau
     if len(parts) > 1:
         tau = np.concatenate([part.tau for part in parts])
-    robot = along.robot.copy()  # has its own payload
-    timing = TimeOptimal(motion, points, tau, robot, along.bounds, rate_uses)
+    robot = along.robot
+    parameters = robot.parameters.copy()  # the robot's may change later
+    timing = TimeOptimal(motion, points, tau, robot, parameters, robot.limits,
+                         along.bounds, rate_uses)
     _require_resolution(timing)
     return timing
 
@@ -223,15 +227,19 @@ def _require_resolution(timing: TimeOptimal) -> None:
     the motion uses a limit.
     """
     points = timing.points
-    positions = np.abs(points.q).max(axis=0)
-    rounding = np.finfo(np.float64).eps * positions
-    moving = np.ptp(points.q, axis=0) > RESTING * rounding
-    intervals = np.diff(points.t)
+    columns = points.q.T.copy()  # whose rows are reduced ten times as fast
+    highest = columns.max(axis=1)
+    lowest = columns.min(axis=1)
+    positions = np.maximum(highest, -lowest)
+    rounding = EPSILON * positions
+    moving = highest - lowest > RESTING * rounding
+    intervals = points.t[1:] - points.t[:-1]
     accelerations = np.abs(points.udot).max()
-    errors = ROUNDED * rounding[moving].max(initial=0.0) / (intervals**2 * accelerations)
+    error = ROUNDED * rounding[moving].max(initial=0.0) / accelerations
     # Most grids are far from coarse, and need no more.
-    if errors.max() <= LARGEST and moving.any():
+    if moving.any() and error <= LARGEST * intervals.min()**2:
         return
+    errors = error / intervals**2
 
     # Equal positions, as of a rest between two sections, have an exact difference.
     errors[(np.diff(points.q, axis=0) == 0.0).all(axis=1)] = 0.0
@@ -329,14 +337,16 @@ def _solve(along: PathRobot, section: Section, start: float, end: float, excess:
         # Where an excess persists, as in a segment in which friction jumps, more is
         # needed.
         persistent = max(turn - ROUNDS, 0)
-        limits.tighten(motion.shares, motion.largest, TIGHTER * GROWTH**persistent)
+        limits.tighten(motion.shares, motion.largest, motion.quantities,
+                       TIGHTER * GROWTH**persistent)
     timing = motion.checked()
     largest = timing.largest
     limit, k, j = np.unravel_index(int(largest.argmax()), largest.shape)
+    quantity = Bounds._fields[motion.quantities[int(limit)]]
     count = len(limits.most) - 1
     raise _Coarse(
         f"path: joint '{along.names[int(j)]}': {largest.max():.6g} times its "
-        f'{Bounds._fields[int(limit)]} limit at {k / count:.3g} of the path, '
+        f'{quantity} limit at {k / count:.3g} of the path, '
         f'{timing.points.q[k].round(4).tolist()}, on a grid of {count} intervals; '
         'expected a path without sharp corners', FINEST)
 

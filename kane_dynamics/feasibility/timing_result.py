@@ -12,6 +12,7 @@ from kane_dynamics.feasibility.torque_demand import Demand, demand, share
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import SmoothMotion
+from kane_dynamics.robot.parameters import JointLimits, Parameters
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -55,6 +56,8 @@ class TimeOptimal:
     points: ControllerPoints
     tau: Array
     _robot: Robot
+    _parameters: Parameters  # of the call, as are the limits
+    _limits: JointLimits
     _bounds: Bounds
     _rate_uses: dict[str, Array]
 
@@ -88,8 +91,11 @@ class TimeOptimal:
     @property
     def demand(self) -> Demand:
         """Return torque, speed and power of the motion, with the limits."""
+        robot = self._robot.copy()  # has its own payload
+        robot.parameters.assign(self._parameters)
+        robot.limits = self._limits
         step = max(STEP, 4.0 * self.duration / MOST_SAMPLES)
-        return demand(self._robot, self.motion, step=step, power=self._bounds.power)
+        return demand(robot, self.motion, step=step, power=self._bounds.power)
 
     @property
     def active(self) -> tuple[ActiveLimit, ...]:

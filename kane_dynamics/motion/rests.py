@@ -34,11 +34,13 @@ def rests(motion: Motion) -> Array:
 
     # Samples k with the least speed around, between which the velocity changes its
     # direction.
+    turns_back = np.einsum('ij,ij->i', u[:-2], u[2:]) < 0.0
+    if not turns_back.any():
+        return np.asarray(knots[still])
     slower_neighbor = np.minimum(speed[:-2], speed[2:])
     inner_speed = speed[1:-1]
     moves = (inner_speed > 0.0) & (slower_neighbor > 0.0)
     is_least = moves & (inner_speed <= slower_neighbor)
-    turns_back = np.einsum('ij,ij->i', u[:-2], u[2:]) < 0.0
     k = 1 + np.flatnonzero(is_least & turns_back)
     if not k.size:
         return np.asarray(knots[still])
@@ -48,7 +50,8 @@ def rests(motion: Motion) -> Array:
     # u is quadratic in t. With twice that, for knots between, most turns are no
     # reversals and need no bisection.
     sagitta = 0.25 * np.linalg.norm(u[k - 1] - 2.0 * u[k] + u[k + 1], axis=1)
-    least_on_chords = np.minimum(_nearest(u[k - 1], u[k]), _nearest(u[k], u[k + 1]))
+    chords = np.concatenate([k - 1, k])
+    least_on_chords = _nearest(u[chords], u[chords + 1]).reshape(2, -1).min(axis=0)
     k = k[least_on_chords - sagitta <= REVERSAL * slower_neighbor[k - 1]]
     if not k.size:
         return np.asarray(knots[still])

@@ -580,22 +580,25 @@ def method_in_lanes(equations: Equations, name: str) -> Callable[..., Any] | Non
     return getattr(tree_in_lanes, name, None)
 
 
-def kernel_per_robot(function: Callable[[Any], Kernel]) -> Callable[[Any], Kernel]:
+def kernel_per_robot(function: Callable[..., Kernel]) -> Callable[..., Kernel]:
     """
     Return a function that makes a kernel once for each robot, by another function.
 
     `Robot.compiled` compiles once, too, but reads its function again at each call, which
     takes longer than many kernels. The robot's set of kernels stores the kernel, which
-    refers to the robot; so this function refers to both weakly.
+    refers to the robot; so this function refers to both weakly. Further arguments of the
+    function are hashable, and each choice of them has its kernel.
     """
-    references: WeakKeyDictionary[KernelSet, ref[Kernel]] = WeakKeyDictionary()
+    references: WeakKeyDictionary[KernelSet, dict[tuple[Hashable, ...], ref[Kernel]]]
+    references = WeakKeyDictionary()
 
     @wraps(function)
-    def kernel_of(robot: Any) -> Kernel:
-        reference = references.get(robot.kernels)
+    def kernel_of(robot: Any, *choices: Hashable) -> Kernel:
+        kernels = references.setdefault(robot.kernels, {})
+        reference = kernels.get(choices)
         kernel = None if reference is None else reference()
         if kernel is None:
-            kernel = function(robot)
-            references[robot.kernels] = ref(kernel)
+            kernel = function(robot, *choices)
+            kernels[choices] = ref(kernel)
         return kernel
     return kernel_of

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
 
@@ -80,9 +79,17 @@ class Parameters:
 
     def copy(self) -> Parameters:
         """Return a copy with a separate block."""
-        other = copy(self)
+        other = object.__new__(Parameters)
+        for name in self.__slots__:
+            object.__setattr__(other, name, getattr(self, name))
         other.block = self.block.copy()
         return other
+
+    def assign(self, values: Parameters) -> None:
+        """Set the values of a copy of these parameters; the block stays the same."""
+        self.block[:] = values.block
+        for name in ('_payload', '_tolerance'):
+            object.__setattr__(self, name, getattr(values, name))
 
     @property
     def gravity(self) -> Array:

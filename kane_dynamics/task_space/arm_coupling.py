@@ -170,9 +170,12 @@ class ArmCoupling:
             'is_freed': float(alone == 'free'), 'weights': compensation_weights(terms)})
         self.engaged = False
         self.lost = ''
-        self._memory = _Memory(n)
-        self._none = np.zeros(n)  # of a partner that is not there
+        self._memory = _Memory(robot.n_q, n)
+        none = np.zeros(n)
+        self._nobody = PartnerState(0.0, none, none, none)
         self._clock = np.zeros(2)
+        # Numbers are written to it faster than to the array.
+        self._clock_entries: Any = memoryview(self._clock)
         self._timed = robot.equations.timed
         self._law = self._compiled()
 
@@ -252,36 +255,48 @@ class ArmCoupling:
             The configuration is open or singular.
 
         """
-        if type(t) is not float or not math.isfinite(t):
+        if type(t) is not float:
             t = number(t, 't', 'a finite time in s', math.isfinite)
-        elapsed = self._elapsed(t, q)
+        memory = self._memory
+        clock = self._clock_entries
+        timeout = self._timeout
+        last = memory.t
+        if last is not None and 0.0 <= t - last <= timeout:
+            clock[0] = t - last
+        else:  # also for a time that is not finite
+            self._begin(number(t, 't', 'a finite time in s', math.isfinite), q)
+            clock[0] = 0.0
+        memory.t = t
         if self.engaged:
             if type(partner) is not PartnerState and partner is not None:
                 instance(partner, PartnerState, 'partner')
-            fault = self._lateness(t, partner)
-            if fault:
-                self.disengage(fault)
-        clock = self._clock
-        clock[0] = elapsed
-        clock[1] = 1.0
+            if partner is None or not -timeout <= t - partner.t <= timeout:
+                self.disengage(self._lateness(t, partner))
         if self.engaged and partner is not None:
-            try:
-                return self._step(t, q, u, partner.q, partner.u, partner.external)
-            except _PartnerFault as error:
-                self.disengage(str(error))
-        clock[1] = 0.0
-        none = self._none
-        return self._step(t, q, u, none, none, none)
+            clock[1] = 1.0
+        else:
+            clock[1] = 0.0
+            partner = self._nobody
+        _, q_p, u_p, external = partner
+        try:
+            if self._timed:
+                row = self._law(q, u, q_p, u_p, external, memory.row, self._clock,
+                                self._settings, t)
+            else:
+                row = self._law(q, u, q_p, u_p, external, memory.row, self._clock,
+                                self._settings)
+        except _PartnerFault as error:
+            self.disengage(str(error))
+            return self.torque(t, q, u)
+        memory.row = row[memory.after_torques]
+        return row[memory.torques]
 
     # The parts of `torque`.
 
-    def _elapsed(self, t: float, q: ArrayLike) -> float:
-        """Return the time since the last call, s; begin again after an interruption."""
+    def _begin(self, t: float, q: ArrayLike) -> None:
+        """Begin where the arm is, for the first time or after an interruption."""
         memory = self._memory
         last = memory.t
-        if last is not None and 0.0 <= t - last <= self._timeout:
-            memory.t = t
-            return t - last
         position = finite_row(q, 'q', self.robot.coordinate_names)[self._places]
         if last is not None:
             reason = f'no state for {t - last:.3f} s'
@@ -291,8 +306,6 @@ class ArmCoupling:
             memory.restart()
         if not self.engaged:
             memory.rows[0] = position
-        memory.t = t
-        return 0.0
 
     def _lateness(self, t: float, partner: PartnerState | None) -> str:
         """Return why the partner's state is of no use by its time; empty if it is."""
@@ -305,20 +318,6 @@ class ArmCoupling:
             return (f'partner: a state {-age:.3f} s ahead; expected its time on the '
                     'clock of this arm')
         return ''
-
-    def _step(self, t: float, q: ArrayLike, u: ArrayLike, q_p: ArrayLike,
-              u_p: ArrayLike, external: ArrayLike) -> Array:
-        """Return the torques, and remember what the next call needs."""
-        memory = self._memory
-        if self._timed:
-            row = self._law(q, u, q_p, u_p, external, memory.row, self._clock,
-                            self._settings, t)
-        else:
-            row = self._law(q, u, q_p, u_p, external, memory.row, self._clock,
-                            self._settings)
-        count = len(row) - len(memory.row)
-        memory.row = row[count:]
-        return row[:count]
 
     def _compiled(self) -> Callable[..., Array]:
         """Return the entry point of the law."""
@@ -363,11 +362,15 @@ class _Memory:
         Of the law's last result, which it reads again: target of the spring, rates that
         the arm is to have, torque of the partner, and distance that is left from
         engagement; then the entries `GRIP`, `RAMPED` and `SATURATED`.
+    torques, after_torques : slices
+        Of the torques in a result of the law, which the caller owns, and of `row`.
 
     """
 
-    def __init__(self, n: int) -> None:
+    def __init__(self, n_q: int, n: int) -> None:
         self._n = n
+        self.torques = slice(n_q)
+        self.after_torques = slice(n_q, None)
         self.restart()
 
     def restart(self) -> None:

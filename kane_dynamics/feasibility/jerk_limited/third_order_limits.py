@@ -22,8 +22,8 @@ from kane_dynamics._util.typing import Array, Flags, Matrix, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.jerk_limited.smooth_path import SmoothSection
 from kane_dynamics.feasibility.path_geometry import STILL
-from kane_dynamics.feasibility.path_limits import (Bounds, friction, MARGIN,
-                                                   rough_coordinates)
+from kane_dynamics.feasibility.path_limits import Bounds, friction, rough_coordinates
+from kane_dynamics.feasibility.segment_peaks import MARGIN
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.native.runtime.kernel import Kernel

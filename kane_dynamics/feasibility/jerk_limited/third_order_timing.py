@@ -23,8 +23,9 @@ from kane_dynamics.feasibility.jerk_limited.smooth_path import (smooth_sections,
 from kane_dynamics.feasibility.jerk_limited.third_order_limits import (
     LIMITS, RateBounds, ThirdOrderLimits, UNBOUNDED)
 from kane_dynamics.feasibility.path_geometry import Section
-from kane_dynamics.feasibility.path_limits import ACTIVE, Bounds, MARGIN
+from kane_dynamics.feasibility.path_limits import Bounds
 from kane_dynamics.feasibility.path_timing import Checked, checked
+from kane_dynamics.feasibility.segment_peaks import ACTIVE, MARGIN
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot

@@ -12,6 +12,9 @@ import numpy as np
 # Of a traced polynomial: each call compares the argument with every piece.
 MOST_PIECES = 5000
 
+ENDS, BESIDE = [0, -1], [1, -2]  # the first and last row, and those beside them
+FEW = 16  # unknowns of a tridiagonal system that is solved as a full matrix
+
 # Coefficients in x = (t - t0) / h of the quintic with given q, h u, h^2 udot at x = 0
 # and x = 1.
 _QUINTIC = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
@@ -68,28 +71,23 @@ def free_velocities(t: Array, q: Array) -> Array:
         return np.stack([slope[0] - h[0] * bend, slope[0] + h[0] * bend,
                          slope[1] + h[1] * bend])
 
-    # The conditions at the second point from each end, then those at inner points.
-    first = _end_condition(h[0], h[1], slope[0], slope[1])
-    last = _end_condition(h[-1], h[-2], slope[-1], slope[-2])
+    # Where the two cubics at an end are one, h_beside u + (h + h_beside) u_beside is
+    # this, for both ends at once; then the conditions at inner points.
+    h_end, h_beside = h[ENDS], h[BESIDE]
+    both = h_end + h_beside
+    weighted = (3.0 * h_end + 2.0 * h_beside) * h_beside * slope[ENDS]
+    condition = (weighted + h_end * h_end * slope[BESIDE]) / both
     r = 1.0 / h
-    right = 3.0 * (slope[:-1] * r[:-1] + slope[1:] * r[1:])
+    scaled = slope * r
+    right = 3.0 * (scaled[:-1] + scaled[1:])
     diagonal = 2.0 * (r[:-1] + r[1:])
-    for k, beside, end in ((0, 1, first), (-1, -2, last)):
-        # The end velocity u = (end - (h + h_beside) u_beside) / h_beside is eliminated.
-        right[k] -= r[k] * r[beside] * end
-        diagonal[k] *= 0.5
+    # The end velocity u = (condition - (h + h_beside) u_beside) / h_beside is eliminated.
+    right[ENDS] -= condition / (h_end * h_beside)
+    diagonal[ENDS] *= 0.5
     u = np.empty_like(q)
     u[1:-1] = tridiagonal_solution(r[:-1], diagonal, r[1:], right)
-    u[0] = r[1] * (first - (h[0] + h[1]) * u[1])
-    u[-1] = r[-2] * (last - (h[-1] + h[-2]) * u[-2])
+    u[ENDS] = (condition - both * u[BESIDE]) / h_beside
     return u
-
-
-def _end_condition(h: Array, h_beside: Array, slope: Array,
-                   slope_beside: Array) -> Array:
-    """Return h_beside u + (h + h_beside) u_beside for which two end cubics are one."""
-    weighted = (3.0 * h + 2.0 * h_beside) * h_beside * slope + h * h * slope_beside
-    return np.asarray(weighted / (h + h_beside))
 
 
 def tridiagonal_solution(a: Array, b: Array, c: Array, d: Array) -> Array:
@@ -98,8 +96,8 @@ def tridiagonal_solution(a: Array, b: Array, c: Array, d: Array) -> Array:
 
     The system is diagonally dominant.
     Cyclic reduction: the equations with even numbers eliminate their unknowns from the
-    others, which are half as many. It needs a few operations on arrays where Thomas'
-    elimination needs one for each row.
+    others, which are half as many, until few are left. It needs a few operations on
+    arrays where Thomas' elimination needs one for each row.
 
     Parameters
     ----------
@@ -111,8 +109,13 @@ def tridiagonal_solution(a: Array, b: Array, c: Array, d: Array) -> Array:
 
     """
     count = len(b)
-    if count == 1:
-        return np.asarray(d / b)
+    if count <= FEW:
+        matrix = np.zeros((count, count))
+        diagonals = matrix.ravel()
+        diagonals[::count + 1] = b[:, 0]
+        diagonals[1::count + 1] = c[:-1, 0]
+        diagonals[count::count + 1] = a[1:, 0]
+        return np.asarray(np.linalg.solve(matrix, d))
 
     # Multiples of the rows before and after each odd row, which eliminate even unknowns.
     odd = slice(1, None, 2)

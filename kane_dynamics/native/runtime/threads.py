@@ -29,11 +29,19 @@ def thread_count() -> int:
         If ``KANE_DYNAMICS_THREADS`` is not an integer from 1 to 256.
 
     """
-    setting = os.environ.get(VARIABLE)
+    setting = _checked_setting()
     if setting is None:
         available = (len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity')
                      else os.cpu_count() or 1)
         return min(available, MAX_THREADS)
+    return setting
+
+
+def _checked_setting() -> int | None:
+    """Return `KANE_DYNAMICS_THREADS`, None without it; raise InputError if invalid."""
+    setting = os.environ.get(VARIABLE)
+    if setting is None:
+        return None
     if not (setting.isdecimal() and 1 <= int(setting) <= MAX_THREADS):
         raise InputError(f'{VARIABLE}: {setting!r}; expected an integer from 1 to '
                          f'{MAX_THREADS}')
@@ -66,7 +74,7 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
         Bitwise or of all flags.
 
     """
-    most_threads = thread_count()  # refuses an invalid setting first
+    _checked_setting()  # refused first
     flags = 0
     begin = 0
     longest = LONGEST / 8.0
@@ -83,7 +91,9 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
         per_quantum = took * len(ranges) * quantum / (done - begin)  # s
         begin = done
         worth = int(per_quantum * blocks / THREAD_WORK) + 1
-        threads = max(1, min(most_threads, worth, blocks))
+        threads = min(worth, blocks)
+        if threads > 1:
+            threads = min(threads, thread_count())
         # As much work as lasts about `longest`, in equal parts.
         per_thread = max(1, int(longest / max(per_quantum, 1e-12)))
         blocks = min(blocks, per_thread * threads)

@@ -12,9 +12,9 @@ from kane_dynamics.feasibility.jerk_limited.banded_system import banded_system_s
 from kane_dynamics.feasibility.jerk_limited.profile_spline import ProfileSpline
 from kane_dynamics.feasibility.jerk_limited.smooth_path import smooth_sections
 from kane_dynamics.feasibility.jerk_limited.third_order_limits import torque_rate_kernel
-from kane_dynamics.feasibility.path_limits import torque_kernel
 from kane_dynamics.robot.parameters import JointLimits
 import numpy as np
+from path_torque import torque_along
 from pinocchio_fr3 import pinocchio_fr3
 import pytest
 
@@ -257,7 +257,7 @@ def test_derivatives_of_the_path_and_of_its_torque_are_those_of_differences():
         error = np.abs(slope - high[:count])[inner] / np.abs(high).max()
         assert error.max() < 1e-4
     found = torque_rate_kernel(robot)(q, first, second, path.third)
-    torque = torque_kernel(robot)(q, first, second)
+    torque = torque_along(robot, q, first, second)
     assert found[:, :2] == pytest.approx(torque[:, :2], abs=1e-9)
     slope = np.gradient(torque[:count], s[:, 0], axis=0, edge_order=2)
     assert np.abs(slope - found[:count, 3:])[inner].max() < 1e-4 * np.abs(found[:, 3:]).max()

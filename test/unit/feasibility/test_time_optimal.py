@@ -8,7 +8,6 @@ from kane_dynamics import (Inertial, InputError, Limits, load_urdf, ModelBuilder
                            rod)
 from kane_dynamics.feasibility import demand, fastest, reachability, time_optimal
 from kane_dynamics.feasibility.path_geometry import Part, path_of, sections
-from kane_dynamics.feasibility.path_limits import torque_kernel
 from kane_dynamics.feasibility.path_timing import SectionMotion
 from kane_dynamics.feasibility.segment_peaks import CHANGING, MotionStates, SegmentPeaks
 from kane_dynamics.mechanics.algebra.spline import free_velocities
@@ -16,6 +15,7 @@ from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.uniform_spline import spline_derivatives
 from kane_dynamics.robot.parameters import JointLimits
 import numpy as np
+from path_torque import torque_along
 from pinocchio_fr3 import pinocchio_fr3
 import pytest
 from scipy.integrate import quad
@@ -629,7 +629,7 @@ def test_torque_along_a_path_is_that_of_inverse_dynamics():
     rng = np.random.default_rng(5)
     q, first, second = rng.uniform(-1.0, 1.0, (3, 9, 7))
     rate, change = rng.uniform(0.5, 2.0, (2, 9, 1))
-    inertia, square, rest = torque_kernel(robot)(q, first, second).swapaxes(0, 1)
+    inertia, square, rest = torque_along(robot, q, first, second).swapaxes(0, 1)
     u = rate * first
     expected = robot.inverse_dynamics(q, u, change * first + rate**2 * second)
     assert inertia * change + square * rate**2 + rest + robot.friction_force(u) - (
@@ -690,14 +690,23 @@ def test_largest_shares_in_segments_are_those_of_the_motion():
     state = points.q, points.u, points.udot
     states = MotionStates(*state, peaks.torques(*state), np.diff(points.t))
     chosen, counts = np.array([0, 7, 400]), np.array([8, 60, 4])
-    for row, segment, count in zip(peaks.inside(states, chosen, counts), chosen, counts):
+    worst, needed, rows = peaks.inside(states, chosen, counts)
+    assert needed.tolist() == [0, 1, 2]
+    for row, segment, count in zip(rows, chosen, counts):
         inside = np.linspace(0.0, 1.0 - 1e-12, count + 2)
-        assert row == pytest.approx(np.abs(shares([segment], inside)[0]).max(axis=0),
-                                    rel=1e-6, abs=1e-6)
+        expected = np.abs(shares([segment], inside)[0]).max(axis=0)[[*peaks.quantities]]
+        assert row == pytest.approx(expected, rel=1e-6, abs=1e-6)
+    assert worst == pytest.approx(rows.max(axis=(1, 2)), rel=1e-15)
+    least = np.median(worst)
+    again, needed, rows_of_some = peaks.inside(states, chosen, counts, least)
+    assert np.array_equal(again, worst)
+    assert needed.tolist() == np.flatnonzero(worst >= least).tolist()
+    assert len(needed) == 2 and np.array_equal(rows_of_some, rows[needed])
     found = peaks.middles(states)
     expected = shares(np.arange(len(points.t) - 1), np.array([0.0, 0.5, 1.0 - 1e-12]))
     largest, ranges = np.abs(expected).max(axis=1), np.ptp(expected, axis=1)
-    assert found.shares == pytest.approx(largest, rel=1e-6, abs=1e-6)
+    assert found.shares == pytest.approx(largest[:, [*peaks.quantities]], rel=1e-6, abs=1e-6)
+    assert not largest[:, 3].any()
     assert found.largest == pytest.approx(largest.max(axis=(1, 2)), rel=1e-6)
     bend = np.abs(expected[:, 0] + expected[:, 2] - 2.0 * expected[:, 1])
     beyond = np.where(ranges > CHANGING, 0.15 * ranges + 0.2 * bend, 0.0)
@@ -716,7 +725,7 @@ def test_no_share_of_a_limit_exceeds_its_estimate_from_three_places(seed):
     state = points.q, points.u, points.udot
     states = MotionStates(*state, peaks.torques(*state), np.diff(points.t))
     segments = np.arange(len(states.h))
-    exact = peaks.inside(states, segments, np.full(len(segments), 63)).max(axis=(1, 2))
+    exact, _, _ = peaks.inside(states, segments, np.full(len(segments), 63))
     # A share that changes by less than `CHANGING` may exceed the three as a parabola does.
     assert (exact - peaks.middles(states).estimate).max() < CHANGING / 8.0
 
