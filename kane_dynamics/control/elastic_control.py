@@ -121,6 +121,7 @@ class ElasticArm:
         self.n = robot.n
         links = link_side(model)
         self.names = links.joint_names
+        self.n_links = len(self.names)
         self.tree = TreeEquations(links, payload_frame=robot.options['payload_frame'],
                                   friction=robot.friction)
         self.sides = drive_sides(model, self.names)
@@ -140,6 +141,16 @@ class ElasticArm:
             raise InputError(f'robot: rigid joints {rigid}; expected a drive at every '
                              'joint, because the torque of a rigid one would jump '
                              'through the derivatives of the others')
+
+    def require_deflections(self) -> None:
+        """Raise InputError if a torque does not determine the deflection of a drive."""
+        for side in self.sides:
+            curve = side.drive.stiffness
+            if isinstance(curve, StiffnessCurve) and curve.dead_zone:
+                raise InputError(f"motor '{side.motor.name}': a dead zone of "
+                                 f'{curve.dead_zone:g} in its stiffness curve; expected '
+                                 'a curve without one, because within it the '
+                                 'torque 0 leaves the deflection open')
 
     def accelerations(self, q: Vector, torques: Vector, parameters: Vector) -> Vector:
         """Return accelerations of the links by torques beyond inverse dynamics, (n,)."""
@@ -254,10 +265,28 @@ class ElasticArm:
     def motor_side_torque(self, q: Vector, u: Vector, desired: Matrix, kp: Vector,
                           kd: Vector, parameters: Vector) -> Vector:
         """Return tau, (n_tau,), of the feedforward and PD on the motors."""
-        theta, theta_rate, _, torque, _ = self.motor_command(desired, parameters)
-        error = theta - q[self.motors]
-        error_rate = theta_rate - u[self.motors]
-        return self.in_tau(torque + kp * error + kd * error_rate)
+        return self.in_tau(self.feedback_of_motors(
+            q[self.motors], u[self.motors], desired, desired, kp, kd,
+            parameters=parameters))
+
+    def feedback_of_motors(self, measured: Vector, rates: Vector, desired: Matrix,
+                           ahead: Matrix, kp: Vector, kd: Vector, *, parameters: Vector
+                           ) -> Vector:
+        """
+        Return torques of motors, (n,): feedforward and PD on measured motors.
+
+        `desired`, (5, n), is the motion at the state; the feedforward is that at `ahead`.
+        """
+        theta, theta_rate, _, _, _ = self.motor_command(desired, parameters)
+        torque = self.motor_command(ahead, parameters)[3]
+        return torque + kp * (theta - measured) + kd * (theta_rate - rates)
+
+    def feedback_of_links(self, measured: Vector, rates: Vector, desired: Matrix,
+                          ahead: Matrix, kp: Vector, kd: Vector, *, parameters: Vector
+                          ) -> Vector:
+        """Return torques of motors, (n,): feedforward and PD on measured links."""
+        torque = self.motor_command(ahead, parameters)[3]
+        return torque + kp * (desired[0] - measured) + kd * (desired[1] - rates)
 
     def shaped_torque(self, q: Vector, u: Vector, torque: Vector,
                       inertia: Vector) -> Vector:
@@ -277,13 +306,7 @@ class _MotionLaw:
     def __init__(self, robot: Robot, motion: Motion | SmoothMotion, every: bool = False) -> None:
         self.arm = ElasticArm(robot, every)
         self.robot = robot
-        for side in self.arm.sides:
-            curve = side.drive.stiffness
-            if isinstance(curve, StiffnessCurve) and curve.dead_zone:
-                raise InputError(f"motor '{side.motor.name}': a dead zone of "
-                                 f'{curve.dead_zone:g} in its stiffness curve; expected '
-                                 'a curve without one, because within it the '
-                                 'torque 0 leaves the deflection open')
+        self.arm.require_deflections()
         if not isinstance(motion, SmoothMotion):
             instance(motion, Motion, 'motion')
         if motion.joint_names != self.arm.names:

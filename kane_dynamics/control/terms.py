@@ -26,18 +26,20 @@ class Mode(StrEnum):
     CARTESIAN_IMPEDANCE = 'cartesian_impedance'
     HAND_GUIDING = 'hand_guiding'
     ARM_COUPLING = 'arm_coupling'
+    MOTOR_SIDE = 'motor_side'
 
     @property
     def follows_motions(self) -> bool:
         """Return whether the joints follow a desired motion in this mode."""
         return self in (Mode.INVERSE_DYNAMICS, Mode.COMPUTED_TORQUE,
-                        Mode.JOINT_IMPEDANCE)
+                        Mode.JOINT_IMPEDANCE, Mode.MOTOR_SIDE)
 
     @property
     def is_stiff(self) -> bool:
         """Return whether the torque depends on the distance to a desired position."""
         return self in (Mode.COMPUTED_TORQUE, Mode.JOINT_IMPEDANCE,
-                        Mode.CARTESIAN_IMPEDANCE, Mode.ARM_COUPLING)
+                        Mode.CARTESIAN_IMPEDANCE, Mode.ARM_COUPLING,
+                        Mode.MOTOR_SIDE)
 
 
 @hinting

@@ -117,6 +117,7 @@ class ConfiguredRobot:
         self.values = values
         # The controller's model has rigid links; of a flexible arm, `bending` is the
         # other.
+        self._elastic = model if model.drives else None
         controller = path_controller(model, values, self._laws_of)
         self._digest = arm_digest(model, controller.robot.options['constraints'])
         self.robot = controller.robot
@@ -168,7 +169,7 @@ class ConfiguredRobot:
 
     def _laws_of(self, robot: Robot) -> Mapping[Mode, ModeLaw]:
         """Return the laws of the modes that fit the robot of the torque path."""
-        self.modes = TaskModes(robot, self.values)
+        self.modes = TaskModes(robot, self.values, self._elastic)
         return self.modes.laws
 
     def _compile(self, robots: Sequence[Robot]) -> None:

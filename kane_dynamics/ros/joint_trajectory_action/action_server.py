@@ -49,7 +49,7 @@ NAME = 'follow_joint_trajectory'
 PERIOD = 0.05
 CLOSING, SENDING = 0.3, 0.05  # s, to end a goal, and to send its result
 # Modes whose feedback follows a motion of the joints
-FEEDBACK_MODES = ('computed_torque', 'joint_impedance')
+FEEDBACK_MODES = ('computed_torque', 'joint_impedance', 'motor_side')
 
 
 def follow_joint_trajectory_type() -> Any:

@@ -175,7 +175,7 @@ SPECS = (
          'contains', choices=tuple(Mode)),
     Spec('modes', 'names', [],
          'further modes to which `mode` may change while the node is configured; their '
-         'laws are compiled then', choices=LAW_MODES),
+         'laws are compiled then', choices=(*LAW_MODES, Mode.MOTOR_SIDE)),
     Spec('arm_compensates', 'terms', [],
          'torque terms that the arm adds to commanded efforts '
          'itself; `commands` leave them out; without this statement the node does not '
@@ -197,6 +197,19 @@ SPECS = (
     live('joint_impedance.damping_ratio', 'per_joint', 0.7,
          'damping ratio of each joint on its spring, for its inertia where the mode '
          'begins, if joint_impedance.damping is empty', low=0.0, high=10.0),
+    Spec('drives.sensor_side', 'text', 'motor',
+         'where the joint states of elastic joints are measured: motor (divided by the '
+         'gear ratio) or link; used by mode motor_side', choices=('motor', 'link')),
+    live('drives.kp', 'per_joint', [],
+         'mode motor_side: gain of position errors, joint-side, N m/rad or N/m; empty: '
+         '4 % of the stiffness of the drive', low=0.0),
+    live('drives.kd', 'per_joint', [],
+         'mode motor_side: gain of velocity errors, N m s/rad or N s/m; empty: critical '
+         'damping of the rotor', low=0.0),
+    live('drives.lead', 'number', 0.0,
+         'mode motor_side: time by which the feedforward is ahead of the state, s: half '
+         'of a cycle in which a torque is held, and the delay until it acts', low=0.0,
+         high=0.1),
     Spec('cartesian.frame', 'text', '',
          'the controlled frame of mode cartesian_impedance, that of the planes of '
          'hand_guiding and of ~/task_state; empty: `tip`, or else the last link'),

@@ -1,17 +1,20 @@
-"""The laws of the modes of impedance, of hand guiding and of coupled arms."""
+"""The laws of the modes of impedance, hand guiding, coupled arms and elastic joints."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from kane_dynamics.control.controller import Controller, OWN_MODES
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError, KaneError
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.torque_path.arm_coupling_mode import ArmCouplingMode
 from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode
 from kane_dynamics.ros.torque_path.hand_guiding_mode import HandGuidingMode
 from kane_dynamics.ros.torque_path.joint_impedance_mode import JointImpedanceMode
 from kane_dynamics.ros.torque_path.live_law import LiveLaw
+from kane_dynamics.ros.torque_path.motor_side_mode import MotorSideMode
 from kane_dynamics.ros.torque_path.native_law import NativeLaw
 
 LAWS: dict[Mode, Callable[[Robot, Mapping[str, Any]], LiveLaw]] = {
@@ -41,6 +44,8 @@ class TaskModes:
         The robot of the torque path.
     values : mapping
         The node's parameters.
+    model : Model, optional
+        The arm with its drives, for mode motor_side.
 
     Attributes
     ----------
@@ -53,9 +58,11 @@ class TaskModes:
 
     """
 
-    def __init__(self, robot: Robot, values: Mapping[str, Any]) -> None:
+    def __init__(self, robot: Robot, values: Mapping[str, Any],
+                 model: Model | None = None) -> None:
         self.laws: dict[Mode, LiveLaw] = {}
-        for mode, law in LAWS.items():
+        laws = LAWS | {Mode.MOTOR_SIDE: partial(MotorSideMode, model=model)}
+        for mode, law in laws.items():
             if mode in (values['mode'], *values['modes']):
                 try:
                     self.laws[mode] = law(robot, values)
@@ -65,7 +72,7 @@ class TaskModes:
     def check(self, values: Mapping[str, Any]) -> None:
         """Raise InputError unless mode and settings fit the arm."""
         mode = values['mode']
-        if mode in LAWS and mode not in self.laws:
+        if mode not in OWN_MODES and mode not in self.laws:
             available = ', '.join((*OWN_MODES, *self.laws))
             raise InputError(f"parameter 'mode': '{mode}'; expected one of {available}, "
                              "or to configure the node with it in parameter 'modes', "

@@ -30,7 +30,7 @@ START = np.array([0.4, -0.9])
 GOAL = np.array([0.55, -1.1])
 STEP = 1_000_000  # ns
 FRAME = 'tip'
-ALL_MODES = tuple(Mode)
+ALL_MODES = tuple(mode for mode in Mode if mode is not Mode.MOTOR_SIDE)  # rigid joints
 
 
 class Bytes:

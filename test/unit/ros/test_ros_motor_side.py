@@ -1,0 +1,118 @@
+"""Mode motor_side of the node: the law of `MotorSideControl`, by parameters."""
+
+import pytest
+
+pytest.importorskip('rclpy')
+from kane_dynamics import Drive, Inertial, InputError, Motion, MotorSideControl  # noqa: E402
+from kane_dynamics import Robot, StiffnessCurve, with_drives, with_rigid_joints  # noqa: E402
+from kane_dynamics.control.terms import Mode  # noqa: E402
+from kane_dynamics.ros.torque_path.motor_side_mode import MotorSideMode  # noqa: E402
+from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
+from kane_dynamics.ros.torque_path.task_modes import TaskModes  # noqa: E402
+from node_process import model as rigid_model  # noqa: E402
+from node_values import node_values  # noqa: E402
+import numpy as np  # noqa: E402
+from numpy.testing import assert_allclose  # noqa: E402
+
+JOINTS = ('turn', 'lift', 'reach')
+KP, KD = np.array([300.0, 200.0, 2000.0]), np.array([20.0, 15.0, 90.0])
+GAINS = {'drives.kp': KP.tolist(), 'drives.kd': KD.tolist()}
+DRIVES = {'turn': Drive(9e3, rotor_inertia=0.5, motor_effort=30.0),
+          'lift': Drive(8e3, 0.5, rotor_inertia=0.4, friction={'damping': 2.0})}
+
+
+def elastic(drives=DRIVES):
+    return with_drives(rigid_model(), drives)
+
+
+def law(changes=GAINS, model=None, payload_frame=None):
+    model = model or elastic()
+    robot = Robot(with_rigid_joints(model), payload_frame=payload_frame)
+    return MotorSideMode(robot, node_values({'mode': 'motor_side', **changes}), model), robot
+
+
+def motion():
+    t = np.linspace(0.0, 1.0, 21)
+    q = np.outer(10 * t**3 - 15 * t**4 + 6 * t**5, [0.4, -0.3, 0.1])
+    return Motion.from_points(t, q, joint_names=JOINTS)
+
+
+@pytest.mark.parametrize('lead', [0.0, 0.01])
+def test_the_torques_are_those_of_motor_side_control(lead):
+    mode, _ = law(GAINS | {'drives.lead': lead})
+    robot = Robot(elastic())
+    control = MotorSideControl(robot, motion(), kp=KP, kd=KD)
+    motors = control.arm.motors
+    state = np.random.default_rng(1).normal(size=(2, robot.n))
+    torques = mode.torque(state[0, motors], state[1, motors], motion(), 0.4, 0.4)
+    expected = control(0.4, *state)[motors]
+    expected += control.command([0.4 + lead]).torques[0] - control.command([0.4]).torques[0]
+    assert_allclose(torques, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize('side', ['motor', 'link'])
+def test_the_first_pose_is_held_in_equilibrium(side):
+    mode, _ = law(GAINS | {'drives.sensor_side': side})
+    robot = Robot(elastic())
+    links = np.array([0.3, -0.7, 0.1])
+    gravity = robot.inverse_dynamics(np.append(links, links[:2]), *np.zeros((2, 5)))
+    motors = links + np.array([gravity[0] / 9e3, gravity[1] / 8e3, 0.0])
+    measured = motors if side == 'motor' else links
+    torques = mode.torque(measured, np.zeros(3), None, 0.0, 0.0)
+    assert_allclose(torques, gravity[:3], rtol=0, atol=1e-4 * np.abs(gravity).max())
+    assert_allclose(mode.pose, links, atol=1e-6)
+
+
+def test_gravity_and_payload_of_the_torque_path_count():
+    mode, robot = law(payload_frame='c')
+    q, u = np.array([0.3, -0.7, 0.1]), np.zeros(3)
+    bare = mode.torque(q, u, None, 0.0, 0.0)
+    robot.parameters.payload = Inertial(2.0, np.zeros(3), np.zeros((3, 3)))
+    mode.restart()  # the deflection is another one
+    loaded = mode.torque(q, u, None, 0.0, 0.0)
+    assert loaded[1] - bare[1] == pytest.approx(
+        robot.gravity_force(q)[1] - Robot(robot.model).gravity_force(q)[1], rel=1e-2)
+    robot.parameters.gravity = (0.0, 0.0, 0.0)
+    assert_allclose(mode.torque(q, u, motion(), -1.0, 0.0), KP * -q, rtol=1e-9)
+
+
+def test_default_gains_are_shares_of_the_stiffness_and_critical_damping():
+    mode, _ = law({'drives.kp': [], 'drives.kd': []},
+                  elastic(DRIVES | {'reach': Drive(1e5, rotor_inertia=4.0)}))
+    kp, kd = mode._gains
+    assert_allclose(kp, [360.0, 320.0, 4000.0])
+    assert_allclose(kd, 2.0 * np.sqrt(kp * [0.5, 0.4, 4.0]))
+
+
+def test_commands_are_limited_by_the_motors():
+    controller = path_controller(elastic(), node_values({'mode': 'computed_torque'}))
+    assert controller.robot.joint_names == JOINTS
+    assert_allclose(controller.robot.limits.effort, [30.0, 60.0, 90.0])
+
+
+def test_other_modes_take_the_joints_for_rigid():
+    controller = path_controller(elastic(), node_values({'mode': 'inverse_dynamics'}))
+    expected = Robot(with_rigid_joints(elastic())).mass_matrix(np.zeros(3))
+    assert_allclose(controller.robot.mass_matrix(np.zeros(3)), expected)
+
+
+@pytest.mark.parametrize(('call', 'words'), [
+    (lambda: TaskModes(Robot(rigid_model()), node_values({'mode': 'motor_side'})),
+     'mode motor_side: an arm without drives'),
+    (lambda: law({}), "'drives.kp': empty, and joint 'reach' has no drive"),
+    (lambda: law(GAINS | {'drives.kp': [1.0, 2.0]}), "'drives.kp': 2 entries"),
+    (lambda: law(model=elastic({'turn': Drive(StiffnessCurve([1e-3, 1e-2], [0.0, 9.0]),
+                                              rotor_inertia=0.5)})), 'a dead zone of 0.001'),
+])
+def test_what_does_not_fit_is_refused(call, words):
+    with pytest.raises(InputError, match=words):
+        call()
+
+
+def test_arms_that_compensate_terms_are_refused():
+    values = node_values({'mode': 'motor_side', **GAINS}) | {'arm_compensates': ('gravity',)}
+    model = elastic()
+    with pytest.raises(InputError, match=r'arm_compensates.*expected none'):
+        MotorSideMode(Robot(with_rigid_joints(model)), values, model)
+    assert Mode.MOTOR_SIDE.follows_motions
+    assert Mode.MOTOR_SIDE.is_stiff
