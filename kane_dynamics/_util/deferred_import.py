@@ -1,4 +1,10 @@
-"""Import a module while a large package that it imports is imported at its first use."""
+"""
+Import a module while a large package that it imports is imported at its first use.
+
+`importlib.util.LazyLoader` is no replacement: it loads the package at the first attribute,
+and yourdfpy names classes of trimesh in annotations, which the import evaluates, and
+imports a submodule of it.
+"""
 
 import builtins
 from contextlib import suppress
