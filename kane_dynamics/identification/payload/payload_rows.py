@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.mechanics.friction import coulomb
+from kane_dynamics.mechanics.friction import (coulomb, coulomb_levels, load_fractions,
+                                              stribeck_excess)
 from kane_dynamics.mechanics.recursive.regressor import pseudo_inertia_of
 from kane_dynamics.model.model import Joint, Model, WORLD
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -134,7 +135,8 @@ class PayloadRows:
 
         # In joint rates the joints are the actuators.
         joints = robot.model.coordinate_joints
-        self._joint_friction = np.array([joint.friction for joint in joints])
+        self._joint_friction = np.array([_holding_level(joint) for joint in joints])
+        self._load_fraction = np.array([max(load_fractions(joint)) for joint in joints])
         self._joint_speed = np.array([joint.friction_speed for joint in joints])
         self.friction = self._joint_friction
         self.friction_speed = self._joint_speed
@@ -174,14 +176,15 @@ class PayloadRows:
         Y = self.regressor(q, u, udot, t)
         residual = tau - robot.inverse_dynamics(q, u, udot, t=t)
         if self._transmission is None:
-            return ActuatorRows(Y, u, residual, self._slack(u))
+            return ActuatorRows(Y, u, residual, self._slack(u, tau))
 
         # One result holds T, (n_j, n), and, as its last column, the rates of all joints.
         times = [np.broadcast_to(t, np.shape(q)[:-1])] if robot.equations.timed else []
         transmission = self._transmission(q, u, *times)
         T = transmission[..., :-1]
         joint_rates = transmission[..., -1]
-        slack = self._slack(joint_rates)
+        # With constraints the torques do not determine the load on each drive.
+        slack = self._slack(joint_rates, 0.0)
 
         # From independent speeds to the rates of the actuators T_a u, if these are
         # others.
@@ -211,10 +214,21 @@ class PayloadRows:
         robot.kernels.kernel('inverse_dynamics', '',
                              Derivative('derivative', ('payload',)))
 
-    def _slack(self, rates: Array) -> Array:
-        """Return the most that friction may hold beyond the smoothed law."""
+    def _slack(self, rates: Array, torque: Array | float) -> Array:
+        """
+        Return the most that friction may hold beyond the smoothed law.
+
+        The torque of a joint stands for the load on its drive; they differ by friction.
+        """
         slip = np.abs(coulomb(rates, self._joint_speed))
-        return np.asarray((1.0 - slip) * self._joint_friction)
+        level = self._joint_friction + self._load_fraction * np.abs(torque)
+        return np.asarray((1.0 - slip) * level)
+
+
+def _holding_level(joint: Joint) -> float:
+    """Return the largest friction without load that may hold a joint at rest, N m or N."""
+    forward, backward = coulomb_levels(joint)
+    return float(max(forward, backward) + max(stribeck_excess(joint), 0.0))
 
 
 def actuators(robot: Robot) -> tuple[str, ...]:

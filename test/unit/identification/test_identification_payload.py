@@ -7,6 +7,7 @@ from pathlib import Path
 from kane_dynamics import Inertial, InputError, load_urdf
 from kane_dynamics.identification import (diagnose, identify, identify_payload,
                                           PayloadEstimator, Recording, torque_delays)
+from kane_dynamics.identification.payload.payload_rows import PayloadRows
 import numpy as np
 import pytest
 from recordings import simulated
@@ -148,3 +149,20 @@ def test_recording_of_other_joints_is_refused():
                                     for name in ('q', 'u', 'udot', 'tau')})
     with pytest.raises(InputError, match='recording: 5 joints; expected 6: '):
         identify_payload(bare(), other, 'tool0')
+
+
+@pytest.mark.parametrize(('law', 'level'), [
+    ({'friction': 3.0}, 3.0), ({'friction': 3.0, 'friction_backward': 5.0}, 5.0),
+    ({'friction': 3.0, 'breakaway_friction': 4.0, 'stribeck_speed': 0.1}, 4.0),
+    ({'friction': 3.0, 'load_friction': 0.1}, 3.0 + 0.1 * 20.0),
+    ({'friction': 3.0, 'load_friction': 0.1, 'load_friction_backdriven': 0.2}, 3.0 + 0.2 * 20.0)])
+def test_all_friction_that_holds_a_joint_at_rest_is_known_to_hold_it(law, level):
+    model = load_urdf(URDF, supplement={'joints': {'elbow_joint': law}})
+    rows = PayloadRows(model, 'tool0')
+    elbow = model.joint_names.index('elbow_joint')
+    q, tau = np.full(6, 0.3), np.full(6, -20.0)
+    still, fast = np.zeros(6), np.ones(6)
+    at_rest = rows(q, still, np.zeros(6), tau)
+    assert at_rest.held[elbow] == pytest.approx(level, rel=1e-12)
+    assert at_rest.held.sum() == pytest.approx(level, rel=1e-12)
+    assert rows(q, fast, np.zeros(6), tau).held.max() < 1e-9
