@@ -4,8 +4,12 @@ from pathlib import Path
 import time
 
 import delayed_node
-from kane_dynamics import Robot
-from node_process import model, NAME, wait_until
+from geometry_msgs.msg import Point, PoseStamped, Quaternion
+from kane_dynamics import load_urdf, Robot
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.kinematics.poses import rotation_quaternion
+from kane_dynamics_interfaces.msg import TaskState
+from node_process import DEEP, model, NAME, wait_until
 import numpy as np
 import pytest
 from std_msgs.msg import String
@@ -13,6 +17,8 @@ from std_msgs.msg import String
 DELAYED = str(Path(delayed_node.__file__))
 Q = np.array([0.3, -0.4, 0.2])
 RATE = 200.0  # states/s
+HOME = [0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8]  # of the FR3
+FRAME = 'fr3_hand'
 
 
 @pytest.fixture(scope='module')
@@ -118,3 +124,45 @@ def test_a_mode_without_a_native_law_is_refused(start, client):
     assert not answer.successful
     assert 'on the native torque path' in answer.reason
     assert client.adjust(mode='computed_torque').successful
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_modes_of_a_frame_run_natively_and_follow_targets(start, client):
+    joints = [f'fr3_joint{k}' for k in range(1, 8)]
+    listed = f'[{",".join(joints)}]'
+    urdf = resource_path('urdf', 'fr3.urdf')
+    start(module='kane_dynamics.ros.plant.main', urdf=urdf, joints=listed, rate=500,
+          initial__position=HOME, command_timeout=100.0)
+    node = start(urdf=urdf, joints=listed, mode='cartesian_impedance',
+                 modes='[joint_impedance,hand_guiding]', cartesian__frame=FRAME,
+                 torque_path='native', state_timeout=5.0)
+    node.wait_for('torque path: native', 120.0)
+    states = []
+    subscription = client.create_subscription(TaskState, f'{NAME}/task_state', states.append, DEEP)
+    targets = client.create_publisher(PoseStamped, f'{NAME}/target_pose', 1)
+    try:
+        assert wait_until(lambda: states and targets.get_subscription_count(), 60.0), node.log
+        robot = Robot(load_urdf(urdf, joints=joints))
+        goal = robot.frame_pose(FRAME, HOME)
+        goal[:3, 3] += [0.05, 0.08, -0.06]
+        message = PoseStamped()
+        message.pose.position = Point(**dict(zip('xyz', goal[:3, 3].tolist())))
+        message.pose.orientation = Quaternion(
+            **dict(zip('xyzw', rotation_quaternion(goal[:3, :3]).tolist())))
+        targets.publish(message)
+
+        def distance():
+            p = states[-1].pose.position
+            return np.linalg.norm(goal[:3, 3] - [p.x, p.y, p.z])
+        assert wait_until(lambda: distance() < 5e-4, 30.0), (distance(), node.log)
+        assert states[-1].target_age > 0.0
+        for mode in ('joint_impedance', 'cartesian_impedance', 'hand_guiding'):
+            assert client.adjust(mode=mode).successful
+            assert wait_until(lambda mode=mode: states[-1].mode == mode, 10.0)
+            time.sleep(0.5)
+            # A stall of the machine moves an arm that an operator may lead.
+            assert mode == 'hand_guiding' or distance() < 2e-3, mode
+    finally:
+        client.destroy_subscription(subscription)
+        client.destroy_publisher(targets)
