@@ -193,7 +193,6 @@ class CartesianImpedance(PoseLaw):
                     moment_limit=moment_limit, effort_limit=effort_limit,
                     speed_limit=speed_limit, compensate=compensate,
                     singular_mass=singular_mass, **self._further)
-        self._law = self._compiled(False)
 
     # Settings, which may change between two calls.
 
@@ -277,9 +276,10 @@ class CartesianImpedance(PoseLaw):
 
     def compile(self) -> None:  # noqa: A003
         """Compile the kernels of `torque` and `state`."""
+        _ = self._law
         self._compiled(True)
 
-    def _compiled(self, with_state: bool) -> Callable[..., Array]:
+    def _compiled(self, with_state: bool = False) -> Callable[..., Array]:
         """Return the entry point of the torques, or of the state."""
         robot = self.robot
         task = self._task
@@ -305,6 +305,11 @@ def impedance_law(law: CartesianImpedance, robot: Robot, lanes_of: LanesOf) -> L
     of the object, or the same in other speeds.
     """
     return _law(robot, law._task, law._walls, law._shapes, False, lanes_of)
+
+
+def compile_state(law: CartesianImpedance) -> None:
+    """Compile the kernel of `state` alone."""
+    law._compiled(True)
 
 
 def posture_place(law: CartesianImpedance) -> slice:

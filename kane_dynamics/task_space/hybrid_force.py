@@ -184,7 +184,7 @@ class HybridForce(CartesianImpedance):
         integral[0] = row[-6:]
         return row[:-6]
 
-    def _compiled(self, with_state: bool) -> Callable[..., Array]:
+    def _compiled(self, with_state: bool = False) -> Callable[..., Array]:
         """Return the entry point of the torques, or of the impedance's state."""
         if with_state:
             return super()._compiled(True)

@@ -8,6 +8,7 @@ import hashlib
 from typing import Any
 
 from kane_dynamics._util.checks import per_joint
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.computed_torque import require_following
 from kane_dynamics.control.terms import Terms
@@ -118,13 +119,20 @@ def settings_of(law: RunTimeSettings) -> Array:
 class PoseLaw(RunTimeSettings):
     """Base of laws by which a frame follows a pose: their torques, of one signature."""
 
-    _law: Callable[..., Array]  # the entry point of the torques
-
     def __init__(self, robot: Robot, shapes: Settings) -> None:
         super().__init__(shapes)
         self.robot = robot
         self._timed = robot.equations.timed
         self._zero = np.zeros(6)
+
+    @lazy_property
+    def _law(self) -> Callable[..., Array]:
+        """Return the entry point of the torques, compiled at the first use."""
+        return self._compiled()
+
+    def _compiled(self) -> Callable[..., Array]:
+        """Compile the torques and return their entry point."""
+        raise NotImplementedError
 
     def torque(self, q: ArrayLike, u: ArrayLike, pose: ArrayLike,
                twist: ArrayLike | None = None, acceleration: ArrayLike | None = None,

@@ -105,7 +105,7 @@ class OperationalSpace(PoseLaw):
                     posture_kd=posture_kd, limit_stiffness=limit_stiffness,
                     limit_margin=limit_margin, effort_limit=effort_limit,
                     singular_mass=singular_mass)
-        self._law = self._compiled()
+        _ = self._law  # compiles it
 
     def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return the numbers of the kernel by name, from checked settings."""

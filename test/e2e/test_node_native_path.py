@@ -136,7 +136,8 @@ def test_modes_of_a_frame_run_natively_and_follow_targets(start, client):
           initial__position=HOME, command_timeout=100.0)
     node = start(urdf=urdf, joints=listed, mode='cartesian_impedance',
                  modes='[joint_impedance,hand_guiding]', cartesian__frame=FRAME,
-                 torque_path='native', state_timeout=5.0)
+                 torque_path='native', state_timeout=5.0,
+                 joint_impedance__stiffness=[20.0] * 7)
     node.wait_for('torque path: native', 120.0)
     states = []
     subscription = client.create_subscription(TaskState, f'{NAME}/task_state', states.append, DEEP)
@@ -157,6 +158,7 @@ def test_modes_of_a_frame_run_natively_and_follow_targets(start, client):
             return np.linalg.norm(goal[:3, 3] - [p.x, p.y, p.z])
         assert wait_until(lambda: distance() < 5e-4, 30.0), (distance(), node.log)
         assert states[-1].target_age > 0.0
+        time.sleep(1.0)  # the arm comes to rest, where the next mode holds it
         for mode in ('joint_impedance', 'cartesian_impedance', 'hand_guiding'):
             assert client.adjust(mode=mode).successful
             assert wait_until(lambda mode=mode: states[-1].mode == mode, 10.0)

@@ -19,7 +19,8 @@ from kane_dynamics.ros.torque_path.cartesian_target import CartesianTarget
 from kane_dynamics.ros.torque_path.native_law import NativeLaw
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.cartesian_impedance import (CartesianImpedance,
-                                                          impedance_law, posture_place)
+                                                          compile_state, impedance_law,
+                                                          posture_place)
 from kane_dynamics.task_space.law_kernel import (identifier, lanes_of_single_states,
                                                  LanesOf, Law, law_kernel, settings_of)
 from kane_dynamics.task_space.pose_filter import LIMITS
@@ -148,7 +149,7 @@ class CartesianMode(NativeLaw):
 
     def compile(self) -> None:  # noqa: A003
         """Compile what describes a state; the cycle is compiled."""
-        self.law.compile()
+        compile_state(self._describing)
 
     def restart(self) -> None:
         """Begin at the pose of the frame at the next state."""
