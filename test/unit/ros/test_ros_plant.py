@@ -479,3 +479,23 @@ def test_an_arm_with_exact_friction_sticks_and_hits_its_stops():
     assert arm.q[0] == -1.0 and arm.u[0] == 0.0 and arm.stop_contacts > 0
     arm.energy.close()
     assert arm.energy.warning == ''
+
+
+def test_an_arm_with_bristles_moves_as_simulate_and_rests_after_a_reset():
+    builder = ModelBuilder('arm')
+    builder.body('bar', axis=(0, -1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)), friction=2.0,
+                 presliding_stiffness=800.0, presliding_damping=4.0,
+                 limits=Limits(-1.0, 1.0, effort=20.0))
+    robot = Robot(builder.model())
+    arm = SimulatedArm(robot, 1e-3)
+    run = simulate(robot, [0.0], [0.0], 0.3, step=1e-3, stops=True)
+    for _ in range(300):
+        arm.step(np.zeros(1))
+    np.testing.assert_allclose([arm.q, arm.u], [run.q[-1], run.u[-1]], rtol=1e-12)
+    arm.energy.close()
+    assert arm.energy.warning == '' and arm.integrator_choice == ''
+    arm.reset(np.zeros(1))
+    arm.step(np.array([0.5 * 9.81]))
+    np.testing.assert_allclose([arm.q, arm.u], 0.0, atol=1e-12)
+    with pytest.raises(InputError, match="sticking: joint 'bar' has presliding_stiffness 800"):
+        SimulatedArm(robot, 1e-3, sticking=True)

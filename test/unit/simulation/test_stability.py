@@ -239,3 +239,25 @@ def test_divergence_in_a_users_torque_names_the_time_and_the_joint():
     with pytest.raises(InputError, match=r'the state diverged \(is \d.*e\+12\) at 0\.\d+ s '
                        r"\('wheel' first\)"):
         simulate(robot, [0.1], [1.0], 2.0, torque=away)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('speed, fine', [(0.05, 5e-5), (0.01, 5e-5)])
+def test_an_fr3_with_its_frictions_is_integrated_well_at_a_millisecond(speed, fine):
+    model = load_urdf(resource_path('urdf', 'fr3.urdf'),
+                      supplement=resource_path('examples', 'fr3_friction.yaml'))
+    bodies = [replace(body, joint=replace(body.joint, friction_speed=speed))
+              for body in model.bodies]
+    robot = Robot(replace(model, bodies=tuple(bodies)))
+    q = robot.feasible_configuration()
+    levels = np.array([joint.friction for joint in robot.model.coordinate_joints])
+    torque = robot.gravity_force(q) + 0.5 * levels
+    with pytest.warns(ModelWarning, match="'implicit' is used: a step of 0.001 s is too long"):
+        run = simulate(robot, q, np.zeros(robot.n), 0.5, torque=torque)
+    # The smooth law creeps under half of the friction, as the fine steps do too.
+    reference = simulate(robot, q, np.zeros(robot.n), 0.5, torque=torque, step=fine,
+                         integrator='rk4')
+    np.testing.assert_allclose(run.q[-1], reference.q[-1], atol=1e-5)
+    assert np.abs(run.q[-1] - q).max() > 1e-3
+    held = simulate(robot, q, np.zeros(robot.n), 0.5, torque=torque, sticking=True)
+    np.testing.assert_array_equal(held.q[-1], q)
