@@ -112,7 +112,7 @@ class WatchReport:
 
 
 class CauseSizes(NamedTuple):
-    """CauseSizes of a cause, (k,), and those without each block of rows, (blocks, k)."""
+    """Sizes of a cause, (k,), and those of fits without each block of rows, (blocks, k)."""
 
     all_rows: Array
     without_blocks: Array

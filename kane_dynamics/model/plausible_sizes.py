@@ -22,7 +22,7 @@ def is_far(distance: float, links: float) -> bool:
 
 
 def warn_of_distance(vector: Array, links: float, what: str, stacklevel: int) -> None:
-    """Warn of a vector, m, that is far as of `is_far`."""
+    """Warn of a vector, m, that is far by `is_far`."""
     distance = float(np.linalg.norm(vector))
     if is_far(distance, links):
         warnings.warn(f'{what} {distance:.4g} m from its frame, and all links in one '

@@ -1,6 +1,7 @@
 """Steps with joints held at their stops, in NumPy: one linear system for motion and forces."""
 
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
+from kane_dynamics.mechanics.integrators.interface import StageRates
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.simulation.stops.pressed_steps import PressedSteps
@@ -52,16 +53,19 @@ class HeldMotion:
         """Return q and u after a linearly implicit step."""
         method = self.method
 
-        def stage(q, u, tau, before, g, moment):
+        def stage(q, u, tau, first, g, moment, deflections):
             now = t + 0.5 * moment * h
             T, v, _ = self.motion(q, u, now)
             D, K, C = np.diag(method.resistance(v).astype(float)), method._K, method._C
-            turned = T @ before[1]
-            force = 2.0 * g * ((D + C) @ turned + K @ before[0]) - g * K @ (v - 2.0 * g * turned)
+            turned = T @ first.udot
+            force = 2.0 * g * ((D + C) @ turned + K @ first.joints)
+            force = force - g * K @ (v - 2.0 * g * turned)
             w = self.solution(q, u, now, T.T @ (g * (D + C) + g * g * K) @ T, T.T @ force)
-            return v + g * method._sprung * (T @ w - 2.0 * turned), w
-        return np.concatenate(method.step(stage, *np.split(x, [self.robot.n_q]),
-                                          lambda *_: self.tau, h))
+            rates = v + g * method._sprung * (T @ w - 2.0 * turned)
+            return StageRates(rates, w)
+        q, u = np.split(x, [self.robot.n_q])
+        q, u, _ = method.step(stage, q, u, lambda *_: self.tau, h, np.zeros(0))
+        return np.concatenate([q, u])
 
     def corrected(self, q, u, t, stop):
         """Return q and u without the rest of the motion of the held joints."""

@@ -258,7 +258,7 @@ def wrench_stamped(frame_id: str) -> PreparedMessage:
 
 
 def joint_command(names: Sequence[str], interface: str) -> PreparedMessage:
-    """Return a control_msgs/JointCommand of one interface, with a number a name."""
+    """Return a control_msgs/JointCommand of one interface, with one number per name."""
     writer = Writer()
     writer.reserve(4, 2)
     writer.text('')
