@@ -119,8 +119,8 @@ def _slides_before(model: Model, ball: Ball) -> bool:
         joint = body.joint
         if not np.array_equal(joint.rotation, np.eye(3)) or joint.translation.any():
             return False
-    # A slide carries only the next body and has no mass, rotor or spring; no joint
-    # mimics it.
+    # A slide carries only the next body and has no mass, rotor, spring or drive; no
+    # joint mimics it.
     coordinates = [body.joint.coordinate for body in model.bodies]
     for k, body in enumerate(model.bodies[first:ball.body]):
         if parents.count(first + k) != 1:
@@ -134,6 +134,8 @@ def _slides_before(model: Model, ball: Ball) -> bool:
         if joint.kind != 'prismatic' or not np.array_equal(joint.axis, np.eye(3)[k]):
             return False
         if (joint.multiplier, joint.armature, joint.stiffness) != (1.0, 0.0, 0.0):
+            return False
+        if joint.drive is not None:
             return False
     return True
 

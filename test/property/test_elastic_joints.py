@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from kane_dynamics import Drive, Robot, StiffnessCurve, with_drives
+from kane_dynamics import box, Drive, ModelBuilder, Robot, StiffnessCurve, with_drives
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.energy_form import energies
@@ -79,3 +79,16 @@ def test_derivatives_of_elastic_joints_are_exact(seed):
     if TreeInLanes.suits(equations):
         in_lanes = TreeInLanes(equations).inverse_dynamics_derivatives(q, u, udot, parameters)
         assert_allclose(in_lanes.astype(float), expected, rtol=0, atol=size)
+
+
+def test_forward_dynamics_of_a_free_body_with_a_drive_at_a_slide_is_that_of_the_definition():
+    b = ModelBuilder('craft')
+    b.body('craft', kind='free', inertial=box(8.0, (0.6, 0.4, 0.3), at=(0.05, 0.02, 0.01)))
+    model = with_drives(b.model(), {'craft/z': Drive(200.0, damping=0.5, rotor_inertia=0.3)})
+    robot = Robot(model)
+    q = robot.neutral()
+    places = [robot.coordinate_names.index(name) for name in ('craft/z', 'craft/z_motor')]
+    q[places] = 0.3, 0.32
+    u, udot = np.random.default_rng(2).normal(size=(2, robot.n))
+    tau = kane.inverse_dynamics(model, q, u, udot)
+    assert_allclose(robot.forward_dynamics(q, u, tau), udot, rtol=0, atol=1e-11)
