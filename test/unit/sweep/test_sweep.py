@@ -114,12 +114,12 @@ def implicit(plant, law, x, moments, h):
     q, u, sums = np.split(x, [n, 2 * n])
 
     def stage(*arguments):
-        return method.stage(*arguments[:-1], None, block)
+        return method.stage(*arguments[:-2], None, block)
 
     def running(q, u, wanted):
         return np.array([(law(q, u, wanted) - plant.friction_force(u)) @ u,
                          *(wanted[:n] - q)**2])
-    after = method.step(stage, q, u, lambda q, u, k: law(q, u, moments[k]), h)
+    *after, _ = method.step(stage, q, u, lambda q, u, k: law(q, u, moments[k]), h, ())
     both = running(q, u, moments[0]) + running(*after, moments[2])
     return np.concatenate([*after, sums + 0.5 * h * both])
 
