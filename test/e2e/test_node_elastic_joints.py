@@ -12,7 +12,7 @@ from rosgraph_msgs.msg import Clock
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 mujoco = pytest.importorskip('mujoco')
-from kane_dynamics.demo.two_mass_arm import TwoMassArm  # noqa: E402
+from kane_dynamics.demo.two_mass_arm import TwoMassArm  # noqa: E402, I100
 
 JOINTS = tuple(f'fr3_joint{k}' for k in range(1, 8))
 HOME = np.array([0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8])
@@ -108,6 +108,7 @@ def answer(client, q, u, stamp):
     return None
 
 
+@pytest.mark.timeout(400)  # 2600 states, each with its answer
 def test_elastic_feedforward_leaves_a_twentieth_of_the_vibration(module_node, client):
     client.joints = JOINTS
     arm, rest = plant()

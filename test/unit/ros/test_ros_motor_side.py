@@ -3,7 +3,7 @@
 import pytest
 
 pytest.importorskip('rclpy')
-from kane_dynamics import Drive, Inertial, InputError, Motion, MotorSideControl  # noqa: E402
+from kane_dynamics import Drive, Inertial, InputError, Motion, MotorSideControl  # noqa: E402, I100
 from kane_dynamics import Robot, StiffnessCurve, with_drives, with_rigid_joints  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
 from kane_dynamics.ros.torque_path.motor_side_mode import MotorSideMode  # noqa: E402
