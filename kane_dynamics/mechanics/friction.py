@@ -33,8 +33,8 @@ IEEE Trans. Automatic Control 40 (1995)):
     z' = v - s |v| z / g(v, L)
     F = d v + c v |v| + offset + s z + s_d z'
 
-with ``presliding_damping`` s_d and the friction g of sliding, ``level(v) + mu |L|`` in the
-direction of motion. In steady sliding F is the law above with y of 1 or -1. The load of
+with ``presliding_damping`` s_d and the friction g of sliding, ``level(v) + mu |L|`` in
+the direction of motion. In steady sliding F is the law above with y of 1 or -1. The load of
 g is that of a motor whose friction is F without s_d z'. All other quantities have the law
 above, in which the bristles have no part.
 
@@ -234,7 +234,7 @@ def sliding_friction(joint: Joint, rate: Scalar, load: Scalar = 0.0) -> Scalar:
 
 
 def bristle_decay(joint: Joint, rate: Scalar, load: Scalar = 0.0) -> Scalar:
-    """Return ``s |v| / g``, 1/s: with it, z' = v - decay z is the rate of the deflection."""
+    """Return ``s |v| / g``, 1/s; z' = v - decay z is the rate of the deflection."""
     g = sliding_friction(joint, rate, load)
     return joint.presliding_stiffness * magnitude(rate) / g
 
