@@ -65,6 +65,8 @@ class TracedLaw(NamedTuple):
         Lengths of its settings and its memory.
     holds : bool
         Whether the pose of the first state without a motion is desired.
+    variant : tuple of str
+        Distinguishes laws of one mode and robot whose functions differ, as by a frame.
 
     """
 
@@ -72,6 +74,7 @@ class TracedLaw(NamedTuple):
     settings: int
     memory: int = 0
     holds: bool = False
+    variant: tuple[str, ...] = ()
 
 
 def controller_laws(robot: Robot, terms: Terms) -> dict[Mode, TracedLaw]:

@@ -231,7 +231,8 @@ class CartesianMode(NativeLaw):
             return cycle.torque(at.q, at.u, at.stamp, at.begins, at.memory,
                                 at.settings[:size], at.settings[size:], t=0.0,
                                 parameters=at.parameters)
-        return TracedLaw(torque, size + ORDERS_SIZE, memory_size(self._robot.n_q))
+        return TracedLaw(torque, size + ORDERS_SIZE, memory_size(self._robot.n_q),
+                         variant=(self.frame, self._axes))
 
     def settings_numbers(self) -> Array:
         """Return the settings of the law."""

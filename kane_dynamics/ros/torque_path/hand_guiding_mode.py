@@ -106,7 +106,9 @@ class HandGuidingMode(NativeLaw):
             if not self._adds_gravity:
                 tau = tau - equations.gravity_force(at.q, at.parameters)
             return tau, at.memory
-        return TracedLaw(torque, len(self.settings_numbers()))
+        planes = len(self._settings['planes'])
+        return TracedLaw(torque, len(self.settings_numbers()),
+                         variant=(self._frame, str(planes)))
 
     def settings_numbers(self) -> Array:
         """Return the settings of the law."""

@@ -22,6 +22,7 @@ from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, Event, EVE
                                                        PathState)
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateLayout
 from kane_dynamics.ros.torque_path.rcl_functions import message_of, RclLoop
+from kane_dynamics.task_space.law_kernel import identifier
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,14 +53,14 @@ class LawSizes(NamedTuple):
 def sizes_of(laws: Mapping[Mode, TracedLaw]) -> LawSizes:
     """Return what is enough for each of the laws."""
     return LawSizes(max(law.memory for law in laws.values()),
-                 max(law.settings for law in laws.values()))
+                    max(law.settings for law in laws.values()))
 
 
 def compiled_rules(robot: Robot, terms: Terms, laws: Mapping[Mode, TracedLaw]) -> Rules:
     """Compile the rules of a cycle for a robot in joint rates, with its laws by mode."""
     n = robot.n
     sizes = sizes_of(laws)
-    # Names distinguish kernels, so that terms and sizes are part of them.
+    # Names distinguish kernels, so that terms, sizes and variants are part of them.
     weights = ''.join(str(int(weight)) for weight in terms.weights)
     label = f'{weights}_{sizes.memory}_{sizes.settings}'
     event_shape = (EVENT_SIZE,)
@@ -79,9 +80,11 @@ def compiled_rules(robot: Robot, terms: Terms, laws: Mapping[Mode, TracedLaw]) -
             return cycle_rules.packed(cycle_rules.answer(
                 laws[mode], cycle_rules.unpacked_path(path, n), Event(*event), state, row,
                 cycle_rules.unpacked_settings(settings, n), parameters, limits))
-        return robot.compiled(answer, name=f'answer_{mode}_{label}', path=path_shape,
-                              event=event_shape, state=state_shape, row=row_shape,
-                              settings=settings_shape, shape=path_shape)
+        # A law of another frame or other axes must not be found in the cache.
+        name = identifier(f'answer_{mode}_{label}', *laws[mode].variant)
+        return robot.compiled(answer, name=name, path=path_shape, event=event_shape,
+                              state=state_shape, row=row_shape, settings=settings_shape,
+                              shape=path_shape)
 
     def refuse(path: Any, event: Any, settings: Any, parameters: Any) -> Any:
         return cycle_rules.packed(cycle_rules.refuse(

@@ -11,6 +11,7 @@ from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.torque_path.pose_functions import displacement
+from kane_dynamics.task_space.law_kernel import identifier
 import numpy as np
 
 REACHED = 1e-4  # m and rad: what may remain
@@ -44,9 +45,9 @@ class TargetReach:
         upper = np.clip(robot.limits.upper, -FARTHEST, FARTHEST)
         self._bounds = np.stack([lower, upper])
         self._rows = np.zeros((STEPS + 1, n + 2))
-        name = ''.join(letter if letter.isalnum() else '_' for letter in frame)
-        self._kernel = robot.compiled(self._step, name=f'reach_of_{name}', row=(n + 2,),
-                                      goal=(4, 4), bounds=(2, n), shape=(n + 2,))
+        self._kernel = robot.compiled(self._step, name=identifier('reach_of', frame),
+                                      row=(n + 2,), goal=(4, 4), bounds=(2, n),
+                                      shape=(n + 2,))
         self._solution: Array | None = None  # of the last pose that is reached
 
     def restart(self) -> None:
