@@ -17,7 +17,7 @@ from kane_dynamics.mechanics.elastic_inverse_dynamics import (damped_step,
                                                               elastic_inverse_dynamics)
 from kane_dynamics.mechanics.elastic_joints import spring_deflection
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.model.drive import StiffnessCurve
+from kane_dynamics.model.drive import Drive, StiffnessCurve
 from kane_dynamics.model.elastic_model import link_side
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import SmoothMotion, SmoothState
@@ -28,6 +28,9 @@ import numpy as np
 ROWS = ('gear_torque', 'gear_torque_rate', 'gear_torque_acceleration', 'motor_position',
         'motor_speed', 'motor_acceleration', 'motor_torque')
 GRAVITY_RATES = np.zeros((2, 3)).astype(object)  # of a base at rest
+# Time constant D / k, s, up to which a damped deflection counts as settled. Integrated, its
+# acceleration would have the rounding of tau_J times k / D^2.
+SETTLED = 1e-6
 
 
 class ElasticMotion(NamedTuple):
@@ -81,7 +84,8 @@ class ElasticFeedforward:
         determined at rest. With `full_coupling` the torque of a gear depends on the
         acceleration of the motors behind it, so that the motor of the first of n joints
         needs 2 (n + 1) derivatives. With damping of a spring, the deflection is a state of
-        its own: then `along` integrates it, and a call is refused.
+        its own: then `along` integrates it, and a call is refused. Where D / k is at most
+        1 us, the deflection is that of the spring alone.
 
     Examples
     --------
@@ -103,7 +107,7 @@ class ElasticFeedforward:
                                    payload_frame=options['payload_frame'],
                                    friction=robot.friction)
         sides = drive_sides(robot.model, model.joint_names)
-        self._damped = [side for side in sides if side.drive.damping and robot.friction]
+        self._damped = [side for side in sides if robot.friction and _lags(side.drive)]
         self._sides = [side for side in sides if side not in self._damped]
         shapes: dict[str, tuple[int, ...]] = {}
         shapes['link_position'] = (len(model.coordinate_names),)
@@ -301,6 +305,14 @@ class ElasticFeedforward:
         return elastic_inverse_dynamics(self._tree, self._sides, q,
                                         np.stack([u, udot, jerk, snap]), wrenches,
                                         gravity, parameters[3:])
+
+
+def _lags(drive: Drive) -> bool:
+    """Return whether the deflection settles slowly enough to be a state of its own."""
+    stiffness = drive.stiffness
+    if isinstance(stiffness, StiffnessCurve):
+        stiffness = min(stiffness.slopes)
+    return drive.damping > SETTLED * stiffness
 
 
 def _check(robot: Robot) -> None:

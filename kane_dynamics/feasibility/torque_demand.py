@@ -326,7 +326,6 @@ class DrivesAlong:
         return Demand(robot.joint_names, t / speed, q, u, udot, tau, self.limits,
                       self.power, np.zeros_like(tau), self.gears)
 
-
     def _samples(self, additional: Array) -> tuple[Array, SmoothState]:
         """Return the times of samples, (N,), and the motion there; as it was last."""
         if self._sampled is not None and np.array_equal(self._sampled[0], additional):

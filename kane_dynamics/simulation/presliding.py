@@ -125,7 +125,9 @@ def initial_deflections(robot: Robot, bristles0: Any, rows: tuple[int, ...]) -> 
                          'expected None')
     z = checked(Argument('bristles0', (len(names),), names), bristles0)
     if z.shape != shape and z.ndim > 1:
-        raise InputError(f'bristles0: shape {z.shape}; expected ({len(names)},) or {shape}')
+        single = (len(names),)
+        expected = f'{single}' if shape == single else f'{single} or {shape}'
+        raise InputError(f'bristles0: shape {z.shape}; expected {expected}')
     return np.broadcast_to(z, shape)
 
 
@@ -168,10 +170,13 @@ class SettlingWatch(Observer):
         """Store the text of the warning."""
         which = '' if self._single else f'simulation {simulation}: '
         name = bristle_names(self._robot)[joint]
+        # The first step that is too long is so by little: with all digits that differ.
+        longest = f'{REAL_RADIUS / decay:.2g}'
+        if float(longest) >= self._step:
+            longest = f'{REAL_RADIUS / decay:.6g}'
         self._text = (f'{which}from {t:.6g} s on a step of {self._step:g} s is too long for '
                       f"the bristles of joint '{name}' with 'rk4'; expected at most "
-                      f'{REAL_RADIUS / decay:.2g} s at this speed, or the integrator '
-                      "'implicit'")
+                      f"{longest} s at this speed, or the integrator 'implicit'")
 
     def warning(self) -> str | None:
         """Return the text, or None."""

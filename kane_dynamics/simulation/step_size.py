@@ -211,8 +211,8 @@ _STEEPEST: WeakKeyDictionary[Robot, Robot] = WeakKeyDictionary()
 
 
 def _steepest(robot: Robot) -> Robot:
-    # The slope of a curve varies; the steepest segment bounds the frequency.
     """Return a robot whose drives have the steepest stiffness of their curves."""
+    # The slope of a curve varies; the steepest segment bounds the frequency.
     curves = [elastic.name for elastic in robot.model.drives
               if isinstance(elastic.drive.stiffness, StiffnessCurve)]
     if not curves:

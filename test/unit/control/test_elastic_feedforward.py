@@ -307,6 +307,20 @@ def test_the_integration_of_the_deflection_is_of_order_five():
                     atol=1e-6 * np.abs(lagging).max() / 4e5)
 
 
+@pytest.mark.parametrize('settling', [1e-12, 1e-9, 1e-6, 1.1e-6, 1e-5])
+def test_motors_of_drives_with_little_damping_are_those_of_springs_but_for_the_lag(settling):
+    motion, stiffness = smooth_motion(2), 400.0
+    undamped = ElasticFeedforward(two_links(stiffness=stiffness)).along(motion, 0.01)
+    drives = two_links(stiffness=stiffness, damping=settling * stiffness)
+    damped = ElasticFeedforward(drives).along(motion, 0.01)
+    # The lag D / k is far shorter than the motion, of 1 s and the fourth derivative.
+    for name in ('motor_position', 'motor_speed', 'motor_acceleration', 'motor_torque'):
+        expected = getattr(undamped, name)
+        size = np.abs(expected).max()
+        assert_allclose(getattr(damped, name), expected, rtol=0,
+                        atol=(1e-6 + 100.0 * settling) * size, err_msg=name)
+
+
 def test_along_refuses_jumps_other_joints_and_steps():
     feedforward = ElasticFeedforward(two_links(damping=2.0))
     spline = Motion.from_points([0.0, 1.0], np.eye(2), joint_names=['j0', 'j1'])
