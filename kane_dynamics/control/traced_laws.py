@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.computed_torque import corrected_acceleration, law_of
 from kane_dynamics.control.terms import Mode, Terms
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.flags import either
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -88,11 +88,6 @@ def controller_laws(robot: Robot, terms: Terms) -> dict[Mode, TracedLaw]:
     return {mode: law_of(mode) for mode in MODES}
 
 
-def chosen(flag: Scalar, x: Vector, y: Vector) -> Vector:
-    """Return the entries of x where the flag is 1, of y where it is 0."""
-    return np.array([select(flag > 0.5, a, b) for a, b in zip(x, y, strict=True)])
-
-
 def mode_torque(robot: Robot, mode: Mode, terms: Terms, q: Vector, u: Vector,
                 desired: Desired, gains: Vector, parameters: Vector,
                 limits: Vector) -> Vector:
@@ -130,7 +125,7 @@ def mode_torque(robot: Robot, mode: Mode, terms: Terms, q: Vector, u: Vector,
         feedforward = equations.inverse_dynamics(*motion, None, parameters)
     else:
         feedforward = terms.weights @ equations.torque_terms(*motion, parameters)
-    return chosen(desired.moving, feedforward, gravity)
+    return either(desired.moving, feedforward, gravity)
 
 
 def _computed_torque(robot: Robot, terms: Terms, q: Vector, u: Vector, desired: Desired,

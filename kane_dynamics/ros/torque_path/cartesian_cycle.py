@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.flags import either, flag
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.pose_functions import displaced, displacement
 from kane_dynamics.task_space.pose_filter import smooth_step
@@ -36,6 +37,8 @@ class TargetOrders(NamedTuple):
     ----------
     count, posed_at : Scalar
         Number and time of the latest pose.
+    twists, wrenches : Scalar
+        Numbers of the latest twist and wrench.
     goal : (4, 4) array
         That pose, in the world.
     twist, wrench : (6,) arrays
@@ -51,13 +54,13 @@ class TargetOrders(NamedTuple):
         target no farther.
     limits : (4,) array
         Of `PoseFilter`.
-    posture_stated : Scalar
-        Whether the settings of the law state a posture; else it is that at the beginning.
 
     """
 
     count: Scalar
     posed_at: Scalar
+    twists: Scalar
+    wrenches: Scalar
     goal: Matrix
     twist: Vector
     twist_at: Scalar
@@ -69,7 +72,6 @@ class TargetOrders(NamedTuple):
     farthest: Scalar
     widest: Scalar
     limits: Vector
-    posture_stated: Scalar
 
 
 class TargetMemory(NamedTuple):
@@ -94,8 +96,9 @@ class TargetMemory(NamedTuple):
         The target within its limits: state of `smooth_step`.
     wrench : (6,) array
         That acts, world axes.
-    law_began : Scalar
-        Time of its first state, ns; earlier messages have no effect.
+    twists, wrenches : Scalar
+        Numbers of the latest twist and wrench at the first state of the law, which have
+        no effect: not their times tell it, as the clock may jump backward.
     posture : (n_q,) array
         The configuration there.
 
@@ -111,24 +114,25 @@ class TargetMemory(NamedTuple):
     advanced_at: Scalar
     followed: Vector
     wrench: Vector
-    law_began: Scalar
+    twists: Scalar
+    wrenches: Scalar
     posture: Vector
 
 
 ORDER_SHAPES: list[tuple[int, ...]] = [
-    (), (), (4, 4), (6,), (), (), (6,), (), (), (), (), (), (4,), ()]
-ORDERS_SIZE = 16 + 2 * 6 + 4 + 10
+    (), (), (), (), (4, 4), (6,), (), (), (6,), (), (), (), (), (), (4,)]
+ORDERS_SIZE = 16 + 2 * 6 + 4 + 11
 
 
 def memory_shapes(n_q: int) -> list[tuple[int, ...]]:
     """Return the shapes of a `TargetMemory`."""
     return [(4, 4), (4, 4), (6,), (), (), (), (), (), (FILTER_SIZE,), (6,), (),
-            (n_q,)]
+            (), (n_q,)]
 
 
 def memory_size(n_q: int) -> int:
     """Return the number of entries of a `TargetMemory`."""
-    return 2 * 16 + 6 + 5 + FILTER_SIZE + 6 + 1 + n_q
+    return 2 * 16 + 6 + 5 + FILTER_SIZE + 6 + 2 + n_q
 
 
 def packed(record: TargetOrders | TargetMemory) -> Vector:
@@ -157,27 +161,15 @@ def _parts(array: Vector, shapes: list[tuple[int, ...]]) -> list[Any]:
     return parts
 
 
-def either(chosen: Scalar, x: Any, y: Any) -> Any:
-    """Return x where a flag is 1, else y: numbers, or arrays entry by entry."""
-    if isinstance(x, np.ndarray):
-        return np.array([either(chosen, a, b) for a, b in zip(x, y)])
-    return select(chosen > 0.5, x, y)
-
-
-def flag(condition: Scalar) -> Scalar:
-    """Return 1 if a comparison holds, else 0."""
-    return select(condition, 1.0, 0.0)
-
-
 # The target by the messages.
 
-def beginning(pose: Matrix, q: Vector, stamp: Scalar, orders: TargetOrders
-              ) -> TargetMemory:
+def beginning(pose: Matrix, q: Vector, orders: TargetOrders) -> TargetMemory:
     """Return the memory of a law that begins: the frame is held at a pose."""
     still = np.zeros(6)
     row = np.concatenate([np.ravel(pose), still, still])
     return TargetMemory(pose, pose, still, 0.0, 0.0, orders.count, NEVER, NEVER,
-                        np.concatenate([row, row]), still, stamp, q)
+                        np.concatenate([row, row]), still, orders.twists, orders.wrenches,
+                        q)
 
 
 def advanced(memory: TargetMemory, orders: TargetOrders, now: Scalar, may_move: Scalar
@@ -211,7 +203,7 @@ def advanced(memory: TargetMemory, orders: TargetOrders, now: Scalar, may_move: 
     elapsed = (now - memory.advanced_at) * (1.0 / NANO)
     elapsed = select(elapsed > 0.0, elapsed, 0.0)
     elapsed = select(memory.advanced_at > NEVER, elapsed, 0.0)
-    moves = may_move * _in_time(orders.twist_at, memory, orders, now)
+    moves = may_move * _twist_acts(memory, orders, now)
     twist = moves * turned(orders.twist_turns, memory.pose, orders.twist)
     pose_moved = displaced(memory.pose, elapsed * twist)
 
@@ -221,10 +213,16 @@ def advanced(memory: TargetMemory, orders: TargetOrders, now: Scalar, may_move: 
     return moved, either(interpolates, twist_between, twist)
 
 
-def _in_time(at: Scalar, memory: TargetMemory, orders: TargetOrders, now: Scalar
-             ) -> Scalar:
-    """Return whether a message of a time has an effect now."""
-    return flag(now - at < orders.timeout + 1.0) * (1.0 - flag(at < memory.law_began))
+def _twist_acts(memory: TargetMemory, orders: TargetOrders, now: Scalar) -> Scalar:
+    """Return whether the latest twist is of this law and in time."""
+    in_time = flag(now - orders.twist_at < orders.timeout + 1.0)
+    return in_time * flag(memory.twists < orders.twists)
+
+
+def _wrench_acts(memory: TargetMemory, orders: TargetOrders, now: Scalar) -> Scalar:
+    """Return whether the latest wrench is of this law and in time."""
+    in_time = flag(now - orders.wrench_at < orders.timeout + 1.0)
+    return in_time * flag(memory.wrenches < orders.wrenches)
 
 
 def turned(turns: Scalar, pose: Matrix, six: Vector) -> Vector:
@@ -241,7 +239,7 @@ def posed(memory: TargetMemory, orders: TargetOrders) -> TargetMemory:
     belongs = flag(since > 0.0) * flag(since < LONGEST_PERIOD + 1e-9)
     # Beside a twist a pose corrects the target at once. A single one is reached as fast
     # as the limits of the target allow.
-    duration = since * belongs * (1.0 - _in_time(orders.twist_at, memory, orders, at))
+    duration = since * belongs * (1.0 - _twist_acts(memory, orders, at))
     duration = either(belongs, duration, 0.0)
     is_single = 1.0 - flag(duration > 0.0)
     changed = before._replace(
@@ -288,14 +286,15 @@ class CartesianCycle(NamedTuple):
         begins : Scalar
             Whether the law begins, and forgets its memory.
         memory, settings, orders : arrays
-            Of `TargetMemory`, of the law, and of `TargetOrders`.
+            Of `TargetMemory`, of the law, and of `TargetOrders`. The last setting says
+            whether the others state a posture; else it is that at the beginning.
         t, parameters
             Time, s, and parameters of the robot.
 
         """
         measured = self.frame_pose(q, t)
         asked = unpacked_orders(orders)
-        fresh = beginning(measured, q, stamp, asked)
+        fresh = beginning(measured, q, asked)
         last = unpacked_memory(memory, len(q))
         last = TargetMemory(*[either(begins, x, y) for x, y in zip(fresh, last)])
 
@@ -316,11 +315,12 @@ class CartesianCycle(NamedTuple):
         pose, twist, acceleration = target_of(followed)
 
         # 3. The law.
-        in_time = _in_time(asked.wrench_at, last, asked, stamp)
-        wrench = in_time * turned(asked.wrench_turns, target.pose, asked.wrench)
-        posture = either(asked.posture_stated, settings[self.posture], last.posture)
-        complete = np.concatenate([settings[:self.posture.start], posture,
-                                   settings[self.posture.stop:]])
+        acts = _wrench_acts(last, asked, stamp)
+        wrench = acts * turned(asked.wrench_turns, target.pose, asked.wrench)
+        of_law, posture_stated = settings[:-1], settings[-1]
+        posture = either(posture_stated, of_law[self.posture], last.posture)
+        complete = np.concatenate([of_law[:self.posture.start], posture,
+                                   of_law[self.posture.stop:]])
         tau = self.law(q, u, pose, twist, acceleration, wrench, complete, t=t,
                        parameters=parameters)
         return tau, packed(target._replace(followed=followed, wrench=wrench))

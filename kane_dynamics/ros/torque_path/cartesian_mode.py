@@ -13,7 +13,7 @@ from kane_dynamics.ros.parameters.task_settings import (cartesian_settings,
                                                         controlled_frame, differ,
                                                         target_limits)
 from kane_dynamics.ros.torque_path.cartesian_cycle import (CartesianCycle, memory_size,
-                                                           ORDERS_SIZE, packed,
+                                                           NEVER, ORDERS_SIZE, packed,
                                                            target_of, unpacked_memory)
 from kane_dynamics.ros.torque_path.cartesian_target import CartesianTarget
 from kane_dynamics.ros.torque_path.native_law import NativeLaw
@@ -66,7 +66,7 @@ class CartesianMode(NativeLaw):
         self._axes = values['cartesian.axes']
         self._settings = cartesian_settings(values, robot)
         self.law = self._law_with(robot.neutral())
-        self._numbers = settings_of(self.law)
+        self._numbers = self._numbers_of_law()
         # A law of its own checks settings that the path does not use yet, and another one
         # describes the states of other threads.
         self._trial = self._law_with(robot.neutral())
@@ -87,6 +87,10 @@ class CartesianMode(NativeLaw):
         """Return a law with the present settings."""
         return CartesianImpedance(self._robot, self.frame, axes=self._axes,
                                   **{'posture': posture, **self._settings})
+
+    def _numbers_of_law(self) -> Array:
+        """Return the settings of the law, and whether they state a posture."""
+        return np.append(settings_of(self.law), float('posture' in self._settings))
 
     def _compiled(self) -> Callable[..., Array]:
         """Return the entry point of the cycle: torques, then the next memory."""
@@ -144,7 +148,7 @@ class CartesianMode(NativeLaw):
         self._ordered = None
         if changed:
             self.law.update(**{'posture': self._robot.neutral(), **settings})
-            self._numbers = settings_of(self.law)
+            self._numbers = self._numbers_of_law()
         return changed
 
     def compile(self) -> None:  # noqa: A003
@@ -174,17 +178,20 @@ class CartesianMode(NativeLaw):
         return row[:n]
 
     def snapshot(self, stamp: int) -> TaskSnapshot:
-        """Return what is kept of the last cycle."""
+        """Return what is kept of the last cycle; nothing before the first one."""
+        if self._clock[1]:
+            return TaskSnapshot()
         memory = unpacked_memory(self._memory.copy(), self._robot.n_q)
         age = -1.0
-        if self.target.moved_at >= self._epoch + memory.law_began:
+        if memory.posed_at > NEVER or self.target.twists > memory.twists:
             age = (stamp - self.target.moved_at) / NANO
         pose, twist, _ = target_of(memory.followed)
         return TaskSnapshot(pose, age, (twist, memory.wrench, memory.posture))
 
     def describe(self, q: Array, u: Array, snapshot: TaskSnapshot) -> TaskDescription:
         """Return the wrench of the law at a state, and what is at its limit."""
-        assert snapshot.desired is not None
+        if snapshot.desired is None:
+            return TaskDescription()
         twist, wrench, posture = snapshot.detail
         described = self._described
         self._described = posture, self._settings
@@ -235,19 +242,19 @@ class CartesianMode(NativeLaw):
                          variant=(self.frame, self._axes))
 
     def settings_numbers(self) -> Array:
-        """Return the settings of the law."""
+        """Return the settings of the law, and whether they state a posture."""
         return self._numbers
 
     def order_numbers(self, epoch: int) -> Array:
         """Return what messages ask of the target, with times since epoch, ns."""
-        orders = self.target.orders(epoch, self._farthest, self._widest, self._limits,
-                                    'posture' in self._settings)
+        orders = self.target.orders(epoch, self._farthest, self._widest, self._limits)
         return np.asarray(packed(orders), dtype=np.float64)
 
     def mirror(self, memory: Array, epoch: int) -> None:
         """Keep the target of a cycle of the native thread."""
         self._memory = memory[:len(self._memory)]
         self._epoch = epoch
+        self._clock[1] = 0.0
 
 
 def in_world(rotation: Array, six: Array) -> Array:

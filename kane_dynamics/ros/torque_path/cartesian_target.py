@@ -46,6 +46,8 @@ class CartesianTarget:
     timeout : float
     moved_at : int
         When the last pose or twist arrived, ns; 0: none.
+    twists : int
+        Number of the latest twist.
     changes : int
         How often a message changed what is asked.
     changed : callable
@@ -57,7 +59,9 @@ class CartesianTarget:
         self.timeout = timeout
         self.changed: Callable[[], Any] = lambda: None
         self.changes = 0
+        self.twists = 0
         self._count = 0
+        self._wrenches = 0
         self._goal = np.eye(4)
         self._posed_at = 0
         self.moved_at = 0
@@ -73,12 +77,14 @@ class CartesianTarget:
 
     def move(self, twist: Vector, turns: bool, now: int) -> None:
         """Move with a twist, (6,), in the axes of the target if it turns, else the world's."""
+        self.twists += 1
         self._twist = Directed(twist.copy(), turns, now)
         self.moved_at = now
         self._note_change()
 
     def press(self, wrench: Vector, turns: bool, now: int) -> None:
         """Add a wrench, (6,), in the axes of the target if it turns, else the world's."""
+        self._wrenches += 1
         self._wrench = Directed(wrench.copy(), turns, now)
         self._note_change()
 
@@ -86,8 +92,8 @@ class CartesianTarget:
         self.changes += 1
         self.changed()
 
-    def orders(self, epoch: int, farthest: float, widest: float, limits: Vector,
-               posture_stated: bool) -> TargetOrders:
+    def orders(self, epoch: int, farthest: float, widest: float, limits: Vector
+               ) -> TargetOrders:
         """
         Return what the messages ask, with times since epoch, ns.
 
@@ -97,9 +103,10 @@ class CartesianTarget:
             if directed is None:
                 return np.zeros(6), NEVER, 0.0
             return directed.numbers, float(directed.at - epoch), float(directed.turns)
-        return TargetOrders(float(self._count), float(self._posed_at - epoch), self._goal,
+        return TargetOrders(float(self._count), float(self._posed_at - epoch),
+                            float(self.twists), float(self._wrenches), self._goal,
                             *of(self._twist), *of(self._wrench), self.timeout * NANO,
-                            farthest, widest, limits, float(posture_stated))
+                            farthest, widest, limits)
 
 
 def pose_of_numbers(numbers: Vector, frame: Matrix) -> Matrix:

@@ -10,7 +10,7 @@ Times are nanoseconds since the start of the path, which a double holds exactly 
 days, and to 1 us for 280 years. Flags are 1 or 0.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.terms import Terms
@@ -18,6 +18,7 @@ from kane_dynamics.control.torque_blend import share_left
 from kane_dynamics.control.torque_limiter import clipped, within_rate
 from kane_dynamics.control.traced_laws import Desired, LawInput, TracedLaw
 from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.flags import either, flag
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.state_check import joint_bounds, UNLIMITED
@@ -241,18 +242,6 @@ def initial_path(n: int, now: float, memory: int = 0) -> PathState:
 
 
 # Flags.
-
-def flag(condition: Scalar) -> Scalar:
-    """Return 1 if a comparison holds, else 0."""
-    return select(condition, 1.0, 0.0)
-
-
-def either(chosen: Scalar, x: Any, y: Any) -> Any:
-    """Return x where a flag is 1, else y: numbers, or arrays entry by entry."""
-    if isinstance(x, np.ndarray):
-        return np.array([either(chosen, a, b) for a, b in zip(x, y)])
-    return select(chosen > 0.5, x, y)
-
 
 def branch(chosen: Scalar, x: PathState, y: PathState) -> PathState:
     """Return the state x where a flag is 1, else y."""

@@ -6,7 +6,8 @@ from typing import Any
 from kane_dynamics._util.typing import Array, Vector
 from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.control.followed_motion import FollowedMotion
-from kane_dynamics.control.traced_laws import chosen, LawInput, TracedLaw
+from kane_dynamics.control.traced_laws import LawInput, TracedLaw
+from kane_dynamics.mechanics.algebra.flags import either
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.parameters.parameter_checks import terms
@@ -122,7 +123,7 @@ class JointImpedanceMode(NativeLaw):
 
         def torque(at: LawInput) -> tuple[Vector, Vector]:
             stiffness, stated, per_root, weights = np.split(at.settings, [n, 2 * n, 3 * n])
-            inertia = chosen(at.begins, np.diag(equations.mass_matrix(at.q, at.parameters)),
+            inertia = either(at.begins, np.diag(equations.mass_matrix(at.q, at.parameters)),
                              at.memory)
             damping = stated + per_root * np.sqrt(inertia)
             settings = np.concatenate([stiffness, damping, weights])

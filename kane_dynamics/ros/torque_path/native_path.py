@@ -389,7 +389,8 @@ class NativeTorquePath(TorquePath):
         if report.event[MOVING]:
             motion, _ = self.active_motion.at(stamp)
         law = self._laws.get(self.controller.mode)
-        if law is not None:
+        # A report from before a change of the mode has the memory of another law.
+        if law is not None and path.restarts == self._changes[0]:
             law.mirror(path.memory, self._epoch)
         command = Command(path.tau, clamped, rate_limited, limited)
         cycle = Cycle(stamp, self._reader, motion, float(report.event[MOMENT]), path.tau,

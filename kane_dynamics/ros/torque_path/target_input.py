@@ -89,7 +89,8 @@ class TargetInput:
                                      values['cartesian.max_moment']], 3)
 
     def clear(self) -> None:
-        """Accept stamps of any time, as after a start or a jump of the clock."""
+        """Accept stamps of any time, as at the start or after a jump of the clock."""
+        self._last_now = 0
         self._stamps = dict.fromkeys((POSE, TWIST, WRENCH), 0)
         self._reach.restart()
 
@@ -195,6 +196,9 @@ class TargetInput:
                          'finite numbers')
             return None
         now = path.now
+        if now < self._last_now:  # the clock jumped backward
+            self.clear()
+        self._last_now = now
         stamp = message.stamp or now
         fault = time_fault(stamp, now, self._stamps[topic], self._timeout, STALE)
         if fault is not None:

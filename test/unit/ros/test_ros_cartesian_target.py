@@ -41,11 +41,11 @@ class Follower:
     def __init__(self, pose, timeout):
         self.messages = CartesianTarget(timeout)
         self.go_to, self.press = self.messages.go_to, self.messages.press
-        self.memory = cartesian_cycle.beginning(pose, np.zeros(2), 0.0, self.orders)
+        self.memory = cartesian_cycle.beginning(pose, np.zeros(2), self.orders)
 
     @property
     def orders(self):
-        return self.messages.orders(BEGIN, math.inf, math.inf, np.ones(4), False)
+        return self.messages.orders(BEGIN, math.inf, math.inf, np.ones(4))
 
     @property
     def pose(self):

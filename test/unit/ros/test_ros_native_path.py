@@ -247,6 +247,72 @@ def test_a_law_of_another_frame_is_not_answered_from_the_cache(mode, variants):
             pair.compare(variant)
 
 
+@pytest.mark.parametrize('message', ['move', 'press'])
+def test_twist_and_wrench_end_when_the_clock_jumps_backward(message):
+    pair = Pair('cartesian_impedance', 3)
+    pair.time += 100 * NANO
+    for _ in range(3):
+        pair.do_state('state')
+    for side in pair.sides:
+        getattr(side.target, message)(np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]), False, pair.time)
+    pair.do_state('state')
+    acting = [side.path.controller.laws[Mode.CARTESIAN_IMPEDANCE].snapshot(pair.time)
+              for side in pair.sides]
+    assert all(np.abs(np.concatenate(snapshot.detail[:2])).max() > 0.0 for snapshot in acting)
+    pair.do_back('back')
+    for _ in range(60):
+        pair.do_state('state')
+        pair.compare(message)
+    for side in pair.sides:
+        law = side.path.controller.laws[Mode.CARTESIAN_IMPEDANCE]
+        pose = law.snapshot(pair.time).desired
+        twist, wrench, _ = law.snapshot(pair.time).detail
+        assert np.abs(np.concatenate([twist, wrench])).max() < 1e-3
+        assert law.snapshot(pair.time).target_age == -1.0
+        measured = ROBOT.frame_pose(law.frame, pair.q)
+        assert np.abs(pose - measured).max() < 0.02
+
+
+def test_a_posture_that_equals_the_default_is_blended_in():
+    """The other settings stay, but the torque of the posture changes."""
+    pair = Pair('cartesian_impedance', 3, {'cartesian.posture_stiffness': [30.0, 30.0]})
+    for _ in range(5):
+        pair.do_state('state')
+    before = numbers(pair.sides[0].commands.sent[-1]).copy()
+    pair.values = pair.values | node_values(
+        {'cartesian.posture': ROBOT.neutral().tolist(),
+         'cartesian.posture_stiffness': [30.0, 30.0]}) | {
+        name: pair.values[name] for name in CHANGED}
+    for side in pair.sides:
+        if side.modes.update(pair.values):
+            side.path.controller.blend()
+        side.path.set_limits(pair.values)
+    for _ in range(20):
+        pair.do_state('state')
+        pair.compare('posture')
+    assert np.abs(numbers(pair.sides[0].commands.sent[-1]) - before).max() > 0.1
+
+
+def test_no_memory_of_another_law_is_read_as_that_of_the_frame():
+    pair = Pair('joint_impedance', 3)
+    for _ in range(3):
+        pair.do_state('state')
+    pair.time += 1_000_000
+    path = pair.sides[1].path
+    path.native.answer(message(pair.q, np.zeros(2), pair.time))
+    path.controller.update(mode='cartesian_impedance')
+    path.set_limits(pair.values)
+    path.read_reports()
+    law = path.controller.laws[Mode.CARTESIAN_IMPEDANCE]
+    assert law.snapshot(pair.time).desired is None
+    described = law.describe(pair.q, np.zeros(2), law.snapshot(pair.time))
+    assert not described.saturated and not described.wrench.any()
+    pair.time += 1_000_000
+    path.on_state(message(pair.q, np.zeros(2), pair.time))
+    np.testing.assert_allclose(law.snapshot(pair.time).desired,
+                               ROBOT.frame_pose(law.frame, pair.q), atol=1e-12)
+
+
 @pytest.mark.parametrize('mode', ['computed_torque', 'joint_impedance', 'hand_guiding'])
 def test_the_compiled_rules_equal_the_readable_ones(mode):
     """The functions of `cycle_rules` on floats give what the thread's memory holds."""

@@ -328,6 +328,18 @@ def test_a_pose_is_refused_with_the_reason(change, reason, words):
     assert rig.error(START) < 5e-3
 
 
+def test_stamps_after_a_backward_jump_of_the_clock_are_of_the_new_time():
+    rig = Rig()
+    rig.run(0.05)
+    rig.send_pose(rig.pose(), stamp=rig.now)
+    rig.now -= 5 * NANO
+    rig.run(0.05)
+    rig.send_pose(rig.pose(), stamp=rig.now)
+    assert not rig.refused
+    rig.send_pose(rig.pose(), stamp=rig.now - STEP)
+    assert 'before the latest one' in rig.refused[-1][0]
+
+
 def shifted(pose, distance):
     result = pose.copy()
     result[:3, 3] += distance * pose[:3, 3] / np.linalg.norm(pose[:3, 3])
