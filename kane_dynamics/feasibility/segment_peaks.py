@@ -254,8 +254,8 @@ def largest_shares_of(quantities: Sequence[int], begin: Sequence[Vector],
     Return the content of `Peaks` as one array, for one segment of a motion.
 
     `begin`, `end` and `inside` are the states (q, u, udot, tau) at its ends and at a place
-    between. The array has the k n shares, the largest one, the largest range that counts and the
-    largest estimate, in this order.
+    between. The array has the k n shares, the largest one, the largest range that counts
+    and the largest estimate, in this order.
     """
     shares = []
     for _, u, udot, tau in (begin, end, inside):

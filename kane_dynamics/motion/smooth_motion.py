@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 DEGREES = (5, 7)
 MOST_POINTS = 2000  # the system for the coefficients is dense
 DERIVATIVES = 4  # that `sample` returns
+FASTEST = 1e6  # largest factor of the speed of a motion
 JUMP = 1e-6  # of the largest jerk: a larger difference at a point is a jump
 
 
@@ -159,9 +160,10 @@ class SmoothMotion:
                     'the torque rate of an elastic joint would jump')
 
     def scaled(self, speed: float) -> SmoothMotion:
-        """Return the motion `speed` times as fast."""
-        factor = number(speed, 'speed', 'a positive number',
-                        lambda x: 0.0 < x < math.inf)
+        """Return the motion `speed` times as fast, from 1e-6 to 1e6; else InputError."""
+        # Beyond these, powers of the factor overflow or vanish in the coefficients.
+        factor = number(speed, 'speed', f'a number from {1.0 / FASTEST:g} to {FASTEST:g}',
+                        lambda x: 1.0 / FASTEST <= x <= FASTEST)
         powers = factor ** np.arange(self.degree + 1.0)
         coefficients = self._coefficients * powers[:, None]
         return SmoothMotion(self.joint_names, self.times / factor, coefficients)

@@ -2,12 +2,12 @@
 Native entry points of kernels: built-in functions and methods, with a Python fallback.
 
 A function created here is a CPython built-in, whose machine code all kernels of one
-signature share (`EntryPoints`). It accepts contiguous, finite float64 ndarrays of the declared
-shapes, which a control loop passes. For any other argument it calls the Python
-fallback, which converts it or raises an error. The machine code reads ndarray fields at
-their public offsets (numpy's ABI) and the object header of CPython builds with a GIL. A
-self-test verifies this on the running interpreter; if it fails, the fallback serves
-every call.
+signature share (`Signature.entry_points`). It accepts contiguous, finite float64
+ndarrays of the declared shapes, which a control loop passes. For any other argument it
+calls the Python fallback, which converts it or raises an error. The machine code reads
+ndarray fields at their public offsets (numpy's ABI) and the object header of CPython
+builds with a GIL. A self-test verifies this on the running interpreter; if it fails, the
+fallback serves every call.
 
 Lifetime
     A function's `self` is its table, which holds its code and the kernel's, the arrays,

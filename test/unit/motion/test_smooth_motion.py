@@ -96,3 +96,18 @@ def test_bad_arguments_are_named(change, message):
     motion = SmoothMotion.from_points(**arguments)
     with pytest.raises(InputError, match='expected finite times'):
         motion.sample(np.nan)
+
+
+def test_a_scaled_motion_has_the_derivatives_of_the_faster_one():
+    motion = SmoothMotion.from_points([1.0, 2.0, 4.0], [[0.0], [1.0], [-0.5]],
+                                      joint_names=['a'])
+    t = np.linspace(1.0, 4.0, 13)
+    expected = motion.sample(t)
+    for factor in (1e-6, 0.5, 3.0, 1e6):
+        for order, values in enumerate(motion.scaled(factor).sample(t / factor)):
+            size = factor**order * np.abs(expected[order]).max()
+            assert_allclose(values, factor**order * expected[order], rtol=0,
+                            atol=1e-9 * size)
+    for factor in (0.0, -1.0, np.nan, np.inf, 1e-300, 1e300, True):
+        with pytest.raises(InputError, match=r'speed: .*; expected a number from 1e-06'):
+            motion.scaled(factor)
