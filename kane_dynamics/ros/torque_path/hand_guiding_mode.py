@@ -5,6 +5,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array, Vector
 from kane_dynamics.control.traced_laws import LawInput, TracedLaw
+from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.parameters.parameter_checks import terms
@@ -50,6 +51,11 @@ class HandGuidingMode(NativeLaw):
     def check(self, values: Mapping[str, Any]) -> None:
         """Raise InputError unless parameters fit the arm."""
         settings = guiding_settings(values, self._robot)
+        planes, configured = len(settings['planes']), len(self._settings['planes'])
+        if planes != configured:
+            raise InputError(f"parameter 'hand_guiding.planes': {planes} planes; expected "
+                             f'{configured}, as when the node was configured; deactivate '
+                             'it and clean up for another number')
         if differ(settings, self._settings):
             self._trial.update(**settings)
 

@@ -171,7 +171,7 @@ def test_a_plane_holds_the_frame():
     rig.run(2.0, load)
     assert -0.06 < rig.pose()[2, 3] - height < -0.02
     assert 'wall' in rig.modes.laws[Mode.HAND_GUIDING].describe(rig.q, rig.u, None).saturated
-    with pytest.raises(InputError, match='planes: 2; expected 1'):
+    with pytest.raises(InputError, match=r'planes.: 2 planes; expected 1'):
         rig.adjust(hand_guiding__planes=[0.0, 0.0, 1.0, 0.0] * 2)
     with pytest.raises(InputError, match=r'hand_guiding\.planes.: 3 numbers; expected four'):
         rig.adjust(hand_guiding__planes=[0.0, 0.0, 1.0])
