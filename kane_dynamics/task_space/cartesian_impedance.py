@@ -367,6 +367,8 @@ class ImpedanceForces(NamedTuple):
         Of the frame relative to the reference motion, in the axes.
     mobility : FrameMobility
     inertia : TaskInertia
+    weights : (4,) array
+        Of the terms that are compensated.
     speeds : (n_j,) array
         Limits of the joint speeds.
     speed_scale : scalar
@@ -386,6 +388,7 @@ class ImpedanceForces(NamedTuple):
     velocity: Vector
     mobility: FrameMobility
     inertia: TaskInertia
+    weights: Vector
     speeds: Vector
     speed_scale: Scalar
 
@@ -405,7 +408,10 @@ class ImpedanceForces(NamedTuple):
         for part in (self.walls, self.drag, self.feedforward, self.pull + exerted):
             tau, scale = within_limits(tau, equations.shared_torques(q, part, t), effort)
             force = force + scale * part
-        brakes = brake_torques(equations, q, u, self.motion, force, self.speeds,
+        # Friction that the arm compensates itself does not slow its joints down.
+        bias = reference_dynamics(equations, q, u, u, equations.zeros, self.weights,
+                                  parameters, t)
+        brakes = brake_torques(equations, q, u, self.motion, force, bias, self.speeds,
                                parameters, t)
         braking = equations.shared_torques(q, self.motion.projected(brakes), t)
         return clamped(tau, braking, effort), scale, brakes
@@ -446,8 +452,8 @@ def impedance_forces(robot: Robot, task: FrameTask, walls: JointWalls, at: State
     posture = posture_force(walls, inertia, q, motion, values)
     return ImpedanceForces(at, motion, held, at_walls, compensation - held,
                            drag - J.T @ damping, J.T @ spring.wrench + posture, spring,
-                           damping, velocity, mobility, inertia, values['speed'],
-                           speed_scale)
+                           damping, velocity, mobility, inertia, values['weights'],
+                           values['speed'], speed_scale)
 
 
 def damping_wrench(W: Matrix, velocity: Vector, values: Mapping[str, Any],

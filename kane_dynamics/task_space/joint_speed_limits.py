@@ -51,7 +51,8 @@ def slowdown(rates: Vector, limits: Vector) -> Scalar:
 
 
 def brake_torques(equations: Equations, q: Vector, u: Vector, motion: JointMotion,
-                  force: Vector, limits: Vector, parameters: Vector, t: Scalar) -> Vector:
+                  force: Vector, bias: Vector, limits: Vector, parameters: Vector,
+                  t: Scalar) -> Vector:
     """
     Return the torques, (n_j,), that keep joints within their speed limits.
 
@@ -68,6 +69,9 @@ def brake_torques(equations: Equations, q: Vector, u: Vector, motion: JointMotio
         At u, with udot = 0.
     force : (n,) array
         The generalized force that acts.
+    bias : (n,) array
+        That which leaves u as it is, of what resists the joints: not of what the arm
+        compensates itself.
     limits : (n_j,) array
         Of the joint speeds, rad/s; infinite for none.
     parameters, t
@@ -76,7 +80,7 @@ def brake_torques(equations: Equations, q: Vector, u: Vector, motion: JointMotio
     """
     T = motion.T
     factors, order = equations.mass_factors(q, parameters, t)
-    udot = solve(factors, order, force - equations.bias_force(q, u, parameters, t))
+    udot = solve(factors, order, force - bias)
 
     # In the directions of motion: what the joints gain in speed, and lose per torque.
     signs = [select(rate < 0.0, -1.0, 1.0) for rate in motion.qdot]
