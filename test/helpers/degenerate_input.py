@@ -31,7 +31,7 @@ PATIENCE = 20  # s, for one call
 EXPECTED = re.compile('expected|Use |use ')  # an error says what is valid
 # What users get as results, and what needs a GPU, a browser, a bag or processes of its own.
 RESULTS = frozenset((
-    'CartesianMotion', 'FilledTrajectory', 'Trajectory', 'closed_forms.ClosedForm',
+    'CartesianMotion', 'FilledTrajectory', 'TorqueBounds', 'Trajectory', 'closed_forms.ClosedForm',
     'feasibility.Demand', 'feasibility.PayloadBound', 'feasibility.TimeOptimal',
     'feasibility.TimeScale', 'gpu.DeviceFunction', 'gpu.DeviceRollout', 'identification.BaseFit',
     'identification.BaseParameters', 'identification.CollisionCalibration',

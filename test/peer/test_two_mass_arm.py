@@ -58,7 +58,7 @@ def test_a_vibrating_arm_moves_as_in_mujoco():
 def test_the_arm_in_mujoco_refuses_what_mujoco_lacks():
     with pytest.raises(ModelError, match="fr3_joint1': a curve of stiffness"):
         in_mujoco(arm(stiffness=StiffnessCurve([0.01, 0.02], [0.0, 10.0])))
-    with pytest.raises(ModelError, match=r"\['stribeck_speed'\] of the motor"):
+    with pytest.raises(ModelError, match=r"motor friction \['stribeck_speed'\]"):
         in_mujoco(arm(friction={'stribeck_speed': 0.1}))
 
 
