@@ -405,7 +405,7 @@ def test_joint_impedance_follows_goals_and_hand_guiding_does_not(arm):
         status, code, text = arm.ask([1.0], [START])
         assert (status, code) == (ABORTED, -1)
         assert text == ('mode: hand_guiding; expected one with feedback (computed_torque, '
-                        'joint_impedance)')
+                        'joint_impedance, motor_side)')
     finally:
         assert arm.client.adjust(mode='computed_torque').successful
     arm.rest()

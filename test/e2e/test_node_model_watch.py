@@ -80,6 +80,7 @@ def record(client, path, duration):
     np.savez(path, t=t - t[0], q=q, u=u, tau=tau)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_the_node_names_what_has_changed_of_simulated_arms(client, tmp_path):
     record(client, tmp_path / 'sound.npz', 12.0)
@@ -100,7 +101,7 @@ def test_the_node_names_what_has_changed_of_simulated_arms(client, tmp_path):
             assert wait_until(lambda: client.diagnostics[-1][2]['model watch'] == 'no change')
         with simulated(client, URDF.replace(LIFT, STIFF), (1.7, 2.3, 1.3)):
             assert wait_until(lambda: alarms()[:1] == [('lift', 'friction')], 60.0), (
-                process.log, len(reports), alarms(), client.diagnostics[-1])
+                alarms(), len(reports), client.diagnostics[-1], process.log)
             assert wait_until(lambda: "'lift': friction up" in client.diagnostics[-1][1])
             process.wait_for("model watch: joint 'lift': friction up")
         with simulated(client, URDF, (1.7, 2.3, 1.3), payload__frame='c', payload__mass=1.0):

@@ -116,13 +116,14 @@ def test_what_native_cannot_do_runs_on_the_interpreter_with_a_warning(start, cli
     np.testing.assert_allclose(client.ask(Q, np.zeros(3)), holding, rtol=1e-12)
 
 
-def test_a_mode_without_a_native_law_is_refused(start, client):
+def test_a_mode_that_the_node_is_not_configured_for_is_refused(start, client):
     node = start(torque_path='native', modes='[joint_impedance]')
     client.connect()
     node.wait_for('torque path: native')
-    answer = client.adjust(mode='joint_impedance')
+    answer = client.adjust(mode='cartesian_impedance')
     assert not answer.successful
-    assert 'on the native torque path' in answer.reason
+    assert "'cartesian_impedance'; expected one of" in answer.reason
+    assert client.adjust(mode='joint_impedance').successful
     assert client.adjust(mode='computed_torque').successful
 
 
