@@ -28,7 +28,7 @@ EDGE = 'edge of the reach'
 CASES = [(passage.arm, passage.what) for passage in experiments.PASSAGES]
 CASES += [('UR10e', EDGE), ('FR3', EDGE), pytest.param('xArm7', EDGE, marks=pytest.mark.xfail(
     reason='its elbow runs into the stop of the simulated arm, and the last link, of 1e-4 kg m^2, '
-           'leaves its speed limit', strict=False))]
+           'leaves its speed limit', strict=True))]
 TARGETS = 10  # cycles between two targets
 SETTLING = 3.0  # s of rest after the passage
 STILL = 1.0  # s after the last target, from which the target rests
