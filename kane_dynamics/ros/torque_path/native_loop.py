@@ -52,8 +52,9 @@ class LawSizes(NamedTuple):
 
 def sizes_of(laws: Mapping[Mode, TracedLaw]) -> LawSizes:
     """Return what is enough for each of the laws."""
-    return LawSizes(max(law.memory for law in laws.values()),
-                    max(law.settings for law in laws.values()))
+    memories = [law.memory for law in laws.values()]
+    settings = [law.settings for law in laws.values()]
+    return LawSizes(max(memories), max(settings))
 
 
 def compiled_rules(robot: Robot, terms: Terms, laws: Mapping[Mode, TracedLaw]) -> Rules:
