@@ -148,22 +148,45 @@ def fastest(robot: Robot, motion: Motion | SmoothMotion, *, most: float = math.i
                          uncertainty).deviation
     if bending is not None and uncertainty is not None:
         raise InputError('uncertainty: given with bending; expected one of them')
-    additional = NONE
-    for _ in range(ROUNDS + 1):
+
+    def highest(additional: Array) -> float | None:
+        """Return the highest speed that fits at the samples."""
         path = SampledPath(robot, motion, step, power, additional)
         top = min(most, HIGHEST, path.speed_bound)
         if not path.inside or top < LOWEST:
             return None
         if bending is not None:
-            speed = _highest_bent(path, top, partial(added_torques, additional))
-        elif uncertainty is not None:
-            speed = _highest_uncertain(path, top, partial(deviation, additional))
-        else:
-            speed = _highest_speed(path, LOWEST, top)
+            return _highest_bent(path, top, partial(added_torques, additional))
+        if uncertainty is not None:
+            return _highest_uncertain(path, top, partial(deviation, additional))
+        return _highest_speed(path, LOWEST, top)
+
+    def demanded(additional: Array, speed: float) -> Demand:
+        """Return the demand at a speed."""
+        return demand_at(robot, motion, speed, step, power, additional, bending,
+                         uncertainty)
+    return _with_finer_samples(highest, demanded)
+
+
+def _with_finer_samples(highest: Callable[[Array], float | None],
+                        demanded: Callable[[Array, float], Demand]) -> TimeScale | None:
+    """
+    Return the highest speed at samples that are added where the demand is in doubt.
+
+    Parameters
+    ----------
+    highest : callable
+        Returns the highest speed that fits at the samples with additional ones, or None.
+    demanded : callable
+        Returns the demand with additional samples at a speed.
+
+    """
+    additional = NONE
+    for _ in range(ROUNDS + 1):
+        speed = highest(additional)
         if speed is None:
             return None
-        at_speed = demand_at(robot, motion, speed, step, power, additional, bending,
-                             uncertainty)
+        at_speed = demanded(additional, speed)
         scale = TimeScale(math.inf) if speed == HIGHEST else _bound(at_speed, speed)
         refined = at_speed.in_doubt
         if not refined.size:
@@ -174,29 +197,24 @@ def fastest(robot: Robot, motion: Motion | SmoothMotion, *, most: float = math.i
 
 def _fastest_of_drives(drives: DrivesAlong, most: float) -> TimeScale | None:
     """Return the highest speed of a motion of elastic joints, if there is one."""
-    additional = NONE
-    for _ in range(ROUNDS + 1):
-        at_samples = partial(drives.demand_at, additional=additional)
-        slowest = at_samples(LOWEST)
-        if any(excess.limit in ('lower', 'upper') for excess in slowest.excesses
-               if excess.joint in drives.motion.joint_names):
-            return None
+    def demanded(additional: Array, speed: float) -> Demand:
+        return drives.demand_at(speed, additional=additional)
+
+    def highest(additional: Array) -> float | None:
+        """Return the highest speed that fits at the samples."""
+        slowest = demanded(additional, LOWEST)
+        for excess in slowest.excesses:
+            is_position = excess.limit in ('lower', 'upper')
+            if is_position and excess.joint in drives.motion.joint_names:
+                return None
 
         # The links' speeds are proportional to s.
         rates = np.abs(slowest.u[:, drives.links]).max(axis=0) / LOWEST
         with np.errstate(divide='ignore', invalid='ignore'):
             bound = drives.limits.velocity[drives.links] / rates
         top = min(most, HIGHEST, float(np.fmin.reduce(bound, initial=math.inf)))
-        speed = _highest_tried(at_samples, top)
-        if speed is None:
-            return None
-        at_speed = at_samples(speed)
-        scale = TimeScale(math.inf) if speed == HIGHEST else _bound(at_speed, speed)
-        refined = at_speed.in_doubt
-        if not refined.size:
-            break
-        additional = np.concatenate([additional, speed * refined])
-    return scale
+        return _highest_tried(partial(demanded, additional), top)
+    return _with_finer_samples(highest, demanded)
 
 
 def _highest_tried(at_samples: Callable[[float], Demand], top: float) -> float | None:
