@@ -68,7 +68,7 @@ def mean_force(mode, supplement):
                    real_states=True)
     try:
         node.wait_for('active, mode')
-        lockstep.connect()
+        lockstep.connect(targets=False)
         plant.led_since = plant.data.time
         for _ in range(round(LED * experiments.RATE)):
             lockstep.cycle()
