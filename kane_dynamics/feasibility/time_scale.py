@@ -171,7 +171,7 @@ def fastest(robot: Robot, motion: Motion | SmoothMotion, *, most: float = math.i
 def _with_finer_samples(highest: Callable[[Array], float | None],
                         demanded: Callable[[Array, float], Demand]) -> TimeScale | None:
     """
-    Return the highest speed at samples that are added where the demand is in doubt.
+    Return the highest speed; samples are added where the demand may rise between them.
 
     Parameters
     ----------
