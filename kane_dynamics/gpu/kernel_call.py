@@ -12,7 +12,7 @@ from kane_dynamics.gpu.cuda_driver import Driver, driver
 from kane_dynamics.gpu.device_arrays import (current_stream, DeviceArray, DeviceMemory,
                                              empty, handed_over, ITEM, view)
 from kane_dynamics.native.backends.gpu_kernel import KERNEL
-from kane_dynamics.native.backends.real_types import DOUBLE, FLOAT, Real
+from kane_dynamics.native.backends.llvm_math import DOUBLE, FLOAT, Real
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.tracing.program import Shape
 

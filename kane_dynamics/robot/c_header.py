@@ -8,7 +8,7 @@ from kane_dynamics._util.resources import package_version
 from kane_dynamics._util.typing import Array
 from kane_dynamics.native.backends.c99 import comment, identifier, prototype, string
 from kane_dynamics.native.backends.c99_math import Precision
-from kane_dynamics.native.backends.real_types import size_limit
+from kane_dynamics.native.backends.llvm_math import size_limit
 from kane_dynamics.native.tracing.program import Program
 
 

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple, Protocol
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.native.backends.real_types import size_limit
+from kane_dynamics.native.backends.llvm_math import size_limit
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import state_names
 import numpy as np

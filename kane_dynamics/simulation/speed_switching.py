@@ -26,7 +26,7 @@ from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.interface import StageRates
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
-from kane_dynamics.native.backends.real_types import size_limit
+from kane_dynamics.native.backends.llvm_math import size_limit
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import in_choice, Robot
 from kane_dynamics.robot.speed_sets import left_out_error, limits_of

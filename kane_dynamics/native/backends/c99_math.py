@@ -9,7 +9,7 @@ libm.
 from dataclasses import dataclass
 import math
 
-from kane_dynamics.native.backends.real_types import COS, EXP, LN2, SIN
+from kane_dynamics.native.backends.llvm_math import COS, EXP, LN2, SIN
 
 
 @dataclass(frozen=True)

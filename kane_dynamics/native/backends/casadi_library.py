@@ -11,8 +11,8 @@ cosines.
 from collections.abc import Sequence
 import math
 
+from kane_dynamics.native.backends.llvm_math import literal, size_limit
 from kane_dynamics.native.backends.llvm_scalar import module_text
-from kane_dynamics.native.backends.real_types import literal, size_limit
 from kane_dynamics.native.tracing.matrix_function import Block, MatrixFunction
 
 KERNEL = 'kernel'

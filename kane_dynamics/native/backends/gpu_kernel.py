@@ -16,9 +16,8 @@ first argument of each call; tests evaluate it there.
 from collections.abc import Sequence
 import math
 
-from kane_dynamics.native.backends.llvm_math import Vector
+from kane_dynamics.native.backends.llvm_math import Real, Vector
 from kane_dynamics.native.backends.llvm_scalar import Function, with_callees
-from kane_dynamics.native.backends.real_types import Real
 from kane_dynamics.native.tracing.expression import Expr
 from kane_dynamics.native.tracing.program import Program, size_of
 

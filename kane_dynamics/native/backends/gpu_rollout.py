@@ -19,9 +19,8 @@ import math
 from kane_dynamics.native.backends.gpu_kernel import (declarations, definition, END,
                                                       entrance, entry_address, GLOBAL,
                                                       row_address)
-from kane_dynamics.native.backends.llvm_math import Vector
+from kane_dynamics.native.backends.llvm_math import Real, Vector
 from kane_dynamics.native.backends.llvm_scalar import Function, with_callees
-from kane_dynamics.native.backends.real_types import Real
 from kane_dynamics.native.tracing.program import Program, size_of
 
 STEP = 'step'

@@ -14,9 +14,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from kane_dynamics.mechanics.algebra.lanes import LANES
-from kane_dynamics.native.backends.llvm_math import FUNCTION_LANES, transpose, Vector
-from kane_dynamics.native.backends.real_types import (DOUBLE, intrinsic_end, literal,
-                                                      Real, splat, vector_type)
+from kane_dynamics.native.backends.llvm_math import (DOUBLE, FUNCTION_LANES,
+                                                     intrinsic_end, literal, Real, splat,
+                                                     transpose, Vector, vector_type)
 from kane_dynamics.native.tracing.expression import Expr, operands
 from kane_dynamics.native.tracing.program import PLACING, Program, ROWS, size_of
 from kane_dynamics.native.tracing.subroutine import is_first

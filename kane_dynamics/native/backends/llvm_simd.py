@@ -10,9 +10,9 @@ argument or a result is not finite.
 
 from functools import cache
 
-from kane_dynamics.native.backends.llvm_math import exchange_blocks, transpose, Vector
+from kane_dynamics.native.backends.llvm_math import (exchange_blocks, size_limit,
+                                                     transpose, Vector, vector_type)
 from kane_dynamics.native.backends.llvm_scalar import Function, with_callees
-from kane_dynamics.native.backends.real_types import size_limit, vector_type
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.tracing.expression import Expr
 from kane_dynamics.native.tracing.program import Program, size_of

@@ -12,7 +12,7 @@ too large, has NaN in all of its result.
 
 from collections.abc import Sequence
 
-from kane_dynamics.native.backends.real_types import literal
+from kane_dynamics.native.backends.llvm_math import literal
 from kane_dynamics.native.backends.xla_support import SUPPORT
 from kane_dynamics.native.machine_code.llvm import Address
 

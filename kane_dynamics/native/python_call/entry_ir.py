@@ -20,8 +20,8 @@ every assumption about them on the running interpreter.
 from collections.abc import Sequence
 import math
 
-from kane_dynamics.native.backends.real_types import (constant_vector, literal,
-                                                      overflow_scale)
+from kane_dynamics.native.backends.llvm_math import (constant_vector, literal,
+                                                     overflow_scale)
 from kane_dynamics.native.tracing.program import Shape
 
 # 64-bit words of the table that a function receives as `self`, in order. Pointers

@@ -15,14 +15,13 @@ from typing import Any
 from kane_dynamics._util.fork_safety import ForkSafeLock
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.native.backends.llvm_math import size_limit
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
-from kane_dynamics.native.backends.real_types import size_limit
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
-from kane_dynamics.native.python_call.entry import (EntryTable, KernelFunction,
-                                                    Signature)
+from kane_dynamics.native.python_call.entry import EntryTable, KernelFunction, Signature
 from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, driver, repeat,
                                                 repeat_until, run_batch)
 from kane_dynamics.native.tracing.program import (origin, Program, Shape, size_of,

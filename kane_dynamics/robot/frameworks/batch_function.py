@@ -8,8 +8,8 @@ from typing import Any
 from kane_dynamics._util.fork_safety import ForkSafeLock
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.native.backends.llvm_math import size_limit
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
-from kane_dynamics.native.backends.real_types import size_limit
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime.kernel import Argument, Kernel, require_finite
 from kane_dynamics.native.runtime.loops import BAD_INPUT, POINTER_SLOTS

@@ -9,8 +9,8 @@ import sys
 import jax
 from kane_dynamics._util.fork_safety import ForkSafeLock
 from kane_dynamics.errors import CompileError
+from kane_dynamics.native.backends.llvm_math import size_limit
 from kane_dynamics.native.backends.llvm_simd import width
-from kane_dynamics.native.backends.real_types import size_limit
 from kane_dynamics.native.backends.xla_handler import HANDLER, handler_text, MAJOR
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime.loops import driver, FLAGS, ROW, WORDS

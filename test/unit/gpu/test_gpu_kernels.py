@@ -8,7 +8,7 @@ from framework_states import arm, fr3, states
 from host_gpu import host_gpu, HostArray, on_gpu, values_of
 from kane_dynamics import gpu, Inertial, Robot, simulate
 from kane_dynamics.native.backends.gpu_kernel import kernel_text
-from kane_dynamics.native.backends.real_types import DOUBLE, FLOAT
+from kane_dynamics.native.backends.llvm_math import DOUBLE, FLOAT
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.tracing.program import trace_program
 from kinds_of_mechanism import case, KINDS

@@ -6,7 +6,7 @@ import re
 from benchmarks import gpu_kernels
 from kane_dynamics import gpu
 from kane_dynamics.native.backends.gpu_kernel import kernel_text
-from kane_dynamics.native.backends.real_types import FLOAT
+from kane_dynamics.native.backends.llvm_math import FLOAT
 from kane_dynamics.native.machine_code import llvm
 from kinds_of_mechanism import case, KINDS
 import pytest

@@ -1,9 +1,9 @@
 """Accuracy and special values of sine, cosine and hyperbolic tangent in native code."""
 
 from kane_dynamics import InputError
+from kane_dynamics.native.backends.llvm_math import POSITION_LIMIT
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
-from kane_dynamics.native.backends.real_types import POSITION_LIMIT
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.runtime.loops import repeat, run_batch, Strided
