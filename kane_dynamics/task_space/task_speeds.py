@@ -24,8 +24,8 @@ from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.constraints.speeds import Speeds
 from kane_dynamics.mechanics.definition import kinematics
 from kane_dynamics.mechanics.recursive import composite_inertia
-from kane_dynamics.mechanics.recursive.link_frames import (denavit_hartenberg, linkage,
-                                                           posed, regrouped)
+from kane_dynamics.mechanics.recursive.link import (denavit_hartenberg, linkage, posed,
+                                                    regrouped)
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.frame_task import (frame_task, FrameTask, in_axes,

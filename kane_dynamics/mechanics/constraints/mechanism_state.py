@@ -11,8 +11,7 @@ from kane_dynamics.mechanics.ball_joints import axis_acceleration, joint_positio
 from kane_dynamics.mechanics.constraints.speeds import speed_places, Speeds
 from kane_dynamics.mechanics.definition import kinematics
 from kane_dynamics.mechanics.recursive import frame_kinematics
-from kane_dynamics.mechanics.recursive.link import Link
-from kane_dynamics.mechanics.recursive.link_frames import posed
+from kane_dynamics.mechanics.recursive.link import Link, posed
 from kane_dynamics.model.model import Frame, Model, WORLD
 import numpy as np
 

@@ -19,8 +19,8 @@ from kane_dynamics.mechanics.algebra.user_functions import evaluated
 from kane_dynamics.mechanics.ball_joints import joint_positions
 from kane_dynamics.mechanics.definition import kinematics
 from kane_dynamics.mechanics.recursive import composite_inertia
-from kane_dynamics.mechanics.recursive.link_frames import (denavit_hartenberg, linkage,
-                                                           posed, regrouped)
+from kane_dynamics.mechanics.recursive.link import (denavit_hartenberg, linkage, posed,
+                                                    regrouped)
 from kane_dynamics.model.model import Model
 import numpy as np
 

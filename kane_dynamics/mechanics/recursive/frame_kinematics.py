@@ -6,8 +6,7 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array, Matrix, Vector
 from kane_dynamics.mechanics.algebra.vector import cross, rate_tensor
 from kane_dynamics.mechanics.recursive.inverse_dynamics import JointStep
-from kane_dynamics.mechanics.recursive.link import Link
-from kane_dynamics.mechanics.recursive.link_frames import Z
+from kane_dynamics.mechanics.recursive.link import Link, Z
 from kane_dynamics.model.model import Frame, WORLD
 import numpy as np
 

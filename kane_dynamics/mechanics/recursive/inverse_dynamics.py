@@ -6,7 +6,7 @@ axis s (revolute) or zero (prismatic), and the partial velocity of a point r is
 s x (r - p_j) or s. So Kane's double sum over bodies and speeds factors into an outward
 pass for motions, an inward pass that sums inertia forces and moments over subtrees, and
 one dot product with the axis per joint (Angeles, Ma & Rojas, Computers & Mathematics
-with Applications 17, 1989). All quantities are in link axes (see `link_frames`), where
+with Applications 17, 1989). All quantities are in link axes (see `link`), where
 the joint axis is z.
 
 Gravity enters as an acceleration -g of the base. A mimic joint adds its multiplier times

@@ -33,7 +33,7 @@ def joint_reactions(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
     Parameters
     ----------
     links : sequence of Link
-        Links with their origins at the model's joints (`link_frames.linkage`) and with
+        Links with their origins at the model's joints (`link.linkage`) and with
         full inertial parameters.
     q, u, udot, gravity
         As `inverse_dynamics`.

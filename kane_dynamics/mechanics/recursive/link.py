@@ -1,11 +1,40 @@
-"""Link: a body of the recursive algorithms, with its joint along z; (4, 4) poses."""
+"""
+Links of the recursive algorithms, and the link frames that minimize arithmetic.
 
-from dataclasses import dataclass
+A `Link` is a body with its joint along z. `linkage` makes links of a Model's bodies. A link
+frame has its z axis along the joint axis, a constant pose in its parent, and a
+pseudo-inertia P = int [r;1][r;1]^T dm (4 x 4: mass, first and second moment). The
+following transformations do not change joint torques and make most constants 0 or 1,
+which tracing folds:
+
+* `merged`: a joint that rotates about the same axis as the beam section before it takes
+  both rotations.
+* `denavit_hartenberg`: the frame of a revolute link is moved along its axis to the
+  common normal with its parent's axis, and rotated about its axis so that the pose of
+  its (largest) child is an offset along z, an offset along x and a rotation about x, if
+  that reduces the arithmetic.
+* `regrouped`: inertia on a revolute joint's axis, and the second moment of a prismatic
+  link, are moved to the parent. What remains are the base inertial parameters (Khalil &
+  Dombre, Modeling, Identification and Control of Robots, ch. 9). A link without children
+  is rotated about its axis until the y component of its first moment is zero.
+
+Pseudo-inertias may hold traced values (a payload); everything else is numbers.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+import math
 from typing import Any, Literal
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics.mechanics.ball_joints import rotations
 from kane_dynamics.model.beam import Beam, Deflection
+from kane_dynamics.model.model import Model, WORLD
+from kane_dynamics.model.placement import SNAP, snapped
 import numpy as np
+
+NEARLY_PARALLEL = 1e-4  # rad; the common normal of such axes is far: digits are lost
+Z = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +63,7 @@ class Link:
     modes : Modes, optional
         Modes of a flexible link at one configuration; set by `flexible_modes.bent`.
     turned : bool
-        Whether the link is the first of a ball joint, whose rotation `link_frames.posed`
+        Whether the link is the first of a ball joint, whose rotation `link.posed`
         adds to its pose: its frame stays at the joint.
 
     """
@@ -134,3 +163,288 @@ def inverse(T: Array) -> Array:
     """Return the inverse of a pose."""
     R, p = T[:3, :3], T[:3, 3]
     return homogeneous(R.T, -R.T @ p)
+
+
+def about_z(angle: float) -> Array:
+    """Return the pose of a rotation about z, (4, 4); multiples of pi/2 are exact."""
+    c, s = snapped(np.array([math.cos(angle), math.sin(angle)]))
+    return homogeneous([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def linkage(model: Model) -> tuple[Link, ...]:
+    """Return a model's bodies as links: same origins, z along the joint axes."""
+    turns: list[Array] = []
+    links: list[Link] = []
+    for k, body in enumerate(model.bodies):
+        joint = body.joint
+        C = homogeneous(_turn_to_z(joint.axis))
+        turns.append(C)
+        parent_turn = np.eye(4) if body.parent == WORLD else turns[body.parent]
+        pose = parent_turn.T @ homogeneous(joint.rotation, joint.translation) @ C
+        links.append(Link(
+            parent=body.parent, kind=joint.kind, pose=_clean(pose),
+            coordinate=joint.coordinate, multiplier=joint.multiplier,
+            offset=joint.offset, body=C.T,
+            pseudo_inertia=C.T @ body.inertial.pseudo_inertia @ C,
+            deflection=joint.deflection, beam=body.beam, turned=k in model.balls))
+    return tuple(links)
+
+
+def merged(links: Sequence[Link]) -> tuple[Link, ...]:
+    """
+    Merge joints that rotate about the same axis as the beam section that carries them.
+
+    If a beam bends in the plane of motion of the joint at its end, the sum of the
+    section's and the joint's angle is used as one angle. The section stays for its other
+    children.
+    """
+    result = list(links)
+    for i, link in enumerate(links):
+        if link.parent == WORLD:
+            continue
+        section = links[link.parent]
+        bending = section.deflection
+        if bending is None or not _turns_about_axis_of(link, section):
+            continue
+        sense = link.rotation[2, 2]
+        deflection = Deflection((*bending.coordinates, link.coordinate),
+                                np.append(sense * bending.slope, link.multiplier),
+                                np.pad(sense * bending.curvature, (0, 1)))
+        result[i] = replace(link, parent=section.parent,
+                            pose=_clean(section.pose @ link.pose),
+                            offset=sense * section.offset + link.offset,
+                            deflection=deflection)
+    return tuple(result)
+
+
+def _turns_about_axis_of(link: Link, section: Link) -> bool:
+    """Return whether a link's joint rotates about the joint axis of its section."""
+    if link.kind != 'revolute' or section.kind != 'revolute':
+        return False
+    if link.turned or link.deflection is not None:
+        return False
+    parallel = abs(link.rotation[2, 2]) == 1.0
+    return bool(parallel and not link.translation[:2].any())
+
+
+def carrying(links: Sequence[Link], body: int, pose: Array,
+             pseudo_inertia: Matrix) -> tuple[Link, ...]:
+    """Return the links with a pseudo-inertia added in a frame at a pose on a body."""
+    T = links[body].body @ pose
+    loaded = links[body].pseudo_inertia + T @ pseudo_inertia @ T.T
+    result = list(links)
+    result[body] = replace(links[body], pseudo_inertia=loaded)
+    return tuple(result)
+
+
+def posed(links: Sequence[Link], model: Model, q: Vector,
+          free: Collection[int] = ()) -> tuple[Link, ...]:
+    """
+    Return the links with the rotations of the ball joints at q, (n_q,), in their poses.
+
+    The bodies in `free` (see `free_bodies`) are rotated before their slides, not after
+    them, so that these are along their own axes.
+    """
+    result = list(links)
+    for k, R in rotations(model, q).items():
+        first = k - 3 if k in free else k
+        link, joint = links[first], model.bodies[first].joint
+        # The constant pose is inner @ outer, with the joint's frame after `inner`: there
+        # the rotation of q is put between both.
+        parent_body = np.eye(4) if link.parent == WORLD else links[link.parent].body
+        inner = _clean(parent_body @ homogeneous(joint.rotation, joint.translation))
+        outer = _clean(inverse(inner) @ link.pose)
+        turned = inner[:3, :3] @ R
+        rotation = turned @ outer[:3, :3]
+        translation = inner[:3, 3] + turned @ outer[:3, 3]
+        pose = np.eye(4).astype(object)
+        pose[:3, :3] = rotation
+        pose[:3, 3] = translation
+        result[first] = replace(link, pose=pose)
+    return tuple(result)
+
+
+def _turn_to_z(axis: Array) -> Array:
+    """Return a rotation C with C z = axis; a permutation of axes if possible."""
+    axis = snapped(axis)
+    k = int(np.argmax(np.abs(axis)))
+    # Not `max == 1`, which is true for an axis that is off by 1e-8.
+    if np.count_nonzero(axis) == 1:
+        C = np.roll(np.eye(3), k - 2, axis=0)
+        return C if axis[k] > 0.0 else C @ np.diag([1.0, -1.0, -1.0])
+    across = Z if k != 2 else np.array([1.0, 0.0, 0.0])  # not along the axis
+    x = np.cross(axis, across)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(axis, x), axis], axis=1)
+
+
+def _moved(link: Link, G: Array) -> Link:
+    """Return a link with its frame moved by the pose G, a screw about z."""
+    back = inverse(G)
+    angle = math.atan2(G[1, 0], G[0, 0])
+    return replace(link, pose=_clean(link.pose @ homogeneous(None, G[:3, 3])),
+                   offset=math.remainder(link.offset + angle, 2.0 * math.pi),
+                   pseudo_inertia=back @ link.pseudo_inertia @ back.T,
+                   body=back @ link.body)
+
+
+def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
+    """
+    Move frames of revolute links along and about their z axis (see the module).
+
+    Each link uses the combination of translation and rotation with the fewest constants.
+    """
+    links = merged(links)
+    children: dict[int, list[int]] = {}
+    largest: dict[int, int] = {}  # of the children, the one with the largest subtree
+    size = [1] * len(links)  # of the subtrees
+    for i in reversed(range(len(links))):
+        parent = links[i].parent
+        children.setdefault(parent, []).insert(0, i)
+        if parent != WORLD:
+            size[parent] += size[i]
+            # Of equal ones the first, which comes last here.
+            if parent not in largest or size[i] >= size[largest[parent]]:
+                largest[parent] = i
+
+    # Outward, so that the frame of the parent is final when a link's is chosen.
+    result = list(links)
+    for i, link in enumerate(links):
+        if link.kind != 'revolute' or link.turned:
+            continue
+        shift = 0.0
+        angle = 0.0
+        if link.parent != WORLD:
+            shift = _slide(result[i])
+        if i in largest:
+            child = result[largest[i]]
+            angle = _turn_to_normal(child)
+            if link.parent == WORLD and child.kind == 'revolute':
+                on_normal = child.translation + _slide(child) * child.rotation[:, 2]
+                shift = float(on_normal[2])
+        family = (i, *children.get(i, ()))
+        nearby = list(map(result.__getitem__, family))
+        choices = []
+        for turn in (angle, 0.0):
+            for rise in (shift, 0.0):
+                choices.append(_with_frame_moved(nearby, turn, rise))
+        best = min(choices, key=_number_of_constants)
+        for k, chosen in zip(family, best):
+            result[k] = chosen
+    return tuple(map(_untwisted, result))
+
+
+def _with_frame_moved(family: Sequence[Link], angle: float, shift: float) -> list[Link]:
+    """Rotate the first link's frame about z and move it along; its children stay."""
+    G = about_z(angle)
+    G[2, 3] = shift
+    result = [_moved(family[0], G)]
+    for child in family[1:]:
+        result.append(replace(child, pose=_clean(inverse(G) @ child.pose)))
+    return result
+
+
+def _number_of_constants(links: Sequence[Link]) -> int:
+    """Return the number of entries of the links' poses that cause a multiplication."""
+    count = 0
+    for link in links:
+        pose = _untwisted(link).pose
+        count += int(np.sum(~np.isin(pose[:3, :3], (0.0, 1.0, -1.0))))
+        count += int(np.sum(pose[:3, 3] != 0.0))
+    return count
+
+
+def _turn_to_normal(child: Link) -> float:
+    """Return the angle about z to the common normal with a child's joint axis."""
+    # The common normal of both axes; of parallel ones, the line to the child's origin.
+    z, p = child.rotation[:, 2], child.translation
+    x = np.cross(Z, z)
+    if np.linalg.norm(x) <= NEARLY_PARALLEL and child.kind == 'revolute':
+        x = np.array([p[0], p[1], 0.0])
+    if np.linalg.norm(x) < 1e-9:  # the axes coincide
+        return 0.0
+    # A normal has two directions: the smaller angle is chosen.
+    angle = math.atan2(x[1], x[0])
+    half = math.pi / 2.0 + 1e-9
+    if angle > half:
+        angle -= math.pi
+    elif angle <= -half:
+        angle += math.pi
+    return angle
+
+
+def _slide(child: Link) -> float:
+    """Return the distance along a child's axis from its origin to the normal with z."""
+    z, p = child.rotation[:, 2], child.translation
+    x = np.cross(Z, z)
+    square = float(x @ x)
+    if square > NEARLY_PARALLEL**2:  # p + t z = height Z + a x
+        return -float(np.cross(Z, p) @ x) / square
+    return -float(p[2] * np.sign(z[2]))
+
+
+def _untwisted(link: Link) -> Link:
+    """Move a rotation about z from a revolute link's constant pose to its offset."""
+    R = link.rotation
+    if (link.kind != 'revolute' or link.turned or abs(R[0, 2]) > 1e-9
+            or math.hypot(R[0, 0], R[0, 1]) < 1e-6):
+        return link
+    angle = math.atan2(-R[0, 1], R[0, 0])
+    return replace(link, pose=_clean(link.pose @ about_z(-angle)),
+                   offset=math.remainder(link.offset + angle, 2.0 * math.pi))
+
+
+def regrouped(links: Sequence[Link]) -> tuple[Link, ...]:
+    """Move inertia to the parents where it does not affect joint torques (see above)."""
+    # A link without children is rotated about its axis.
+    result = list(map(_align_with_com, links))
+    for link in links:
+        if link.parent != WORLD:
+            result[link.parent] = links[link.parent]
+
+    # Inward: a link's parameters are regrouped after those of its children are added.
+    for i in reversed(range(len(links))):
+        link = result[i]
+        # Mass and its moments along z do not resist a rotation about z, and second
+        # moments do not resist a translation.
+        part = slice(2, 4) if link.kind == 'revolute' else slice(0, 3)
+        # What does not resist moves to the parent, in its axes; the rest stays.
+        inert = np.zeros((4, 4)).astype(link.pseudo_inertia.dtype)
+        inert[part, part] = link.pseudo_inertia[part, part]
+        base = link.pseudo_inertia.copy()
+        base[part, part] = 0.0
+        result[i] = replace(link, pseudo_inertia=_without_rounding(base))
+        if link.parent != WORLD:
+            T = link.pose if link.kind == 'revolute' else homogeneous(link.rotation)
+            parent = result[link.parent]
+            regrouped_inertia = parent.pseudo_inertia + T @ inert @ T.T
+            result[link.parent] = replace(parent, pseudo_inertia=regrouped_inertia)
+    return tuple(result)
+
+
+def _align_with_com(link: Link) -> Link:
+    """Rotate a revolute link about z until its com or a principal axis is on x."""
+    P = _without_rounding(link.pseudo_inertia)
+    if link.kind != 'revolute' or P.dtype == object:
+        return link
+    x, y, xy = P[0, 3], P[1, 3], P[0, 1]
+    angle = 0.0
+    if x != 0.0 and y != 0.0:
+        angle = math.atan2(y, x)
+    elif x == y == 0.0 != xy:
+        angle = 0.5 * math.atan2(2.0 * xy, P[0, 0] - P[1, 1])
+    return _moved(link, about_z(angle))
+
+
+def _clean(pose: Array) -> Array:
+    """Return a pose with rounding errors of zeros and ones removed."""
+    translation = np.where(np.abs(pose[:3, 3]) < SNAP, 0.0, pose[:3, 3])
+    return homogeneous(snapped(pose[:3, :3]), translation)
+
+
+def _without_rounding(P: Matrix) -> Matrix:
+    """Return a pseudo-inertia with rounding errors of zeros removed."""
+    if P.dtype == object:
+        return P
+    largest = float(np.abs(P).max(initial=0.0))
+    return np.where(np.abs(P) < 1e-14 * largest, 0.0, P)

@@ -56,7 +56,7 @@ def regressor(links: Sequence[Link], q: Vector, u: Vector, udot: Vector, gravity
     Return the regressor Y, (n, 10 n_bodies): inverse dynamics is Y times the parameters.
 
     Arguments as `inverse_dynamics`; the links have their origins at the model's joints
-    (`link_frames.linkage`). `share` evaluates repeated parts, possibly as subroutines
+    (`link.linkage`). `share` evaluates repeated parts, possibly as subroutines
     (see `subroutines`).
     """
     motions: list[LinkMotion] = []

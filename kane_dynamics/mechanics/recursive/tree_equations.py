@@ -21,10 +21,10 @@ from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
 from kane_dynamics.mechanics.ball_joints import (axis_acceleration, axis_rates, Ball,
                                                  free_bodies, joint_positions, rotations)
-from kane_dynamics.mechanics.elastic_joints import (damping_slope,
-                                                    damping_torque, drive_forces,
-                                                    drive_matrix, spring_energy,
-                                                    spring_slope, spring_torque)
+from kane_dynamics.mechanics.elastic_joints import (damping_slope, damping_torque,
+                                                    drive_forces, drive_matrix,
+                                                    spring_energy, spring_slope,
+                                                    spring_torque)
 from kane_dynamics.mechanics.friction import (bristle_energy, bristle_rate,
                                               bristle_torque, carries_load,
                                               carries_loads, elastic_bristle_torque,
@@ -32,13 +32,13 @@ from kane_dynamics.mechanics.friction import (bristle_energy, bristle_rate,
                                               has_bristles, load_of_drive, load_slope,
                                               require_solvable)
 from kane_dynamics.mechanics.recursive import (center_of_mass as masses,
-                                               composite_inertia,
-                                               frame_kinematics, inverse_dynamics,
-                                               joint_reactions, regressor)
+                                               composite_inertia, frame_kinematics,
+                                               inverse_dynamics, joint_reactions,
+                                               regressor)
 from kane_dynamics.mechanics.recursive.derivatives import inverse_dynamics_derivatives
-from kane_dynamics.mechanics.recursive.link import homogeneous, Link
-from kane_dynamics.mechanics.recursive.link_frames import (carrying, denavit_hartenberg,
-                                                           linkage, posed, regrouped)
+from kane_dynamics.mechanics.recursive.link import (carrying, denavit_hartenberg,
+                                                    homogeneous, Link, linkage, posed,
+                                                    regrouped)
 from kane_dynamics.mechanics.recursive.subroutines import directly, Share
 from kane_dynamics.model.beam import Beam
 from kane_dynamics.model.model import Body, Frame, Joint, Model, WORLD

@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
-from kane_dynamics import Body, CompileError, Inertial, InputError, Joint, Model, ModelError, Robot
+from kane_dynamics import (Body, CompileError, Inertial, InputError, Joint, Model,
+                           ModelError, Robot)
 from kane_dynamics.mechanics.algebra.vector import axis_rotation
 from kane_dynamics.mechanics.definition import kane
-from kane_dynamics.mechanics.recursive.link_frames import denavit_hartenberg, linkage
+from kane_dynamics.mechanics.recursive.link import denavit_hartenberg, linkage
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import with_payload
 from mechanisms import random_inertial, random_model, random_state
