@@ -19,8 +19,8 @@ friction is unknown.
 
 A cause is an alarm if its size is beyond the quantile of Student's distribution for the
 stated rate of false alarms, divided among all causes (Bonferroni). Of several, the one
-whose torque is largest, relative to the residuals of the reference, is named first; the
-others are judged on what it leaves.
+that explains most of the residuals, relative to those of the reference, is named first;
+the others are judged on what it leaves.
 """
 
 from collections.abc import Sequence
@@ -216,10 +216,10 @@ class ModelWatch:
 
     def _largest(self, causes: Sequence[_Cause], sound: Sequence[CauseSizes | None] | None,
                  residual: Array) -> tuple[ModelChange | None, Array]:
-        """Return the significant cause of the largest torque, and that torque."""
+        """Return the significant cause that explains most, and its torque."""
         largest: ModelChange | None = None
         torque = np.zeros_like(residual)
-        energy = 0.0
+        most_explained = -np.inf
         whole = max(float(np.sum((residual / self._sigma)**2)), 1e-300)
         for k, cause in enumerate(causes):
             change, jackknifed = self._sizes(cause.directions, residual)
@@ -234,12 +234,15 @@ class ModelWatch:
             if abs(change[0]) <= least:
                 continue
             of_cause = cause.directions @ change
-            of_this = float(np.sum((of_cause / self._sigma)**2))
-            if of_this > energy:
-                energy = of_this
+            # Causes of like directions all have a size. That which explains more of the
+            # residual goes first; the sound arm's own error may even make it less than 0.
+            left = float(np.sum(((residual - of_cause) / self._sigma)**2))
+            explained = whole - left
+            if explained > most_explained:
+                most_explained = explained
                 torque = of_cause
                 largest = ModelChange(cause.joint, cause.name, float(change[0]),
-                                      float(deviation[0]), min(of_this / whole, 1.0))
+                                      float(deviation[0]), max(explained / whole, 0.0))
         return largest, torque
 
     def _sizes(self, directions: Array, residual: Array) -> CauseSizes:
