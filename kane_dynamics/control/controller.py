@@ -15,6 +15,7 @@ from kane_dynamics.control.computed_torque import (corrected_acceleration, KD, K
                                                    law_kernel, require_rigid)
 from kane_dynamics.control.followed_motion import FollowedMotion
 from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.control.stopping import reached_state
 from kane_dynamics.control.terms import EVERY_TERM, Mode, Terms
 from kane_dynamics.control.torque_blend import TorqueBlend
 from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
@@ -155,6 +156,7 @@ class Controller:
         self._blend = TorqueBlend()
         self._mode = Mode.INVERSE_DYNAMICS
         self._law_of_mode: ModeLaw | None = None
+        self._reached_of: dict[Terms, Callable[..., Array]] = {}
         self._kp = self._zero
         self._kd = self._zero
         self._gains = np.zeros(2 * len(self._follow))
@@ -280,6 +282,7 @@ class Controller:
         if not self._direct:
             self.robot.compile('joint_torques')
         self._motion.compile()
+        self._reached()
 
     # Commands.
 
@@ -385,6 +388,49 @@ class Controller:
             return np.zeros(len(self._names))
         return self._joint_torques(self._gravity(q, t), q, t)
 
+    def motion_torque(self, q: Array, motion: Motion, moment: float, t: float = 0.0
+                      ) -> Array:
+        """
+        Return the torque of the model along a motion, (n,), without feedback or limits.
+
+        Closed loops are on the branch of q (n_q,), the last measured configuration.
+        """
+        _, tau = self._feedforward(q, motion, moment, t)
+        return tau
+
+    def stopping_motion(self, q: Array, u: Array, tau: Array, elapsed: float,
+                        duration: float, t: float = 0.0) -> Motion:
+        """
+        Return the stop of an arm that is not measured any more, of the joints that follow.
+
+        It begins where the arm is after a time under a constant torque, by the model,
+        and comes to rest after half its duration times its first speeds.
+
+        Parameters
+        ----------
+        q, u : (n_q,), (n,) arrays
+            The last measured state.
+        tau : (n_q,) array
+            The torque commanded since then.
+        elapsed, duration : float
+            Time since then, and of the stop, s.
+        t : float
+            Time of the state, s.
+
+        Raises
+        ------
+        InputError, ConstraintError
+            The arm reaches no finite state, or is singular at q.
+
+        """
+        time = (t,) if self._timed else ()
+        reached = self._reached()
+        begin, speeds = np.split(reached(q, u, tau, elapsed, *time), 2)
+        end = begin + 0.5 * duration * speeds
+        rest = 0.0 * speeds
+        return Motion.from_points([0.0, duration], [begin, end], [speeds, rest],
+                                  [rest, rest], joint_names=self._follow)
+
     def limit(self, t: float, tau: Array) -> Command:
         """Return `tau`, (n,), within the limits, as the command at stamp `t`, s."""
         return self._limiter.apply(t, tau)
@@ -456,6 +502,25 @@ class Controller:
         if self._timed:
             return lambda *arguments: kernel(*arguments[:-1], *no_wrench, arguments[-1])
         return kernel.entry('', lambda *arguments: kernel(*arguments, *no_wrench))
+
+    def _reached(self) -> Callable[..., Array]:
+        """Return the entry point of `reached_state` for the joints that follow."""
+        robot = self.robot
+        places = tuple(self._motion.places)
+        terms = self._compensate
+        if terms in self._reached_of:
+            return self._reached_of[terms]
+
+        def reached(q: Array, u: Array, tau: Array, elapsed: float, parameters: Array,
+                    t: float) -> Array:
+            return np.concatenate(reached_state(robot, terms, places, q, u, tau, elapsed,
+                                                parameters, t))
+        weights = ''.join(str(int(weight)) for weight in terms.weights)
+        name = f'reached_{weights}_{"_".join(map(str, places))}'
+        kernel = robot.compiled(reached, name=name, q=(robot.n_q,), u=(robot.n,),
+                                tau=(robot.n_q,), elapsed=(), shape=(2 * len(places),))
+        self._reached_of[terms] = kernel.entry('', kernel)
+        return self._reached_of[terms]
 
     # Inverse dynamics and gravity.
 

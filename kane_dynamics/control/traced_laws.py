@@ -120,12 +120,19 @@ def mode_torque(robot: Robot, mode: Mode, terms: Terms, q: Vector, u: Vector,
         return gravity
     if mode is Mode.COMPUTED_TORQUE:
         return _computed_torque(robot, terms, q, u, desired, gains, parameters, limits)
-    motion = desired.q, desired.u, desired.udot
-    if terms.complete:
-        feedforward = equations.inverse_dynamics(*motion, None, parameters)
-    else:
-        feedforward = terms.weights @ equations.torque_terms(*motion, parameters)
+    feedforward = motion_torque(robot, terms, desired.q, desired.u, desired.udot,
+                                parameters)
     return either(desired.moving, feedforward, gravity)
+
+
+def motion_torque(robot: Robot, terms: Terms, q: Vector, u: Vector, udot: Vector,
+                  parameters: Vector) -> Vector:
+    """Return the torque of a motion, (n,), without the terms that are switched off."""
+    equations = robot.equations
+    if terms.complete:
+        return equations.inverse_dynamics(q, u, udot, None, parameters)
+    tau: Vector = terms.weights @ equations.torque_terms(q, u, udot, parameters)
+    return tau
 
 
 def _computed_torque(robot: Robot, terms: Terms, q: Vector, u: Vector, desired: Desired,

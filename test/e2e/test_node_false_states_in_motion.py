@@ -10,6 +10,7 @@ import time
 
 from false_states import arm, FALSE, FAULT, MOST, NANO, PERIOD, SHORT, simulated_arm
 from kane_dynamics.demo.demo_settings import ROBOTS
+from lifecycle_msgs.msg import Transition
 from node_process import DEEP, wait_until
 import numpy as np
 from palletizer import LOOPS, URDF
@@ -185,6 +186,47 @@ class Lockstep:
             self.arm.step(self.state())
         return np.array(rows)
 
+    def fault(self, change, count, moving):
+        """
+        Return positions (K, n) and torques while `count` states in a row are false.
+
+        The last ones are followed by as many true states. The node begins at home.
+        """
+        assert self.client.transition(Transition.TRANSITION_DEACTIVATE)
+        self.arm.reset(self.home)
+        assert self.client.transition(Transition.TRANSITION_ACTIVATE)
+        assert wait_until(self.answers, 30.0)
+        for _ in range(START):
+            torque = self.state()
+            self.arm.step(torque)
+        if moving:
+            self.client.follow(list(zip(self.motion.times, self.motion.positions)),
+                               names=self.motion.joint_names, start=self.time + 10 * PERIOD)
+            time.sleep(0.3)
+        rows, torques = [], []
+        for k in range(FAULT + 2 * count):
+            if FAULT <= k < FAULT + count:
+                torque = self.answer_to_false(change)
+            elif k < FAULT or np.any(torque):
+                torque = self.state()
+            else:
+                self.publish()
+                time.sleep(0.003)
+            self.arm.step(torque)
+            rows.append(self.arm.q)
+            torques.append(torque)
+        return np.array(rows), np.array(torques)
+
+    def answer_to_false(self, change):
+        """Publish a false state; return the torque that follows; zeros follow once."""
+        commands = self.client.commands
+        count = len(commands)
+        zero = not np.any(commands[-1])
+        self.publish(change)
+        if not wait_until(lambda: len(commands) > count, 0.01 if zero else 3.0) and not zero:
+            raise LostError(f'no command: {self.node.log[-1500:]}')
+        return self.torque(commands[-1])
+
     def compared(self, reference, reason, change, count):
         """Return the distance from a run without false states, which are counted."""
         for _ in range(ATTEMPTS):
@@ -200,6 +242,8 @@ class Lockstep:
         raise AssertionError((reason, counted, away[:FAULT].max(), self.node.log[-1500:]))
 
 
+LASTING = {'fr3': ('jump', 'degrees', 'not finite'),
+           'palletizer': ('jump', 'contradiction', 'another assembly mode')}
 CASES = [('fr3', 'plant_node', 'python'), ('fr3', 'plant_node', 'native'),
          ('fr3', 'MuJoCo', 'python'), ('palletizer', 'plant_node', 'python'),
          ('palletizer', 'MuJoCo', 'python')]
@@ -227,5 +271,45 @@ def test_no_false_state_moves_an_arm_in_motion(client, start, capsys, name, engi
         with capsys.disabled():
             print(f'\n{name}, {engine}, {torque_path}: {len(largest)} faults, largest '
                   f'{1e3 * max(largest.values()):.3f} mrad ({max(largest, key=largest.get)})')
+    finally:
+        lockstep.close()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize(('name', 'engine', 'torque_path'), CASES)
+def test_a_fault_that_lasts_ends_as_configured(client, start, capsys, name, engine, torque_path):
+    """At rest and in motion: the grace time, then the arm stops and is held, or zeros."""
+    lockstep = Lockstep(client, start, name, engine, torque_path)
+    grace, stop = 26, 125  # states
+    figures = []
+    try:
+        for action in ('hold', 'zero'):
+            assert client.adjust(state_check__action=action).successful
+            for fault in LASTING[name]:
+                reason, change = FALSE[name][fault]
+                for moving in (False, True):
+                    faults = lockstep.node.log.count(f'fault: {reason} for 0.0')
+                    rows, torques = lockstep.fault(change, grace + stop + 30, moving)
+                    case = (action, fault, moving)
+                    assert lockstep.node.log.count(f'fault: {reason} for 0.0') == faults + 1, case
+                    # During the grace time the last command goes on.
+                    assert np.ptp(torques[FAULT - 1:FAULT + grace - 2], axis=0).max() == 0.0, case
+                    speeds = np.abs(np.diff(rows, axis=0)).max(axis=1) * (NANO / PERIOD)
+                    if action == 'zero':
+                        assert not torques[FAULT + grace + 1:].any(), case
+                        continue
+                    fastest = speeds[:FAULT + grace].max()
+                    assert (fastest > 0.3) == moving, case
+                    rest = speeds[FAULT + grace + stop:].max()
+                    assert rest < max(0.05 * fastest, 0.01), (case, rest)
+                    distance = np.abs(rows[FAULT:] - rows[FAULT]).max()
+                    assert distance < max(0.19 * fastest, MOST), (case, distance)
+                    figures.append((rest, distance, fastest, *case))
+        with capsys.disabled():
+            rest, distance, fastest, *case = max(figures)
+            print(f'\n{name}, {engine}, {torque_path}: of {len(figures)} faults from up to '
+                  f'{fastest:.2f} rad/s at most {rest:.4f} rad/s after the stop, moved '
+                  f'{distance:.3f} rad ({case})')
     finally:
         lockstep.close()

@@ -217,6 +217,10 @@ class GuardPath(TorquePath):
                      f'no command for {self.watch.silent_for * 1e3:.1f} ms, and joint '
                      f'states are impossible ({self.fault}): {self.reaction}')
 
+    def _acting(self) -> Array:
+        """Return the torques of all joints that act, (n_q,): those of the commander."""
+        return self.messages.of_all(self.watch.torque)
+
     def command_zeros(self) -> None:
         """Command zeros immediately; a later command starts from them."""
         super().command_zeros()

@@ -479,8 +479,12 @@ SPECS = (
          high=10.0),
     live('state_check.action', 'text', 'zero',
          'torques after state_check.grace: zero, or hold: '
-         'gravity at the last accepted position, until states are valid again or stop',
+         'the arm is brought to rest by its model, without feedback, and then gravity is '
+         'compensated there, until states are valid again or stop',
          choices=('zero', 'hold')),
+    live('state_check.stop_time', 'number', 0.25,
+         'time, s, in which hold brings the arm to rest; it moves by half of this time '
+         'times its speed', low=0.01, high=10.0),
     live('diagnostics_rate', 'number', 1.0, 'rate of /diagnostics, 1/s', low=1e-3,
          high=100.0),
     live('trajectory.max_points', 'count', 10_000,

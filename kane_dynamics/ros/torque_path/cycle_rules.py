@@ -13,6 +13,7 @@ days, and to 1 us for 280 years. Flags are 1 or 0.
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Scalar, Vector
+from kane_dynamics.control.stopping import reached_state, stopping_torque
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.torque_blend import share_left
 from kane_dynamics.control.torque_limiter import clipped, within_rate
@@ -64,6 +65,8 @@ class PathState(NamedTuple):
         Those of the settings that were answered.
     jumps, silences : Scalar
         Those of the settings that were answered.
+    stop_began : Scalar
+        When the stop in a fault began; `NEVER` without one.
     holding : Scalar
         Whether `pose` is held.
     law_known : Scalar
@@ -74,6 +77,8 @@ class PathState(NamedTuple):
         Last command of the rate limit, difference of the blend, pose that is held.
     accepted : (2 n,) array
         The last accepted state.
+    stop : (2 n,) array
+        Positions and speeds at which the stop in a fault began.
     memory : (m,) array
         Of the law; that of the largest memory has m entries.
 
@@ -106,6 +111,7 @@ class PathState(NamedTuple):
     blends: Scalar
     jumps: Scalar
     silences: Scalar
+    stop_began: Scalar
     holding: Scalar
     law_known: Scalar
     tau: Vector
@@ -115,6 +121,7 @@ class PathState(NamedTuple):
     difference: Vector
     pose: Vector
     accepted: Vector
+    stop: Vector
     memory: Vector
 
 
@@ -126,8 +133,8 @@ class CycleSettings(NamedTuple):
     ----------
     timeout, grace : Scalar
         ns.
-    holds : Scalar
-        Whether a lasting fault holds the last accepted position.
+    holds, stop_time : Scalar
+        Whether the arm is brought to rest in a lasting fault; in which time, ns.
     turns : Scalar
         Whether joints without limits may jump by whole turns.
     compares : Scalar
@@ -155,6 +162,7 @@ class CycleSettings(NamedTuple):
     timeout: Scalar
     grace: Scalar
     holds: Scalar
+    stop_time: Scalar
     turns: Scalar
     compares: Scalar
     blend_time: Scalar
@@ -202,7 +210,7 @@ SCALAR_SETTINGS = CycleSettings._fields.index('bounds')
 
 def path_size(n: int, memory: int) -> int:
     """Return the number of entries of a `PathState` as an array."""
-    return SCALARS + 8 * n + memory
+    return SCALARS + 10 * n + memory
 
 
 def settings_size(n: int, law: int) -> int:
@@ -212,7 +220,7 @@ def settings_size(n: int, law: int) -> int:
 
 def unpacked_path(array: Vector, n: int) -> PathState:
     """Return the `PathState` of an array."""
-    sizes = [n] * 6 + [2 * n]
+    sizes = [n] * 6 + [2 * n, 2 * n]
     return PathState(*array[:SCALARS], *_parts(array[SCALARS:], sizes))
 
 
@@ -237,8 +245,9 @@ def initial_path(n: int, now: float, memory: int = 0) -> PathState:
     zeros = np.zeros(n)
     return PathState(0.0, 0.0, now, now, now, NEVER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
                      NOT_DROPPED, 0.0, NEVER, NEVER, 0.0, 0.0, 0.0, NEVER, 0.0, 0.0,
-                     0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, zeros, zeros, zeros,
-                     zeros, np.zeros(2 * n), np.zeros(memory))
+                     0.0, 0.0, 0.0, 0.0, 0.0, NEVER, 0.0, 0.0, zeros, zeros, zeros,
+                     zeros, zeros, zeros, np.zeros(2 * n), np.zeros(2 * n),
+                     np.zeros(memory))
 
 
 # Flags.
@@ -282,7 +291,7 @@ def dropped(path: PathState, reason: int) -> PathState:
 def forgotten(path: PathState) -> PathState:
     """Return the path that compares the next state with no earlier one."""
     return path._replace(known=0.0, check_stamp=NEVER, frozen_at=NEVER, confirmed=0.0,
-                         refusing=0.0, fault=0.0)
+                         refusing=0.0, fault=0.0, stop_began=NEVER)
 
 
 def restarted(path: PathState) -> PathState:
@@ -423,7 +432,8 @@ def answer(law: TracedLaw, path: PathState, event: Event, state: Vector, row: Ve
     stamp_kept = select(event.now < stamp, event.now, stamp)
     commanded = _kept(path_then, stamp_kept, state)._replace(
         reason=float(ACCEPTED), publish=1.0, sent_at=stamp, last_stamp=stamp_kept,
-        refusing=0.0, fault=0.0, timed_out=0.0, commanding=1.0, limit_known=1.0,
+        refusing=0.0, fault=0.0, stop_began=NEVER, timed_out=0.0, commanding=1.0,
+        limit_known=1.0,
         limit_stamp=stamp, tau=tau, last=tau, clamped=_differ(clamped, blended),
         rate_limited=_differ(tau, clamped), law_known=1.0,
         memory=np.concatenate([memory, path.memory[law.memory:]]))
@@ -506,14 +516,17 @@ def refuse(robot: Robot, terms: Terms, path: PathState, event: Event, settings: 
     Command what follows a state that is not answered; `path.reason` says why.
 
     The last command goes on during the grace time. After it the torques are zero, or
-    hold the last accepted position.
+    bring the arm to rest.
     """
     now = event.now
     reason = path.reason
     since = either(path.refusing, path.refused_since, now)
     path_then = path._replace(refusing=1.0, refused_since=since)
     lasts = flag(settings.grace < now - since) * (1.0 - path.fault)
-    path_then = branch(lasts, _given_up(path_then, reason, settings), path_then)
+    given_up = _given_up(path_then, reason, settings)
+    stopping = _stopping(robot, terms, given_up, reason, settings, parameters)
+    stops = settings.holds * path_then.confirmed
+    path_then = branch(lasts, branch(stops, stopping, given_up), path_then)
 
     repeated = _repeated(path_then, settings)
     held = branch(path_then.confirmed,
@@ -546,15 +559,36 @@ def _repeated(path: PathState, settings: CycleSettings) -> PathState:
     return branch(path.fault, path._replace(publish=1.0), repeated)
 
 
+def _stopping(robot: Robot, terms: Terms, path: PathState, reason: Scalar,
+              settings: CycleSettings, parameters: Vector) -> PathState:
+    """Return the path whose arm begins to stop, from where the model says that it is."""
+    q, u = np.split(path.accepted, 2)
+    elapsed = (path.last_heard - path.check_stamp) / NANO
+    reached = np.concatenate(reached_state(robot, terms, range(len(q)), q, u, path.tau,
+                                           elapsed, parameters))
+    rest = np.concatenate([q, 0.0 * u])
+    stop = either(finite(reached), reached, rest)
+    began, speeds = np.split(stop, 2)
+    # The next accepted state is near where the arm comes to rest.
+    end = began + 0.5 * settings.stop_time / NANO * speeds
+    is_false = flag(reason < NO_TORQUE - 0.5)
+    expected = either(is_false, np.concatenate([end, 0.0 * u]), path.accepted)
+    return path._replace(stop=stop, stop_began=path.last_heard, accepted=expected)
+
+
 def _held(robot: Robot, terms: Terms, path: PathState, settings: CycleSettings,
           parameters: Vector) -> PathState:
-    """Return the path that commands gravity at the last accepted position."""
-    n = len(path.tau)
-    gravity = robot.equations.zeros
-    if terms.gravity:
-        gravity = robot.equations.gravity_force(path.accepted[:n], parameters)
-    clamped, tau = _limited(path, path.last_heard, gravity, settings)
-    held = path._replace(tau=tau, last=tau, clamped=_differ(clamped, gravity),
+    """Return the path that commands the torque that brings the arm to rest."""
+    q, u = np.split(path.accepted, 2)
+    begun, speeds = np.split(path.stop, 2)
+    # Without a stop, as where the settings have changed since, the arm is at rest.
+    is_stopping = flag(path.stop_began > NEVER)
+    elapsed = (path.last_heard - path.stop_began) / NANO
+    torque = stopping_torque(
+        robot, terms, either(is_stopping, begun, q), either(is_stopping, speeds, 0.0 * u),
+        elapsed, settings.stop_time / NANO, parameters)
+    clamped, tau = _limited(path, path.last_heard, torque, settings)
+    held = path._replace(tau=tau, last=tau, clamped=_differ(clamped, torque),
                          rate_limited=_differ(tau, clamped), limit_known=1.0,
                          limit_stamp=path.last_heard, sent_at=path.last_heard)
-    return branch(finite(gravity), held, path)
+    return branch(finite(torque), held, path)

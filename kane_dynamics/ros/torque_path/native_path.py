@@ -235,7 +235,8 @@ class NativeTorquePath(TorquePath):
         check = self.states
         return CycleSettings(
             float(self._timeout), float(self._grace), float(self._holds),
-            float(check.turns), float(check.compares), controller.blend_time * NANO,
+            self._stop_time * NANO, float(check.turns), float(check.compares),
+            controller.blend_time * NANO,
             float(self._changes[0]), float(self._changes[1]), float(self._asked[0]),
             float(self._asked[1]), float(self._last.drops),
             check.bounds.ravel(), check.turning.astype(np.float64),

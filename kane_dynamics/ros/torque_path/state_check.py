@@ -131,6 +131,23 @@ class StateCheck:
         """
         self._latest = self._stamp + self._grace
 
+    def expect(self, positions: Array) -> None:
+        """Compare the next states with a state at rest at these positions, (n,)."""
+        q, u = np.split(self.accepted, 2)
+        q[:] = positions
+        u[:] = 0.0
+
+    @property
+    def stamp(self) -> int:
+        """Return the stamp of the last accepted state, ns."""
+        return self._stamp
+
+    @property
+    def speeds(self) -> Array:
+        """Return a copy of the speeds of the last accepted state, (n,)."""
+        _, u = np.split(self.accepted, 2)
+        return u.copy()
+
     @property
     def known(self) -> bool:
         """Return whether there is an accepted state."""

@@ -101,6 +101,8 @@ class TorquePath:
         self._last_good = self._last_heard = self._last_now = self._last_stamp = 0
         self._refused_since = 0  # since when states are refused, ns; 0: they are not
         self.fault = ''
+        # The motion that brings the arm to rest in a fault, and its begin, ns.
+        self._stop: tuple[Motion, int] | None = None
         self.set_limits(values)
 
     def set_limits(self, values: Mapping[str, Any]) -> None:
@@ -108,6 +110,7 @@ class TorquePath:
         self._timeout = round(values['state_timeout'] * NANO)
         self._grace = round(values['state_check.grace'] * NANO)
         self._holds = values['state_check.action'] == 'hold'
+        self._stop_time = float(values['state_check.stop_time'])
         self.states.update(values)
 
     def add_observer(self, observer: CycleObserver, need_effort: bool) -> None:
@@ -244,7 +247,7 @@ class TorquePath:
         """Return what is commanded while states are refused, and until when."""
         action = 'commanding zeros'
         if self._holds:
-            action = 'holding the last accepted position'
+            action = 'stopping by the model and holding'
         return (f'{action} until states are valid again; deactivate and activate the '
                 'node to begin from others')
 
@@ -355,6 +358,7 @@ class TorquePath:
         if self._refused_since:
             self._refused_since = 0
             self.fault = ''
+            self._stop = None
 
     def _command(self, stamp: int, motion: Motion | None, moment: float,
                  external: Array | None) -> Command:
@@ -422,12 +426,13 @@ class TorquePath:
         self.states.forget()
         self._refused_since = 0
         self.fault = ''
+        self._stop = None
 
     def _refuse(self, reason: str, detail: str, now: int) -> None:
         """
         Refuse a state; the last command goes on during the grace time.
 
-        After it the torques are zero, or hold the last accepted position, as configured.
+        After it the torques are zero, or bring the arm to rest, as configured.
         """
         self._refused_since = self._refused_since or now
         self._drop(reason, detail)
@@ -457,6 +462,8 @@ class TorquePath:
             # The torque continues, but the pose that was held is left: meanwhile the arm
             # can have moved, and the position gain would throw it back.
             self.controller.resume(self._last_heard / NANO, self.messages.last)
+        if self._holds and self.states.known:
+            self._begin_stop(reason in FALSE)
         if self.loops is not None:
             self.loops.give_up()
         self.statistics.faults += 1
@@ -465,13 +472,42 @@ class TorquePath:
             self._report_fault('fault', f'{reason} for {duration:.3f} s; {self.reaction}'
                                + ', desired motion dropped' * dropped)
 
+    def _begin_stop(self, false_states: bool) -> None:
+        """Plan how the arm comes to rest, from where the model says that it is now."""
+        moment = self._last_heard
+        elapsed = (moment - self.states.stamp) / NANO
+        q = self._accepted()
+        u = self.states.speeds if self.loops is None else self.loops.u
+        try:
+            stop = self.controller.stopping_motion(q, u, self._acting(), elapsed,
+                                                   self._stop_time, moment / NANO)
+        except (InputError, ConstraintError):  # no finite state, or singular loops
+            stop = self._rest()
+        self._stop = stop, moment
+        if false_states:  # the next accepted state is near where the arm comes to rest
+            self.states.expect(stop.positions[-1])
+
+    def _rest(self) -> Motion:
+        """Return the motion that rests at the last accepted state."""
+        return Motion.from_points([0.0], [self._accepted()[self._follow]],
+                                  joint_names=self.controller.followed)
+
+    def _acting(self) -> Array:
+        """Return the torques of all joints that act, (n_q,)."""
+        return self.messages.last
+
     def _hold(self, moment: int) -> None:
-        """Command gravity at the last accepted position, at a time, ns."""
+        """Command the torque that brings the arm to rest, at a time, ns."""
         if not self.states.known:
             self.messages.repeat()
             return
+        if self._stop is None:  # parameter state_check.action has changed since
+            self._stop = self._rest(), moment
+        stop, began = self._stop
+        elapsed = max(moment - began, 0) / NANO
         try:
-            tau = self.controller.gravity_torque(self._accepted())
+            tau = self.controller.motion_torque(self._accepted(), stop, elapsed,
+                                                moment / NANO)
             command = self.controller.limit(moment / NANO, tau)
         except (InputError, ConstraintError):  # the loops are singular there
             self.messages.repeat()

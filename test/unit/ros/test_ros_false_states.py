@@ -131,6 +131,22 @@ def test_three_false_states_in_a_row_are_counted_and_the_arm_goes_on(name, fault
     assert run.statistics.faults == run.statistics.timeouts == 0
 
 
+@pytest.mark.parametrize(('name', 'fault'), [('fr3', 'jump'), ('palletizer', 'contradiction')])
+def test_an_arm_in_motion_comes_to_rest_in_a_fault_that_lasts(name, fault):
+    reason, change = FALSE[name][fault]
+    run = Run(name, 'computed_torque', True, action='hold')
+    rows = run.positions(change, count=180, length=FAULT + 180)
+    speeds = np.abs(np.diff(rows, axis=0)) * (NANO / PERIOD)
+    assert run.path.fault == reason
+    fastest = speeds[:FAULT + 26].max()
+    assert fastest > 0.5, 'it moved'
+    assert speeds[FAULT + 155:FAULT + 170].max() < 0.03 * fastest, 'the stop has ended'
+    farthest = np.abs(rows[FAULT:] - rows[FAULT]).max()
+    assert farthest < fastest * (0.052 + 0.5 * 0.25) * 1.05, 'grace time, then half the stop'
+    held = run.positions(length=100)
+    assert run.path.fault == '' and np.abs(held - rows[-1]).max() < MOST
+
+
 @pytest.mark.parametrize('action', ['zero', 'hold'])
 @pytest.mark.parametrize(('name', 'fault'), [
     ('fr3', 'jump'), ('fr3', 'degrees'), ('fr3', 'not finite'), ('palletizer', 'jump'),
