@@ -35,7 +35,7 @@ METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
 
 help:
 	@echo 'make install      environment $(VENV) with the library, the node and all tools'
-	@echo 'make demo         feedforward on a simulated arm, over ROS 2; ROBOT=palletizer: closed loops; MODE=cartesian: forces against an impedance'
+	@echo 'make demo         feedforward on a simulated arm, over ROS 2; ROBOT=palletizer: closed loops; MODE=cartesian: forces against an impedance; MODE=elastic: elastic joints'
 	@echo 'make test         tests, a few minutes: library, torque path, services'
 	@echo 'make install-test ways of installation: slim, wheel, source, oldest and newest releases'
 	@echo 'make test-slow    tests of endurance (also: make soak)'

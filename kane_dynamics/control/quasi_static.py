@@ -230,12 +230,14 @@ class QuasiStatic:
 
 def flexible_robot(model: Model, options: Mapping[str, Any]) -> Robot:
     """
-    Return a robot with its beams; under constraints all modes are independent.
+    Return a robot with its beams and drives; under constraints their motions are independent.
 
-    Its actuators are at the independent joints then; InputError for others. `options`
-    are those of `Robot`.
+    The actuators of an arm with beams are at the independent joints then; InputError for
+    others. With drives no actuators are declared, which need one a speed: there are motors
+    and rigid joints to act on. `options` are those of `Robot`.
     """
     options = dict(options)
+    motors = [elastic.drive.motor for elastic in model.drives]
     if model.flexible and options.get('independent'):
         joints = options['independent']
         stated = options.pop('actuated', joints)
@@ -245,6 +247,9 @@ def flexible_robot(model: Model, options: Mapping[str, Any]) -> Robot:
                              'others load the beams through the loops')
         modes = [model.coordinate_names[k] for k in model.modal_coordinates]
         options['independent'] = (*joints, *modes)
+    if motors and options.get('independent'):
+        options['independent'] = (*options['independent'], *motors)
+        options.pop('actuated', None)
     return Robot(model, **options)
 
 

@@ -4,11 +4,13 @@ The demo's director: starts the arm and the node, moves the arm, and reports the
 Three processes over Fast DDS: this one, the arm (`plant`, MuJoCo behind ROS topics) and
 the dynamics node. The arm makes the same motion twice, first with its soft servo alone
 (the node deactivated), then with the node's feedforward torques on top. Last it is let
-go, and its fall is held against what the node's simulate service had predicted.
+go, and its fall is held against what the node's simulate service had predicted. In
+other modes forces act on the arm, or one with elastic joints makes a fast motion.
 """
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Sequence
+import json
 import math
 import os
 from pathlib import Path
@@ -21,23 +23,32 @@ from geometry_msgs.msg import Vector3, WrenchStamped
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.demo.children import Child, children, DemoError, stage, Waiting
 from kane_dynamics.demo.deflection_report import DeflectionLog, report_deflections
-from kane_dynamics.demo.demo_settings import (DemoRobot, DURATION, FORCES, NODE, PLANT,
-                                              ROBOTS, STATE_TIMEOUT, STIFFNESS)
+from kane_dynamics.demo.demo_settings import (AFTER, DemoRobot, DURATION, ELASTIC_RATE,
+                                              FAST, FORCES, MOTOR_KD, MOTOR_KP, NODE,
+                                              PLANT, ROBOTS, STATE_TIMEOUT, STIFFNESS)
 from kane_dynamics.demo.tracking_report import repeated_if_late, report, TrackingLog
+from kane_dynamics.demo.vibration_report import report_vibration, VibrationLog
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics_interfaces.srv import Simulate
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import SetParametersAtomically
+import numpy as np
 import rclpy
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 LEAD = 0.3  # s between sending a motion and its start
 FALL = 0.25  # s: later it meets joint limits, which a simulation only reports
-FEEDFORWARD, CARTESIAN = 'feedforward', 'cartesian'  # modes of the demo
+FEEDFORWARD, CARTESIAN, ELASTIC = 'feedforward', 'cartesian', 'elastic'  # demo modes
+DENSE = 200.0  # points of the fast motion, 1/s
+SUPPLEMENT = 'drives.yaml'  # of the node in mode elastic
 REST, PUSHED = 1.5, 1.5  # s without and with a force
 LOOK = 0.5  # s between two looks at who is waited for
 
@@ -172,6 +183,46 @@ class Director(Node):
         self.ask(Trigger, f'{PLANT}/save')
         return DeflectionLog.load(record)
 
+    def move_fast(self, label: str, mode: str, motion: SmoothMotion,
+                  record: Path) -> VibrationLog:
+        """Let the node in a mode move the arm from rest; return the record."""
+        if self.node_state() == State.PRIMARY_STATE_ACTIVE:
+            self.change(Transition.TRANSITION_DEACTIVATE)
+        self.ask(SetBool, f'{PLANT}/reset', data=True)  # brakes on
+        chosen = Parameter('mode', value=mode).to_parameter_msg()
+        answer = self.ask(SetParametersAtomically, f'{NODE}/set_parameters_atomically',
+                          parameters=[chosen]).result
+        if not answer.successful:
+            raise DemoError(f'mode {mode}: {answer.reason}; expected success')
+        self.change(Transition.TRANSITION_ACTIVATE)
+        clock = self.create_subscription(Clock, '/clock', self._on_clock, 1)
+        self._wait_for_steady_torques()
+        self.ask(SetBool, f'{PLANT}/servo', data=False)  # brakes off
+        began = self._simulated_time()
+        self._to_node.publish(dense_message(motion, began + LEAD))
+        duration = LEAD + motion.duration + AFTER
+        with progress_bar(label, duration) as progress:
+            while (now := self._simulated_time() - began) < duration:
+                progress(now)
+        self.destroy_subscription(clock)
+        self.ask(Trigger, f'{PLANT}/save')
+        return VibrationLog.load(record)
+
+    def _wait_for_steady_torques(self) -> None:
+        """Wait until the node holds the arm, whose torques rise at a limited rate."""
+        received: list[Sequence[float]] = []
+
+        def on_torques(message: JointState) -> None:
+            received.append(message.effort)
+        subscription = self.create_subscription(JointState, f'{NODE}/joint_torques',
+                                                on_torques, 1)
+        waiting = Waiting('steady torques of the node', self.children)
+        while len(received) < 2 or not np.allclose(received[-1], received[-2], atol=1e-9):
+            del received[:-2]
+            rclpy.spin_once(self, timeout_sec=LOOK)
+            waiting.check()
+        self.destroy_subscription(subscription)
+
     def _simulated_time(self) -> float:
         """Return a time of /clock, s, that is not older than this call."""
         self._clock = 0.0
@@ -191,6 +242,33 @@ class Director(Node):
         self._wrench.publish(message)
 
 
+def dense_message(motion: SmoothMotion, start: float) -> JointTrajectory:
+    """Return a motion as dense points, which begins at a time, s, as a message."""
+    message = JointTrajectory(joint_names=list(motion.joint_names))
+    stamp = message.header.stamp
+    stamp.sec, stamp.nanosec = divmod(round(start * 1e9), 10**9)
+    times = np.linspace(0.0, motion.duration, round(DENSE * motion.duration) + 1)
+    sampled = motion.sample(times)
+    for t, q, u, udot in zip(times, sampled.q, sampled.u, sampled.udot):
+        point = JointTrajectoryPoint(positions=q.tolist(), velocities=u.tolist(),
+                                     accelerations=udot.tolist())
+        moment = point.time_from_start
+        moment.sec, moment.nanosec = divmod(round(t * 1e9), 10**9)
+        message.points.append(point)
+    return message
+
+
+def elastic_parameters(robot: DemoRobot, folder: Path) -> dict[str, str]:
+    """Return the parameters of the node in mode elastic; the supplement is in the folder."""
+    supplement = folder / SUPPLEMENT
+    supplement.write_text(json.dumps({'drives': robot.drives}, indent=2), encoding='utf-8')
+    kp, kd = str(list(MOTOR_KP)), str(list(MOTOR_KD))
+    return {'use_sim_time': 'true', 'supplement': str(supplement.resolve()),
+            'mode': 'joint_impedance', 'modes': '[motor_side]',
+            'drives.lead': str(0.5 / ELASTIC_RATE), 'drives.kp': kp, 'drives.kd': kd,
+            'joint_impedance.stiffness': kp, 'joint_impedance.damping': kd}
+
+
 def commands(name: str, record: Path, mode: str) -> dict[str, Sequence[str]]:
     """Return the commands of arm and node by name."""
     robot = ROBOTS[name]
@@ -200,10 +278,14 @@ def commands(name: str, record: Path, mode: str) -> dict[str, Sequence[str]]:
         parameters |= {'use_sim_time': 'true', 'mode': 'cartesian_impedance',
                        'cartesian.frame': robot.frame,
                        'cartesian.stiffness': str(list(STIFFNESS))}
+    if mode == ELASTIC:
+        parameters |= elastic_parameters(robot, record.parent)
     plant = [sys.executable, '-u', '-m', 'kane_dynamics.demo.mujoco_plant', name,
              str(record)]
-    if mode == CARTESIAN:
+    if mode != FEEDFORWARD:
         plant.append('clock')
+    if mode == ELASTIC:
+        plant.append('elastic')
     return {'arm': plant,
             'node': [sys.executable, '-u', '-m', 'kane_dynamics.ros.dynamics_node.main',
                      '--ros-args', *(word for key, value in parameters.items()
@@ -217,16 +299,24 @@ def parsed(arguments: Sequence[str]) -> Namespace:
                         help='a seven-axis arm, or a palletizer with three closed loops '
                         '(default: '
                              '%(default)s)')
-    parser.add_argument('--mode', choices=(FEEDFORWARD, CARTESIAN), default=FEEDFORWARD,
+    parser.add_argument('--mode', choices=(FEEDFORWARD, CARTESIAN, ELASTIC),
+                        default=FEEDFORWARD,
                         help='feedforward: a motion with and without the torques of the '
                         'node; cartesian: forces on an arm that the node holds in mode '
-                        'cartesian_impedance (default: %(default)s)')
+                        'cartesian_impedance; elastic: a fast motion of an arm with '
+                        'elastic joints, with rigid and with elastic feedforward (default: '
+                        '%(default)s)')
     parser.add_argument('--duration', type=_seconds, default=DURATION, metavar='S',
                         help='duration of the motion, at least 1 s (default: '
                         '%(default)s)')
     parser.add_argument('--output', type=Path, default=Path('demo_output'),
                         help='folder for the pictures (default: %(default)s)')
-    return parser.parse_args(list(arguments))
+    options = parser.parse_args(list(arguments))
+    if options.mode == ELASTIC and not ROBOTS[options.robot].drives:
+        able = [name for name, robot in ROBOTS.items() if robot.drives]
+        parser.error(f'argument --robot: {options.robot} has no drives; expected '
+                     f'{", ".join(able)} with --mode {ELASTIC}')
+    return options
 
 
 def _seconds(text: str) -> float:
@@ -259,7 +349,9 @@ def run(arguments: Sequence[str] = ()) -> int:
                 director.ask(SetBool, f'{PLANT}/reset', data=True)
             with stage('Start of the node, which compiles its kernels'):
                 director.wait_until_active()
-            if options.mode == CARTESIAN:
+            if options.mode == ELASTIC:
+                vibrations = _fast_runs(director, robot, record)
+            elif options.mode == CARTESIAN:
                 with stage('Forces against the impedance of the node'):
                     displaced = director.displace(record)
             else:
@@ -267,10 +359,25 @@ def run(arguments: Sequence[str] = ()) -> int:
     finally:
         director.destroy_node()
         rclpy.try_shutdown()
-    record.unlink(missing_ok=True)
+    for file in (record, record.parent / SUPPLEMENT):
+        file.unlink(missing_ok=True)
+    if options.mode == ELASTIC:
+        return report_vibration(robot, vibrations, options.output)
     if options.mode == CARTESIAN:
         return report_deflections(robot, displaced, options.output)
     return report(robot, motion, *runs, options.output)
+
+
+def _fast_runs(director: Director, robot: DemoRobot,
+               record: Path) -> dict[str, VibrationLog]:
+    """Return the records of the fast motion with rigid and with elastic feedforward."""
+    motion = robot.fast_motion()
+    runs = {}
+    for label, mode in (('rigid feedforward', 'joint_impedance'),
+                        ('elastic feedforward', 'motor_side')):
+        with stage(f'Motion of {FAST:g} s, {label} (mode {mode})'):
+            runs[label] = director.move_fast(f'{label:20}', mode, motion, record)
+    return runs
 
 
 def _runs_of_motion(director: Director, robot: DemoRobot, motion: Motion, record: Path

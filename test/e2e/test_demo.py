@@ -47,3 +47,29 @@ def test_an_arm_held_by_the_node_yields_as_its_stiffness_says_and_returns(tmp_pa
     assert '[ERROR]' not in done.stderr, done.stderr
     assert (tmp_path / 'demo_cartesian.png').stat().st_size > 30_000
     assert 'force / stiffness' in done.stdout
+
+
+@pytest.mark.timeout(180)
+def test_elastic_feedforward_leaves_a_twentieth_of_the_vibration_and_is_drawn(tmp_path):
+    for module in ('rclpy', 'mujoco', 'matplotlib', 'kane_dynamics_interfaces'):
+        pytest.importorskip(module)
+    path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])
+    environment = {**os.environ, 'PYTHONPATH': path,
+                   'ROS_DOMAIN_ID': str(random.SystemRandom().randint(1, 100))}
+    command = [sys.executable, '-m', 'kane_dynamics.cli', 'demo', '--mode', 'elastic']
+    done = subprocess.run([*command, '--output', str(tmp_path)], capture_output=True, text=True,
+                          timeout=170, env=environment)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert '[ERROR]' not in done.stderr, done.stderr
+    assert [file.name for file in tmp_path.iterdir()] == ['demo_elastic.png']
+    assert (tmp_path / 'demo_elastic.png').stat().st_size > 30_000
+    ratio = float(done.stdout.partition('\nratio')[2].split()[0])
+    assert ratio > 20.0
+
+
+def test_a_robot_without_drives_is_refused_in_mode_elastic(capsys):
+    pytest.importorskip('rclpy')
+    from kane_dynamics.demo.director import parsed
+    with pytest.raises(SystemExit):
+        parsed(['--robot', 'palletizer', '--mode', 'elastic'])
+    assert 'palletizer has no drives; expected fr3' in capsys.readouterr().err

@@ -5,10 +5,13 @@ import json
 from builtin_interfaces.msg import Duration
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
-from node_process import active_until_end, Process, wait_until
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from node_process import active_until_end, DEEP, NAME, Process, wait_until
 import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 mujoco = pytest.importorskip('mujoco')
@@ -123,3 +126,54 @@ def test_elastic_feedforward_leaves_a_twentieth_of_the_vibration(module_node, cl
     print(f'tip after the motion: {1e3 * rigid:.4f} mm with rigid feedforward and the same '
           f'gains, {1e3 * elastic:.4f} mm with the elastic one')
     assert rigid > 20.0 * elastic
+
+
+@pytest.fixture
+def simulated(module_node, tmp_path):
+    """Return a plant_node with the same arm, paused, whose joint states are of the motors."""
+    supplement = tmp_path / 'drives.yaml'
+    supplement.write_text(json.dumps({'drives': DRIVES}))
+    process = Process(module='kane_dynamics.ros.plant.main', supplement=supplement,
+                      urdf=resource_path('urdf', 'fr3.urdf'), joints=f'[{",".join(JOINTS)}]',
+                      drives__sensor_side='motor', initial__position=HOME.tolist(),
+                      publish_clock=True, rate=1000.0, rate_factor=0.1, command_timeout=600.0)
+    process.wait_for('drives of fr3_joint1')
+    yield process
+    assert process.end()[0] == 0
+    assert 'Traceback' not in process.log and '[ERROR]' not in process.log
+
+
+@pytest.mark.timeout(400)
+def test_the_node_moves_an_elastic_arm_in_plant_node(module_node, client, simulated):
+    """The motors follow; at rest they lead the links by what gravity deflects."""
+    client.joints = JOINTS
+    states, clock = [], []
+    subscriptions = [
+        client.create_subscription(JointState, 'joint_states', states.append, DEEP),
+        client.create_subscription(Clock, '/clock', clock.append, DEEP)]
+    try:
+        assert wait_until(lambda: len(states) > 5, 60.0), simulated.log
+        model = load_urdf(resource_path('urdf', 'fr3.urdf'), joints=JOINTS,
+                          supplement={'drives': DRIVES})
+        stiffness = np.array([drive['stiffness'] for drive in DRIVES.values()])
+
+        def motors_at(links):
+            weight = Robot(model).inverse_dynamics(np.tile(links, 2), *np.zeros((2, 14)))[:7]
+            return links + weight / stiffness
+        assert tuple(states[-1].name) == JOINTS
+        np.testing.assert_allclose(states[0].position, motors_at(HOME), atol=1e-9)
+        assert client.call(ChangeState, f'{NAME}/change_state', transition=Transition(
+            id=Transition.TRANSITION_DEACTIVATE)).success
+        assert client.adjust(mode='motor_side').successful
+        assert client.call(ChangeState, f'{NAME}/change_state', transition=Transition(
+            id=Transition.TRANSITION_ACTIVATE)).success
+        assert wait_until(lambda: np.abs(states[-1].effort).max() > 1.0, 30.0)
+        now = clock[-1].clock
+        client.motions.publish(move(now.sec * 10**9 + now.nanosec + 3 * 10**8))
+        end = motors_at(HOME + MOVE)
+        assert wait_until(lambda: np.abs(states[-1].position - end).max() < 1e-3
+                          and np.abs(states[-1].velocity).max() < 1e-2, 60.0), (
+            states[-1].position - end, module_node.log)
+    finally:
+        for subscription in subscriptions:
+            client.destroy_subscription(subscription)

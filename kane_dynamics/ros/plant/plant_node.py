@@ -24,7 +24,6 @@ from kane_dynamics.ros.plant.plant_parameters import SPECS
 from kane_dynamics.ros.plant.plant_state import PlantState
 from kane_dynamics.ros.plant.tick_schedule import TickSchedule
 from kane_dynamics.ros.torque_path.cdr import PreparedMessage, STAMP, write_joint_state
-from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.ros.torque_path.wrench_input import wrench_array
 import numpy as np
 from rclpy.clock import Clock as RosClock, ClockType
@@ -85,9 +84,11 @@ class PlantNode(Node):
         self._timer: Any = None
         self._start_diagnostics()
         joints = self.plant.arm.joint_names
-        modes = robot.joint_names[len(joints):]
+        modes = [robot.coordinate_names[k] for k in robot.model.modal_coordinates]
+        drives = [elastic.name for elastic in robot.drives]
         log.info(f'{robot.model.name}: {len(joints)} joints ({", ".join(joints)}), '
                  + f'flexible modes {", ".join(modes)}, ' * bool(modes)
+                 + f'drives of {", ".join(drives)}, ' * bool(drives)
                  + f'{values["rate"]:g} joint states/s' + ', paused' * self.paused)
         if self.plant.arm.integrator_choice:
             log.info(f'rate and substeps: {self.plant.arm.integrator_choice}')
@@ -108,7 +109,9 @@ class PlantNode(Node):
             raise InputError("URDF: none; expected parameter 'robot_description' or "
                              "'urdf'")
         model = load_model(source, values, self.get_logger().warning)
-        return flexible_robot(model, robot_options(values))
+        options = robot_options(values)
+        self._actuated = options.get('actuated', ())
+        return flexible_robot(model, options)
 
     def _set_up_messages(self) -> None:
         """Build the layout of the joint state; each tick writes only its numbers."""
@@ -118,10 +121,8 @@ class PlantNode(Node):
             raise InputError(f"parameter 'measured': {', '.join(unknown)}; expected "
                              f'joints of {", ".join(arm.joint_names)}')
         self._measured = [arm.joint_names.index(name) for name in names]
-        robot = self.plant.robot
         n = len(names)
-        self._commanded = [k for k in commanded_joints(robot, robot.speed_names)
-                           if k < len(arm.joint_names)]  # modes are not commanded
+        self._commanded = arm.commanded(self._actuated)
         writer, offsets = write_joint_state(names, '', (n, n, n))
         self._message = PreparedMessage(writer, offsets[0], n)
         self._columns = [self._message.doubles(offset, n) for offset in offsets]

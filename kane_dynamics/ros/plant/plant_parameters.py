@@ -18,6 +18,9 @@ SPECS = (
             description='path of a YAML file with loop closures and other '
             'constraints; `commands` are then of its `actuated` joints; empty: none'),
     Spec('measured', 'names', [], 'joints in joint_states; empty: all'),
+    replace(BY_NAME['drives.sensor_side'],
+            description='where joint states of elastic joints (drives in the supplement) '
+            'are measured: motor (divided by the gear ratio) or link'),
     *_shared('prefix', 'gravity', 'payload.frame'),
     replace(BY_NAME['payload.mass'],
             description='mass of the payload, kg; the dynamics node may '

@@ -67,7 +67,8 @@ class PlantState:
         self.period: float = NANO / values['rate']  # ns
         self.arm = SimulatedArm(robot, 1.0 / (values['rate'] * values['substeps']),
                                 integrator_of_simulations(values, 'integrator'),
-                                values['arm_compensates'], values['sticking'])
+                                values['arm_compensates'], values['sticking'],
+                                values['drives.sensor_side'])
         self.states: DelayLine[Measurement] = DelayLine()
         self.commands: DelayLine[Array] = DelayLine()
         self.timeouts = self.ticks = 0
@@ -111,7 +112,7 @@ class PlantState:
         self._noise = [per_joint(values, f'noise.{what}', names, 0.0)
                        for what in ('position', 'velocity', 'effort')]
         self._noisy = any(size.any() for size in self._noise)
-        self.arm.limit[:] = np.minimum(self.robot.limits.effort[:len(names)],
+        self.arm.limit[:] = np.minimum(self.arm.effort_limit,
                                        per_joint(values, 'limits.effort', names, np.inf))
         for what, line in (('states', self.states), ('commands', self.commands)):
             line.configure(values[f'delay.{what}'], values[f'dropout.{what}'])
@@ -239,7 +240,7 @@ class PlantState:
 
     def _measured(self, stamp: int) -> Measurement:
         """Return the present state with noise."""
-        values = [self.arm.q.copy(), self.arm.u.copy(), self.arm.effort.copy()]
+        values = [*self.arm.measured, self.arm.effort.copy()]
         if self._noisy:
             values = [value + size * self._random.standard_normal(len(value))
                       for value, size in zip(values, self._noise, strict=True)]

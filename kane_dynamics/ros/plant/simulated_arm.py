@@ -7,8 +7,10 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import NO_TERM, Terms
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.conditioning import described
-from kane_dynamics.model.elastic_model import require_rigid_joints
+from kane_dynamics.model.elastic_model import with_motors_at_links
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
+from kane_dynamics.ros.plant.simulated_drives import actuator_coordinates, settle_drives
+from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.energy_balance import EnergyBalance
 from kane_dynamics.simulation.presliding import require_no_bristles
@@ -51,8 +53,9 @@ def added_terms(arm_compensates: Collection[str]) -> Array | None:
 
 
 def joint_count(robot: Robot) -> int:
-    """Return the number of joint coordinates, which precede those of flexible modes."""
-    return robot.n_q - len(robot.model.modal_coordinates)
+    """Return the number of joints; flexible modes and the motors of drives come behind."""
+    model = robot.model
+    return robot.n_q - len(model.modal_coordinates) - len(model.drives)
 
 
 class SimulatedArm:
@@ -60,7 +63,8 @@ class SimulatedArm:
     An arm that is simulated with compiled steps, with constant torques in each.
 
     Motors, sensors and stops act on the joints, which come first among the coordinates.
-    Flexible modes are simulated, but neither actuated nor measured.
+    Flexible modes are simulated, but neither actuated nor measured. Of elastic joints the
+    motors are actuated, and motors or links measured.
 
     With closed loops the state is that of the independent speeds; the loops are closed
     again in every step, and the motors act through `Robot.generalized_force`.
@@ -82,18 +86,23 @@ class SimulatedArm:
         the start of each step; effort limits apply to the commanded torques only.
     sticking : bool
         Exact Coulomb friction, as of `simulate`.
+    sensor_side : str
+        Side of the gears of elastic joints on which sensors are: 'motor' or 'link'.
 
     Attributes
     ----------
     joint_names : tuple of str
         Names of the n joints.
     q, u : (n,) arrays
-        Positions and rates of the joints, rad or m, and s; in fixed memory.
+        Positions and rates of the joints, rad or m, and s; in fixed memory. Of elastic
+        joints those of the links.
     effort : (n,) array
         Commanded effort of the last step, within the limits, N m or N: without what the
         arm adds.
+    effort_limit : (n,) array
+        Effort limit of the motors in the model.
     limit : (n,) array
-        Effort limit of the motors.
+        Effort limit of the motors in use.
     lower, upper : (n,) arrays
         Positions of the stops.
     wrenches : dict
@@ -112,9 +121,8 @@ class SimulatedArm:
 
     def __init__(self, robot: Robot, step: float, integrator: str | None = None,
                  arm_compensates: Collection[str] = (NO_TERM,),
-                 sticking: bool = False) -> None:
+                 sticking: bool = False, sensor_side: str = 'motor') -> None:
         """Compile the kernels of a step."""
-        require_rigid_joints(robot.model)
         if sticking:
             require_no_bristles(robot, 'sticking')
         self._added = added_terms(arm_compensates)
@@ -124,23 +132,31 @@ class SimulatedArm:
         # The arm's own controller acts on joints, not on flexible modes.
         modes = {robot.model.coordinate_names[k] for k in robot.model.modal_coordinates}
         self._driven = np.array([name not in modes for name in robot.speed_names])
+        # Of elastic joints it acts on the motors, which are speeds of their own.
+        self._moved = [(robot.speed_names.index(elastic.name),
+                        robot.speed_names.index(elastic.drive.motor))
+                       for elastic in robot.drives if elastic.name in robot.speed_names]
 
         # The state is that of all coordinates; published is that of the joints.
         n = joint_count(robot)
         n_q = robot.n_q
         self.robot = robot
         self.joint_names = robot.joint_names[:n]
+        self._actuators = actuator_coordinates(robot)[:n]
+        self._sensors = self._actuators if sensor_side == 'motor' else list(range(n))
         self._constrained = bool(robot.constraint_names)
-        self._bending = QuasiStatic(robot) if n < n_q else None
+        self._bending = QuasiStatic(robot) if modes else None
         self._state, self._next = np.zeros((2, len(state_names(robot))))
         self._total = np.zeros((1, robot.n))
         self._q = self._state[:n_q]
         self._u = self._state[n_q:n_q + robot.n]
         self.q = self._q[:n]
-        self.u = np.zeros(n) if self._constrained else self._u[:n]
+        self._rates = np.zeros(n_q) if self._constrained else self._u
+        self.u = self._rates[:n]
         self.effort = np.zeros(n)
         self._joint_torques = np.zeros(n_q)
-        self.limit = robot.limits.effort[:n].copy()
+        self.effort_limit = robot.limits.effort[self._actuators]
+        self.limit = self.effort_limit.copy()
         self.wrenches: dict[str, Array] = {}
         self.frames = WrenchFrames(robot)
         self.stop_contacts = self.clamped = 0
@@ -184,6 +200,23 @@ class SimulatedArm:
         at_stop = (self.q <= self.lower) | (self.q >= self.upper)
         return [self.joint_names[k] for k in np.flatnonzero(at_stop)]
 
+    @property
+    def measured(self) -> tuple[Array, Array]:
+        """Return positions and rates at the sensors, (n,) each, rad or m, and s."""
+        return self._q[self._sensors], self._rates[self._sensors]
+
+    def commanded(self, actuated: Collection[str] = ()) -> list[int]:
+        """
+        Return the joints, by index, whose actuators take commands.
+
+        `actuated` names them in a robot with drives, whose springs leave fewer actuators
+        than independent speeds.
+        """
+        joints = commanded_joints(self.robot, self.robot.speed_names)
+        if actuated and self.robot.drives:
+            joints = tuple(sorted(map(self.robot.joint_names.index, actuated)))
+        return [k for k in joints if k < len(self.joint_names)]  # modes, motors have none
+
     def step_warning(self) -> str | None:
         """Return a warning if the step is too long at this configuration, else None."""
         return step_warning(self.robot, self._q, float(self._constants[0]),
@@ -199,10 +232,11 @@ class SimulatedArm:
         """
         Put the arm at rest at q, (n,), without torque and wrenches.
 
-        With closed loops the independent joints are at q. None is the configuration of
-        the robot, for a tree `Robot.feasible_configuration`.
+        The springs of elastic joints hold the links there. With closed loops the
+        independent joints are at q. None is the configuration of the robot, for a tree
+        `Robot.feasible_configuration`.
         """
-        self.u[:] = 0.0
+        self._rates[:] = 0.0
         self._u[:] = 0.0
         deflections_of(self.robot, self._state)[:] = 0.0
         self.effort[:] = 0.0
@@ -213,15 +247,25 @@ class SimulatedArm:
         else:
             self.q[:] = q
         if self._bending is not None:
-            self._q[:] = self._bending.configuration(self.q.copy())
+            self._q[:] = self._bent()
+        self._q[:] = settle_drives(self.robot, self._q)
         self.wrenches.clear()
         self.energy.restart(self._state)
+
+    def _bent(self) -> Array:
+        """Return the configuration with the beams' deflection under the weight."""
+        assert self._bending is not None
+        relaxed = with_motors_at_links(self.robot.model, self._q)
+        modes = set(self.robot.model.modal_coordinates)
+        others = [k for k in range(self.robot.n_q) if k not in modes]
+        return self._bending.configuration(relaxed[others])
 
     def _closed(self, q: Array | None) -> Array:
         """Return the closed configuration whose independent joints are at q."""
         robot = self.robot
         if q is not None:
             whole = np.append(q, np.zeros(robot.n_q - len(q)))  # straight beams
+            whole = with_motors_at_links(robot.model, whole)
             return robot.closed_configuration(whole, fixed=robot.speed_names)
         if robot.configuration is not None:
             return robot.closed_configuration(robot.configuration)
@@ -248,16 +292,15 @@ class SimulatedArm:
         if (self.effort != torque).any():
             self.clamped += 1
         # 2. The generalized force: motors, terms that the arm adds itself, wrenches.
-        # Modes of beams come behind the joints and have no motors.
+        # Modes of beams have no motors; of elastic joints only the motors have torques.
         if self._constrained:
-            self._joint_torques[:len(self.effort)] = self.effort
+            self._joint_torques[self._actuators] = self.effort
             self._total[0] = self.robot.generalized_force(self._joint_torques, self._q)
         else:
-            self._total[0, :len(self.effort)] = self.effort
-            self._total[0, len(self.effort):] = 0.0
+            self._total[0] = 0.0
+            self._total[0, self._actuators] = self.effort
         if self._added is not None:
-            terms = self.robot.torque_terms(self._q, self._u, self._at_rest)
-            self._total[0] += np.where(self._driven, self._added @ terms, 0.0)
+            self._total[0] += self._compensation(self._added)
         if self.wrenches:
             self._total[0] += self._external()
         # 3. One integration step; its last number is positive where the loops were
@@ -285,7 +328,16 @@ class SimulatedArm:
             self._state[:] = self._next
             self.energy.add(self._total[0], self._state)
         if self._constrained:
-            self.u[:] = self.robot.joint_rates(self._q, self._u)[:n]
+            self._rates[:] = self.robot.joint_rates(self._q, self._u)
+
+    def _compensation(self, weights: Array) -> Array:
+        """Return the generalized force of the terms that the arm adds itself, (n,)."""
+        terms = self.robot.torque_terms(self._q, self._u, self._at_rest)
+        added = np.where(self._driven, weights @ terms, 0.0)
+        for link, motor in self._moved:
+            added[motor] += added[link]
+            added[link] = 0.0
+        return added
 
     def _external(self) -> Array:
         """Return the generalized force of the wrenches at the present configuration."""

@@ -4,10 +4,12 @@ from dataclasses import replace
 from functools import cache
 import math
 
-from kane_dynamics import (Limits, load_urdf, ModelBuilder, QuasiStatic, Robot, rod,
-                           simulate)
+from kane_dynamics import (Drive, Limits, load_urdf, ModelBuilder,
+                           QuasiStatic, Robot, rod, simulate, StiffnessCurve, with_drives)
 from kane_dynamics._util.resources import resource_path
+from kane_dynamics.control.quasi_static import flexible_robot
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.mechanics.joint_stops import resolve_stops
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import TORQUE_TERMS
@@ -438,6 +440,104 @@ def test_a_flexible_arm_moves_as_in_simulate_and_stops_act_on_joints_only():
     run(bends, 1500)
     assert bends.arm.stop_contacts > 0 and bends.arm.at_stops == ['joint2']
     assert bends.arm.q[1] == bends.arm.upper[1]
+
+
+DRIVES = {'joint1': Drive(stiffness=900.0, damping=0.2, rotor_inertia=0.05),
+          'joint2': Drive(StiffnessCurve([1e-3, 4e-3], [0.0, 2.0]), rotor_inertia=0.02)}
+
+
+def test_motors_of_elastic_joints_hold_the_links_where_the_arm_starts():
+    start = [0.4, -0.3]
+    robot = Robot(with_drives(MODEL, DRIVES))
+    elastic = PlantState(robot, values(initial__position=start, after_timeout='hold'))
+    assert elastic.arm.joint_names == ('joint1', 'joint2')
+    hold = peer().gravity_force(start)
+    elastic.command(hold)
+    last, = run(elastic, 300)[-1]
+    np.testing.assert_allclose(elastic.arm.q, start, atol=1e-9)
+    np.testing.assert_allclose(last.effort, hold)
+    # The encoders are at the motors, which lead by the deflection: beyond the dead zone.
+    ahead = last.q - start
+    assert ahead[0] == pytest.approx(hold[0] / 900.0, rel=1e-6)
+    assert abs(ahead[1]) > 1e-3 and ahead[1] * hold[1] > 0.0
+    at_links = PlantState(robot, values(initial__position=start, drives__sensor_side='link'))
+    first, = run(at_links, 1)[0]
+    np.testing.assert_allclose(first.q, start, atol=1e-12)
+
+
+@pytest.mark.parametrize('side', ['motor', 'link'])
+def test_an_elastic_arm_moves_as_in_simulate(side):
+    robot = Robot(with_drives(MODEL, DRIVES))
+    elastic = PlantState(robot, values(after_timeout='hold', drives__sensor_side=side))
+    tau = np.array([14.0, 2.0])
+    before = elastic.arm._q.copy()
+    elastic.command(tau)
+    moved = [m for (m,) in run(elastic, 101)]
+    whole = simulate(robot, before, np.zeros(4), 0.2, step=1e-3,
+                     torque=np.append(np.zeros(2), tau))
+    columns = slice(2, 4) if side == 'motor' else slice(0, 2)
+    np.testing.assert_allclose(moved[-1].q, whole.q[-1, columns], atol=1e-12)
+    np.testing.assert_allclose(moved[-1].u, whole.u[-1, columns], atol=1e-12)
+    assert not elastic.arm.energy.warning
+
+
+def test_effort_limits_and_added_terms_are_those_of_the_motors():
+    limited = {name: replace(drive, motor_effort=3.0) for name, drive in DRIVES.items()}
+    robot = Robot(with_drives(MODEL, limited))
+    elastic = SimulatedArm(robot, 1e-3, arm_compensates=('gravity', 'friction'))
+    elastic.reset(np.array([0.4, -0.3]))
+    elastic.step(np.array([5.0, -5.0]))
+    assert elastic.effort.tolist() == [3.0, -3.0] and elastic.clamped == 1
+    # The controller in the arm holds it by the motors; nothing acts on the links directly.
+    elastic.reset(np.array([0.4, -0.3]))
+    for _ in range(300):
+        elastic.step(np.zeros(2))
+        assert not elastic._total[0, :2].any()
+    np.testing.assert_allclose(elastic.q, [0.4, -0.3], atol=1e-9)
+
+
+@pytest.mark.slow  # two kernels of steps
+def test_the_stops_of_an_elastic_arm_are_those_of_the_links():
+    elastic = PlantState(Robot(with_drives(MODEL, DRIVES)), values(after_timeout='hold'))
+    elastic.command(np.array([10.0, 20.0]))
+    run(elastic, 700)
+    arm = elastic.arm
+    assert arm.stop_contacts > 0 and (arm.q <= arm.upper).all()
+    assert arm.measured[0][1] > arm.upper[1]  # the motor winds the spring up
+
+
+@pytest.mark.slow
+def test_an_elastic_arm_with_closed_loops_or_beams_starts_at_rest():
+    loops = resource_path('urdf', 'palletizer.constraints.yaml')
+    options = load_constraints(loops)
+    driven = ('swivel', 'shoulder', 'lever_drive')
+    model = with_drives(load_urdf(resource_path('urdf', 'palletizer.urdf')), {
+        name: Drive(stiffness=3e5, rotor_inertia=5.0) for name in driven})
+    palletizer = SimulatedArm(flexible_robot(model, options), 1e-3)
+    bends = SimulatedArm(Robot(with_drives(flexible(), {'joint1': DRIVES['joint1']})), 1e-4)
+    for arm, joints in ((palletizer, options['actuated']), (bends, ('joint1', 'joint2'))):
+        arm.reset(None)
+        start = arm._q.copy()
+        commanded = arm.commanded(joints)
+        assert [arm.joint_names[k] for k in commanded] == sorted(
+            joints, key=arm.joint_names.index)
+        springs = arm.robot.potential_energy(start)
+        hold = holding_torques(arm)
+        for _ in range(200):
+            arm.step(hold)
+        np.testing.assert_allclose(arm._q, start, atol=1e-8)
+        assert arm.robot.potential_energy(arm._q) == pytest.approx(springs, rel=1e-9)
+
+
+def holding_torques(arm):
+    """Return the torques at which a resting arm stays: those of its springs, or its bias."""
+    robot = arm.robot
+    rest = np.zeros(robot.n)
+    bias = robot.bias_force(arm._q, rest)
+    motors = {elastic.name: elastic.drive.motor for elastic in robot.drives}
+    names = [motors.get(name, name) for name in arm.joint_names]
+    speeds = list(robot.speed_names)
+    return np.array([bias[speeds.index(name)] if name in speeds else 0.0 for name in names])
 
 
 def test_the_implicit_integrator_stops_an_arm_with_stiff_friction():

@@ -1,0 +1,73 @@
+"""The report of mode elastic: vibration after a fast motion, and a plot."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.demo.demo_settings import AFTER, DemoRobot, FAST
+from kane_dynamics.demo.recorded_arm import SavedRecord
+from kane_dynamics.plot.vibration_plot import plot_vibration
+import numpy as np
+
+MIN_RATIO = 20.0  # smallest accepted ratio of the vibrations, rigid to elastic
+SETTLED = 0.2  # s at the end, over which the place at rest is averaged
+MIN_TRAVEL = 0.1  # m that the tip moves
+
+
+@dataclass(frozen=True, eq=False)
+class VibrationLog(SavedRecord):
+    """
+    A record of the arm with elastic joints.
+
+    Attributes
+    ----------
+    t : (K,) array
+        s.
+    command : (K, n) array
+        Torques of the motors, N m.
+    place : (K, 3) array
+        Origin of the robot's frame, m, world axes.
+
+    """
+
+    t: Array
+    command: Array
+    place: Array
+
+    def after_motion(self) -> tuple[Array, Array]:
+        """Return times after the end of the motion, s, and distances from rest, m."""
+        # The record ends with the time after the motion.
+        t = self.t - (self.t[-1] - AFTER)
+        at_rest = self.place[t >= AFTER - SETTLED].mean(axis=0)
+        return t, np.linalg.norm(self.place - at_rest, axis=1)
+
+    @property
+    def vibration(self) -> float:
+        """Return the largest distance from rest after the motion, m."""
+        t, distance = self.after_motion()
+        return float(distance[t >= 0.0].max())
+
+
+def report_vibration(robot: DemoRobot, runs: dict[str, VibrationLog], folder: Path) -> int:
+    """Print the results, and return 0 if the elastic feedforward is effective, else 1."""
+    print(f'\nResidual vibration of {robot.frame} after a motion of {FAST:g} s\n'
+          f'{"":24}{"largest distance":>18}')
+    for label, run in runs.items():
+        print(f'{label:24}{1e3 * run.vibration:15.4f} mm')
+    rigid, elastic = runs.values()
+    ratio = rigid.vibration / elastic.vibration
+    print(f'{"ratio":24}{ratio:15.1f}')
+
+    picture = folder / 'demo_elastic.png'
+    distances = {label: run.after_motion() for label, run in runs.items()}
+    torques = {label: run.command for label, run in runs.items()}
+    plot_vibration(distances, torques, robot.joints, picture, duration=FAST,
+                   title=f'{robot.title} with elastic joints, after a fast motion')
+    print(f'\nPicture: {picture}')
+
+    travel = [float(run.after_motion()[1].max()) for run in runs.values()]
+    if ratio >= MIN_RATIO and min(travel) > MIN_TRAVEL:
+        return 0
+    print(f'\nRatio {ratio:.1f} after a travel of {min(travel):.3f} m; expected at least '
+          f'{MIN_RATIO:g} after {MIN_TRAVEL:g} m.')
+    return 1
