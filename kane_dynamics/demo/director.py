@@ -33,8 +33,8 @@ from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics_interfaces.srv import Simulate
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from rcl_interfaces.srv import SetParametersAtomically
 import numpy as np
+from rcl_interfaces.srv import SetParametersAtomically
 import rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
