@@ -42,6 +42,7 @@ from kane_dynamics.model.elastic_model import link_side
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -300,6 +301,15 @@ class ElasticArm:
         return self.in_tau(np.array(torques))
 
 
+def warn_of_degrees_of_links(arm: ElasticArm, motion: Motion | SmoothMotion,
+                             stacklevel: int = 4) -> None:
+    """Warn if the points of a motion of the links look like degrees."""
+    positions = motion.sample(motion.times)[0]
+    rows = np.zeros((len(positions), arm.robot.n_q))
+    rows[:, arm.links] = positions
+    warn_of_degrees(arm.robot, rows, 'motion', stacklevel)
+
+
 class _MotionLaw:
     """A law along a motion of the links, called by `simulate` as torque(t, q, u)."""
 
@@ -312,6 +322,7 @@ class _MotionLaw:
         if motion.joint_names != self.arm.names:
             raise InputError(f'motion: of the joints {list(motion.joint_names)}; '
                              f'expected {list(self.arm.names)}, those of the links')
+        warn_of_degrees_of_links(self.arm, motion, stacklevel=5)
         self.motion = motion
 
     def _compiled(self, law: Callable[..., Any], **inputs: tuple[int, ...]) -> Kernel:

@@ -59,13 +59,10 @@ class TorqueLimiter:
         self.set_rate(np.full(len(self._names), math.inf))
 
     def set_effort(self, effort: Array) -> None:
-        """Change the largest torques; the last command is clamped to them."""
+        """Change the largest torques."""
         self.effort = effort
         self._largest: list[float] = effort.tolist()
         self._bounds = [(-bound, bound) for bound in np.minimum(effort, FINITE).tolist()]
-        # Otherwise the rate limit would hold a command above the new limit.
-        self._last = [min(max(last, -largest), largest)
-                      for last, largest in zip(self._last, self._largest, strict=True)]
 
     def set_rate(self, rate: Array) -> None:
         """Change the largest rates of torque."""
@@ -126,7 +123,11 @@ class TorqueLimiter:
         """Return torques that differ from the last by at most the rates allow."""
         if not self._rated:
             return torques
-        limits = zip(torques, self._last, self._slope, self._free, strict=True)
+        # The last command within the present effort limits: the limit of the rate would
+        # hold a command above one that has become smaller.
+        within = [clipped(last, -largest, largest)
+                  for last, largest in zip(self._last, self._largest, strict=True)]
+        limits = zip(torques, within, self._slope, self._free, strict=True)
         return [within_rate(x, last, slope * elapsed + free)
                 for x, last, slope, free in limits]
 

@@ -144,7 +144,9 @@ class Uncertainty:
     def box(self) -> Array:
         """Return all numbers, (10 + 14 bodies,): payload, bodies, then joints."""
         losses = [np.asarray(getattr(self, name)) for name in LOSSES]
-        return np.concatenate([np.ravel(self.payload), np.ravel(self.inertial), *losses])
+        box = np.concatenate([np.ravel(self.payload), np.ravel(self.inertial), *losses])
+        box.flags.writeable = False
+        return box
 
     @classmethod
     def of(cls, model: Model, *, mass: float = 0.0, com: float = 0.0,

@@ -17,6 +17,7 @@ angular acceleration holds to the order of (T w)^2 for an angular speed w.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 from typing import Any, NamedTuple
 
@@ -97,7 +98,22 @@ class PoseFilter:
                   linear_acceleration=linear_acceleration,
                   angular_acceleration=angular_acceleration)
         self._elapsed = np.zeros(1)
-        self._next = self._kernel.entry('', self._explained)
+        self._next = self._entry()
+
+    def _entry(self) -> Callable[..., Array]:
+        """Return the entry point of the compiled step."""
+        return self._kernel.entry('', self._explained)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy or a pickle keeps: all but the compiled code."""
+        return {name: value for name, value in vars(self).items()
+                if name not in ('_next', '_kernel')}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a copy, with arrays of its own, and its compiled code."""
+        for name, value in state.items():
+            setattr(self, name, value.copy() if isinstance(value, np.ndarray) else value)
+        self._next = self._entry()
 
     def tune(self, **limits: float) -> None:
         """Change limits, by their names; the target goes on from where it is."""

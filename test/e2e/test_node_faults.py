@@ -312,3 +312,21 @@ def test_real_time_settings_are_applied_or_refused_with_a_warning(client, start)
         opened = [os.path.realpath(f'/proc/{node.pid}/fd/{file}')
                   for file in os.listdir(f'/proc/{node.pid}/fd')]
         assert opened.count('/dev/cpu_dma_latency') == 1
+
+
+def test_a_self_locking_drive_needs_exact_friction_in_simulations(client, start, tmp_path):
+    supplement = tmp_path / 'locks.yaml'
+    supplement.write_text('joints:\n  lift: {load_friction: 0.6, load_friction_backdriven: 2.0}\n')
+    node = start(supplement=str(supplement))
+    node.wait_for("parameter 'simulation.sticking': false, with self-locking drives "
+                  '(load_friction_backdriven) of lift; expected true', 60.0)
+    node.end()
+    node = start(supplement=str(supplement), simulation__sticking='true')
+    client.connect(120.0)
+    assert client.ask(Q, np.zeros(3)) is not None
+    answer = client.call(Simulate, 'simulate', joint_names=list(JOINTS), position=Q.tolist(),
+                         velocity=[0.0] * 3, duration=0.2)
+    assert answer.success, answer.message
+    lift = [point.positions[answer.trajectory.joint_names.index('lift')]
+            for point in answer.trajectory.points]
+    assert np.ptp(lift) < 1e-9, 'no load moves it'

@@ -15,6 +15,7 @@ from kane_dynamics.control.terms import Mode
 from kane_dynamics.control.trajectory_joints import compile_trajectories
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.path_robot import compile_timing
+from kane_dynamics.mechanics.friction import is_self_locking
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.command_topic import CommanderCount
@@ -25,6 +26,7 @@ from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
 from kane_dynamics.ros.monitors.coupling_topics import CouplingTopics
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
+from kane_dynamics.ros.monitors.model_watch_monitor import check_reference
 from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
                                                         joint_command_type,
                                                         OptionalTopics)
@@ -147,6 +149,8 @@ class ConfiguredRobot:
                 lambda gravity: self._change(gravity=gravity))
         # Check the parameters before the long compilation.
         check_optional_topics(values, self.robot)
+        if values['watch.reference']:
+            check_reference(values)
         FillSettings.from_values(values, self.robot.joint_names)
         robots = [self.robot]
         if bending is not None:
@@ -178,8 +182,12 @@ class ConfiguredRobot:
         integrators = possible_integrators(
             robot, integrator_of_simulations(self.values, 'simulation.integrator'))
         follow = joints_that_follow(robot)
+        locks = self._require_sticking(robot)
         for integrator in integrators:
-            compile_simulation(robot, integrator, 'external_force', 'body_torques')
+            if locks:  # its motion follows from the torque with exact friction alone
+                robot.compile()
+            else:
+                compile_simulation(robot, integrator, 'external_force', 'body_torques')
             if self.values['simulation.sticking']:
                 compile_sticking_steps(robot, integrator, follow,
                                        self.values['simulation.stops'])
@@ -193,6 +201,17 @@ class ConfiguredRobot:
             return
         for tree in robots:
             tree.compile('inverse_dynamics', 'torque_terms', batches=True)
+
+    def _require_sticking(self, robot: Robot) -> bool:
+        """Return whether drives lock themselves; InputError if they cannot be simulated."""
+        names = [body.joint.name for body in robot.model.bodies
+                 if robot.friction and is_self_locking(body.joint)]
+        if names and not self.values['simulation.sticking']:
+            raise InputError("parameter 'simulation.sticking': false, with self-locking "
+                             f'drives (load_friction_backdriven) of {", ".join(names)}; '
+                             'expected true, because simulations with the smooth law of '
+                             'friction do not determine their motion')
+        return bool(names)
 
     def _open(self, controller: Controller, opened: ExitStack) -> None:
         """Open the topics and register them with `opened`."""

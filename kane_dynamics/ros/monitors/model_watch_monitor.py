@@ -34,6 +34,10 @@ def check_watch(values: Mapping[str, Any], robot: Robot) -> None:
         raise InputError("parameter 'watch.reference': for a robot with chosen speeds or "
                          'constraints; expected a tree in joint rates, with a torque of '
                          'each joint')
+
+
+def check_reference(values: Mapping[str, Any]) -> None:
+    """Raise InputError unless the reference recording exists, before it is read."""
     if not Path(values['watch.reference']).exists():
         raise InputError(f"parameter 'watch.reference': {values['watch.reference']!r}; "
                          'expected the path of a recording')

@@ -226,8 +226,12 @@ def per_joint(values: Mapping[str, Any], name: str, joints: Sequence[str],
     if value.shape == (0,):
         value = np.asarray(empty, dtype=np.float64)
     if value.shape not in ((), (len(joints),)):
-        raise InputError(f"parameter '{name}': {value.size} entries; expected one "
-                         'number, or one '
+        entries = f'{value.size} entries'
+        hint = ''
+        if value.size == 1:
+            entries = f'a list of one, {as_text(value)}'
+            hint = ' without brackets'
+        raise InputError(f"parameter '{name}': {entries}; expected one number{hint}, or one "
                          f"for each of the {len(joints)} joints ({', '.join(joints)})")
     return np.broadcast_to(value, (len(joints),)).copy()
 

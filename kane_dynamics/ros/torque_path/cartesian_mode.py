@@ -155,6 +155,11 @@ class CartesianMode(NativeLaw):
         """Compile what describes a state; the cycle is compiled."""
         compile_state(self._describing)
 
+    @property
+    def begins(self) -> bool:
+        """Return whether the law begins at the next state, and follows no earlier pose."""
+        return bool(self._clock[1])
+
     def restart(self) -> None:
         """Begin at the pose of the frame at the next state."""
         self._clock[1] = 1.0

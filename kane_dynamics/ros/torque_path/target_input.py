@@ -16,6 +16,7 @@ from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.model.model import WORLD
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
+from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode
 from kane_dynamics.ros.torque_path.cartesian_target import (CartesianTarget, largest_of,
                                                             pose_of_numbers)
 from kane_dynamics.ros.torque_path.joint_state_reader import (MALFORMED, NOT_FINITE,
@@ -111,6 +112,11 @@ class TargetInput:
         q = self._path.measured()
         if q is None:
             self._refuse(POSE, NO_STATE, 'expected valid joint states before')
+            return
+        law = self._path.controller.laws[Mode.CARTESIAN_IMPEDANCE]
+        if isinstance(law, CartesianMode) and law.begins:
+            self._refuse(POSE, NO_STATE, 'expected one since the mode began, from where '
+                         'the target moves')
             return
         self._numbers[:] = message.numbers
         self._axes[:] = frame

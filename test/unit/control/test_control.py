@@ -224,6 +224,16 @@ def test_a_tightened_effort_limit_holds_at_once_in_spite_of_the_rate_limit():
     np.testing.assert_array_equal(control.command(2.0, Q).tau, [0.5, 0.5])
 
 
+def test_an_effort_limit_that_is_lowered_and_raised_between_states_leaves_no_jump():
+    control = Controller(ROBOT, mode='gravity_compensation', rate_limit=1.0)
+    control.command(0.0, Q)
+    before = control.command(2.0, Q).tau.copy()
+    control.update(effort_limit=0.1)
+    control.update(effort_limit=100.0)
+    change = np.abs(control.command(2.1, Q).tau - before)
+    assert before.max() > 1.0 and change.max() < 0.1 + 1e-12
+
+
 def test_a_refused_update_changes_nothing():
     control = Controller(ROBOT, kp=KP, effort_limit=5.0)
     with pytest.raises(InputError):

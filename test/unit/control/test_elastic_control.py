@@ -3,7 +3,7 @@
 from functools import cache
 
 from kane_dynamics import (Coupling, Drive, InputError, JointTorqueFeedback, LinkSideControl,
-                           load_urdf, Motion, MotorSideControl, Robot, simulate,
+                           load_urdf, ModelWarning, Motion, MotorSideControl, Robot, simulate,
                            SmoothMotion, StiffnessCurve, with_drives)
 from kane_dynamics._util.resources import resource_path
 import numpy as np
@@ -40,6 +40,14 @@ def state_at(control, t=0.0):
     q, u, _ = motion().sample(t)
     command = control.command([t])
     return np.concatenate([q, command.positions[0]]), np.concatenate([u, command.velocities[0]])
+
+
+@pytest.mark.parametrize('kind', [Motion, SmoothMotion])
+def test_a_motion_in_degrees_is_warned_of(kind):
+    turned = kind.from_points([0.0, 1.0, 2.0], [[0.0, 0.0], [90.0, 20.0], [0.0, 0.0]],
+                              joint_names=NAMES)
+    with pytest.warns(ModelWarning, match='motion: far outside: joint1 90 rad .* degrees'):
+        MotorSideControl(Robot(elastic()), turned, kp=100.0, kd=10.0)
 
 
 @pytest.mark.parametrize('options', [

@@ -130,9 +130,9 @@ def test_all_problems_are_reported_at_once(examine):
     assert {level for level, _ in found} == {'problem'}
     text = '\n'.join(words for _, words in found)
     for words in ("'urdf': no file '/no/such.urdf'", "'supplement': no file '/no/such.yaml'",
-                  "'gains.kp': 1 entries; expected one number, or one for each of the 2 joints",
+                  "'gains.kp': a list of one, [1.0]; expected one number without brackets, or ",
                   "'limits.effort': 3 entries", "'wrench.frames': claw; expected frames of ",
-                  "'observer.frame': paw", "'observer.threshold': 1 entries",
+                  "'observer.frame': paw", "'observer.threshold': a list of one, [1.0]",
                   "'payload.frame': empty; expected the frame of the payload, as estimator",
                   'payload: parameter payload.frame is empty; expected a frame'):
         assert words in text, text

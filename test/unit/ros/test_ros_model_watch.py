@@ -12,7 +12,8 @@ pytest.importorskip('kane_dynamics_interfaces')
 from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402, I100
 from kane_dynamics import Inertial, InputError, load_urdf, Robot  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
-from kane_dynamics.ros.monitors.model_watch_monitor import (check_watch,  # noqa: E402
+from kane_dynamics.ros.monitors.model_watch_monitor import (check_reference,  # noqa: E402
+                                                             check_watch,
                                                             ModelWatchMonitor)
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
@@ -155,7 +156,9 @@ def test_rests_gaps_and_a_clock_set_back_leave_a_window_of_true_accelerations(re
 
 def test_references_that_do_not_fit_are_refused_with_the_reason(reference, tmp_path):
     with pytest.raises(InputError, match=r"'watch.reference': 'none.csv'; expected the path"):
-        check_watch(node_parameters('none.csv'), Robot(arm()))
+        check_reference(node_parameters('none.csv'))
+    # A running node has read its reference: without the file other parameters still change.
+    check_watch(node_parameters('none.csv'), Robot(arm()))
     path = tmp_path / 'short.npz'
     t, q, u, udot, tau = (part[:50] for part in measured(Robot(arm()), 0, 20.0))
     np.savez(path, t=t, q=q, u=u, udot=udot, tau=tau)

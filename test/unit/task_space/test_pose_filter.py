@@ -1,6 +1,8 @@
 """The target filter keeps its limits and reaches its goal."""
 
+from copy import copy, deepcopy
 from itertools import pairwise
+import pickle
 
 from hypothesis import given, settings, strategies as st
 from kane_dynamics import InputError, pose_error, pose_exp, PoseFilter
@@ -154,3 +156,21 @@ def test_a_changed_result_does_not_move_the_target():
     smooth.state.twist[0] = 1.0
     np.testing.assert_array_equal(smooth.state.pose, np.eye(4))
     np.testing.assert_array_equal(smooth.state.twist, np.zeros(6))
+
+
+@pytest.mark.parametrize('smoothing', [0.0, 0.02])
+@pytest.mark.parametrize('copied', [copy, deepcopy, lambda x: pickle.loads(pickle.dumps(x))],
+                         ids=['copy', 'deepcopy', 'pickle'])
+def test_a_copy_goes_on_from_the_same_target_by_itself(copied, smoothing):
+    goal = np.eye(4)
+    goal[0, 3] = 0.3
+    moving = PoseFilter(**LIMITS, smoothing=smoothing)
+    moving.reset(np.eye(4))
+    moving.step(goal, 0.01)
+    other = copied(moving)
+    other.tune(linear_speed=0.1)
+    for _ in range(50):
+        other.step(goal, 0.01)
+    np.testing.assert_array_equal(copied(moving).step(goal, 0.01).pose,
+                                  moving.step(goal, 0.01).pose)
+    assert moving.state.pose[0, 3] < other.state.pose[0, 3]
