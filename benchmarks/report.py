@@ -36,6 +36,7 @@ WATCHED, UNWATCHED = 'with the watch of constraints', 'without it'
 WATCHED_ROBOTS = ('four-bar', 'rolling disc', 'a knife edge at the tip', 'the tip on a plane',
                   'a coupling')
 ARMS, LARGE, LARGEST = ('ur10e', 'fr3'), ('talos',), ('two_hands',)  # 6 and 7, 32, 50 axes
+CHAINS = ('chain_50', 'chain_200')
 FREE, LOOPS = ('free-flying fr3',), ('four-bar', 'palletizer', 'delta robot', 'stewart platform')
 PACKAGES = ('pin', 'mujoco', 'cmeel-eigen', 'numpy', 'llvmlite')
 
@@ -73,6 +74,7 @@ def gates() -> list[Gate]:
         Gate('RK4 simulation, a step', UNCHECKED, 0.6, 0.85),
         Gate(loop + 'inverse_dynamics', CPP, 10.0, 14.0, LARGE),
         Gate(loop + 'forward_dynamics', CPP, 5.0, 8.0, LARGE),
+        Gate(loop + 'forward_dynamics', CPP, 4.0, 6.0, CHAINS),
         Gate(loop + 'forward_dynamics_derivatives', CPP, 8.0, 12.0, ('fr3',)),
         Gate(loop + 'inverse_dynamics', CPP, 8.0, 15.0, FREE),
         Gate(loop + 'forward_dynamics', CPP, 8.0, 15.0, FREE),

@@ -15,6 +15,7 @@ from weakref import ref, WeakKeyDictionary
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Vector
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.lanes import LANES
 from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.ball_joints import least_square, require_direction
@@ -149,6 +150,8 @@ OUTLINED = 40  # more coordinates: quantities of SHARING are traced with subrout
 ALWAYS_IN_LANES = 24  # more coordinates: matrices of one state are computed in lanes
 FEWEST_IN_LANES = 4  # fewer coordinates: never in lanes
 COMPARED = ('coriolis_matrix', *ANALYTIC)  # between: the shorter of the two programs
+# Rows of lanes in forward dynamics by articulated inertias, for a block of joints.
+ROWS_OF_BLOCK = 2400
 NO_DIRECTION = 1e-16  # squared length of a quaternion that has no direction
 
 Place = tuple[str, Hashable]  # of a kernel: name, and what tells it from its namesakes
@@ -515,7 +518,8 @@ class KernelSet:
             return self._traced(self._method(name, at), name, at, derivative)
         # For arms of common size, the program with fewer instructions on this processor.
         program_in_lanes = self._traced(in_lanes, name, at)
-        if self.equations.n > ALWAYS_IN_LANES:  # without lanes it would be far longer
+        most_compared = OUTLINED if name == 'forward_dynamics' else ALWAYS_IN_LANES
+        if self.equations.n > most_compared:  # without lanes it would be far longer
             return program_in_lanes
         plain = self._traced(self._method(name, at), name, at)
         lanes = width()
@@ -569,14 +573,21 @@ def method_in_lanes(equations: Equations, name: str) -> Callable[..., Any] | Non
     """Return the function that computes several joints at once, or None."""
     n = equations.n
     suits = n > ALWAYS_IN_LANES or (n >= FEWEST_IN_LANES and name in COMPARED)
+    suits = suits or (n > LANES and name == 'forward_dynamics')
     if not (equations.in_joint_rates and suits):
         return None
     # Needed only where a program is traced.
     from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
+    from kane_dynamics.native.tracing.loop import Loops
     from kane_dynamics.native.tracing.wide import WideLanes
-    if not TreeInLanes.suits(equations.tree):
+    tree = equations.tree
+    if not TreeInLanes.suits(tree):
         return None
-    tree_in_lanes = TreeInLanes(equations.tree, lambda q: WideLanes(q.trace))
+    if name == 'forward_dynamics':
+        instructions = ROWS_OF_BLOCK * (LANES // width())
+        if not TreeInLanes.has_long_branches(tree, instructions):
+            return None
+    tree_in_lanes = TreeInLanes(tree, lambda q: WideLanes(q.trace), Loops())
     return getattr(tree_in_lanes, name, None)
 
 

@@ -4,14 +4,18 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from kane_dynamics._util.typing import Matrix, Scalar, Vector
+from kane_dynamics._util.typing import Matrix, Vector
 from kane_dynamics.mechanics.algebra import ltdl
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
 from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.mechanics.joint_lanes.branches import branches
 from kane_dynamics.mechanics.joint_lanes.derivatives import inverse_dynamics_derivatives
+from kane_dynamics.mechanics.joint_lanes.forward_dynamics import (forward_dynamics,
+                                                                  LanesOf, plain_lanes)
 from kane_dynamics.mechanics.joint_lanes.inverse import factorize, inverse_mass_matrix
 from kane_dynamics.mechanics.joint_lanes.regressor import regressor
 from kane_dynamics.mechanics.joint_lanes.tree_sums import TreeSums
+from kane_dynamics.mechanics.recursive.subroutines import one_by_one, Repeat
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
 
@@ -27,14 +31,17 @@ class TreeInLanes:
     lanes : callable
         Takes a scalar of q and returns an object with the functions of `Lanes` for its
         type.
+    repeat : callable
+        `one_by_one`, or the same as a loop.
 
     """
 
-    def __init__(self, equations: TreeEquations,
-                 lanes: Callable[[Scalar], Any] = lambda scalar: Lanes) -> None:
+    def __init__(self, equations: TreeEquations, lanes: LanesOf = plain_lanes,
+                 repeat: Repeat = one_by_one) -> None:
         """Store the equations."""
         self.equations = equations
         self._lanes = lanes
+        self._repeat = repeat
 
     @staticmethod
     def suits(equations: TreeEquations) -> bool:
@@ -43,6 +50,39 @@ class TreeInLanes:
         if model.flexible or equations.carries_loads:
             return False
         return len(model.bodies) == equations.n == equations.n_q
+
+    def forward_dynamics(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
+                         parameters: Vector) -> Vector:
+        """Return udot, (n,), in linear time by articulated inertias."""
+        equations = self.equations
+        # Friction, springs and wrenches act on the joints; gravity accelerates the base.
+        torque = (equations.drive_loads(u, tau) - equations.spring_force(q)
+                  + equations.external_force(q, wrench))
+        rotors = equations.armature(np.ones(equations.n))
+        return forward_dynamics(equations.base_links(parameters), q, u, torque, rotors,
+                                parameters[:3], self._lanes, self._repeat)
+
+    @staticmethod
+    def has_long_branches(equations: TreeEquations, of_block: int) -> bool:
+        """
+        Return whether `forward_dynamics` takes fewer instructions here than by CRBA.
+
+        `of_block` is their number for one block of joints. By CRBA and LTDL, these are
+        about 200 for each joint, 30 for each pair of joints that carry one another, and
+        2 for each three. A joint without inertia of its own needs the mass matrix to
+        recognize a singular one.
+        """
+        if equations.without_own_inertia:
+            return False
+        links = equations.geometry
+        if any(link.multiplier != 1.0 for link in links):
+            return False
+        blocks = sum(branch.blocks for branch in branches(links))
+        instructions = 0
+        for path in TreeSums(links, Lanes).paths:
+            depth = len(path)
+            instructions += 200 + 30 * depth + depth * depth
+        return blocks * of_block < instructions
 
     def inverse_mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the inverse mass matrix, (n, n)."""

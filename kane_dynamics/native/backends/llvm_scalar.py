@@ -202,6 +202,7 @@ class Function:
                  real: Real = DOUBLE, abreast: int = FUNCTION_LANES) -> None:
         """Generate the function; `lines` holds the IR."""
         self.program = program
+        self.symbol = symbol
         self.lanes = lanes
         self.real = real
         self.abreast = abreast
@@ -210,10 +211,21 @@ class Function:
         self.names: dict[int, str] = {}
         self.lines: list[str] = []
         self.callees: list[Program] = []
+        # Memory of the function, reserved once before its loops; and constants.
+        self.reserved: list[str] = []
+        self.tables: list[str] = []
         # Pointers to stored arguments, by their entries.
         self._stored: dict[tuple[object, ...], str] = {}
         self._wide = Rows(self.lines, self.names, program.outputs)
         schedule = program.schedule()
+        # Values that other nodes than loops read; loops read results of loops in place.
+        self._read: set[int] = set()
+        for x in program.outputs:
+            if isinstance(x, Expr):
+                self._read.add(x.index)
+        for node in schedule:
+            if node.op != 'loop':
+                self._read.update(x.index for x in operands(node))
         self._load_inputs(schedule)
         if self._wide.stored:  # before their stores
             self._clear_results()
@@ -224,7 +236,7 @@ class Function:
                 for node in group:
                     self._operation(node)
         self._store_outputs()
-        self.lines.insert(0, self._head(symbol))
+        self.lines[:0] = [self._head(symbol), *self.reserved]
 
     def _head(self, symbol: str) -> str:
         aligned = ''
@@ -287,10 +299,14 @@ class Function:
             return
         if node.op == 'call':
             self._call(node)
+        elif node.op == 'loop':
+            self._loop(node)
         elif node.op in PLACING or node.op in ROWS:
             name = self._wide.value(node)
         elif node.op == 'output':
             source, k = node.args
+            if source.op == 'loop' and node.index not in self._read:
+                return  # a row of another loop, in place
             at = f'%got{node.index}'
             row = f'ptr %ret{source.index}'
             self.lines += [f'  {at} = getelementptr {self.type}, {row}, i64 {k}',
@@ -344,6 +360,101 @@ class Function:
             self.lines += [f'  %slot{i}.{k} = getelementptr ptr, ptr %ptrs{i}, i64 {k}',
                            f'  store ptr {where}, ptr %slot{i}.{k}']
         self.lines.append(f'  call void @{callee.name}(ptr %ptrs{i})')
+
+    def _loop(self, node: Expr) -> None:
+        """Call a subroutine for each row of tables; its results stay in memory."""
+        loop, *flat = node.args
+        callee = loop.program
+        if callee not in self.callees:
+            self.callees.append(callee)
+        i = node.index
+        inputs = callee.inputs
+        results = f'%ret{i}'
+        size = callee.n_outputs
+        self.reserved.append(f'  %ptrs{i} = alloca [{len(inputs) + 1} x ptr]')
+        self.reserved.append(f'  {results} = alloca [{loop.n_outputs} x {self.type}], '
+                             f'align {8 * LANES}')
+
+        # Where each input begins and how far apart its rows are; then the result.
+        n_carry = size_of(inputs[0][1])
+        begins = [self._table(i, 0, [flat[:n_carry]])[0]]
+        strides = [0]
+        offset = n_carry
+        for k, (_, shape) in enumerate(inputs[1:], 1):
+            width = size_of(shape)
+            rows: list[list[Expr | float]] = []
+            for _ in range(loop.count):
+                rows.append(flat[offset:offset + width])
+                offset += width
+            begin, stride = self._table(i, k, rows)
+            begins.append(begin)
+            strides.append(stride)
+        begins.append(results)
+        strides.append(size)
+        if loop.reverse:
+            for k in range(1, len(begins)):
+                last = f'%last{i}.{k}'
+                self.lines.append(f'  {last} = getelementptr {self.type}, ptr '
+                                  f'{begins[k]}, i64 {(loop.count - 1) * strides[k]}')
+                begins[k] = last
+                strides[k] = -strides[k]
+
+        # The carry is in the result of the step before.
+        loop_label = f'loop{i}'
+        self.lines += [f'  br label %before{i}', f'before{i}:',
+                       f'  br label %{loop_label}', f'{loop_label}:',
+                       f'  %k{i} = phi i64 [0, %before{i}], [%next{i}, %{loop_label}]']
+        places = []
+        for k, begin in enumerate(begins):
+            place = f'%turn{i}.{k}'
+            following = f'%turn{i}.{len(begins) - 1}' if k == 0 else f'%following{i}.{k}'
+            self.lines.append(f'  {place} = phi ptr [{begin}, %before{i}], '
+                              f'[{following}, %{loop_label}]')
+            places.append(place)
+        for k, place in enumerate(places):
+            self.lines += [f'  %slot{i}.{k} = getelementptr ptr, ptr %ptrs{i}, i64 {k}',
+                           f'  store ptr {place}, ptr %slot{i}.{k}']
+            if k > 0:
+                self.lines.append(f'  %following{i}.{k} = getelementptr {self.type}, '
+                                  f'ptr {place}, i64 {strides[k]}')
+        self.lines += [f'  call void @{callee.name}(ptr %ptrs{i})',
+                       f'  %next{i} = add i64 %k{i}, 1',
+                       f'  %more{i} = icmp ult i64 %next{i}, {loop.count}',
+                       f'  br i1 %more{i}, label %{loop_label}, label %after{i}',
+                       f'after{i}:']
+
+    def _table(self, i: int, k: int,
+               rows: Sequence[Sequence[Expr | float]]) -> tuple[str, int]:
+        """Return a pointer to the first row of a table and the distance of its rows."""
+        width = len(rows[0])
+        if width == 0:
+            return 'null', 0
+        stride = _stride(rows, self.in_place)
+        if stride is not None:
+            where = self._contiguous(i, k, list(rows[0]))
+            if where is not None:
+                return where, stride
+        entries: list[Expr | float] = []
+        for row in rows:
+            entries += row
+        if not any(isinstance(x, Expr) for x in entries):
+            name = f'@table.{self.symbol}.{i}.{k}'
+            values = ', '.join(f'{self.type} {self.value(x)}' for x in entries)
+            self.tables.append(f'{name} = private unnamed_addr constant '
+                               f'[{len(entries)} x {self.type}] [{values}], align '
+                               f'{8 * LANES}')
+            return name, width
+        where = f'%table{i}.{k}'
+        self.reserved.append(f'  {where} = alloca [{len(entries)} x {self.type}], align '
+                             f'{8 * LANES}')
+        for j, x in enumerate(entries):
+            if isinstance(x, Expr) and x.index not in self.names:
+                self._read.add(x.index)
+                self._operation(x)
+            put = f'%put{i}.{k}.{j}'
+            self.lines += [f'  {put} = getelementptr {self.type}, ptr {where}, i64 {j}',
+                           f'  store {self.type} {self.value(x)}, ptr {put}']
+        return where, width
 
     def _argument(self, i: int, k: int, entries: list[Expr | float]) -> str:
         """Return a pointer to the entries; store them unless they are contiguous."""
@@ -431,6 +542,22 @@ class Function:
         return vector.new(f'extractelement {vector.type} {packed}, i32 {place}')
 
 
+def _stride(rows: Sequence[Sequence[Any]], in_place: Sequence[str]) -> int | None:
+    """Return how far apart in memory the rows of a table are; None elsewhere."""
+    firsts = [row[0] for row in rows]
+    if not all(isinstance(x, Expr) and x.op in in_place for x in firsts):
+        return None
+    source, begin = firsts[0].args
+    stride: int = firsts[1].args[1] - begin if len(rows) > 1 else len(rows[0])
+    for k, row in enumerate(rows):
+        for j, x in enumerate(row):
+            if not (isinstance(x, Expr) and x.op == firsts[0].op):
+                return None
+            if x.args[0] is not source or x.args[1] != begin + k * stride + j:
+                return None
+    return stride
+
+
 def module_text(program: Program, symbol: str) -> str:
     """Return the LLVM IR of a program as function `symbol`, with its subroutines."""
     return with_callees(Function(program, symbol), [])
@@ -441,12 +568,14 @@ def with_callees(main: Function, declarations: Sequence[str]) -> str:
     # A subroutine may call others; each is emitted once.
     named: dict[str, Program] = {}
     functions: list[list[str]] = []
+    tables = list(main.tables)
     pending = list(main.callees)
     while pending:
         current = pending.pop()
         if is_first(current, named):
             function = main.callee(current)
             functions.append(function.lines)
+            tables += function.tables
             pending += function.callees
     # Declarations of the intrinsics of elementary functions, as vectors and scalars.
     v = vector_type(main.width, main.real)
@@ -465,4 +594,5 @@ def with_callees(main: Function, declarations: Sequence[str]) -> str:
     lines += ['declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)', *main.lines]
     for function_lines in functions:
         lines += function_lines
+    lines += tables
     return '\n'.join(lines)

@@ -14,7 +14,7 @@ from kane_dynamics.native.tracing.expression import Expr, operands, Scalar, Trac
 import numpy as np
 
 Shape = tuple[int, ...]
-STRUCTURE = ('input', 'output', 'call')  # nodes that are not operations
+STRUCTURE = ('input', 'output', 'call', 'loop')  # nodes that are not operations
 ROWS = {'wide_mul': 'multiplications', 'wide_add': 'additions', 'wide_sub': 'additions',
         'wide_neg': 'negations'}  # operations on the rows of `wide`
 # Nodes that place scalars in rows.
@@ -48,6 +48,12 @@ class OperationCount:
                               self.divisions + other.divisions,
                               self.functions + other.functions,
                               self.negations + other.negations)
+
+    def times(self, calls: int) -> 'OperationCount':
+        """Return the operations of several calls."""
+        return OperationCount(calls * self.multiplications, calls * self.additions,
+                              calls * self.divisions, calls * self.functions,
+                              calls * self.negations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +113,9 @@ class Program:
         for node in self.schedule():
             if node.op == 'call':
                 inner = inner + node.args[0].operation_count()
+            elif node.op == 'loop':
+                loop = node.args[0]
+                inner = inner + loop.program.operation_count().times(loop.count)
             elif node.op in ROWS:
                 # An operation on a row counts once for each lane.
                 counts[ROWS[node.op]] += LANES
@@ -126,6 +135,9 @@ class Program:
         for node in self.schedule():
             if node.op == 'call':
                 total += node.args[0].instruction_count(width)
+            elif node.op == 'loop':
+                loop = node.args[0]
+                total += loop.count * loop.program.instruction_count(width)
             # Rows take as many instructions as registers; a transpose has three stages
             # of exchanges.
             elif node.op in ROWS or node.op in ('gather', 'blend'):

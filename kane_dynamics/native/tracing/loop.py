@@ -1,0 +1,64 @@
+"""Loops of a traced function: a step compiled once, and called for each row of tables."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from kane_dynamics.native.tracing.expression import Expr
+from kane_dynamics.native.tracing.program import Program
+from kane_dynamics.native.tracing.subroutine import Subroutines
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """
+    Calls of a program one after the other.
+
+    The first input of the program is the carry: the given one, then the first entries of
+    the result before. All other inputs are rows of tables.
+
+    Attributes
+    ----------
+    program : Program
+    count : int
+    reverse : bool
+        From the last row to the first; results are in the order of the rows.
+
+    """
+
+    program: Program
+    count: int
+    reverse: bool
+
+    @property
+    def n_outputs(self) -> int:
+        """Return the number of scalars in all results."""
+        return self.count * self.program.n_outputs
+
+
+class Loops:
+    """Registry of the steps of loops; calling it is `one_by_one`, recorded as a loop."""
+
+    def __init__(self) -> None:
+        """Create an empty registry."""
+        self._subroutines = Subroutines()
+        self._programs: dict[str, Program] = {}
+
+    def __call__(self, name: str, step: Callable[..., Any], carry: Any, *tables: Any,
+                 reverse: bool = False) -> Any:
+        """Return the results of a step for each row of tables; see `one_by_one`."""
+        if name not in self._programs:
+            inputs = [('carry', np.shape(carry))]
+            for k, table in enumerate(tables):
+                inputs.append((f'row_{k}', np.shape(table)[1:]))
+            self._programs[name] = self._subroutines.trace(name, step, inputs)
+        program = self._programs[name]
+        entries = list(carry)
+        for table in tables:
+            entries += list(np.ravel(table))
+        trace = next(x.trace for x in entries if isinstance(x, Expr))
+        loop = Loop(program, len(tables[0]), reverse)
+        node = trace.node('loop', loop, *entries)
+        results = [trace.node('output', node, k) for k in range(loop.n_outputs)]
+        return np.array(results).reshape(loop.count, program.n_outputs)

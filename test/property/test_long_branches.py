@@ -1,0 +1,86 @@
+"""Forward dynamics of trees with long branches: linear in time, and Kane's definition."""
+
+from dataclasses import replace
+
+from definition import relative_error
+from hypothesis import given, settings, strategies as st
+from kane_dynamics import Inertial, Robot
+from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.mechanics.joint_lanes.branches import branches
+from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.model.model import with_payload
+from kane_dynamics.native.backends.llvm_scalar import module_text
+from kane_dynamics.native.machine_code import llvm
+from mechanisms import random_model, random_state
+import numpy as np
+import pytest
+from test_joint_lanes import shuffled
+
+EPS = np.finfo(float).eps
+
+
+def by_blocks(model, q, u, tau):
+    """Return the accelerations by articulated inertias, without compiling."""
+    tree = TreeInLanes(TreeEquations(model))
+    return tree.forward_dynamics(q, u, tau, None, np.array(model.gravity)).astype(float)
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 19), st.sampled_from([0.0, 0.3, 1.0]),
+       st.sampled_from([0.0, 0.15, 0.6]))
+def test_articulated_inertias_give_the_accelerations_of_the_definition(seed, n, prismatic,
+                                                                      branching):
+    model = shuffled(random_model(seed, n, prismatic=prismatic, branching=branching), seed)
+    q, u, tau = random_state(model, seed)
+    expected = kane.forward_dynamics(model, q, u, tau)
+    condition = np.linalg.cond(kane.mass_matrix(model, q))
+    assert relative_error(by_blocks(model, q, u, tau), expected) < 10.0 * EPS * condition
+
+
+def test_compiled_loops_over_branches_give_the_definition_with_payload_and_wrench():
+    model = shuffled(random_model(8, 45, branching=0.04), 8)
+    robot = Robot(model, payload_frame='frame3', wrench_frames=['frame5'])
+    assert len(branches(robot.equations.tree.geometry)) > 2
+    program = robot.kernels.program('forward_dynamics', single=True)
+    assert any(node.op == 'loop' for node in program.schedule())
+
+    payload = Inertial(2.0, np.array([0.1, 0.0, 0.2]), 0.01 * np.eye(3))
+    robot.parameters.payload = payload
+    q, u, tau = random_state(model, 5)
+    wrench = np.array([[1.0, -2.0, 3.0, -4.0, 5.0, -6.0]])
+    loaded = with_payload(model, 'frame3', payload)
+    expected = kane.forward_dynamics(loaded, q, u, tau,
+                                     wrenches={'frame5': (wrench[0, :3], wrench[0, 3:])})
+    condition = np.linalg.cond(kane.mass_matrix(loaded, q))
+    found = robot.forward_dynamics(q, u, tau, wrench=wrench)
+    assert relative_error(found, expected) < 10.0 * EPS * condition
+
+
+def test_arithmetic_grows_linearly_and_code_not_at_all():
+    counts = {}
+    sizes = {}
+    for n in (48, 96):
+        robot = Robot(random_model(3, n, branching=0.0, prismatic=0.0, passive=False))
+        program = robot.kernels.program('forward_dynamics', single=True)
+        count = program.operation_count()
+        counts[n] = count.multiplications + count.additions
+        sizes[n] = llvm.code_size(module_text(program, 'kernel'))
+    assert counts[96] == 2 * counts[48]
+    assert sizes[96] < 1.05 * sizes[48]
+
+
+@pytest.mark.parametrize('n, branching', [(26, 0.6), (9, 0.0)])
+def test_short_branches_are_computed_by_the_mass_matrix(n, branching):
+    robot = Robot(random_model(8, n, branching=branching))
+    program = robot.kernels.program('forward_dynamics', single=True)
+    assert not any(node.op == 'loop' for node in program.schedule())
+
+
+def test_a_link_without_inertia_about_its_joint_needs_the_mass_matrix():
+    model = random_model(3, 30, branching=0.0, prismatic=0.0, passive=False)
+    last = model.bodies[-1]
+    rod = Inertial(1.0, np.zeros(3), np.eye(3) - np.outer(last.joint.axis, last.joint.axis))
+    thin = replace(model, bodies=(*model.bodies[:-1], replace(last, inertial=rod)))
+    assert TreeInLanes.has_long_branches(TreeEquations(model), 2400)
+    assert not TreeInLanes.has_long_branches(TreeEquations(thin), 2400)
