@@ -39,6 +39,8 @@ class LawInput(NamedTuple):
         Of the law.
     parameters, limits : arrays
         Of the robot.
+    external : (n,) array or None
+        Torques of the measured wrenches; None for a robot that has none.
 
     """
 
@@ -51,6 +53,7 @@ class LawInput(NamedTuple):
     settings: Vector
     parameters: Vector
     limits: Vector
+    external: Vector | None = None
 
 
 class TracedLaw(NamedTuple):
@@ -83,6 +86,8 @@ def controller_laws(robot: Robot, terms: Terms) -> dict[Mode, TracedLaw]:
         def torque(at: LawInput) -> tuple[Vector, Vector]:
             tau = mode_torque(robot, mode, terms, at.q, at.u, at.desired, at.settings,
                               at.parameters, at.limits)
+            if at.external is not None and mode is not Mode.GRAVITY_COMPENSATION:
+                tau = tau - at.external
             return tau, at.memory
         return TracedLaw(torque, 2 * robot.n, holds=mode is Mode.COMPUTED_TORQUE)
     return {mode: law_of(mode) for mode in MODES}

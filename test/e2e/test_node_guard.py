@@ -6,8 +6,10 @@ import signal
 
 import guard_rig
 from guard_rig import largest_step, mujoco_arm, PERIOD, PLANT_ARM, Rig, sag, turns
+from node_process import TORQUE_PATH
 import numpy as np
 import pytest
+from std_msgs.msg import Empty
 
 REACTION = 0.020  # s
 SAG = 0.5  # degrees
@@ -65,8 +67,10 @@ def took_over_in_time(reaction, far, step, voices):
 
 
 @pytest.mark.slow  # the arm, the node, the guard and the test share the processors in real time
-@pytest.mark.parametrize('number', [signal.SIGSTOP, None, signal.SIGKILL],
-                         ids=['stopped', 'main thread blocked', 'killed'])
+@pytest.mark.parametrize('number', [
+    signal.SIGSTOP, signal.SIGKILL, pytest.param(None, marks=pytest.mark.skipif(
+        TORQUE_PATH == 'native', reason='a native path does not wait for the main thread'))],
+    ids=['stopped', 'killed', 'main thread blocked'])
 def test_a_node_that_fails_in_motion_is_replaced_within_20_ms_and_returns_without_step(
         rig, number):
     reaction, far, step, voices = trial(rig, number)
@@ -76,6 +80,18 @@ def test_a_node_that_fails_in_motion_is_replaced_within_20_ms_and_returns_withou
     # On a busy machine the node may hang once more.
     assert voices[:3] == ['node', 'guard', 'node']
     assert voices[1::2] == ['guard'] * len(voices[1::2])
+
+
+@pytest.mark.skipif(TORQUE_PATH != 'native', reason='the interpreter waits for its main thread')
+def test_a_native_node_whose_main_thread_is_blocked_commands_on_and_keeps_the_guard_away(rig):
+    rig.move()
+    assert 'torque path: native' in rig.node.log
+    recorder = rig.recorder
+    recorder.forget()
+    recorder.block.publish(Empty())
+    recorder.spin(0.9)  # of the second for which it is blocked
+    assert turns(recorder.commands) == ['node']
+    assert len(recorder.of('node')) > 0.95 * len(recorder.states)
 
 
 def test_a_killed_guard_is_reported_by_the_node_and_a_new_one_is_found(rig):

@@ -1,5 +1,8 @@
 """The native torque path goes on at the full rate whatever the interpreter does."""
 
+from contextlib import contextmanager
+import ctypes
+import os
 from pathlib import Path
 import time
 
@@ -9,7 +12,7 @@ from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.kinematics.poses import rotation_quaternion
 from kane_dynamics_interfaces.msg import TaskState
-from node_process import DEEP, model, NAME, wait_until
+from node_process import DEEP, model, NAME, Process, wait_until
 import numpy as np
 import pytest
 from std_msgs.msg import String
@@ -50,6 +53,29 @@ def send_for(client, seconds):
     return stamps
 
 
+@contextmanager
+def stopped_thread(thread):
+    """Let the kernel stop one thread of a process for a block, as a debugger does."""
+    seize, interrupt, detach = 0x4206, 0x4207, 17
+    library = ctypes.CDLL(None, use_errno=True)
+    library.ptrace.argtypes = [ctypes.c_long, ctypes.c_long, ctypes.c_void_p, ctypes.c_void_p]
+    library.ptrace.restype = ctypes.c_long
+
+    def trace(request):
+        if library.ptrace(request, thread, None, None):
+            raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+    try:
+        trace(seize)
+    except PermissionError:
+        pytest.skip('this user may not trace processes')
+    try:
+        trace(interrupt)
+        os.waitpid(thread, 0)
+        yield
+    finally:
+        trace(detach)
+
+
 def delay(client, node, what):
     client.delay.publish(String(data=what))
     node.wait_for(f'delayed: {what.split()[0]}', 10.0)
@@ -81,6 +107,46 @@ def test_a_delayed_interpreter_delays_no_torque(node, client, holding, what, sec
                                       for _, _, values in client.diagnostics), 5.0)
 
 
+def test_the_stopped_thread_of_the_interpreter_stops_no_torque(node, client, holding):
+    client.torques.clear()
+    with stopped_thread(node.pid):
+        stamps = send_for(client, 3.0)
+        log = node.log
+        require_answers(client, stamps, holding)
+        assert node.log == log, 'nothing of Python runs'
+    assert client.adjust(state_timeout=0.4).successful, 'it runs again'
+
+
+def test_the_lease_of_the_guard_holds_while_another_thread_holds_the_lock(
+        start, client, holding):
+    node = start(program=[DELAYED, '--ros-args'], torque_path='native', state_timeout=0.5,
+                 activation='at_once', arm_compensates='none', limits__rate='.inf',
+                 state_check__speed_factor='.inf', guard__enabled='true',
+                 guard__lease=0.05, state_check__position_margin='.inf')
+    guard = Process(module='kane_dynamics.ros.guard.main')
+    client.delay = client.create_publisher(String, f'{NAME}/delay', 1)
+    try:
+        node.wait_for('torque path: native')
+        guard.wait_for('watching kane_dynamics')
+        client.connect()
+        assert wait_until(lambda: client.delay.get_subscription_count() == 1)
+        send_for(client, 1.0)
+        client.torques.clear()
+        taken_over = guard.log.count('commanding')
+        delay(client, node, 'lock 5')
+        require_answers(client, send_for(client, 4.0), holding)
+        assert guard.log.count('commanding') == taken_over, guard.log
+        # States that pause longer than the lease: the node asks before it goes on, and
+        # the guard answers, all without Python.
+        for _ in range(3):
+            time.sleep(0.2)
+            client.torques.clear()
+            require_answers(client, send_for(client, 0.2), holding)
+    finally:
+        client.destroy_publisher(client.delay)
+        guard.end(timeout=20.0)
+
+
 def test_zeros_follow_the_last_state_while_another_thread_holds_the_lock(node, client):
     send_for(client, 0.2)
     delay(client, node, 'lock 5')
@@ -109,9 +175,11 @@ def test_the_node_ends_while_the_native_thread_works(node, client):
 
 
 def test_what_native_cannot_do_runs_on_the_interpreter_with_a_warning(start, client, holding):
-    node = start(torque_path='native', wrench__frames='[c]')
+    node = start(torque_path='native', modes='[arm_coupling]',
+                 coupling__partner='/partner/coupling_state')
+    node.wait_for('active, mode')
     client.connect()
-    assert 'torque_path: native, but wrench.frames; the interpreter computes the commands' in (
+    assert 'torque_path: native, but mode arm_coupling; the interpreter computes the commands' in (
         node.log)
     np.testing.assert_allclose(client.ask(Q, np.zeros(3)), holding, rtol=1e-12)
 

@@ -11,7 +11,7 @@ from kane_dynamics import Controller, load_urdf, Robot
 from kane_dynamics.demo.demo_settings import FR3
 from kane_dynamics.ros.common.transport import without_shared_memory
 from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
-from node_process import DEEP, JOINTS, NAME, Process, URDF
+from node_process import DEEP, JOINTS, NAME, Process, TORQUE_PATH, URDF
 import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -157,7 +157,8 @@ class Rig:
             'activation': 'at_once', 'arm_compensates': arm_compensates,
             'mode': 'computed_torque', 'guard__enabled': 'true', 'limits__rate': arm.rate,
             'gains__kp': 400.0, 'gains__kd': 40.0, 'realtime__priority': 20,
-            'realtime__keep_awake': 'true', 'guard__damping': DAMPING, **parameters}
+            'realtime__keep_awake': 'true', 'guard__damping': DAMPING,
+            'torque_path': TORQUE_PATH, **parameters}
         if mujoco:  # its joint states have no fingers
             self.parameters['joints'] = f'[{",".join(arm.joints)}]'
         self.recorder = Recorder()

@@ -9,7 +9,7 @@ passed by their addresses, so that this module knows no middleware.
 Memory that both sides use has the layouts below; each entry is a word of 8 bytes.
 
 - The block: pointers, counters and functions, written before the thread starts. Only
-  `PLAN` and `STOP` are written by Python afterwards, and `TAIL` by the reader.
+  `PLAN`, `STOP` and `SIMULATED` are written by Python afterwards, and `TAIL` by the reader.
 - A plan: what Python may change while the thread runs. It is never changed itself: Python
   writes a new one and then its address into the block. The thread reads the address once
   a cycle and states in `IN_USE` which one it uses, so that one cycle uses one
@@ -17,6 +17,8 @@ Memory that both sides use has the layouts below; each entry is a word of 8 byte
 - A layout of messages: what is equal in all messages of a publisher, and where the
   numbers are.
 - A motion: polynomials of its segments, with one constant segment before and one after.
+- An output: a publisher with its message, and where its numbers and its stamp are.
+- An input: a subscription beside that of the states, and what receives its messages.
 """
 
 import ctypes
@@ -28,41 +30,61 @@ from kane_dynamics.native.machine_code import llvm
 
 # Words of the block.
 BLOCK = ('PLAN', 'IN_USE', 'STOP', 'ENDED', 'RING', 'SLOTS', 'SLOT_SIZE', 'HEAD', 'TAIL',
-         'LOST', 'EPOCH', 'WAIT_SET', 'SUBSCRIPTION', 'GUARD', 'FIRST_PUBLISHER',
-         'SECOND_PUBLISHER', 'CLEAR', 'ADD_SUBSCRIPTION', 'ADD_GUARD', 'WAIT', 'TAKE',
-         'PUBLISH', 'CLOCK', 'CLOCK_HANDLE', 'STEADY', 'TAKEN', 'INFO',
-         'FIRST_MESSAGE', 'SECOND_MESSAGE', 'FIRST_NUMBERS', 'SECOND_NUMBERS',
-         'SECOND_STAMP', 'PATH', 'RESULT', 'PATH_SIZE', 'EVENT', 'STATE', 'STATE_COUNT',
-         'TAU', 'TAU_COUNT', 'REPLAYED', 'CYCLES', 'UNSENT', 'BEGAN', 'LARGEST')
+         'LOST', 'EPOCH', 'WAIT_SET', 'SUBSCRIPTION', 'GUARD', 'CLEAR',
+         'ADD_SUBSCRIPTION', 'ADD_GUARD', 'WAIT', 'TAKE', 'PUBLISH', 'CLOCK',
+         'CLOCK_HANDLE', 'STEADY', 'TAKEN', 'INFO', 'OUTPUTS',
+         'OUTPUT_COUNT', 'PATH', 'RESULT', 'PATH_SIZE', 'EVENT', 'STATE', 'STATE_COUNT',
+         'TAU', 'TAU_COUNT', 'REPLAYED', 'CYCLES', 'UNSENT', 'BEGAN', 'LARGEST',
+         # Of the clock's messages, if it is simulated, and of those of torque_guard.
+         'CLOCK_INPUT', 'SIMULATED', 'SIMULATED_TIME', 'GUARD_INPUT', 'GUARD_LENGTH',
+         'GUARD_AT', 'GUARD_NUMBERS', 'GUARD_BYTES', 'REQUEST_TO', 'REQUEST_MESSAGE',
+         'REQUEST_NUMBER', 'KEPT', 'KEPT_LENGTH')
 # Words of a plan. `REPLAY` numbers a message that Python passes to the thread.
 PLAN = ('PERIOD', 'LAYOUTS', 'LAYOUT_COUNT', 'REPLAY', 'REPLAY_DATA', 'REPLAY_LENGTH',
         'JUDGE', 'JUDGE_TABLE', 'ANSWER', 'ANSWER_TABLE', 'REFUSE', 'REFUSE_TABLE',
-        'ELAPSE', 'ELAPSE_TABLE', 'MOTION', 'NEXT_MOTION', 'REST')
+        'ELAPSE', 'ELAPSE_TABLE', 'PERMIT', 'PERMIT_TABLE', 'CONFIRM', 'CONFIRM_TABLE',
+        'HEAR', 'HEAR_TABLE', 'LONGEST', 'MOTION', 'NEXT_MOTION', 'REST')
+OUTPUT = ('PUBLISHER', 'BYTES', 'NUMBERS', 'STAMP_TO')
+INPUT = ('FROM', 'INTO', 'INFO_OF')
 LAYOUT = ('LENGTH', 'MASK', 'EXPECTED', 'COUNT', 'OFFSETS')
 MOTION = ('START', 'KNOTS', 'TIMES', 'ORIGINS', 'RATES', 'ROWS', 'ROW_SIZE')
 # Words of a slot of the ring, before the event, the state of the path and the message.
 SLOT = ('KIND', 'MESSAGE_LENGTH', 'ALL_LOST', 'BEGIN', 'END', 'SEQUENCE', 'NOTHING',
         'MESSAGE_AT')
-ANSWERED, UNKNOWN, ELAPSED = range(3)  # kinds of slots
+ANSWERED, UNKNOWN, ELAPSED, HEARD = range(4)  # kinds of slots
 # Doubles of an event.
-NOW, STAMP, MOVING, X, TICKING, MOMENT = range(6)
+NOW, STAMP, MOVING, X, TICKING, STEADILY, MOMENT = range(7)
 # Doubles of the state of the path that the loop itself reads.
-REASON, DOES_PUBLISH, SENT_AT = range(3)
+REASON, DOES_PUBLISH, SENT_AT, REQUEST, RETRIES = range(5)
+WAITS = 2.0  # the reason of a state that is kept until torque_guard answers
 ROW_PLACE = 3  # place of the row of the motion in the table of the answer
 MESSAGE = 4  # bytes of encapsulation before the stamp of a message
+CLOCK_LENGTH = 12  # bytes of a message of /clock
 SEQUENCE_AT = 2  # word of the publisher's sequence number in the message info
 TAKE_LIMIT = 64  # messages in a row before the time is looked at
 WORDS = {'block': BLOCK, 'plan': PLAN, 'layout': LAYOUT, 'motion': MOTION,
-         'upcoming': MOTION, 'slot': SLOT}
+         'upcoming': MOTION, 'slot': SLOT, 'output': OUTPUT, 'input': INPUT}
 
 TEXT = """
 ; The clock, ns since the epoch of the path; the event says whether it runs.
 define i64 @now(ptr %block) {
+start:
   %time = alloca i64
   store i64 0, ptr %time
-  %clock = pointer %block.CLOCK
+  %simulated.at = getelementptr i64, ptr %block, i64 SIMULATED
+  %simulated = load atomic i64, ptr %simulated.at acquire, align 8
+  %is.simulated = icmp ne i64 %simulated, 0
+  br i1 %is.simulated, label %message, label %clock
+message:
+  %latest = number %block.SIMULATED_TIME
+  store i64 %latest, ptr %time
+  br label %read
+clock:
+  %function = pointer %block.CLOCK
   %handle = pointer %block.CLOCK_HANDLE
-  %_ = call i32 %clock(ptr %handle, ptr %time)
+  %_ = call i32 %function(ptr %handle, ptr %time)
+  br label %read
+read:
   %all = load i64, ptr %time
   %runs = icmp ne i64 %all, 0
   %ticking = uitofp i1 %runs to double
@@ -87,9 +109,22 @@ define i64 @steady(ptr %block) {
   ret i64 %all
 }
 
+; The same, for the rules.
+define i64 @steady_event(ptr %block) {
+  %all = call i64 @steady(ptr %block)
+  %all.ns = sitofp i64 %all to double
+  call void @set_event(ptr %block, i64 STEADILY, double %all.ns)
+  ret i64 %all
+}
+
 ; Let a rule compute the next state of the path.
 define void @step(ptr %block, ptr %rule, ptr %table) {
   call void %rule(ptr %table)
+  call void @keep_result(ptr %block)
+  ret void
+}
+
+define void @keep_result(ptr %block) {
   %path = pointer %block.PATH
   %result = pointer %block.RESULT
   %entries = number %block.PATH_SIZE
@@ -112,22 +147,55 @@ define double @of_path(ptr %block, i64 %k) {
   ret double %value
 }
 
-; Copy the torques into both messages and publish them, if the cycle says so.
+; Publish the torques, and a request to torque_guard, if the cycle says so.
 define void @send(ptr %block) {
 start:
   %does = call double @of_path(ptr %block, i64 DOES_PUBLISH)
   %yes = fcmp ogt double %does, 0.5
-  br i1 %yes, label %write, label %done
+  br i1 %yes, label %write, label %asks
 write:
+  %count = number %block.OUTPUT_COUNT
+  br label %each
+each:
+  %k = phi i64 [0, %write], [%k.next, %each]
+  call void @send_to(ptr %block, i64 %k)
+  %k.next = add i64 %k, 1
+  %more = icmp slt i64 %k.next, %count
+  br i1 %more, label %each, label %asks
+asks:
+  %request = call double @of_path(ptr %block, i64 REQUEST)
+  %any = fcmp ogt double %request, -0.5
+  %to = pointer %block.REQUEST_TO
+  %known = icmp ne ptr %to, null
+  %both = and i1 %any, %known
+  br i1 %both, label %ask, label %done
+ask:
+  %number.at = pointer %block.REQUEST_NUMBER
+  store double %request, ptr %number.at
+  %message = pointer %block.REQUEST_MESSAGE
+  call void @publish(ptr %block, ptr %to, ptr %message)
+  br label %done
+done:
+  ret void
+}
+
+; Copy the torques and their stamp into the message of an output, and publish it.
+define void @send_to(ptr %block, i64 %k) {
+start:
+  %outputs = pointer %block.OUTPUTS
+  %output.place = mul i64 %k, OUTPUT_WORDS
+  %output = getelementptr i64, ptr %outputs, i64 %output.place
   %path = pointer %block.PATH
   %tau.place = number %block.TAU
   %tau = getelementptr double, ptr %path, i64 %tau.place
   %n = number %block.TAU_COUNT
   %bytes = mul i64 %n, 8
-  %first = pointer %block.FIRST_NUMBERS
-  %second = pointer %block.SECOND_NUMBERS
-  call void @llvm.memcpy.p0.p0.i64(ptr %first, ptr %tau, i64 %bytes, i1 false)
-  call void @llvm.memcpy.p0.p0.i64(ptr %second, ptr %tau, i64 %bytes, i1 false)
+  %numbers = pointer %output.NUMBERS
+  call void @llvm.memcpy.p0.p0.i64(ptr %numbers, ptr %tau, i64 %bytes, i1 false)
+  %stamp.at = pointer %output.STAMP_TO
+  %stamped = icmp ne ptr %stamp.at, null
+  br i1 %stamped, label %stamps, label %publishes
+stamps:
   %sent = call double @of_path(ptr %block, i64 SENT_AT)
   %sent.ns = fptosi double %sent to i64
   %epoch = number %block.EPOCH
@@ -137,25 +205,26 @@ write:
   %ns = sub i64 %stamp, %s.ns
   %s.32 = trunc i64 %s to i32
   %ns.32 = trunc i64 %ns to i32
-  %stamp.at = pointer %block.SECOND_STAMP
   store i32 %s.32, ptr %stamp.at
   %ns.at = getelementptr i32, ptr %stamp.at, i64 1
   store i32 %ns.32, ptr %ns.at
-  %publish = pointer %block.PUBLISH
-  %first.to = pointer %block.FIRST_PUBLISHER
-  %first.message = pointer %block.FIRST_MESSAGE
-  %first.code = call i32 %publish(ptr %first.to, ptr %first.message, ptr null)
-  %second.to = pointer %block.SECOND_PUBLISHER
-  %second.message = pointer %block.SECOND_MESSAGE
-  %second.code = call i32 %publish(ptr %second.to, ptr %second.message, ptr null)
-  %code = or i32 %first.code, %second.code
+  br label %publishes
+publishes:
+  %to = pointer %output.PUBLISHER
+  %message = pointer %output.BYTES
+  call void @publish(ptr %block, ptr %to, ptr %message)
+  ret void
+}
+
+; Publish a message; count it if the middleware refuses it.
+define void @publish(ptr %block, ptr %to, ptr %message) {
+  %function = pointer %block.PUBLISH
+  %code = call i32 %function(ptr %to, ptr %message, ptr null)
   %bad = icmp ne i32 %code, 0
   %bad.64 = zext i1 %bad to i64
   %unsent = number %block.UNSENT
   %unsent.then = add i64 %unsent, %bad.64
   %unsent.then -> %block.UNSENT
-  br label %done
-done:
   ret void
 }
 
@@ -338,7 +407,7 @@ pass:
 ; Answer one message: read and judge it, compute the command, publish it, report.
 define void @cycle(ptr %block, ptr %plan, ptr %data, i64 %length) {
 start:
-  %began = call i64 @steady(ptr %block)
+  %began = call i64 @steady_event(ptr %block)
   %began -> %block.BEGAN
   %now = call i64 @now(ptr %block)
   %cycles = number %block.CYCLES
@@ -381,17 +450,60 @@ known:
   %judge = pointer %plan.JUDGE
   %judge.table = pointer %plan.JUDGE_TABLE
   call void @step(ptr %block, ptr %judge, ptr %judge.table)
-  %judged = call double @of_path(ptr %block, i64 REASON)
-  %possible = fcmp olt double %judged, 0.5
-  br i1 %possible, label %command, label %refused
+  %permit = pointer %plan.PERMIT
+  %guarded = icmp ne ptr %permit, null
+  br i1 %guarded, label %asks, label %judged
+asks:
+  %permit.table = pointer %plan.PERMIT_TABLE
+  call void @step(ptr %block, ptr %permit, ptr %permit.table)
+  br label %judged
+judged:
+  %reason.judged = call double @of_path(ptr %block, i64 REASON)
+  %possible = fcmp olt double %reason.judged, 0.5
+  br i1 %possible, label %command, label %impossible
 command:
   call void @find_segment(ptr %block, ptr %plan, i64 %stamp)
   %answer = pointer %plan.ANSWER
   %answer.table = pointer %plan.ANSWER_TABLE
-  call void @step(ptr %block, ptr %answer, ptr %answer.table)
+  call void %answer(ptr %answer.table)
+  br i1 %guarded, label %measures, label %computed
+measures:  ; a thread that was interrupted meanwhile asks again
+  %computed.at = call i64 @steady_event(ptr %block)
+  %took = sub i64 %computed.at, %began
+  %longest = number %plan.LONGEST
+  %late = icmp sgt i64 %took, %longest
+  br i1 %late, label %confirms, label %computed
+confirms:
+  %confirm = pointer %plan.CONFIRM
+  %confirm.table = pointer %plan.CONFIRM_TABLE
+  call void @step(ptr %block, ptr %confirm, ptr %confirm.table)
+  %reason.confirmed = call double @of_path(ptr %block, i64 REASON)
+  %confirmed = fcmp olt double %reason.confirmed, 0.5
+  br i1 %confirmed, label %computes, label %impossible
+computes:  ; the result was overwritten
+  call void %answer(ptr %answer.table)
+  br label %computed
+computed:
+  call void @keep_result(ptr %block)
   %reason = call double @of_path(ptr %block, i64 REASON)
   %good = fcmp olt double %reason, 0.5
-  br i1 %good, label %finish, label %refused
+  br i1 %good, label %answered, label %refused
+answered:
+  %nothing = add i64 0, 0
+  %nothing -> %block.KEPT_LENGTH
+  br label %finish
+impossible:
+  %reason.then = call double @of_path(ptr %block, i64 REASON)
+  %waits = fcmp oeq double %reason.then, WAITS
+  %largest = number %block.LARGEST
+  %fits = icmp ule i64 %length, %largest
+  %keeps = and i1 %waits, %fits
+  br i1 %keeps, label %keep, label %refused
+keep:
+  %kept = pointer %block.KEPT
+  call void @llvm.memmove.p0.p0.i64(ptr %kept, ptr %data, i64 %length, i1 false)
+  %length -> %block.KEPT_LENGTH
+  br label %refused
 refused:
   %refuse = pointer %plan.REFUSE
   %refuse.table = pointer %plan.REFUSE_TABLE
@@ -406,6 +518,7 @@ finish:
 ; Look at the time between messages: zeros, if states stay away.
 define void @look_at_time(ptr %block, ptr %plan) {
 start:
+  %steady = call i64 @steady_event(ptr %block)
   %now = call i64 @now(ptr %block)
   %drops = call double @of_path(ptr %block, i64 DROPS)
   %elapse = pointer %plan.ELAPSE
@@ -421,6 +534,105 @@ tell:
   br label %done
 done:
   ret void
+}
+
+; Hear torque_guard, and answer the state that waited for it.
+define void @hear(ptr %block, ptr %plan, ptr %data, i64 %length) {
+start:
+  %expected = number %block.GUARD_LENGTH
+  %same = icmp eq i64 %expected, %length
+  br i1 %same, label %read, label %done
+read:
+  %began = call i64 @steady_event(ptr %block)
+  %began -> %block.BEGAN
+  %now = call i64 @now(ptr %block)
+  %offset = number %block.GUARD_AT
+  %from = getelementptr i8, ptr %data, i64 %offset
+  %numbers = pointer %block.GUARD_NUMBERS
+  %bytes = number %block.GUARD_BYTES
+  call void @llvm.memcpy.p0.p0.i64(ptr %numbers, ptr %from, i64 %bytes, i1 false)
+  %hear = pointer %plan.HEAR
+  %table = pointer %plan.HEAR_TABLE
+  call void @step(ptr %block, ptr %hear, ptr %table)
+  call void @send(ptr %block)
+  call void @report(ptr %block, i64 HEARD, ptr %data, i64 0)
+  %retries = call double @of_path(ptr %block, i64 RETRIES)
+  %again = fcmp ogt double %retries, 0.5
+  %kept.length = number %block.KEPT_LENGTH
+  %any = icmp sgt i64 %kept.length, 0
+  %answers = and i1 %again, %any
+  br i1 %answers, label %answer, label %done
+answer:
+  %nothing = add i64 0, 0
+  %nothing -> %block.KEPT_LENGTH
+  %kept = pointer %block.KEPT
+  call void @cycle(ptr %block, ptr %plan, ptr %kept, i64 %kept.length)
+  br label %done
+done:
+  ret void
+}
+
+; Read the simulated time of a message of /clock.
+define void @hear_clock(ptr %block, ptr %plan, ptr %data, i64 %length) {
+start:
+  %enough = icmp sge i64 %length, CLOCK_LENGTH
+  br i1 %enough, label %read, label %done
+read:
+  %s.at = getelementptr i8, ptr %data, i64 MESSAGE
+  %s.32 = load i32, ptr %s.at, align 1
+  %ns.at = getelementptr i8, ptr %s.at, i64 4
+  %ns.32 = load i32, ptr %ns.at, align 1
+  %s = sext i32 %s.32 to i64
+  %ns = zext i32 %ns.32 to i64
+  %s.ns = mul i64 %s, 1000000000
+  %time = add i64 %s.ns, %ns
+  %time -> %block.SIMULATED_TIME
+  br label %done
+done:
+  ret void
+}
+
+; Take all messages of an input, if there is one, and pass each to a function.
+define void @take_all(ptr %block, ptr %plan, ptr %input, ptr %use) {
+start:
+  %none = icmp eq ptr %input, null
+  br i1 %none, label %done, label %begin
+begin:
+  %from = pointer %input.FROM
+  %into = pointer %input.INTO
+  %info = pointer %input.INFO_OF
+  %taker = pointer %block.TAKE
+  br label %take
+take:
+  %k = phi i64 [0, %begin], [%k.next, %taken]
+  %code = call i32 %taker(ptr %from, ptr %into, ptr %info, ptr null)
+  %took = icmp eq i32 %code, 0
+  br i1 %took, label %taken, label %done
+taken:
+  %data = load ptr, ptr %into
+  %length.at = getelementptr i64, ptr %into, i64 1
+  %length = load i64, ptr %length.at
+  call void %use(ptr %block, ptr %plan, ptr %data, i64 %length)
+  %k.next = add i64 %k, 1
+  %few = icmp slt i64 %k.next, TAKE_LIMIT
+  br i1 %few, label %take, label %done
+done:
+  ret void
+}
+
+; Wait for the subscription of an input too, if there is one.
+define i32 @add_input(ptr %block, ptr %input) {
+start:
+  %none = icmp eq ptr %input, null
+  br i1 %none, label %done, label %adds
+adds:
+  %set = pointer %block.WAIT_SET
+  %add = pointer %block.ADD_SUBSCRIPTION
+  %from = pointer %input.FROM
+  %code = call i32 %add(ptr %set, ptr %from, ptr null)
+  ret i32 %code
+done:
+  ret i32 0
 }
 
 ; State which plan is in use, after the last read of the one before, which Python may free.
@@ -462,6 +674,10 @@ waits:
   %clear.code = call i32 %clear(ptr %set)
   %add = pointer %block.ADD_SUBSCRIPTION
   %add.code = call i32 %add(ptr %set, ptr %subscription, ptr null)
+  %clock.input = pointer %block.CLOCK_INPUT
+  %clock.code = call i32 @add_input(ptr %block, ptr %clock.input)
+  %guard.input = pointer %block.GUARD_INPUT
+  %input.code = call i32 @add_input(ptr %block, ptr %guard.input)
   %add.guard = pointer %block.ADD_GUARD
   %guard.code = call i32 %add.guard(ptr %set, ptr %guard, ptr null)
   %wait = pointer %block.WAIT
@@ -470,7 +686,9 @@ waits:
   ; 0: something is ready, 2: the time is over
   %other.codes = and i32 %wait.code, -3
   %set.codes = or i32 %clear.code, %add.code
-  %all.codes = or i32 %set.codes, %guard.code
+  %input.codes = or i32 %clock.code, %input.code
+  %both.codes = or i32 %set.codes, %input.codes
+  %all.codes = or i32 %both.codes, %guard.code
   %bad.codes = or i32 %all.codes, %other.codes
   %bad = icmp ne i32 %bad.codes, 0
   br i1 %bad, label %fail, label %reads
@@ -478,6 +696,8 @@ reads:
   ; The plan again, because it may have changed while the thread waited.
   %fresh = load atomic ptr, ptr %plan.at acquire, align 8
   call void @state_plan(ptr %block, ptr %fresh)
+  ; The time first: states are not ahead of it then.
+  call void @take_all(ptr %block, ptr %fresh, ptr %clock.input, ptr @hear_clock)
   br label %take
 take:
   %taken.count = phi i64 [0, %reads], [%taken.next, %answered]
@@ -496,6 +716,7 @@ answered:
   %few = icmp slt i64 %taken.next, TAKE_LIMIT
   br i1 %few, label %take, label %look
 look:
+  call void @take_all(ptr %block, ptr %fresh, ptr %guard.input, ptr @hear)
   call void @look_at_time(ptr %block, ptr %fresh)
   br label %turn
 fail:  ; no state can come any more: zeros
@@ -507,6 +728,8 @@ fail:  ; no state can come any more: zeros
   call void @llvm.memset.p0.i64(ptr %tau, i8 0, i64 %tau.bytes, i1 false)
   %does.at = getelementptr double, ptr %path, i64 DOES_PUBLISH
   store double 1.0, ptr %does.at
+  %request.at = getelementptr double, ptr %path, i64 REQUEST
+  store double 0.0, ptr %request.at
   call void @send(ptr %block)
   %code.64 = zext i32 %bad.codes to i64
   %code.64 -> %block.ENDED
@@ -567,6 +790,7 @@ define i64 @read_word(ptr %from) {
 }
 
 declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
+declare void @llvm.memmove.p0.p0.i64(ptr, ptr, i64, i1)
 declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)
 """
 EVENT_LENGTH = 8
@@ -604,9 +828,9 @@ def message_loop_text(drops: int) -> str:
     return text
 
 
-def _numbers(drops: int) -> dict[str, int]:
+def _numbers(drops: int) -> dict[str, int | float]:
     """Return the numbers of the names in capitals."""
-    words = ('PLAN', 'IN_USE', 'STOP', 'HEAD', 'TAIL')
+    words = ('PLAN', 'IN_USE', 'STOP', 'HEAD', 'TAIL', 'SIMULATED')
     numbers = {name: BLOCK.index(name) for name in words}
     return numbers | {
         'DOES_PUBLISH': DOES_PUBLISH, 'SENT_AT': SENT_AT, 'REASON': REASON, 'DROPS': drops,
@@ -614,7 +838,9 @@ def _numbers(drops: int) -> dict[str, int]:
         'EVENT_BYTES': 8 * EVENT_LENGTH, 'LAYOUT_WORDS': len(LAYOUT), 'MOVING': MOVING,
         'MOMENT': MOMENT, 'X': X, 'NOW': NOW, 'STAMP': STAMP, 'TICKING': TICKING,
         'ROW_PLACE': ROW_PLACE, 'UNKNOWN': UNKNOWN, 'ANSWERED': ANSWERED,
-        'ELAPSED': ELAPSED, 'MESSAGE': MESSAGE, 'TAKE_LIMIT': TAKE_LIMIT}
+        'ELAPSED': ELAPSED, 'HEARD': HEARD, 'MESSAGE': MESSAGE, 'STEADILY': STEADILY,
+        'CLOCK_LENGTH': CLOCK_LENGTH, 'TAKE_LIMIT': TAKE_LIMIT, 'REQUEST': REQUEST,
+        'RETRIES': RETRIES, 'WAITS': WAITS, 'OUTPUT_WORDS': len(OUTPUT)}
 
 
 @cache

@@ -7,6 +7,8 @@ RELIABLE = QoSProfile(depth=1)
 # As in the sensor data profile: states that arrive during a stall of a few ms are still
 # processed.
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+# As rclpy subscribes to /clock.
+CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Late subscribers receive the latest message.
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Wrenches at several frames may arrive at once.

@@ -21,7 +21,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.command_topic import CommanderCount
 from kane_dynamics.ros.common.lost_messages import LostMessages, with_info
 from kane_dynamics.ros.common.node_statistics import Statistics
-from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
+from kane_dynamics.ros.common.qos import BEST_EFFORT, CLOCK, RELIABLE, watched
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
 from kane_dynamics.ros.monitors.coupling_topics import CouplingTopics
@@ -43,10 +43,12 @@ from kane_dynamics.ros.torque_path.closed_loop_reader import (closed_loop_reader
 from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload,
                                                            GravityAndPayload,
                                                            parameter_loads)
-from kane_dynamics.ros.torque_path.guard_messages import arm_digest
-from kane_dynamics.ros.torque_path.native_path import NativeTorquePath, python_reason
+from kane_dynamics.ros.torque_path.guard_messages import arm_digest, STATE
+from kane_dynamics.ros.torque_path.native_path import (Inputs, NativeTorquePath,
+                                                       python_reason)
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
 from kane_dynamics.ros.torque_path.rcl_functions import (guard_condition,
+                                                         handle_address,
                                                          subscription_of_thread,
                                                          UnsupportedError)
 from kane_dynamics.ros.torque_path.state_check import speed_limits
@@ -67,11 +69,13 @@ from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 
 PAYLOAD = ('payload.mass', 'payload.com', 'payload.inertia')
 ACKNOWLEDGE_TIMEOUT = 0.3  # s
+STAMPED = 4  # place of the publisher of stamped commands in the arguments of a path
 REPORT_PERIOD = 0.005  # s, between two looks at the reports of the native torque path
 
 
@@ -252,6 +256,8 @@ class ConfiguredRobot:
         if guarded:
             self.guard = GuardLink(node, self.path, values['guard.lease'], opened,
                                    len(self.path.messages.joints), self._digest)
+            if isinstance(self.path, NativeTorquePath):
+                self.path.use_guard(self.guard, handle_address(self.guard.requests))
         self.path.arbiter = self.guard
         self._distribute()
         if self.gravity_source is not None:
@@ -267,8 +273,7 @@ class ConfiguredRobot:
         wanted = self.values['torque_path']
         reason = 'torque_path: python'
         if wanted != 'python':
-            simulated_time = node.get_parameter('use_sim_time').value
-            reason = self.fault or python_reason(self.values, controller, simulated_time)
+            reason = self.fault or python_reason(self.values, controller)
         if not reason:
             try:
                 opened_path = self._open_native_path(controller, torques, opened,
@@ -293,13 +298,26 @@ class ConfiguredRobot:
         """Open the native torque path; UnsupportedError where rcl is another one."""
         node = self._node
         path = NativeTorquePath(controller, self._commands, torques, *arguments)
+        stamped = arguments[STAMPED]
+        publishers = [self._commands, torques]
+        if stamped is not None:
+            publishers.append(stamped)
         with ExitStack() as entities:
-            states = subscription_of_thread(node, JointState, 'joint_states', BEST_EFFORT)
-            entities.callback(states.destroy)
-            guard = guard_condition(node.context)
-            entities.callback(guard.destroy_when_not_in_use)
-            path.connect(node, states, guard, self._commands, torques,
-                         self.lost_states)
+            def subscribe(kind: Any, topic: str, qos: QoSProfile, needed: bool) -> Any:
+                if not needed:
+                    return None
+                subscription = subscription_of_thread(node, kind, topic, qos)
+                entities.callback(subscription.destroy)
+                return subscription
+            states = subscribe(JointState, 'joint_states', BEST_EFFORT, True)
+            inputs = Inputs(
+                states,
+                subscribe(Float64MultiArray, f'~/{STATE}', RELIABLE,
+                          self.values['guard.enabled']),
+                subscribe(ClockMessage, '/clock', CLOCK, self._simulated_time))
+            wake = guard_condition(node.context)
+            entities.callback(wake.destroy_when_not_in_use)
+            path.connect(node, inputs, wake, publishers, self.lost_states)
             entities.callback(path.close)
             timer = node.create_timer(REPORT_PERIOD, path.read_reports,
                                       clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -366,10 +384,12 @@ class ConfiguredRobot:
     def on_clock_jump(self, *, replaced: bool = False) -> None:
         """Handle a backward jump of the node's clock, or its replacement."""
         self._simulated_time = bool(self._clock.ros_time_is_active)
-        if self.path.running:
+        if not self.path.running:
+            return
+        if replaced:
+            self.path.on_clock_replaced()
+        else:
             self.path.on_clock_jump()
-            if replaced:  # all states may have stamps of the previous clock
-                self.path.time_out('clock replaced')
 
     @property
     def commanders(self) -> list[str]:

@@ -126,6 +126,7 @@ class OptionalTopics:
             path.wrenches = WrenchInput(robot, now, values,
                                         lambda reason,
                                         detail: reject(f'wrench: {reason}', detail))
+            path.wrenches.changed = path.law_changed
             opened.callback(node.destroy_subscription, node.create_subscription(
                 WrenchStamped, '~/wrench', path.wrenches.on_message, BEST_EFFORT,
                 raw=True))

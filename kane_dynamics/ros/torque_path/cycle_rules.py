@@ -22,15 +22,20 @@ from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.flags import either, flag
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
+from kane_dynamics.ros.torque_path.arbitration import (after_computing, Arbitration,
+                                                       before_command, before_zeros,
+                                                       heard, SIZE, UNGUARDED)
+from kane_dynamics.ros.torque_path.guard_messages import FIELDS, STOPPED
 from kane_dynamics.ros.torque_path.state_check import joint_bounds, UNLIMITED
 import numpy as np
 
 NEVER = -2.0**62  # ns: before every stamp
+NO_REQUEST = -1.0  # to torque_guard
 # Results of a cycle. From NOT_FINITE on, the arm is heard, and the state is refused.
-(ACCEPTED, FIRST, NO_CLOCK, STALE, FUTURE, OUT_OF_ORDER, NOT_FINITE, OUTSIDE, TOO_FAST,
- JUMP, NO_TORQUE) = range(11)
+(ACCEPTED, FIRST, WAITING, NO_CLOCK, STALE, FUTURE, OUT_OF_ORDER, NOT_FINITE, OUTSIDE,
+ TOO_FAST, JUMP, NO_TORQUE) = range(12)
 # Why a motion was dropped last.
-NOT_DROPPED, BY_CLOCK, BY_TIMEOUT, BY_REFUSAL = range(4)
+NOT_DROPPED, BY_CLOCK, BY_TIMEOUT, BY_REFUSAL, BY_GUARD = range(5)
 
 
 class PathState(NamedTuple):
@@ -45,6 +50,12 @@ class PathState(NamedTuple):
         Whether the cycle publishes `tau`.
     sent_at : Scalar
         Stamp of `tau`.
+    request : Scalar
+        Number of the request that the cycle sends to torque_guard; `NO_REQUEST`: none.
+    retries : Scalar
+        Whether the state that waits for torque_guard is answered next.
+    commanded_at : Scalar
+        Steady time of the last command; 0: none yet.
     last_now, last_heard, last_stamp : Scalar
         The clock of the last cycle; time and stamp of the last state in time, and of
         the last accepted one.
@@ -79,6 +90,8 @@ class PathState(NamedTuple):
         The last accepted state.
     stop : (2 n,) array
         Positions and speeds at which the stop in a fault began.
+    arbitration : (k,) array
+        An `Arbitration`.
     memory : (m,) array
         Of the law; that of the largest memory has m entries.
 
@@ -87,6 +100,9 @@ class PathState(NamedTuple):
     reason: Scalar
     publish: Scalar
     sent_at: Scalar
+    request: Scalar
+    retries: Scalar
+    commanded_at: Scalar
     last_now: Scalar
     last_heard: Scalar
     last_stamp: Scalar
@@ -122,6 +138,7 @@ class PathState(NamedTuple):
     pose: Vector
     accepted: Vector
     stop: Vector
+    arbitration: Vector
     memory: Vector
 
 
@@ -154,6 +171,10 @@ class CycleSettings(NamedTuple):
     effort, slope, free : (n,) arrays
         Effort limits, rate limits where there are, and what else a torque may change
         by: infinity where there are none.
+    wrench_timeout : Scalar
+        Age after which a measured wrench counts no more, ns.
+    wrenches : (7 k,) array
+        Stamp, force and torque in the axes of its frame, of the k frames with wrenches.
     law : (k,) array
         Of the law; those of the law with most settings have k entries.
 
@@ -171,11 +192,13 @@ class CycleSettings(NamedTuple):
     jumps: Scalar
     silences: Scalar
     drops: Scalar
+    wrench_timeout: Scalar
     bounds: Vector
     turning: Vector
     effort: Vector
     slope: Vector
     free: Vector
+    wrenches: Vector
     law: Vector
 
 
@@ -193,6 +216,8 @@ class Event(NamedTuple):
         Fraction of the time of the segment, 0 to 1.
     ticking : Scalar
         Whether the clock runs: simulated time is zero before its first message.
+    steady : Scalar
+        Steady time, ns.
 
     """
 
@@ -201,32 +226,34 @@ class Event(NamedTuple):
     moving: Scalar
     x: Scalar
     ticking: Scalar
+    steady: Scalar
 
 
 EVENT_SIZE = len(Event._fields)
 SCALARS = PathState._fields.index('tau')
 SCALAR_SETTINGS = CycleSettings._fields.index('bounds')
+WRENCH = 7  # entries of a measured wrench: stamp, force, torque
 
 
 def path_size(n: int, memory: int) -> int:
     """Return the number of entries of a `PathState` as an array."""
-    return SCALARS + 10 * n + memory
+    return SCALARS + 10 * n + SIZE + memory
 
 
-def settings_size(n: int, law: int) -> int:
+def settings_size(n: int, law: int, frames: int = 0) -> int:
     """Return the number of entries of `CycleSettings` as an array."""
-    return SCALAR_SETTINGS + 9 * n + law
+    return SCALAR_SETTINGS + 9 * n + WRENCH * frames + law
 
 
 def unpacked_path(array: Vector, n: int) -> PathState:
     """Return the `PathState` of an array."""
-    sizes = [n] * 6 + [2 * n, 2 * n]
+    sizes = [n] * 6 + [2 * n, 2 * n, SIZE]
     return PathState(*array[:SCALARS], *_parts(array[SCALARS:], sizes))
 
 
-def unpacked_settings(array: Vector, n: int) -> CycleSettings:
-    """Return the `CycleSettings` of an array."""
-    sizes = [5 * n, n, n, n, n]
+def unpacked_settings(array: Vector, n: int, frames: int = 0) -> CycleSettings:
+    """Return the `CycleSettings` of an array; `frames` have wrenches."""
+    sizes = [5 * n, n, n, n, n, WRENCH * frames]
     return CycleSettings(*array[:SCALAR_SETTINGS], *_parts(array[SCALAR_SETTINGS:], sizes))
 
 
@@ -240,14 +267,19 @@ def _parts(array: Vector, sizes: list[int]) -> list[Vector]:
     return np.split(array, np.cumsum(sizes))
 
 
-def initial_path(n: int, now: float, memory: int = 0) -> PathState:
+def initial_path(n: int, now: float, memory: int = 0,
+                 arbitration: Arbitration = UNGUARDED) -> PathState:
     """Return the state of a path that starts."""
     zeros = np.zeros(n)
-    return PathState(0.0, 0.0, now, now, now, NEVER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-                     NOT_DROPPED, 0.0, NEVER, NEVER, 0.0, 0.0, 0.0, NEVER, 0.0, 0.0,
-                     0.0, 0.0, 0.0, 0.0, 0.0, NEVER, 0.0, 0.0, zeros, zeros, zeros,
-                     zeros, zeros, zeros, np.zeros(2 * n), np.zeros(2 * n),
-                     np.zeros(memory))
+    scalars = dict.fromkeys(PathState._fields[:SCALARS], 0.0)
+    scalars |= {'sent_at': now, 'last_now': now, 'last_heard': now, 'last_stamp': NEVER,
+                'request': NO_REQUEST, 'dropped_by': float(NOT_DROPPED),
+                'check_stamp': NEVER, 'frozen_at': NEVER, 'limit_stamp': NEVER,
+                'stop_began': NEVER}
+    return PathState(**scalars, tau=zeros, clamped=zeros, rate_limited=zeros, last=zeros,
+                     difference=zeros, pose=zeros, accepted=np.zeros(2 * n),
+                     stop=np.zeros(2 * n), arbitration=np.array(arbitration),
+                     memory=np.zeros(memory))
 
 
 # Flags.
@@ -280,7 +312,7 @@ def at_time(path: PathState, now: Scalar, settings: CycleSettings) -> PathState:
     has_jumped = select(path.jumps < settings.jumps, 1.0, backward)
     path = branch(has_jumped, jumped, path)
     return path._replace(last_now=now, jumps=settings.jumps, publish=0.0,
-                         reason=float(ACCEPTED))
+                         reason=float(ACCEPTED), request=NO_REQUEST, retries=0.0)
 
 
 def dropped(path: PathState, reason: int) -> PathState:
@@ -310,7 +342,7 @@ def with_zeros(path: PathState, now: Scalar) -> PathState:
     zeros = 0.0 * path.tau
     return restarted(path)._replace(tau=zeros, last=zeros, clamped=zeros,
                                     rate_limited=zeros, limit_known=0.0, commanding=0.0,
-                                    publish=1.0, sent_at=now)
+                                    publish=1.0, sent_at=now, request=STOPPED)
 
 
 def elapse(path: PathState, event: Event, settings: CycleSettings) -> PathState:
@@ -319,10 +351,69 @@ def elapse(path: PathState, event: Event, settings: CycleSettings) -> PathState:
     path = at_time(path, now, settings)
     late = flag(settings.timeout < now - path.last_heard) * (1.0 - path.timed_out)
     late = select(path.silences < settings.silences, 1.0, late)
-    path = path._replace(silences=settings.silences)
-    silent = forgotten(dropped(path, BY_TIMEOUT))._replace(timed_out=1.0)
+    # torque_guard may hold the arm by now; after its answer, the next look decides.
+    decided = before_zeros(Arbitration(*path.arbitration), event.steady)
+    path = branch(late * path.commanding, _decided(path, decided), path)
+    late = late * either(path.commanding, decided.permitted, 1.0)
+    silent = forgotten(dropped(path, BY_TIMEOUT))._replace(
+        timed_out=1.0, silences=settings.silences)
     silent = branch(path.commanding, with_zeros(silent, now), silent)
     return branch(late, silent, path)
+
+
+# Who commands.
+
+def permit(path: PathState, event: Event, state: Vector) -> PathState:
+    """
+    Decide whether the node may command at a state that was judged.
+
+    An accepted state waits for the answer of torque_guard, if the node has to ask.
+    """
+    decided = before_command(Arbitration(*path.arbitration), event.steady)
+    asked = _decided(path, decided)
+    accepted = flag(path.reason < 0.5)
+    waits = accepted * (1.0 - decided.permitted)
+    asked = branch(waits, _waiting(asked, event, state), asked)
+    # Only refused states of an arm that is commanded lead to a command.
+    refused = flag(path.reason > NOT_FINITE - 0.5) * path.commanding
+    return branch(either(accepted, 1.0, refused), asked, path)
+
+
+def confirm(path: PathState, event: Event, state: Vector) -> PathState:
+    """Let a state wait whose command was computed so late that it must be asked again."""
+    decided = after_computing(Arbitration(*path.arbitration), event.steady)
+    asked = _decided(path, decided)
+    return branch(decided.permitted, asked, _waiting(asked, event, state))
+
+
+def hear(path: PathState, event: Event, numbers: Vector, settings: CycleSettings) -> PathState:
+    """Note a message of torque_guard; go on from its torques if it handed them over."""
+    path = at_time(path, event.now, settings)
+    known = heard(Arbitration(*path.arbitration), numbers, event.steady)
+    noted = _decided(path, known)._replace(retries=known.retries)
+    acting = noted._replace(last_heard=event.now, commanding=1.0, tau=numbers[FIELDS:])
+    stamped = flag(path.last_stamp > NEVER)
+    continued = resumed(acting, stamped, path.last_stamp)
+    # As after a pause of the states, a motion ends with a silence that was too long.
+    silent = flag(settings.timeout < event.steady - path.commanded_at)
+    silent = silent * flag(path.commanded_at > 0.0)
+    continued = branch(silent, dropped(continued, BY_GUARD), continued)
+    noted = branch(known.answered * known.resumes, continued, noted)
+    return branch(finite(numbers), noted, path)
+
+
+def _decided(path: PathState, decided: Arbitration) -> PathState:
+    """Return the path after a decision, with the request that it sends."""
+    request = either(decided.sends, decided.number, NO_REQUEST)
+    return path._replace(arbitration=np.array(decided), request=request)
+
+
+def _waiting(path: PathState, event: Event, state: Vector) -> PathState:
+    """Return the path whose accepted state waits for torque_guard."""
+    stamp = select(event.now < event.stamp, event.now, event.stamp)
+    return _kept(path, stamp, state)._replace(reason=float(WAITING), last_stamp=stamp,
+                                              refusing=0.0, fault=0.0,
+                                              stop_began=NEVER)
 
 
 # A state.
@@ -411,8 +502,9 @@ def _between(low: Scalar, x: Scalar, high: Scalar) -> Scalar:
 
 # The command.
 
-def answer(law: TracedLaw, path: PathState, event: Event, state: Vector, row: Vector,
-           settings: CycleSettings, parameters: Vector, limits: Vector) -> PathState:
+def answer(robot: Robot, law: TracedLaw, path: PathState, event: Event, state: Vector,
+           row: Vector, settings: CycleSettings, parameters: Vector, limits: Vector
+           ) -> PathState:
     """
     Command the torque of a law at an accepted state.
 
@@ -425,7 +517,8 @@ def answer(law: TracedLaw, path: PathState, event: Event, state: Vector, row: Ve
     desired = _desired(path, event, row, settings, q, law.holds)
     torque, memory = law.torque(LawInput(
         q, u, stamp, desired, 1.0 - path.law_known, path.memory[:law.memory],
-        settings.law[:law.settings], parameters, limits))
+        settings.law[:law.settings], parameters, limits,
+        _external(robot, q, event.now, settings)))
     is_finite = finite(torque)
     blended, path_then = _blended(path, stamp, torque, settings)
     clamped, tau = _limited(path_then, stamp, blended, settings)
@@ -433,7 +526,7 @@ def answer(law: TracedLaw, path: PathState, event: Event, state: Vector, row: Ve
     commanded = _kept(path_then, stamp_kept, state)._replace(
         reason=float(ACCEPTED), publish=1.0, sent_at=stamp, last_stamp=stamp_kept,
         refusing=0.0, fault=0.0, stop_began=NEVER, timed_out=0.0, commanding=1.0,
-        limit_known=1.0,
+        commanded_at=event.steady, limit_known=1.0,
         limit_stamp=stamp, tau=tau, last=tau, clamped=_differ(clamped, blended),
         rate_limited=_differ(tau, clamped), law_known=1.0,
         memory=np.concatenate([memory, path.memory[law.memory:]]))
@@ -441,6 +534,25 @@ def answer(law: TracedLaw, path: PathState, event: Event, state: Vector, row: Ve
         # The first state without a motion is the pose that is held next.
         commanded = commanded._replace(holding=1.0 - desired.moving, pose=desired.q)
     return branch(is_finite, commanded, path._replace(reason=float(NO_TORQUE)))
+
+
+def _external(robot: Robot, q: Vector, now: Scalar, settings: CycleSettings
+              ) -> Vector | None:
+    """Return the torques of the measured wrenches that are in time; None without frames."""
+    frames = robot.equations.wrench_frames
+    if not len(settings.wrenches):
+        return None
+    in_world = []
+    for frame, row in zip(frames, settings.wrenches.reshape(-1, WRENCH)):
+        age = now - row[0]
+        acts = flag(age < settings.wrench_timeout + 1.0)
+        # Before a jump of the clock the stamps were of another time.
+        acts = acts * flag(-age < settings.wrench_timeout + 1.0)
+        R = robot.equations.frame_pose(frame, q)[:3, :3]
+        wrench = np.concatenate([R @ row[1:4], R @ row[4:]])
+        in_world.append(either(acts, wrench, 0.0 * wrench))
+    external: Vector = robot.equations.external_force(q, np.array(in_world))
+    return external
 
 
 def _with_new_settings(path: PathState, settings: CycleSettings) -> PathState:
@@ -533,7 +645,8 @@ def refuse(robot: Robot, terms: Terms, path: PathState, event: Event, settings: 
                   _held(robot, terms, repeated, settings, parameters), repeated)
     after_grace = branch(settings.holds, held, with_zeros(path_then, now))
     commanded = branch(path_then.fault, after_grace, repeated)
-    path_then = branch(path_then.commanding, commanded, path_then)
+    permitted = Arbitration(*path.arbitration).permitted
+    path_then = branch(path_then.commanding * permitted, commanded, path_then)
     return branch(flag(reason > NOT_FINITE - 0.5), path_then, path)
 
 

@@ -16,10 +16,12 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.torque_path import cycle_rules
-from kane_dynamics.ros.torque_path.cdr import (float64_multi_array,
-                                               joint_state_of_efforts, STAMP_AT)
+from kane_dynamics.ros.torque_path.cdr import (float64_multi_array, joint_command,
+                                               joint_state_of_efforts, PreparedMessage,
+                                               STAMP_AT)
 from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, Event, EVENT_SIZE,
                                                        PathState)
+from kane_dynamics.ros.torque_path.guard_messages import FIELDS
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateLayout
 from kane_dynamics.ros.torque_path.rcl_functions import message_of, RclLoop
 from kane_dynamics.task_space.law_kernel import identifier
@@ -41,6 +43,9 @@ class Rules(NamedTuple):
     answers: dict[Mode, Kernel]
     refuse: Kernel
     elapse: Kernel
+    permit: Kernel
+    confirm: Kernel
+    hear: Kernel
 
 
 class LawSizes(NamedTuple):
@@ -61,26 +66,27 @@ def compiled_rules(robot: Robot, terms: Terms, laws: Mapping[Mode, TracedLaw]) -
     """Compile the rules of a cycle for a robot in joint rates, with its laws by mode."""
     n = robot.n
     sizes = sizes_of(laws)
+    frames = len(robot.equations.wrench_frames)
     # Names distinguish kernels, so that terms, sizes and variants are part of them.
     weights = ''.join(str(int(weight)) for weight in terms.weights)
     label = f'{weights}_{sizes.memory}_{sizes.settings}'
     event_shape = (EVENT_SIZE,)
     state_shape = (2 * n,)
     path_shape = (cycle_rules.path_size(n, sizes.memory),)
-    settings_shape = (cycle_rules.settings_size(n, sizes.settings),)
+    settings_shape = (cycle_rules.settings_size(n, sizes.settings, frames),)
     row_shape = (6, 3 * n)
 
     def judge(path: Any, event: Any, state: Any, settings: Any) -> Any:
         return cycle_rules.packed(cycle_rules.judge(
             cycle_rules.unpacked_path(path, n), Event(*event), state,
-            cycle_rules.unpacked_settings(settings, n)))
+            cycle_rules.unpacked_settings(settings, n, frames)))
 
     def answer_of(mode: Mode) -> Kernel:
         def answer(path: Any, event: Any, state: Any, row: Any, settings: Any,
                    parameters: Any, limits: Any) -> Any:
             return cycle_rules.packed(cycle_rules.answer(
-                laws[mode], cycle_rules.unpacked_path(path, n), Event(*event), state, row,
-                cycle_rules.unpacked_settings(settings, n), parameters, limits))
+                robot, laws[mode], cycle_rules.unpacked_path(path, n), Event(*event), state, row,
+                cycle_rules.unpacked_settings(settings, n, frames), parameters, limits))
         # A law of another frame or other axes must not be found in the cache.
         name = identifier(f'answer_{mode}_{label}', *laws[mode].variant)
         return robot.compiled(answer, name=name, path=path_shape, event=event_shape,
@@ -90,12 +96,25 @@ def compiled_rules(robot: Robot, terms: Terms, laws: Mapping[Mode, TracedLaw]) -
     def refuse(path: Any, event: Any, settings: Any, parameters: Any) -> Any:
         return cycle_rules.packed(cycle_rules.refuse(
             robot, terms, cycle_rules.unpacked_path(path, n), Event(*event),
-            cycle_rules.unpacked_settings(settings, n), parameters))
+            cycle_rules.unpacked_settings(settings, n, frames), parameters))
 
     def elapse(path: Any, event: Any, settings: Any) -> Any:
         return cycle_rules.packed(cycle_rules.elapse(
             cycle_rules.unpacked_path(path, n), Event(*event),
-            cycle_rules.unpacked_settings(settings, n)))
+            cycle_rules.unpacked_settings(settings, n, frames)))
+
+    def permit(path: Any, event: Any, state: Any) -> Any:
+        return cycle_rules.packed(cycle_rules.permit(
+            cycle_rules.unpacked_path(path, n), Event(*event), state))
+
+    def confirm(path: Any, event: Any, state: Any) -> Any:
+        return cycle_rules.packed(cycle_rules.confirm(
+            cycle_rules.unpacked_path(path, n), Event(*event), state))
+
+    def hear(path: Any, event: Any, numbers: Any, settings: Any) -> Any:
+        return cycle_rules.packed(cycle_rules.hear(
+            cycle_rules.unpacked_path(path, n), Event(*event), numbers,
+            cycle_rules.unpacked_settings(settings, n, frames)))
     return Rules(
         robot.compiled(judge, name=f'judge_{label}', path=path_shape, event=event_shape,
                        state=state_shape, settings=settings_shape, shape=path_shape),
@@ -103,7 +122,13 @@ def compiled_rules(robot: Robot, terms: Terms, laws: Mapping[Mode, TracedLaw]) -
         robot.compiled(refuse, name=f'refuse_{label}', path=path_shape, event=event_shape,
                        settings=settings_shape, shape=path_shape),
         robot.compiled(elapse, name=f'elapse_{label}', path=path_shape, event=event_shape,
-                       settings=settings_shape, shape=path_shape))
+                       settings=settings_shape, shape=path_shape),
+        robot.compiled(permit, name=f'permit_{label}', path=path_shape, event=event_shape,
+                       state=state_shape, shape=path_shape),
+        robot.compiled(confirm, name=f'confirm_{label}', path=path_shape,
+                       event=event_shape, state=state_shape, shape=path_shape),
+        robot.compiled(hear, name=f'hear_{label}', path=path_shape, event=event_shape,
+                       numbers=(FIELDS + n,), settings=settings_shape, shape=path_shape))
 
 
 class CyclePlan:
@@ -124,13 +149,16 @@ class CyclePlan:
         Longest time between two looks at the clock, ns.
     replay : (int, bytes)
         Number and bytes of a message to answer as if it was received.
+    longest : int or None
+        Longest computation of a command, ns, after which torque_guard is asked again;
+        None: there is no torque_guard.
 
     """
 
     def __init__(self, loop: 'NativeLoop', mode: Mode, settings: CycleSettings,
                  parameters: Array, layouts: Sequence[JointStateLayout],
                  motions: Sequence[tuple[Motion, int] | None], period: int,
-                 replay: tuple[int, bytes]) -> None:
+                 replay: tuple[int, bytes], longest: int | None = None) -> None:
         rules = loop.rules
         self._kept: list[Any] = [rules]
         numbers = cycle_rules.packed(settings)
@@ -152,11 +180,16 @@ class CyclePlan:
                      'ANSWER': (rules.answers[mode], [path, event, state, at_rest, numbers]),
                      'REFUSE': (rules.refuse, [path, event, numbers]),
                      'ELAPSE': (rules.elapse, [path, event, numbers])}
+        if longest is not None:
+            words['LONGEST'] = longest
+            arguments |= {'PERMIT': (rules.permit, [path, event, state]),
+                          'CONFIRM': (rules.confirm, [path, event, state]),
+                          'HEAR': (rules.hear, [path, event, loop.heard, numbers])}
         for name, (kernel, arrays) in arguments.items():
             addresses = [self._at(array) for array in (*arrays, block, loop.result)]
             words[name] = kernel.address
             words[f'{name}_TABLE'] = self._words(addresses)
-        self.address = self._words([words[name] for name in message_loop.PLAN])
+        self.address = self._words([words.get(name, 0) for name in message_loop.PLAN])
 
     def _words(self, numbers: Sequence[Any]) -> int:
         """Keep numbers as words of 64 bits and return their address."""
@@ -195,7 +228,7 @@ class Report(NamedTuple):
     Attributes
     ----------
     kind : int
-        `ANSWERED`, `UNKNOWN` or `ELAPSED` of `message_loop`.
+        `ANSWERED`, `UNKNOWN`, `ELAPSED` or `HEARD` of `message_loop`.
     lost : int
         Reports that found the ring full, so far.
     begin, end : int
@@ -247,12 +280,17 @@ class NativeLoop:
         self.result = np.zeros(path_size)
         self.event = np.zeros(message_loop.EVENT_LENGTH)
         self.state = np.zeros(2 * n)
+        self.heard = np.zeros(FIELDS + n)  # the last message of torque_guard
         self._info = np.zeros(INFO_SIZE, dtype=np.uint8)
+        self._kept = np.zeros(LARGEST, dtype=np.uint8)  # a state that waits
         head = 8 * (len(message_loop.SLOT) + message_loop.EVENT_LENGTH + len(self.path))
         self._ring = np.zeros((SLOTS, head + LARGEST), dtype=np.uint8)
         self.command = float64_multi_array(n)
         self.torques = joint_state_of_efforts(robot.joint_names)
-        self._messages = [message_of(self.command.bytes), message_of(self.torques.bytes)]
+        self.stamped = joint_command(robot.joint_names, 'effort')
+        self.request = float64_multi_array(1)
+        from_guard = float64_multi_array(FIELDS + n)
+        self._used: list[Any] = []  # memory of words that are addresses
         self._plans: list[CyclePlan] = []
         self._end: Callable[[], object] = bool
         self._wake: Callable[[], None] = lambda: None
@@ -264,20 +302,53 @@ class NativeLoop:
                   RESULT=self.result.ctypes.data, PATH_SIZE=len(self.path),
                   EVENT=self.event.ctypes.data, STATE=self.state.ctypes.data,
                   STATE_COUNT=2 * n, TAU=cycle_rules.SCALARS, TAU_COUNT=n,
-                  FIRST_NUMBERS=self.command.numbers.ctypes.data,
-                  SECOND_NUMBERS=self.torques.numbers.ctypes.data,
-                  SECOND_STAMP=self.torques.bytes.ctypes.data + STAMP_AT,
-                  FIRST_MESSAGE=ctypes.addressof(self._messages[0]),
-                  SECOND_MESSAGE=ctypes.addressof(self._messages[1]), LARGEST=LARGEST,
+                  LARGEST=LARGEST, KEPT=self._kept.ctypes.data,
+                  GUARD_LENGTH=from_guard.bytes.size,
+                  GUARD_AT=from_guard.bytes.size - from_guard.numbers.nbytes,
+                  GUARD_NUMBERS=self.heard.ctypes.data, GUARD_BYTES=self.heard.nbytes,
+                  REQUEST_MESSAGE=self._message(self.request),
+                  REQUEST_NUMBER=self.request.numbers.ctypes.data,
                   PUBLISH=self._code.address('publish_nothing'))
+        self.publish_to(0, 0)
 
-    def connect(self, rcl: RclLoop, commands: int, torques: int) -> None:
-        """Use a subscription and publishers, by the addresses of their handles."""
+    def _message(self, message: PreparedMessage) -> int:
+        """Return the address of the structure of a message, which is kept."""
+        structure = message_of(message.bytes)
+        self._used.append(structure)
+        return ctypes.addressof(structure)
+
+    def publish_to(self, commands: int, torques: int, stamped: int | None = None) -> None:
+        """Publish the torques by these publishers, by the addresses of their handles."""
+        outputs = [(commands, self.command, 0)]
+        if stamped is not None:
+            outputs.append((stamped, self.stamped, STAMP_AT))
+        outputs.append((torques, self.torques, STAMP_AT))
+        rows = []
+        for publisher, message, stamp_at in outputs:
+            stamp = message.bytes.ctypes.data + stamp_at if stamp_at else 0
+            rows.append([publisher, self._message(message), message.numbers.ctypes.data,
+                         stamp])
+        table = np.array(rows, dtype=np.int64)
+        self._used.append(table)
+        self._set(OUTPUTS=table.ctypes.data, OUTPUT_COUNT=len(rows))
+
+    def connect(self, rcl: RclLoop, guard_input: int | None = None,
+                clock_input: int | None = None) -> None:
+        """
+        Use the first subscription of `rcl` for states, and publish by rcl.
+
+        `guard_input` and `clock_input` are the places of those of torque_guard and of
+        /clock.
+        """
         self._wake = rcl.wake
         self.use_clock(rcl.address('rcl_clock_get_now'), rcl.clock)
-        self.use_publisher(rcl.address('rcl_publish_serialized_message'), commands, torques)
-        self._set(WAIT_SET=ctypes.addressof(rcl.wait_set), SUBSCRIPTION=rcl.subscription,
-                  GUARD=rcl.guard, TAKEN=ctypes.addressof(rcl.taken),
+        self._set(PUBLISH=rcl.address('rcl_publish_serialized_message'))
+        for name, place in (('GUARD_INPUT', guard_input), ('CLOCK_INPUT', clock_input)):
+            if place is not None:
+                self._set(**{name: self._input(rcl, place)})
+        self._set(WAIT_SET=ctypes.addressof(rcl.wait_set),
+                  SUBSCRIPTION=rcl.subscriptions[0],
+                  GUARD=rcl.guard, TAKEN=ctypes.addressof(rcl.taken[0]),
                   CLEAR=rcl.address('rcl_wait_set_clear'),
                   ADD_SUBSCRIPTION=rcl.address('rcl_wait_set_add_subscription'),
                   ADD_GUARD=rcl.address('rcl_wait_set_add_guard_condition'),
@@ -288,9 +359,25 @@ class NativeLoop:
         """Use the clock of a handle, as `rcl_clock_get_now` reads it."""
         self._set(CLOCK=function, CLOCK_HANDLE=handle)
 
-    def use_publisher(self, function: int, commands: int, torques: int) -> None:
+    def use_publisher(self, function: int) -> None:
         """Publish by a function like `rcl_publish_serialized_message`."""
-        self._set(PUBLISH=function, FIRST_PUBLISHER=commands, SECOND_PUBLISHER=torques)
+        self._set(PUBLISH=function)
+
+    def ask_by(self, publisher: int) -> None:
+        """Publish requests to torque_guard, by the address of a publisher's handle."""
+        self._set(REQUEST_TO=publisher)
+
+    def simulate_time(self, is_simulated: bool) -> None:
+        """Use the time of the messages of /clock, or that of the clock."""
+        self._publish_word('SIMULATED', int(is_simulated))
+
+    def _input(self, rcl: RclLoop, place: int) -> int:
+        """Return the address of the words of a subscription beside that of the states."""
+        info = np.zeros(INFO_SIZE, dtype=np.uint8)
+        words = np.array([rcl.subscriptions[place], ctypes.addressof(rcl.taken[place]),
+                          info.ctypes.data], dtype=np.int64)
+        self._used += [info, words]
+        return int(words.ctypes.data)
 
     def _set(self, **words: int | None) -> None:
         """Set words of the block."""
@@ -313,7 +400,7 @@ class NativeLoop:
         self.event[:] = 0.0
         self._plans = []
         self._set(EPOCH=epoch, STOP=0, ENDED=0, HEAD=0, TAIL=0, LOST=0, REPLAYED=0,
-                  PLAN=0, IN_USE=0)
+                  PLAN=0, IN_USE=0, KEPT_LENGTH=0, SIMULATED_TIME=epoch)
 
     def use(self, plan: CyclePlan) -> None:
         """Use a plan from the next cycle on; free those that no cycle uses any more."""
@@ -403,6 +490,12 @@ class NativeLoop:
     def answer(self, message: bytes) -> None:
         """Run one cycle in the calling thread, with the latest plan, for tests."""
         run = self._code.function('cycle', ctypes.PYFUNCTYPE(
+            None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int64))
+        run(self.block.ctypes.data, self._plans[-1].address, message, len(message))
+
+    def hear(self, message: bytes) -> None:
+        """Hear torque_guard in the calling thread, for tests."""
+        run = self._code.function('hear', ctypes.PYFUNCTYPE(
             None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int64))
         run(self.block.ctypes.data, self._plans[-1].address, message, len(message))
 

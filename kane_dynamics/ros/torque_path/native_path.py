@@ -6,29 +6,31 @@ never waits for Python. This module passes it parameters, loads and motions as p
 reads its reports: statistics, warnings and observers run here and may lag.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import threading
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.torque_limiter import Command
 from kane_dynamics.control.traced_laws import controller_laws, MODES
 from kane_dynamics.motion.motion import State
-from kane_dynamics.native.runtime.message_loop import (ELAPSED, MOMENT, MOVING, NOW,
-                                                       STAMP, UNKNOWN)
+from kane_dynamics.native.runtime.message_loop import (ELAPSED, HEARD, MOMENT, MOVING,
+                                                       NOW, STAMP, UNKNOWN)
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.lost_messages import LostMessages
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
+from kane_dynamics.ros.torque_path.arbitration import Arbitration, UNGUARDED
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
-from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, BY_CLOCK, BY_TIMEOUT,
-                                                       CycleSettings, FIRST,
+from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, BY_CLOCK, BY_GUARD,
+                                                       BY_TIMEOUT, CycleSettings, FIRST,
                                                        initial_path, JUMP,
+                                                       NEVER,
                                                        NO_CLOCK as NO_CLOCK_RULE,
                                                        NO_TORQUE as NO_TORQUE_RULE,
                                                        NOT_FINITE as FIRST_REFUSED,
                                                        OUT_OF_ORDER,
-                                                       PathState)
+                                                       PathState, WAITING, WRENCH)
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN,
                                                               JointStateLayout,
@@ -52,8 +54,7 @@ TOO_LARGE = (f'empty or more than {LARGEST} bytes; expected at most as many, or 
 LEARNED = 'layout learned after newer states'
 
 
-def python_reason(values: Mapping[str, Any], controller: Controller,
-                  simulated_time: bool = False) -> str:
+def python_reason(values: Mapping[str, Any], controller: Controller) -> str:
     """
     Return why a configuration needs the interpreter's torque path; empty if it does not.
 
@@ -63,9 +64,6 @@ def python_reason(values: Mapping[str, Any], controller: Controller,
         The node's parameters.
     controller : Controller
         Of the torque path.
-    simulated_time : bool
-        Whether the interpreter, which hears /clock, sets the node's clock. A thread
-        that does not wait for it would see late or no time-outs.
 
     """
     robot = controller.robot
@@ -81,15 +79,43 @@ def python_reason(values: Mapping[str, Any], controller: Controller,
         return 'joints without actuators'
     if equations.carries_loads and not every_term:
         return 'friction that depends on loads, with arm_compensates'
-    if simulated_time:
-        return 'use_sim_time'
-    for name in ('guard.enabled', 'wrench.frames', 'stamped_commands'):
-        if values[name]:
-            return name
     for mode in (values['mode'], *values['modes']):
         if mode not in (*MODES, *NATIVE_MODES):
             return f'mode {mode}'
     return ''
+
+
+class Inputs(NamedTuple):
+    """
+    The subscriptions of the thread.
+
+    Attributes
+    ----------
+    states : Subscription
+        Of joint states.
+    guard : Subscription or None
+        Of ~/guard_state.
+    clock : Subscription or None
+        Of /clock, if time is simulated.
+
+    """
+
+    states: Any
+    guard: Any = None
+    clock: Any = None
+
+
+class GuardSide(Protocol):
+    """The side of torque_guard in the dynamics node, which the path reports to."""
+
+    def beginning(self) -> Arbitration:
+        """Return the state of a node that starts, and asks before its first command."""
+
+    def report_silence(self) -> None:
+        """Log that the guard does not answer."""
+
+    def report_return(self, silent: float, dropped: bool) -> None:
+        """Log that the guard held the arm, after a silence of this node, s."""
 
 
 class NativeTorquePath(TorquePath):
@@ -123,6 +149,8 @@ class NativeTorquePath(TorquePath):
         laws |= {mode: law.traced() for mode, law in self._laws.items()}
         self._loop = NativeLoop(controller.robot, controller.compensate, laws)
         self._rcl: RclLoop | None = None
+        self._guard: GuardSide | None = None
+        self._time_source: Any = None  # the node's clock, if the thread hears /clock
         self._last = self._initial()  # as reported
         self._epoch = 0
         self._mode = controller.mode
@@ -142,12 +170,23 @@ class NativeTorquePath(TorquePath):
         assert self._loop is not None
         return self._loop
 
-    def connect(self, node: Any, subscription: Any, guard: Any, commands: Any,
-                torques: Any, lost_states: LostMessages) -> None:
+    def connect(self, node: Any, inputs: 'Inputs', wake: Any,
+                publishers: Sequence[Any], lost_states: LostMessages) -> None:
         """
-        Use the clock of a node, a subscription, a guard condition and publishers.
+        Use the clock of a node, subscriptions, a guard condition and publishers.
 
-        `lost_states` counts lost messages by the publisher's numbers.
+        Parameters
+        ----------
+        node : Node
+            Its clock and its context are used.
+        inputs : Inputs
+            Subscriptions that no executor reads.
+        wake : GuardCondition
+            Wakes the thread.
+        publishers : sequence of Publisher
+            Of commands, torques and, if there are any, stamped commands.
+        lost_states : LostMessages
+            Counts lost messages by the publisher's numbers.
 
         Raises
         ------
@@ -155,10 +194,32 @@ class NativeTorquePath(TorquePath):
             This rclpy or rcl is another one than expected.
 
         """
-        rcl = RclLoop(node.context, node.get_clock(), subscription, guard)
-        self.native.connect(rcl, handle_address(commands), handle_address(torques))
+        subscriptions = [inputs.states]
+        places: list[int | None] = []
+        for subscription in (inputs.guard, inputs.clock):
+            places.append(None if subscription is None else len(subscriptions))
+            if subscription is not None:
+                subscriptions.append(subscription)
+        rcl = RclLoop(node.context, node.get_clock(), subscriptions, wake)
+        loop = self.native
+        loop.connect(rcl, *places)
+        loop.publish_to(*[handle_address(publisher) for publisher in publishers])
         self._rcl = rcl
         self._lost_states = lost_states
+        if inputs.clock is not None:
+            self._time_source = node.get_clock()
+
+    def use_guard(self, guard: 'GuardSide', requests: int) -> None:
+        """Let the thread ask torque_guard, by a publisher with a handle at an address."""
+        self._guard = guard
+        self.native.ask_by(requests)
+
+    @property
+    def arbitration(self) -> Arbitration | None:
+        """Return what the thread knew of the guard at its last report."""
+        if self._guard is None:
+            return None
+        return Arbitration(*self._last.arbitration.tolist())
 
     def close(self) -> None:
         """Free what rcl allocated."""
@@ -210,8 +271,11 @@ class NativeTorquePath(TorquePath):
                 scheduled = motion, start - self._epoch
             motions.append(scheduled)
         period = max(round(LONGEST_WAIT * self._timeout), NANO // 1000)
+        longest = None
+        if self._guard is not None:
+            longest = round(self._begun.shortest)
         return CyclePlan(loop, controller.mode, self._settings(), parameters.block,
-                         layouts, motions, period, self._replay)
+                         layouts, motions, period, self._replay, longest)
 
     def _numbers(self) -> Array:
         """Return the settings of the law of the mode."""
@@ -238,19 +302,41 @@ class NativeTorquePath(TorquePath):
             self._stop_time * NANO, float(check.turns), float(check.compares),
             controller.blend_time * NANO,
             float(self._changes[0]), float(self._changes[1]), float(self._asked[0]),
-            float(self._asked[1]), float(self._last.drops),
+            float(self._asked[1]), float(self._last.drops), self._wrench_timeout,
             check.bounds.ravel(), check.turning.astype(np.float64),
             controller.effort_limit, np.where(is_limited, rate, 0.0),
-            np.where(is_limited, 0.0, np.inf), law)
+            np.where(is_limited, 0.0, np.inf), self._measured_wrenches(), law)
+
+    @property
+    def _wrench_timeout(self) -> float:
+        """Return the age after which a measured wrench counts no more, ns."""
+        return 0.0 if self.wrenches is None else float(self.wrenches.timeout)
+
+    def _measured_wrenches(self) -> Array:
+        """Return the latest wrench of each frame, as the rules use it."""
+        frames = len(self.controller.robot.equations.wrench_frames)
+        rows = np.zeros((frames, WRENCH))
+        rows[:, 0] = NEVER
+        if self.wrenches is not None:
+            for row, (stamp, wrench) in self.wrenches.latest.items():
+                rows[row] = [stamp - self._epoch, *wrench]
+        return rows.ravel()
 
     def _initial(self) -> PathState:
         """Return the state of the path at its start."""
         loop = self.native
-        return initial_path(loop.n, 0.0, loop.sizes.memory)
+        self._begun = UNGUARDED if self._guard is None else self._guard.beginning()
+        return initial_path(loop.n, 0.0, loop.sizes.memory, self._begun)
 
     def law_changed(self) -> None:
         """Use what the law of the mode was asked for from the next cycle on."""
         self._replan()
+
+    @property
+    def _hears_time(self) -> bool:
+        """Return whether the time of the thread is that of /clock."""
+        source = self._time_source
+        return source is not None and bool(source.ros_time_is_active)
 
     # The life of the thread.
 
@@ -268,6 +354,7 @@ class NativeTorquePath(TorquePath):
         self._unsent = loop.unsent
         self._applied_loads = None
         loop.begin(self._epoch, self._last)
+        loop.simulate_time(self._hears_time)
         self._replan()
         if self._rcl is None:
             return
@@ -292,8 +379,16 @@ class NativeTorquePath(TorquePath):
 
     def on_clock_jump(self) -> None:
         """Let the thread drop motions and stamps of the time before the jump."""
+        if self._hears_time:
+            return  # the thread sees it
         self._asked[0] += 1
         self._replan()
+
+    def on_clock_replaced(self) -> None:
+        """Use another clock, whose stamps have nothing in common with those before."""
+        self.native.simulate_time(self._hears_time)
+        self._asked[0] += 1
+        self.time_out('clock replaced')
 
     def _end(self, reason: str) -> None:
         """Command zeros and report a fault, because the thread has ended by itself."""
@@ -345,23 +440,39 @@ class NativeTorquePath(TorquePath):
         """Read one report."""
         if report.lost > self.unobserved:
             self._lost_states.skip()
-        if report.kind != ELAPSED:
+        is_of_state = report.kind not in (ELAPSED, HEARD)
+        if is_of_state:
             self._lost_states.note_number(report.sequence)
         if report.kind == UNKNOWN:
             self._learn(report)
             return
-        if report.kind != ELAPSED:
-            self._reader.read(report.message, self.need_velocity)
         now = round(float(report.event[NOW])) + self._epoch
-        self._note_drop(report, now)
+        dropped = self._note_drop(report, now)
+        if self._guard is not None:
+            self._note_guard(self._guard, report.path, dropped)
+        if is_of_state:
+            self._reader.read(report.message, self.need_velocity)
+            self._note_state(report, now)
+        self._mirror(report.path)
+
+    def _note_state(self, report: Report, now: int) -> None:
+        """Count and observe what followed a state."""
         reason = int(report.path.reason)
-        if report.kind == ELAPSED:
-            pass
-        elif reason == ACCEPTED:
+        if reason == ACCEPTED:
             self._note_command(report, now)
+        elif reason == WAITING:
+            self._last_good = round(float(report.path.last_stamp)) + self._epoch
         elif reason != FIRST:
             self._note_dropped_state(report, reason, now)
-        self._mirror(report.path)
+
+    def _note_guard(self, guard: 'GuardSide', path: PathState, dropped: bool) -> None:
+        """Say what happened between the thread and torque_guard."""
+        known = Arbitration(*path.arbitration.tolist())
+        before = Arbitration(*self._last.arbitration.tolist())
+        if known.returns > before.returns:
+            guard.report_return(known.silent / NANO, dropped)
+        if known.unanswered > before.unanswered:
+            guard.report_silence()
 
     def _mirror(self, path: PathState) -> None:
         """Copy the state of the thread."""
@@ -394,8 +505,11 @@ class NativeTorquePath(TorquePath):
         if law is not None and path.restarts == self._changes[0]:
             law.mirror(path.memory, self._epoch)
         command = Command(path.tau, clamped, rate_limited, limited)
+        external = None
+        if self.wrenches is not None:
+            external = self.wrenches.torques(self._reader.q, now)
         cycle = Cycle(stamp, self._reader, motion, float(report.event[MOMENT]), path.tau,
-                      None, command)
+                      external, command)
         for observer in self._observers:
             try:
                 observer.on_cycle(cycle)
@@ -403,16 +517,25 @@ class NativeTorquePath(TorquePath):
                 self._report_fault('observer', f'{type(observer).__name__}: '
                                    f'{type(error).__name__}: {error}')
 
-    def _note_drop(self, report: Report, now: int) -> None:
-        """Drop the desired motion where the thread did, and say what happened."""
+    def _note_drop(self, report: Report, now: int) -> bool:
+        """
+        Drop the desired motion where the thread did, and say what happened.
+
+        Return whether there was one.
+        """
         path = report.path
         before = self._last
+        dropped = False
         if path.drops == before.drops:
-            return
+            return dropped
         self._last = before._replace(drops=path.drops)
         if path.dropped_by == BY_CLOCK:
-            self.active_motion.clear('the clock jumped backward or was replaced')
+            dropped = self.active_motion.clear('the clock jumped backward or was replaced')
+            if self.wrenches is not None:
+                self.wrenches.clear()
             self._warn('clock', 'jumped backward or replaced; desired motion dropped')
+        elif path.dropped_by == BY_GUARD:
+            dropped = self.active_motion.clear('torque_guard held the arm')
         elif path.dropped_by == BY_TIMEOUT:
             reason = f'none for {(now - self._last_heard) / NANO:.3f} s'
             if path.silences > before.silences:
@@ -422,6 +545,7 @@ class NativeTorquePath(TorquePath):
                 self.statistics.timeouts += 1
                 self._warn('no joint state', f'{reason}; commanding zeros until the next '
                            'one' + ', desired motion dropped' * dropped)
+        return dropped
 
     def _note_dropped_state(self, report: Report, code: int, now: int) -> None:
         """Count and explain a state that was not answered."""

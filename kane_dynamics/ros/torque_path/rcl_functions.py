@@ -7,6 +7,7 @@ structure of rcl cannot be asked for, so each is used once before it is relied o
 look as expected.
 """
 
+from collections.abc import Sequence
 import ctypes
 from pathlib import Path
 from typing import Any
@@ -114,19 +115,22 @@ def message_of(buffer: np.ndarray) -> SerializedMessage:
 
 class RclLoop:
     """
-    A wait set of one subscription and one guard condition, and the functions to use it.
+    A wait set of subscriptions and one guard condition, and the functions to use it.
 
     Parameters
     ----------
     context, clock : rclpy Context, Clock
-    subscription, guard : rclpy Subscription, GuardCondition
+    subscriptions : sequence of rclpy Subscription
+    guard : rclpy GuardCondition
 
     Attributes
     ----------
     wait_set : WaitSet
-    taken : SerializedMessage
-        Receives messages.
-    subscription, guard, clock : int
+    taken : list of SerializedMessage
+        Receive the messages of each subscription.
+    subscriptions : list of int
+        Addresses.
+    guard, clock : int
         Addresses.
 
     Raises
@@ -136,21 +140,19 @@ class RclLoop:
 
     """
 
-    def __init__(self, context: Any, clock: Any, subscription: Any, guard: Any) -> None:
+    def __init__(self, context: Any, clock: Any, subscriptions: Sequence[Any],
+                 guard: Any) -> None:
         self._functions = _functions(_library('librcl'), NAMES)
         utilities = _functions(_library('librcutils'), UTILITIES)
-        self.subscription = handle_address(subscription)
+        self.subscriptions = [handle_address(each) for each in subscriptions]
         self.guard = handle_address(guard)
         self.clock = handle_address(clock)
         self._allocator = self._default_allocator(utilities)
         self.wait_set = self._new_wait_set(handle_address(context))
-        self.taken = SerializedMessage()
-        code = utilities['rcutils_uint8_array_init'](
-            ctypes.byref(self.taken), SIZE(CAPACITY), ctypes.byref(self._allocator))
-        if code or self.taken.capacity != CAPACITY or not self.taken.buffer:
-            raise UnsupportedError('rcutils_uint8_array_t: another structure; expected '
-                                   'buffer, length and capacity')
         self._finish_message = utilities['rcutils_uint8_array_fini']
+        self.taken: list[SerializedMessage] = []
+        for _ in subscriptions:
+            self.taken.append(self._new_message(utilities['rcutils_uint8_array_init']))
         self._check_wait_set()
 
     def address(self, name: str) -> int:
@@ -164,7 +166,18 @@ class RclLoop:
     def close(self) -> None:
         """Free what rcl allocated; the thread must have ended."""
         self._functions['rcl_wait_set_fini'](ctypes.byref(self.wait_set))
-        self._finish_message(ctypes.byref(self.taken))
+        for message in self.taken:
+            self._finish_message(ctypes.byref(message))
+
+    def _new_message(self, initialize: Any) -> SerializedMessage:
+        """Return a message with memory; the call shows whether the structure is known."""
+        message = SerializedMessage()
+        code = initialize(ctypes.byref(message), SIZE(CAPACITY),
+                          ctypes.byref(self._allocator))
+        if code or message.capacity != CAPACITY or not message.buffer:
+            raise UnsupportedError('rcutils_uint8_array_t: another structure; expected '
+                                   'buffer, length and capacity')
+        return message
 
     @staticmethod
     def _default_allocator(utilities: dict[str, Any]) -> Allocator:
@@ -181,28 +194,33 @@ class RclLoop:
         wait_set = WaitSet()
         initialize = self._functions['rcl_wait_set_init']
         initialize.argtypes = [POINTER, *[SIZE] * 6, POINTER, Allocator]
-        code = initialize(ctypes.byref(wait_set), 1, 1, 0, 0, 0, 0, context,
+        count = len(self.subscriptions)
+        code = initialize(ctypes.byref(wait_set), count, 1, 0, 0, 0, 0, context,
                           self._allocator)
         # Arrays of subscriptions, guard conditions, timers, clients, services and
         # events, each with its length; then the implementation.
         counts = list(wait_set.words[1:12:2])
-        if code or counts != [1, 1, 0, 0, 0, 0] or not wait_set.words[12] or any(
+        expected = [count, 1, 0, 0, 0, 0]
+        if code or counts != expected or not wait_set.words[12] or any(
                 wait_set.words[13:]):
             raise UnsupportedError(f'rcl_wait_set_t: code {code}, lengths {counts}; '
-                                   'expected [1, 1, 0, 0, 0, 0]')
+                                   f'expected {expected}')
         return wait_set
 
     def _check_wait_set(self) -> None:
-        """Put both handles into the wait set and look for them there."""
+        """Put all handles into the wait set and look for them there."""
         functions = self._functions
         wait_set = ctypes.byref(self.wait_set)
         functions['rcl_wait_set_clear'](wait_set)
-        code = functions['rcl_wait_set_add_subscription'](
-            wait_set, POINTER(self.subscription), None)
+        code = 0
+        for subscription in self.subscriptions:
+            code |= functions['rcl_wait_set_add_subscription'](
+                wait_set, POINTER(subscription), None)
         code |= functions['rcl_wait_set_add_guard_condition'](
             wait_set, POINTER(self.guard), None)
         subscriptions, _, guards = self.wait_set.words[:3]
-        in_set = [int(SIZE.from_address(array).value) for array in (subscriptions, guards)]
-        if code or in_set != [self.subscription, self.guard]:
+        in_set = list((SIZE * len(self.subscriptions)).from_address(subscriptions))
+        in_set.append(int(SIZE.from_address(guards).value))
+        if code or in_set != [*self.subscriptions, self.guard]:
             raise UnsupportedError(f'rcl_wait_set_t: code {code}; expected a wait set '
                                    'with the handles of rclpy')

@@ -16,6 +16,7 @@ from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
+from kane_dynamics.ros.torque_path.arbitration import Arbitration
 from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
                                                               commanded_joints)
 from kane_dynamics.ros.torque_path.command_messages import CommandMessages
@@ -233,6 +234,11 @@ class TorquePath:
                        + ', desired motion dropped' * dropped)
 
     @property
+    def arbitration(self) -> Arbitration | None:
+        """Return what a thread that follows the rules of the arbiter knows."""
+        return None
+
+    @property
     def need_velocity(self) -> bool:
         """Return whether states without velocities are dropped."""
         return self.controller.mode is not Mode.GRAVITY_COMPENSATION
@@ -415,6 +421,11 @@ class TorquePath:
         if self.wrenches is not None:
             self.wrenches.clear()
         self._warn('clock', 'jumped backward or replaced; desired motion dropped')
+
+    def on_clock_replaced(self) -> None:
+        """Use another clock, whose stamps have nothing in common with those before."""
+        self.on_clock_jump()
+        self.time_out('clock replaced')
 
     def _drop(self, reason: str, detail: str) -> None:
         """Count a dropped state and warn."""

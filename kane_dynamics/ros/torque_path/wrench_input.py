@@ -92,6 +92,15 @@ class WrenchInput:
     reject : callable
         Called with the reason and the details of each dropped message and each timeout.
 
+    Attributes
+    ----------
+    latest : dict of int to (int, array)
+        Stamp, ns, and wrench, (6,), of frames by their row, in the axes of the frame.
+    timeout : int
+        Age after which a wrench is stale, ns.
+    changed : callable
+        Called after each change of `latest` by a message.
+
     """
 
     def __init__(self, robot: Robot, now: Callable[[], int], values: Mapping[str, Any],
@@ -100,19 +109,20 @@ class WrenchInput:
         self._robot = robot
         self._now = now
         self._reject = reject
+        self.changed: Callable[[], object] = bool
         self.world = np.zeros((len(self._frames.names), 6))  # at the latest state
         self.update(values)
         self.clear()
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next message on."""
-        self._timeout = round(values['wrench.timeout'] * NANO)
+        self.timeout = round(values['wrench.timeout'] * NANO)
         self._most = np.repeat([values['wrench.max_force'], values['wrench.max_moment']],
                                3)
 
     def clear(self) -> None:
         """Remove the wrenches of all frames, and reset the stamps."""
-        self._last: dict[int, tuple[int, Array]] = {}
+        self.latest: dict[int, tuple[int, Array]] = {}
         self._stamps = [0] * len(self._frames.names)
         self.world[:] = 0.0
 
@@ -136,12 +146,13 @@ class WrenchInput:
             self._reject(LARGE, f"at frame '{frame}': {wrench.tolist()}")
             return
         stamp = stamp or now
-        fault = time_fault(stamp, now, self._stamps[row], self._timeout, STALE)
+        fault = time_fault(stamp, now, self._stamps[row], self.timeout, STALE)
         if fault is not None:
             self._reject(fault[0], f"at frame '{frame}': {fault[1]}")
             return
         self._stamps[row] = stamp
-        self._last[row] = stamp, wrench
+        self.latest[row] = stamp, wrench
+        self.changed()
 
     def torques(self, q: Array, now: int) -> Array | None:
         """
@@ -160,17 +171,17 @@ class WrenchInput:
             The torques are not finite.
 
         """
-        if not self._last:
+        if not self.latest:
             return None
-        for row, (stamp, _) in list(self._last.items()):
-            if now - stamp > self._timeout:
-                del self._last[row]
+        for row, (stamp, _) in list(self.latest.items()):
+            if now - stamp > self.timeout:
+                del self.latest[row]
                 self._reject(TIMED_OUT,
                              f"'{self._frames.names[row]}': unloaded until the next "
                              'wrench')
         self.world[:] = self._frames.in_world(
-            q, ((row, wrench) for row, (_, wrench) in self._last.items()))
-        return self._robot.external_force(q, wrench=self.world) if self._last else None
+            q, ((row, wrench) for row, (_, wrench) in self.latest.items()))
+        return self._robot.external_force(q, wrench=self.world) if self.latest else None
 
 
 def wrench_array(message: WrenchStamped) -> Array:

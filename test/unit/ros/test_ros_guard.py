@@ -33,6 +33,7 @@ from kane_dynamics.ros.torque_path.guard_messages import (arm_digest,  # noqa: E
                                                           loads_from_numbers,
                                                           LOADS_LENGTH, loads_to_numbers)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from native_rig import guarded, native_path  # noqa: E402
 from node_values import node_values, UNCHECKED  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
@@ -134,7 +135,8 @@ def controller():
 class Pair:
     """A dynamics node and its guard on one machine, with a driver of joint states."""
 
-    def __init__(self, monkeypatch, controller, period=0.002, **changes):
+    def __init__(self, monkeypatch, controller, native, period=0.002, **changes):
+        self.native = native
         values = node_values(UNCHECKED)
         self.values = values | {'limits.rate': np.array(RATE), 'guard.lease': LEASE, **changes}
         self.machine = Machine(monkeypatch)
@@ -157,13 +159,26 @@ class Pair:
         process = self.node_process = Process(self.machine, 'node')
         self.controller.update(**controller_settings(self.values, MODEL.joint_names))
         self.controller.stop()
-        self.path = TorquePath(
+        self.path = (native_path if self.native else TorquePath)(
             self.controller, process.create_publisher(None, 'commands', None),
             process.create_publisher(None, '~/joint_torques', None),
             lambda: round(self.machine.now * NANO), self.values, Statistics(), lambda *words: None)
         self.link = self.path.arbiter = GuardLink(process, self.path, LEASE, ExitStack(), 2, 0.0)
+        if self.native:
+            guarded(self.path, self.link)
+            process.create_subscription(None, '~/guard_state', self.hear, None)
         self.path.start()
         process.create_subscription(None, 'joint_states', self.path.on_state, None)
+
+    @property
+    def number(self):
+        """Return the number of the node's last request."""
+        return (self.path.arbitration or self.link.arbitration).number
+
+    def hear(self, data):
+        """Let the native path hear the guard, as its thread does."""
+        self.path.native.hear(data)
+        self.path.read_reports()
 
     def step(self, states=True):
         """Advance by one period of the joint states, in steps of the guard's timer."""
@@ -208,10 +223,10 @@ class Pair:
         return np.abs(np.diff(taus, axis=0)).max() / (RATE * self.period)
 
 
-@pytest.fixture
-def pair(monkeypatch, controller):
-    """Return a function that starts a node with its guard."""
-    return lambda **changes: Pair(monkeypatch, controller, **changes)
+@pytest.fixture(params=[False, True], ids=['python', 'native'])
+def pair(request, monkeypatch, controller):
+    """Return a function that starts a node, of either torque path, with its guard."""
+    return lambda **changes: Pair(monkeypatch, controller, request.param, **changes)
 
 
 def test_after_a_kill_the_guard_commands_gravity_within_two_periods_of_the_lease(pair):
@@ -480,7 +495,7 @@ def test_the_digest_of_an_arm_changes_with_its_equations_but_not_with_gravity():
 def test_the_node_follows_the_first_of_two_guards(pair):
     both = pair()
     message = float64_multi_array(6)
-    message.numbers[:] = both.link._number, True, True, 2.0, 50.0, 50.0  # of a second guard
+    message.numbers[:] = both.number, True, True, 2.0, 50.0, 50.0  # of a second guard
     began = both.machine.now
     both.node_process.running = False
     both.run(0.05)

@@ -17,11 +17,11 @@ from kane_dynamics import Controller, load_urdf, Motion, Robot, Terms  # noqa: E
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.control import traced_laws  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
-from kane_dynamics.native.runtime.message_loop import NOW, STAMP  # noqa: E402
+from kane_dynamics.native.runtime.message_loop import NOW, STAMP, STEADILY  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.torque_path import cycle_rules, native_loop  # noqa: E402
 from kane_dynamics.ros.torque_path.cdr import (PreparedMessage,  # noqa: E402
-                                               write_joint_state)
+                                               wrench_stamped, write_joint_state)
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.native_path import LEARNED, python_reason  # noqa: E402
 from kane_dynamics.ros.torque_path.rcl_functions import (handle_address,  # noqa: E402
@@ -29,10 +29,13 @@ from kane_dynamics.ros.torque_path.rcl_functions import (handle_address,  # noqa
 from kane_dynamics.ros.torque_path.task_modes import (native_laws,  # noqa: E402
                                                       NATIVE_MODES, TaskModes)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from kane_dynamics.ros.torque_path.wrench_input import WrenchInput  # noqa: E402
 from native_rig import native_path  # noqa: E402
 from node_values import node_values  # noqa: E402
 
-ROBOT = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
+MODEL = load_urdf(resource_path('urdf', 'two_link.urdf'))
+ROBOT = Robot(MODEL)
+WITH_WRENCHES = Robot(MODEL, wrench_frames=tuple(body.name for body in MODEL.bodies))
 NAMES = ROBOT.joint_names
 NANO = 10**9
 EPOCH = 1000 * NANO  # small: `TorquePath` computes with stamps in s
@@ -60,15 +63,25 @@ class Side:
         self.torques = Sink()
         self.statistics = Statistics()
         self.warnings = []
-        robot = ROBOT.copy()
+        robot = (WITH_WRENCHES if values['wrench.frames'] else ROBOT).copy()
         self.modes = TaskModes(robot, values)
+        self.stamped = Sink()
         self.path = make(
             Controller(robot, mode=mode, blend_time=values['blend_time'],
                        laws=self.modes.laws, **settings),
             self.commands, self.torques, clock, values, self.statistics,
-            lambda reason, detail: self.warnings.append((reason, detail)))
-        self.target = self.modes.laws[Mode.CARTESIAN_IMPEDANCE].target
-        self.target.changed = self.path.law_changed
+            lambda reason, detail: self.warnings.append((reason, detail)),
+            stamped=self.stamped)
+        self.rejected = []
+        if values['wrench.frames']:
+            self.path.wrenches = WrenchInput(
+                robot, clock, values,
+                lambda reason, detail: self.rejected.append((reason, detail)))
+            self.path.wrenches.changed = self.path.law_changed
+        law = self.modes.laws.get(Mode.CARTESIAN_IMPEDANCE)
+        if law is not None:
+            self.target = law.target
+            self.target.changed = self.path.law_changed
         self.path.start()
 
     def outcome(self):
@@ -183,6 +196,16 @@ class Pair:
             else:
                 side.target.press(numbers, turns, self.time)
 
+    def do_wrench(self, kind):
+        """Let a sensor measure a wrench at one of the frames, with a stamp or too late."""
+        frame = self.rng.choice([body.name for body in MODEL.bodies])
+        stamp = self.time - int(self.rng.choice([0, 0, 0, 200_000_000]))
+        measured = wrench_stamped(frame)
+        measured.numbers[:] = self.rng.uniform(-9.0, 9.0, 6)
+        measured.stamp(*divmod(stamp, NANO))
+        for side in self.sides:
+            side.path.wrenches.on_message(measured.serialized())
+
     def do_mode(self, kind):
         mode = self.rng.choice(MODES)
         for side in self.sides:
@@ -207,10 +230,14 @@ class Pair:
         assert native.outcome() == ours.outcome(), kind
         if ours.commands.sent:
             for expected, sink in ((ours.commands, native.commands),
+                                   (ours.stamped, native.stamped),
                                    (ours.torques, native.torques)):
                 np.testing.assert_allclose(numbers(sink.sent[-1]), numbers(expected.sent[-1]),
                                            **NEAR)
-            assert native.torques.sent[-1][4:12] == ours.torques.sent[-1][4:12], 'stamp'
+            for expected, sink in ((ours.stamped, native.stamped),
+                                   (ours.torques, native.torques)):
+                assert sink.sent[-1][4:12] == expected.sent[-1][4:12], 'stamp'
+        assert native.rejected == ours.rejected
 
 
 @pytest.mark.parametrize('compensate', [
@@ -229,6 +256,35 @@ def test_both_paths_give_the_same_commands_and_drop_the_same_states(mode, compen
     texts = [[text for text in side.warnings if text[0] != 'no finite torque']
              for side in pair.sides]
     assert texts[1] == texts[0]
+
+
+@pytest.mark.parametrize('mode', ['computed_torque', 'inverse_dynamics',
+                                  'gravity_compensation', 'hand_guiding'])
+def test_measured_wrenches_act_on_both_paths_as_long_as_they_are_in_time(mode):
+    pair = Pair(mode, 5, {'wrench.frames': [body.name for body in MODEL.bodies],
+                          'wrench.timeout': 0.05, 'modes': []})
+    for step in range(200):
+        if step % 10 < 3:
+            pair.do_wrench('wrench')
+        pair.do_state('state')
+        if step % 50 == 49:
+            pair.do_back('back')
+        pair.compare(step)
+    assert {'timed out after wrench.timeout', 'stale (older than wrench.timeout)'} <= {
+        reason for reason, _ in pair.sides[1].rejected}
+    external = pair.sides[1].path.wrenches
+    for side in pair.sides:
+        side.path.wrenches.clear()
+        side.path.law_changed()
+    pair.do_state('state')
+    without = numbers(pair.sides[1].commands.sent[-1]).copy()
+    pair.do_wrench('wrench')
+    while not external.latest:
+        pair.do_wrench('wrench')
+    pair.do_state('state')
+    pair.compare('wrench')
+    changes = np.abs(numbers(pair.sides[1].commands.sent[-1]) - without).max() > 0.5
+    assert changes == (mode in ('computed_torque', 'inverse_dynamics'))
 
 
 @pytest.mark.parametrize(('mode', 'variants'), [
@@ -328,14 +384,15 @@ def test_the_compiled_rules_equal_the_readable_ones(mode):
         before = cycle_rules.unpacked_path(loop.path.copy(), 2)
         pair.do_state('state')
         settings = path._settings()
-        event = cycle_rules.Event(float(loop.event[NOW]), float(loop.event[STAMP]), 0.0, 0.0, 1.0)
+        event = cycle_rules.Event(float(loop.event[NOW]), float(loop.event[STAMP]), 0.0, 0.0, 1.0,
+                                  float(loop.event[STEADILY]))
         judged = cycle_rules.judge(before, event, loop.state.copy(), settings)
         after = cycle_rules.unpacked_path(loop.path.copy(), 2)
         if path.active_motion.scheduled != (None, None) or after.reason:
             continue
         parameters = path.controller.robot.parameters.block
         expected = cycle_rules.answer(
-            laws[path.controller.mode], judged, event, loop.state.copy(), np.zeros((6, 6)),
+            robot, laws[path.controller.mode], judged, event, loop.state.copy(), np.zeros((6, 6)),
             settings, parameters, parameters[3:])
         np.testing.assert_allclose(cycle_rules.packed(after), cycle_rules.packed(expected),
                                    rtol=1e-9, atol=1e-9)
@@ -508,10 +565,8 @@ def test_an_observer_that_fails_does_not_stop_the_torques():
 def test_what_runs_on_the_interpreters_path_is_said_with_its_reason():
     controller = Controller(ROBOT)
     assert not python_reason(node_values(), controller)
-    for name, value in (('guard.enabled', True), ('wrench.frames', ['tip']),
-                        ('stamped_commands', True)):
-        assert python_reason(node_values({name: value}), controller) == name
-    assert python_reason(node_values(), controller, simulated_time=True) == 'use_sim_time'
+    for name in ('guard.enabled', 'stamped_commands'):
+        assert not python_reason(node_values({name: True}), controller)
     for changes in ({'mode': 'arm_coupling'}, {'modes': ['hand_guiding', 'arm_coupling']}):
         assert python_reason(node_values(changes), controller) == 'mode arm_coupling'
     for mode in NATIVE_MODES:
