@@ -1,5 +1,5 @@
 """
-Who commands: the dynamics node or torque_guard, as rules over any scalar.
+Rules of who commands, the dynamics node or torque_guard, over any scalar.
 
 The guard takes over after guard.lease without a command, and after two states without
 one. Until a part of that time has passed, the node may command without asking; later,
