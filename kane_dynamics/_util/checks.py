@@ -89,6 +89,11 @@ def limit_per_joint(value: ArrayLike, what: str, names: Sequence[str]) -> Array:
         If a limit is invalid, or no machine has it; the message names the joint.
 
     """
+    stated: object = value
+    if isinstance(stated, float) and stated == math.inf:  # the default of most calls
+        unlimited = np.full(len(names), math.inf)
+        unlimited.flags.writeable = False
+        return unlimited
     limits = per_joint(value, what, names, finite=False)
     for name, limit in zip(names, limits.tolist(), strict=True):
         if limit and not (LEAST_LIMIT <= limit <= LARGEST_LIMIT or math.isinf(limit)):

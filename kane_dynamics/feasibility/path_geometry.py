@@ -20,9 +20,10 @@ from typing import NamedTuple
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array, Flags, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.spline import free_velocities, segment_coefficients
+from kane_dynamics.mechanics.algebra.dual import largest, select
+from kane_dynamics.mechanics.algebra.spline import segment_coefficients
 from kane_dynamics.motion.controller_points import Segments
+from kane_dynamics.motion.free_spline import free_velocities
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.rests import AT_REST, rests
 from kane_dynamics.motion.uniform_spline import spline_derivatives
@@ -35,9 +36,6 @@ CLOSE = 1e-6  # distance of waypoints that count as one, of the length of the pa
 # Intervals on which the parameter is computed: of a section, more per segment, and more
 # where the speed varies within a segment. q_ss would jump between too long ones.
 MESH, FINER, VARIED = 200, 4, 16
-# Factors of the coefficients of a segment in its velocity at both ends and in the
-# middle.
-VELOCITIES = np.arange(1.0, 6.0) * np.array([[0.0], [0.5], [1.0]]) ** np.arange(5)
 STEP = 0.25  # of s between samples
 STILL = 1e-13  # range of a joint that does not move, relative to the largest range
 FEWEST = 50  # intervals of a section
@@ -104,7 +102,8 @@ def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
     if len(q) < 2:
         raise InputError(f'path: {len(q)} different waypoints; expected at least 2')
     _require_long(steps)
-    times = np.concatenate([[0.0], np.cumsum(steps)])
+    times = np.zeros(len(q))
+    steps.cumsum(out=times[1:])
     coefficients = segment_coefficients(times, q, free_velocities(times, q), None)
     return Motion(tuple(names), times, q, coefficients)
 
@@ -209,9 +208,11 @@ class Part:
         lengths = ends[1:] - ends[:-1]
         # Intervals on which the parameter is computed, none across a point of the
         # motion.
-        varied = _variations(self.coefficients[first:last])
+        varied = np.empty(last - first)
+        by_segment, by_interval, _ = kernels(motion.n)
+        by_segment.run([self.coefficients[first:last]], varied, len(varied))
         counts = FINER + (MESH / self.span * lengths + VARIED * varied).astype(np.intp)
-        number = np.repeat(np.arange(len(counts)), counts)
+        number = np.arange(len(counts)).repeat(counts)
         self.segment = number + first
         segments = np.empty((len(counts), 5))
         segments[:, 0] = ends[:-1] - begin
@@ -222,9 +223,9 @@ class Part:
         self.intervals = np.empty((len(number), LENGTH + 1))
         inputs = [np.arange(float(len(number))), segments, self.coefficients]
         numbers = {'segment': number, 'coefficients': self.segment}
-        kernels(motion.n)[0].run(inputs, self.intervals, len(number), numbers)
+        by_interval.run(inputs, self.intervals, len(number), numbers)
         self.arc = np.zeros(len(number) + 1)
-        np.cumsum(self.intervals[:, LENGTH], out=self.arc[1:])
+        self.intervals[:, LENGTH].cumsum(out=self.arc[1:])
         self.length = float(self.arc[-1])
 
     def sampled(self, intervals: int, first: int, last: int) -> Section:
@@ -260,8 +261,9 @@ class Part:
     def _positions(self, share: Array) -> Array:
         """Return q at increasing shares, from 0 to 1, of the mean of time and length."""
         by_time, by_length = 0.5 / self.span, 0.5 / self.length
-        times = np.append(self.intervals[:, BEGIN], self.span)
-        mean = by_time * times + by_length * self.arc
+        mean = by_length * self.arc
+        mean[:-1] += by_time * self.intervals[:, BEGIN]
+        mean[-1] += 0.5
         interval = _intervals_of(share, mean)
         numbers: dict[str, Segments] = dict.fromkeys(
             ('before', 'following', 'interval'), interval)
@@ -269,25 +271,16 @@ class Part:
         inputs = [share, mean, mean[1:], self.intervals, self.coefficients,
                   np.array([by_time, by_length])]
         q = np.empty((len(share), self.motion.n))
-        kernels(self.motion.n)[1].run(inputs, q, len(q), numbers)
+        kernels(self.motion.n)[2].run(inputs, q, len(q), numbers)
         return q
 
 
 def _intervals_of(share: Array, mean: Array) -> Segments:
     """Return the interval of each of increasing shares; `mean` are their ends."""
     first = np.zeros(len(mean), dtype=np.intp)
-    first[1:-1] = np.searchsorted(share, mean[1:-1])
+    first[1:-1] = share.searchsorted(mean[1:-1])
     first[-1] = len(share)
-    return np.repeat(np.arange(len(mean) - 1), first[1:] - first[:-1])
-
-
-def _variations(coefficients: Array) -> Array:
-    """Return how much the speed varies within segments, from 0 for not at all to 1."""
-    velocities = VELOCITIES @ coefficients[:, 1:]
-    speeds = np.sqrt(np.einsum('kij,kij->ik', velocities, velocities))
-    high = speeds.max(axis=0)
-    low = speeds.min(axis=0)
-    return np.asarray((high - low) / np.where(high > 0.0, high, 1.0))
+    return np.arange(len(mean) - 1).repeat(first[1:] - first[:-1])
 
 
 def _end_slope(q: Array, step: float, order: int, still: Flags) -> Array:
@@ -299,8 +292,26 @@ def _end_slope(q: Array, step: float, order: int, still: Flags) -> Array:
 
 
 @cache
-def kernels(n: int) -> tuple[Kernel, Kernel]:
-    """Return the kernels of the intervals of a part, and of positions in them."""
+def kernels(n: int) -> tuple[Kernel, Kernel, Kernel]:
+    """
+    Return the kernels of a segment, of an interval of a part, and of positions in it.
+
+    The first one's result is how much the speed varies within a segment, from 0 for not
+    at all to 1.
+    """
+    def speed(coefficients: Matrix, x: Scalar) -> Scalar:
+        """Return the speed at the fraction x of a segment, times its duration."""
+        u = 5.0 * coefficients[5]
+        for k in (4, 3, 2, 1):
+            u = k * coefficients[k] + x * u
+        return np.sqrt(u @ u)
+
+    def variation(coefficients: Matrix) -> Scalar:
+        speeds = [speed(coefficients, x) for x in (0.0, 0.5, 1.0)]
+        high = largest(speeds)
+        low = -largest([-value for value in speeds])
+        return (high - low) / select(high > 0.0, high, 1.0)
+
     def intervals(number: Scalar, segment: Vector, coefficients: Matrix) -> Vector:
         begin, step, first, inside, rate = segment
         since = step * (number[()] - first)
@@ -308,11 +319,7 @@ def kernels(n: int) -> tuple[Kernel, Kernel]:
         place = (inside + since) * rate
         speeds = []
         for part in (0.0, 0.5, 1.0):
-            x = place + part * width
-            u = 5.0 * coefficients[5]
-            for k in (4, 3, 2, 1):
-                u = k * coefficients[k] + x * u
-            speeds.append(np.sqrt(u @ u) * rate)
+            speeds.append(speed(coefficients, place + part * width) * rate)
         length = step / 6.0 * (speeds[0] + 4.0 * speeds[1] + speeds[2])  # Simpson's rule
         return np.array([begin + since, place, width, step, speeds[0], speeds[2],
                          length])
@@ -332,8 +339,9 @@ def kernels(n: int) -> tuple[Kernel, Kernel]:
             q = row + x * q
         return q
     coefficients = ('coefficients', (6, n))
-    return (batch_kernel('path_intervals', intervals, [
-        ('number', ()), ('segment', (5,)), coefficients], (7,)),
-            batch_kernel('path_positions', positions, [
-                ('share', ()), ('before', ()), ('following', ()), ('interval', (7,)),
-                coefficients, ('scales', (2,))], (n,)))
+    of_interval = [('number', ()), ('segment', (5,)), coefficients]
+    of_position = [('share', ()), ('before', ()), ('following', ()), ('interval', (7,)),
+                   coefficients, ('scales', (2,))]
+    return (batch_kernel('path_variation', variation, [coefficients], ()),
+            batch_kernel('path_intervals', intervals, of_interval, (7,)),
+            batch_kernel('path_positions', positions, of_position, (n,)))

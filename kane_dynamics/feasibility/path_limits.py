@@ -21,11 +21,12 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array, Flags, Matrix, Vector
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.reachability import IntervalLimits
-from kane_dynamics.feasibility.segment_peaks import (ACTIVE, largest,
-                                                     limited_quantities, MARGIN)
+from kane_dynamics.feasibility.segment_peaks import (ACTIVE, limited_quantities,
+                                                     MARGIN)
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.feasibility.torque_demand import at_actuators, unit_torques
 from kane_dynamics.loop_tracking.driven_mechanism import motion_of_closed
+from kane_dynamics.mechanics.algebra.dual import largest
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque, slides
 from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
@@ -49,6 +50,7 @@ class Bounds(NamedTuple):
     acceleration: Array
 
 
+EVERY = slice(None)  # vertex
 EFFORT, VELOCITY, POWER, ACCELERATION = range(len(Bounds._fields))
 
 
@@ -112,9 +114,8 @@ class PathLimits:
             self._compute_rows(bounds_kernel(robot.n_q), [self._lines[:, 0], first])
         self._compute_sizes()
         # Factors of the limits, smaller where a motion exceeds them between points.
-        self._tight: dict[int, Array] = {}
-        for quantity in limited_quantities(np.stack(bounds)):
-            self._tight[quantity] = np.full((count, robot.n_q), 1.0 - MARGIN)
+        self._quantities = limited_quantities(np.array(bounds))
+        self._tight = np.full((count, len(self._quantities), robot.n_q), 1.0 - MARGIN)
         self._tight_speed = np.full(count, 1.0 - MARGIN)
         self._used = [self._used_joints(quantity) for quantity in range(len(bounds))]
         self._latest: IntervalLimits | None = None
@@ -164,10 +165,8 @@ class PathLimits:
         count = len(self._rows)
         with np.errstate(divide='ignore'):
             speed = 1.0 / self._rows[:, 0]
-        need = self._rows[:, 1].max()
-        # Sizes of x: with an acceleration along the whole path, and at the fastest.
-        with np.errstate(divide='ignore'):
-            sizes = [(count - 1) / need, speed.min()]
+            # Sizes of x: with an acceleration along the whole path, and at the fastest.
+            sizes = [(count - 1) / self._rows[:, 1].max(), speed.min()]
         sizes = [x for x in sizes if 0.0 < x < np.inf]
         if not sizes:
             sizes = [(0.5 * (count - 1) / self.section.span)**2]
@@ -179,11 +178,13 @@ class PathLimits:
         """Return the joints whose limit is linear in s'' and s'^2; None without any."""
         if quantity == VELOCITY:
             return None
+        if quantity not in self._quantities:
+            return None
         used = np.isfinite(self.bounds[quantity])
-        if quantity != ACCELERATION:
-            used &= self._acts
-        elif used.any():
+        if quantity == ACCELERATION:
             used &= self._first.any(axis=0)
+        else:
+            used &= self._acts
         return used if used.any() else None
 
     @property
@@ -198,19 +199,21 @@ class PathLimits:
             first = first[self._driving]
         return float(first @ first)
 
-    def tighten(self, shares: Array, largest: Array, quantities: Sequence[int],
-                factor: float) -> None:
+    def _tight_bounds(self, quantity: int, vertices: Segments | slice) -> Array:
+        """Return the tightened limits of a quantity at some vertices, (k, n)."""
+        tight = self._tight[vertices, self._quantities.index(quantity)]
+        return np.asarray(tight * self.bounds[quantity])
+
+    def tighten(self, shares: Array, largest: Array, factor: float) -> None:
         """
         Make limits smaller where a motion uses more than them.
 
         Parameters
         ----------
         shares : (N + 1, k, n) array
-            The largest shares around the vertices.
+            The largest shares around the vertices, of `limited_quantities`.
         largest : (N + 1,) array
             The largest of them at each vertex.
-        quantities : sequence of int
-            The k quantities of the shares.
         factor : float
             By which a limit is tightened, in its excess.
 
@@ -219,15 +222,16 @@ class PathLimits:
         # An excess also tightens the limits at the vertices beside it, but not at ends.
         beside = tight[:-2] | tight[2:]
         tight[1:-1] |= beside
-        near = np.flatnonzero(tight)
+        near = tight.nonzero()[0]
         inner = (near > 0) & (near < len(shares) - 1)
         worst = np.maximum(shares[near - inner], shares[near + inner])
         worst = np.maximum(worst, shares[near])
         target = np.where(worst > 1.0, 1.0 + factor * (worst - 1.0), worst)
         tighter = np.where(worst > ACTIVE, target / (1.0 - MARGIN), 1.0)
-        for quantity, tighter_limits in zip(quantities, tighter.swapaxes(0, 1)):
-            self._tight[quantity][near] /= tighter_limits
-        self._tight_speed[near] = self._tight[VELOCITY][near].min(axis=1)
+        tight_limits = self._tight[near] / tighter
+        self._tight[near] = tight_limits
+        speeds = tight_limits[:, self._quantities.index(VELOCITY)]
+        self._tight_speed[near] = speeds.min(axis=1)
         self.tightened = near
 
     def at(self, x: Array | None, calm: bool = False) -> IntervalLimits:
@@ -248,7 +252,7 @@ class PathLimits:
         for quantity, used in enumerate(self._used):
             if used is None:
                 continue
-            width = self._tight[quantity] * self.bounds[quantity]
+            width = self._tight_bounds(quantity, EVERY)
             if quantity == POWER:
                 lines = self._power_lines(torque, width, x, used)
                 rows += lines.vertices
@@ -275,7 +279,7 @@ class PathLimits:
         for quantity, used in enumerate(self._used):
             if used is None:
                 continue
-            width = self._tight[quantity][near] * self.bounds[quantity]
+            width = self._tight_bounds(quantity, near)
             end = begin + int(used.sum())
             limits.rows[near, 3, begin:end] = width[:, used]
             begin = end
@@ -431,9 +435,10 @@ def _sizes_at(inertia: Vector, first: Vector, before: Vector, following: Vector,
 
 
 def _side_by_side(blocks: Sequence[Array]) -> Array:
-    """Return limits as one array for the passes."""
-    whole = blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=2)
-    return np.ascontiguousarray(whole)
+    """Return limits as one array for the passes, each vertex C-contiguous."""
+    if len(blocks) == 1 and blocks[0][0].flags.c_contiguous:
+        return blocks[0]
+    return np.ascontiguousarray(np.concatenate(blocks, axis=2))
 
 
 def _middles(values: Array) -> Array:

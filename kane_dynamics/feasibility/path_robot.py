@@ -30,8 +30,10 @@ from kane_dynamics.feasibility.torque_demand import require_scalable, unit_torqu
 from kane_dynamics.loop_tracking.driven_mechanism import DrivenLoops, motion_of_closed
 from kane_dynamics.loop_tracking.loop_tracker import tracking_kernel, velocity_rows
 from kane_dynamics.motion.controller_points import ControllerPoints
+from kane_dynamics.motion.free_spline import kernels as compile_free_spline
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.points import point_times
+from kane_dynamics.motion.rests import kernel as velocities_kernel
 from kane_dynamics.motion.uniform_spline import kernels as compile_spline
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -185,6 +187,8 @@ class PathRobot:
         """Raise InputError if a position limit or a limit of 0 forbids the path."""
         self._check_positions(section)
         bounds = self.bounds
+        if np.all(bounds[1:]):  # no limit is 0
+            return
         if self.driving is not None:  # power counts for joints with actuators
             robot, q = self.robot, section.q
             torques = [robot.joint_torques(np.broadcast_to(unit, (len(q), robot.n)), q)
@@ -222,7 +226,7 @@ class PathRobot:
 
     def motion_along(self, section: Section) -> SectionMotion:
         """Return the motion along a section, for profiles to follow."""
-        limits = np.stack(self.bounds)
+        limits = np.array(self.bounds)
         if self.driving is None:
             peaks = SegmentPeaks(self.robot, limits)
         else:
@@ -249,7 +253,8 @@ def compile_timing(robot: Robot) -> None:
             robot.constraint_names and velocity_rows(robot)):
         return  # refused
     compile_spline(robot.n)
-    kernels = [*path_kernels(robot.n)]
+    compile_free_spline(robot.n)
+    kernels = [*path_kernels(robot.n), velocities_kernel(robot.n)]
     limited = np.isfinite(robot.limits.effort)
     unlimited = np.full((len(Bounds._fields), robot.n_q), np.inf)
     quantities = limited_quantities(unlimited)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags, Scalar, Vector
 from kane_dynamics.feasibility.path_geometry import Section
-from kane_dynamics.feasibility.segment_peaks import (ACTIVE, MotionStates,
+from kane_dynamics.feasibility.segment_peaks import (ACTIVE, DENSE, MotionStates,
                                                      QUANTITIES, require_finite,
                                                      SegmentPeaks)
 from kane_dynamics.mechanics.algebra.dual import select
@@ -19,9 +19,6 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 PAUSE = 1e-6  # s of rest between two sections
-# Places in a segment: as many where friction changes, and times the root of the range
-# elsewhere, so that a smooth share is found to 3e-4 of the limit.
-DENSE, SMOOTH = 200, 60.0
 STEP = 0.5  # of s between vertices
 FLAT, TERMS = 0.1, 8  # largest argument of the series, exact to rounding, and its terms
 SPARSE = 0.5  # share of changed vertices from which all points are computed again
@@ -111,15 +108,13 @@ class SectionMotion:
     @property
     def states(self) -> MotionStates:
         """Return the states at the points."""
-        rows, n = self._rows, self._n
-        return MotionStates(rows[:, :n], rows[:, n:2 * n], rows[:, 2 * n:3 * n],
-                            rows[:, 3 * n + 1:], rows[:-1, 3 * n])
+        return MotionStates(self._rows, self._n)
 
     def checked(self) -> Checked:
         """Return the points with the shares of the limits between them."""
-        q, u, udot, tau, h = self.states
+        q, u, udot, tau = self.states.state
         t = np.zeros(len(q))
-        np.cumsum(h, out=t[1:])
+        self.states.h.cumsum(out=t[1:])
         return Checked(ControllerPoints(t, q, u, udot), self.shares.swapaxes(0, 1), tau)
 
     def follow(self, x: Array) -> None:
@@ -162,7 +157,8 @@ class SectionMotion:
         points[1:] |= changed
         points[:-2] |= changed[1:]
         points[-1] |= changed[-2]
-        return np.flatnonzero(points), np.flatnonzero(points[1:] | points[:-1])
+        beside = points[1:] | points[:-1]
+        return points.nonzero()[0], beside.nonzero()[0]
 
     def _compute(self, rows: Array, points: Segments | None) -> None:
         """Write the rows of points, of all for None."""
@@ -242,11 +238,12 @@ def checked(robot: Robot, points: ControllerPoints, limits: Array) -> Checked:
     """Return the uses of limits, (4, n), along the quintics between points of a tree."""
     peaks = SegmentPeaks(robot, limits)
     t, q, u, udot = points
-    states = MotionStates(q, u, udot, peaks.torques(q, u, udot), t[1:] - t[:-1])
+    tau = peaks.torques(q, u, udot)
+    states = MotionStates.of(q, u, udot, tau, t[1:] - t[:-1])
     shares, _ = largest_shares(coulomb_joints(robot), peaks, states)
-    largest = np.zeros((len(QUANTITIES), *states.q[1:].shape))
+    largest = np.zeros((len(QUANTITIES), *q[1:].shape))
     largest[list(peaks.quantities)] = shares.swapaxes(0, 1)
-    return Checked(points, largest, states.tau)
+    return Checked(points, largest, tau)
 
 
 def largest_shares(coulomb: Sequence[Joint], peaks: SegmentPeaks, states: MotionStates,
@@ -259,7 +256,7 @@ def largest_shares(coulomb: Sequence[Joint], peaks: SegmentPeaks, states: Motion
     Coulomb friction of a joint changes. The shares count these places where the largest
     one is `ACTIVE`.
     """
-    shares, largest, change, estimate = peaks.middles(states, segments)
+    shares, largest, smooth_places, estimate = peaks.middles(states, segments)
     examined = estimate > 1.0
     turning = _turning(coulomb, states.u, segments) if coulomb else None
     if turning is not None:
@@ -267,9 +264,9 @@ def largest_shares(coulomb: Sequence[Joint], peaks: SegmentPeaks, states: Motion
     closer = examined.nonzero()[0]
     if not closer.size:
         return shares, largest
-    places = np.minimum(1.0 + SMOOTH * np.sqrt(change[closer]), DENSE).astype(np.intp)
+    places = smooth_places[closer].astype(np.intp)
     if turning is not None:
-        places[turning[closer]] = DENSE
+        places[turning[closer]] = int(DENSE)
     numbers = closer if segments is None else segments[closer]
     worst, active, inside = peaks.inside(states, numbers, places, ACTIVE)
     largest[closer] = np.maximum(largest[closer], worst)

@@ -42,7 +42,8 @@ TINY = 1e-300
 SMALLEST = 1e-13  # replaces a smaller coefficient of v, relative to those of its row
 EMPTY = 1e200  # error of an empty set
 ROUNDING = 1e-9  # relative excess of a limit that is rounding
-RANGE, GROUPS = 3, 4  # numbers of a set; numbers of a limit, and of what it allows
+RANGE, GROUPS = 4, 4  # numbers of a set; numbers of a limit, and of what it allows
+LOW, HIGH, ERROR, FAILED = range(RANGE)
 
 Line = tuple[Scalar, Scalar]  # value at x = 0, and slope
 Lines = Sequence[Line]
@@ -117,8 +118,8 @@ def allowed(steps: int, rows: Matrix, following: Matrix, *middles_and_most: Matr
     for slope in slopes:
         reciprocals.append(1.0 / select(magnitude(slope) < TINY, TINY, slope))
     largest_error = select(low_error < error, error, low_error)
-    return np.array([low, high, largest_error, *upper_values, *lower_values, *slopes,
-                     *reciprocals])
+    return np.array([low, high, largest_error, 0.0, *upper_values, *lower_values,
+                     *slopes, *reciprocals])
 
 
 def _in_interval(rows: Matrix, following: Matrix) -> list[Vector]:
@@ -225,20 +226,28 @@ def controllable(following: Vector, row: Vector) -> Vector:
     """
     Return the set of x at the start of an interval, for the set at its end.
 
-    Sets are rows (least x, largest x, error of both). `row` is what the limits allow: no
-    lower bound of the x at the end may exceed the largest x there, and no upper one be
-    below the least.
+    Sets are rows (least x, largest x, error of both, and 1 if this set or one after it
+    is empty, else 0). `row` is what the limits allow: no lower bound of the x at the end
+    may exceed the largest x there, and no upper one be below the least.
     """
     upper, lower, _, rates = _groups(row)
-    lows, highs = [row[0]], [row[1]]
-    for lines, end, rising, falling in ((upper, following[0], lows, highs),
-                                        (lower, following[1], highs, lows)):
+    lows, highs = [row[LOW]], [row[HIGH]]
+    for lines, end, rising, falling in ((upper, following[LOW], lows, highs),
+                                        (lower, following[HIGH], highs, lows)):
         for value, rate in zip(lines, rates):
             x = (end - value) * rate
             up = rate > 0.0
             rising.append(select(up, x, rising[0]))
             falling.append(select(up, falling[0], x))
-    return np.array([_extreme_value(lows, -1.0), _extreme_value(highs, 1.0), row[2]])
+    low, high = _extreme_value(lows, -1.0), _extreme_value(highs, 1.0)
+    error = row[ERROR]
+    # Both are at least 0 in a set that is not empty, and no numbers where one is none.
+    slack = ROUNDING * high
+    room = high + slack - low
+    precise = slack - error
+    failed = select(room > -TINY, following[FAILED], 1.0)
+    failed = select(precise > -TINY, failed, 1.0)
+    return np.array([low, high, error, failed])
 
 
 def reached(x: Scalar, following: Vector, row: Vector) -> Scalar:
@@ -250,8 +259,8 @@ def reached(x: Scalar, following: Vector, row: Vector) -> Scalar:
     """
     upper, _, slopes, _ = _groups(row)
     ends = [value + slope * x[()] for value, slope in zip(upper, slopes)]
-    end = _extreme_value([following[1], *ends], 1.0)
-    return select(end < following[0], following[0], end)
+    end = _extreme_value([following[HIGH], *ends], 1.0)
+    return select(end < following[LOW], following[LOW], end)
 
 
 def _groups(row: Vector) -> list[Vector]:
@@ -302,7 +311,7 @@ def end_limit(limits: IntervalLimits) -> float:
 def controllable_sets(limits: IntervalLimits, last: tuple[float, float],
                       known: tuple[Array, Segments] | None = None) -> Array:
     """
-    Return the controllable sets of all vertices: least and largest x, and its error.
+    Return the controllable sets of all vertices, rows as those of `controllable`.
 
     The rows, (N + 1, w), continue with the bounds of the x at the next vertex.
 
@@ -335,7 +344,7 @@ def controllable_sets(limits: IntervalLimits, last: tuple[float, float],
         if vertex < 0:
             return sets
         # An error between rounding and that of an empty set asks for more steps.
-        if not ROUNDING * sets[vertex, 1] < sets[vertex, 2] < EMPTY:
+        if not ROUNDING * sets[vertex, HIGH] < sets[vertex, ERROR] < EMPTY:
             break
     raise Infeasible(vertex)
 
@@ -349,7 +358,7 @@ def _update_allowed(sets: Array, limits: IntervalLimits, vertices: Segments) -> 
     """
     beside = np.zeros(len(sets), dtype=bool)
     beside[vertices] = True
-    intervals = np.flatnonzero(beside[1:] | beside[:-1])
+    intervals = (beside[1:] | beside[:-1]).nonzero()[0]
     kernel = _allowed_kernel(limits.rows.shape[2], limits.middles.shape[2],
                              NEWTON_STEPS[0])
     names = [argument.name for argument in kernel.arguments]
@@ -366,13 +375,12 @@ def _allowed_inputs(limits: IntervalLimits) -> list[Array]:
 
 def _pass_to_start(sets: Array, last: tuple[float, float]) -> int:
     """Compute all sets; return the last vertex whose set is empty, -1 for none."""
-    sets[-1, :RANGE] = *last, 0.0
+    sets[-1, :RANGE] = *last, 0.0, 0.0
     backward, _ = _pass_kernels(sets.shape[1])
     backward.scan([sets[1:, :RANGE], sets[:-1]], sets[:-1, :RANGE], reverse=True)
-    low, high, error = sets[:, :RANGE].T
-    slack = ROUNDING * high
-    empty = np.flatnonzero(~((error <= slack) & (low <= high + slack)))
-    return int(empty[-1]) if empty.size else -1
+    if not sets[0, FAILED]:
+        return -1
+    return int(sets[:, FAILED].nonzero()[0][-1])
 
 
 def fastest_profile(sets: Array, first: float) -> Array:

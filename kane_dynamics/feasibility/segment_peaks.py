@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.dual import largest, select
 from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 from kane_dynamics.robot.kernel_set import kernel_per_robot
@@ -29,6 +29,9 @@ ALWAYS = 2  # of these quantities, the first ones, are computed even where unlim
 # parabola does so by at most an eighth of the second difference.
 RANGE, BEND = 0.15, 0.2
 CHANGING = 0.005  # range of a share in a segment from which it counts between the places
+# Places in a segment: as many where friction changes, and times the root of the range
+# elsewhere.
+DENSE, SMOOTH = 200.0, 60.0
 MARGIN = 5e-4  # of all limits, for the motion between the points
 ACTIVE = 1.0 - 0.5 * MARGIN  # share from which a limit is tightened
 BLOCK = 1024  # places of a mechanism computed together, for arrays that fit the caches
@@ -40,13 +43,47 @@ States = Callable[[Array, Array, Array], tuple[Array, Array, Array, Array]]
 
 
 class MotionStates(NamedTuple):
-    """States at P points of a motion, and the times between them, which are segments."""
+    """
+    States at P points of a motion, and the times between them, which are segments.
 
-    q: Array  # (P, n)
-    u: Array
-    udot: Array
-    tau: Array
-    h: Array  # (P - 1,), s
+    Attributes
+    ----------
+    rows : (P, 4 n + 1) array
+        q, u, udot, the time to the next point, s, and the torques of each point.
+    n : int
+        Number of joints.
+
+    """
+
+    rows: Array
+    n: int
+
+    @classmethod
+    def of(cls, q: Array, u: Array, udot: Array, tau: Array, h: Array) -> 'MotionStates':
+        """Return the states (P, n) at points with times (P - 1,) between them."""
+        times = np.append(h, 0.0)
+        return cls(np.column_stack([q, u, udot, times, tau]), q.shape[1])
+
+    @property
+    def u(self) -> Array:
+        """Return the velocities, (P, n)."""
+        return self.rows[:, self.n:2 * self.n]
+
+    @property
+    def h(self) -> Array:
+        """Return the times between the points, (P - 1,), s."""
+        return self.rows[:-1, 3 * self.n]
+
+    @property
+    def state(self) -> tuple[Array, Array, Array, Array]:
+        """Return q, u, udot and the torques, (P, n) each."""
+        return _state(self.rows, self.n)
+
+
+def _state(rows: Array, n: int) -> tuple[Array, Array, Array, Array]:
+    """Return q, u, udot and the torques of one or more rows of `MotionStates`."""
+    return (rows[..., :n], rows[..., n:2 * n], rows[..., 2 * n:3 * n],
+            rows[..., 3 * n + 1:])
 
 
 class Peaks(NamedTuple):
@@ -59,8 +96,9 @@ class Peaks(NamedTuple):
         Shares of the limits of `SegmentPeaks.quantities`; 0 for infinite limits.
     largest : (S,) array
         The largest of them.
-    change : (S,) array
-        Largest range of a share that, by its estimate, may exceed its limit; 0 for none.
+    places : (S,) array
+        Number of places between the ends at which a smooth share is found to 3e-4 of its
+        limit, by the largest range of a share that, by its estimate, may exceed it.
     estimate : (S,) array
         Largest share that is expected within the segment.
 
@@ -68,7 +106,7 @@ class Peaks(NamedTuple):
 
     shares: Array
     largest: Array
-    change: Array
+    places: Array
     estimate: Array
 
 
@@ -100,7 +138,7 @@ class SegmentPeaks:
                  driving: Sequence[int] = ()) -> None:
         self.n = limits.shape[1]
         self.quantities = limited_quantities(limits)
-        self._factors = 1.0 / np.maximum(limits[list(self.quantities)], SMALLEST)
+        self._factors = 1.0 / np.maximum(limits[self.quantities, :], SMALLEST)
         self._states = states
         self.driving = list(driving)
         if states is None:
@@ -151,7 +189,8 @@ class SegmentPeaks:
         ends = places.cumsum()
         begins = ends - places
         # A place for each row: the places of a segment are at equal distances.
-        first, step = np.repeat([begins - 1.0, 1.0 / (1.0 + places)], places, axis=1)
+        first = (begins - 1.0).repeat(places)
+        step = (1.0 / (1.0 + places)).repeat(places)
         x = (np.arange(ends[-1]) - first) * step
         peaks = self._peaks(states, x, segments.repeat(places))
         worst = np.maximum.reduceat(peaks.largest, begins)
@@ -178,27 +217,24 @@ class SegmentPeaks:
                 self._closed(self._states, states, places[block], numbers[block],
                              table[block])
         shares = table[:, :-3].reshape(count, len(self.quantities), self.n)
-        return Peaks(shares, *table[:, -3:].T.copy())
+        return Peaks(shares, *table.T[-3:])
 
     def _compiled(self, states: MotionStates, x: Array, segments: Segments | None,
                   table: Array) -> None:
         """Write the rows of `peaks_kernel` of a tree."""
-        *rows, h = states
-        ends = [*rows, *(row[1:] for row in rows), h]
         numbers = {}
         if segments is not None:
-            arguments = self._kernel.arguments[:len(ends)]
-            numbers = {argument.name: segments for argument in arguments}
-        inputs = [*ends, x, self._factors]
+            numbers = {'begin': segments, 'end': segments}
+        inputs = [states.rows, states.rows[1:], x, self._factors]
         require_finite(self._kernel.run(inputs, table, len(table), numbers))
 
     def _closed(self, states_of: States, states: MotionStates, x: Array,
                 segments: Segments, table: Array) -> None:
         """Write the rows of `shares_kernel` of a robot whose loops are to be closed."""
-        *rows, h = states
+        rows = states.state
         begin = [row[segments] for row in rows]
         end = [row[segments + 1] for row in rows]
-        near, u, udot = quintic(begin, end, h[segments, None], x[:, None])
+        near, u, udot = quintic(begin, end, states.h[segments, None], x[:, None])
         inside = states_of(near, u[:, self.driving], udot[:, self.driving])
         inputs = [*begin, *end, *inside, self._factors]
         require_finite(self._kernel.run(inputs, table, len(table)))
@@ -208,7 +244,7 @@ def limited_quantities(limits: Array) -> tuple[int, ...]:
     """Return the quantities whose shares are computed for limits (4, n)."""
     limited: Flags = np.asarray(np.isfinite(limits).any(axis=1))
     limited[:ALWAYS] = True
-    return tuple(np.flatnonzero(limited).tolist())
+    return tuple(limited.nonzero()[0].tolist())
 
 
 @kernel_per_robot
@@ -216,21 +252,20 @@ def peaks_kernel(robot: Robot, quantities: tuple[int, ...]) -> Kernel:
     """
     Return the kernel of `Peaks` of a segment of a tree, (k n + 3,).
 
-    Its arguments are the positions, velocities, accelerations and torques (n,) at the
-    start and at the end of the segment, its duration, s, the place x in it from 0 to 1,
-    and the reciprocal limits (k, n) of the quantities.
+    Its arguments are the rows of `MotionStates` at the start and at the end of the
+    segment, the place x in it from 0 to 1, and the reciprocal limits (k, n) of the
+    quantities.
     """
     n = robot.n
-    states = [f'{name}_{end}' for end in (0, 1) for name in STATE]
 
-    def values(*inputs: Matrix, parameters: Vector) -> Vector:
-        begin, end = inputs[:4], inputs[4:8]
-        h, x, factors = inputs[8:]
-        q, u, udot = quintic(begin[:3], end[:3], h, x)
+    def values(first: Vector, last: Vector, x: Scalar, factors: Matrix,
+               parameters: Vector) -> Vector:
+        begin, end = _state(first, n), _state(last, n)
+        q, u, udot = quintic(begin[:3], end[:3], first[3 * n], x)
         tau = robot.equations.inverse_dynamics(q, u, udot, None, parameters)
         return largest_shares_of(quantities, begin, end, (q, u, udot, tau), factors)
     return robot.compiled(
-        values, name='shares', **dict.fromkeys(states, (n,)), h=(), x=(),
+        values, name='shares', begin=(4 * n + 1,), end=(4 * n + 1,), x=(),
         factors=(len(quantities), n), shape=(len(quantities) * n + 3,))
 
 
@@ -254,8 +289,8 @@ def largest_shares_of(quantities: Sequence[int], begin: Sequence[Vector],
     Return the content of `Peaks` as one array, for one segment of a motion.
 
     `begin`, `end` and `inside` are the states (q, u, udot, tau) at its ends and at a place
-    between. The array has the k n shares, the largest one, the largest range that counts
-    and the largest estimate, in this order.
+    between. The array has the k n shares, the largest one, the number of places and the
+    largest estimate, in this order.
     """
     shares = []
     for _, u, udot, tau in (begin, end, inside):
@@ -274,16 +309,9 @@ def largest_shares_of(quantities: Sequence[int], begin: Sequence[Vector],
         peaks.append(peak)
         changes.append(select(estimate > 1.0, change, 0.0))
         estimates.append(estimate)
-    return np.array([*peaks, largest(peaks), largest(changes), largest(estimates)])
-
-
-def largest(values: Sequence[Scalar]) -> Scalar:
-    """Return the largest of traced values."""
-    if len(values) == 1:
-        return values[0]
-    a = largest(values[::2])
-    b = largest(values[1::2])
-    return select(a < b, b, a)
+    places = 1.0 + SMOOTH * np.sqrt(largest(changes))
+    places = select(places < DENSE, places, DENSE)
+    return np.array([*peaks, largest(peaks), places, largest(estimates)])
 
 
 def quintic(begin: Sequence[Vector], end: Sequence[Vector], h: Scalar, x: Scalar

@@ -25,7 +25,7 @@ from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
 from kane_dynamics.feasibility.path_robot import PathRobot
 from kane_dynamics.feasibility.path_timing import Checked, duration, joined
 from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit,
-                                                    fastest_profile, Infeasible,
+                                                    fastest_profile, HIGH, Infeasible,
                                                     IntervalLimits)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
@@ -55,6 +55,7 @@ COARSE, FINE = 2e-3, 4000
 DIVISIONS = 32  # intervals that resolve a segment of the path
 ROUNDED = 50.0  # error of accelerations, in the rounding of positions over dt^2; measured
 EPSILON = float(np.finfo(np.float64).eps)
+FEW = 50  # every so many points show whether a path moves
 RESTING = 100.0  # roundings of its position that a joint at rest may vary by, at most
 
 
@@ -227,19 +228,21 @@ def _require_resolution(timing: TimeOptimal) -> None:
     the motion uses a limit.
     """
     points = timing.points
-    columns = points.q.T.copy()  # whose rows are reduced ten times as fast
-    highest = columns.max(axis=1)
-    lowest = columns.min(axis=1)
+    intervals = points.t[1:] - points.t[:-1]
+    accelerations = abs(points.udot).max()
+    largest_rounding = EPSILON * abs(points.q).max()
+    travel = abs(points.q[::FEW] - points.q[0]).max()
+    moves = travel > RESTING * largest_rounding
+    # Most grids are far from coarse, and need no more.
+    if moves and ROUNDED * largest_rounding <= LARGEST * accelerations * (
+            intervals.min()**2):
+        return
+    highest = points.q.max(axis=0)
+    lowest = points.q.min(axis=0)
     positions = np.maximum(highest, -lowest)
     rounding = EPSILON * positions
     moving = highest - lowest > RESTING * rounding
-    intervals = points.t[1:] - points.t[:-1]
-    accelerations = np.abs(points.udot).max()
-    error = ROUNDED * rounding[moving].max(initial=0.0) / accelerations
-    # Most grids are far from coarse, and need no more.
-    if moving.any() and error <= LARGEST * intervals.min()**2:
-        return
-    errors = error / intervals**2
+    errors = ROUNDED * rounding[moving].max(initial=0.0) / accelerations / intervals**2
 
     # Equal positions, as of a rest between two sections, have an exact difference.
     errors[(np.diff(points.q, axis=0) == 0.0).all(axis=1)] = 0.0
@@ -337,8 +340,7 @@ def _solve(along: PathRobot, section: Section, start: float, end: float, excess:
         # Where an excess persists, as in a segment in which friction jumps, more is
         # needed.
         persistent = max(turn - ROUNDS, 0)
-        limits.tighten(motion.shares, motion.largest, motion.quantities,
-                       TIGHTER * GROWTH**persistent)
+        limits.tighten(motion.shares, motion.largest, TIGHTER * GROWTH**persistent)
     timing = motion.checked()
     largest = timing.largest
     limit, k, j = np.unravel_index(int(largest.argmax()), largest.shape)
@@ -401,10 +403,16 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
 
 def _sets(limits: PathLimits, limited: IntervalLimits, end: float | None) -> Array:
     """Return the controllable sets; linear limits need only what has changed."""
-    last = (0.0, end_limit(limited)) if end is None else (end, end)
     known = None
     if limits.linear and limits.sets is not None:
         known = limits.sets, limits.tightened
+    end_is_known = known is not None and len(limits.most) - 1 not in limits.tightened[-1:]
+    if end is not None:
+        last = end, end
+    elif known is not None and end_is_known:
+        last = 0.0, float(known[0][-1, HIGH])
+    else:
+        last = 0.0, end_limit(limited)
     limits.sets = None  # while they are written to
     limits.sets = controllable_sets(limited, last, known)
     return limits.sets

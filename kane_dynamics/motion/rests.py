@@ -1,7 +1,10 @@
 """Times at which a motion rests or all its joints reverse at once."""
 
-from kane_dynamics._util.typing import Array
+from functools import cache
+
+from kane_dynamics._util.typing import Array, Matrix, Scalar
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 import numpy as np
 
 AT_REST = 1e-9  # speed relative to the mean one of the motion
@@ -22,12 +25,15 @@ def rests(motion: Motion) -> Array:
     if len(knots) < 2:
         return knots
 
-    # Velocities at the points and at some places of each segment.
-    u = np.zeros(((len(knots) - 1) * len(INSIDE) + 1, motion.n))
-    u[:-1] = motion.velocities_inside(INSIDE).reshape(-1, motion.n)
-    speed = np.sqrt(np.einsum('ij,ij->i', u, u))
+    # Velocities and speeds at the points and at some places of each segment.
+    n = motion.n
+    samples = np.zeros(((len(knots) - 1) * len(INSIDE) + 1, n + 1))
+    by_segment = samples[:-1].reshape(-1, len(INSIDE), n + 1)
+    kernel(n).run([motion.coefficients, knots, knots[1:]], by_segment, len(by_segment))
+    u = samples[:, :n]
+    speed = samples[:, n]
     speed_at_knots = speed[::len(INSIDE)]
-    distance = np.abs(motion.positions[1:] - motion.positions[:-1]).sum()
+    distance = abs(motion.positions[1:] - motion.positions[:-1]).sum()
     still = speed_at_knots <= AT_REST * distance / (knots[-1] - knots[0])
     still[[0, -1]] = True
     speed[::len(INSIDE)][still] = 0.0
@@ -70,6 +76,23 @@ def rests(motion: Motion) -> Array:
     least_speed = np.linalg.norm(motion.sample(low)[1], axis=1)
     reverses = least_speed <= REVERSAL * slower_neighbor[k - 1]
     return np.unique(np.concatenate([knots[still], low[reverses]]))
+
+
+@cache
+def kernel(n: int) -> Kernel:
+    """Return the kernel of the velocities and speeds inside a segment, (8, n + 1)."""
+    def velocities(coefficients: Matrix, begin: Scalar, end: Scalar) -> Matrix:
+        rate = 1.0 / (end[()] - begin[()])
+        rows = []
+        for x in INSIDE.tolist():
+            u = 5.0 * coefficients[5]
+            for k in (4, 3, 2, 1):
+                u = k * coefficients[k] + x * u
+            speed = rate * np.sqrt(u @ u)
+            rows.append([*(rate * u), speed])
+        return np.array(rows)
+    return batch_kernel('velocities_inside', velocities, [
+        ('coefficients', (6, n)), ('begin', ()), ('end', ())], (len(INSIDE), n + 1))
 
 
 def _nearest(begin: Array, end: Array) -> Array:

@@ -7,7 +7,7 @@ values or symbols. So tracing a user-defined function of q and t once yields its
 and its time derivative.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import numbers
 from typing import Any
 
@@ -148,6 +148,15 @@ def select(condition: Scalar, x: Scalar, y: Scalar) -> Scalar:
 def magnitude(x: Scalar) -> Scalar:
     """Return the magnitude of a number, over any scalar."""
     return select(x < 0.0, -x, x)
+
+
+def largest(values: Sequence[Scalar]) -> Scalar:
+    """Return the largest of several numbers, over any scalar."""
+    if len(values) == 1:
+        return values[0]
+    a = largest(values[::2])
+    b = largest(values[1::2])
+    return select(a < b, b, a)
 
 
 def _power(x: Scalar, exponent: Any) -> Scalar:

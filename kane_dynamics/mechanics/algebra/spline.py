@@ -12,7 +12,6 @@ import numpy as np
 # Of a traced polynomial: each call compares the argument with every piece.
 MOST_PIECES = 5000
 
-ENDS, BESIDE = [0, -1], [1, -2]  # the first and last row, and those beside them
 FEW = 16  # unknowns of a tridiagonal system that is solved as a full matrix
 
 # Coefficients in x = (t - t0) / h of the quintic with given q, h u, h^2 udot at x = 0
@@ -52,41 +51,6 @@ def spline_velocities(t: Array, q: Array, first: Array) -> Array:
         right = slope[:-1] + slope[1:]
         right[0] -= r[0] * u[0]
         u[1:-1] = tridiagonal_solution(r[:-1], 2.0 * (r[:-1] + r[1:]), r[1:], right)
-    return u
-
-
-def free_velocities(t: Array, q: Array) -> Array:
-    """
-    Return the velocities, (K, n), of the spline whose two cubics at each end are one.
-
-    At the inner points udot is continuous ("not-a-knot" spline). With three points it is
-    the parabola through them, with two the line.
-    """
-    h = (t[1:] - t[:-1])[:, None]
-    slope = (q[1:] - q[:-1]) / h
-    if len(t) < 3:
-        return np.concatenate([slope, slope])
-    if len(t) == 3:  # a parabola: the velocity is linear in time
-        bend = (slope[1] - slope[0]) / (h[0] + h[1])
-        return np.stack([slope[0] - h[0] * bend, slope[0] + h[0] * bend,
-                         slope[1] + h[1] * bend])
-
-    # Where the two cubics at an end are one, h_beside u + (h + h_beside) u_beside is
-    # this, for both ends at once; then the conditions at inner points.
-    h_end, h_beside = h[ENDS], h[BESIDE]
-    both = h_end + h_beside
-    weighted = (3.0 * h_end + 2.0 * h_beside) * h_beside * slope[ENDS]
-    condition = (weighted + h_end * h_end * slope[BESIDE]) / both
-    r = 1.0 / h
-    scaled = slope * r
-    right = 3.0 * (scaled[:-1] + scaled[1:])
-    diagonal = 2.0 * (r[:-1] + r[1:])
-    # The end velocity u = (condition - (h + h_beside) u_beside) / h_beside is eliminated.
-    right[ENDS] -= condition / (h_end * h_beside)
-    diagonal[ENDS] *= 0.5
-    u = np.empty_like(q)
-    u[1:-1] = tridiagonal_solution(r[:-1], diagonal, r[1:], right)
-    u[ENDS] = (condition - both * u[BESIDE]) / h_beside
     return u
 
 

@@ -18,7 +18,6 @@ from array import array
 from collections.abc import Callable, Sequence
 import ctypes
 from functools import cache, reduce
-from itertools import chain
 from operator import or_
 import sys
 from typing import Any, NamedTuple
@@ -39,6 +38,7 @@ STACK = 2**23  # bytes of a thread's stack
 # Words of a share: the arguments of `run_batch` in order, then these.
 FLAGS, THREAD, FAILED = 9, 10, 11
 WORDS = 12
+NO_RESULT = (0,) * (WORDS - FLAGS)
 
 SUPPORT = """
 ; Call a kernel N times and advance each pointer by its stride (bytes) after each call. If the
@@ -471,7 +471,10 @@ def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]],
     if len(rows) > POINTER_SLOTS:
         raise CompileError(f'kernel: {len(rows) - 1} arguments; expected at most '
                            f'{POINTER_SLOTS - 1}')
-    table = array('q', chain.from_iterable(rows))
+    entries: list[int] = []
+    for row in rows:
+        entries += row
+    table = array('q', entries)
     width = width or llvm_simd.width()
     function = _driver_function(width)
     address, _ = table.buffer_info()
@@ -484,10 +487,11 @@ def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]],
 
     def work(ranges: Sequence[Range]) -> int:
         # A row of words for each thread, which writes its flags there.
-        shares = array('q')
+        words: list[int] = []
         for begin, end in ranges:
-            shares.extend((kernel, address, len(rows), size, low, high, begin, end,
-                           steps, *[0] * (WORDS - FLAGS)))
+            words += (kernel, address, len(rows), size, low, high, begin, end, steps)
+            words += NO_RESULT
+        shares = array('q', words)
         function(shares.buffer_info()[0], len(ranges))
         return reduce(or_, shares[FLAGS::WORDS])
     return run_in_threads(work, count, width, max(1, PROBE_CALLS // steps))
