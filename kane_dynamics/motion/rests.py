@@ -29,7 +29,8 @@ def rests(motion: Motion) -> Array:
     n = motion.n
     samples = np.zeros(((len(knots) - 1) * len(INSIDE) + 1, n + 1))
     by_segment = samples[:-1].reshape(-1, len(INSIDE), n + 1)
-    kernel(n).run([motion.coefficients, knots, knots[1:]], by_segment, len(by_segment))
+    coefficients = np.ascontiguousarray(motion.coefficients)
+    kernel(n).run([coefficients, knots, knots[1:]], by_segment, len(by_segment))
     u = samples[:, :n]
     speed = samples[:, n]
     speed_at_knots = speed[::len(INSIDE)]

@@ -12,6 +12,7 @@ from kane_dynamics.feasibility.path_timing import SectionMotion
 from kane_dynamics.feasibility.segment_peaks import CHANGING, MotionStates, SegmentPeaks
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.free_spline import free_velocities
+from kane_dynamics.motion.rests import rests
 from kane_dynamics.motion.uniform_spline import spline_derivatives
 from kane_dynamics.robot.parameters import JointLimits
 import numpy as np
@@ -578,6 +579,14 @@ def test_waypoints_of_a_line_there_and_back_take_the_time_of_two_lines(count, ba
         (0.0, 1.0), (1.0, 0.3)))
     assert found.duration == pytest.approx(lines, rel=1e-2)  # the spline overshoots somewhat
     assert largest_use(robot, found) <= 1.001
+
+
+def test_rests_of_a_motion_stay_the_same_after_it_was_sampled():
+    s = np.concatenate([np.linspace(0.0, 1.0, 20), np.linspace(1.0, 0.3, 10)[1:]])
+    motion = path_of(np.outer(s, [1.0, 0.4]), ('a', 'b'))
+    before = rests(motion)
+    motion.sample(0.1)  # lays the coefficients out in another way
+    assert len(before) == 3 and np.array_equal(rests(motion), before)
 
 
 def test_reversal_of_all_joints_keeps_the_torques_in_every_microsecond():
