@@ -379,11 +379,24 @@ def _fill(sub: ArgumentParser) -> None:
                      choices=('gravity', 'coriolis', 'inertia', 'friction'),
                      help='terms that the arm adds itself: gravity, coriolis, inertia, '
                           'friction')
+    sub.add_argument('--feedforward-friction', metavar='CHOICE', type=_number_or_word,
+                     default='desired_speed',
+                     help='friction at rest and at reversals: that of the desired_speed '
+                          '(default); ahead, as a motion begins, or a number, the time '
+                          'ahead, s; none')
     sub.add_argument('--clip', action='store_true',
                      help='clamp efforts to their limits instead of exiting with an '
                           'error')
     sub.add_argument('-o', '--out', metavar='FILE',
                      help='.yaml or .csv file; for a bag the folder of the new bag')
+
+
+def _number_or_word(text: str) -> str | float:
+    """Return a number, or a word that is checked later."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def _doctor(sub: ArgumentParser) -> None:

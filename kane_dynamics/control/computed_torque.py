@@ -13,6 +13,8 @@ In joint rates without constraints T = 1, all joints follow, and the law is
 
     tau = ID_rigid(q, u, udot_d + kd (u_d - u) + kp (q_d - q)) + friction(u_d).
 
+At rest and at reversals friction is that of the robot's choice, `feedforward_friction`.
+
 `Controller` calls it as a kernel; native simulation and sweeps call it as a subroutine
 of their steps.
 """
@@ -31,8 +33,10 @@ from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import guarded
+from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.mechanics.constraints.transmission import (require_transmission,
                                                               transmission_margin)
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
@@ -168,6 +172,44 @@ def corrected_acceleration(q: Vector, u: Vector, q_d: Vector, u_d: Vector,
     return udot_d + (kd * (u_d - u) + kp * (q_d - q))
 
 
+def followed_friction(equations: Equations, places: Sequence[int], q: Vector,
+                      motion: JointMotion, u_d: Vector, udot_d: Vector, load: Vector,
+                      t: Scalar) -> Vector:
+    """
+    Return the friction of all joints in a desired motion of those that follow, (n_j,).
+
+    Parameters
+    ----------
+    equations : Equations
+        Of the robot.
+    places : sequence of int
+        The joints that follow.
+    q : (n_q,) array
+        Measured, rad or m.
+    motion : JointMotion
+        Measured, with udot = 0.
+    u_d, udot_d : (n,) arrays
+        Desired rates and accelerations of the joints that follow.
+    load : (n,) array
+        Generalized force of the motors without friction.
+    t : scalar
+        s.
+
+    """
+    mechanism = equations.mechanism
+    T_c = motion.T[places]
+    loads = None
+    if equations.carries_loads:
+        loads = equations.drive_torques(q, load, t)
+
+    # Rates and accelerations of all joints for the desired ones, without the feedback.
+    du = mechanism.solved(T_c, u_d - motion.qdot[places])
+    drift = motion.qddot + motion.T_rate @ du
+    udot = mechanism.solved(T_c, udot_d - drift[places])
+    return equations.tree.feedforward_friction(motion.qdot + motion.T @ du,
+                                               drift + motion.T @ udot, loads)
+
+
 def law_program(robot: Robot, followed: Sequence[int] | None = None,
                 commanded: bool = False) -> Program:
     """
@@ -198,20 +240,15 @@ def law_of(robot: Robot, followed: Sequence[int] | None = None, commanded: bool 
         motion = equations.joint_motion(q, u, equations.zeros, t)
         T_c = motion.T[places]
 
-        # Accelerations of all joints for the corrected ones of those that follow, and
-        # rates of all joints for the desired ones.
+        # Accelerations of all joints for the corrected ones of those that follow.
         corrected = corrected_acceleration(q[places], motion.qdot[places], q_d, u_d,
                                            udot_d, gains[:n], gains[n:])
         udot = mechanism.solved(T_c, corrected - motion.qddot[places])
         qddot = motion.qddot + motion.T @ udot
-        du = mechanism.solved(T_c, u_d - motion.qdot[places])
-        qdot_d = motion.qdot + motion.T @ du
-
-        rigid = tree.rigid_dynamics(q, motion.qdot, qddot, wrench, parameters)
-        loads = None
-        if equations.carries_loads:
-            loads = equations.drive_torques(q, motion.projected(rigid), t)
-        tau = motion.projected(np.array(rigid) + tree.friction_force(qdot_d, loads))
+        rigid = np.array(tree.rigid_dynamics(q, motion.qdot, qddot, wrench, parameters))
+        friction = followed_friction(equations, places, q, motion, u_d, udot_d,
+                                     motion.projected(rigid), t)
+        tau = motion.projected(rigid + friction)
         if not commanded:
             return tau
         # The torques of the actuators, with NaN where they or the followed joints do not

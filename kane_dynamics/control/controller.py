@@ -10,8 +10,9 @@ from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import (constant, finite_row, number,
                                         per_joint, robot_like)
 from kane_dynamics._util.fork_safety import lazy_property
-from kane_dynamics._util.typing import Array
-from kane_dynamics.control.computed_torque import (corrected_acceleration, KD, KP,
+from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics.control.computed_torque import (corrected_acceleration,
+                                                   followed_friction, KD, KP,
                                                    law_kernel, require_rigid)
 from kane_dynamics.control.followed_motion import FollowedMotion
 from kane_dynamics.control.quasi_static import QuasiStatic
@@ -22,6 +23,7 @@ from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.feedforward_friction import change_kernel, changes_friction
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
@@ -279,6 +281,10 @@ class Controller:
         else:
             self.bending.robot.compile('inverse_dynamics', 'torque_terms',
                                        'gravity_force')
+        if self._compensate.friction and self._needs_friction_kernel:
+            self._friction_kernel  # noqa: B018
+        if self._compensate.changes_friction(self._source):
+            change_kernel(self.robot if self.bending is None else self.bending.robot)
         if not self._direct:
             self.robot.compile('joint_torques')
         self._motion.compile()
@@ -491,7 +497,7 @@ class Controller:
                                                self._kp, self._kd)
         force: Array = self._back @ self._terms(q, u, corrected, t)
         if self._compensate.friction:
-            force = force + self._friction(q, u, corrected, u_d, t)
+            force = force + self._friction(q, u, corrected, u_d, udot_d, t)
         return force if self._direct else self._joint_torques(force, q, t)
 
     @lazy_property
@@ -539,6 +545,9 @@ class Controller:
         else:
             weights = self._compensate.weights
             force = np.asarray(weights @ self._terms(q_d, u_d, accelerations, t))
+        if self._compensate.changes_friction(self._source):
+            force = force + self._compensate.friction_change(
+                self._source, q_d, u_d, udot_d, **self._time(t))
         return q_d, self._joint_torques(force, q_d, t)
 
     def _gravity(self, q: Array, t: float) -> Array:
@@ -567,32 +576,44 @@ class Controller:
         rows[CORIOLIS] += self.robot.mass_matrix(q, **time) @ drift
         return rows
 
-    def _friction(self, q: Array, u: Array, accelerations: Array, rates: Array,
-                  t: float) -> Array:
+    def _friction(self, q: Array, u: Array, accelerations: Array, u_d: Array,
+                  udot_d: Array, t: float) -> Array:
         """
-        Return the friction at desired rates of the joints that follow, (n,).
+        Return the friction in a desired motion of the joints that follow, (n,).
 
         Friction that depends on loads is that under the torques of the motion with these
         accelerations.
         """
-        if self._direct and not self.robot.equations.carries_loads:
-            return self.robot.friction_force(rates)
+        if not self._needs_friction_kernel:
+            return self.robot.friction_force(u_d)
+        load = np.zeros(len(self._speeds))
         if self.robot.equations.carries_loads:
-            return self._loaded_friction(q, u, accelerations, rates, t)
-        u_d = self._motion.speeds(q, rates, t)
-        terms = self.robot.torque_terms(q, u_d, 0.0 * u_d, **self._time(t))
-        return np.asarray(terms[FRICTION])
+            terms = self._terms(q, u, accelerations, t)
+            load = np.delete(terms, FRICTION, axis=0).sum(axis=0)
+        return self._friction_kernel(q, u, u_d, udot_d, load, **self._time(t))
 
-    def _loaded_friction(self, q: Array, u: Array, accelerations: Array, rates: Array,
-                         t: float) -> Array:
-        """Return friction that depends on the loads of the drives, as `_friction`."""
-        equations: Any = self.robot.equations
-        force = np.delete(self._terms(q, u, accelerations, t), FRICTION, axis=0).sum(axis=0)
-        u_d = rates if self._direct else self._motion.speeds(q, rates, t)
-        motion = equations.joint_motion(q, u_d, equations.zeros, t)
-        loads = equations.drive_torques(q, force, t)
-        friction = equations.tree.friction_force(motion.qdot, loads)
-        return np.asarray(motion.projected(friction), dtype=np.float64)
+    @property
+    def _needs_friction_kernel(self) -> bool:
+        """Return whether friction follows not from the desired rates of joints alone."""
+        carries_loads = self.robot.equations.carries_loads
+        return not self._direct or carries_loads or changes_friction(self.robot)
+
+    @lazy_property
+    def _friction_kernel(self) -> Callable[..., Array]:
+        """Return the friction of a desired motion under a force of the motors, compiled."""
+        equations = self.robot.equations
+        places = list(self._motion.places)
+
+        def friction(q: Vector, u: Vector, u_d: Vector, udot_d: Vector, load: Vector, *,
+                     t: Scalar) -> Vector:
+            motion = equations.joint_motion(q, u, equations.zeros, t)
+            return motion.projected(followed_friction(equations, places, q, motion, u_d,
+                                                      udot_d, load, t))
+        n = self.robot.n
+        name = '_'.join(['followed_friction', *map(str, places)])
+        kernel = self.robot.compiled(friction, name=name, shape=(n,), q=(self.robot.n_q,),
+                                     u=(n,), u_d=(n,), udot_d=(n,), load=(n,))
+        return kernel.entry('', kernel)
 
     # The torques of the joints with a generalized force.
 

@@ -31,7 +31,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.jet import (derivative, Jet, moving_jets, series_of,
                                                  value_of)
 from kane_dynamics.mechanics.algebra.ltdl import solve
-from kane_dynamics.mechanics.elastic_inverse_dynamics import (drive_sides, DriveSide,
+from kane_dynamics.mechanics.elastic_inverse_dynamics import (drive_sides, driven_by,
+                                                              DriveSide,
                                                               elastic_inverse_dynamics)
 from kane_dynamics.mechanics.elastic_joints import (damping_torque, spring_deflection,
                                                     spring_slope, spring_torque)
@@ -123,8 +124,10 @@ class ElasticArm:
         links = link_side(model)
         self.names = links.joint_names
         self.n_links = len(self.names)
-        self.tree = TreeEquations(links, payload_frame=robot.options['payload_frame'],
-                                  friction=robot.friction)
+        options = robot.options
+        self.tree = TreeEquations(links, payload_frame=options['payload_frame'],
+                                  friction=robot.friction,
+                                  feedforward_friction=options['feedforward_friction'])
         self.sides = drive_sides(model, self.names)
         for name, drive, _, _ in model.drives:
             if drive.full_coupling:
@@ -212,7 +215,8 @@ class ElasticArm:
         link = motion[:, side.link]
         theta = [link[0] + position, link[1] + speed, link[2] + 2.0 * half_acceleration]
         gear_torque = value_of(torque)
-        motor = self.motor_torque(side, theta[1], theta[2], gear_torque)
+        load = drive.rotor_inertia * theta[2] + gear_torque
+        motor = driven_by(self.tree, side.motor, (theta[1], theta[2]), load)
         return np.array([*theta, motor, gear_torque])
 
     def linearizing_torque(self, q: Vector, u: Vector, desired: Matrix, gains: Matrix,

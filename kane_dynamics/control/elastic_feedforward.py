@@ -105,7 +105,8 @@ class ElasticFeedforward:
         self._frames = tuple(options['wrench_frames'])
         self._tree = TreeEquations(model, wrench_frames=self._frames,
                                    payload_frame=options['payload_frame'],
-                                   friction=robot.friction)
+                                   friction=robot.friction,
+                                   feedforward_friction=options['feedforward_friction'])
         sides = drive_sides(robot.model, model.joint_names)
         self._damped = [side for side in sides if robot.friction and _lags(side.drive)]
         self._sides = [side for side in sides if side not in self._damped]
@@ -206,7 +207,7 @@ class ElasticFeedforward:
             _, rate, acceleration, _ = deflection_rates(drive, delta, row[:3, k])
             row[3:6, k] = link[:, k] + [delta, rate, acceleration]
             load = drive.rotor_inertia * row[5, k] + row[0, k]
-            row[6, k] = driven_by(joint, row[4, k], load, friction=self._tree.friction)
+            row[6, k] = driven_by(self._tree, joint, (row[4, k], row[5, k]), load)
 
     @property
     def damped(self) -> bool:

@@ -14,6 +14,7 @@ from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.model.flexible_model import stiffened
 from kane_dynamics.model.model import Model
+from kane_dynamics.robot.feedforward_friction import feedforward_change
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -131,6 +132,11 @@ class QuasiStatic:
         """Return the joint torques for a motion, (..., n); errors as `modes`."""
         tau: Array = self.robot.inverse_dynamics(*self._state(q, u, udot))
         return tau[..., self._speeds]
+
+    def feedforward_change(self, q: Any, u: Any, udot: Any) -> Array:
+        """Return what commands of a motion add to its inverse dynamics, (..., n)."""
+        change = feedforward_change(self.robot, *self._state(q, u, udot))
+        return change[..., self._speeds]
 
     def torque_terms(self, q: Any, u: Any, udot: Any) -> Array:
         """Return the torques by source, (..., 5, n): rows as `Robot.torque_terms`."""

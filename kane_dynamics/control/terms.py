@@ -12,6 +12,7 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
+from kane_dynamics.robot.feedforward_friction import changes_friction, feedforward_change
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
 
@@ -99,12 +100,32 @@ class Terms:
         return bool(self.weights.all())
 
     def inverse_dynamics(self, source: Robot | QuasiStatic, q: Array, u: Array,
-                         udot: Array) -> Array:
-        """Return the torque of a motion without the terms switched off, (..., n)."""
+                         udot: Array, **time: Any) -> Array:
+        """
+        Return the command of a motion without the terms switched off, (..., n).
+
+        Its friction is that of the choice `feedforward_friction`.
+        """
+        tau: Array
         if self.complete:
-            return source.inverse_dynamics(q, u, udot)
-        tau: Array = self.weights @ source.torque_terms(q, u, udot)
+            tau = source.inverse_dynamics(q, u, udot, **time)
+        else:
+            tau = self.weights @ source.torque_terms(q, u, udot, **time)
+        if self.changes_friction(source):
+            tau = tau + self.friction_change(source, q, u, udot, **time)
         return tau
+
+    def changes_friction(self, source: Robot | QuasiStatic) -> bool:
+        """Return whether commands have another friction than that of the desired speed."""
+        robot = source.robot if isinstance(source, QuasiStatic) else source
+        return self.friction and changes_friction(robot)
+
+    def friction_change(self, source: Robot | QuasiStatic, q: Array, u: Array,
+                        udot: Array, **time: Any) -> Array:
+        """Return what commands of a motion add to its inverse dynamics, (..., n)."""
+        if isinstance(source, QuasiStatic):
+            return source.feedforward_change(q, u, udot)
+        return feedforward_change(source, q, u, udot, **time)
 
 
 EVERY_TERM = Terms()

@@ -7,6 +7,7 @@ from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.computed_torque import corrected_acceleration, law_of
 from kane_dynamics.control.terms import Mode, Terms
 from kane_dynamics.mechanics.algebra.flags import either
+from kane_dynamics.robot.feedforward_friction import changes_friction
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -132,11 +133,15 @@ def mode_torque(robot: Robot, mode: Mode, terms: Terms, q: Vector, u: Vector,
 
 def motion_torque(robot: Robot, terms: Terms, q: Vector, u: Vector, udot: Vector,
                   parameters: Vector) -> Vector:
-    """Return the torque of a motion, (n,), without the terms that are switched off."""
+    """Return the command of a motion, (n,), without the terms that are switched off."""
     equations = robot.equations
+    tau: Vector
     if terms.complete:
-        return equations.inverse_dynamics(q, u, udot, None, parameters)
-    tau: Vector = terms.weights @ equations.torque_terms(q, u, udot, parameters)
+        tau = equations.inverse_dynamics(q, u, udot, None, parameters)
+    else:
+        tau = terms.weights @ equations.torque_terms(q, u, udot, parameters)
+    if terms.friction and changes_friction(robot):
+        tau = tau + equations.feedforward_change(q, u, udot, parameters)
     return tau
 
 
@@ -154,5 +159,5 @@ def _computed_torque(robot: Robot, terms: Terms, q: Vector, u: Vector, desired: 
     rows = equations.torque_terms(q, u, corrected, parameters)
     force: Any = terms.of_feedback.weights @ rows
     if terms.friction:  # at the desired speed, as in the whole law
-        force = force + equations.friction_force(desired.u)
+        force = force + equations.tree.feedforward_friction(desired.u, desired.udot)
     return force

@@ -22,7 +22,7 @@ from kane_dynamics.mechanics.algebra.dual import Dual
 from kane_dynamics.mechanics.algebra.jet import derivative, Jet, moving_jets, series_of
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.elastic_joints import spring_deflection, spring_torque
-from kane_dynamics.mechanics.friction import friction_torque
+from kane_dynamics.mechanics.friction import feedforward_direction, friction_torque
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.drive import Drive
 from kane_dynamics.model.model import Joint, Model
@@ -83,7 +83,8 @@ def elastic_inverse_dynamics(tree: TreeEquations, sides: Sequence[DriveSide], q:
     q_jets = coordinate_jets(tree.model, q, u)
     parameters = np.concatenate([moving_jets(*gravity), payload])
     wrench_jets = None if wrenches is None else moving_jets(*wrenches)
-    torques = tree.inverse_dynamics(q_jets, u, udot, wrench_jets, parameters)
+    load = tree.rigid_dynamics(q_jets, u, udot, wrench_jets, parameters)
+    torques = load + tree.feedforward_friction(u, udot, load)
 
     # Rigid joints: the motor moves with the link and has its torque.
     # The entries of ball joints, which have no position, are zero.
@@ -100,8 +101,9 @@ def elastic_inverse_dynamics(tree: TreeEquations, sides: Sequence[DriveSide], q:
         motor[link] = theta
         _, speed, half_acceleration = series_of(theta, ORDER + 1)
         gear = series_of(torques[link], ORDER + 1)[0]
-        load = drive.rotor_inertia * (2.0 * half_acceleration) + gear
-        motor_torque[link] = driven_by(joint, speed, load, friction=tree.friction)
+        acceleration = 2.0 * half_acceleration
+        load = drive.rotor_inertia * acceleration + gear
+        motor_torque[link] = driven_by(tree, joint, (speed, acceleration), load)
     theta = np.array(motor, dtype=object)
     torque_rows = [derivative(torques, order) for order in range(ORDER + 1)]
     motor_rows = [derivative(theta, order) for order in range(ORDER + 1)]
@@ -150,7 +152,7 @@ def damped_step(tree: TreeEquations, sides: Sequence[DriveSide], before: Matrix,
         _, rate, acceleration, _ = deflection_rates(drive, delta, torque)
         result[3:6, k] = link[:, k] + np.array([delta, rate, acceleration], dtype=object)
         load = drive.rotor_inertia * result[5, k] + result[0, k]
-        result[6, k] = driven_by(joint, result[4, k], load, friction=tree.friction)
+        result[6, k] = driven_by(tree, joint, (result[4, k], result[5, k]), load)
     return result
 
 
@@ -171,9 +173,18 @@ def deflection_rates(drive: Drive, delta: Scalar, torque: Vector) -> list[Scalar
     return [x * float(math.factorial(k)) for k, x in enumerate(series)]
 
 
-def driven_by(joint: Joint, speed: Scalar, load: Scalar, *, friction: bool) -> Scalar:
-    """Return the motor's torque for a load B theta'' + tau_J: with its friction, N m."""
-    return load + friction_torque(joint, speed, load) if friction else load
+def driven_by(tree: TreeEquations, joint: Joint, motion: tuple[Scalar, Scalar],
+              load: Scalar) -> Scalar:
+    """
+    Return the torque of a motor for a load B theta'' + tau_J: with its friction, N m.
+
+    `motion` is theta' and theta''; at rest and at reversals friction is that of the
+    choice of the links' equations, `feedforward_friction`.
+    """
+    if not tree.friction:
+        return load
+    y = feedforward_direction(joint, *motion, tree.feedforward_choice)
+    return load + friction_torque(joint, motion[0], load, y)
 
 
 def _pade_residual(drive: Drive, delta: Scalar, torque: Vector, h: Scalar) -> Scalar:

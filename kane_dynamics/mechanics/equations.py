@@ -354,6 +354,22 @@ class Equations:
         motion = self.joint_motion(q, u, self.zeros, t)
         return motion.projected(self.tree.friction_force(motion.qdot))
 
+    def feedforward_change(self, q: Vector, u: Vector, udot: Vector, parameters: Vector,
+                           t: Scalar = 0.0) -> Vector:
+        """
+        Return what commands of a desired motion add to its inverse dynamics, (n,).
+
+        It is the difference of friction at rest and at reversals, by the choice
+        `feedforward_friction`.
+        """
+        motion = self.joint_motion(q, u, udot, t)
+        loads = None
+        if self.carries_loads:
+            rigid = self.tree.rigid_dynamics(q, motion.qdot, motion.qddot, None, parameters)
+            loads = self.drive_torques(q, motion.projected(rigid), t)
+        commanded = self.tree.feedforward_friction(motion.qdot, motion.qddot, loads)
+        return motion.projected(commanded - self.tree.friction_force(motion.qdot, loads))
+
     def external_force(self, q: Vector, wrench: Any, t: Scalar = 0.0) -> Vector:
         """Return the generalized force, (n,), of wrenches (k, 6) at declared frames."""
         return self.at_rest(q, t).projected(self.tree.external_force(q, wrench))

@@ -38,6 +38,19 @@ the direction of motion. In steady sliding F is the law above with y of 1 or -1.
 g is that of a motor whose friction is F without s_d z'. All other quantities have the law
 above, in which the bristles have no part.
 
+The feedforward of a command does not need the torque of a joint that moves alone: at rest
+and at reversals friction takes any value of an interval. `feedforward_direction` is the y of
+a command, one of three choices, with the desired rate and acceleration v and a:
+
+    desired_speed   y = tanh(v / u_s)
+    ahead           y = tanh((v + lead) / u_s),    lead = u_s tanh(T a / u_s)
+    none            y = 0 up to u_s, then share(v) tanh(v / u_s), all of it from 2 u_s on
+
+The speed that the desired acceleration adds in a time T, by default u_s / (1 rad/s^2), is
+bounded by u_s: as a motion begins, friction is there before the rate, and at a reversal
+its sign changes no earlier than at the rate u_s, however large the acceleration. Nothing
+measured is part of y, so that the friction of a command does not chatter.
+
 All formulations of the dynamics, the integrators and identification use the functions
 below; to change or to extend the law, edit them and the fields of `model.Joint`. They
 run over any scalar.
@@ -50,6 +63,10 @@ from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.model.model import Joint, Model
 import numpy as np
+
+# Choices of the friction that a command compensates at rest and at reversals.
+DESIRED_SPEED, AHEAD, NO_FRICTION = FEEDFORWARD = ('desired_speed', 'ahead', 'none')
+BREAKAWAY_ACCELERATION = 1.0  # rad/s^2 or m/s^2: 'ahead' has most of its y at rest there
 
 HOLDS = 1e30  # N m or N: friction of a self-locking drive against its load
 ROUNDING = 1e-12  # relative, of forces and accelerations
@@ -124,6 +141,48 @@ def friction_torque(joint: Joint, rate: Scalar, load: Scalar = 0.0,
         if odd is not None:
             torque = torque + odd * (y * y)
     return torque + joint.friction_offset
+
+
+def checked_feedforward(choice: Any) -> str | float:
+    """Return a choice of the friction of commands; InputError for anything else."""
+    if isinstance(choice, str) and choice in FEEDFORWARD:
+        return choice
+    is_number = isinstance(choice, int | float | np.floating)
+    if is_number and not isinstance(choice, bool) and 0.0 < choice < np.inf:
+        return float(choice)
+    raise InputError(f'feedforward_friction: {choice!r}; expected one of '
+                     f'{", ".join(FEEDFORWARD)}, or the time ahead, s, a positive number')
+
+
+def feedforward_direction(joint: Joint, rate: Scalar, acceleration: Scalar,
+                          choice: str | float) -> Scalar:
+    """
+    Return the direction y of friction that a command compensates, -1 to 1.
+
+    Parameters
+    ----------
+    joint : Joint
+        With the parameters of the law.
+    rate, acceleration : scalar
+        Desired, rad/s and rad/s^2, or m/s and m/s^2.
+    choice : str or float
+        One of `FEEDFORWARD`; or the time T of 'ahead', s.
+
+    """
+    width = joint.friction_speed
+    if choice == DESIRED_SPEED:
+        return coulomb(rate, width)
+    if choice == NO_FRICTION:
+        # Without friction up to the width, and continuous.
+        beyond = magnitude(rate) * (1.0 / width) - 1.0
+        share = select(beyond < 0.0, 0.0, select(beyond < 1.0, beyond, 1.0))
+        return share * coulomb(rate, width)
+    # By the time 'ahead', in which the rate changes by at most the width.
+    time_over_width = 1.0 / BREAKAWAY_ACCELERATION
+    if not isinstance(choice, str):
+        time_over_width = choice / width
+    lead = width * np.tanh(time_over_width * acceleration)
+    return coulomb(rate + lead, width)
 
 
 def friction_slope(joint: Joint, rate: Scalar, load: Scalar = 0.0) -> Scalar:

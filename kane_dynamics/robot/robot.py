@@ -23,6 +23,7 @@ from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths
 from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
                                                                     coordinates_by_name)
 from kane_dynamics.mechanics.equations import Equations
+from kane_dynamics.mechanics.friction import checked_feedforward, DESIRED_SPEED
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import Inertial, Model, with_payload
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -91,6 +92,13 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         Frame in which `parameters.payload` is given; `with_payload` chooses another.
     friction : bool
         Include damping and Coulomb friction.
+    feedforward_friction : 'desired_speed', 'ahead', 'none' or float
+        The friction that commands compensate at rest and at reversals, where it may have
+        any value of an interval: that of the desired speed; that of the desired speed a
+        time ahead, by the desired acceleration, so that friction is there as a motion
+        begins; or none up to `friction_speed` of a joint. A number is the time ahead, s;
+        default of 'ahead': `friction_speed` over 1 rad/s^2. It changes no other quantity
+        than the commands of control laws and filled trajectories.
     frame_reduction : bool
         Use Denavit-Hartenberg-like frames inside the kernels where that saves
         arithmetic.
@@ -112,7 +120,9 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
                  configuration: Any = None, closure_tolerance: Any = CLOSURE_TOLERANCE,
                  redundant: str = 'minimum_norm', rank_tolerance: float = RANK,
                  wrench_frames: Sequence[str] = (), payload_frame: str | None = None,
-                 friction: bool = True, frame_reduction: bool = True) -> None:
+                 friction: bool = True,
+                 feedforward_friction: str | float = DESIRED_SPEED,
+                 frame_reduction: bool = True) -> None:
         """Prepare the equations without compiling kernels."""
         if not isinstance(model, Model):
             raise InputError(f'model: a {type(model).__name__}; expected a Model '
@@ -128,7 +138,9 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         self._options: dict[str, Any] = {
             'wrench_frames': checked_names(wrench_frames, 'wrench_frames') or (),
             'payload_frame': payload_frame,
-            'friction': bool(friction), 'frame_reduction': bool(frame_reduction)}
+            'friction': bool(friction),
+            'feedforward_friction': checked_feedforward(feedforward_friction),
+            'frame_reduction': bool(frame_reduction)}
         self._choices: dict[str, Any] = {
             'speeds': speeds, 'constraints': checked_constraints(constraints),
             'independent': checked_names(independent, 'independent'),

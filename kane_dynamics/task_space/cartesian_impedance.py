@@ -410,7 +410,7 @@ class ImpedanceForces(NamedTuple):
             force = force + scale * part
         # Friction that the arm compensates itself does not slow its joints down.
         bias = reference_dynamics(equations, q, u, u, equations.zeros, self.weights,
-                                  parameters, t)
+                                  parameters, t, of_model=True)
         brakes = brake_torques(equations, q, u, self.motion, force, bias, self.speeds,
                                parameters, t)
         braking = equations.shared_torques(q, self.motion.projected(brakes), t)

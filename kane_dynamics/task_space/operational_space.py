@@ -35,7 +35,8 @@ from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, Lan
                                                  law_kernel, PoseLaw, Settings)
 from kane_dynamics.task_space.orientation_error import pose_difference
 from kane_dynamics.task_space.pose_checks import pose_margin
-from kane_dynamics.task_space.reference_dynamics import rated_friction
+from kane_dynamics.task_space.reference_dynamics import reference_friction
+from kane_dynamics.task_space.reference_motion import reference_motion, TargetMotion
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -185,8 +186,11 @@ def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings) -> 
 
         # The bias force, with friction at the rates of the reference motion.
         rigid = equations.rigid_dynamics(q, u, equations.zeros, None, parameters, t)
-        u_r = inertia.speeds(task.scaled(in_axes(axes, twist)))
-        friction = rated_friction(equations, q, motion.T @ u_r, rigid, t)
+        desired = TargetMotion(axes, twist, acceleration)
+        u_r, udot_r = reference_motion(equations, task, inertia, q, u, desired, t)
+        drift = motion.qddot + motion.T_rate @ (u_r - u)
+        friction = reference_friction(equations, q, motion.T @ u_r,
+                                      drift + motion.T @ udot_r, rigid, t)
         held = rigid + motion.projected(friction + walls.force(q, motion.qdot, values))
 
         tau, _ = within_limits(equations.shared_torques(q, held, t),

@@ -10,7 +10,8 @@ power u^T dM/dt u / 2. Source: B. Paden, R. Panja, "Globally asymptotically stab
 controller for robot manipulators", Int. J. Control 47(6), 1988.
 
 Friction is that of the reference motion, as in computed torque: compensation at measured
-rates would accelerate an arm at rest.
+rates would accelerate an arm at rest. At rest and at reversals of the reference motion it
+is that of the robot's choice, `feedforward_friction`; while the target rests it is zero.
 """
 
 from kane_dynamics._util.typing import Scalar, Vector
@@ -28,7 +29,7 @@ def compensation_weights(terms: Terms) -> list[float]:
 
 def reference_dynamics(equations: Equations, q: Vector, u: Vector, u_r: Vector,
                        udot_r: Vector, weights: Vector, parameters: Vector,
-                       t: Scalar) -> Vector:
+                       t: Scalar, *, of_model: bool = False) -> Vector:
     """
     Return the force of the compensation, dual to u, (n,), over any scalar.
 
@@ -44,6 +45,8 @@ def reference_dynamics(equations: Equations, q: Vector, u: Vector, u_r: Vector,
         Of the terms `WEIGHTS`, 0 or 1.
     parameters, t
         Of the robot; time, s.
+    of_model : bool
+        Friction that resists a motion, and not that which commands compensate.
 
     """
     inertia, coriolis, gravity, friction = weights
@@ -58,14 +61,35 @@ def reference_dynamics(equations: Equations, q: Vector, u: Vector, u_r: Vector,
     weighted = np.concatenate([gravity * parameters[:3], parameters[3:]])
     rigid = tree.reference_dynamics(q, coriolis * motion.qdot, coriolis * qdot_r, qddot,
                                     weighted)
-    resisting = rated_friction(equations, q, qdot_r, motion.projected(rigid), t)
+    load = motion.projected(rigid)
+    if of_model:
+        resisting = rated_friction(equations, q, qdot_r, load, t)
+    else:
+        resisting = reference_friction(equations, q, qdot_r, drift + motion.T @ udot_r,
+                                       load, t)
     return motion.projected(rigid + friction * resisting)
 
 
 def rated_friction(equations: Equations, q: Vector, rates: Vector, load: Vector,
                    t: Scalar) -> Vector:
     """Return the friction of the joints, (n_j,), at rates, under a force of the drives."""
-    loads = None
-    if equations.carries_loads:
-        loads = equations.drive_torques(q, load, t)
-    return equations.tree.friction_force(rates, loads)
+    return equations.tree.friction_force(rates, _loads(equations, q, load, t))
+
+
+def reference_friction(equations: Equations, q: Vector, rates: Vector,
+                       accelerations: Vector, load: Vector, t: Scalar) -> Vector:
+    """
+    Return the friction of the joints that commands compensate, (n_j,).
+
+    It is that of a reference motion, under a force of the drives; at rest and at
+    reversals by the robot's choice, `feedforward_friction`.
+    """
+    return equations.tree.feedforward_friction(rates, accelerations,
+                                               _loads(equations, q, load, t))
+
+
+def _loads(equations: Equations, q: Vector, load: Vector, t: Scalar) -> Vector | None:
+    """Return the torques of the drives, (n_j,), or None if no friction depends on them."""
+    if not equations.carries_loads:
+        return None
+    return equations.drive_torques(q, load, t)

@@ -19,7 +19,8 @@ import numpy as np
 def fill(options: Namespace) -> None:
     """Fill in trajectories; print or write them."""
     from kane_dynamics.cli.trajectory_files import read_points  # slow import
-    robot, bending = load_rigid(options)
+    robot, bending = load_rigid(options,
+                                feedforward_friction=options.feedforward_friction)
     trajectories = read_points(options.motion, robot.speed_names, options.topic)
     is_bag = trajectories[0].message is not None
     if options.out:

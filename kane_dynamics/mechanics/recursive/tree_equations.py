@@ -27,8 +27,10 @@ from kane_dynamics.mechanics.elastic_joints import (damping_slope, damping_torqu
                                                     spring_torque)
 from kane_dynamics.mechanics.friction import (bristle_energy, bristle_rate,
                                               bristle_torque, carries_load,
-                                              carries_loads, elastic_bristle_torque,
-                                              friction_slope, friction_torque,
+                                              carries_loads, DESIRED_SPEED,
+                                              elastic_bristle_torque,
+                                              feedforward_direction, friction_slope,
+                                              friction_torque,
                                               has_bristles, load_of_drive, load_slope,
                                               require_solvable)
 from kane_dynamics.mechanics.recursive import (center_of_mass as masses,
@@ -69,6 +71,8 @@ class TreeEquations:
         Frame in which a payload's inertial parameters are given.
     friction : bool
         Whether to include damping and Coulomb friction.
+    feedforward_friction : str or float
+        The friction of `feedforward_friction`, as of `friction.feedforward_direction`.
     frame_reduction : bool
         Use Denavit-Hartenberg-like link frames. Otherwise only the joint axes are
         aligned.
@@ -77,11 +81,13 @@ class TreeEquations:
 
     def __init__(self, model: Model, *, wrench_frames: Sequence[str] = (),
                  payload_frame: str | None = None, friction: bool = True,
+                 feedforward_friction: str | float = DESIRED_SPEED,
                  frame_reduction: bool = True) -> None:
         """Resolve the frames; raise InputError for an unknown one."""
         self.model = model
         self.n, self.n_q = model.n, len(model.coordinate_names)
         self.friction = friction
+        self.feedforward_choice = feedforward_friction
         # Whether friction depends on the torques that the drives transmit.
         self.carries_loads = friction and carries_loads(model)
         # The joints whose friction has a state of its own in simulations.
@@ -499,7 +505,29 @@ class TreeEquations:
                 torque = friction_torque(joint, rate, _entry(load, joint),
                                          _direction(directions, joint))
             return joint.multiplier * torque
-        friction = self._by_coordinate(force)
+        return self._with_damping(self._by_coordinate(force), u)
+
+    def feedforward_friction(self, u: Vector, udot: Vector,
+                             load: Vector | None = None) -> Vector:
+        """
+        Return the friction that a command compensates in a desired motion, (n,).
+
+        It differs from `friction_force` at rest and at reversals, by the choice
+        `feedforward_friction`. `load` is as of `friction_force`.
+        """
+        choice = self.feedforward_choice
+        if not self.friction or choice == DESIRED_SPEED:
+            return self.friction_force(u, load)
+
+        def force(joint: Joint) -> Scalar:
+            rate = joint.multiplier * u[joint.coordinate]
+            acceleration = joint.multiplier * udot[joint.coordinate]
+            y = feedforward_direction(joint, rate, acceleration, choice)
+            return joint.multiplier * friction_torque(joint, rate, _entry(load, joint), y)
+        return self._with_damping(self._by_coordinate(force), u)
+
+    def _with_damping(self, friction: Vector, u: Vector) -> Vector:
+        """Return the friction of the joints plus the damping of drives and beams, (n,)."""
         if self.model.drives:
             friction = friction + drive_forces(self.model, u, damping_torque)
         return self._with_beams(friction,

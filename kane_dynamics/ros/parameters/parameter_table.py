@@ -12,6 +12,7 @@ from typing import Any, Literal
 from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.control.friction_error import FRICTION_SPEED
 from kane_dynamics.control.terms import Mode, STATEMENT
+from kane_dynamics.mechanics.friction import DESIRED_SPEED, FEEDFORWARD
 from kane_dynamics.mechanics.integrators import INTEGRATORS
 
 LAW_MODES = (Mode.JOINT_IMPEDANCE, Mode.CARTESIAN_IMPEDANCE, Mode.HAND_GUIDING,
@@ -350,6 +351,14 @@ SPECS = (
     live('feedforward.rest', 'per_joint', [],
          'positions at which joints rest that ~/trajectory '
          'lacks, rad or m; empty: the measured ones'),
+    Spec('feedforward.friction', 'text', DESIRED_SPEED,
+         'friction that commands and ~/trajectory_with_effort compensate at rest and at '
+         'reversals, where it may have any value of an interval: that of the desired '
+         'speed; of the desired speed ahead, so that breakaway friction is there as a '
+         'motion begins; none up to friction_speed of a joint', choices=FEEDFORWARD),
+    Spec('feedforward.friction_lead', 'number', 0.0,
+         'feedforward.friction ahead: the time ahead, s; 0: friction_speed of a joint '
+         'over 1 rad/s^2', low=0.0, high=1.0),
     Spec('efforts.kind', 'text', 'motor_torque',
          'what the efforts of joint states are: the '
          'current of the motor; its torque, behind the gear; the torque of a sensor at '

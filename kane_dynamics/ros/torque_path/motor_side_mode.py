@@ -42,7 +42,9 @@ class MotorSideMode(LiveLaw):
         if model is None or not model.drives:
             raise InputError('an arm without drives; expected drives in the supplement')
         self._robot = robot
-        self._elastic = Robot(model, payload_frame=robot.options['payload_frame'])
+        options = {name: robot.options[name]
+                   for name in ('payload_frame', 'feedforward_friction')}
+        self._elastic = Robot(model, **options)
         self._arm = ElasticArm(self._elastic)
         self._arm.require_deflections()
         self._side = values['drives.sensor_side']

@@ -287,6 +287,25 @@ def test_measured_wrenches_act_on_both_paths_as_long_as_they_are_in_time(mode):
     assert changes == (mode in ('computed_torque', 'inverse_dynamics'))
 
 
+@pytest.mark.slow  # compiles every law, of each choice
+@pytest.mark.parametrize('mode', MODES)
+def test_both_paths_have_the_same_friction_at_reversals(mode, monkeypatch):
+    joints = {name: {'friction': 2.0, 'friction_speed': 0.05} for name in NAMES}
+    model = load_urdf(resource_path('urdf', 'two_link.urdf'), supplement={'joints': joints})
+    commands = []
+    for choice in ('desired_speed', 'ahead', 'none'):
+        monkeypatch.setitem(globals(), 'ROBOT', Robot(model, feedforward_friction=choice))
+        pair = Pair(mode, 3)
+        for _ in range(3):
+            pair.do_motion('motion')
+            for _ in range(10):
+                pair.do_state('state')
+                pair.compare('state')
+        commands.append(np.array(list(map(numbers, pair.sides[1].commands.sent))))
+    if mode in ('inverse_dynamics', 'computed_torque', 'joint_impedance'):  # follow motions
+        assert np.abs(np.diff(commands, axis=0)).max(axis=(1, 2)).min() > 0.5
+
+
 @pytest.mark.parametrize(('mode', 'variants'), [
     ('cartesian_impedance', [{}, {'cartesian.frame': 'link1'}, {'cartesian.axes': 'frame'},
                              {'cartesian.axes': 'base_link'}]),
