@@ -25,6 +25,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.reader import distinct, no_header
 from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
@@ -50,14 +51,46 @@ class States:
 
 def read_motion(path: str | Path, joint_names: Sequence[str]) -> Motion:
     """Return the motion through the points of a CSV or YAML file; InputError names the entry."""
+    names, times, rows = _read_points(path, joint_names)
+    return _motion(path, times, rows, names, joint_names)
+
+
+def read_smooth_motion(path: str | Path, joint_names: Sequence[str]) -> SmoothMotion:
+    """
+    Return the motion with a continuous jerk through the points of a CSV or YAML file.
+
+    Through positions alone it is `SmoothMotion.from_points`. Speeds and accelerations, if
+    the file states them, have to be those of such a motion.
+
+    Raises
+    ------
+    InputError
+        The content is invalid, or the jerk of the stated motion jumps; the message names
+        the file and the entry.
+
+    """
+    names, times, rows = _read_points(path, joint_names)
+    motion = _motion(path, times, rows, names, joint_names)
+    stated = [values for values in rows[1:] if values is not None and any(map(len, values))]
+    try:
+        if stated:
+            return SmoothMotion.from_motion(motion)
+        return SmoothMotion.from_points(motion.times, motion.positions,
+                                        joint_names=joint_names)
+    except InputError as error:
+        raise InputError(f'{path}: {error}') from None
+
+
+def _read_points(path: str | Path, joint_names: Sequence[str]
+                 ) -> tuple[Sequence[str], Any, list[Any]]:
+    """Return names, times, and positions, velocities and accelerations; None if missing."""
     if _is_yaml(path):
-        return _read_yaml(path, joint_names)
+        return read_yaml_points(path)
     states = read_states(path, joint_names)
     if states.t is None or states.q is None:
         raise InputError(f"{path}: no column 't' or 'q.<joint>'; expected both for a "
                          'motion')
-    return _motion(path, states.t, [states.q, states.u, states.udot], joint_names,
-                   joint_names)
+    return joint_names, states.t, [states.q, states.u, states.udot]
 
 
 def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
@@ -260,12 +293,6 @@ def _numbers(path: str | Path, lines: list[list[str]],
                 raise InputError(f"{path}: row {i + 1}, column '{lines[0][column]}': "
                                  f'{value}; expected a number') from None
     return out
-
-
-def _read_yaml(path: str | Path, joint_names: Sequence[str]) -> Motion:
-    """Return the motion through the points of a YAML file."""
-    names, times, rows = read_yaml_points(path)
-    return _motion(path, times, rows, names, joint_names)
 
 
 def read_yaml_points(path: str | Path) -> tuple[list[str], list[float], list[Any]]:

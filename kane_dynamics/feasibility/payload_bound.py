@@ -12,20 +12,24 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDS, STEP
-from kane_dynamics.feasibility.torque_demand import Demand, demand, demand_at, torque_of
+from kane_dynamics.feasibility.torque_demand import (Demand, demand, demand_at, DrivesAlong,
+                                                     motion_of_rigid_joints,
+                                                     refined_demand,
+                                                     refuse_with_drives, torque_of)
 from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
 from kane_dynamics.mechanics.friction import refuse_load_friction
-from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.model.inertial import check_moments, Inertial
 from kane_dynamics.model.placement import point
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
 ROUNDING_SHARE = 1e-13  # relative difference of two torques that is rounding
 SMALL = 1e-3  # kg, hardly bends a beam
-SETTLED = 1e-9  # relative change of the last mass tried with beams
+SETTLED = 1e-9  # relative change of the last mass tried with beams or elastic joints
+HEAVIEST = 1e6  # kg; beyond, nothing bounds the payload of elastic joints
 
 
 @hinting
@@ -39,7 +43,8 @@ class PayloadBound:
     mass : float
         kg; infinite if nothing bounds it.
     joint, limit : str or None
-        The joint that reaches a limit first, and the limit: 'effort' or 'power'.
+        The joint that reaches a limit first, and the limit: 'effort' or 'power', with
+        elastic joints also 'gear' or 'velocity'.
     t : float or None
         Time of that, s.
 
@@ -52,7 +57,8 @@ class PayloadBound:
 
 
 @hinting
-def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0, 0.0),
+def largest_payload(robot: Robot, motion: Motion | SmoothMotion, *,
+                    com: ArrayLike = (0.0, 0.0, 0.0),
                     inertia: ArrayLike | None = None, speed: float = 1.0,
                     step: float = STEP, power: ArrayLike = math.inf,
                     bending: QuasiStatic | None = None) -> PayloadBound:
@@ -62,14 +68,17 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
     For a payload with a given center of mass and an inertia proportional to its mass m,
     the torque is linear in m: tau = tau_0 + m tau_1 at each sample. So each limit bounds
     m exactly. With beams, which the payload bends, tau_1 is that of the mass found, by
-    iteration.
+    iteration. The motors of elastic joints have friction at a speed that depends on the
+    mass, and stiffness may be a curve: then the mass is searched until a limit is reached
+    within 1e-9, from below.
 
     Parameters
     ----------
     robot : Robot
         A robot with a `payload_frame`; its current payload is ignored.
-    motion : Motion
-        Motion of the robot's joints, in their order.
+    motion : Motion or SmoothMotion
+        Motion of the robot's joints, in their order; of elastic joints, of their links, as
+        in `demand`.
     com : (3,) array_like
         Center of mass in the payload frame, m.
     inertia : (3, 3) array_like, optional
@@ -84,21 +93,20 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
     InputError
         If the motion exceeds a limit without a payload (the message names the joint, the
         limit and the time), the robot has no payload frame, or a payload bends the beams
-        beyond their equilibrium before it exceeds a limit.
+        beyond their equilibrium before it exceeds a limit; with elastic joints, as in
+        `demand`.
     ModelError
         If the center of mass or the inertia is invalid.
 
     """
     instance(robot, Robot, 'robot')
-    instance(motion, Motion, 'motion')
-    require_rigid_joints(robot.model)
+    if robot.drives:
+        refuse_with_drives(bending, None)
+    else:
+        motion_of_rigid_joints(motion)
     if robot.friction:
         refuse_load_friction(robot.model, 'largest_payload')
-    moments = np.zeros((3, 3))
-    if inertia is not None:
-        moments = constant(inertia, (3, 3), 'inertia')
-    per_mass = Inertial(1.0, point(com, 'center of mass'), moments)
-    check_moments('payload', per_mass)
+    per_mass = _inertial_per_mass(com, inertia)
     if bending is not None:
         instance(bending, QuasiStatic, 'bending')
         bending = QuasiStatic(copy(bending.robot))
@@ -110,11 +118,22 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
         raise InputError(f'motion without a payload: {empty.excesses[0]}; expected a '
                          'motion within the limits')
 
-    def demand_with(mass: float, additional: Array) -> Demand:
+    def load(mass: float) -> None:
         payload = None
         if mass:
             payload = Inertial(mass, per_mass.com, mass * per_mass.inertia)
         loaded.parameters.payload = payload
+
+    if robot.drives:
+        drives = DrivesAlong(carrier, motion, step, power)
+
+        def demand_of_drives(mass: float) -> Demand:
+            load(mass)
+            return refined_demand(drives.demand_at, speed)
+        return _searched_bound(demand_of_drives)
+
+    def demand_with(mass: float, additional: Array) -> Demand:
+        load(mass)
         return demand_at(carrier, motion, speed, step, power, additional, bending)
     additional = NONE
     for _ in range(ROUNDS + 1):
@@ -128,6 +147,34 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
             break
         additional = np.concatenate([additional, speed * refined])
     return best
+
+
+def _inertial_per_mass(com: ArrayLike, inertia: ArrayLike | None) -> Inertial:
+    """Return the checked inertial properties of one kilogram of payload."""
+    moments = np.zeros((3, 3))
+    if inertia is not None:
+        moments = constant(inertia, (3, 3), 'inertia')
+    per_mass = Inertial(1.0, point(com, 'center of mass'), moments)
+    check_moments('payload', per_mass)
+    return per_mass
+
+
+def _searched_bound(demand_with: Callable[[float], Demand]) -> PayloadBound:
+    """Return the largest payload by bisection between one that fits and one that does not."""
+    low, high = 0.0, SMALL
+    while not (excessive := demand_with(high).excesses):
+        low, high = high, 2.0 * high
+        if high > HEAVIEST:
+            return PayloadBound(math.inf)
+    while high - low > SETTLED * high:
+        middle = 0.5 * (low + high)
+        if beyond := demand_with(middle).excesses:
+            high, excessive = middle, beyond
+        else:
+            low = middle
+    # Close to the bound only the limit that is reached first is exceeded.
+    first = excessive[0]
+    return PayloadBound(low, first.joint, first.limit, first.t)
 
 
 def _bound_at(empty: Demand, demand_with: Callable[[float], Demand], bends: bool

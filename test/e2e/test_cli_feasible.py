@@ -7,9 +7,9 @@ import re
 import subprocess
 import sys
 
-from kane_dynamics import load_urdf, Motion, Robot
+from kane_dynamics import load_urdf, Motion, Robot, SmoothMotion
 from kane_dynamics.cli import main
-from kane_dynamics.feasibility import fastest
+from kane_dynamics.feasibility import demand, fastest, largest_payload
 import numpy as np
 import pytest
 
@@ -117,3 +117,38 @@ def test_fastest_timing_keeps_limits_of_jerk_and_torque_rate(trajectory, capsys,
     assert main(['feasible', str(URDF), '--trajectory', trajectory, '--time-optimal', '--jerk',
                  '-1']) != 0
     assert 'jerk of joint' in capsys.readouterr().err
+
+
+def test_drives_of_a_supplement_are_compared_with_the_limits_of_motors_and_gears(tmp_path, capsys):
+    """Positions alone are a smooth motion of the links; stated speeds need a continuous jerk."""
+    driven = NAMES[:3]
+    drive = {'stiffness': 20000.0, 'rotor_inertia': 2.0, 'gear_effort': 300.0}
+    supplement = tmp_path / 'drives.yaml'
+    supplement.write_text(json.dumps({'drives': dict.fromkeys(driven, drive)}))
+    path, fast = tmp_path / 'motion.csv', tmp_path / 'fast.csv'
+    table = np.column_stack([[0.0, 1.0, 2.0], 0.3 * POINTS[:3]])
+    np.savetxt(path, table, delimiter=',', comments='', header=','.join(['t', *NAMES]))
+    given = ('--supplement', str(supplement), '--motion', str(path))
+    code, data = answer(capsys, *given, '--payload-frame', 'tool0', '--out', str(fast))
+    robot = Robot(load_urdf(URDF, supplement=supplement))
+    motion = SmoothMotion.from_points(table[:, 0], table[:, 1:], joint_names=NAMES)
+    assert code == 0 and data['joint_names'][6:] == [f'{name}_motor' for name in driven]
+    scale = fastest(robot, motion)
+    assert data['fastest']['speed'] == pytest.approx(scale.speed)
+    assert data['torque']['use'][0] == pytest.approx(data['torque']['peak'][0] / 300.0)
+    carrying = Robot(robot.model, payload_frame='tool0')
+    assert data['payload']['mass'] == pytest.approx(largest_payload(carrying, motion).mass)
+    header, *rows = fast.read_text().splitlines()
+    assert 'q.shoulder_pan_joint_motor' in header
+    assert float(rows[-1].split(',')[0]) == pytest.approx(2.0 / scale.speed)
+    # Of links and motors, only the latter have motors whose power counts.
+    needed = demand(robot, motion)
+    assert data['power']['peak_of_all'] == pytest.approx(
+        needed.power[:, 3:].sum(axis=1).max())
+
+    with_speeds = tmp_path / 'speeds.csv'
+    np.savetxt(with_speeds, np.column_stack([table, np.zeros((3, 6))]), delimiter=',',
+               comments='', header=','.join(['t', *NAMES, *(f'u.{name}' for name in NAMES)]))
+    assert main(['feasible', str(URDF), '--supplement', str(supplement), '--motion',
+                 str(with_speeds)]) == 2
+    assert 'speeds.csv: motion: the' in capsys.readouterr().err

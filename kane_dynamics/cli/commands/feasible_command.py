@@ -9,14 +9,17 @@ from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.printing import print_files, print_json, print_table
 from kane_dynamics.cli.robot_options import load_rigid, warn_degrees
-from kane_dynamics.cli.tables import QUANTITIES, read_motion, write_states
+from kane_dynamics.cli.tables import (QUANTITIES, read_motion, read_smooth_motion,
+                                      write_states)
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility import (Demand, demand, fastest, largest_payload,
                                        time_optimal, TimeOptimal)
 from kane_dynamics.feasibility.samples import NONE
 from kane_dynamics.feasibility.time_scale import LOWEST, TimeScale
 from kane_dynamics.feasibility.torque_demand import demand_at
+from kane_dynamics.model.elastic_model import with_motors_at_links
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -25,8 +28,7 @@ def feasible(options: Namespace) -> int:
     """Check a motion against the limits of the joints; return 1 if it exceeds one."""
     plot = pictures.plotter(options)  # errors early
     robot, bending = load_rigid(options, payload_frame=options.payload_frame)
-    motion = read_motion(options.motion, robot.speed_names)
-    warn_degrees(robot, motion.positions, options.motion)
+    motion = _motion(options, robot)
     power = _one_or_all(options.power)
     if options.time_optimal:
         if bending is not None:
@@ -61,12 +63,29 @@ def feasible(options: Namespace) -> int:
     return 0 if data['fits'] else 1
 
 
+def _motion(options: Namespace, robot: Robot) -> Motion | SmoothMotion:
+    """Return the motion of the joints, with elastic joints that of their links."""
+    if not robot.drives:
+        motion = read_motion(options.motion, robot.speed_names)
+        warn_degrees(robot, motion.positions, options.motion)
+        return motion
+    motors = {elastic.drive.motor for elastic in robot.drives}
+    links = [name for name in robot.joint_names if name not in motors]
+    smooth = read_smooth_motion(options.motion, links)
+    positions = smooth.sample(smooth.times).q
+    # The motors are where no spring is deflected.
+    whole = np.zeros((len(positions), robot.n_q))
+    whole[:, [robot.joint_names.index(name) for name in links]] = positions
+    warn_degrees(robot, with_motors_at_links(robot.model, whole), options.motion)
+    return smooth
+
+
 def _one_or_all(values: list[float]) -> float | list[float]:
     """Return one number for all joints, or one for each."""
     return values[0] if len(values) == 1 else values
 
 
-def _hopeless(robot: Robot, motion: Motion, conditions: dict[str, Any]) -> str:
+def _hopeless(robot: Robot, motion: Motion | SmoothMotion, conditions: dict[str, Any]) -> str:
     """Return the reason why a motion is infeasible at every speed, as text."""
     slowest = demand(robot, motion, speed=LOWEST, **conditions)
     if slowest.excesses:
@@ -74,8 +93,8 @@ def _hopeless(robot: Robot, motion: Motion, conditions: dict[str, Any]) -> str:
     return 'at every speed some limit is exceeded'
 
 
-def _write_fitting(path: str, robot: Robot, motion: Motion, scale: TimeScale | None,
-                   conditions: dict[str, Any]) -> None:
+def _write_fitting(path: str, robot: Robot, motion: Motion | SmoothMotion,
+                   scale: TimeScale | None, conditions: dict[str, Any]) -> None:
     """Write the motion at the highest feasible speed as a table of states."""
     if scale is None:
         raise InputError('--out: no feasible speed; expected a motion with a highest '
@@ -108,16 +127,28 @@ def demand_data(needed: Demand) -> dict[str, Any]:
     return {'joint_names': list(needed.joint_names), 'duration': float(needed.t[-1]),
             'samples': len(needed.t), 'fits': needed.fits,
             'torque': {'peak': peaks(needed.tau), 'rms': needed.torque_rms,
-                       'limit': needed.limits.effort, 'use': needed.uses['effort']},
+                       'limit': needed.limits.effort, 'use': _torque_uses(needed)},
             'velocity': {'peak': peaks(needed.u), 'limit': needed.limits.velocity,
                          'use': needed.uses['velocity']},
             'power': {'peak': peaks(needed.power), 'limit': needed.power_limit,
                       'use': needed.uses['power'],
-                      'peak_of_all': float(needed.power.sum(axis=1).max())},
+                      'peak_of_all': float(_motor_power(needed).max())},
             'position': {'lowest': needed.q.min(axis=0), 'highest': needed.q.max(axis=0),
                          'lower': needed.limits.lower, 'upper': needed.limits.upper},
             'excesses': [{**excess._asdict(), 'words': str(excess)}
                          for excess in needed.excesses]}
+
+
+def _torque_uses(needed: Demand) -> Array:
+    """Return the used shares of the limits of motors, and of the gears of elastic links."""
+    uses = needed.uses
+    return np.maximum(uses['effort'], uses['gear']) if needed.gears else uses['effort']
+
+
+def _motor_power(needed: Demand) -> Array:
+    """Return the power of all motors together, (N,), W; gears only transmit it."""
+    with_motor = ~np.isin(needed.joint_names, needed.gears)
+    return np.asarray(needed.power[:, with_motor].sum(axis=1))
 
 
 def _print_demand(data: dict[str, Any]) -> None:
@@ -164,8 +195,8 @@ def _bound_in_words(bound: dict[str, Any], name: str, unit: str) -> str:
 
 # The fastest timing of a path.
 
-def _time_path(options: Namespace, robot: Robot, motion: Motion, plot: Any,
-               power: Any) -> int:
+def _time_path(options: Namespace, robot: Robot, motion: Motion | SmoothMotion,
+               plot: Any, power: Any) -> int:
     """Compute the fastest timing of the path of a motion; write, plot and print it."""
     if options.speed != 1.0:
         raise InputError('--speed: given with --time-optimal; expected one of them')
@@ -200,7 +231,7 @@ def _write_timing(path: str, timing: TimeOptimal) -> None:
         write_states(stream, t, states, timing.joint_names)
 
 
-def timing_data(timing: TimeOptimal, motion: Motion) -> dict[str, Any]:
+def timing_data(timing: TimeOptimal, motion: Motion | SmoothMotion) -> dict[str, Any]:
     """Return a timing as plain data."""
     return {'joint_names': list(timing.joint_names), 'duration': timing.duration,
             'points': len(timing.motion.times), 'given_duration': motion.duration,

@@ -4,7 +4,7 @@ from kane_dynamics import (ComputedTorque, Controller, controller_kernels, Drive
                            fill_trajectory, HandGuiding, InputError, JointImpedance,
                            ModelBuilder, Motion, Robot, rod, simulate, TaskSpace,
                            with_drives, with_rigid_joints)
-from kane_dynamics.feasibility import demand, largest_payload
+from kane_dynamics.feasibility import demand
 from kane_dynamics.identification import excite, identify, Recording
 from kane_dynamics.optimal_control import TrajectoryOptimizer
 import numpy as np
@@ -31,7 +31,6 @@ def motion(robot):
     lambda robot: TaskSpace(robot, 'upper', directions=['z']),
     lambda robot: ComputedTorque(robot, motion(robot)),
     lambda robot: fill_trajectory(robot, TIMES, np.zeros((5, robot.n))),
-    lambda robot: largest_payload(robot, motion(robot)),
     lambda robot: excite(robot.model, velocity=1.0, acceleration=1.0, distance=None),
     lambda robot: identify(robot.model, Recording(TIMES, *np.ones((4, 5, 2)))),
 ])

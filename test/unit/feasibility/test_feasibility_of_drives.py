@@ -4,9 +4,11 @@ from dataclasses import replace
 from functools import cache
 import math
 
-from kane_dynamics import (Drive, InputError, load_urdf, ModelBuilder, ModelError, Motion,
-                           Robot, rod, SmoothMotion, StiffnessCurve, UrdfError, with_drives)
+from kane_dynamics import (Drive, Inertial, InputError, Limits, load_urdf, ModelBuilder,
+                           ModelError, Motion, Robot, rod, SmoothMotion, StiffnessCurve, UrdfError,
+                           with_drives)
 from kane_dynamics.feasibility import demand, fastest, largest_payload
+from kane_dynamics.model.model import with_payload
 import numpy as np
 from numpy.testing import assert_allclose
 import pytest
@@ -172,6 +174,56 @@ def test_a_rigid_motor_is_the_limit_of_a_stiff_one():
     assert_allclose(tau, expected[1:-1], rtol=0, atol=1e-5 * np.abs(tau).max())
 
 
+def carrier(**options):
+    """Return the arm with limits, which may carry a payload at its wrist."""
+    limits = {'gear_effort': 80.0, 'motor_effort': 95.0, 'motor_velocity': 6.0}
+    return Robot(arm(**options, **limits), payload_frame='wrist_link')
+
+
+@pytest.mark.parametrize('options', [
+    {}, pytest.param({'curve': True}, marks=pytest.mark.slow),
+    pytest.param({'damping': 2.0}, marks=pytest.mark.slow)], ids=str)
+def test_the_largest_payload_of_an_elastic_arm_fits_and_any_more_does_not(options):
+    robot, com = carrier(**options), (0.1, 0.0, 0.02)
+    bound = largest_payload(robot, move(), com=com, speed=0.8)
+    assert 0.1 < bound.mass < 100.0
+    assert robot.parameters.payload is None
+    for share, fits in ((1.0 - 1e-6, True), (1.0 + 1e-6, False)):
+        load = Inertial(share * bound.mass, com, np.zeros((3, 3)))
+        loaded = Robot(with_payload(robot.model, 'wrist_link', load))
+        needed = demand(loaded, move(), speed=0.8)
+        assert needed.fits is fits
+        if not fits:
+            excess, = needed.excesses
+            assert (excess.joint, excess.limit) == (bound.joint, bound.limit)
+            assert excess.t == pytest.approx(bound.t, abs=1e-3)
+
+
+def test_the_largest_payload_of_very_stiff_drives_is_that_of_rigid_joints():
+    builder = ModelBuilder('pendulum')
+    builder.body('bar', joint='pivot', axis=(0, -1, 0), damping=0.3, armature=0.1,
+                 limits=Limits(effort=30.0), inertial=rod(2.0, (0, 0, 0), (0.5, 0, 0)))
+    rigid = builder.model()
+    swing = SmoothMotion.from_points([0.0, 1.0], [[0.0], [1.0]], joint_names=('pivot',))
+    dense = np.linspace(0.0, 1.0, 401)
+    sampled = swing.sample(dense)
+    same = Motion.from_points(dense, *sampled[:3], joint_names=('pivot',))
+    expected = largest_payload(Robot(rigid, payload_frame='bar'), same, com=(0.4, 0, 0))
+    elastic = with_drives(rigid, {'pivot': Drive(1e8, motor_effort=30.0)})
+    bound = largest_payload(Robot(elastic, payload_frame='bar'), swing, com=(0.4, 0, 0))
+    assert bound.mass == pytest.approx(expected.mass, rel=1e-4)
+    assert (bound.joint, bound.limit) == ('pivot_motor', 'effort')
+    nothing = with_drives(replace_limits(rigid), {'pivot': Drive(1e8)})
+    assert largest_payload(Robot(nothing, payload_frame='bar'), swing).mass == math.inf
+
+
+def replace_limits(model):
+    """Return a model without limits."""
+    body, = model.bodies
+    joint = replace(body.joint, limits=Limits())
+    return replace(model, bodies=(replace(body, joint=joint),))
+
+
 BAD = [
     (lambda: Drive(1.0, motor_effort=0.0), ModelError, 'motor_effort: 0.0; expected'),
     (lambda: Drive(1.0, motor_velocity=-1.0), ModelError, 'motor_velocity: -1'),
@@ -196,7 +248,10 @@ BAD = [
     (lambda: demand(robot_of(), move(), power=-1.0), InputError, 'power'),
     (lambda: largest_payload(Robot(arm(), payload_frame='wrist_link'), Motion.from_points(
         [0.0, 1.0], np.zeros((2, 5)), joint_names=robot_of().joint_names)), InputError,
-     'robot: with elastic joints'),
+     'the links of elastic joints'),
+    (lambda: largest_payload(carrier(), move(), bending=1), InputError, 'bending: given'),
+    (lambda: largest_payload(carrier(), move(), speed=50.0), InputError,
+     'motion without a payload: joint'),
 ]
 
 
