@@ -150,6 +150,8 @@ OUTLINED = 40  # more coordinates: quantities of SHARING are traced with subrout
 ALWAYS_IN_LANES = 24  # more coordinates: matrices of one state are computed in lanes
 FEWEST_IN_LANES = 4  # fewer coordinates: never in lanes
 COMPARED = ('coriolis_matrix', *ANALYTIC)  # between: the shorter of the two programs
+# Quantities whose two programs are compared beyond that, up to this many coordinates.
+COMPARED_LONGER = {'forward_dynamics': OUTLINED, 'mass_matrix': 64}
 # Rows of lanes in forward dynamics by articulated inertias, for a block of joints.
 ROWS_OF_BLOCK = 2400
 NO_DIRECTION = 1e-16  # squared length of a quaternion that has no direction
@@ -309,7 +311,8 @@ class KernelSet:
             traced_single = partial(self.program, name, at, derivative, single=True)
             key = self.key and self.key + at
             kernel = Kernel(label, traced, key, arguments, self._parameters, shape,
-                            partial(self._another, place), traced_single, self._in_order)
+                            partial(self._another, place), traced_single, self._in_order,
+                            derivative is None and self.by_states(name))
             self._made[place] = kernel
         return kernel
 
@@ -345,6 +348,12 @@ class KernelSet:
         """Return the names of the arguments of a quantity, before wrench and time."""
         return self._quantity(name).arguments
 
+    def by_states(self, name: str) -> bool:
+        """Return whether batches of a quantity are computed one state after the other."""
+        if name != 'forward_dynamics' or self.equations.n <= OUTLINED:
+            return False
+        return method_in_lanes(self.equations, name) is not None
+
     def in_use(self, name: str) -> bool:
         """Return whether the kernel of one of `QUANTITIES` has been used."""
         return (name, '') in self._made
@@ -353,14 +362,15 @@ class KernelSet:
                  inputs: Mapping[str, Shape | Argument], shape: Shape, *,
                  constants: Shape | None = None,
                  reason: ResultCheck | None = None,
-                 single: Callable[..., Any] | None = None) -> Kernel:
+                 single: Callable[..., Any] | None = None,
+                 by_states: bool = False) -> Kernel:
         """
         Return the kernel of a function over any scalar, as `Robot.compiled`.
 
         With `constants`, the shape of the function's last argument, its numbers take the
         place of the robot's parameters: calls of the kernel's address pass them last.
         `reason` is that of `Kernel`; `single` is the same function in lanes, for single
-        states.
+        states; `by_states` is as of `Kernel`.
         """
         traced = self.function(function, name, inputs, constants, shape)
         place = name, traced.identity
@@ -381,7 +391,7 @@ class KernelSet:
                 program_in_lanes = self.function(single, name, inputs, constants,
                                                  shape).program
             kernel = Kernel(name, traced.program, key, traced.arguments, block, shape,
-                            explanation, program_in_lanes, self._in_order)
+                            explanation, program_in_lanes, self._in_order, by_states)
             self._made[place] = kernel
         return kernel
 
@@ -518,8 +528,8 @@ class KernelSet:
             return self._traced(self._method(name, at), name, at, derivative)
         # For arms of common size, the program with fewer instructions on this processor.
         program_in_lanes = self._traced(in_lanes, name, at)
-        most_compared = OUTLINED if name == 'forward_dynamics' else ALWAYS_IN_LANES
-        if self.equations.n > most_compared:  # without lanes it would be far longer
+        if self.equations.n > COMPARED_LONGER.get(name, ALWAYS_IN_LANES):
+            # Without lanes it would be far longer.
             return program_in_lanes
         plain = self._traced(self._method(name, at), name, at)
         lanes = width()

@@ -19,6 +19,7 @@ from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
+from kane_dynamics.robot.kernel_set import method_in_lanes
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.user_speeds import tau_from
 import numpy as np
@@ -69,8 +70,14 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     """
     choice = StepChoice(feedback, integrator, dual_to, followed)
     name, inputs, constants = step_signature(robot, choice)
-    return robot.kernels.compiled(partial(traced_step, robot, choice.needed(robot)), name,
-                                  inputs, inputs['state'], constants=constants)
+    step = partial(traced_step, robot, choice.needed(robot))
+    # Where the dynamics of one state have a program of their own, its steps have, too.
+    single = None
+    if method_in_lanes(robot.equations, 'forward_dynamics') is not None:
+        single = partial(step, system=SingleRobotMotion)
+    return robot.kernels.compiled(step, name, inputs, inputs['state'],
+                                  constants=constants, single=single,
+                                  by_states=robot.kernels.by_states('forward_dynamics'))
 
 
 def step_signature(robot: Robot, choice: StepChoice) -> tuple[str, dict[str, Shape], Shape]:
@@ -250,6 +257,14 @@ class RobotMotion:
                          *[0.0] * int(self.equations.watched)])
 
 
+class SingleRobotMotion(RobotMotion):
+    """A robot during one traced step that is not one of a batch."""
+
+    @lazy_property
+    def _motion(self) -> Program:
+        return _state_program(self.robot, self._dual_to, self.watched, single=True)
+
+
 def step_program(robot: Robot, name: str, choice: StepChoice) -> Program:
     """Trace the program of `step_kernel`."""
     inputs = _inputs(robot, choice.feedback)
@@ -384,7 +399,7 @@ def first_stage_inputs(robot: Robot, presliding: bool = True) -> list[tuple[str,
 
 
 def _state_program(robot: Robot, dual_to: tuple[str, ...] | None,
-                   watched: bool = False) -> Program:
+                   watched: bool = False, single: bool = False) -> Program:
     """
     Trace udot; with chosen speeds or constraints, q' and udot.
 
@@ -392,7 +407,7 @@ def _state_program(robot: Robot, dual_to: tuple[str, ...] | None,
     """
     equations = robot.equations
     if equations.in_joint_rates and not equations.tree.bristles:
-        return robot.kernels.program('forward_dynamics')
+        return robot.kernels.program('forward_dynamics', single=single)
     physical = robot.parameters.physical
 
     def rates(q: Vector, u: Vector, tau: Vector, *inputs: Any) -> Any:

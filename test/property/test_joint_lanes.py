@@ -20,8 +20,9 @@ import pytest
 
 EPS = np.finfo(float).eps
 LARGER = 26  # axes: one state is computed in lanes, a batch is not
-GIVEN = {'inverse_mass_matrix': 1, 'coriolis_matrix': 2, 'inverse_dynamics_derivatives': 3,
-         'forward_dynamics_derivatives': 3, 'regressor': 3}  # how many of q, u, udot (or torque)
+GIVEN = {'mass_matrix': 1, 'inverse_mass_matrix': 1, 'coriolis_matrix': 2,
+         'inverse_dynamics_derivatives': 3, 'forward_dynamics_derivatives': 3,
+         'regressor': 3}  # how many of q, u, udot (or torque)
 INVERSE = ('inverse_mass_matrix', 'forward_dynamics_derivatives')  # as accurate as M^-1
 
 

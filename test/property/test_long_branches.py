@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from definition import relative_error
 from hypothesis import given, settings, strategies as st
-from kane_dynamics import Inertial, Robot
+from kane_dynamics import Inertial, InputError, Robot, simulate
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.joint_lanes.branches import branches
 from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
@@ -84,3 +84,43 @@ def test_a_link_without_inertia_about_its_joint_needs_the_mass_matrix():
     thin = replace(model, bodies=(*model.bodies[:-1], replace(last, inertial=rod)))
     assert TreeInLanes.has_long_branches(TreeEquations(model), 2400)
     assert not TreeInLanes.has_long_branches(TreeEquations(thin), 2400)
+
+
+@pytest.fixture(scope='module')
+def long_chain():
+    """Return a chain whose batches are computed one state after the other."""
+    robot = Robot(random_model(4, 44, branching=0.0))
+    assert robot.kernels.by_states('forward_dynamics')
+    return robot
+
+
+@pytest.mark.parametrize('count', [1, 8, 11])
+def test_a_batch_of_a_long_chain_has_the_numbers_of_its_states(long_chain, count):
+    states = np.random.default_rng(count).uniform(-1.0, 1.0, (3, count, long_chain.n))
+    expected = np.array([long_chain.forward_dynamics(*state)
+                         for state in states.transpose(1, 0, 2)])
+    assert np.array_equal(long_chain.forward_dynamics(*states), expected)
+    # In place: no state is computed again from its own result.
+    q, u, tau = states
+    long_chain.forward_dynamics(q, u, tau, out=tau)
+    assert np.array_equal(tau, expected)
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf])
+def test_a_batch_of_a_long_chain_names_a_number_that_is_not_finite(long_chain, value):
+    states = np.zeros((3, 9, long_chain.n))
+    states[1, 8, 5] = value
+    with pytest.raises(InputError, match=r"u\[8, 5\] \(joint 'joint5'\): (nan|inf); expected"):
+        long_chain.forward_dynamics(*states)
+
+
+@pytest.mark.slow
+def test_a_simulation_of_a_long_chain_has_the_accelerations_of_its_states(long_chain):
+    q, u = np.random.default_rng(2).uniform(-0.3, 0.3, (2, long_chain.n))
+    trajectory = simulate(long_chain, q, u, 0.02, step=1e-3)
+    expected = long_chain.forward_dynamics(trajectory.q, trajectory.u, 0.0 * trajectory.u)
+    np.testing.assert_array_equal(trajectory.udot, expected)
+    # The motion has these accelerations: differences over a step, of second order.
+    slope = np.gradient(trajectory.u, trajectory.t, axis=0)[1:-1]
+    middle = trajectory.udot[1:-1]
+    assert np.abs(slope - middle).max() < 0.02 * np.abs(middle).max()

@@ -90,12 +90,12 @@ class TreeInLanes:
         equations = self.equations
         factorization: Callable[..., Any] = ltdl.factorize
         if self._long_branches():
-            rows = self._mass_matrix(q, parameters)
+            rows = self.mass_matrix(q, parameters)
             factorization = partial(factorize, lanes=lanes, rows=rows)
         factors = equations.factors(q, parameters, factorization)
         return inverse_mass_matrix(factors, equations.order, lanes)
 
-    def _mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
+    def mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the mass matrix, (n, n), from the rows of the derivatives."""
         zeros = self.equations.zeros
         _, _, M = self._derivative_rows(q, zeros, zeros, parameters)

@@ -17,7 +17,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.backends.llvm_math import size_limit
 from kane_dynamics.native.backends.llvm_scalar import module_text
-from kane_dynamics.native.backends.llvm_simd import lane_text, width
+from kane_dynamics.native.backends.llvm_simd import lane_text, text_by_states, width
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
@@ -152,6 +152,9 @@ class Kernel:
         Keep the order of the program in the machine code of single states. LLVM's
         scheduler would move uses of constraint rows and of their inverse apart, and
         spill more of them.
+    by_states : bool
+        Compute the states of a batch one after the other, by the program for single
+        states, where that of a batch would be much longer.
 
     """
 
@@ -159,7 +162,7 @@ class Kernel:
                  arguments: Sequence[Argument], parameters: Array, shape: Shape,
                  reason: ResultCheck | None = None,
                  single: Callable[[], Program] | None = None,
-                 in_order: bool = False) -> None:
+                 in_order: bool = False, by_states: bool = False) -> None:
         """Compile the program or load it from the cache."""
         self.name = name
         self.shape = shape
@@ -167,6 +170,9 @@ class Kernel:
         self.parameters = parameters
         self._reason = reason
         self._program = program
+        self._of_batch = lane_text, program
+        if by_states:
+            self._of_batch = text_by_states, single or program
         self.defaults: list[Array] = []
         # Of the arguments that every call must have; a scalar is an array of one number.
         shapes: list[Shape] = []
@@ -242,11 +248,14 @@ class Kernel:
         if self._lanes is None:
             driver(width())
 
+            text, program = self._of_batch
+
             def text_of_lanes() -> str:
-                return lane_text(self._program(), SYMBOL, width())
+                return text(program(), SYMBOL, width())
             with self._compiling.held():
                 if self._lanes is None:  # no other thread compiled them meanwhile
-                    code = self._compiled(f'{width()} lanes', text_of_lanes)
+                    kind = f'{width()} lanes' if text is lane_text else 'by states'
+                    code = self._compiled(kind, text_of_lanes)
                     self._lanes = code, code.address(SYMBOL)
         _, lane_address = self._lanes
         return lane_address
