@@ -71,7 +71,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{name}']),
         (share, ['package.xml']),
         *[(f'{share}/{folder}', sorted(glob(f'{folder}/*.*')))
-          for folder in ('config', 'launch', 'urdf')],
+          for folder in ('config', 'config/diagnostics', 'launch', 'urdf')],
     ],
     entry_points={'console_scripts': [
         'dynamics_node = kane_dynamics.ros.dynamics_node.main:main',

@@ -20,6 +20,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode, Node
 
 PACKAGE = 'kane_dynamics'
+MANAGER = 'lifecycle_manager_of_the_arm'
+CONFIGURING = 120.0  # s for a transition: kernels compile when the node configures
 RESPAWN_DELAY = 1.0  # s after which a node or a guard that ended starts again
 # Arguments that describe the robot to the node and to the plant.
 DESCRIPTION = ('urdf', 'supplement', 'constraints', 'arm_compensates', 'prefix')
@@ -35,6 +37,8 @@ ARGUMENTS = {
     'commands': ('commands', 'topic of the commanded efforts, for example <controller>/commands'),
     'joint_states': ('joint_states', 'topic of the joint states'),
     'use_sim_time': ('', 'use time from /clock, which the plant publishes; overrides the files'),
+    'lifecycle_manager': (
+        'false', 'start the lifecycle manager of Nav2, which activates the node, with a bond'),
     'guard': ('true', 'start torque_guard, which holds the arm when the node dies or hangs'),
     'plant': ('', 'parameter file of a simulated robot to start, given like config'),
     'state_publisher': ('false', 'start robot_state_publisher; requires urdf:='),
@@ -85,6 +89,12 @@ def nodes(context):
                   if value[topic] != topic]
     guarded = truth('guard', value['guard'])
     activation = [{'activation': value['activation']}] if value['activation'] else []
+    managed = truth('lifecycle_manager', value['lifecycle_manager'])
+    if managed and activation:
+        raise ValueError(f"activation: '{value['activation']}'; expected none with "
+                         'lifecycle_manager:=true, which activates the node')
+    if managed:
+        activation = [{'autostart': False, 'bond': True}]
     started = [LifecycleNode(
         package=PACKAGE, executable='dynamics_node', name=PACKAGE, namespace=value['namespace'],
         parameters=[*config, *chosen, *activation, *clock, {'guard.enabled': guarded}],
@@ -96,6 +106,12 @@ def nodes(context):
             namespace=value['namespace'], parameters=[{'node': PACKAGE}], output='screen',
             remappings=remappings, respawn=True, respawn_delay=RESPAWN_DELAY,
             on_exit=end_if_invalid))
+    if managed:
+        started.append(Node(
+            package='nav2_lifecycle_manager', executable='lifecycle_manager',
+            name=MANAGER, namespace=value['namespace'], output='screen',
+            parameters=[{'autostart': True, 'node_names': [PACKAGE], 'bond_timeout': 4.0,
+                         'service_timeout': CONFIGURING}, *clock]))
     if value['plant']:
         started.append(Node(
             package=PACKAGE, executable='plant_node', name='plant', namespace=value['namespace'],

@@ -404,6 +404,22 @@ class Controller:
         _, tau = self._feedforward(q, motion, moment, t)
         return tau
 
+    def interrupted(self, motion: Motion, moment: float, duration: float) -> Motion:
+        """
+        Return the stop of the joints that follow, from a motion at a time, s.
+
+        It comes to rest after half its duration, s, times the speeds of the motion.
+        """
+        begin, speeds, _ = self._motion.desired(motion, moment)
+        return self._stop_from(begin, speeds, duration)
+
+    def _stop_from(self, begin: Array, speeds: Array, duration: float) -> Motion:
+        """Return the motion that brings the joints that follow to rest."""
+        end = begin + 0.5 * duration * speeds
+        rest = 0.0 * speeds
+        return Motion.from_points([0.0, duration], [begin, end], [speeds, rest],
+                                  [rest, rest], joint_names=self._follow)
+
     def stopping_motion(self, q: Array, u: Array, tau: Array, elapsed: float,
                         duration: float, t: float = 0.0) -> Motion:
         """
@@ -432,10 +448,7 @@ class Controller:
         time = (t,) if self._timed else ()
         reached = self._reached()
         begin, speeds = np.split(reached(q, u, tau, elapsed, *time), 2)
-        end = begin + 0.5 * duration * speeds
-        rest = 0.0 * speeds
-        return Motion.from_points([0.0, duration], [begin, end], [speeds, rest],
-                                  [rest, rest], joint_names=self._follow)
+        return self._stop_from(begin, speeds, duration)
 
     def limit(self, t: float, tau: Array) -> Command:
         """Return `tau`, (n,), within the limits, as the command at stamp `t`, s."""

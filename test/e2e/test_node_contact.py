@@ -156,6 +156,37 @@ def test_external_torques_wrench_and_collision_are_published(node, robot):
     assert [flag.data for flag in ear.flags] == [False, True, False]
 
 
+def test_a_collision_stops_the_motion_and_refuses_others_until_it_ends(node, robot):
+    gravity = robot.gravity_force(Q)
+    log = node.process
+    assert node.adjust(observer__action='stop').successful
+    try:
+        node.follow([(0.0, Q), (60.0, Q + 1.0)])
+        assert not hold(node, gravity, lambda: False, 0.5)
+        assert not answers(node, gravity), 'the motion is followed'
+        pushed = gravity - 3.0 * THRESHOLD
+        assert hold(node, pushed, lambda: 'desired motion stopped' in log.log), log.log[-500:]
+        assert "collision at joint 'turn': desired motion stopped" in log.log
+        refused = "joint_trajectory rejected: collision at joint 'turn'"
+        node.follow([(0.0, Q), (60.0, Q + 1.0)])
+        assert hold(node, pushed, lambda: refused in log.log)
+        # After the stop the arm is held; when the collision has ended, motions are followed.
+        flags = node.ear.flags
+        assert hold(node, gravity, lambda: flags and not flags[-1].data)
+        assert not hold(node, gravity, lambda: False, 0.3), 'to the end of the stop'
+        before = node.torques[max(node.torques)]
+        assert not hold(node, gravity, lambda: False, 0.3)
+        np.testing.assert_allclose(node.torques[max(node.torques)], before, atol=1e-9)
+        rejected = log.log.count('joint_trajectory rejected')
+        node.follow([(0.0, Q), (1.0, Q + 0.5)])
+        moving = robot.gravity_force(Q + 0.5)
+        assert hold(node, gravity, lambda: np.allclose(node.torques[max(node.torques)], moving,
+                                                       rtol=1e-9), 5.0)
+        assert log.log.count('joint_trajectory rejected') == rejected
+    finally:
+        assert node.adjust(observer__action='report').successful
+
+
 def test_the_payload_is_estimated_with_its_deviation(node, robot):
     ear, weight = node.ear, 9.81 * 1.5 * np.array([0.0, 0.0, -1.0])
     rows = np.zeros((2, 6))

@@ -1,12 +1,6 @@
 """The names and fields of control_msgs that the node uses; no wheel has them."""
 
-from contextlib import contextmanager
-import ctypes
-import os
-import sys
-
-from message_package import build_package
-import pytest
+from message_package import imported_package, package_environment
 
 JOINT_COMMAND = """
 std_msgs/Header header
@@ -70,38 +64,9 @@ SOURCES = {
 
 def control_messages():
     """Build control_msgs; return the environment variables of processes that import it."""
-    packages, prefix = build_package('control_msgs', SOURCES)
-    inherited = os.environ.get('PYTHONPATH', '')
-    libraries = os.environ.get('LD_LIBRARY_PATH', '')
-    return {'PYTHONPATH': f'{packages}:{inherited}',
-            'AMENT_PREFIX_PATH': f'{prefix}:{os.environ["AMENT_PREFIX_PATH"]}',
-            'LD_LIBRARY_PATH': f'{libraries}:{prefix}/lib'}
+    return package_environment('control_msgs', SOURCES)
 
 
-@contextmanager
 def imported_control_messages():
     """Let this process and those that it starts import control_msgs while a block runs."""
-    if 'control_msgs' in sys.modules:  # of a block around this one, or installed
-        yield
-        return
-    packages, prefix = build_package('control_msgs', SOURCES)
-    # The linker finds libraries that are loaded already; each needs others of them.
-    waiting = sorted(prefix.glob('lib/*.so'))
-    while waiting:
-        remaining = []
-        for library in waiting:
-            try:
-                ctypes.CDLL(str(library), ctypes.RTLD_GLOBAL)
-            except OSError:
-                remaining.append(library)
-        assert len(remaining) < len(waiting), remaining
-        waiting = remaining
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in control_messages().items():
-            patch.setenv(name, value)
-        patch.syspath_prepend(str(packages))
-        try:
-            yield
-        finally:
-            for name in [name for name in sys.modules if name.split('.')[0] == 'control_msgs']:
-                del sys.modules[name]
+    return imported_package('control_msgs', SOURCES)

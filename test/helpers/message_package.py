@@ -1,5 +1,7 @@
 """Build a ROS package at test time, with the tools that build our interfaces."""
 
+from contextlib import contextmanager
+import ctypes
 import hashlib
 import os
 from pathlib import Path
@@ -8,6 +10,8 @@ import shutil
 import subprocess
 import sys
 import zipfile
+
+import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 INTERFACES = REPOSITORY / 'kane_dynamics_interfaces'
@@ -41,6 +45,45 @@ def build_package(package, sources):
     prefix, = folder.glob('*.data/data')
     packages, = prefix.glob('lib/python*/site-packages')
     return packages, prefix
+
+
+def package_environment(package, sources):
+    """Build a package; return the environment variables of processes that import it."""
+    packages, prefix = build_package(package, sources)
+    inherited = os.environ.get('PYTHONPATH', '')
+    libraries = os.environ.get('LD_LIBRARY_PATH', '')
+    return {'PYTHONPATH': f'{packages}:{inherited}',
+            'AMENT_PREFIX_PATH': f'{prefix}:{os.environ["AMENT_PREFIX_PATH"]}',
+            'LD_LIBRARY_PATH': f'{libraries}:{prefix}/lib'}
+
+
+@contextmanager
+def imported_package(package, sources):
+    """Let this process and those that it starts import a package while a block runs."""
+    if package in sys.modules:  # of a block around this one, or installed
+        yield
+        return
+    packages, prefix = build_package(package, sources)
+    # The linker finds libraries that are loaded already; each needs others of them.
+    waiting = sorted(prefix.glob('lib/*.so'))
+    while waiting:
+        remaining = []
+        for library in waiting:
+            try:
+                ctypes.CDLL(str(library), ctypes.RTLD_GLOBAL)
+            except OSError:
+                remaining.append(library)
+        assert len(remaining) < len(waiting), remaining
+        waiting = remaining
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in package_environment(package, sources).items():
+            patch.setenv(name, value)
+        patch.syspath_prepend(str(packages))
+        try:
+            yield
+        finally:
+            for name in [name for name in sys.modules if name.split('.')[0] == package]:
+                del sys.modules[name]
 
 
 def _build(folder, package, sources):

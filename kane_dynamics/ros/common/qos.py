@@ -2,6 +2,7 @@
 
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 
 RELIABLE = QoSProfile(depth=1)
 # As in the sensor data profile: states that arrive during a stall of a few ms are still
@@ -13,10 +14,15 @@ CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Wrenches at several frames may arrive at once.
 WRENCHES = QoSProfile(depth=10)
+# As both sides of a bond publish it; several nodes share the topic.
+BOND = QoSProfile(depth=100)
 # A burst of requests is queued, so that each is answered.
 SERVICES = QoSProfile(depth=1000)
 # Everything that arrives while the graph is examined.
 EXAMINED_STATES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+# Parameters qos_overrides may change history, depth and reliability of a topic.
+OVERRIDES = QoSOverridingOptions.with_default_policies()
 
 
 def watched(lease: float, deadline: float, *, watching: bool = False) -> QoSProfile:

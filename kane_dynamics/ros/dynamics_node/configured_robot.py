@@ -21,7 +21,8 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.command_topic import CommanderCount
 from kane_dynamics.ros.common.lost_messages import LostMessages, with_info
 from kane_dynamics.ros.common.node_statistics import Statistics
-from kane_dynamics.ros.common.qos import BEST_EFFORT, CLOCK, RELIABLE, watched
+from kane_dynamics.ros.common.qos import (BEST_EFFORT, CLOCK, OVERRIDES, RELIABLE,
+                                          watched)
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
 from kane_dynamics.ros.monitors.coupling_topics import CouplingTopics
@@ -224,17 +225,19 @@ class ConfiguredRobot:
         values = self.values
         warn = self._warn
 
-        def publisher(kind: Any, name: str, qos: QoSProfile) -> Any:
-            result = node.create_lifecycle_publisher(kind, name, qos)
+        def publisher(kind: Any, name: str, qos: QoSProfile, **options: Any) -> Any:
+            result = node.create_lifecycle_publisher(kind, name, qos, **options)
             opened.callback(node.destroy_lifecycle_publisher, result)
             return result
 
         # The guard watches the liveliness and the deadlines of the commands.
         guarded = values['guard.enabled'] and not self.fault
         qos = RELIABLE
+        options: dict[str, Any] = {'qos_overriding_options': OVERRIDES}
         if guarded:
             qos = watched(values['guard.lease'], values['guard.deadline'])
-        self._commands = publisher(Float64MultiArray, 'commands', qos)
+            options = {}
+        self._commands = publisher(Float64MultiArray, 'commands', qos, **options)
         torques = publisher(JointState, '~/joint_torques', qos)
         stamped = None
         if values['stamped_commands']:
@@ -274,6 +277,8 @@ class ConfiguredRobot:
         reason = 'torque_path: python'
         if wanted != 'python':
             reason = self.fault or python_reason(self.values, controller)
+            if any(name.startswith('qos_overrides.') for name in node._parameter_overrides):
+                reason = reason or 'qos_overrides'
         if not reason:
             try:
                 opened_path = self._open_native_path(controller, torques, opened,
@@ -288,7 +293,8 @@ class ConfiguredRobot:
                                       'interpreter computes the commands')
         path = TorquePath(controller, self._commands, torques, *arguments)
         states = node.create_subscription(
-            JointState, 'joint_states', with_info(self._on_state), BEST_EFFORT, raw=True)
+            JointState, 'joint_states', with_info(self._on_state), BEST_EFFORT, raw=True,
+            qos_overriding_options=OVERRIDES)
         opened.callback(node.destroy_subscription, states)
         return path, states
 

@@ -19,6 +19,7 @@ from kane_dynamics.ros.common.service_errors import answer_service_errors
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.configured_robot import (ACKNOWLEDGE_TIMEOUT,
                                                               ConfiguredRobot)
+from kane_dynamics.ros.dynamics_node.manager_bond import ManagerBond
 from kane_dynamics.ros.dynamics_node.node_diagnostics import (active_status, arm_figures,
                                                               GraphLog, OK,
                                                               state_in_words, WARN)
@@ -84,6 +85,7 @@ class DynamicsNode(LifecycleNode):
                                     self._apply_parameters)
         self.statistics = Statistics()
         self.arm: ConfiguredRobot | None = None
+        self._bond: ManagerBond | None = None  # with a lifecycle manager
         self._description = ''  # URDF from the topic
         self._was_configured = False  # autostart configures the node once
         self._activates_itself = False  # whether autostart is still to activate the node
@@ -107,7 +109,7 @@ class DynamicsNode(LifecycleNode):
         self.trajectory_action: JointTrajectoryAction | None = None
         try:
             self.trajectory_action = JointTrajectoryAction(
-                self, self.server, self._running,
+                self, self.server, self._accepting,
                 lambda reason: self._reject_trajectory('follow_joint_trajectory', reason))
         except InputError as error:
             self.get_logger().info(str(error))
@@ -279,6 +281,8 @@ class DynamicsNode(LifecycleNode):
         assert self.arm is not None
         self.arm.path.start()
         self._activates_itself = False
+        if self._bond is not None:
+            self._bond.form()
         self.get_logger().info(f'active, mode {self.values["mode"]}')
         real_robot = self._real_robot()
         if real_robot:
@@ -320,6 +324,8 @@ class DynamicsNode(LifecycleNode):
 
     def halt(self) -> None:
         """Command zeros and wait, with a timeout, until subscribers acknowledge them."""
+        if self._bond is not None:
+            self._bond.end()
         if self.arm is not None and not self.arm.halt():
             self.get_logger().error('commands: zeros not acknowledged by a subscriber '
                                     f'within {ACKNOWLEDGE_TIMEOUT} s')
@@ -345,6 +351,8 @@ class DynamicsNode(LifecycleNode):
         self.statistics = Statistics()
         self.arm = ConfiguredRobot(self, self.server, model, self.values,
                                    self.statistics, self._warn)
+        if self.values['bond']:
+            self._open_bond()
         realtime.exclude_existing_objects()
         realtime.apply_realtime_settings(self.values, log.warning)
         joints = self.arm.robot.joint_names
@@ -372,15 +380,35 @@ class DynamicsNode(LifecycleNode):
         if fault := self._activation_fault():
             log.info(f'the node remains inactive: {fault}')
 
+    def _open_bond(self) -> None:
+        """Prepare the bond with a lifecycle manager; warn where its package is missing."""
+        try:
+            self._bond = ManagerBond(self)
+        except InputError as error:
+            self.get_logger().warning(str(error))
+
     def _release(self) -> None:
         """Release the robot and close its topics."""
         realtime.release()
+        if self._bond is not None:
+            self._bond.close()
+        self._bond = None
         arm = self.arm
         self.arm = None
         if arm is not None:
             arm.close()
 
     # Messages and requests, in the services' thread.
+
+    def _accepting(self) -> tuple[TorquePath, ServedRobot]:
+        """Return as `_running`; InputError also while a collision stops the arm."""
+        running = self._running()
+        assert self.arm is not None
+        joint = self.arm.optional_topics.collision
+        if joint is not None and self.values['observer.action'] == 'stop':
+            raise InputError(f"collision at joint '{joint}'; expected none while "
+                             'observer.action is stop')
+        return running
 
     def _running(self) -> tuple[TorquePath, ServedRobot]:
         """Return the torque path and the robot of requests; InputError if not active."""
@@ -393,7 +421,7 @@ class DynamicsNode(LifecycleNode):
     def _on_trajectory(self, data: bytes, received: int) -> None:
         """Schedule a new desired motion."""
         try:
-            path, served = self._running()
+            path, served = self._accepting()
             served.apply_loads()
             warning = follow_trajectory(path, data, received, self.values,
                                         partial(refuse_impossible, served))

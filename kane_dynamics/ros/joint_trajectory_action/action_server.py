@@ -371,7 +371,9 @@ class JointTrajectoryAction:
 
     def _demand(self, goal: FollowedGoal) -> Demand:
         """Return the function that compares the efforts of a stop with their limits."""
-        served = self._running()[1]
+        served = self._server.served
+        if served is None:
+            raise InputError('node: not configured; expected a configured node')
         served.apply_loads()
         controller = goal.path.controller
         return partial(limit_demand, served, controller.effort_limit,

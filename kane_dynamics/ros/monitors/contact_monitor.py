@@ -107,6 +107,8 @@ class ContactMonitor:
         use.
     bending : QuasiStatic, optional
         The flexible arm of which `robot` is the rigid model.
+    on_collision : callable, optional
+        Called with the stamp of its state, ns, and the joint, where a collision begins.
 
     Raises
     ------
@@ -118,8 +120,10 @@ class ContactMonitor:
     def __init__(self, robot: Robot, values: Mapping[str, Any],
                  publishers: ContactPublishers,
                  log: Any, reject: Callable[[str, str], None],
-                 bending: QuasiStatic | None = None) -> None:
+                 bending: QuasiStatic | None = None,
+                 on_collision: Callable[[int, str], object] | None = None) -> None:
         self._robot = robot
+        self._on_collision = on_collision
         self._publishers = publishers
         self._log = log
         self._reject = reject
@@ -203,6 +207,8 @@ class ContactMonitor:
             return
         if self.detector.update(t, torque):
             self._publish_collision(torque)
+            if self.detector.joint is not None and self._on_collision is not None:
+                self._on_collision(cycle.stamp, self.detector.joint)
         if not 0 <= cycle.stamp - self._last < self._period:
             self._last = cycle.stamp
             self._publish(state.sec, state.nanosec, state.q, torque)

@@ -111,6 +111,8 @@ class OptionalTopics:
                  publisher: Callable[[Any, str, QoSProfile], Any],
                  opened: ExitStack) -> None:
         self._path = path
+        self._action = values['observer.action']
+        self._log = node.get_logger()
         robot = path.controller.robot
         bending = path.controller.bending
         self.contact: ContactMonitor | None = None
@@ -120,7 +122,8 @@ class OptionalTopics:
                 publisher(JointState, '~/external_torques', RELIABLE),
                 publisher(WrenchStamped, '~/external_wrench', RELIABLE),
                 publisher(Bool, '~/collision', LATCHED)), node.get_logger(),
-                lambda reason, detail: reject(f'observer: {reason}', detail), bending)
+                lambda reason, detail: reject(f'observer: {reason}', detail), bending,
+                self._on_collision)
             path.add_observer(self.contact, need_effort=True)
         if values['wrench.frames']:
             path.wrenches = WrenchInput(robot, now, values,
@@ -159,6 +162,7 @@ class OptionalTopics:
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next state on."""
+        self._action = values['observer.action']
         if self.contact is not None:
             self.contact.update(values)
         if self._estimator is not None:
@@ -167,6 +171,13 @@ class OptionalTopics:
             self.watch.update(values)
         if self._path.wrenches is not None:
             self._path.wrenches.update(values)
+
+    def _on_collision(self, stamp: int, joint: str) -> None:
+        """Stop the desired motion, if parameter observer.action says so."""
+        if self._action == 'stop' and self._path.interrupt(
+                stamp, f"collision at joint '{joint}'"):
+            self._log.error(f"collision at joint '{joint}': desired motion stopped "
+                            '(observer.action: stop)')
 
     @property
     def model_change(self) -> str | None:

@@ -94,6 +94,9 @@ SPECS = (
          'simulated: once only simulated robots subscribe to `commands`, or with '
          'use_sim_time; at_once: always; on_request: never',
          choices=('simulated', 'at_once', 'on_request'), read_only=True),
+    Spec('bond', 'flag', False,
+         'keep a bond with a lifecycle manager, as that of Nav2, while active: it notices '
+         'when this node hangs or dies; needs the package bond'),
     Spec('robot_description', 'text', '', 'URDF as text; overrides `urdf` and the topic '
          'robot_description'),
     Spec('urdf', 'text', '', 'path of the URDF or xacro file; overrides the topic '
@@ -404,6 +407,10 @@ SPECS = (
     live('observer.confirm', 'number', 0.005,
          'time above a threshold that confirms a collision, '
          's', low=0.0, high=10.0),
+    live('observer.action', 'text', 'report',
+         'what follows a collision beside ~/collision: report, nothing; stop: the desired '
+         'motion ends in a stop of state_check.stop_time, and motions are refused until the '
+         'collision ends', choices=('report', 'stop')),
     live('observer.release', 'number', 0.8,
          'fraction of the thresholds below which a collision '
          'ends', positive=True, low=0.0, high=1.0),

@@ -483,6 +483,18 @@ class TorquePath:
             self._report_fault('fault', f'{reason} for {duration:.3f} s; {self.reaction}'
                                + ', desired motion dropped' * dropped)
 
+    def interrupt(self, stamp: int, reason: str) -> bool:
+        """
+        End the desired motion in a stop from a time on, ns; return whether there was one.
+
+        Called in the thread that reads states.
+        """
+        motion, moment = self.active_motion.at(stamp)
+        if motion is None or not self.active_motion.clear(reason):
+            return False
+        stop = self.controller.interrupted(motion, moment, self._stop_time)
+        return self.active_motion.follow(stop, stamp, stamp, self.active_motion.generation)
+
     def _begin_stop(self, false_states: bool) -> None:
         """Plan how the arm comes to rest, from where the model says that it is now."""
         moment = self._last_heard

@@ -2,12 +2,15 @@
 
 import importlib.util
 from pathlib import Path
+import re
 import sys
 from types import ModuleType, SimpleNamespace
 
 from kane_dynamics.ros.common.program_arguments import INVALID
 from kane_dynamics.ros.common.transport import without_shared_memory
+from kane_dynamics.ros.dynamics_node.manager_bond import TIMEOUT
 import pytest
+import yaml
 
 ROOT = Path(__file__).parents[3]
 PLANT = ROOT / 'config' / 'plant.yaml'
@@ -126,6 +129,29 @@ def test_the_statement_of_what_the_arm_adds_holds_for_the_node_and_for_the_simul
                            arm_compensates='gravity,friction')
     assert {'arm_compensates': 'gravity,friction'} in node.parameters
     assert {'arm_compensates': 'gravity,friction'} in plant.parameters
+
+
+def test_a_lifecycle_manager_configures_the_node_and_keeps_a_bond(launch_file):
+    node, _, manager = start(launch_file, config='ur10e.yaml', namespace='left',
+                             lifecycle_manager='true')
+    assert {'autostart': False, 'bond': True} in node.parameters
+    assert (manager.package, manager.executable) == ('nav2_lifecycle_manager',
+                                                     'lifecycle_manager')
+    settings, = manager.parameters
+    assert settings['node_names'] == [node.name] and settings['autostart']
+    assert settings['bond_timeout'] == TIMEOUT and manager.namespace == 'left'
+    with pytest.raises(ValueError, match="activation: 'at_once'; expected none with"):
+        start(launch_file, lifecycle_manager='true', activation='at_once')
+
+
+def test_the_branch_of_the_diagnostics_aggregator_names_what_the_nodes_publish():
+    file = ROOT / 'config' / 'diagnostics' / 'aggregator.yaml'
+    branch = yaml.safe_load(file.read_text())['/**']['ros__parameters']['analyzers']
+    endings = {end for analyzer in branch.values() for end in analyzer['contains']}
+    sources = ''.join(path.read_text() for path in (ROOT / 'kane_dynamics/ros').rglob('*_node.py'))
+    sources += (ROOT / 'kane_dynamics/ros/dynamics_node/node.py').read_text()
+    published = re.findall(r"get_fully_qualified_name\(\)\}(: [a-z ]+)'", sources)
+    assert endings == set(published) and len(endings) == 3
 
 
 def test_topics_are_remapped_and_namespaced(launch_file):

@@ -1,0 +1,94 @@
+"""The node in a larger system: a lifecycle manager's bond, QoS; no wheel has the package bond."""
+
+import os
+import signal
+from types import SimpleNamespace
+
+from lifecycle_msgs.msg import Transition
+from message_package import imported_package
+from node_process import wait_until
+import pytest
+from rclpy.qos import ReliabilityPolicy
+
+pytestmark = pytest.mark.timeout(900)  # the package is built at the first run
+STATUS = """
+std_msgs/Header header
+string id
+string instance_id
+bool active
+float32 heartbeat_timeout
+float32 heartbeat_period
+"""
+
+
+@pytest.fixture
+def manager(client):
+    """Return the other side of the bond: what it has heard."""
+    with imported_package('bond', {'msg/Status.msg': STATUS}):
+        from bond.msg import Status
+        heard = []
+        subscription = client.create_subscription(Status, 'bond', heard.append, 100)
+        yield SimpleNamespace(heard=heard)
+        client.destroy_subscription(subscription)
+
+
+def test_a_manager_hears_the_node_while_it_is_active_and_not_when_it_hangs(client, start, manager):
+    node = start(bond='true')
+    node.wait_for('active, mode', 120.0)
+    heard = manager.heard
+    assert wait_until(lambda: len(heard) > 5, 10.0)
+    first = heard[-1]
+    assert (first.id, first.active) == ('kane_dynamics', True)
+    assert first.heartbeat_timeout == 4.0 and first.heartbeat_period == pytest.approx(0.1)
+    assert {message.instance_id for message in heard} == {first.instance_id}
+    # It says so when it is deactivated, and another bond begins when it is active again.
+    assert client.transition(Transition.TRANSITION_DEACTIVATE)
+    assert wait_until(lambda: not heard[-1].active)
+    count = len(heard)
+    assert not wait_until(lambda: len(heard) > count, 0.5)
+    assert client.transition(Transition.TRANSITION_ACTIVATE)
+    assert wait_until(lambda: heard[-1].active)
+    assert heard[-1].instance_id != first.instance_id
+    # A node that hangs is silent.
+    os.kill(node.pid, signal.SIGSTOP)
+    try:
+        wait_until(lambda: False, 0.3)
+        count = len(heard)
+        assert not wait_until(lambda: len(heard) > count, 0.5)
+    finally:
+        os.kill(node.pid, signal.SIGCONT)
+    assert wait_until(lambda: len(heard) > count, 5.0)
+    assert node.end()[0] == 0
+    assert wait_until(lambda: not heard[-1].active)
+
+
+def test_without_the_package_the_node_warns_and_works(start):
+    node = start(bond='true')
+    node.wait_for('active, mode', 120.0)
+    assert "parameter 'bond': true without bond/Status" in node.log
+
+
+def test_qos_of_states_and_commands_may_be_changed(client, start, tmp_path):
+    parameters = tmp_path / 'qos.yaml'
+    parameters.write_text("""
+        /**:
+          ros__parameters:
+            arm_compensates: none
+            qos_overrides:
+              /joint_states: {subscription: {reliability: reliable, depth: 2}}
+              /commands: {publisher: {reliability: best_effort}}
+        """)
+    node = start('--params-file', str(parameters), torque_path='native')
+    node.wait_for('active, mode', 120.0)
+    assert 'torque path: python (qos_overrides)' in node.log
+    assert 'unknown' not in node.log
+
+    def reliability(endpoints):
+        return {end.node_name: end.qos_profile.reliability for end in endpoints}
+    assert wait_until(lambda: reliability(client.get_subscriptions_info_by_topic(
+        'joint_states')).get('kane_dynamics') == ReliabilityPolicy.RELIABLE)
+    assert wait_until(lambda: reliability(client.get_publishers_info_by_topic(
+        'commands')).get('kane_dynamics') == ReliabilityPolicy.BEST_EFFORT)
+    assert client.transition(Transition.TRANSITION_DEACTIVATE)
+    assert client.transition(Transition.TRANSITION_CLEANUP)
+    assert client.transition(Transition.TRANSITION_CONFIGURE), node.log[-500:]
