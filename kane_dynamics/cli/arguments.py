@@ -325,6 +325,7 @@ def _collision_thresholds(sub: ArgumentParser) -> None:
             ('drift', DRIFT, 'relative change of friction that raises no alarm')):
         sub.add_argument(f'--{name}', type=float, default=default, metavar='X',
                          help=f'{text}; default: %(default)g')
+    _add_uncertainty(sub, 'thresholds rise by their largest torque')
     sub.add_argument('-o', '--out', metavar='YAML',
                      help='write a parameter file for the node')
     sub.set_defaults(cutoff=None, resample=None)
@@ -340,6 +341,7 @@ def _feasible(sub: ArgumentParser) -> None:
     sub.add_argument('--power', type=float, nargs='+', default=[math.inf], metavar='W',
                      help='largest mechanical power, one value or one per joint '
                           '(default: none)')
+    _add_uncertainty(sub, 'the torques are within the limits for all of them')
     sub.add_argument('--time-optimal', action='store_true',
                      help='compute the fastest timing of the path of the motion')
     for name, what, unit in (('acceleration', 'acceleration', 'rad/s^2 or m/s^2'),
@@ -361,6 +363,14 @@ def _feasible(sub: ArgumentParser) -> None:
                      help='write the motion at the highest feasible speed, or with its '
                      'fastest timing')
     add_plot(sub, 'torque, speed and power')
+
+
+def _add_uncertainty(sub: ArgumentParser, effect: str) -> None:
+    """Add --uncertain."""
+    sub.add_argument('--uncertain', nargs='+', metavar='NAME=X',
+                     help='errors of the parameters of all bodies and joints: mass, inertia '
+                     'and friction relative (0.1 is 10 %%), com in m, offset in N m or N; '
+                     f'{effect} (default: none)')
 
 
 def _fill(sub: ArgumentParser) -> None:

@@ -57,6 +57,14 @@ def test_json_has_the_same_numbers_and_a_threshold_above_the_error(recording, ca
     assert data['node_parameters']['threshold'] == pytest.approx(data['threshold'], rel=1e-3)
 
 
+def test_uncertain_parameters_raise_the_thresholds(recording, capsys):
+    thresholds = []
+    for uncertain in ([], ['--uncertain', 'mass=0.1', 'offset=0.05']):
+        assert main(['collision-thresholds', URDF, recording, '--json', *uncertain]) == 0
+        thresholds.append(json.loads(capsys.readouterr().out)['threshold'])
+    assert (np.subtract(thresholds[1], thresholds[0]) > 0.05).all()
+
+
 def test_an_invalid_margin_is_named_as_an_option(recording, capsys):
     assert main(['collision-thresholds', URDF, recording, '--margin', '1']) == 2
     assert '--margin: 1.0; expected a number of at least 1.25' in capsys.readouterr().err

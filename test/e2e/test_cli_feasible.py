@@ -152,3 +152,29 @@ def test_drives_of_a_supplement_are_compared_with_the_limits_of_motors_and_gears
     assert main(['feasible', str(URDF), '--supplement', str(supplement), '--motion',
                  str(with_speeds)]) == 2
     assert 'speeds.csv: motion: the' in capsys.readouterr().err
+
+
+def test_uncertain_parameters_leave_less_of_the_limits(trajectory, capsys):
+    uses, speeds = [], []
+    for uncertain in ([], ['--uncertain', 'mass=0.2', 'offset=30', 'friction=0.3']):
+        _, data = answer(capsys, '--trajectory', trajectory, '--speed', '0.2', *uncertain)
+        uses.append(data['torque']['use'])
+        speeds.append(data['fastest']['speed'])
+    effort = np.array(data['torque']['limit'])
+    assert (np.subtract(uses[1], uses[0]) >= 29.9 / effort).all()
+    assert speeds[1] <= speeds[0]
+
+
+@pytest.mark.parametrize(('arguments', 'message'), [
+    (['mas=0.1'], "--uncertain: 'mas=0.1'; expected NAME=X with a number X and a name of mass"),
+    (['mass'], "--uncertain: 'mass'; expected NAME=X"),
+    (['mass=much'], "--uncertain: 'mass=much'; expected NAME=X"),
+    (['mass=0.1', 'mass=0.2'], '--uncertain: mass=0.1 mass=0.2; expected each name once'),
+    (['mass=-0.1'], 'mass: -0.1; expected a finite number >= 0'),
+    (['mass=nan'], 'mass: nan; expected a finite number >= 0'),
+    (['mass=0.1', '--time-optimal'], '--uncertain: given with --time-optimal; expected one'),
+    (['mass=0.1', '--payload-frame', 'tool0'], '--uncertain: given with --payload-frame')])
+def test_a_wrong_statement_of_uncertain_parameters_is_refused(trajectory, capsys, arguments,
+                                                              message):
+    assert main(['feasible', str(URDF), '--trajectory', trajectory, '--uncertain', *arguments]) == 2
+    assert message in capsys.readouterr().err

@@ -6,7 +6,7 @@ from typing import Any
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
 from kane_dynamics.cli.printing import print_files, print_json, print_table, warn
-from kane_dynamics.cli.robot_options import load
+from kane_dynamics.cli.robot_options import load, uncertainty_of
 from kane_dynamics.identification.collision_calibration import (calibrate_collision,
                                                                 CollisionCalibration)
 from kane_dynamics.identification.payload.recorded_motion import recorded_joints
@@ -24,7 +24,8 @@ def collision_thresholds(options: Namespace) -> None:
     recording = stated_efforts(options).applied(robot, recorded(options, model, joints))
     calibration = calibrate_collision(robot, recording, gain=options.gain,
                                       margin=options.margin, drift=options.drift,
-                                      held=options.commands)
+                                      held=options.commands,
+                                      uncertainty=uncertainty_of(options, model))
     parameters = node_parameters(calibration)
     for remark in remarks(calibration):
         warn(remark)

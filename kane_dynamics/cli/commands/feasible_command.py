@@ -8,7 +8,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.printing import print_files, print_json, print_table
-from kane_dynamics.cli.robot_options import load_rigid, warn_degrees
+from kane_dynamics.cli.robot_options import load_rigid, uncertainty_of, warn_degrees
 from kane_dynamics.cli.tables import (QUANTITIES, read_motion, read_smooth_motion,
                                       write_states)
 from kane_dynamics.errors import InputError
@@ -30,14 +30,17 @@ def feasible(options: Namespace) -> int:
     robot, bending = load_rigid(options, payload_frame=options.payload_frame)
     motion = _motion(options, robot)
     power = _one_or_all(options.power)
+    uncertainty = uncertainty_of(options, robot.model)
+    if uncertainty is not None:
+        _require_demand_alone(options)
     if options.time_optimal:
         if bending is not None:
             raise InputError('--time-optimal: given for an arm with beams, whose '
                              'deflection a path does not state; expected rigid links, '
                              'or the highest speed without --time-optimal')
         return _time_path(options, robot, motion, plot, power)
-    conditions: dict[str, Any] = {'bending': bending, 'step': options.step,
-                                  'power': power}
+    of_model: dict[str, Any] = {'bending': bending, 'step': options.step, 'power': power}
+    conditions = {**of_model, 'uncertainty': uncertainty}
     needed = demand(robot, motion, speed=options.speed, **conditions)
     scale = fastest(robot, motion, **conditions)
     data = {**demand_data(needed), 'speed': options.speed,
@@ -47,7 +50,7 @@ def feasible(options: Namespace) -> int:
         data['hopeless'] = _hopeless(robot, motion, conditions)
     if options.payload_frame and needed.fits:
         data['payload'] = vars(largest_payload(robot, motion, com=options.payload_com,
-                                               speed=options.speed, **conditions))
+                                               speed=options.speed, **of_model))
     if options.out:
         _write_fitting(options.out, robot, motion, scale, conditions)
         data['files'].append(options.out)
@@ -80,6 +83,14 @@ def _motion(options: Namespace, robot: Robot) -> Motion | SmoothMotion:
     return smooth
 
 
+def _require_demand_alone(options: Namespace) -> None:
+    """Raise InputError for results that are those of the model's parameters alone."""
+    for name in ('time_optimal', 'payload_frame'):
+        if getattr(options, name):
+            raise InputError(f'--uncertain: given with --{name.replace("_", "-")}; expected '
+                             'one of them, as that is for the parameters of the model')
+
+
 def _one_or_all(values: list[float]) -> float | list[float]:
     """Return one number for all joints, or one for each."""
     return values[0] if len(values) == 1 else values
@@ -104,7 +115,7 @@ def _write_fitting(path: str, robot: Robot, motion: Motion | SmoothMotion,
                          'highest feasible speed')
     needed = demand_at(robot, motion, scale.speed, conditions['step'],
                        conditions['power'], NONE,
-                       conditions['bending'])
+                       conditions['bending'], conditions['uncertainty'])
     # Of two samples at one time keep the later; at both ends those of the motion, not of
     # rest.
     single = np.append(np.diff(needed.t[:-1]) > 1e-9 * needed.t[-1], [True, False])
