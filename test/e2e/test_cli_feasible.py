@@ -176,5 +176,6 @@ def test_uncertain_parameters_leave_less_of_the_limits(trajectory, capsys):
     (['mass=0.1', '--payload-frame', 'tool0'], '--uncertain: given with --payload-frame')])
 def test_a_wrong_statement_of_uncertain_parameters_is_refused(trajectory, capsys, arguments,
                                                               message):
-    assert main(['feasible', str(URDF), '--trajectory', trajectory, '--uncertain', *arguments]) == 2
+    given = ['feasible', str(URDF), '--trajectory', trajectory, '--uncertain', *arguments]
+    assert main(given) == 2
     assert message in capsys.readouterr().err
