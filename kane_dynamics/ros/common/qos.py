@@ -8,6 +8,9 @@ RELIABLE = QoSProfile(depth=1)
 # As in the sensor data profile: states that arrive during a stall of a few ms are still
 # processed.
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+# A thread answers each state in microseconds, so that a longer queue makes none late: 25
+# ms of states at 4 kHz.
+THREAD_STATES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 # As rclpy subscribes to /clock.
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Late subscribers receive the latest message.

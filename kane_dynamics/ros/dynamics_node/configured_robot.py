@@ -22,7 +22,7 @@ from kane_dynamics.ros.common.command_topic import CommanderCount
 from kane_dynamics.ros.common.lost_messages import LostMessages, with_info
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import (BEST_EFFORT, CLOCK, OVERRIDES, RELIABLE,
-                                          watched)
+                                          THREAD_STATES, watched)
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
 from kane_dynamics.ros.monitors.coupling_topics import CouplingTopics
@@ -315,7 +315,7 @@ class ConfiguredRobot:
                 subscription = subscription_of_thread(node, kind, topic, qos)
                 entities.callback(subscription.destroy)
                 return subscription
-            states = subscribe(JointState, 'joint_states', BEST_EFFORT, True)
+            states = subscribe(JointState, 'joint_states', THREAD_STATES, True)
             inputs = Inputs(
                 states,
                 subscribe(Float64MultiArray, f'~/{STATE}', RELIABLE,
