@@ -10,6 +10,10 @@ Linux suspends SCHED_FIFO threads for 50 ms if they leave others less than that 
 cycle after a pause has cold caches, as every cycle at the rates of an arm; these cycles are listed
 separately too.
 
+With `--native` the native path is measured, in one process: blocks of its cycles alternate with
+blocks of the same loop without a cycle, which shows what of the tail is the machine's. The
+histograms of both are printed, and drawn with `--picture FILE`.
+
 Memory in steady state: what Python's allocator and the C heap hold after many cycles and did not
 hold before. The gate: nothing.
 """
@@ -37,9 +41,12 @@ from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.parameters.parameter_checks import read
 from kane_dynamics.ros.parameters.parameter_table import SPECS
 from kane_dynamics.ros.torque_path.cdr import PreparedMessage, write_joint_state
+from kane_dynamics.ros.torque_path.native_path import NativeTorquePath
 from kane_dynamics.ros.torque_path.path_controller import path_controller
+from kane_dynamics.ros.torque_path.rcl_functions import clock_function, handle_address
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
+from rclpy.clock import Clock, ClockType
 
 URDF = resource_path('urdf', 'fr3.urdf')
 OFF, ON = 'realtime.* off', 'realtime.* on'
@@ -53,6 +60,12 @@ WARM_UP = 5_000  # cycles
 STEADY = 100_000  # cycles between two readings of the memory in use
 BLOCKS, BYTES = 'blocks of Python', 'bytes of the C heap'
 PERCENTILES = (50.0, 90.0, 99.0, 99.9, 99.99, 99.999, 100.0)
+# Of the native path.
+WORK, NO_WORK = 'cycles', 'the same loop without a cycle'
+CHUNK = 1000  # cycles of one call, whose reports fit the ring
+TURN = 100  # chunks of one kind before the other
+EDGES = np.geomspace(10.0, 1e9, 801)  # ns, of the bins of histograms
+DECADES = (1e3, 2e3, 5e3, 1e4, 1e5, 5e5, 1e6, 1e7)  # ns
 
 
 class Sink:
@@ -76,10 +89,13 @@ class Rig:
         OFF or ON.
     cycles : int
         Number of cycles that will be timed.
+    kind : type
+        Of the path.
 
     """
 
-    def __init__(self, settings: str, cycles: int) -> None:
+    def __init__(self, settings: str, cycles: int,
+                 kind: type[TorquePath] = TorquePath) -> None:
         joints = tuple(n for n in load_urdf(URDF).joint_names if 'finger' not in n)
         values = {spec.name: read(spec, spec.default) for spec in SPECS} | {
             'mode': 'computed_torque', 'joints': joints, 'state_timeout': 5.0,
@@ -90,8 +106,8 @@ class Rig:
         controller = path_controller(load_model(URDF, values, _ignore), values)
         controller.compile()
         self.statistics, self.commands, self.torques = Statistics(), Sink(), Sink()
-        self.path = TorquePath(controller, self.commands, self.torques, time.time_ns,
-                               values, self.statistics, _refuse)
+        self.path = kind(controller, self.commands, self.torques, time.time_ns, values,
+                         self.statistics, _refuse)
         rng, n = np.random.default_rng(0), len(joints)
         pose = controller.robot.neutral() + 0.2
         self.motion = Motion.from_points(
@@ -108,7 +124,15 @@ class Rig:
         gc.collect()
         gc.freeze()  # as the node does
         realtime.apply_realtime_settings(values, self.refused.append)
-        self.run(WARM_UP, timed=False)
+        if kind is TorquePath:
+            self.run(WARM_UP, timed=False)
+
+    def message(self) -> bytes:
+        """Return the first state, with the present time."""
+        self._message.numbers[:] = self._states[0]
+        self._velocities[:] = self._speeds[0]
+        self._message.stamp(*divmod(time.time_ns(), NANO))
+        return self._message.serialized()
 
     def run(self, count: int, *, timed: bool = True) -> None:
         """Run `count` cycles along the motion from its beginning."""
@@ -241,6 +265,77 @@ def measure(cycles: int) -> dict[str, dict[str, Any]]:
             process.kill()
 
 
+def measure_native(settings: str, cycles: int) -> dict[str, np.ndarray]:
+    """Return the histograms of the native path and of an empty loop."""
+    rig = Rig(settings, 0, NativeTorquePath)
+    path = rig.path
+    assert isinstance(path, NativeTorquePath)
+    clock = Clock(clock_type=ClockType.SYSTEM_TIME)
+    path.native.use_clock(clock_function(), handle_address(clock))
+    for _ in range(3):  # the layout is learned, and a first state is confirmed
+        path.on_state(rig.message())
+    now = time.time_ns()
+    assert path.active_motion.follow(rig.motion, now, now, path.active_motion.generation)
+    loop = path.native
+    for _ in range(WARM_UP // CHUNK):
+        loop.durations(rig.message(), CHUNK)
+    histograms = {kind: np.zeros(len(EDGES) - 1, dtype=np.int64) for kind in (WORK, NO_WORK)}
+    for begin in range(0, cycles, CHUNK * TURN):
+        chunks = min(TURN, -(-(cycles - begin) // CHUNK))
+        for kind, histogram in histograms.items():
+            for _ in range(chunks):
+                took = loop.durations(rig.message(), CHUNK, kind == WORK)
+                histogram += np.histogram(took, EDGES)[0]
+            time.sleep(PAUSE * chunks / 4)  # Linux suspends real-time threads that never wait
+    path.read_reports()
+    assert path.commanding and not path.fault, 'every state is answered'
+    return histograms
+
+
+def exceeded(histogram: np.ndarray, limit: float) -> int:
+    """Return how many durations lie in bins from a limit on, ns."""
+    return int(histogram[np.searchsorted(EDGES, limit) - 1:].sum())
+
+
+def percentile(histogram: np.ndarray, share: float) -> float:
+    """Return the upper edge of the bin with a percentile, ns."""
+    counts = np.cumsum(histogram)
+    return float(EDGES[1 + np.searchsorted(counts, share / 100.0 * counts[-1])])
+
+
+def native_markdown(histograms: dict[str, np.ndarray], settings: str, load: float) -> str:
+    """Return percentiles and numbers of long durations as Markdown, with the machine."""
+    system = os.uname()
+    lines = [f'Native torque path, bytes to bytes, 7 joints, {settings}, us; {os.cpu_count()} '
+             f'processors, {system.sysname} {system.release} {system.machine}; load before '
+             f'{load:.2f}', '',
+             '| | number | ' + ' | '.join(f'p{p:g}' for p in PERCENTILES[:-1]) + ' | max |',
+             '|---' * (2 + len(PERCENTILES)) + '|']
+    for kind, histogram in histograms.items():
+        row = [f'{percentile(histogram, p) / 1e3:.2f}' for p in PERCENTILES]
+        lines.append(f'| {kind} | {histogram.sum()} | ' + ' | '.join(row) + ' |')
+    lines += ['', '| longer than, us | ' + ' | '.join(histograms) + ' |', '|---|---|---|']
+    for limit in DECADES:
+        row = [str(exceeded(histogram, limit)) for histogram in histograms.values()]
+        lines.append(f'| {limit / 1e3:g} | ' + ' | '.join(row) + ' |')
+    return '\n'.join(lines)
+
+
+def draw(histograms: dict[str, np.ndarray], file: Path) -> None:
+    """Draw the share of cycles that take longer than a time, on logarithmic axes."""
+    from matplotlib.figure import Figure
+    figure = Figure(figsize=(7.0, 4.0), layout='constrained')
+    axes = figure.subplots()
+    for kind, histogram in histograms.items():
+        longer = np.cumsum(histogram[::-1])[::-1] / histogram.sum()
+        axes.loglog(EDGES[:-1][longer > 0.0] / 1e3, longer[longer > 0.0], label=kind)
+    axes.set_xlabel('time, us')
+    axes.set_ylabel('share of cycles that take longer')
+    axes.grid(True)
+    axes.legend()
+    figure.savefig(file)
+
+
 def markdown(found: dict[str, dict[str, Any]], cycles: int, load: float) -> str:
     """Return the results as Markdown."""
     heads = [f'p{p:g}' for p in PERCENTILES[:-1]] + ['max']
@@ -269,11 +364,22 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition('.')[0])
     parser.add_argument('--cycles', type=int, default=CYCLES, help='default: %(default)s')
     parser.add_argument('--settings', choices=(OFF, ON), help=argparse.SUPPRESS)
+    parser.add_argument('--native', action='store_true', help='measure the native path')
+    parser.add_argument('--realtime', action='store_true',
+                        help='with --native: with realtime.*, which needs the rights')
+    parser.add_argument('--picture', type=Path, help='with --native: draw the histograms')
     options = parser.parse_known_args()[0]  # some are for other benchmarks
     if options.settings:
         serve(options.settings, options.cycles)
         return 0
     load = os.getloadavg()[0]
+    if options.native:
+        settings = ON if options.realtime else OFF
+        histograms = measure_native(settings, options.cycles)
+        print(native_markdown(histograms, settings, load))
+        if options.picture:
+            draw(histograms, options.picture)
+        return 0
     found = measure(options.cycles)
     print(markdown(found, options.cycles, load))
     grown = [settings for settings, result in found.items()

@@ -738,15 +738,16 @@ end:
   ret ptr null
 }
 
-; Answer messages that lie one after the other in memory, each `size` bytes; for measurements.
-; Between two of them, `now` moves into their stamp.
-define void @repeat_cycles(ptr %block, ptr %data, i64 %length, i64 %count, ptr %durations) {
+; Answer a message again and again, with the present time as its stamp, for measurements. Without
+; `works` only the clocks are read.
+define void @repeat_cycles(ptr %block, ptr %data, i64 %length, i64 %count, ptr %durations,
+                           i1 zeroext %works) {
 start:
   %plan = pointer %block.PLAN
   %any = icmp sgt i64 %count, 0
   br i1 %any, label %message, label %done
 message:
-  %k = phi i64 [0, %start], [%k.next, %message]
+  %k = phi i64 [0, %start], [%k.next, %finish]
   %before = call i64 @steady(ptr %block)
   %now = call i64 @now(ptr %block)
   %epoch = number %block.EPOCH
@@ -760,7 +761,11 @@ message:
   store i32 %s.32, ptr %s.at, align 1
   %ns.at = getelementptr i8, ptr %s.at, i64 4
   store i32 %ns.32, ptr %ns.at, align 1
+  br i1 %works, label %work, label %finish
+work:
   call void @cycle(ptr %block, ptr %plan, ptr %data, i64 %length)
+  br label %finish
+finish:
   %after = call i64 @steady(ptr %block)
   %took = sub i64 %after, %before
   %to = getelementptr i64, ptr %durations, i64 %k

@@ -505,15 +505,21 @@ class NativeLoop:
             None, ctypes.c_void_p, ctypes.c_void_p))
         run(self.block.ctypes.data, self._plans[-1].address)
 
-    def durations(self, message: bytes, count: int) -> Words:
-        """Answer a message many times, without the GIL; return each duration, ns."""
+    def durations(self, message: bytes, count: int, works: bool = True) -> Words:
+        """
+        Answer a message many times, without the GIL; return each duration, ns.
+
+        The reports are freed first. Without `works` the same loop does nothing else than
+        to read the clocks.
+        """
+        self._publish_word('TAIL', self._get('HEAD'))
         durations = np.zeros(count, dtype=np.int64)
         data = ctypes.create_string_buffer(message, len(message))
         run = self._code.function('repeat_cycles', ctypes.CFUNCTYPE(
             None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64,
-            ctypes.c_void_p))
+            ctypes.c_void_p, ctypes.c_bool))
         run(self.block.ctypes.data, ctypes.addressof(data), len(message), count,
-            durations.ctypes.data)
+            durations.ctypes.data, works)
         return durations
 
 

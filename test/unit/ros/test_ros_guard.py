@@ -455,6 +455,27 @@ def test_random_stalls_of_both_processes_never_give_two_voices_or_a_step(pair):
     assert both.largest_step(began) <= 1.0 + 1e-9
 
 
+def test_a_command_whose_computation_was_interrupted_waits_for_the_guard(pair, monkeypatch):
+    both = pair()
+    machine = both.machine
+    sent, asked = len(machine.commands), []
+    machine.subscribers['node/guard_request'].append((both.node_process, asked.append))
+    began = machine.now = machine.now + 0.002
+    later = began + 0.03
+    times = iter([began])
+    monkeypatch.setattr(time, 'perf_counter', lambda: next(times, later))
+    both._state.stamp(*divmod(round(began * NANO), NANO))
+    both.path.on_state(both._state.serialized())
+    assert len(machine.commands) == sent, 'not commanded'
+    monkeypatch.setattr(time, 'perf_counter', lambda: machine.now)
+    machine.now = later
+    machine.deliver()
+    assert len(asked) == 1
+    both.run(0.1)
+    assert both.voices(began)[-1] == 'node'
+    assert both.largest_step(began) <= 1.0 + 1e-9
+
+
 def test_loads_arrive_as_they_were_sent():
     payload = Inertial(1.5, np.array([0.1, 0.2, 0.3]),
                        np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.3], [0.2, 0.3, 5.0]]))

@@ -419,6 +419,23 @@ def test_the_compiled_rules_equal_the_readable_ones(mode):
     assert compared > 10
 
 
+def test_durations_of_cycles_and_of_an_empty_loop_are_measured():
+    pair = Pair('gravity_compensation', 1)
+    path = pair.sides[1].path
+    pair.do_state('state')
+    pair.do_state('state')
+    sent = len(pair.sides[1].commands.sent)
+    loop = path.native
+    data = message(pair.q, np.zeros(2), pair.time)
+    cycles = loop.durations(data, 20)
+    assert len(pair.sides[1].commands.sent) == sent + 20
+    empty = loop.durations(data, 20, works=False)
+    assert len(pair.sides[1].commands.sent) == sent + 20
+    assert (cycles > 0).all()
+    assert len(empty) == 20
+    assert np.median(empty) < np.median(cycles)
+
+
 def test_a_full_ring_counts_what_nothing_observed():
     pair = Pair('gravity_compensation', 1)
     side = pair.sides[1]
