@@ -306,9 +306,9 @@ def percentile(histogram: np.ndarray, share: float) -> float:
 def native_markdown(histograms: dict[str, np.ndarray], settings: str, load: float) -> str:
     """Return percentiles and numbers of long durations as Markdown, with the machine."""
     system = os.uname()
-    lines = [f'Native torque path, bytes to bytes, 7 joints, {settings}, us; {os.cpu_count()} '
-             f'processors, {system.sysname} {system.release} {system.machine}; load before '
-             f'{load:.2f}', '',
+    machine = (f'{os.cpu_count()} processors, {system.sysname} {system.release} '
+               f'{system.machine}; load before {load:.2f}')
+    lines = [f'Native torque path, bytes to bytes, 7 joints, {settings}, us; {machine}', '',
              '| | number | ' + ' | '.join(f'p{p:g}' for p in PERCENTILES[:-1]) + ' | max |',
              '|---' * (2 + len(PERCENTILES)) + '|']
     for kind, histogram in histograms.items():
