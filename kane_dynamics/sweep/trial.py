@@ -256,7 +256,7 @@ class Trial:
                 torques = self.equations.drive_torques(q, tau, t)
                 friction = torques - tree.drive_loads(motion.qdot, torques, factors)
             else:
-                friction = factors * tree.friction_force(motion.qdot)
+                friction = tree.scaled_friction(motion.qdot, factors)
             net = tau - motion.projected(friction)
             power = net @ u
             if driven:
@@ -333,8 +333,9 @@ class TrialMotion:
             torques = self.equations.drive_torques(q, tau, time_of(time))
             loads = tree.drive_loads(motion.qdot, torques, self._factors)
             return motion.projected(loads + tree.friction_force(motion.qdot, loads))
-        friction = tree.friction_force(motion.qdot)
-        return tau + motion.projected((1.0 - self._factors) * friction)
+        deviation = (tree.friction_force(motion.qdot)
+                     - tree.scaled_friction(motion.qdot, self._factors))
+        return tau + motion.projected(deviation)
 
     @lazy_property
     def _stage(self) -> Program:

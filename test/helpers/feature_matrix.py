@@ -9,12 +9,13 @@ from pathlib import Path
 import sys
 
 import feature_checks as check
-from kinds_of_mechanism import KINDS
+from kinds_of_mechanism import ELASTIC, KINDS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / 'docs' / 'limits.md'
 BEGIN, END = '<!-- features by kind: generated -->\n', '<!-- end of the generated table -->\n'
 TREE, SPEEDS, LOOP, ROLLING, TIME, BEAM, BALL = KINDS
+COLUMNS = (*KINDS, ELASTIC)
 
 # Reasons, one sentence each. The first are of physics or definition, the others of today.
 NO_CONSTRAINT = 'There is no constraint that could exert a force.'
@@ -36,6 +37,8 @@ NO_ANGLE = ('The position of a ball joint is a rotation, which the points and sp
 NO_START = ('A trajectory does not state at which time of a function of time it starts.')
 NO_ROTATION = 'The position of a ball joint is a rotation, which joint states do not state.'
 SAME = ('Joint states and efforts are those of joints: chosen speeds would not change a message.')
+BY_MOTORS = ('Motors move the links of elastic joints through springs: `MotorSideControl`, its '
+             '`trajectory` and the other laws of elastic joints command them.')
 NO_FUNCTION = 'A function of time is Python code, which no parameter file states.'
 
 
@@ -73,6 +76,7 @@ class Row:
 
 CONTROL = 'test/unit/control/'
 NODE = 'test/e2e/test_node_'
+LIMITS = 'test/unit/feasibility/test_feasibility_'
 DERIVATIVES = 'test/property/test_derivatives_of_all_kinds.py::'
 ROWS = (
     Row('inverse dynamics, external wrenches', check.inverse_dynamics),
@@ -97,7 +101,7 @@ ROWS = (
     Row('torque bounds of uncertain parameters', check.torque_bounds, {BEAM: NO_TEN}),
     Row('joint reactions', check.joint_reactions),
     Row('constraint forces', check.constraint_forces, {
-        (TREE,): NO_CONSTRAINT, (BEAM,): NO_CONSTRAINT}),
+        (TREE,): NO_CONSTRAINT, (BEAM,): NO_CONSTRAINT, ELASTIC: NO_CONSTRAINT}),
     Row('workspace', check.workspace, pairs=False),
     Row('batches', check.batches, pairs=False),
     Row('batches on a GPU: quantities, roll-outs', check.on_a_gpu, pairs=False),
@@ -105,9 +109,10 @@ ROWS = (
     Row('`verify`', check.verification, pairs=False),
     Row('`simulate`', check.simulation, pairs=False),
     Row('`simulate` with the implicit integrator', check.implicit),
-    Row('`ComputedTorque`', check.computed_torque, {BEAM: NO_ACTUATOR, BALL: NO_ANGLE},
-        pairs=False),
-    Row('`Controller`, beams by `QuasiStatic`', check.controller, {BALL: NO_ANGLE}, {
+    Row('`ComputedTorque`', check.computed_torque, {
+        BEAM: NO_ACTUATOR, BALL: NO_ANGLE, ELASTIC: BY_MOTORS}, pairs=False),
+    Row('`Controller`, beams by `QuasiStatic`', check.controller, {
+        BALL: NO_ANGLE, ELASTIC: BY_MOTORS}, {
         BEAM: f'{CONTROL}test_quasi_static.py::'
               'test_feedforward_with_bending_tracks_far_better'}, pairs=False),
     Row('`MomentumObserver`', check.observer),
@@ -115,9 +120,11 @@ ROWS = (
     Row('payload estimate', check.payload),
     Row('joint stops of `simulate`', check.stopped, pairs=False),
     Row('exact friction of `simulate`', check.slid_exactly, pairs=False),
-    Row('presliding friction of `simulate`', None, {}, dict.fromkeys(
+    Row('presliding friction of `simulate`', None, {}, {**dict.fromkeys(
         KINDS, 'test/unit/simulation/test_presliding.py::'
-        'test_every_kind_of_mechanism_moves_as_a_readable_reference'), pairs=False),
+        'test_every_kind_of_mechanism_moves_as_a_readable_reference'), ELASTIC:
+        'test/unit/simulation/test_presliding.py::'
+        'test_bristles_of_a_motor_are_seen_through_its_gear'}, pairs=False),
     Row('power balance', check.balanced_power, pairs=False),
     Row('sweep', check.swept),
     Row('view and plots of a simulated motion', check.drawn, pairs=False),
@@ -127,36 +134,44 @@ ROWS = (
         LOOP: f'{NODE}closed_loops.py::'
               'test_computed_torque_moves_the_plant_with_only_the_driven_joints_measured',
         BEAM: f'{NODE}flexible.py::'
-              'test_quasi_static_feedforward_is_better_than_rigid_feedforward'}, pairs=False),
+              'test_quasi_static_feedforward_is_better_than_rigid_feedforward',
+        ELASTIC: f'{NODE}elastic_joints.py::'
+                 'test_elastic_feedforward_leaves_a_twentieth_of_the_vibration'}, pairs=False),
     Row('`export_c`', check.exported, pairs=False),
     Row('natural vibration', check.vibration, {TIME: NO_REST}),
     Row('`demand`, `largest_payload`: motion of the driving joints, beams by `QuasiStatic`',
-        check.demanded, {ROLLING: NO_SHAPE, BALL: NO_ANGLE}, pairs=False),
+        check.demanded, {ROLLING: NO_SHAPE, BALL: NO_ANGLE}, {
+            ELASTIC: f'{LIMITS}of_drives.py::'
+                     'test_the_demand_satisfies_the_equations_of_links_and_motors'}, pairs=False),
     Row('`fastest`, beams by `QuasiStatic`', check.scaled, {
         ROLLING: NO_SHAPE,
         TIME: NO_SCALE,
         (SPEEDS, BEAM): NO_SPLIT,
-        BALL: NO_ANGLE}),
+        BALL: NO_ANGLE}, {
+        ELASTIC: f'{LIMITS}of_drives.py::test_the_fastest_speed_reaches_a_limit_of_the_drive'}),
     Row('`time_optimal`', check.timed, {
         ROLLING: NO_SHAPE,
         TIME: NO_SCALE,
         BEAM: BENDS,
-        BALL: NO_ANGLE}),
-    Row('`TrajectoryOptimizer`', check.optimized),
+        BALL: NO_ANGLE}, {
+        ELASTIC: 'test/unit/feasibility/test_elastic_timing.py::'
+                 'test_no_limit_is_exceeded_and_one_is_always_near'}),
+    Row('`TrajectoryOptimizer`', check.optimized, {ELASTIC: BY_MOTORS}),
     Row('`fill_trajectory`, beams by `QuasiStatic`', check.filled, {
         ROLLING: NO_SHAPE,
         TIME: NO_START,
         (SPEEDS, BEAM): NO_SPLIT,
-        BALL: NO_ANGLE}),
+        BALL: NO_ANGLE,
+        ELASTIC: BY_MOTORS}),
 )
 
 
 def table():
     """Return the table and its notes, in Markdown."""
-    notes, lines = [], [f'| | {" | ".join(KINDS)} |', f'|---{"|---" * len(KINDS)}|']
+    notes, lines = [], [f'| | {" | ".join(COLUMNS)} |', f'|---{"|---" * len(COLUMNS)}|']
     for row in ROWS:
         cells = []
-        for kind in KINDS:
+        for kind in COLUMNS:
             reason = row.reason(kind)
             if reason is None:
                 cells.append('yes')

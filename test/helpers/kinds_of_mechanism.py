@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations
 
-from kane_dynamics import (absolute_rates, box, Closure, disc, FlexibleLink, knife_edge,
-                           ModelBuilder, Prescribed, Robot, rod, Speeds)
+from kane_dynamics import (absolute_rates, box, Closure, disc, Drive, FlexibleLink, knife_edge,
+                           ModelBuilder, Prescribed, Robot, rod, Speeds, with_drives)
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.definition import nonholonomic
@@ -15,6 +15,10 @@ import numpy as np
 KINDS = ('tree', 'chosen speeds', 'closed loop', 'nonholonomic', 'time-dependent', 'flexible',
          'free and ball joints')
 PAIRS = tuple(combinations(KINDS[1:], 2))
+ELASTIC = 'elastic joints'  # of a tree
+DRIVES = {'upper': Drive(800.0, damping=0.4, rotor_inertia=0.3,
+                         friction={'damping': 0.5, 'friction': 0.2}),
+          'fore': Drive(500.0, rotor_inertia=0.2)}
 T = 0.4  # s, of states
 JOINT = {'damping': 0.3, 'friction': 0.2, 'armature': 0.02, 'stiffness': 1.5, 'rest': 0.1,
          'limits': Limits(-6.0, 6.0, 20.0, 200.0)}
@@ -125,6 +129,8 @@ def case(*kinds):
     """Return the mechanism of one kind or of several."""
     kinds = tuple(kind for kind in kinds if kind != 'tree')
     model, choice = model_of(kinds), {}
+    if ELASTIC in kinds:
+        model = with_drives(model, DRIVES)
     constraints = []
     if 'chosen speeds' in kinds:
         choice['speeds'] = rheonomic if 'time-dependent' in kinds else absolute_rates
@@ -148,7 +154,8 @@ def state(robot, seed=0):
     """Return q, u and udot of moderate size, with constraints met; small deflections."""
     rng = np.random.default_rng(seed)
     guess = {'crank': 0.8, 'rocker': -1.5, 'upper': 0.4, 'fore': -0.7, 'cart/rz': 0.5,
-             'cart/x': 0.2, 'craft/qw': 1.0, 'hand/qw': 1.0}
+             'cart/x': 0.2, 'craft/qw': 1.0, 'hand/qw': 1.0, 'upper_motor': 0.41,
+             'fore_motor': -0.69}
     small = np.array([0.02 if 'mode' in name else 1.0 for name in robot.coordinate_names])
     q = np.array([guess.get(name, 0.0) for name in robot.coordinate_names])
     q = q + 0.1 * small * rng.uniform(-1.0, 1.0, robot.n_q)

@@ -95,7 +95,7 @@ def random_state(model, seed, count=3):
 def with_inertia_in(model, kept):
     """Return a model in which bodies `kept` have inertia and elasticity, joints no force."""
     free = {'stiffness': 0.0, 'damping': 0.0, 'friction': 0.0, 'friction_offset': 0.0,
-            'armature': 0.0}
+            'armature': 0.0, 'drive': None}
 
     def empty(beam):
         return beam and replace(beam, **{name: 0.0 * getattr(beam, name) for name in (

@@ -2,12 +2,13 @@
 
 from feature_matrix import PAGE, page, ROOT, ROWS
 from kane_dynamics.errors import KaneError
-from kinds_of_mechanism import case, KINDS, PAIRS
+from kinds_of_mechanism import case, ELASTIC, KINDS, PAIRS
 import pytest
 
 
 # Compiling the pairs takes a minute.
-@pytest.mark.parametrize('kinds', [*((kind,) for kind in KINDS), *(
+@pytest.mark.parametrize('kinds', [*((kind,) for kind in KINDS),
+                                   pytest.param((ELASTIC,), marks=pytest.mark.slow), *(
     pytest.param(pair, marks=pytest.mark.slow) for pair in PAIRS)], ids=' and '.join)
 def test_every_feature_is_right_or_refused_for(kinds):
     wrong = []

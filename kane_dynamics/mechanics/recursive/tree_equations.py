@@ -507,6 +507,23 @@ class TreeEquations:
             return joint.multiplier * torque
         return self._with_damping(self._by_coordinate(force), u)
 
+    def scaled_friction(self, u: Vector, factors: Vector | None = None,
+                        directions: Vector | None = None,
+                        deflections: Vector | None = None) -> Vector:
+        """
+        Return `friction_force` without loads, with factors (n,) on that of the joints.
+
+        The damping of drives acts on two joints alike and has no factor.
+        """
+        friction = self.friction_force(u, None, directions, deflections)
+        if factors is None:
+            return friction
+        scaled: Vector = factors * friction
+        if self.model.drives and self.friction:
+            damping = drive_forces(self.model, u, damping_torque)
+            scaled = scaled + (1.0 - factors) * damping
+        return scaled
+
     def feedforward_friction(self, u: Vector, udot: Vector,
                              load: Vector | None = None) -> Vector:
         """
@@ -583,8 +600,7 @@ class TreeEquations:
         `factors`, (n,), are 1 by default; `directions` and `deflections` are as of
         `friction_force`.
         """
-        friction = self.friction_force(u, None, directions, deflections)
-        loads = tau - (friction if factors is None else factors * friction)
+        loads = tau - self.scaled_friction(u, factors, directions, deflections)
         if not self.carries_loads:
             return loads
         if directions is None:

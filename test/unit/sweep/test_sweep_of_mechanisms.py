@@ -3,8 +3,8 @@
 from dataclasses import replace
 from functools import cache
 
-from kane_dynamics import (ComputedTorque, ConstraintError, InputError, Motion, Prescribed, Robot,
-                           simulate)
+from kane_dynamics import (ComputedTorque, ConstraintError, Drive, InputError, ModelBuilder,
+                           Motion, Prescribed, Robot, rod, simulate, with_drives)
 from kane_dynamics.cli.commands.sweep_command import read_sweep
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.sweep import read_table, run_sweep, Sweep
@@ -220,3 +220,19 @@ def test_a_file_names_constraints_and_the_sweep_is_that_of_the_robot(tmp_path):
         assert list(read[name]) == list(own[name])
     ends = rows_of(own, 'q', palletizer().joint_names)
     assert np.abs(palletizer().constraint_residual(ends)).max() < 1e-9
+
+
+def test_factors_on_friction_leave_the_damping_of_drives():
+    """It acts between motor and link alike, and belongs to neither."""
+    builder = ModelBuilder('elastic', gravity=(0, 0, 0))
+    builder.body('bar', joint='pivot', axis=(0, -1, 0), inertial=rod(2.0, (0, 0, 0), (0.5, 0, 0)))
+    robot = Robot(with_drives(builder.model(), {
+        'pivot': Drive(40.0, damping=2.0, rotor_inertia=0.1)}))
+    start = [0.0, 0.2]
+    swept = Simulator(Sweep(robot, samples=1, duration=0.2, step=1e-3, q0=start, u0=[0.0, 0.0],
+                            integrator='rk4', friction={'pivot': 0.0, 'pivot_motor': 3.0}))
+    found = swept.columns(0)
+    run = simulate(robot, start, [0.0, 0.0], 0.2, step=1e-3, integrator='rk4')
+    assert abs(run.u[-1]).max() > 1e-2
+    np.testing.assert_allclose([found[f'q.{name}'][0] for name in robot.joint_names], run.q[-1],
+                               atol=1e-12)
