@@ -64,7 +64,8 @@ LEFT_OUT = frozenset((
     'Robot.operational_space_inertia', 'Robot.operational_space_bias', 'Robot.torque_bounds',
     # Called by loops that have checked their arrays.
     'Controller.command_checked', 'Controller.torque', 'Controller.limit', 'Controller.resume',
-    'Controller.gravity_torque', 'LoopTracker.update_checked', 'FrictionError.torque',
+    'Controller.gravity_torque', 'Controller.motion_torque', 'Controller.stopping_motion',
+    'Controller.interrupted', 'LoopTracker.update_checked', 'FrictionError.torque',
     'FrictionError.adapt', 'Motion.positions_at', 'Motion.velocities_at',
     'Motion.velocities_inside', 'CollisionDetector.update', 'MomentumObserver.hold',
     'QuasiStatic.require_drives', 'QuasiStatic.require_rigid_model', 'Model.path',
@@ -272,6 +273,7 @@ def stated():
         'PosePath.circle': {'start': (0.3, 0, 0), 'center': (0.2, 0, 0), 'axis': (0, 0, 1.0)},
         'PosePath.joined': {'paths': [path()]}, 'Recording.rows': {},
         'QuasiStatic.configuration': {'q': (0.2,)}, 'QuasiStatic.gravity_force': {'q': (0.2,)},
+        'QuasiStatic.feedforward_change': {'q': (0.2,), 'u': (0.1,), 'udot': (0.3,)},
         'QuasiStatic.inverse_dynamics': {'q': (0.2,), 'u': (0.1,), 'udot': (0.3,)},
         'QuasiStatic.modes': {'q': (0.2,), 'u': (0.1,), 'udot': (0.3,)},
         'QuasiStatic.torque_terms': {'q': (0.2,), 'u': (0.1,), 'udot': (0.3,)},
