@@ -57,6 +57,8 @@ def main() -> None:
         'HybridForce': lambda: hybrid.torque(q, u, pose, wrench=wrench, measured=measured,
                                              elapsed=1e-3),
         'ArmCoupling': lambda: coupling.torque(0.0, q, u, partner)}
+    for call in calls.values():  # laws compile at their first call
+        call()
     natives = {}
     for (name, _), kernel in robot.kernels._made.items():
         natives[name] = machine_code(kernel, q, u)

@@ -257,9 +257,11 @@ class ArmCoupling:
         """
         if type(t) is not float:
             t = number(t, 't', 'a finite time in s', math.isfinite)
-        memory = self._memory
-        clock = self._clock_entries
-        timeout = self._timeout
+        # Each attribute of a class with hints takes as long to read as ten of these.
+        fields = self.__dict__
+        memory = fields['_memory']
+        clock = fields['_clock_entries']
+        timeout = fields['_timeout']
         last = memory.t
         if last is not None and 0.0 <= t - last <= timeout:
             clock[0] = t - last
@@ -267,24 +269,25 @@ class ArmCoupling:
             self._begin(number(t, 't', 'a finite time in s', math.isfinite), q)
             clock[0] = 0.0
         memory.t = t
-        if self.engaged:
+        if fields['engaged']:
             if type(partner) is not PartnerState and partner is not None:
                 instance(partner, PartnerState, 'partner')
             if partner is None or not -timeout <= t - partner.t <= timeout:
                 self.disengage(self._lateness(t, partner))
-        if self.engaged and partner is not None:
+        if fields['engaged'] and partner is not None:
             clock[1] = 1.0
         else:
             clock[1] = 0.0
-            partner = self._nobody
+            partner = fields['_nobody']
         _, q_p, u_p, external = partner
+        law, settings = fields['_law'], fields['_settings']
         try:
-            if self._timed:
-                row = self._law(q, u, q_p, u_p, external, memory.row, self._clock,
-                                self._settings, t)
+            if fields['_timed']:
+                row = law(q, u, q_p, u_p, external, memory.row, fields['_clock'],
+                          settings, t)
             else:
-                row = self._law(q, u, q_p, u_p, external, memory.row, self._clock,
-                                self._settings)
+                row = law(q, u, q_p, u_p, external, memory.row, fields['_clock'],
+                          settings)
         except _PartnerFault as error:
             self.disengage(str(error))
             return self.torque(t, q, u)

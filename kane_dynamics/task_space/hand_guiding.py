@@ -166,9 +166,12 @@ class HandGuiding(RunTimeSettings):
             The configuration is open or singular.
 
         """
-        if self._timed:
-            return self._law(q, u, self._block, t)
-        return self._law(q, u, self._block)
+        # Each attribute of a class with hints takes as long to read as ten of these.
+        fields = self.__dict__
+        law, block = fields['_law'], fields['_block']
+        if fields['_timed']:
+            return law(q, u, block, t)
+        return law(q, u, block)
 
     def energy(self, q: ArrayLike) -> float:
         """Return the energy that the walls of joints and planes store, J."""

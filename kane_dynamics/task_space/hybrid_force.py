@@ -88,6 +88,8 @@ class HybridForce(CartesianImpedance):
         self._further = {'force_gain': force_gain, 'integral_gain': integral_gain,
                          'approach_speed': approach_speed}
         self._step = np.zeros(1)
+        # A number is written to it faster than to the array.
+        self._step_entry: Any = memoryview(self._step)
         super().__init__(robot, frame, stiffness=stiffness, **impedance)
         self._integral = [np.zeros(6)]  # replaced by each call
 
@@ -166,21 +168,26 @@ class HybridForce(CartesianImpedance):
         if type(elapsed) is not float or not 0.0 <= elapsed < math.inf:
             elapsed = number(elapsed, 'elapsed', 'a finite time in s, not negative',
                              lambda x: 0.0 <= x < math.inf)
-        self._step[0] = elapsed
+        # Each attribute of a class with hints takes as long to read as ten of these.
+        fields = self.__dict__
+        fields['_step_entry'][0] = elapsed
+        zero = fields['_zero']
         if twist is None:
-            twist = self._zero
+            twist = zero
         if acceleration is None:
-            acceleration = self._zero
-        desired = self._zero if wrench is None else wrench
+            acceleration = zero
+        desired = zero if wrench is None else wrench
         if measured is None:  # as if the force were exactly the desired one
             measured = -finite_row(desired, 'wrench', DIRECTIONS, part='direction')
-        integral = self._integral
-        if self._timed:
-            row = self._law(q, u, pose, twist, acceleration, desired, measured,
-                            integral[0], self._step, self._block, t)
+        integral = fields['_integral']
+        law = fields.get('_law') or self._law
+        step, block = fields['_step'], fields['_block']
+        if fields['_timed']:
+            row = law(q, u, pose, twist, acceleration, desired, measured, integral[0],
+                      step, block, t)
         else:
-            row = self._law(q, u, pose, twist, acceleration, desired, measured,
-                            integral[0], self._step, self._block)
+            row = law(q, u, pose, twist, acceleration, desired, measured, integral[0],
+                      step, block)
         integral[0] = row[-6:]
         return row[:-6]
 

@@ -111,13 +111,16 @@ class JointImpedance(RunTimeSettings):
             motion there.
 
         """
+        # Each attribute of a class with hints takes as long to read as ten of these.
+        fields = self.__dict__
         if u_d is None:
-            u_d = self._zero
+            u_d = fields['_zero']
         if udot_d is None:
-            udot_d = self._zero
-        if self._timed:
-            return self._law(q, u, q_d, u_d, udot_d, self._block, t)
-        return self._law(q, u, q_d, u_d, udot_d, self._block)
+            udot_d = fields['_zero']
+        law, block = fields['_law'], fields['_block']
+        if fields['_timed']:
+            return law(q, u, q_d, u_d, udot_d, block, t)
+        return law(q, u, q_d, u_d, udot_d, block)
 
     def energy(self, q: ArrayLike, q_d: ArrayLike) -> float:
         """Return the energy that the springs store, J."""

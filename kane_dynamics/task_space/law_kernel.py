@@ -163,15 +163,20 @@ class PoseLaw(RunTimeSettings):
             The configuration is open or singular.
 
         """
+        # Each attribute of a class with hints takes as long to read as ten of these.
+        fields = self.__dict__
+        zero = fields['_zero']
         if twist is None:
-            twist = self._zero
+            twist = zero
         if acceleration is None:
-            acceleration = self._zero
+            acceleration = zero
         if wrench is None:
-            wrench = self._zero
-        if self._timed:
-            return self._law(q, u, pose, twist, acceleration, wrench, self._block, t)
-        return self._law(q, u, pose, twist, acceleration, wrench, self._block)
+            wrench = zero
+        law = fields.get('_law') or self._law
+        block = fields['_block']
+        if fields['_timed']:
+            return law(q, u, pose, twist, acceleration, wrench, block, t)
+        return law(q, u, pose, twist, acceleration, wrench, block)
 
 
 def checked_terms(value: Any) -> Terms:
