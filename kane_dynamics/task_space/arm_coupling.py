@@ -259,7 +259,7 @@ class ArmCoupling:
             t = number(t, 't', 'a finite time in s', math.isfinite)
         # Each attribute of a class with hints takes as long to read as ten of these.
         fields = self.__dict__
-        memory = fields['_memory']
+        memory: _Memory = fields['_memory']
         clock = fields['_clock_entries']
         timeout = fields['_timeout']
         last = memory.t
@@ -280,7 +280,8 @@ class ArmCoupling:
             clock[1] = 0.0
             partner = fields['_nobody']
         _, q_p, u_p, external = partner
-        law, settings = fields['_law'], fields['_settings']
+        law: Callable[..., Array] = fields['_law']
+        settings = fields['_settings']
         try:
             if fields['_timed']:
                 row = law(q, u, q_p, u_p, external, memory.row, fields['_clock'],

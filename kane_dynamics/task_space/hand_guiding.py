@@ -168,7 +168,8 @@ class HandGuiding(RunTimeSettings):
         """
         # Each attribute of a class with hints takes as long to read as ten of these.
         fields = self.__dict__
-        law, block = fields['_law'], fields['_block']
+        law: Callable[..., Array] = fields['_law']
+        block = fields['_block']
         if fields['_timed']:
             return law(q, u, block, t)
         return law(q, u, block)

@@ -117,7 +117,8 @@ class JointImpedance(RunTimeSettings):
             u_d = fields['_zero']
         if udot_d is None:
             udot_d = fields['_zero']
-        law, block = fields['_law'], fields['_block']
+        law: Callable[..., Array] = fields['_law']
+        block = fields['_block']
         if fields['_timed']:
             return law(q, u, q_d, u_d, udot_d, block, t)
         return law(q, u, q_d, u_d, udot_d, block)

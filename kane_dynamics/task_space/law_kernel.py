@@ -172,7 +172,7 @@ class PoseLaw(RunTimeSettings):
             acceleration = zero
         if wrench is None:
             wrench = zero
-        law = fields.get('_law') or self._law
+        law: Callable[..., Array] = fields.get('_law') or self._law
         block = fields['_block']
         if fields['_timed']:
             return law(q, u, pose, twist, acceleration, wrench, block, t)
