@@ -147,3 +147,24 @@ def test_a_trajectory_that_cannot_be_filled_is_an_error(plan, options, message):
 def test_degrees_are_suspected_in_every_row_and_of_joints_in_any_order(plan):
     plan.write_text(ECHO.replace('[0.1, 0.6]', '[10.0, 60.0]'))
     assert 'degrees?' in command('fill', str(URDF), '--motion', str(plan)).stderr
+
+
+def test_the_friction_of_the_efforts_at_rest_is_the_stated_choice(tmp_path):
+    plan = tmp_path / 'plan.csv'
+    # Both joints begin at rest, with an acceleration.
+    plan.write_text('t,q.joint1,q.joint2,u.joint1,u.joint2,udot.joint1,udot.joint2\n'
+                    '0,0,0,0,0,3,-3\n1,0.5,-0.5,0,0,0,0\n')
+    friction = tmp_path / 'friction.yaml'
+    friction.write_text('joints: {joint1: {friction: 2.0}, joint2: {friction: 1.0}}')
+    efforts = []
+    for choice in ('desired_speed', 'ahead', '0.1', 'none'):
+        done = command('fill', str(URDF), '--supplement', str(friction), '--motion', str(plan),
+                       '--feedforward-friction', choice, '--json')
+        efforts.append(json.loads(done.stdout)[0]['efforts'][0])
+    # At the begin: the whole friction of each joint for the time ahead, else none.
+    of_joints = np.array([2.0, 1.0])
+    ahead = np.abs(np.array(efforts[1:3]) - efforts[0])
+    assert (ahead > 0.5 * of_joints).all() and (ahead <= of_joints).all()
+    np.testing.assert_allclose(efforts[3], efforts[0], atol=1e-12)
+    done = command('fill', str(URDF), '--motion', str(plan), '--feedforward-friction', 'ahaed')
+    assert done.returncode == 2 and "feedforward_friction: 'ahaed'; expected one of" in done.stderr

@@ -3,7 +3,8 @@
 from dataclasses import replace
 import math
 
-from kane_dynamics import (ComputedTorque, Controller, controller_kernels, Drive, fill_trajectory,
+from kane_dynamics import (CartesianImpedance, ComputedTorque, Controller, controller_kernels,
+                           Drive, fill_trajectory,
                            InputError, JointImpedance, Mode, ModelBuilder, Motion, Robot, rod,
                            simulate, Terms, with_drives)
 from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
@@ -143,6 +144,21 @@ def test_noise_of_the_measured_speed_moves_no_friction_at_rest(choice):
         assert_allclose(controller.torque(q, u, None, 0.0) - bare.torque(q, u, None, 0.0), offset,
                         atol=1e-12)
         assert_allclose(impedance.torque(q, u, q) - smooth.torque(q, u, q), offset, atol=1e-12)
+
+
+def test_a_frame_at_rest_on_its_target_has_no_friction_in_its_command():
+    robot = arm('ahead', friction_offset=0.0)
+    rigid = Robot(robot.model, friction=False)
+    law, bare = (CartesianImpedance(each_robot, 'fore', stiffness=[500.0] * 3 + [30.0] * 3)
+                 for each_robot in (robot, rigid))
+    q = np.array([0.3, -0.9])
+    pose = robot.frame_pose('fore', q)
+    for u in 0.1 * np.random.default_rng(0).normal(size=(10, 2)):
+        assert_allclose(law.torque(q, u, pose), bare.torque(q, u, pose), atol=1e-12)
+    # A target that begins to move has friction before the rate of the joints.
+    begins = [x.torque(q, [0.0, 0.0], pose, acceleration=[1.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+              for x in (law, bare)]
+    assert np.abs(np.subtract(*begins)).max() > 1.0
 
 
 @pytest.mark.parametrize('choice', CHOICES)
