@@ -101,7 +101,7 @@ class Lockstep:
                           diagnostics_rate=20.0, **options)
         client.joints = self.robot.joint_names
         self.node.wait_for('active, mode', 600.0)  # compiling, on a busy machine
-        assert wait_until(lambda: self.clock.get_subscription_count() == 1
+        assert wait_until(lambda: self.clock.get_subscription_count() >= 1
                           and self.states.get_subscription_count() == 1
                           and client.motions.get_subscription_count() == 1, 60.0)
         self.arm.reset(self.home)
