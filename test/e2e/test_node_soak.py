@@ -199,7 +199,7 @@ def test_everything_switched_on_lives_through_ten_minutes_at_500_hz_and_one_at_2
         client, poisoned):
     process = Process(robot_description=f"'{URDF}'", state_timeout=TIMEOUT, **FULLEST)
     try:
-        process.wait_for('active, mode')
+        process.wait_for('active, mode', 300.0)
         client.connect()
         traffic = Traffic(client, process)
         traffic.run(20.0 * MINUTES)

@@ -62,6 +62,10 @@ class GuardLink:
         self._last = np.array(UNGUARDED._replace(opened=_now()))
         self._time = np.zeros(())
         self._next = np.zeros(SIZE)
+        # Views are read and copied several times as fast as the arrays.
+        self._to, self._from = memoryview(self._last), memoryview(self._next)
+        self._clock = memoryview(self._time).cast('B').cast('d')
+        self._unanswered = 0.0  # as reported
         rules = arbitration_kernels(path.controller.robot, count)
         inputs = [self._last, self._time]
         self._before_command = rules.before_command.bind(inputs, self._next, 'Decide.')
@@ -124,6 +128,7 @@ class GuardLink:
         if self._path.arbitration is not None:
             return
         self._last[:] = self.beginning()
+        self._unanswered = 0.0
         self._decide(self._before_zeros, _now())
 
     def may_command(self, now: float) -> bool:
@@ -152,15 +157,16 @@ class GuardLink:
 
     def _decide(self, rule: Callable[[], object], now: int) -> bool:
         """Return what a rule permits; send the request that it asks for."""
-        self._time[()] = now
-        unanswered = self._last[UNANSWERED]
+        decided = self._from
+        self._clock[0] = now
         rule()
-        self._last[:] = self._next
-        if self._last[SENDS]:
-            self._send(float(self._last[NUMBER]))
-        if self._last[UNANSWERED] > unanswered:
+        self._to[:] = decided
+        if decided[SENDS]:
+            self._send(decided[NUMBER])
+        if decided[UNANSWERED] > self._unanswered:
+            self._unanswered = decided[UNANSWERED]
             self.report_silence()
-        return bool(self._last[PERMITTED])
+        return decided[PERMITTED] > 0.5
 
     def _send(self, number: float) -> None:
         """Send a request."""
