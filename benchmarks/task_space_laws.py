@@ -155,7 +155,9 @@ PASSAGES = (
             [0.3, -0.5, HALF, -2.0, 0.0, 1.9, 0.8]))
 LIMITS = PoseLimits((0.5, 2.0, 20.0), (1.5, 6.0, 60.0))
 STIFFNESS = np.array([2000.0, 2000.0, 2000.0, 150.0, 150.0, 150.0])
+EDGE_STEP, EDGE_WITHIN = 0.01, 1e-4  # m, of the search for the edge of the reach
 BEYOND = 0.1  # m of the target along the direction that is lost, and beyond the reach
+EDGES = {'edge of the reach': 0.0, 'beyond the reach': BEYOND}
 SETTLING = 3.0  # s of rest, in which the error of the singular neighborhood decays
 
 
@@ -185,17 +187,23 @@ def through(robot: Robot, frame: str, passage: Passage) -> PoseMotion:
     return PoseMotion(path, LIMITS)
 
 
-def beyond_the_edge(robot: Robot, frame: str, start: Array) -> PoseMotion:
-    """Return the motion outwards, to BEYOND outside of the reach, and back."""
+def to_the_edge(robot: Robot, frame: str, start: Array, beyond: float) -> PoseMotion:
+    """Return the motion outwards to the edge of the reach, or beyond it by m, and back."""
     pose = robot.frame_pose(frame, start)
     outwards = pose[:3, 3] * [1.0, 1.0, 0.0]
     outwards /= np.linalg.norm(outwards)
     target = pose.copy()
-    reached = inverse_kinematics(robot, frame, target, start, starts=1)
-    while reached.converged:
-        target[:3, 3] += 0.01 * outwards
-        reached = inverse_kinematics(robot, frame, target, reached.q, starts=1)
-    target[:3, 3] += BEYOND * outwards
+    q = start
+    step = EDGE_STEP
+    while step > EDGE_WITHIN:
+        further = target.copy()
+        further[:3, 3] += step * outwards
+        reached = inverse_kinematics(robot, frame, further, q, starts=1)
+        if reached.converged:
+            target, q = further, reached.q
+        else:
+            step *= 0.5
+    target[:3, 3] += beyond * outwards
     there = PosePath.through([pose, target])
     return PoseMotion(PosePath.joined([there, PosePath.through([target, pose])]), LIMITS)
 
@@ -539,8 +547,9 @@ def passages() -> Iterator[tuple[str, str, PassageFigures]]:
                 start = np.array(passage.start)
                 desired = through(robot, arm.frame, passage)
                 yield name, passage.what, follow(arm, start, desired)
-        desired = beyond_the_edge(robot, arm.frame, arm.home)
-        yield name, 'edge', follow(arm, arm.home, desired)
+        for what, beyond in EDGES.items():
+            desired = to_the_edge(robot, arm.frame, arm.home, beyond)
+            yield name, what, follow(arm, arm.home, desired)
 
 
 def main() -> int:

@@ -43,7 +43,7 @@ from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task,
                                                  singular_mass as checked_mass,
                                                  symmetric_product, TaskInertia)
 from kane_dynamics.task_space.joint_speed_limits import (brake_torques, checked_speeds,
-                                                         slowdown)
+                                                         slowdown, speeds_towards_stops)
 from kane_dynamics.task_space.joint_walls import JointWalls
 from kane_dynamics.task_space.law_kernel import (checked_effort, checked_terms,
                                                  identifier, LanesOf, Law, law_kernel,
@@ -370,7 +370,7 @@ class ImpedanceForces(NamedTuple):
     weights : (4,) array
         Of the terms that are compensated.
     speeds : (n_j,) array
-        Limits of the joint speeds.
+        Limits of the joint speeds in the direction of their motion.
     speed_scale : scalar
         Factor of the reference motion by these.
 
@@ -431,7 +431,9 @@ def impedance_forces(robot: Robot, task: FrameTask, walls: JointWalls, at: State
 
     # Feedforward of the reference motion, which is slowed down to the speed limits.
     u_r, udot_r = reference_motion(equations, task, inertia, q, u, desired, t)
-    speed_scale = slowdown(motion.T @ u_r, values['speed'])
+    reference_rates = motion.T @ u_r
+    speed_scale = slowdown(reference_rates, speeds_towards_stops(
+        robot, q, reference_rates, values['speed']))
     u_r = speed_scale * u_r
     at_rest = equations.zeros
     held = reference_dynamics(equations, q, at_rest, at_rest, at_rest,
@@ -453,7 +455,8 @@ def impedance_forces(robot: Robot, task: FrameTask, walls: JointWalls, at: State
     return ImpedanceForces(at, motion, held, at_walls, compensation - held,
                            drag - J.T @ damping, J.T @ spring.wrench + posture, spring,
                            damping, velocity, mobility, inertia, values['weights'],
-                           values['speed'], speed_scale)
+                           speeds_towards_stops(robot, q, motion.qdot, values['speed']),
+                           speed_scale)
 
 
 def damping_wrench(W: Matrix, velocity: Vector, values: Mapping[str, Any],

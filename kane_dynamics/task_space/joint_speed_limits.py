@@ -5,7 +5,9 @@ Next to a singular configuration a slow frame needs fast joints, and a spring wh
 cannot follow accelerates them. So the reference motion is slowed down to `FREE` of the
 velocity limits, all joints by one factor. A joint that would exceed `FREE` of its limit
 within `HORIZON` is braked by a torque against its motion, which takes energy out in every
-configuration. Slower joints, below `SLOW` of the limit, are never braked.
+configuration. Slower joints, below `SLOW` of the limit, are never braked. Towards a
+joint limit the speed limit is what is left of the way, divided by `STOPPING`: joints come
+to their stops slowly.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ from numpy.typing import ArrayLike
 FREE = 0.9  # of a velocity limit, which a law does not make a joint exceed
 HORIZON = 0.01  # s: time constant of the approach to it; several periods of a controller
 SLOW, RISING = 0.5, 0.8  # of the limit: the brake rises from none to its full torque
+STOPPING = 0.1  # s: time constant of the approach to a joint limit
+CREEPING = 0.02  # of the velocity limit, which is free at a joint limit and beyond it
 SWEEPS = 2  # over the joints, which accelerate each other
 TINY = 1e-300
 
@@ -38,6 +42,38 @@ def checked_speeds(robot: Robot, stated: ArrayLike | None) -> Array:
         raise InputError(f'speed_limit: {speeds.tolist()}; expected positive numbers, '
                          'rad/s or m/s')
     return speeds
+
+
+def speeds_towards_stops(robot: Robot, q: Vector, rates: Vector, speeds: Vector
+                         ) -> Vector:
+    """
+    Return the speed limits in the direction of motion, (n_j,): less next to joint limits.
+
+    Parameters
+    ----------
+    robot : Robot
+        States the joint limits.
+    q : (n_q,) array
+        Positions.
+    rates : (n_j,) array
+        Whose signs are the directions.
+    speeds : (n_j,) array
+        The limits far from the joint limits.
+
+    """
+    limits = list(speeds)
+    for r, place in enumerate(robot.model.places):
+        if place is None:  # a ball joint has no limits
+            continue
+        lower, upper = robot.limits.lower[place], robot.limits.upper[place]
+        if not np.isfinite(lower) and not np.isfinite(upper):
+            continue
+        way = select(rates[r] < 0.0, q[place] - lower, upper - q[place])
+        least = CREEPING * speeds[r]
+        slow = way * (1.0 / STOPPING)
+        slow = select(slow < least, least, slow)
+        limits[r] = select(slow < speeds[r], slow, speeds[r])
+    return np.array(limits)
 
 
 def slowdown(rates: Vector, limits: Vector) -> Scalar:

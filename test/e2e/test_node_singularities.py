@@ -24,11 +24,8 @@ import task_space_laws as experiments  # noqa: E402, I100
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900),
               pytest.mark.filterwarnings('ignore::kane_dynamics.errors.ModelWarning')]
 ARMS = experiments.arms()
-EDGE = 'edge of the reach'
 CASES = [(passage.arm, passage.what) for passage in experiments.PASSAGES]
-CASES += [('UR10e', EDGE), ('FR3', EDGE), pytest.param('xArm7', EDGE, marks=pytest.mark.xfail(
-    reason='its elbow runs into the stop of the simulated arm, and the last link, of 1e-4 kg m^2, '
-           'leaves its speed limit', strict=True))]
+CASES += [(name, edge) for name in ARMS for edge in experiments.EDGES]
 TARGETS = 10  # cycles between two targets
 SETTLING = 3.0  # s of rest after the passage
 STILL = 1.0  # s after the last target, from which the target rests
@@ -42,8 +39,9 @@ SETTINGS = {'cartesian.stiffness': experiments.STIFFNESS.tolist(),
 
 def motion_of(robot, arm, what):
     """Return where a passage starts, and the motion of its target."""
-    if what == EDGE:
-        return arm.home, experiments.beyond_the_edge(robot, arm.frame, arm.home)
+    if what in experiments.EDGES:
+        return arm.home, experiments.to_the_edge(robot, arm.frame, arm.home,
+                                                 experiments.EDGES[what])
     passage = next(passage for passage in experiments.PASSAGES
                    if (passage.arm, passage.what) == (arm.name, what))
     return np.array(passage.start), experiments.through(robot, arm.frame, passage)

@@ -12,6 +12,7 @@ The interpreter's torque path and the native one call the same function. Times a
 since an epoch; flags are 1 or 0.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -37,6 +38,8 @@ class TargetOrders(NamedTuple):
     ----------
     count, posed_at : Scalar
         Number and time of the latest pose.
+    stops : Scalar
+        Whether the target is to stop at it, instead of moving on with the stream.
     twists, wrenches : Scalar
         Numbers of the latest twist and wrench.
     goal : (4, 4) array
@@ -59,6 +62,7 @@ class TargetOrders(NamedTuple):
 
     count: Scalar
     posed_at: Scalar
+    stops: Scalar
     twists: Scalar
     wrenches: Scalar
     goal: Matrix
@@ -120,8 +124,8 @@ class TargetMemory(NamedTuple):
 
 
 ORDER_SHAPES: list[tuple[int, ...]] = [
-    (), (), (), (), (4, 4), (6,), (), (), (6,), (), (), (), (), (), (4,)]
-ORDERS_SIZE = 16 + 2 * 6 + 4 + 11
+    (), (), (), (), (), (4, 4), (6,), (), (), (6,), (), (), (), (), (), (4,)]
+ORDERS_SIZE = sum(math.prod(shape) for shape in ORDER_SHAPES)
 
 
 def memory_shapes(n_q: int) -> list[tuple[int, ...]]:
@@ -237,8 +241,9 @@ def posed(memory: TargetMemory, orders: TargetOrders) -> TargetMemory:
     before, _ = advanced(memory, orders, at, 1.0)
     since = (at - memory.posed_at) * (1.0 / NANO)
     belongs = flag(since > 0.0) * flag(since < LONGEST_PERIOD + 1e-9)
+    belongs = belongs * (1.0 - orders.stops)
     # Beside a twist a pose corrects the target at once. A single one is reached as fast
-    # as the limits of the target allow.
+    # as the limits of the target allow, to rest there.
     duration = since * belongs * (1.0 - _twist_acts(memory, orders, at))
     duration = either(belongs, duration, 0.0)
     is_single = 1.0 - flag(duration > 0.0)

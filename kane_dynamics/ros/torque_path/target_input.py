@@ -11,17 +11,19 @@ import math
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from kane_dynamics._util.typing import Matrix, Vector
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.model.model import WORLD
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
+from kane_dynamics.ros.torque_path.cartesian_cycle import LONGEST_PERIOD
 from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode
 from kane_dynamics.ros.torque_path.cartesian_target import (CartesianTarget, largest_of,
                                                             pose_of_numbers)
 from kane_dynamics.ros.torque_path.joint_state_reader import (MALFORMED, NOT_FINITE,
                                                               time_fault)
-from kane_dynamics.ros.torque_path.pose_functions import bound, displacement
+from kane_dynamics.ros.torque_path.pose_functions import bound, displaced, displacement
 from kane_dynamics.ros.torque_path.stamped_numbers import read_stamped, StampedNumbers
 from kane_dynamics.ros.torque_path.target_reach import REACHED, TargetReach
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
@@ -33,6 +35,7 @@ INACTIVE, OTHER_MODE, NO_STATE = 'node not active', 'other mode', 'no joint stat
 FRAME, STALE = 'unknown frame', 'stale (older than target.timeout)'
 TOO_FAR, OUT_OF_REACH, TOO_LARGE = 'too far', 'out of reach', 'too large'
 QUATERNION = 0.01  # largest difference of the length of a quaternion from 1
+TINY = 1e-300
 WORLD_FRAME = 'world'  # name of the axes of the world where no frame has it
 
 
@@ -75,6 +78,14 @@ class TargetInput:
                                 numbers=self._numbers, frame=self._axes)
         self._compare = bound(robot, displacement, self._difference, start=self._start,
                               goal=self._pose)
+        # Where a target stops that leaves the pose of the message at its speed.
+        self._advance = np.zeros(6)
+        self._stop_at = np.eye(4)
+        self._read_stop = bound(robot, _stopping_pose, self._stop_at,
+                                pose=self._pose, step=self._advance)
+        self._last_pose: Array | None = None  # the last one that was accepted
+        # With fewer speeds a frame moves along curves: straight on is out of its reach.
+        self._moves_freely = robot.n >= 6
         self.update(values)
         self.clear()
 
@@ -86,6 +97,8 @@ class TargetInput:
         self._widest = values['target.max_angle']
         self._fastest = np.repeat([values['target.max_speed'],
                                    values['target.max_angular_speed']], 3)
+        self._accelerations = np.repeat([values['target.max_acceleration'],
+                                         values['target.max_angular_acceleration']], 3)
         self._strongest = np.repeat([values['cartesian.max_force'],
                                      values['cartesian.max_moment']], 3)
 
@@ -93,6 +106,7 @@ class TargetInput:
         """Accept stamps of any time, as at the start or after a jump of the clock."""
         self._last_now = 0
         self._stamps = dict.fromkeys((POSE, TWIST, WRENCH), 0)
+        self._last_pose = None
         self._reach.restart()
 
     def on_pose(self, data: bytes) -> None:
@@ -125,8 +139,11 @@ class TargetInput:
         if reason is not None:
             self._refuse(POSE, *reason)
             return
+        stops = self._moves_on(message.stamp) and bool(
+            self._beyond_reach(self._stop_at, q))
         self._stamps[POSE] = message.stamp
-        self._target.go_to(self._pose, self._path.now)
+        self._last_pose = self._pose.copy()
+        self._target.go_to(self._pose, self._path.now, stops)
 
     def _fault(self, q: Array) -> tuple[str, str] | None:
         """Return reason and details for which the pose is refused; None if it is not."""
@@ -140,16 +157,44 @@ class TargetInput:
                              f"pose of '{self._frame}'; expected at most "
                              f'{self._farthest:g} m and {self._widest:g} rad, '
                              'target.max_distance and target.max_angle')
+        beyond = self._beyond_reach(self._pose, q)
+        return None if beyond is None else (OUT_OF_REACH, beyond)
+
+    def _beyond_reach(self, pose: Array, q: Array) -> str | None:
+        """Return why the frame does not reach a pose; None if it does."""
         try:
-            distance, angle = self._reach.remaining(self._pose, q)
+            distance, angle = self._reach.remaining(pose, q)
         except KaneError as error:  # the loops are singular on the way
-            return OUT_OF_REACH, str(error)
+            return str(error)
         if max(distance, angle) <= REACHED:
             return None
-        return OUT_OF_REACH, (f"'{self._frame}' comes within {distance:.3g} m and "
-                              f'{angle:.3g} rad of it; expected a pose within the '
-                              'position limits of the joints, on the branch of the '
-                              'present configuration')
+        return (f"'{self._frame}' comes within {distance:.3g} m and {angle:.3g} rad of "
+                'it; expected a pose within the position limits of the joints, on the '
+                'branch of the present configuration')
+
+    def _moves_on(self, stamp: int) -> bool:
+        """
+        Return whether a stream of poses passes the pose; finds where it would stop.
+
+        The target has bounded accelerations: without a further pose it would stop
+        speed^2 / (2 acceleration) further on. If that is beyond the reach, it is to stop
+        at the pose.
+        """
+        elapsed = (stamp - self._stamps[POSE]) / NANO
+        in_stream = self._last_pose is not None and 0.0 < elapsed <= LONGEST_PERIOD
+        if not self._moves_freely or not in_stream:
+            return False
+        self._start[:] = self._last_pose
+        self._compare()
+        speeds = np.repeat(largest_of(self._difference), 3) / elapsed
+        # The target is no faster than its limits, in the direction of the stream.
+        share = np.minimum(1.0, self._fastest / np.maximum(speeds, TINY))
+        twist = share * self._difference / elapsed
+        self._advance[:] = share * speeds * twist / (2.0 * self._accelerations)
+        if max(largest_of(self._advance)) <= REACHED:
+            return False
+        self._read_stop()
+        return True
 
     def on_twist(self, data: bytes) -> None:
         """Move with a serialized TwistStamped, or refuse it with the reason."""
@@ -247,6 +292,11 @@ class TargetInput:
 
     def _refuse(self, topic: str, reason: str, detail: str) -> None:
         self._reject(f'{topic}: {reason}', detail)
+
+
+def _stopping_pose(pose: Matrix, step: Vector) -> Matrix:
+    """Return a pose (4, 4) moved by m and turned by a rotation vector, (6,)."""
+    return displaced(pose, step)
 
 
 def fixed_frames(robot: Robot) -> dict[str, Array]:

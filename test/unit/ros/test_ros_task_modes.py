@@ -328,6 +328,40 @@ def test_a_pose_is_refused_with_the_reason(change, reason, words):
     assert rig.error(START) < 5e-3
 
 
+def moved(pose, displacement):
+    """Return a pose moved by a displacement, (3,), in the world."""
+    result = pose.copy()
+    result[:3, 3] += displacement
+    return result
+
+
+def test_a_stream_that_ends_at_the_edge_makes_no_target_beyond_it():
+    rig = Rig(frame='tool0', urdf=resource_path('urdf', 'ur10e.urdf'),
+              start=[0.3, -0.6, 0.7, -1.77, -1.57, 0.0])
+    rig.run(0.01)
+    start = rig.pose()
+    outwards = start[:3, 3] * [1.0, 1.0, 0.0]
+    outwards /= np.linalg.norm(outwards)
+    edge = 0.0
+    while max(rig.targets._reach.remaining(moved(start, edge * outwards), rig.q)) < 1e-4:
+        edge += 0.002
+    rig.targets.clear()
+    # At 0.25 m/s, the limit, a target that leaves the last pose at 2 m/s^2 needs 16 mm.
+    began = rig.now
+    ways = []
+
+    def send():
+        since = rig.now - began
+        if since % (10 * STEP) == 0:
+            rig.send_pose(moved(start, 0.25 * since / NANO * outwards))
+        snapshot = rig.law.snapshot(rig.now)
+        ways.append((snapshot.desired[:3, 3] - start[:3, 3]) @ outwards)
+    rig.run(edge / 0.25 + 1.0, send)
+    assert {reason for reason, _ in rig.refused} == {'target_pose: out of reach'}
+    assert max(ways) <= edge
+    assert ways[-1] > edge - 0.005, 'the target goes to the edge'
+
+
 def test_stamps_after_a_backward_jump_of_the_clock_are_of_the_new_time():
     rig = Rig()
     rig.run(0.05)

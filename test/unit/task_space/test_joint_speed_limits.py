@@ -6,7 +6,9 @@ from functools import cache
 from kane_dynamics import (CartesianImpedance, InputError, load_urdf, ModelBuilder, Prescribed,
                            Robot, rod)
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.task_space.joint_speed_limits import FREE, HORIZON, slowdown
+from kane_dynamics.task_space.joint_speed_limits import (CREEPING, FREE, HORIZON,
+                                                         slowdown, speeds_towards_stops,
+                                                         STOPPING)
 import numpy as np
 import pytest
 from stepping import stepped
@@ -50,11 +52,11 @@ def test_a_joint_that_would_exceed_its_limit_is_braked_as_its_definition_says():
     assert bounded.state(ORDINARY, u, pose).braking == pytest.approx(-change[0])
 
 
-def test_brakes_take_energy_out_at_every_state_and_do_not_act_on_slow_joints():
+def test_brakes_take_energy_out_and_do_not_act_on_slow_joints_far_from_stops():
     robot = fr3()
     rng = np.random.default_rng(0)
     bounded, free = law(), law(speed_limit=np.inf)
-    acted = 0
+    acted = left_alone = 0
     for _ in range(300):
         q = robot.random_configuration(rng)
         u = rng.uniform(-1.2, 1.2, 7) * robot.limits.velocity
@@ -64,9 +66,52 @@ def test_brakes_take_energy_out_at_every_state_and_do_not_act_on_slow_joints():
         assert (brake * u < 1e-6).all()
         acted += bool(np.abs(brake).max() > 1e-6)
         slow = 0.4 * u
+        way = np.minimum(q - robot.limits.lower, robot.limits.upper - q)
+        if (way < STOPPING * robot.limits.velocity).any():
+            continue
+        left_alone += 1
         difference = bounded.torque(q, slow, pose) - free.torque(q, slow, pose)
         assert np.abs(difference).max() < 1e-9 * np.abs(free.torque(q, slow, pose)).max()
     assert acted > 250
+    assert left_alone > 30
+
+
+def test_the_speed_towards_a_stop_is_what_is_left_of_the_way():
+    robot = fr3()
+    limits = robot.limits
+    q = 0.5 * (limits.lower + limits.upper)
+    q[0] = limits.upper[0] - 0.05
+    q[1] = limits.lower[1] + 0.05
+    q[2] = limits.upper[2] + 0.3  # beyond it
+    rates = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0])
+    expected = limits.velocity.copy()
+    expected[:2] = 0.05 / STOPPING
+    expected[2] *= CREEPING
+    speeds = speeds_towards_stops(robot, q, rates, limits.velocity)
+    np.testing.assert_allclose(speeds, expected)
+    np.testing.assert_array_equal(
+        speeds_towards_stops(robot, q, -rates, limits.velocity), limits.velocity)
+
+
+@pytest.mark.parametrize('bounded', [True, False])
+def test_a_joint_that_a_spring_throws_at_its_stop_comes_there_slowly(bounded):
+    # The elbow, bent to 0.5 rad before its stop, is pulled by a target beyond it.
+    robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), tip=TIP), friction=False)
+    start = ORDINARY.copy()
+    start[3] = robot.limits.lower[3] + 0.5
+    beyond = start.copy()
+    beyond[3] -= 1.0
+    impedance = CartesianImpedance(robot, TIP, stiffness=K, limit_stiffness=0.0,
+                                   speed_limit=None if bounded else np.inf)
+    q, u = start, np.zeros(7)
+    target = robot.frame_pose(TIP, beyond)
+    arrival = 0.0
+    for _ in range(600):
+        q, u = stepped(robot, lambda q, u: impedance.torque(q, u, target), q, u, 0.001)
+        if q[3] < robot.limits.lower[3]:
+            arrival = -u[3] / robot.limits.velocity[3]
+            break
+    assert (arrival < 1.5 * CREEPING) == bounded
 
 
 def test_no_joint_exceeds_its_limit_while_the_spring_pulls_through_a_singularity():

@@ -49,9 +49,18 @@ def test_an_arm_is_led_through_a_singular_configuration_within_its_limits(passag
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ARMS)
+def test_an_arm_follows_a_target_to_the_edge_of_its_reach_and_back(name):
+    arm = ARMS[name]
+    desired = experiments.to_the_edge(robot_of(arm), arm.frame, arm.home, 0.0)
+    check_passage(experiments.follow(arm, arm.home, desired))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', ARMS)
 def test_an_arm_follows_a_target_beyond_its_reach_and_back_within_its_limits(name):
     arm = ARMS[name]
-    desired = experiments.beyond_the_edge(robot_of(arm), arm.frame, arm.home)
+    desired = experiments.to_the_edge(robot_of(arm), arm.frame, arm.home,
+                                      experiments.BEYOND)
     figures = experiments.follow(arm, arm.home, desired)
     # The stretched FR3 may come back on the other side of a singular configuration.
     check_passage(figures, returns=name != 'FR3')
