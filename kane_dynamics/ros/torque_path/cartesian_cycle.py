@@ -12,8 +12,8 @@ The interpreter's torque path and the native one call the same function. Times a
 since an epoch; flags are 1 or 0.
 """
 
-import math
 from collections.abc import Callable
+import math
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
