@@ -187,6 +187,14 @@ def through(robot: Robot, frame: str, passage: Passage) -> PoseMotion:
     return PoseMotion(path, LIMITS)
 
 
+def to_a_stop_at(robot: Robot, frame: str, passage: Passage) -> PoseMotion:
+    """Return the motion to a singular pose, where it stops, and back."""
+    start = robot.frame_pose(frame, passage.start)
+    singular = robot.frame_pose(frame, passage.singular)
+    return PoseMotion(PosePath.joined([PosePath.through([start, singular]),
+                                       PosePath.through([singular, start])]), LIMITS)
+
+
 def to_the_edge(robot: Robot, frame: str, start: Array, beyond: float) -> PoseMotion:
     """Return the motion outwards to the edge of the reach, or beyond it by m, and back."""
     pose = robot.frame_pose(frame, start)

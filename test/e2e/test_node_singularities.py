@@ -24,7 +24,9 @@ import task_space_laws as experiments  # noqa: E402, I100
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900),
               pytest.mark.filterwarnings('ignore::kane_dynamics.errors.ModelWarning')]
 ARMS = experiments.arms()
+STOP = 'a stop at the '
 CASES = [(passage.arm, passage.what) for passage in experiments.PASSAGES]
+CASES += [(passage.arm, STOP + passage.what) for passage in experiments.PASSAGES]
 CASES += [(name, edge) for name in ARMS for edge in experiments.EDGES]
 TARGETS = 10  # cycles between two targets
 SETTLING = 3.0  # s of rest after the passage
@@ -43,7 +45,10 @@ def motion_of(robot, arm, what):
         return arm.home, experiments.to_the_edge(robot, arm.frame, arm.home,
                                                  experiments.EDGES[what])
     passage = next(passage for passage in experiments.PASSAGES
-                   if (passage.arm, passage.what) == (arm.name, what))
+                   if (passage.arm, passage.what) == (arm.name, what.removeprefix(STOP)))
+    if what.startswith(STOP):
+        return (np.array(passage.start),
+                experiments.to_a_stop_at(robot, arm.frame, passage))
     return np.array(passage.start), experiments.through(robot, arm.frame, passage)
 
 

@@ -38,8 +38,6 @@ class TargetOrders(NamedTuple):
     ----------
     count, posed_at : Scalar
         Number and time of the latest pose.
-    stops : Scalar
-        Whether the target is to stop at it, instead of moving on with the stream.
     twists, wrenches : Scalar
         Numbers of the latest twist and wrench.
     goal : (4, 4) array
@@ -62,7 +60,6 @@ class TargetOrders(NamedTuple):
 
     count: Scalar
     posed_at: Scalar
-    stops: Scalar
     twists: Scalar
     wrenches: Scalar
     goal: Matrix
@@ -124,7 +121,7 @@ class TargetMemory(NamedTuple):
 
 
 ORDER_SHAPES: list[tuple[int, ...]] = [
-    (), (), (), (), (), (4, 4), (6,), (), (), (6,), (), (), (), (), (), (4,)]
+    (), (), (), (), (4, 4), (6,), (), (), (6,), (), (), (), (), (), (4,)]
 ORDERS_SIZE = sum(math.prod(shape) for shape in ORDER_SHAPES)
 
 
@@ -241,9 +238,8 @@ def posed(memory: TargetMemory, orders: TargetOrders) -> TargetMemory:
     before, _ = advanced(memory, orders, at, 1.0)
     since = (at - memory.posed_at) * (1.0 / NANO)
     belongs = flag(since > 0.0) * flag(since < LONGEST_PERIOD + 1e-9)
-    belongs = belongs * (1.0 - orders.stops)
     # Beside a twist a pose corrects the target at once. A single one is reached as fast
-    # as the limits of the target allow, to rest there.
+    # as the limits of the target allow.
     duration = since * belongs * (1.0 - _twist_acts(memory, orders, at))
     duration = either(belongs, duration, 0.0)
     is_single = 1.0 - flag(duration > 0.0)

@@ -64,17 +64,15 @@ class CartesianTarget:
         self._wrenches = 0
         self._goal = np.eye(4)
         self._posed_at = 0
-        self._stops = False
         self.moved_at = 0
         self._twist: Directed | None = None
         self._wrench: Directed | None = None
 
-    def go_to(self, pose: Matrix, now: int, stops: bool = False) -> None:
-        """Reach a pose in the time since the last one, or so that the target rests there."""
+    def go_to(self, pose: Matrix, now: int) -> None:
+        """Reach a pose in the time since the last one."""
         self._count += 1
         self._goal = pose.copy()
         self._posed_at = self.moved_at = now
-        self._stops = stops
         self._note_change()
 
     def move(self, twist: Vector, turns: bool, now: int) -> None:
@@ -106,8 +104,7 @@ class CartesianTarget:
                 return np.zeros(6), NEVER, 0.0
             return directed.numbers, float(directed.at - epoch), float(directed.turns)
         return TargetOrders(float(self._count), float(self._posed_at - epoch),
-                            float(self._stops), float(self.twists),
-                            float(self._wrenches), self._goal,
+                            float(self.twists), float(self._wrenches), self._goal,
                             *of(self._twist), *of(self._wrench), self.timeout * NANO,
                             farthest, widest, limits)
 

@@ -135,17 +135,15 @@ class TargetInput:
         self._numbers[:] = message.numbers
         self._axes[:] = frame
         self._read_pose()
-        reason = self._fault(q)
+        reason = self._fault(q, message.stamp)
         if reason is not None:
             self._refuse(POSE, *reason)
             return
-        stops = self._moves_on(message.stamp) and bool(
-            self._beyond_reach(self._stop_at, q))
         self._stamps[POSE] = message.stamp
         self._last_pose = self._pose.copy()
-        self._target.go_to(self._pose, self._path.now, stops)
+        self._target.go_to(self._pose, self._path.now)
 
-    def _fault(self, q: Array) -> tuple[str, str] | None:
+    def _fault(self, q: Array, stamp: int) -> tuple[str, str] | None:
         """Return reason and details for which the pose is refused; None if it is not."""
         # Far from where the arm is: another unit, another frame, or an old target.
         self._workspace.q[:] = q
@@ -157,10 +155,15 @@ class TargetInput:
                              f"pose of '{self._frame}'; expected at most "
                              f'{self._farthest:g} m and {self._widest:g} rad, '
                              'target.max_distance and target.max_angle')
-        beyond = self._beyond_reach(self._pose, q)
+        beyond = self._beyond_reach(self._pose, q, 'it')
+        if beyond is None and self._moves_on(stamp):
+            distance, angle = largest_of(self._advance)
+            place = (f'the pose, {distance:.3g} m and {angle:.3g} rad further on, at '
+                     'which the target stops from its speed')
+            beyond = self._beyond_reach(self._stop_at, q, place)
         return None if beyond is None else (OUT_OF_REACH, beyond)
 
-    def _beyond_reach(self, pose: Array, q: Array) -> str | None:
+    def _beyond_reach(self, pose: Array, q: Array, place: str) -> str | None:
         """Return why the frame does not reach a pose; None if it does."""
         try:
             distance, angle = self._reach.remaining(pose, q)
@@ -169,16 +172,16 @@ class TargetInput:
         if max(distance, angle) <= REACHED:
             return None
         return (f"'{self._frame}' comes within {distance:.3g} m and {angle:.3g} rad of "
-                'it; expected a pose within the position limits of the joints, on the '
-                'branch of the present configuration')
+                f'{place}; expected a pose within the position limits of the joints, on '
+                'the branch of the present configuration')
 
     def _moves_on(self, stamp: int) -> bool:
         """
         Return whether a stream of poses passes the pose; finds where it would stop.
 
         The target has bounded accelerations: without a further pose it would stop
-        speed^2 / (2 acceleration) further on. If that is beyond the reach, it is to stop
-        at the pose.
+        speed^2 / (2 acceleration) further on, where a stretched arm may come back on the
+        other side of a singular configuration.
         """
         elapsed = (stamp - self._stamps[POSE]) / NANO
         in_stream = self._last_pose is not None and 0.0 < elapsed <= LONGEST_PERIOD
