@@ -3,7 +3,8 @@ Count the modules and functions of kane_dynamics that one first call passes.
 
 A first call traces and compiles what it needs, so it passes more code than any later one: this is
 what a reader has to follow. Functions are counted once each, without comprehensions and lambdas,
-which belong to the function around them. `--list` names them by module.
+which belong to the function around them. `--list` names them by module. The exit status is 1
+if a call passes more than `MOST` says.
 """
 
 import argparse
@@ -15,6 +16,14 @@ import tempfile
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = str(ROOT / 'kane_dynamics')
+# Modules and functions of each call at most.
+MOST = {
+    'forward_dynamics, tree': (23, 190),
+    'forward_dynamics, loop': (33, 275),
+    'simulate, tree': (41, 291),
+    'simulate, four-bar': (52, 427),
+    'time_optimal, UR10e': (40, 306),
+}
 
 
 def functions_passed(call):
@@ -68,16 +77,21 @@ def main():
     parser.add_argument('--list', action='store_true', help='name every function')
     arguments = parser.parse_args()
     sys.path[:0] = [str(ROOT), str(ROOT / 'examples')]
+    exceeded = False
     for name, call in first_calls():
         # An empty cache on disk each: what an earlier call compiled must not shorten this one.
         with tempfile.TemporaryDirectory() as cache:
             os.environ['KANE_DYNAMICS_CACHE'] = cache
             passed = functions_passed(call)
         total = sum(len(functions) for functions in passed.values())
-        print(f'{name:24s} {len(passed):3d} modules {total:4d} functions')
+        most_modules, most_functions = MOST[name]
+        exceeded = exceeded or len(passed) > most_modules or total > most_functions
+        print(f'{name:24s} {len(passed):3d} modules (at most {most_modules}) '
+              f'{total:4d} functions (at most {most_functions})')
         if arguments.list:
             for module, functions in sorted(passed.items()):
                 print(f'    {module} {len(functions)}: {" ".join(sorted(functions))}')
+    sys.exit(int(exceeded))
 
 
 if __name__ == '__main__':

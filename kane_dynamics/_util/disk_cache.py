@@ -8,7 +8,7 @@ again. When the total size exceeds `MOST_BYTES` by some percent, the least recen
 files are removed.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 import hashlib
 import os
@@ -143,12 +143,3 @@ def _prune(path: Path) -> None:
             return
         Path(file).unlink(missing_ok=True)  # another process may remove it too
         total -= size
-
-
-def fetch(name: str, make: Callable[[], bytes]) -> bytes:
-    """Return a cache entry; create and store it if it does not exist."""
-    body = load(name)
-    if body is None:
-        body = make()
-        store(name, body)
-    return body

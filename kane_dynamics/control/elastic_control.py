@@ -158,7 +158,8 @@ class ElasticArm:
 
     def accelerations(self, q: Vector, torques: Vector, parameters: Vector) -> Vector:
         """Return accelerations of the links by torques beyond inverse dynamics, (n,)."""
-        return solve(self.tree.factors(q, parameters), self.tree.order, torques)
+        factors = self.tree.factors(self.tree.mass_matrix(q, parameters))
+        return solve(factors, self.tree.order, torques)
 
     def motor_torque(self, side: DriveSide, theta_rate: Scalar,
                      theta_acceleration: Scalar, gear_torque: Scalar) -> Scalar:

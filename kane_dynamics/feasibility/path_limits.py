@@ -400,9 +400,10 @@ def vertex_kernel(robot: Robot) -> Kernel:
         sizes = _sizes_at(inertia, first, before, following, factors)
         return np.concatenate([sizes, inertia, moving, at_rest])
     row = (robot.n,)
-    return robot.compiled(values, name='path_vertex', q=row, first=row, second=row,
-                          before=row, following=row, factors=(3, robot.n),
-                          shape=(SIZES + 3 * robot.n,))
+    inputs = {'q': row, 'first': row, 'second': row, 'before': row, 'following': row,
+              'factors': (3, robot.n)}
+    return robot.kernels.compiled(values, 'path_vertex', inputs,
+                                  (SIZES + 3 * robot.n,), ahead=False)
 
 
 @cache

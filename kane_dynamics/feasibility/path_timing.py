@@ -207,8 +207,8 @@ def tree_point_kernel(robot: Robot) -> Kernel:
         q, u, udot = row[:n], row[n:2 * n], row[2 * n:3 * n]
         tau = robot.equations.inverse_dynamics(q, u, udot, None, parameters)
         return np.concatenate([row, tau])
-    return robot.compiled(values, name='path_tree_point', **_point_inputs(n),
-                          shape=(4 * n + 1,))
+    return robot.kernels.compiled(values, 'path_tree_point', _point_inputs(n),
+                                  (4 * n + 1,), ahead=False)
 
 
 def _lengthening(z: Scalar) -> Scalar:

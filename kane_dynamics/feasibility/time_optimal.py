@@ -121,8 +121,9 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
 
     """
     instance(robot, Robot, 'robot')
-    require_angles(robot.model, 'time_optimal')
-    if robot.model.flexible:
+    if robot.model.balls:
+        require_angles(robot.model, 'time_optimal')
+    if robot.equations.tree.flexible:
         raise InputError('robot: with beams; expected a rigid robot, as a path does not '
                          'state their deflections')
     if robot.friction:

@@ -267,7 +267,7 @@ def _losses_kernel(robot: Robot) -> Kernel:
     def losses(q: Any, u: Any, udot: Any, t: Any) -> Any:
         motion = equations.joint_motion(q, u, udot, t)
         friction = equations.tree.friction_force(motion.qdot)
-        rotor = equations.tree.armature(motion.qddot)
+        rotor = equations.tree.rotor_inertia * motion.qddot
         return np.array([friction[places], rotor[places]])
 
     return robot.compiled(losses, name='losses', q=(robot.n_q,), u=(robot.n,),

@@ -25,9 +25,8 @@ from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints import ConstraintRows
 from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS, margin
 from kane_dynamics.mechanics.constraints.mechanism import (congruent, JointMotion,
-                                                           Mechanism)
-from kane_dynamics.mechanics.constraints.mechanism_state import (MechanismState,
-                                                                 ReleasedJointState)
+                                                           Mechanism, MechanismState,
+                                                           ReleasedJointState)
 from kane_dynamics.mechanics.constraints.redundant_forces import shared_forces
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
 from kane_dynamics.mechanics.friction import carries_load
@@ -237,6 +236,8 @@ class Equations:
 
     def keeps_positions(self, q: Vector, t: Scalar = 0.0) -> bool:
         """Return whether a constraint is one of positions, such as a closed loop."""
+        if not self.watched:
+            return False
         residual = self.constraint_rows(q, t).residual
         return any(x is not None for x in residual)
 
@@ -388,7 +389,8 @@ class Equations:
                      t: Scalar = 0.0) -> tuple[Factors, list[int]]:
         """Return the LTDL factorization of M and the order of its rows, for `solve`."""
         if self.mechanism.in_joint_speeds:
-            return self.tree.factors(q, parameters), self.tree.order
+            M = self.tree.mass_matrix(q, parameters)
+            return self.tree.factors(M), self.tree.order
         order = list(range(self.n))
         M = self.mass_matrix(q, parameters, t)
         return factorize(M, order, self._watched_pivots), order

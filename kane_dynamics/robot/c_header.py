@@ -37,7 +37,7 @@ def header_text(robot: Any, prefix: str, about: Sequence[str], kernels: Sequence
     lines = [*about, f'#ifndef {upper}_H', f'#define {upper}_H', '']
     lines += _constants(robot, upper, precision)
     for kernel in kernels:
-        size = kernel.program.n_outputs
+        size = len(kernel.program.outputs)
         lines.append(f'#define {kernel.symbol.upper()}_SIZE {size} /* numbers */')
     lines += ['', *_joint_enum(robot, upper), '']
 

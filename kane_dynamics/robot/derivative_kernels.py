@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import math
 from typing import Any
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
@@ -9,7 +10,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.native.runtime.kernel import Argument
 from kane_dynamics.native.tracing.differentiation import forward, jacobian, reverse
-from kane_dynamics.native.tracing.program import Shape, size_of, trace_program
+from kane_dynamics.native.tracing.program import Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import inlined, Subroutines
 import numpy as np
 
@@ -85,7 +86,7 @@ class Derivative:
         shapes, result = self._differentiated(shapes, result)
         if self.mode in ('jvp', 'value'):
             return result
-        count = sum(size_of(shapes[name]) for name in self.by)
+        count = sum(math.prod(shapes[name]) for name in self.by)
         return (count,) if self.mode == 'vjp' else (*result, count)
 
     def _differentiated(self, shapes: Mapping[str, Shape],

@@ -318,7 +318,7 @@ def _self_test(prefix: str, kernels: Sequence[CKernel], precision: Precision) ->
     lines = [f'#ifndef {prefix.upper()}_NO_SELF_TEST', agree]
     body = []
     for number, kernel in enumerate(kernels, 1):
-        count = kernel.program.n_outputs
+        count = len(kernel.program.outputs)
         tolerance = constant(kernel.tolerance, precision)
         least = constant(float(kernel.name in RESIDUALS), precision)
         # Each kernel is called with its reference arguments; the number of the first

@@ -6,7 +6,7 @@ The quantities of a robot and their kernels, traced from its equations at the fi
 kernel.
 """
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial, wraps
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
 from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.runtime.kernel import Argument, Kernel, ResultCheck
-from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call, Subroutines
 from kane_dynamics.robot.derivative_kernels import (Derivative, PARAMETERS,
                                                     SlopesOfDynamics)
@@ -50,14 +50,6 @@ class Sizes(NamedTuple):
     def slopes(self) -> int:
         """Return the number of columns of dtau/dq, dtau/du and dtau/dudot together."""
         return self.n_q + 2 * self.n
-
-    def shape(self, entries: tuple[int | str, ...]) -> Shape:
-        """Return a shape as numbers, with these sizes in place of their names."""
-        shape = []
-        for entry in entries:
-            size: int = getattr(self, entry) if isinstance(entry, str) else entry
-            shape.append(size)
-        return tuple(shape)
 
 
 @dataclass(frozen=True)
@@ -252,23 +244,8 @@ class KernelSet:
         """Return whether a quantity has a recursion; otherwise it is a derivative."""
         if name in self.equations.unsupported:
             return False
-        return hasattr(self.equations, name) or self._recursion(name) is not None
-
-    def _recursion(self, name: str) -> Callable[..., Any] | None:
-        """
-        Return the function of the tree that takes fewer operations, or None.
-
-        This is the one place that chooses algorithms of trees in joint rates. All others
-        are those of any mechanism, and the tracer folds T = 1.
-        """
-        if not self.equations.in_joint_rates:
-            return None
-        tree = self.equations.tree
-        if name == 'inverse_mass_matrix' and tree.n > LARGE:
-            return self._large_inverse
-        if name in SHARING and tree.n > OUTLINED:
-            return partial(getattr(tree, name), share=Subroutines())
-        return getattr(tree, name) if name in ANALYTIC else None
+        analytic = self.equations.in_joint_rates and name in ANALYTIC
+        return analytic or hasattr(self.equations, name)
 
     def quantity(self, name: str) -> Kernel:
         """Return the kernel of one of `names`; InputError for another name."""
@@ -322,7 +299,13 @@ class KernelSet:
         quantity = self._quantity(name)
         self._method(name, at)  # raises InputError now, not where the kernel is traced
         arguments = self._arguments(quantity)
-        shape = self._sizes.shape(quantity.shape)
+        # With the sizes of this robot in place of their names.
+        lengths: list[int] = []
+        for entry in quantity.shape:
+            if isinstance(entry, str):
+                entry = getattr(self._sizes, entry)
+            lengths.append(entry)
+        shape = tuple(lengths)
         if derivative is None:
             return arguments, shape
         # Cotangents and tangents come first, run-time parameters of each state last.
@@ -363,17 +346,21 @@ class KernelSet:
                  constants: Shape | None = None,
                  reason: ResultCheck | None = None,
                  single: Callable[..., Any] | None = None,
-                 by_states: bool = False) -> Kernel:
+                 by_states: bool = False, ahead: bool = True) -> Kernel:
         """
         Return the kernel of a function over any scalar, as `Robot.compiled`.
 
         With `constants`, the shape of the function's last argument, its numbers take the
         place of the robot's parameters: calls of the kernel's address pass them last.
         `reason` is that of `Kernel`; `single` is the same function in lanes, for single
-        states; `by_states` is as of `Kernel`.
+        states; `by_states` is as of `Kernel`. The code of single states is compiled now,
+        or at its first use unless `ahead`.
         """
         traced = self.function(function, name, inputs, constants, shape)
-        place = name, traced.identity
+        # Within one robot, the text of a function of this library tells it from others of
+        # its name; of other functions, what is traced does.
+        identity = origin(traced.program) if traced.is_of_library else traced.program.args
+        place = name, identity
         if reason is not None:
             self._explained.add(place)
 
@@ -393,6 +380,8 @@ class KernelSet:
             kernel = Kernel(name, traced.program, key, traced.arguments, block, shape,
                             explanation, program_in_lanes, self._in_order, by_states)
             self._made[place] = kernel
+        if ahead:
+            kernel.compile()
         return kernel
 
     def function(self, function: Callable[..., Any], name: str,
@@ -437,8 +426,20 @@ class KernelSet:
         if not self._has(name):
             slopes: Callable[..., Any] = getattr(SlopesOfDynamics(equations), name)
             return slopes
-        recursion = self._recursion(name)
-        return getattr(equations, name) if recursion is None else recursion
+
+        # The one place that chooses algorithms of trees in joint rates that take fewer
+        # operations. All others are those of any mechanism, and the tracer folds T = 1.
+        method: Callable[..., Any] | None = getattr(equations, name, None)
+        if equations.in_joint_rates:
+            tree = equations.tree
+            if name == 'inverse_mass_matrix' and tree.n > LARGE:
+                method = self._large_inverse
+            elif name in SHARING and tree.n > OUTLINED:
+                method = partial(getattr(tree, name), share=Subroutines())
+            elif name in ANALYTIC:
+                method = getattr(tree, name)
+        assert method is not None
+        return method
 
     def _body(self, joint: str) -> int:
         """Return the index of the body that a joint moves."""
@@ -459,7 +460,7 @@ class KernelSet:
 
         # First subroutine: M = L^T D L, as its nonzero entries, then those of 1 / D.
         def factors(q: Vector, parameters: Vector) -> list[Any]:
-            L, reciprocal = tree.factors(q, parameters)
+            L, reciprocal = tree.factors(tree.mass_matrix(q, parameters))
             values = []
             for k in range(n):
                 for i in range(k):
@@ -467,7 +468,7 @@ class KernelSet:
                         factor_entries.append((k, i))
                         values.append(L[k][i])
             return [*values, *reciprocal]
-        inputs = self._inputs(self.signature('inverse_mass_matrix')[0])
+        inputs = [('q', q.shape), ('parameters', parameters.shape)]
         values = call(trace_program('factorization', factors, inputs), q, parameters)
 
         # Second subroutine, called once a column: M x = b.
@@ -505,14 +506,6 @@ class KernelSet:
             arguments.append(Argument('t', (), default=self._at_time_zero))
         return arguments
 
-    def _inputs(self, arguments: Sequence[Argument]) -> list[tuple[str, Shape]]:
-        """Return the inputs of the program of a kernel: its arguments and parameters."""
-        inputs = []
-        for argument in arguments:
-            inputs.append((argument.name, argument.shape))
-        inputs.append(('parameters', self._parameters.shape))
-        return inputs
-
     def program(self, name: str, at: str = '', derivative: Derivative | None = None,
                 single: bool = False) -> Program:
         """
@@ -542,7 +535,10 @@ class KernelSet:
         """Return the program of a function of the equations; see `kernel`."""
         equations = self.equations
         quantity = self._quantity(name)
-        inputs = self._inputs(self.signature(name, at, derivative)[0])
+        inputs = []
+        for argument in self.signature(name, at, derivative)[0]:
+            inputs.append((argument.name, argument.shape))
+        inputs.append(('parameters', self._parameters.shape))
 
         def function(*arrays: Any) -> Any:
             by_name = {}

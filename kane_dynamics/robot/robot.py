@@ -19,7 +19,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints import (checked_constraints, checked_names,
                                                  Constraint)
 from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths, LIMITS,
-                                                              loosened, RANK, SINGULAR)
+                                                              limits_of, loosened, RANK,
+                                                              SINGULAR)
 from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
                                                                     coordinates_by_name)
 from kane_dynamics.mechanics.equations import Equations
@@ -32,7 +33,7 @@ from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.methods.configuration_methods import Configurations
 from kane_dynamics.robot.methods.framework_methods import FrameworkMethods
 from kane_dynamics.robot.parameters import JointLimits, Parameters
-from kane_dynamics.robot.speed_sets import limits_of, SpeedSets
+from kane_dynamics.robot.speed_sets import SpeedSets
 from kane_dynamics.robot.workspace import Workspace
 import numpy as np
 

@@ -1,6 +1,6 @@
 """Functions over any scalar, with what a robot supplies to them, as traced programs."""
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from inspect import signature
@@ -9,12 +9,12 @@ from typing import Any
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.runtime.kernel import Argument
-from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
+from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 import numpy as np
 
 LIBRARY = __name__.partition('.')[0]
 SUPPLIED = ('wrench', 't', 'parameters', 'limits')  # what a function may ask for by name
-_ASKED: dict[tuple[CodeType, int], tuple[str, ...]] = {}  # by code and number of inputs
+_ASKED: dict[tuple[CodeType | None, int], tuple[str, ...]] = {}  # by code and number of inputs
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,8 @@ class RobotFunction:
         asks for them and the robot has them.
     program : callable
         Traces the function.
+    is_of_library : bool
+        Whether `origin` identifies the function, as those of this library.
 
     Raises
     ------
@@ -78,7 +80,11 @@ class RobotFunction:
                  inputs: Mapping[str, Shape | Argument], supply: Supply,
                  constants: Shape | None = None, shape: Shape | None = None) -> None:
         """Read what the function asks for."""
-        self.function = function
+        original: Any = function
+        while isinstance(original, partial):
+            original = original.func
+        module = str(getattr(original, '__module__', ''))
+        self.is_of_library = module.partition('.')[0] == LIBRARY
         self.arguments: list[Argument] = []
         for key, value in inputs.items():
             if isinstance(value, Argument):
@@ -104,34 +110,13 @@ class RobotFunction:
         self.program = partial(_traced, function, name, tuple(program_inputs), count,
                                constants is not None, asked, supply.physical, shape)
 
-    @property
-    def is_of_library(self) -> bool:
-        """Return whether `origin` identifies the function, as those of this library."""
-        return _module(self.function).partition('.')[0] == LIBRARY
-
-    @property
-    def identity(self) -> Hashable:
-        """Return what tells the function from others of its name, within one robot."""
-        if self.is_of_library:
-            return origin(self.program)
-        # Beside the function: its name, the shapes of inputs and result, and what it asks for.
-        return self.program.args
-
 
 def _asked(function: Callable[..., Any], name: str, count: int) -> tuple[str, ...]:
     """Return what a function asks for by name, beside its `count` inputs."""
-    if not isinstance(function, FunctionType):
-        return _asked_by_signature(function, name, count)
     # Functions of the same code ask for the same; to read a signature takes a while.
-    key = function.__code__, count
-    if key not in _ASKED:
-        _ASKED[key] = _asked_by_signature(function, name, count)
-    return _ASKED[key]
-
-
-def _asked_by_signature(function: Callable[..., Any], name: str, count: int
-                        ) -> tuple[str, ...]:
-    """Return what a function asks for by name, from its signature."""
+    key = getattr(function, '__code__', None), count
+    if key in _ASKED:
+        return _ASKED[key]
     parameters = list(signature(function).parameters.values())
     positional = []
     by_name = []
@@ -158,6 +143,8 @@ def _asked_by_signature(function: Callable[..., Any], name: str, count: int
     for parameter in by_name:
         if parameter.name in SUPPLIED:
             asked.append(parameter.name)
+    if isinstance(function, FunctionType):
+        _ASKED[key] = tuple(asked)
     return tuple(asked)
 
 
@@ -189,10 +176,3 @@ def _traced(function: Callable[..., Any], name: str, inputs: Sequence[tuple[str,
         raise InputError(f'{name}: the function returns shape {program.shape}; expected '
                          f'{shape}')
     return program
-
-
-def _module(function: Any) -> str:
-    """Return the module of a function, or of what a partial one calls."""
-    while isinstance(function, partial):
-        function = function.func
-    return str(getattr(function, '__module__', ''))

@@ -173,14 +173,3 @@ def left_out_error(mechanism: Mechanism, stack: Stack, q: Array, t: float, most:
 
 def _listed(mechanism: Mechanism, rows: Sequence[int]) -> str:
     return ', '.join(f"'{mechanism.labels[k]}'" for k in rows)
-
-
-def limits_of(figure: float, residual: tuple[float, float] | None = None,
-              excess: float = EXCESS) -> Array:
-    """
-    Return the four limits of `conditioning.margin`.
-
-    The largest residuals are in m and rad; None for no limit of residuals.
-    """
-    others = np.zeros(3) if residual is None else np.array([*residual, excess])**-2.0
-    return np.array([figure**-2.0, *others])

@@ -26,7 +26,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Chunk, Impact, Observer, Power
 from kane_dynamics.simulation.presliding import (bristle_energies, bristle_friction,
                                                  BristleFriction)
-from kane_dynamics.simulation.step_kernels import bristle_names, size_without_margin
+from kane_dynamics.simulation.step_kernels import bristle_names, state_layout
 from kane_dynamics.simulation.step_size import bristle_frequency
 from kane_dynamics.simulation.sticking.friction_state import FrictionState
 import numpy as np
@@ -307,7 +307,7 @@ class EnergyBalance(Observer):
         robot, friction = self.robot, self._friction
         assert friction is not None
         kernel = joint_power_kernel(robot)
-        n_q, n, size = robot.n_q, robot.n, size_without_margin(robot)
+        n_q, n, size = robot.n_q, robot.n, state_layout(robot).without_margin
         shape = (len(states), states.shape[1] - 1)
         torques = np.broadcast_to(tau, (*shape, tau.shape[2])).reshape(-1, tau.shape[2])
         powers = np.empty((2, *shape))
@@ -401,8 +401,8 @@ def energy_kernel(robot: Robot, exact: bool = False) -> Kernel:
         # Joints that slide in the direction of motion; `rates` are those of joints.
         q, u, time, deflections = _parts(robot, state)
         rates = equations.joint_speeds(q, u, *time)
-        friction = tree.friction_force(rates, None, directions_of(rates, exact),
-                                       deflections)
+        directions = directions_of(rates) if exact else None
+        friction = tree.friction_force(rates, None, directions, deflections)
         potential = tree.potential_energy(q, parameters)
         loss = friction @ rates
         if deflections is not None:
@@ -411,8 +411,19 @@ def energy_kernel(robot: Robot, exact: bool = False) -> Kernel:
             loss = loss - tree.bristle_power(deflections, changes)
         return [tree.kinetic_energy(q, rates, parameters), potential, loss]
     name = 'energy_terms_of_sticking' if exact else 'energy_terms'
-    return robot.compiled(terms, name=name, state=(size_without_margin(robot),),
-                          shape=(TERMS,))
+    state = {'state': (state_layout(robot).without_margin,)}
+    return robot.kernels.compiled(terms, name, state, (TERMS,), ahead=False)
+
+
+def energies(robot: Robot, states: Array, exact: bool) -> Array:
+    """
+    Return the kinetic and the potential energy of states, (K, size), as (K, 2), J.
+
+    `exact` selects the kernel that the balance of the same simulation has compiled.
+    """
+    terms = np.empty((len(states), TERMS))
+    energy_kernel(robot, exact).run([np.ascontiguousarray(states)], terms, len(terms))
+    return terms[:, :2]
 
 
 def driven_kernel(robot: Robot) -> Kernel | None:
@@ -427,14 +438,12 @@ def driven_kernel(robot: Robot) -> Kernel | None:
         q, u, time, _ = _parts(robot, state)
         force = equations.actual_joint_forces(q, u, tau, parameters, *time)
         return force @ equations.joint_speeds(q, u, *time) - tau @ u
-    size = size_without_margin(robot)
-    return robot.compiled(power, name='driven_power', state=(size,), tau=(n,), shape=())
+    inputs = {'state': (state_layout(robot).without_margin,), 'tau': (n,)}
+    return robot.kernels.compiled(power, 'driven_power', inputs, (), ahead=False)
 
 
-def directions_of(rates: Vector, exact: bool) -> Vector | None:
-    """Return the directions of motion of joints, -1 or 1; None unless friction is exact."""
-    if not exact:
-        return None
+def directions_of(rates: Vector) -> Vector:
+    """Return the directions of motion of joints, -1 or 1."""
     return np.array([select(v < 0.0, -1.0, 1.0) for v in rates])
 
 
@@ -448,7 +457,7 @@ def load_friction_kernel(robot: Robot, exact: bool = False) -> Kernel | None:
     def power(state: Vector, tau: Vector) -> Scalar:
         q, u, time, deflections = _parts(robot, state)
         motion = equations.joint_motion(q, u, equations.zeros, *time)
-        directions = directions_of(motion.qdot, exact)
+        directions = directions_of(motion.qdot) if exact else None
         t = time[0] if len(time) else 0.0
         friction = equations.driven_friction(q, motion.qdot, tau, t, directions,
                                              deflections)
@@ -461,8 +470,8 @@ def load_friction_kernel(robot: Robot, exact: bool = False) -> Kernel | None:
         change = loaded - tree.deflection_rates(motion.qdot, deflections)
         return loss - tree.bristle_power(deflections, change)
     name = 'load_friction_power_of_sticking' if exact else 'load_friction_power'
-    return robot.compiled(power, name=name, state=(size_without_margin(robot),),
-                          tau=(n,), shape=())
+    inputs = {'state': (state_layout(robot).without_margin,), 'tau': (n,)}
+    return robot.kernels.compiled(power, name, inputs, (), ahead=False)
 
 
 def joint_power_kernel(robot: Robot) -> Kernel:
@@ -476,9 +485,9 @@ def joint_power_kernel(robot: Robot) -> Kernel:
         rigid = equations.tree.rigid_dynamics(q, motion.qdot, motion.qddot, None,
                                               parameters)
         return (rigid + friction) @ motion.qdot
-    size = size_without_margin(robot)
-    return robot.compiled(power, name='joint_power', state=(size,), udot=(n,),
-                          friction=(robot.model.n,), shape=())
+    inputs = {'state': (state_layout(robot).without_margin,), 'udot': (n,),
+              'friction': (robot.model.n,)}
+    return robot.kernels.compiled(power, 'joint_power', inputs, (), ahead=False)
 
 
 _DRIVEN: WeakKeyDictionary[Mechanism, bool] = WeakKeyDictionary()
@@ -494,16 +503,18 @@ def _driven(robot: Robot) -> bool:
 
         def right_side(state: Vector) -> Vector:
             q, _, time, _ = _parts(robot, state)
-            right: Vector = mechanism.system(mechanism.state(q, *time))[1]
+            right: Vector = mechanism.system(robot.equations.state(q, *time))[1]
             prescribed.extend(not is_zero(x) for x in right)
             return right
-        trace_program('given_rates', right_side, [('state', (size_without_margin(robot),))])
+        size = state_layout(robot).without_margin
+        trace_program('given_rates', right_side, [('state', (size,))])
         _DRIVEN[mechanism] = any(prescribed)
     return _DRIVEN[mechanism]
 
 
 def _parts(robot: Robot, state: Vector) -> tuple[Vector, Vector, Vector, Vector | None]:
     """Return q, u, the time as (0 or 1,), and the deflections of bristles or None."""
-    sizes = [robot.n_q, robot.n, int(robot.equations.timed)]
-    q, u, time, deflections = np.split(state, np.cumsum(sizes))
-    return q, u, time, deflections if len(deflections) else None
+    layout = state_layout(robot)
+    deflections = state[layout.deflections]
+    return (state[layout.q], state[layout.u], state[layout.time],
+            deflections if len(deflections) else None)

@@ -12,10 +12,9 @@ from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution
 from kane_dynamics.mechanics.integrators.interface import StageRates
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
-from kane_dynamics.simulation.step_kernels import (deflection_input,
-                                                   first_stage_inputs, optional_inputs,
-                                                   RobotMotion, time_input, wrench_input)
-from kane_dynamics.simulation.user_speeds import tau_from
+from kane_dynamics.simulation.step_kernels import (deflection_input, first_stage_inputs,
+                                                   optional_inputs, RobotMotion,
+                                                   tau_from, time_input, wrench_input)
 
 
 class HeldStage(NamedTuple):

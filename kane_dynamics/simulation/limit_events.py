@@ -138,7 +138,7 @@ class LimitWatch(Observer):
         if not stops:
             bounds['lower'] = _Bound(slice(0, n_q), limits.lower, -1.0)
             bounds['upper'] = _Bound(slice(0, n_q), limits.upper, 1.0)
-        if robot.speed_names == robot.joint_names:
+        if robot.equations.speed_names == robot.joint_names:
             bounds['velocity'] = _Bound(slice(n_q, n_q + robot.n), limits.velocity, 0.0)
         self._bounds = {limit: bound for limit, bound in bounds.items()
                         if np.isfinite(bound.bound).any()}

@@ -13,7 +13,7 @@ from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution,
                                                              linear_system)
-from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Chunk, Observer
 from kane_dynamics.simulation.step_kernels import bristle_names, deflections_of
@@ -104,31 +104,6 @@ def bristle_energies(robot: Robot, states: Array) -> Array:
                           for joint in robot.equations.tree.bristles])
     energies: Array = 0.5 * deflections_of(robot, states)**2 @ stiffness
     return energies
-
-
-def initial_deflections(robot: Robot, bristles0: Any, rows: tuple[int, ...]) -> Array:
-    """
-    Return the initial deflections of bristles, (*rows, n_b), zero for None.
-
-    Raises
-    ------
-    InputError
-        They have a wrong shape, or the robot has no bristles.
-
-    """
-    names = bristle_names(robot)
-    shape = *rows, len(names)
-    if bristles0 is None:
-        return np.zeros(shape)
-    if not names:
-        raise InputError('bristles0: deflections for a robot without presliding_stiffness; '
-                         'expected None')
-    z = checked(Argument('bristles0', (len(names),), names), bristles0)
-    if z.shape != shape and z.ndim > 1:
-        single = (len(names),)
-        expected = f'{single}' if shape == single else f'{single} or {shape}'
-        raise InputError(f'bristles0: shape {z.shape}; expected {expected}')
-    return np.broadcast_to(z, shape)
 
 
 class SettlingWatch(Observer):

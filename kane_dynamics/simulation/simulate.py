@@ -39,8 +39,7 @@ from kane_dynamics.simulation.discontinuities import JumpWatch
 from kane_dynamics.simulation.energy_balance import compile_balance, EnergyBalance
 from kane_dynamics.simulation.limit_events import LimitWatch
 from kane_dynamics.simulation.observers import DivergenceWatch, Observer
-from kane_dynamics.simulation.presliding import (bristle_energies, initial_deflections,
-                                                 require_no_bristles, SettlingWatch)
+from kane_dynamics.simulation.presliding import require_no_bristles, SettlingWatch
 from kane_dynamics.simulation.speed_switching import SwitchingSteps
 from kane_dynamics.simulation.step_kernels import (bristle_names, deflections_of,
                                                    step_kernel)
@@ -60,8 +59,8 @@ MOST_STEPS = 100_000_000
 MOST_SAMPLES = 1_000_000
 DEFAULT_SAMPLES = 1000
 # Quantities that `simulate` computes for all rows of its result at once.
-AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy',
-              'constraint_forces', 'constraint_residual', 'constraint_velocity_residual')
+AFTERWARDS = ('forward_dynamics', 'constraint_forces', 'constraint_residual',
+              'constraint_velocity_residual')
 
 
 @hinting
@@ -174,7 +173,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     # What watches the states, in this order. Jumps of user-defined functions are looked
     # for before the first evaluation of the dynamics, which may not be finite.
     observers: list[Observer] = []
-    if robot.model.flexible:
+    if robot.equations.tree.flexible:
         observers.append(DeflectionWatch(robot, states, start, single))
     observers.append(DivergenceWatch(robot, step, single, *observers))
     if robot.equations.timed:
@@ -223,7 +222,6 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     arrays: dict[str, Any] = {'q': q, 'tau': tau, **steps.results(samples, tau)}
     if bristle_names(robot):
         arrays['bristles'] = np.ascontiguousarray(deflections_of(robot, samples.states))
-        arrays['energy'][..., 1] += bristle_energies(robot, samples.states)
     if single:
         arrays = {name: x[0] for name, x in arrays.items()}
     speed_changes = sorted(steps.changes, key=attrgetter('t'))
@@ -233,8 +231,9 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     return Trajectory(start + samples.steps * np.float64(step), **arrays,
                       joint_names=robot.joint_names, limit_events=limits.events,
                       coordinate_names=robot.coordinate_names,
-                      speed_names=robot.speed_names, bristle_names=bristle_names(robot),
-                      constraint_names=robot.constraint_names, warnings=tuple(texts),
+                      speed_names=robot.equations.speed_names, bristle_names=bristle_names(robot),
+                      constraint_names=robot.equations.mechanism.labels,
+                      warnings=tuple(texts),
                       speed_changes=tuple(speed_changes), stop_events=stop_events)
 
 
@@ -259,7 +258,7 @@ def _steps(robot: Robot, states: Array, single: bool, step: float, count: int,
         joint_stops = Sticking(robot, step, start, stops)
     elif stops:
         joint_stops = JointStops(robot, step, start)
-    if robot.constraint_names:
+    if robot.equations.watched:
         steps: Steps = SwitchingSteps(source, joint_stops, len(states))
     else:
         steps = Steps(source, joint_stops)
@@ -302,14 +301,18 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,
                    bristles0: Any = None) -> Array:
     """Return the initial state or states, (size,) or (N, size), entries as `state_names`."""
     q = checked(Argument('q0', (robot.n_q,), robot.coordinate_names), q0)
-    u = checked(Argument('u0', (robot.n,), robot.speed_names), u0)
-    q = require_unit(robot.model, q, 'q0')
+    u = checked(Argument('u0', (robot.n,), robot.equations.speed_names), u0)
+    if robot.model.balls:
+        q = require_unit(robot.model, q, 'q0')
     if q.shape[:-1] != u.shape[:-1]:
         raise InputError(f'q0: shape {q.shape}, u0: shape {u.shape}; expected '
                          f'({robot.n_q},) and ({robot.n},), or (N, {robot.n_q}) and (N, '
                          f'{robot.n})')
-    if robot.constraint_names and q.size:
-        residual = np.abs(np.atleast_2d(robot.constraint_residual(q, t=t0)))
+    if robot.equations.watched and q.size:
+        rows = np.atleast_2d(q)
+        timed = [np.full(len(rows), t0)] if robot.equations.timed else []
+        kernel = robot.kernels.kernel('constraint_residual')
+        residual = np.abs(kernel(rows, *timed))
         in_units = residual / robot.mechanism.row_units
         i, k = np.unravel_index(np.argmax(in_units), residual.shape)
         if in_units[i, k] > loosened(robot.mechanism, CLOSED):
@@ -321,6 +324,31 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,
     margins = np.ones((*q.shape[:-1], int(robot.equations.watched)))
     deflections = initial_deflections(robot, bristles0, q.shape[:-1])
     return np.concatenate([q, u, time, deflections, margins], axis=-1)
+
+
+def initial_deflections(robot: Robot, bristles0: Any, rows: tuple[int, ...]) -> Array:
+    """
+    Return the initial deflections of bristles, (*rows, n_b), zero for None.
+
+    Raises
+    ------
+    InputError
+        They have a wrong shape, or the robot has no bristles.
+
+    """
+    names = bristle_names(robot)
+    shape = *rows, len(names)
+    if bristles0 is None:
+        return np.zeros(shape)
+    if not names:
+        raise InputError('bristles0: deflections for a robot without presliding_stiffness; '
+                         'expected None')
+    z = checked(Argument('bristles0', (len(names),), names), bristles0)
+    if z.shape != shape and z.ndim > 1:
+        single = (len(names),)
+        expected = f'{single}' if shape == single else f'{single} or {shape}'
+        raise InputError(f'bristles0: shape {z.shape}; expected {expected}')
+    return np.broadcast_to(z, shape)
 
 
 def whole_steps(name: str, value: float, step: float) -> int:

@@ -19,9 +19,14 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import ComputedTorque, require_following
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.ball_joints import joint_speeds
-from kane_dynamics.mechanics.constraints.conditioning import (
-    best_choice, constraints_at_fault, described, EXCESS, figure, in_lengths, LIMITS,
-    loosened, SHARE, SINGULAR, singular_error, Stack, stacked, WELL_CHOSEN)
+from kane_dynamics.mechanics.constraints.conditioning import (best_choice,
+                                                              constraints_at_fault,
+                                                              described, EXCESS, figure,
+                                                              in_lengths, LIMITS,
+                                                              limits_of, loosened, SHARE,
+                                                              SINGULAR, singular_error,
+                                                              Stack, stacked,
+                                                              WELL_CHOSEN)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.interface import StageRates
@@ -29,17 +34,17 @@ from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.backends.llvm_math import size_limit
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import in_choice, Robot
-from kane_dynamics.robot.speed_sets import left_out_error, limits_of
+from kane_dynamics.robot.speed_sets import left_out_error
 from kane_dynamics.simulation.observers import diverged_error, Extremes
 from kane_dynamics.simulation.step_kernels import (deflections_of, presliding_rates,
-                                                   step_kernel, StepChoice,
+                                                   step_kernel, StepChoice, tau_from,
                                                    watches_stages)
 from kane_dynamics.simulation.stepping import Samples, Steps
 from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import SpeedChange
-from kane_dynamics.simulation.user_speeds import law_power, tau_from, UserSpeeds
+from kane_dynamics.simulation.user_speeds import law_power, UserSpeeds
 import numpy as np
 
 STEP_RESIDUAL = 1e-3  # rad or lengths: largest residual after a step, before the correction

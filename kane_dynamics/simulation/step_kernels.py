@@ -11,6 +11,7 @@ from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.speeds import speed_places
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution,
                                                              linear_system)
@@ -21,8 +22,16 @@ from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.kernel_set import method_in_lanes
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.user_speeds import tau_from
 import numpy as np
+
+
+def tau_from(equations: Equations, names: Sequence[str], q: Any, tau: Any,
+             t: Any = 0.0) -> Any:
+    """Convert forces dual to the named speeds to generalized forces, (n,)."""
+    if tuple(names) == equations.speed_names:
+        return tau
+    state = equations.mechanism.state(q, t, equations.tree.geometry)
+    return equations.at_rest(q, t).T.T @ (state.speed_rows(names)[0].T @ tau)
 
 
 class StepChoice(NamedTuple):
@@ -37,7 +46,7 @@ class StepChoice(NamedTuple):
         """Return the choice without what changes nothing for this robot."""
         # Torques are dual to the robot's own speeds anyway, and in joint rates no joints
         # are followed.
-        dual_to = None if self.dual_to == robot.speed_names else self.dual_to
+        dual_to = None if self.dual_to == robot.equations.speed_names else self.dual_to
         follows = self.feedback and not robot.equations.in_joint_rates
         followed = tuple(self.followed) if follows else ()
         return self._replace(dual_to=dual_to, followed=followed)
@@ -93,9 +102,12 @@ def step_signature(robot: Robot, choice: StepChoice) -> tuple[str, dict[str, Sha
         name = f'{name}_dual_to_{"_".join(map(str, places))}'
     if followed:
         name = f'{name}_{"_".join(map(str, followed))}'
-    inputs = dict(_inputs(robot, feedback))
-    constants = inputs.pop('constants')
-    return name, inputs, constants
+    n = robot.n
+    parameters = len(robot.parameters.block)
+    state = (state_layout(robot).size,)
+    if feedback:
+        return name, {'state': state, 'inputs': (3, 3 * n)}, (2 * n + 1 + parameters,)
+    return name, {'state': state, 'inputs': (1, n)}, (1 + parameters,)
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:
@@ -115,15 +127,36 @@ def bristle_names(robot: Robot) -> tuple[str, ...]:
     return tuple(joint.name for joint in robot.equations.tree.bristles)
 
 
-def size_without_margin(robot: Robot) -> int:
-    """Return the number of entries of a state but for its margin."""
-    return len(state_names(robot)) - int(robot.equations.watched)
+class StateLayout(NamedTuple):
+    """Slices of the parts of a state, whose entries are those of `state_names`."""
+
+    q: slice
+    u: slice
+    time: slice
+    deflections: slice
+    size: int
+
+    @property
+    def without_margin(self) -> int:
+        """Return the number of entries but for the margin."""
+        end: int = self.deflections.stop
+        return end
+
+
+def state_layout(robot: Robot) -> StateLayout:
+    """Return the layout of the states of a robot."""
+    equations = robot.equations
+    n_q = equations.n_q
+    time = n_q + equations.n
+    deflections = time + int(equations.timed)
+    end = deflections + len(equations.tree.bristles)
+    return StateLayout(slice(0, n_q), slice(n_q, time), slice(time, deflections),
+                       slice(deflections, end), end + int(equations.watched))
 
 
 def deflections_of(robot: Robot, states: Array) -> Array:
     """Return the deflections of bristles in states, (..., size), as (..., n_b)."""
-    begin = robot.n_q + robot.n + int(robot.equations.timed)
-    return states[..., begin:begin + len(robot.equations.tree.bristles)]
+    return states[..., state_layout(robot).deflections]
 
 
 def watches_stages(robot: Robot, q: Vector, t: Scalar) -> bool:
@@ -139,17 +172,10 @@ def watches_stages(robot: Robot, q: Vector, t: Scalar) -> bool:
     return equations.watched and not equations.keeps_positions(q, t)
 
 
-def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
-    """Return names and shapes of the inputs of a step."""
-    n, parameters = robot.n, len(robot.parameters.block)
-    state = ('state', (len(state_names(robot)),))
-    if feedback:
-        return [state, ('inputs', (3, 3 * n)), ('constants', (2 * n + 1 + parameters,))]
-    return [state, ('inputs', (1, n)), ('constants', (1 + parameters,))]
-
-
 class RobotMotion:
     """A robot during one traced step, in the interface of the integrators (`System`)."""
+
+    single = False  # the step may be one of a batch
 
     def __init__(self, robot: Robot, inputs: Matrix, gains: Vector | None,
                  parameters: Vector, dual_to: tuple[str, ...] | None, watched: bool,
@@ -163,6 +189,7 @@ class RobotMotion:
         self.robot = robot
         self.equations = robot.equations
         self.bristles = len(robot.equations.tree.bristles)
+        self._layout = state_layout(robot)
         self.watched = watched
         self.margins: list[Scalar] = []
         self._dual_to = dual_to
@@ -211,30 +238,50 @@ class RobotMotion:
 
     @lazy_property
     def _motion(self) -> Program:
-        return _state_program(self.robot, self._dual_to, self.watched)
+        """
+        Trace udot; with chosen speeds or constraints, q' and udot.
+
+        Then come the rates of the deflections of bristles and, if `watched`, the margin.
+        """
+        robot = self.robot
+        equations = self.equations
+        if equations.in_joint_rates and not self.bristles:
+            return robot.kernels.program('forward_dynamics', single=self.single)
+        physical = robot.parameters.physical
+
+        def rates(q: Vector, u: Vector, tau: Vector, *inputs: Any) -> Any:
+            wrench, t, parameters, deflections = optional_inputs(robot, inputs)
+            if self._dual_to is not None:
+                tau = tau_from(equations, self._dual_to, q, tau, t)
+            at = wrench, parameters[:physical], t
+            if deflections is None:
+                state_rates = equations.state_rates(q, u, tau, *at)
+            else:
+                state_rates = presliding_rates(robot, q, u, tau, *at, deflections)
+            if not self.watched:
+                return state_rates
+            return [*state_rates, equations.margin(q, t, parameters[-LIMITS:])]
+        return trace_program('state_rates', rates, [
+            ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)),
+            *wrench_input(robot), *time_input(robot), *deflection_input(robot),
+            ('parameters', robot.parameters.block.shape)])
 
     def rates(self, state: Vector, moment: int) -> Vector:
         """Return the time derivative of q, u, time, deflections and margin."""
         # The rate of the time is 1, that of the margin 0: steps write it at their end.
-        robot, margins = self.robot, int(self.equations.watched)
-        q, u, time = np.split(state[:len(state) - margins - self.bristles],
-                              [robot.n_q, robot.n_q + robot.n])
-        deflections = deflections_of(robot, state)
-        rates = self.called(self._motion, q, u, self.torque(q, u, moment, *time),
-                            self._and_bristles(time, deflections))
+        layout = self._layout
+        q = state[layout.q]
+        u = state[layout.u]
+        time = state[layout.time]
+        inputs: list[Any] = list(time)
+        if self.bristles:
+            inputs.append(state[layout.deflections])
+        rates = self.called(self._motion, q, u, self.torque(q, u, moment, *time), inputs)
         if self.equations.in_joint_rates:
             rates = [*u, *rates]
         end = len(rates) - self.bristles
         return np.array([*rates[:end], *(1.0 for _ in time), *rates[end:],
-                         *[0.0] * margins])
-
-    def _and_bristles(self, time: Sequence[Scalar] | Vector,
-                      deflections: Vector) -> list[Any]:
-        """Return the inputs of a stage behind its wrenches: the time, and deflections."""
-        inputs: list[Any] = list(time)
-        if self.bristles:
-            inputs.append(deflections)
-        return inputs
+                         *[0.0] * int(self.equations.watched)])
 
     @lazy_property
     def _stage(self) -> Program:
@@ -245,9 +292,12 @@ class RobotMotion:
                        before: StageRates, g: Scalar, moment: int,
                        deflections: Vector) -> StageRates:
         """Return the rates of a stage of the linearly implicit equations."""
-        first = before if self.bristles else before[:2]
-        time = self._and_bristles(self._time(moment), deflections)
-        rates = self.called(self._stage, q, u, tau, time, *first, np.array(g))
+        first: tuple[Any, ...] = before[:2]
+        inputs: list[Any] = list(self._time(moment))
+        if self.bristles:
+            first = before
+            inputs.append(deflections)
+        rates = self.called(self._stage, q, u, tau, inputs, *first, np.array(g))
         n_j, n = self.robot.model.n, self.robot.n
         return StageRates(*np.split(np.array(rates), [n_j, n_j + n]))
 
@@ -260,48 +310,60 @@ class RobotMotion:
 class SingleRobotMotion(RobotMotion):
     """A robot during one traced step that is not one of a batch."""
 
-    @lazy_property
-    def _motion(self) -> Program:
-        return _state_program(self.robot, self._dual_to, self.watched, single=True)
+    single = True
 
 
 def step_program(robot: Robot, name: str, choice: StepChoice) -> Program:
     """Trace the program of `step_kernel`."""
-    inputs = _inputs(robot, choice.feedback)
-    return trace_program(name, partial(traced_step, robot, choice), inputs)
+    _, inputs, constants = step_signature(robot, choice)
+    return trace_program(name, partial(traced_step, robot, choice),
+                         [*inputs.items(), ('constants', constants)])
 
 
 def traced_step(robot: Robot, choice: StepChoice, state: Vector, inputs: Matrix,
                 constants: Vector, system: Any = RobotMotion) -> Vector:
     """Return the state after one step of a `system`, with the end projected on constraints."""
-    n_q, n, equations = robot.n_q, robot.n, robot.equations
+    n, equations = robot.n, robot.equations
+    layout = state_layout(robot)
     feedback, integrator, dual_to, followed = choice.needed(robot)
 
-    def time_of(state: Vector) -> Scalar:
-        return state[n_q + n] if equations.timed else 0.0
+    start = state[layout.time]
     gain_count = 2 * n if feedback else 0
     gains, h, parameters = np.split(constants, [gain_count, gain_count + 1])
-    keeps_positions = equations.keeps_positions(state[:n_q], time_of(state))
+    keeps_positions = equations.keeps_positions(state[layout.q], *start)
     watches_stages = equations.watched and not keeps_positions
     motion = system(robot, inputs, gains if feedback else None, parameters, dual_to,
-                    watches_stages, followed, state[n_q + n:][:int(equations.timed)],
-                    h[0])
+                    watches_stages, followed, start, h[0])
     after: Vector = integrator_of(integrator).step(motion, state, h[0])
     # The margin, then one Newton step on the loops and unit quaternions.
-    q, t = after[:n_q], time_of(after)
+    q = after[layout.q]
+    t = after[layout.time][0] if equations.timed else 0.0
     if watches_stages:
         after[-1] = reduce(lambda x, y: select(x < y, x, y), motion.margins)
     elif keeps_positions:
         # No later step reads the margin, so it causes no latency.
         after[-1] = equations.margin(q, t, constants[-LIMITS:])
         q = equations.closure_step(q, t)
-    after[:n_q] = on_unit_quaternions(robot.model, q)
+    if robot.model.balls:
+        q = on_unit_quaternions(robot.model, q)
+    after[layout.q] = q
     # The joints that follow must determine the motion too.
     if followed and equations.watched:
-        margin = law_margin(robot, followed, after[:n_q], t)
+        margin = law_margin(robot, followed, after[layout.q], t)
         if not isinstance(margin, float):
             after[-1] = select(margin < after[-1], margin, after[-1])
     return after
+
+
+def accelerations(robot: Robot, q: Array, u: Array, tau: Array, times: Array) -> Array:
+    """Return udot, (K, n), at K states and times under torques, without wrenches."""
+    inputs: list[Any] = [q, u, tau]
+    if len(robot.kernels.no_wrench):
+        inputs.append(None)
+    if robot.equations.timed:
+        inputs.append(times)
+    udot: Array = robot.kernels.kernel('forward_dynamics')(*inputs)
+    return udot
 
 
 def wrench_input(robot: Robot) -> list[tuple[str, Shape]]:
@@ -396,36 +458,6 @@ def first_stage_inputs(robot: Robot, presliding: bool = True) -> list[tuple[str,
     if presliding and deflection_input(robot):
         inputs.append(('deflection_rates', deflection_input(robot)[0][1]))
     return [*inputs, ('g', ())]
-
-
-def _state_program(robot: Robot, dual_to: tuple[str, ...] | None,
-                   watched: bool = False, single: bool = False) -> Program:
-    """
-    Trace udot; with chosen speeds or constraints, q' and udot.
-
-    Then come the rates of the deflections of bristles and, if `watched`, the margin.
-    """
-    equations = robot.equations
-    if equations.in_joint_rates and not equations.tree.bristles:
-        return robot.kernels.program('forward_dynamics', single=single)
-    physical = robot.parameters.physical
-
-    def rates(q: Vector, u: Vector, tau: Vector, *inputs: Any) -> Any:
-        wrench, t, parameters, deflections = optional_inputs(robot, inputs)
-        if dual_to is not None:
-            tau = tau_from(equations, dual_to, q, tau, t)
-        at = wrench, parameters[:physical], t
-        if deflections is None:
-            state_rates = equations.state_rates(q, u, tau, *at)
-        else:
-            state_rates = presliding_rates(robot, q, u, tau, *at, deflections)
-        if not watched:
-            return state_rates
-        return [*state_rates, equations.margin(q, t, parameters[-LIMITS:])]
-    return trace_program('state_rates', rates, [
-        ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), *wrench_input(robot),
-        *time_input(robot), *deflection_input(robot),
-        ('parameters', robot.parameters.block.shape)])
 
 
 def presliding_rates(robot: Robot, q: Vector, u: Vector, tau: Vector, wrench: Any,

@@ -16,16 +16,17 @@ import time
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.simulation.energy_balance import energies
 from kane_dynamics.simulation.observers import (Chunk, diverged, Extremes, Impact,
                                                 Observer, Power)
 from kane_dynamics.simulation.presliding import bristle_friction
-from kane_dynamics.simulation.step_kernels import bristle_names
+from kane_dynamics.simulation.step_kernels import accelerations
 from kane_dynamics.simulation.sticking.sticking_steps import Sticking
+from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.torque_input import (evaluated_torque, TorqueFunction,
                                                    TorqueInput)
 from kane_dynamics.simulation.trajectory import SpeedChange
-from kane_dynamics.simulation.user_speeds import actual_accelerations
 import numpy as np
 
 CHUNK_SECONDS = 0.01  # of steps between two progress reports: half of the documented bound
@@ -111,29 +112,28 @@ class Steps:
         q = np.ascontiguousarray(samples.states[..., :n_q]).reshape(-1, n_q)
         u = np.ascontiguousarray(samples.states[..., n_q:n_q + n]).reshape(-1, n)
         # The quantities of all samples of all simulations are computed as one batch.
-        at = {}
-        if robot.equations.timed:
-            times = self.start + samples.steps * np.float64(self.step)
-            at['t'] = np.tile(times, shape[0])
-        rows: dict[str, Array] = {'u': u}
+        times = np.tile(self.start + samples.steps * np.float64(self.step), shape[0])
+        states = samples.states.reshape(-1, samples.states.shape[2])
+        torques = tau.reshape(u.shape)
+        sticks = isinstance(self.stops, Sticking)
+        rows: dict[str, Array] = {'u': u, 'energy': energies(robot, states, sticks)}
         if isinstance(self.stops, Sticking):
-            times = np.tile(self.start + samples.steps * np.float64(self.step), shape[0])
-            states = samples.states.reshape(-1, samples.states.shape[2])
-            at_samples = self.stops.state_of(self.source).at_samples(
-                states, tau.reshape(u.shape), times)
+            at_samples = self.stops.state_of(self.source).at_samples(states, torques,
+                                                                     times)
             rows |= at_samples._asdict()
             del rows['friction']  # of the constraint forces of other robots
-        elif bristle_names(robot):
-            times = np.tile(self.start + samples.steps * np.float64(self.step), shape[0])
-            states = samples.states.reshape(-1, samples.states.shape[2])
+        elif robot.equations.tree.bristles:
             friction = bristle_friction(robot, self.stops is not None)
-            at_samples = friction.at_samples(states, tau.reshape(u.shape), times)
+            at_samples = friction.at_samples(states, torques, times)
             rows['udot'], rows['stop_forces'] = at_samples[:2]
         else:
-            rows['udot'], rows['stop_forces'] = actual_accelerations(
-                robot, q, u, tau.reshape(u.shape), self.stops is not None, **at)
-        rows['energy'] = np.stack([robot.kinetic_energy(q, u, **at),
-                                   robot.potential_energy(q)], axis=1)
+            rows['udot'] = accelerations(robot, q, u, torques, times)
+            rows['stop_forces'] = np.zeros((len(q), robot.equations.tree.n))
+            if self.stops is not None:
+                at = {'t': times} if robot.equations.timed else {}
+                rows['udot'], rows['stop_forces'] = with_stop_forces(
+                    robot, q, u, rows['udot'], robot.limits.lower, robot.limits.upper,
+                    **at)
         return {name: x.reshape(*shape, *x.shape[1:]) for name, x in rows.items()}
 
 

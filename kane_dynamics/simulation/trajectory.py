@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import increasing
-from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.npz import npz_arrays
 from kane_dynamics._util.optional_imports import extra
@@ -173,22 +172,22 @@ class Trajectory:
 
     def __post_init__(self) -> None:
         """Set the defaults of names and constraint arrays."""
+        shape = self.q.shape[:-1]
+        defaults: dict[str, Any] = {}
         if not self.speed_names:
-            freeze(self, 'speed_names', self.joint_names)
+            defaults['speed_names'] = self.joint_names
         if not self.coordinate_names:
-            freeze(self, 'coordinate_names', self.joint_names)
+            defaults['coordinate_names'] = self.joint_names
         if not self.constraint_names:
             for name in OF_CONSTRAINTS:
-                freeze(self, name, np.zeros((*self.q.shape[:-1], 0)))
+                defaults[name] = np.zeros((*shape, 0))
         if not self.stop_forces.size:
-            freeze(self, 'stop_forces', np.zeros((*self.q.shape[:-1],
-                                                  len(self.joint_names))))
+            defaults['stop_forces'] = np.zeros((*shape, len(self.joint_names)))
         if not self.sticking.size:
-            shape = *self.q.shape[:-1], len(self.joint_names)
-            freeze(self, 'sticking', np.zeros(shape, dtype=bool))
+            defaults['sticking'] = np.zeros((*shape, len(self.joint_names)), dtype=bool)
         if not self.bristles.size:
-            freeze(self, 'bristles', np.zeros((*self.q.shape[:-1],
-                                               len(self.bristle_names))))
+            defaults['bristles'] = np.zeros((*shape, len(self.bristle_names)))
+        self.__dict__.update(defaults)  # of a frozen record
 
     def __repr__(self) -> str:
         """Return size and joints on one line."""
@@ -244,7 +243,7 @@ class Trajectory:
                           axis=-1)
         rows: dict[str, Any] = {}
         if robot.constraint_names:
-            rows = constraint_residuals(robot, q, u, t=t)
+            rows = constraint_residuals(robot, q, u, t)
             rows['constraint_forces'] = robot.constraint_forces(q, u, tau, t=t)
         return cls(t, q, u, udot, tau, energy, robot.joint_names,
                    speed_names=robot.speed_names,

@@ -13,6 +13,10 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.energy_balance import energies
+from kane_dynamics.simulation.presliding import bristle_friction
+from kane_dynamics.simulation.step_kernels import accelerations, tau_from
+from kane_dynamics.simulation.sticking.friction_state import friction_state
 from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
 import numpy as np
 
@@ -81,8 +85,8 @@ class UserSpeeds:
         key = name, self._user_robot.speed_names
         if key not in kernels:
             places = '_'.join(map(str, self._user_robot.mechanism.free))
-            kernels[key] = robot.compiled(function, name=f'{name}_{places}', **shapes,
-                                          shape=shape)
+            kernels[key] = robot.kernels.compiled(function, f'{name}_{places}', shapes,
+                                                  shape, ahead=False)
         kernel = kernels[key]
         if robot.equations.timed:
             inputs = (*inputs, t)
@@ -161,27 +165,27 @@ class UserSpeeds:
         sticking: dict[str, Any] = {}
         friction: Array | None = None
         if self._sticking:
-            # That module needs the conversions of this one.
-            from kane_dynamics.simulation.sticking.friction_state import friction_state
             acting = friction_state(robot, self._stops).at_samples(rows, generalized, times)
             udot, stop_forces, held, friction = acting
             sticking['sticking'] = held
         elif robot.equations.tree.bristles:
-            from kane_dynamics.simulation.presliding import bristle_friction
             acting = bristle_friction(robot, self._stops).at_samples(rows, generalized,
                                                                      times)
             udot, stop_forces, _, friction = acting
         else:
-            udot, stop_forces = actual_accelerations(robot, q, u, generalized,
-                                                     self._stops, **at)
+            udot = accelerations(robot, q, u, generalized, times)
+            stop_forces = np.zeros((len(q), robot.equations.tree.n))
+            if self._stops:
+                udot, stop_forces = with_stop_forces(robot, q, u, udot,
+                                                     robot.limits.lower,
+                                                     robot.limits.upper, **at)
         # What acts on the joints beside friction: actuators and stops.
         motors = self._actuator_torques(robot, q, generalized, tau, times)
         applied = stop_forces + motors
-        energy = np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)],
-                          axis=1)
+        energy = energies(robot, rows, self._sticking)
         forces = self._constraint_forces(robot, q, u, udot, applied, motors, times,
                                          friction)
-        residuals = constraint_residuals(robot, q, u, **at)
+        residuals = constraint_residuals(robot, q, u, times)
         # Back to the user's speeds.
         if not in_user_speeds:
             converted = self.speeds(robot, q, u, udot, times)
@@ -202,7 +206,7 @@ class UserSpeeds:
             return actuator_torques(equations, names, q, tau, t)
         force = tau if equations.actuated is None else generalized
         shapes = {'q': (robot.n_q,), 'tau': force.shape[1:]}
-        return self._called(robot, 'actuator_torques', shapes, (robot.model.n,), torques,
+        return self._called(robot, 'actuator_torques', shapes, (robot.equations.tree.n,), torques,
                             (q, force), times)
 
     def _constraint_forces(self, robot: Robot, q: Array, u: Array, udot: Array,
@@ -216,13 +220,13 @@ class UserSpeeds:
         equations = robot.equations
         if friction is not None:
             shapes = {'q': (robot.n_q,), 'u': (robot.n,), 'udot': (robot.n,),
-                      'applied': (robot.model.n,)}
+                      'applied': (robot.equations.tree.n,)}
             return self._called(robot, 'constraint_forces_without_friction', shapes,
                                 (len(robot.constraint_names),),
                                 equations.constraint_forces_without_friction,
                                 (q, u, udot, applied - friction), times)
         shapes = {'q': (robot.n_q,), 'u': (robot.n,), 'udot': (robot.n,),
-                  'applied': (robot.model.n,), 'motors': (robot.model.n,)}
+                  'applied': (robot.equations.tree.n,), 'motors': (robot.equations.tree.n,)}
         return self._called(robot, 'constraint_forces_of_motion', shapes,
                             (len(robot.constraint_names),),
                             equations.constraint_forces_of_motion,
@@ -244,22 +248,14 @@ def _parts_by_robot(history: History, sampled: Array) -> list[tuple[Robot, list[
     return list(groups.values())
 
 
-def actual_accelerations(robot: Robot, q: Array, u: Array, tau: Array, stops: bool,
-                         **at: Any) -> tuple[Array, Array]:
-    """Return udot, (K, n), and the forces of the stops on the joints, (K, n_j), at K states."""
-    udot: Array = robot.forward_dynamics(q, u, tau, **at)
-    if not stops:
-        return udot, np.zeros((len(q), robot.model.n))
-    return with_stop_forces(robot, q, u, udot, robot.limits.lower, robot.limits.upper,
-                            **at)
-
-
-def constraint_residuals(robot: Robot,
-                         q: Array, u: Array, **at: Array) -> dict[str, Array]:
+def constraint_residuals(robot: Robot, q: Array, u: Array,
+                         times: Array) -> dict[str, Array]:
     """Return the residuals of the constraints along a motion, (K, m) arrays."""
-    of_velocities = robot.constraint_velocity_residual(q, u, **at)
-    return {'constraint_residual': robot.constraint_residual(q, **at),
-            'constraint_velocity_residual': of_velocities}
+    kernel = robot.kernels.kernel
+    timed = [times] if robot.equations.timed else []
+    residual = kernel('constraint_residual')(q, *timed)
+    of_velocities = kernel('constraint_velocity_residual')(q, u, *timed)
+    return {'constraint_residual': residual, 'constraint_velocity_residual': of_velocities}
 
 
 def actuator_torques(equations: Equations, names: Sequence[str], q: Any, tau: Any,
@@ -274,15 +270,6 @@ def actuator_torques(equations: Equations, names: Sequence[str], q: Any, tau: An
         return equations.shared_torques(q, tau, t)
     state = equations.mechanism.state(q, t, equations.tree.geometry)
     return state.speed_rows(names)[0].T @ tau
-
-
-def tau_from(equations: Equations, names: Sequence[str], q: Any, tau: Any,
-             t: Any = 0.0) -> Any:
-    """Convert forces dual to the named speeds to generalized forces, (n,)."""
-    if tuple(names) == equations.speed_names:
-        return tau
-    state = equations.mechanism.state(q, t, equations.tree.geometry)
-    return equations.at_rest(q, t).T.T @ (state.speed_rows(names)[0].T @ tau)
 
 
 def other_speeds(equations: Equations, names: Sequence[str], q: Any, u: Any,

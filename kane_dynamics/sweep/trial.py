@@ -26,8 +26,9 @@ from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
-from kane_dynamics.mechanics.constraints.conditioning import (
-    EXCESS, in_lengths, loosened, WELL_CHOSEN)
+from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths,
+                                                              limits_of, loosened,
+                                                              WELL_CHOSEN)
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.interface import StageRates
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
@@ -35,7 +36,6 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.robot.speed_sets import limits_of
 from kane_dynamics.simulation.energy_balance import driven_kernel
 from kane_dynamics.simulation.speed_switching import STEP_RESIDUAL
 from kane_dynamics.simulation.step_kernels import implicit_stage, time_input

@@ -1,6 +1,7 @@
 """Laws as kernels of a robot: settings in one array, checks of the configuration."""
 
 from __future__ import annotations
+import math
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
@@ -16,7 +17,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.lanes import Lanes
 from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
-from kane_dynamics.native.tracing.program import Shape, size_of
+from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.native.tracing.wide import WideLanes
 from kane_dynamics.robot.robot import in_regular_speeds, Robot
 from kane_dynamics.task_space.pose_checks import require_pose
@@ -44,15 +45,15 @@ class Settings:
 
     def __init__(self, shapes: Mapping[str, Shape]) -> None:
         self.shapes = dict(shapes)
-        self.size = sum(map(size_of, self.shapes.values()))
+        self.size = sum(map(math.prod, self.shapes.values()))
 
     def place(self, name: str) -> slice:
         """Return where the array has a setting."""
         first = 0
         for other, shape in self.shapes.items():
             if other == name:
-                return slice(first, first + size_of(shape))
-            first += size_of(shape)
+                return slice(first, first + math.prod(shape))
+            first += math.prod(shape)
         raise KeyError(name)
 
     def packed(self, values: Mapping[str, Any]) -> Array:
@@ -69,7 +70,7 @@ class Settings:
         values: dict[str, Any] = {}
         first = 0
         for name, shape in self.shapes.items():
-            size = size_of(shape)
+            size = math.prod(shape)
             values[name] = block[first:first + size].reshape(shape)[()]
             first += size
         return values

@@ -19,13 +19,11 @@ from kane_dynamics._util.checks import finite_row, instance
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra import linear_solve
-from kane_dynamics.mechanics.ball_joints import joint_positions, require_angles
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.constraints.speeds import Speeds
 from kane_dynamics.mechanics.definition import kinematics
-from kane_dynamics.mechanics.recursive import composite_inertia
-from kane_dynamics.mechanics.recursive.link import (denavit_hartenberg, linkage, posed,
-                                                    regrouped)
+from kane_dynamics.mechanics.recursive.tree_equations import NO_GRAVITY, TreeEquations
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.frame_task import (frame_task, FrameTask, in_axes,
@@ -177,15 +175,8 @@ def _null_basis(rows: Matrix, dependent: Sequence[int]) -> Matrix:
 
 def _mass_matrix(mechanism: Mechanism) -> Any:
     """Return the mass matrix of the tree in joint rates, as a function of q."""
-    model = mechanism.model
-    links = regrouped(denavit_hartenberg(linkage(model)))
-    rotors = np.zeros(model.n)
-    for body in model.bodies:
-        joint = body.joint
-        rotors[joint.coordinate] += joint.multiplier**2 * joint.armature
+    tree = TreeEquations(mechanism.model)
 
     def inertia(q: Vector) -> Matrix:
-        M = composite_inertia.mass_matrix(posed(links, model, q),
-                                          joint_positions(model, q))
-        return M + np.diag(rotors)
+        return tree.mass_matrix(q, NO_GRAVITY)
     return inertia

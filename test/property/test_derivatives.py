@@ -78,7 +78,7 @@ def test_an_explanation_adds_up_by_source_and_by_body(drawn):
     torque = robot.inverse_dynamics(q, u, udot, wrench=PUSH)
     np.testing.assert_allclose(parts.torque, torque, rtol=0.0, atol=1e-12 * size)
     rigid = sum(parts.source(name) for name in ('inertia', 'coriolis', 'gravity'))
-    rigid = rigid - robot.equations.tree.armature(udot).astype(float)
+    rigid = rigid - robot.equations.tree.rotor_inertia * udot
     np.testing.assert_allclose(parts.by_body.sum(axis=0), rigid, rtol=0.0, atol=1e-12 * size)
 
 
@@ -112,7 +112,7 @@ def test_a_reaction_about_the_joints_axis_is_the_torque_that_reaches_the_link(dr
     robot, q, u, udot = drawn
     parts = robot.explain(q, u, udot)
     reaching = (parts.torque - parts.source('friction') - parts.source('spring')
-                - robot.equations.tree.armature(udot).astype(float))
+                - robot.equations.tree.rotor_inertia * udot)
     bodies = kinematics.configurations(robot.model, q)
     total = np.zeros(robot.n)
     for body, here in zip(robot.model.bodies, bodies):

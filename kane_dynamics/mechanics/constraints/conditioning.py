@@ -21,7 +21,7 @@ from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import dot, is_zero
 from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (
-    ConstraintRows)
+                                                                                  ConstraintRows)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.recursive.link import Link
 import numpy as np
@@ -362,3 +362,14 @@ def singular_error(mechanism: Mechanism, stack: Stack, q: Array, t: float,
     return ConstraintError(
         f'{singular}: under {loop} the speeds {speeds} do not determine the joint rates '
         'there; choose others (speeds=, independent=)')
+
+
+def limits_of(figure: float, residual: tuple[float, float] | None = None,
+              excess: float = EXCESS) -> Array:
+    """
+    Return the four limits of `margin`.
+
+    The largest residuals are in m and rad; None for no limit of residuals.
+    """
+    others = np.zeros(3) if residual is None else np.array([*residual, excess])**-2.0
+    return np.array([figure**-2.0, *others])

@@ -16,11 +16,8 @@ from kane_dynamics._util.checks import instance
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.algebra.user_functions import evaluated
-from kane_dynamics.mechanics.ball_joints import joint_positions
 from kane_dynamics.mechanics.definition import kinematics
-from kane_dynamics.mechanics.recursive import composite_inertia
-from kane_dynamics.mechanics.recursive.link import (denavit_hartenberg, linkage, posed,
-                                                    regrouped)
+from kane_dynamics.mechanics.recursive.tree_equations import NO_GRAVITY, TreeEquations
 from kane_dynamics.model.model import Model
 import numpy as np
 
@@ -176,17 +173,10 @@ def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
 def momenta(model: Model) -> Speeds:
     """Return u = M(q) q', the momenta conjugate to the coordinates, N m s or N s."""
     instance(model, Model, 'model')
-    # As compiled: reduced frames, and only inertial parameters on which forces depend.
-    links = regrouped(denavit_hartenberg(linkage(model)))
-    rotors = np.zeros(model.n)
-    for body in model.bodies:
-        joint = body.joint
-        rotors[joint.coordinate] += joint.multiplier**2 * joint.armature
+    tree = TreeEquations(model)
 
     def Y(q: Vector, t: Scalar) -> Matrix:
-        M = composite_inertia.mass_matrix(posed(links, model, q),
-                                          joint_positions(model, q))
-        return M + np.diag(rotors)
+        return tree.mass_matrix(q, NO_GRAVITY)
 
     names = tuple(f'{name}/momentum' for name in model.joint_names)
     return Speeds(Y, None, names, 'momenta', definite=True)

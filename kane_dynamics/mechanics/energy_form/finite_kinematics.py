@@ -13,8 +13,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.hyperdual import joined, Parts, parts, seeded
 from kane_dynamics.mechanics.ball_joints import require_angles
-from kane_dynamics.mechanics.constraints.mechanism import Mechanism
-from kane_dynamics.mechanics.constraints.mechanism_state import MechanismState
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism, MechanismState
 from kane_dynamics.mechanics.energy_form.energies import poses
 from kane_dynamics.model.model import Frame, WORLD
 import numpy as np

@@ -58,9 +58,9 @@ class TreeInLanes:
         # Friction, springs and wrenches act on the joints; gravity accelerates the base.
         torque = (equations.drive_loads(u, tau) - equations.spring_force(q)
                   + equations.external_force(q, wrench))
-        rotors = equations.armature(np.ones(equations.n))
-        return forward_dynamics(equations.base_links(parameters), q, u, torque, rotors,
-                                parameters[:3], self._lanes, self._repeat)
+        return forward_dynamics(equations.base_links(parameters), q, u, torque,
+                                equations.rotor_inertia, parameters[:3], self._lanes,
+                                self._repeat)
 
     @staticmethod
     def has_long_branches(equations: TreeEquations, of_block: int) -> bool:
@@ -92,7 +92,8 @@ class TreeInLanes:
         if self._long_branches():
             rows = self.mass_matrix(q, parameters)
             factorization = partial(factorize, lanes=lanes, rows=rows)
-        factors = equations.factors(q, parameters, factorization)
+        M = equations.mass_matrix(q, parameters)
+        factors = equations.factors(M, factorized=factorization)
         return inverse_mass_matrix(factors, equations.order, lanes)
 
     def mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
@@ -142,7 +143,8 @@ class TreeInLanes:
         by_q, by_u, _ = self._derivative_rows(q, u, udot, parameters)
 
         # dudot/dx = -M^-1 dtau/dx, with the factors of -M.
-        L, reciprocal = equations.factors(q, parameters)
+        M = equations.mass_matrix(q, parameters)
+        L, reciprocal = equations.factors(M)
         negated = L, [-x for x in reciprocal]
         results = []
         for rows in (by_q, by_u):

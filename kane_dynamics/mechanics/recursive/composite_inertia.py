@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import is_zero, symmetric
-from kane_dynamics.mechanics.recursive.flexible_modes import bent, Modes
+from kane_dynamics.mechanics.recursive.flexible_modes import Modes
 from kane_dynamics.mechanics.recursive.inverse_dynamics import JointStep, Z
 from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.model.model import WORLD
@@ -34,7 +34,6 @@ class UnitAcceleration(NamedTuple):
 
 def mass_matrix(links: Sequence[Link], q: Vector) -> Matrix:
     """Return M_rs = sum_k (m v^r . v^s + omega^r . I omega^s), (n, n), by CRBA."""
-    links = bent(links, q)
     n = len(q)
     M: list[list[Scalar]] = np.zeros((n, n)).tolist()
     steps = []

@@ -20,7 +20,6 @@ from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import (cross, inertia_moment, is_zero,
                                                     rate_tensor, rotated_about_z,
                                                     sin_cos, symmetric)
-from kane_dynamics.mechanics.recursive.flexible_modes import bent
 from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.model.model import WORLD
 import numpy as np
@@ -144,7 +143,7 @@ def inverse_dynamics(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
     Parameters
     ----------
     links : sequence of Link
-        Parents before children.
+        Parents before children; beams are bent as at q (`flexible_modes.bent`).
     q, u, udot : (n,) arrays of scalars
         Coordinates, their rates and accelerations; rad or m, s.
     gravity : (3,) array of scalars
@@ -156,7 +155,6 @@ def inverse_dynamics(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
         Generalized forces, N m or N.
 
     """
-    links = bent(links, q)
     tau: list[Scalar] = [0.0] * len(q)
     # All sines and cosines come first in the program, where they share vectors.
     steps: list[JointStep] = []
@@ -221,7 +219,6 @@ def velocities(links: Sequence[Link], q: Vector,
 def kinetic_energy(links: Sequence[Link], q: Vector, u: Vector) -> Scalar:
     """Return the kinetic energy sum 1/2 int v . v dm of all links, J."""
     twice: Scalar = 0.0
-    links = bent(links, q)
     for link, (omega, v) in zip(links, velocities(links, q, u)):
         if link.modes is not None:
             twice = twice + link.modes.twice_energy(omega, v, u)
@@ -241,7 +238,6 @@ def potential_energy(links: Sequence[Link], q: Vector, gravity: Vector) -> Scala
 
 def first_moment(links: Sequence[Link], q: Vector) -> tuple[Scalar, Vector]:
     """Return the mass of all links, kg, and sum m p*, (3,), kg m, world axes."""
-    links = bent(links, q)
     moments = []
     for link in links:
         moments.append((link.mass, link.first_moment))

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import cross
-from kane_dynamics.mechanics.recursive.flexible_modes import bent
 from kane_dynamics.mechanics.recursive.frame_kinematics import frame_in_link, link_poses
 from kane_dynamics.mechanics.recursive.inverse_dynamics import (add_to_parent, JointStep,
                                                                 link_forces, link_motion,
@@ -41,7 +40,6 @@ def joint_reactions(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
         External wrenches, force then moment at the frame's origin, world axes.
 
     """
-    links = bent(links, q)
     steps = [JointStep(link, q) for link in links]
 
     # Inertia and weight, summed over subtrees, in link axes.
@@ -73,7 +71,6 @@ def joint_reactions(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
 def body_torques(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
                  gravity: Vector) -> Matrix:
     """Return the joint torques due to each body's inertia and weight, (n_bodies, n)."""
-    links = bent(links, q)
     steps = [JointStep(link, q) for link in links]
     result: list[list[Scalar]] = [[0.0] * len(q) for _ in links]
     forces = _forces(links, steps, q, u, udot, gravity)

@@ -22,7 +22,7 @@ Pseudo-inertias may hold traced values (a payload); everything else is numbers.
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import math
 from typing import Any, Literal
 
@@ -63,8 +63,12 @@ class Link:
     modes : Modes, optional
         Modes of a flexible link at one configuration; set by `flexible_modes.bent`.
     turned : bool
-        Whether the link is the first of a ball joint, whose rotation `link.posed`
-        adds to its pose: its frame stays at the joint.
+        Whether the link is the first of a ball joint, whose rotation `posed` adds to its
+        pose: its frame stays at the joint.
+    rotation, translation : (3, 3), (3,) arrays
+        Axes and origin of the joint frame in the parent link, parts of `pose`; m.
+    mass, first_moment, second_moment : scalar, (3,), (3, 3) arrays
+        Parts of `pseudo_inertia`: mass, mass times center of mass, int r r^T dm; kg, m.
 
     """
 
@@ -80,6 +84,18 @@ class Link:
     beam: Beam | None = None
     modes: Any = None
     turned: bool = False
+    rotation: Array = field(init=False)
+    translation: Array = field(init=False)
+    mass: Scalar = field(init=False)
+    first_moment: Vector = field(init=False)
+    second_moment: Matrix = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Name the parts of the pose and of the pseudo-inertia."""
+        P = self.pseudo_inertia
+        self.__dict__.update(rotation=self.pose[:3, :3], translation=self.pose[:3, 3],
+                             mass=P[3, 3], first_moment=P[:3, 3],
+                             second_moment=P[:3, :3])
 
     def position(self, q: Vector) -> Scalar:
         """Return the position of the joint without `offset`, rad or m."""
@@ -122,31 +138,6 @@ class Link:
         # As the rate, with udot for u, and what the coefficients' own rates add.
         eta_rate = u[list(bending.coordinates)]
         return self.rate(q, udot) + eta_rate @ (bending.curvature @ eta_rate)
-
-    @property
-    def rotation(self) -> Array:
-        """Axes of the joint frame in the parent link, (3, 3)."""
-        return self.pose[:3, :3]
-
-    @property
-    def translation(self) -> Array:
-        """Origin of the joint frame in the parent link, (3,), m."""
-        return self.pose[:3, 3]
-
-    @property
-    def mass(self) -> Scalar:
-        """Mass, kg."""
-        return self.pseudo_inertia[3, 3]
-
-    @property
-    def first_moment(self) -> Vector:
-        """First moment: mass times center of mass, (3,), kg m."""
-        return self.pseudo_inertia[:3, 3]
-
-    @property
-    def second_moment(self) -> Matrix:
-        """Second moment int r r^T dm, (3, 3), kg m^2."""
-        return self.pseudo_inertia[:3, :3]
 
 
 def homogeneous(rotation: Any = None, translation: Any = None) -> Array:
@@ -294,7 +285,6 @@ def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
 
     Each link uses the combination of translation and rotation with the fewest constants.
     """
-    links = merged(links)
     children: dict[int, list[int]] = {}
     largest: dict[int, int] = {}  # of the children, the one with the largest subtree
     size = [1] * len(links)  # of the subtrees

@@ -38,9 +38,10 @@ from kane_dynamics.mechanics.recursive import (center_of_mass as masses,
                                                inverse_dynamics, joint_reactions,
                                                regressor)
 from kane_dynamics.mechanics.recursive.derivatives import inverse_dynamics_derivatives
+from kane_dynamics.mechanics.recursive.flexible_modes import bent
 from kane_dynamics.mechanics.recursive.link import (carrying, denavit_hartenberg,
-                                                    homogeneous, Link, linkage, posed,
-                                                    regrouped)
+                                                    homogeneous, Link, linkage, merged,
+                                                    posed, regrouped)
 from kane_dynamics.mechanics.recursive.subroutines import directly, Share
 from kane_dynamics.model.beam import Beam
 from kane_dynamics.model.model import Body, Frame, Joint, Model, WORLD
@@ -97,8 +98,16 @@ class TreeEquations:
         self.payload_frame = (None if payload_frame is None
                               else model.frame(payload_frame))
         self.frame_reduction = frame_reduction
+        self.flexible = model.flexible
+        self.drives = model.drives
         # Quantities that are not available for beams.
-        self.unsupported = RIGID_ONLY if model.flexible else ()
+        self.unsupported = RIGID_ONLY if self.flexible else ()
+        self.rotor_inertia = self._by_coordinate(
+            lambda joint: joint.multiplier**2 * joint.armature)
+        self.order = _parents_first(model)
+        free_balls = free_bodies(model) if model.balls else []
+        self.without_own_inertia = _without_own_inertia(model, free_balls)
+        self._free_balls = self._unloaded(free_balls)
         # Zeros of an array of objects add no operation to a traced program.
         self.zeros = np.zeros(self.n).astype(object)
         self.zeros.setflags(write=False)
@@ -114,15 +123,13 @@ class TreeEquations:
     def geometry(self) -> tuple[Link, ...]:
         """Links without a payload, for kinematics."""
         links = self.joint_links
-        return denavit_hartenberg(links) if self.frame_reduction else links
-
-    def links(self, parameters: Vector) -> tuple[Link, ...]:
-        """Return the links with full inertial parameters, including the payload."""
-        return self._loaded(self.geometry, parameters)
+        if not self.frame_reduction:
+            return links
+        return denavit_hartenberg(merged(links) if self.flexible else links)
 
     def base_links(self, parameters: Vector) -> tuple[Link, ...]:
         """Return the links with base inertial parameters, enough for joint forces."""
-        return regrouped(self.links(parameters))
+        return regrouped(self._loaded(self.geometry, parameters))
 
     def _loaded(self, links: tuple[Link, ...], parameters: Vector) -> tuple[Link, ...]:
         """Return links with the payload added."""
@@ -137,11 +144,15 @@ class TreeEquations:
         pose = homogeneous(frame.rotation, frame.translation)
         return carrying(links, frame.body, pose, P)
 
-    def _at(self, q: Vector, links: tuple[Link, ...]) -> tuple[tuple[Link, ...], Vector]:
-        """Return links with ball joints rotated as in q, and joint positions, (n,)."""
-        if not self.model.balls:
-            return links, q
-        return posed(links, self.model, q), joint_positions(self.model, q)
+    def _at(self, q: Vector, links: Sequence[Link]) -> tuple[Sequence[Link], Vector]:
+        """Return links with balls rotated and beams bent as in q, and positions, (n,)."""
+        x = q
+        if self.model.balls:
+            links = posed(links, self.model, q)
+            x = joint_positions(self.model, q)
+        if self.flexible:
+            links = bent(links, x)
+        return links, x
 
     def _angle_accelerations(self, u: Vector, udot: Vector) -> Vector:
         """Return the accelerations of the local angles and of the other joints, (n,)."""
@@ -164,8 +175,8 @@ class TreeEquations:
         acceleration = self._angle_accelerations(u, udot)
         rigid = inverse_dynamics.inverse_dynamics(links, x, u, acceleration,
                                                   parameters[:3])
-        return (rigid + self.armature(acceleration) + self.spring_force(x)
-                - self.external_force(q, wrench))
+        force = rigid + self.rotor_inertia * acceleration + self.spring_force(x)
+        return force if wrench is None else force - self.external_force(q, wrench)
 
     def reference_dynamics(self, q: Vector, u: Vector, reference: Vector, udot: Vector,
                            parameters: Vector) -> Vector:
@@ -188,7 +199,7 @@ class TreeEquations:
                                                   parameters[:3])
         of_half = inverse_dynamics.inverse_dynamics(links, x, half, self.zeros,
                                                     NO_GRAVITY)
-        return force - of_half + self.armature(acceleration) + self.spring_force(x)
+        return force - of_half + self.rotor_inertia * acceleration + self.spring_force(x)
 
     def bias_force(self, q: Vector, u: Vector, parameters: Vector) -> Vector:
         """Return the bias force h(q, u) without external wrenches, (n,)."""
@@ -217,7 +228,7 @@ class TreeEquations:
         # forces.
         at_rest = self._angle_accelerations(u, rest)
         inertia = inverse_dynamics.inverse_dynamics(links, x, rest, udot, NO_GRAVITY)
-        inertia = inertia + self.armature(udot)
+        inertia = inertia + self.rotor_inertia * udot
         coriolis = inverse_dynamics.inverse_dynamics(links, x, u, at_rest, NO_GRAVITY)
         gravity = self.gravity_force(q, parameters)
         spring = self.spring_force(x)
@@ -227,7 +238,7 @@ class TreeEquations:
     def body_torques(self, q: Vector, u: Vector, udot: Vector,
                      parameters: Vector) -> Matrix:
         """Return torques due to each body, its payload, elasticity, (n_bodies, n)."""
-        links, x = self._at(q, self.links(parameters))
+        links, x = self._at(q, self._loaded(self.geometry, parameters))
         torques = joint_reactions.body_torques(links, x, u,
                                                self._angle_accelerations(u, udot),
                                                parameters[:3])
@@ -258,24 +269,21 @@ class TreeEquations:
     def mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the mass matrix with armature, (n, n), by CRBA."""
         links, x = self._at(q, self.base_links(parameters))
-        return self._with_rotors(composite_inertia.mass_matrix(links, x))
-
-    def _with_rotors(self, M: Matrix) -> Matrix:
-        """Return a mass matrix of the bodies with the rotors' inertia."""
-        return M + np.diag(self.armature(np.ones(self.n)))
+        return composite_inertia.mass_matrix(links, x) + np.diag(self.rotor_inertia)
 
     def inverse_mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the inverse mass matrix, (n, n), by LTDL."""
-        return inverse(self.factors(q, parameters), self.order)
+        return inverse(self.factors(self.mass_matrix(q, parameters)), self.order)
 
-    def factors(self, q: Vector, parameters: Vector, factorized: Any = factorize) -> Any:
-        """Return the LTDL factorization of M; ModelError if M is singular."""
-        return self._factors(self.mass_matrix(q, parameters), self.order, factorized)
+    def factors(self, M: Matrix, order: list[int] | None = None,
+                factorized: Any = factorize) -> Any:
+        """
+        Return the LTDL factorization of a mass matrix; ModelError if it is singular.
 
-    def _factors(self, M: Matrix, order: list[int], factorized: Any = factorize) -> Any:
-        """Return the factorization of a mass matrix in this order of coordinates."""
+        `order` is that of the coordinates, parents first by default.
+        """
         try:
-            return factorized(M, order, watched=self.without_own_inertia)
+            return factorized(M, order or self.order, watched=self.without_own_inertia)
         except ZeroDivisionError as error:
             name = self.model.joint_names[error.args[0]]
             raise ModelError(f"the mass matrix is singular: joint '{name}' moves no "
@@ -292,9 +300,11 @@ class TreeEquations:
             # udot = L - held.
             held = self.rigid_dynamics(q, u, self.zeros, wrench, parameters)
             load = self.drive_loads(u, tau)
-            return solve(self.factors(q, parameters), self.order, load - held)
+            M = self.mass_matrix(q, parameters)
+            return solve(self.factors(M), self.order, load - held)
         held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
-        return solve(self.factors(q, parameters), self.order, tau - held)
+        M = self.mass_matrix(q, parameters)
+        return solve(self.factors(M), self.order, tau - held)
 
     def _forward_dynamics_of_free_bodies(self, q: Vector, u: Vector, tau: Vector,
                                          wrench: Any,
@@ -310,7 +320,10 @@ class TreeEquations:
         """
         slides = {ball.body: slice(ball.speed - 3,
                                    ball.speed) for ball in self._free_balls}
-        links = posed(self.base_links(parameters), self.model, q, list(slides))
+        links: Sequence[Link] = posed(self.base_links(parameters), self.model, q,
+                                      list(slides))
+        if self.flexible:
+            links = bent(links, joint_positions(self.model, q))
         geometry = posed(self.geometry, self.model, q, list(slides))
         x, R = joint_positions(self.model, q), rotations(self.model, q)
         applied = self.drive_loads(u, tau)
@@ -320,38 +333,24 @@ class TreeEquations:
         acceleration = self._angle_accelerations(u, self.zeros)
         held = (inverse_dynamics.inverse_dynamics(links, x, u, acceleration,
                                                   parameters[:3])
-                + self.armature(acceleration) + self.spring_force(x))
+                + self.rotor_inertia * acceleration + self.spring_force(x))
         for frame, w in () if wrench is None else zip(self.wrench_frames, wrench):
             held = held - frame_kinematics.partial_velocities(geometry, frame, x).T @ w
-        M = self._with_rotors(composite_inertia.mass_matrix(links, x))
+        M = composite_inertia.mass_matrix(links, x) + np.diag(self.rotor_inertia)
         order = self._free_order
-        udot = solve(self._factors(M, order), order, applied - held)
+        udot = solve(self.factors(M, order), order, applied - held)
         for body, slide in slides.items():  # back to world axes
             udot[slide] = R[body] @ udot[slide]
         return udot
 
-    @lazy_property
-    def order(self) -> list[int]:
-        """Return the coordinates, parents first: the order of the LTDL factorization."""
-        coordinates: list[int] = []
-        # The sections of a beam have no coordinates of their own; the beam lists its
-        # modes.
-        for link in self.joint_links:
-            if not link.deflection:
-                coordinates.append(link.coordinate)
-            if link.beam:
-                coordinates.extend(link.beam.coordinates)
-        return list(dict.fromkeys(coordinates))
-
-    @lazy_property
-    def _free_balls(self) -> list[Ball]:
+    def _unloaded(self, free_balls: Sequence[Ball]) -> list[Ball]:
         """Return the free bodies whose slides carry no payload or wrench."""
         loaded = []
         for frame in (self.payload_frame, *self.wrench_frames):
             if frame is not None:
                 loaded.append(frame.body)
         unloaded = []
-        for ball in free_bodies(self.model):
+        for ball in free_balls:
             slides = range(ball.body - 3, ball.body)
             if not set(slides).intersection(loaded):
                 unloaded.append(ball)
@@ -369,32 +368,6 @@ class TreeEquations:
             if ball.body not in carriers:
                 slides.extend(range(ball.speed - 3, ball.speed))
         return [k for k in self.order if k not in slides] + slides
-
-    @lazy_property
-    def without_own_inertia(self) -> frozenset[int]:
-        """
-        Return the coordinates that may move without kinetic energy somewhere.
-
-        With the joints before it at rest, the body of a joint moves along the joint
-        alone. Where its own inertia resists that, as does no thin rod about itself and
-        no body without mass, the pivot of the coordinate is positive. Only at others may
-        the mass matrix be singular.
-        """
-        bodies = self.model.bodies
-        first: dict[int, int] = {}  # body of each coordinate
-        for k, body in enumerate(bodies):
-            if body.joint.deflection is None and body.joint.multiplier:
-                first.setdefault(body.joint.coordinate, k)
-        # The slides of a free body are eliminated first, which leaves motions about its
-        # center.
-        central = []
-        for ball in free_bodies(self.model):
-            central.append(ball.body + 2)
-        unresisted = []
-        for coordinate, k in first.items():
-            if not _own_inertia_resists(bodies[k], k in central):
-                unresisted.append(coordinate)
-        return frozenset(unresisted)
 
     # Derivatives.
 
@@ -415,7 +388,7 @@ class TreeEquations:
     def _christoffel(self, links: Sequence[Link], x: Vector, u: Vector,
                      share: Share) -> Matrix:
         """Return the Coriolis matrix in joint positions x, (n, n)."""
-        if self.model.flexible:  # the analytic derivatives are those of rigid bodies
+        if self.flexible:  # the analytic derivatives are those of rigid bodies
             columns = [rates(inverse_dynamics.inverse_dynamics(
                 links, x, moving(u, unit), self.zeros,
                 NO_GRAVITY)) for unit in np.eye(self.n)]
@@ -454,11 +427,11 @@ class TreeEquations:
         stiffness = np.diag(self._by_coordinate(
             lambda joint: joint.multiplier**2 * joint.stiffness))
         friction = np.diag(self.friction_slope(u, load))
-        if self.model.drives:
+        if self.drives:
             stiffness = stiffness + drive_matrix(self.model, spring_slope, q)
             if self.friction:
                 friction = friction + drive_matrix(self.model, damping_slope)
-        return stiffness, friction, np.diag(self.armature(np.ones(self.n)))
+        return stiffness, friction, np.diag(self.rotor_inertia)
 
     def forward_dynamics_derivatives(self, q: Vector, u: Vector, tau: Vector,
                                      parameters: Vector) -> Matrix:
@@ -476,11 +449,6 @@ class TreeEquations:
 
     # Forces along the joints: rotor inertia, friction and springs.
 
-    def armature(self, x: Vector) -> Vector:
-        """Return the diagonal matrix of rotor inertias times x, (n,)."""
-        return self._by_coordinate(
-            lambda joint: joint.multiplier**2 * joint.armature * x[joint.coordinate])
-
     def friction_force(self, u: Vector, load: Vector | None = None,
                        directions: Vector | None = None,
                        deflections: Vector | None = None) -> Vector:
@@ -494,16 +462,21 @@ class TreeEquations:
         """
         if not self.friction:
             return self.zeros
-        deflection_of = self._by_bristle(deflections)
+        loads = self.zeros if load is None else load
+        deflection_of = {} if deflections is None else self._by_bristle(deflections)
 
         def force(joint: Joint) -> Scalar:
             rate = joint.multiplier * u[joint.coordinate]
+            direction = None
+            if directions is not None:
+                direction = _direction(directions, joint)
             if joint.name in deflection_of:
                 deflection = deflection_of[joint.name]
-                torque = bristle_torque(joint, rate, deflection, _entry(load, joint))
+                torque = bristle_torque(joint, rate, deflection,
+                                        loads[joint.coordinate])
             else:
-                torque = friction_torque(joint, rate, _entry(load, joint),
-                                         _direction(directions, joint))
+                torque = friction_torque(joint, rate, loads[joint.coordinate],
+                                         direction)
             return joint.multiplier * torque
         return self._with_damping(self._by_coordinate(force), u)
 
@@ -535,28 +508,34 @@ class TreeEquations:
         choice = self.feedforward_choice
         if not self.friction or choice == DESIRED_SPEED:
             return self.friction_force(u, load)
+        loads = self.zeros if load is None else load
 
         def force(joint: Joint) -> Scalar:
             rate = joint.multiplier * u[joint.coordinate]
             acceleration = joint.multiplier * udot[joint.coordinate]
             y = feedforward_direction(joint, rate, acceleration, choice)
-            return joint.multiplier * friction_torque(joint, rate, _entry(load, joint), y)
+            return joint.multiplier * friction_torque(joint, rate,
+                                                       loads[joint.coordinate], y)
         return self._with_damping(self._by_coordinate(force), u)
 
     def _with_damping(self, friction: Vector, u: Vector) -> Vector:
         """Return the friction of the joints plus the damping of drives and beams, (n,)."""
-        if self.model.drives:
+        if self.drives:
             friction = friction + drive_forces(self.model, u, damping_torque)
-        return self._with_beams(friction,
-                                lambda beam: beam.damping @ u[list(beam.coordinates)])
+        if self.flexible:
+            friction = self._with_beams(
+                friction, lambda beam: beam.damping @ u[list(beam.coordinates)])
+        return friction
 
     def deflection_rates(self, u: Vector, deflections: Vector,
                          load: Vector | None = None) -> Vector:
         """Return the rates of the deflections of `bristles`, (n_b,), rad/s or m/s."""
+        loads = self.zeros if load is None else load
         rates = []
         for joint, deflection in zip(self.bristles, deflections):
-            rate = joint.multiplier * u[joint.coordinate]
-            rates.append(bristle_rate(joint, rate, deflection, _entry(load, joint)))
+            k = joint.coordinate
+            rate = joint.multiplier * u[k]
+            rates.append(bristle_rate(joint, rate, deflection, loads[k]))
         return np.array(rates)
 
     def bristle_energy(self, deflections: Vector) -> Scalar:
@@ -577,10 +556,12 @@ class TreeEquations:
         """Return d friction_force / du, (n,)."""
         if not self.friction:
             return self.zeros
+        loads = self.zeros if load is None else load
 
         def slope(joint: Joint) -> Scalar:
-            rate = joint.multiplier * u[joint.coordinate]
-            return joint.multiplier**2 * friction_slope(joint, rate, _entry(load, joint))
+            k = joint.coordinate
+            rate = joint.multiplier * u[k]
+            return joint.multiplier**2 * friction_slope(joint, rate, loads[k])
         return self._by_coordinate(slope)
 
     def load_slope(self, u: Vector, load: Vector) -> Vector:
@@ -605,7 +586,7 @@ class TreeEquations:
             return loads
         if directions is None:
             require_solvable(self.model)
-        deflection_of = self._by_bristle(deflections)
+        deflection_of = {} if deflections is None else self._by_bristle(deflections)
         for joint in self.model.coordinate_joints:
             k = joint.coordinate
             if joint.name in deflection_of:
@@ -616,7 +597,9 @@ class TreeEquations:
             elif carries_load(joint):
                 # Friction without load, that of joints which mimic this one included.
                 factor = 1.0 if factors is None else factors[k]
-                direction = _direction(directions, joint)
+                direction = None
+                if directions is not None:
+                    direction = _direction(directions, joint)
                 unloaded = friction_torque(joint, u[k], 0.0, direction)
                 torque = loads[k] + factor * unloaded
                 loads[k] = load_of_drive(joint, u[k], torque, direction, factor)
@@ -627,10 +610,12 @@ class TreeEquations:
         def force(joint: Joint) -> Scalar:
             return joint.multiplier * joint.stiffness * (position(joint, x) - joint.rest)
         springs = self._by_coordinate(force)
-        if self.model.drives:
+        if self.drives:
             springs = springs + drive_forces(self.model, x, spring_torque)
-        return self._with_beams(springs,
-                                lambda beam: beam.stiffness @ x[list(beam.coordinates)])
+        if self.flexible:
+            springs = self._with_beams(
+                springs, lambda beam: beam.stiffness @ x[list(beam.coordinates)])
+        return springs
 
     def elastic_force(self, beam: Beam, x: Vector, u: Vector) -> Vector:
         """Return the force that balances a beam's elasticity and damping, (m,)."""
@@ -647,10 +632,8 @@ class TreeEquations:
                     result[k] = result[k] + value
         return np.array(result)
 
-    def _by_bristle(self, deflections: Vector | None) -> dict[str, Scalar]:
-        """Return the deflections by the names of their joints; empty for None."""
-        if deflections is None:
-            return {}
+    def _by_bristle(self, deflections: Vector) -> dict[str, Scalar]:
+        """Return the deflections by the names of their joints."""
         names = [joint.name for joint in self.bristles]
         return dict(zip(names, deflections, strict=True))
 
@@ -666,13 +649,13 @@ class TreeEquations:
 
     def kinetic_energy(self, q: Vector, u: Vector, parameters: Vector) -> Scalar:
         """Return the kinetic energy including the rotors (armature), J."""
-        links, x = self._at(q, self.links(parameters))
-        return inverse_dynamics.kinetic_energy(links, x,
-                                               u) + 0.5 * (u @ self.armature(u))
+        links, x = self._at(q, self._loaded(self.geometry, parameters))
+        of_rotors = 0.5 * (u @ (self.rotor_inertia * u))
+        return inverse_dynamics.kinetic_energy(links, x, u) + of_rotors
 
     def potential_energy(self, q: Vector, parameters: Vector) -> Scalar:
         """Return the potential energy of gravity and springs, J."""
-        x = joint_positions(self.model, q)
+        links, x = self._at(q, self._loaded(self.geometry, parameters))
         springs: Scalar = 0.0
         for body in self.model.bodies:
             stretch = position(body.joint, x) - body.joint.rest
@@ -680,18 +663,19 @@ class TreeEquations:
             if body.beam is not None:
                 eta = x[list(body.beam.coordinates)]
                 springs = springs + 0.5 * (eta @ (body.beam.stiffness @ eta))
-        for _, drive, link, motor in self.model.drives:
+        for _, drive, link, motor in self.drives:
             springs = springs + spring_energy(drive, x[motor] - x[link])
-        links, _ = self._at(q, self.links(parameters))
         return inverse_dynamics.potential_energy(links, x, parameters[:3]) + springs
 
     def center_of_mass(self, q: Vector, parameters: Vector) -> Vector:
         """Return the center of mass of the moving bodies and the payload, (3,), m."""
-        return masses.center_of_mass(*self._at(q, self.links(parameters)))
+        links, x = self._at(q, self._loaded(self.geometry, parameters))
+        return masses.center_of_mass(links, x)
 
     def center_of_mass_jacobian(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the velocity of the center of mass per unit of each speed, (3, n)."""
-        return masses.center_of_mass_jacobian(*self._at(q, self.links(parameters)))
+        links, x = self._at(q, self._loaded(self.geometry, parameters))
+        return masses.center_of_mass_jacobian(links, x)
 
     def frame_pose(self, frame: Frame, q: Vector) -> Matrix:
         """Return the homogeneous transformation from the frame to the world, (4, 4)."""
@@ -733,6 +717,40 @@ class TreeEquations:
         return [origin for _, origin in poses]
 
 
+def _parents_first(model: Model) -> list[int]:
+    """Return the coordinates, parents first: the order of the LTDL factorization."""
+    coordinates: list[int] = []
+    # The sections of a beam have no coordinates of their own; the beam lists its modes.
+    for body in model.bodies:
+        if body.joint.deflection is None:
+            coordinates.append(body.joint.coordinate)
+        if body.beam is not None:
+            coordinates.extend(body.beam.coordinates)
+    return list(dict.fromkeys(coordinates))
+
+
+def _without_own_inertia(model: Model, free_balls: Sequence[Ball]) -> frozenset[int]:
+    """
+    Return the coordinates that may move without kinetic energy somewhere.
+
+    With the joints before it at rest, the body of a joint moves along the joint alone.
+    Where its own inertia resists that, as does no thin rod about itself and no body
+    without mass, the pivot of the coordinate is positive. Only at others may the mass
+    matrix be singular.
+    """
+    # The slides of a free body are eliminated first, which leaves motions about its
+    # center.
+    central = [ball.body + 2 for ball in free_balls]
+    resisted: dict[int, bool] = {}  # by the first body of each coordinate
+    for k, body in enumerate(model.bodies):
+        joint = body.joint
+        if joint.deflection is not None or not joint.multiplier:
+            continue
+        if joint.coordinate not in resisted:
+            resisted[joint.coordinate] = _own_inertia_resists(body, k in central)
+    return frozenset(k for k, resists in resisted.items() if not resists)
+
+
 def position(joint: Joint, x: Vector) -> Scalar:
     """Return the position of a joint, rad or m."""
     return joint.multiplier * x[joint.coordinate] + joint.offset
@@ -755,14 +773,7 @@ def _own_inertia_resists(body: Body, central: bool) -> bool:
     return bool(joint.axis @ about_joint @ joint.axis > RESISTS * np.trace(about_joint))
 
 
-def _entry(load: Vector | None, joint: Joint) -> Scalar:
-    """Return the load of a joint, or 0 where no loads are known."""
-    return 0.0 if load is None else load[joint.coordinate]
-
-
-def _direction(directions: Vector | None, joint: Joint) -> Scalar:
-    """Return the direction in which a joint slides, or None in the smooth law."""
-    if directions is None:
-        return None
+def _direction(directions: Vector, joint: Joint) -> Scalar:
+    """Return the direction in which a joint slides."""
     # A joint with a negative multiplier slides against its coordinate.
     return math.copysign(1.0, joint.multiplier) * directions[joint.coordinate]

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import islice
+import math
 import re
 
 from kane_dynamics.errors import CompileError
 from kane_dynamics.native.backends.c99_math import literal, Precision
 from kane_dynamics.native.tracing.expression import Expr, operands
-from kane_dynamics.native.tracing.program import Program, size_of
+from kane_dynamics.native.tracing.program import Program
 from kane_dynamics.native.tracing.subroutine import is_first
 import numpy as np
 
@@ -179,13 +180,13 @@ class _Function:
         arguments = []
         remaining = iter(flat)
         for k, (_, shape) in enumerate(callee.inputs):
-            entries = list(islice(remaining, size_of(shape)))
+            entries = list(islice(remaining, math.prod(shape)))
             values = ', '.join(self._value(x) for x in entries)
             self.lines.append(
                 f'    const {real} a{i}_{k}[{len(entries)}] = {{{values}}};')
             arguments.append(f'a{i}_{k}')
         arguments.append(f'r{i}')
-        self.lines += [f'    {real} r{i}[{max(callee.n_outputs, 1)}];',
+        self.lines += [f'    {real} r{i}[{max(len(callee.outputs), 1)}];',
                        f'    {self.prefix}_{callee.name}({", ".join(arguments)});']
 
 

@@ -19,7 +19,7 @@ import math
 from kane_dynamics.native.backends.llvm_math import Real, Vector
 from kane_dynamics.native.backends.llvm_scalar import Function, with_callees
 from kane_dynamics.native.tracing.expression import Expr
-from kane_dynamics.native.tracing.program import Program, size_of
+from kane_dynamics.native.tracing.program import Program
 
 KERNEL = 'kernel'  # name of the kernel in its module
 GLOBAL = 'ptr addrspace(1)'
@@ -117,7 +117,7 @@ class GpuKernel(Function):
         block, shape = self.program.inputs[-1]
         parameters = [f'{GLOBAL} %{name}.base, i64 %{name}.stride, i64 %{name}.pitch'
                       for name in [*arguments, 'result']]
-        parameters += [f'{self.type} %{block}.{k}' for k in range(size_of(shape))]
+        parameters += [f'{self.type} %{block}.{k}' for k in range(math.prod(shape))]
         return definition(parameters, self._host)
 
     def _load_inputs(self, schedule: list[Expr]) -> None:
@@ -129,7 +129,7 @@ class GpuKernel(Function):
         *arguments, (block, _) = self.program.inputs
         for name, shape in arguments:
             row = row_address(v, name)
-            for k in range(size_of(shape)):
+            for k in range(math.prod(shape)):
                 x = v.new(f'load {self.type}, {GLOBAL} {entry_address(v, name, row, k)}')
                 self._flag(x, self.real.size_limit(name))
                 if (name, k) in used:
@@ -174,7 +174,7 @@ class GpuKernel(Function):
         # Results of states that are not valid are overwritten by NaN.
         bad = self._vector.new(f'icmp ne {self._vector.integer} {self._bad}, 0')
         self.lines += [f'  br i1 {bad}, label %nothing, label %end', 'nothing:']
-        for k in range(self.program.n_outputs):
+        for k in range(len(self.program.outputs)):
             self._store(k, self.real.literal(math.nan))
         self.lines += END
 

@@ -21,7 +21,7 @@ from kane_dynamics.native.backends.gpu_kernel import (declarations, definition, 
                                                       row_address)
 from kane_dynamics.native.backends.llvm_math import Real, Vector
 from kane_dynamics.native.backends.llvm_scalar import Function, with_callees
-from kane_dynamics.native.tracing.program import Program, size_of
+from kane_dynamics.native.tracing.program import Program
 
 STEP = 'step'
 
@@ -79,7 +79,7 @@ class _Rollout:
                  host: bool) -> None:
         self._layout = layout
         self._type = real.name
-        self._sizes = [size_of(shape) for _, shape in program.inputs]
+        self._sizes = [math.prod(shape) for _, shape in program.inputs]
         parameters = ['i64 %steps']
         # Base, stride of trajectories and of entries of every array; of torques and
         # results that of steps, too.

@@ -60,6 +60,8 @@ class Real:
         The terms of SIN, COS, EXP, LOG and ARCTAN that are used.
     position_limit : float
         Largest position accepted, rad or m.
+    round : float
+        A number whose addition rounds to the nearest integer.
 
     """
 
@@ -77,16 +79,12 @@ class Real:
     log: tuple[float, ...]
     arctan: tuple[float, ...]
     position_limit: float
+    round: float  # noqa: A003
 
     @property
     def bias(self) -> int:
         """Return the bias of the exponent."""
         return (1 << self.bits - self.mantissa - 2) - 1
-
-    @property
-    def round(self) -> float:  # noqa: A003
-        """Return a number whose addition rounds to the nearest integer."""
-        return 1.5 * 2.0**self.mantissa
 
     @property
     def sqrt_half(self) -> int:
@@ -108,13 +106,13 @@ class Real:
 
 DOUBLE = Real('double', 64, 52, sys.float_info.max, sys.float_info.min,
               (1.5707963267948966, 6.123233995736766e-17), LN2, (-746.0, 710.0),
-              SIN, COS, EXP, LOG, ARCTAN, POSITION_LIMIT)
+              SIN, COS, EXP, LOG, ARCTAN, POSITION_LIMIT, 1.5 * 2.0**52)
 # Neighboring floats are 1e-3 apart at its largest position. Terms that are left out are
 # under 3e-9 of the result.
 FLOAT = Real('float', 32, 23, 2.0**128 - 2.0**104, 2.0**-126,
              (1.57079637050628662109375, -4.37113900018624283e-8),
              (0.693359375, -2.12194440054690583e-4), (-104.0, 89.0), SIN[:4], COS[:4],
-             EXP[:7], LOG[:4], ARCTAN[:8], 1e4)
+             EXP[:7], LOG[:4], ARCTAN[:8], 1e4, 1.5 * 2.0**23)
 # Of doubles, which all code uses that names no other type.
 literal = DOUBLE.literal
 size_limit = DOUBLE.size_limit
@@ -125,15 +123,9 @@ def overflow_scale(most: float, real: Real = DOUBLE) -> float:
     return 1.0 if math.isinf(most) else real.largest / most
 
 
-def splat(value: float, width: int, real: Real = DOUBLE) -> str:
-    """Return a constant vector with the value in every lane (a scalar for width 1)."""
-    number = real.literal(value)
-    return number if width == 1 else constant_vector(real.name, number, width)
-
-
 def constant_vector(element: str, value: str, width: int) -> str:
     """
-    Return a constant vector with the value in every lane.
+    Return a constant vector with the value in every lane; a scalar for width 1.
 
     Every lane is written out, since the shorter `splat (value)` needs LLVM 18.
 
@@ -145,6 +137,8 @@ def constant_vector(element: str, value: str, width: int) -> str:
         Number of lanes.
 
     """
+    if width == 1:
+        return value
     lanes = ', '.join([f'{element} {value}'] * width)
     return f'<{lanes}>'
 
@@ -191,7 +185,7 @@ class Vector:
 
     def const(self, value: float) -> str:
         """Return a constant vector with the value in every lane."""
-        return splat(value, self.width, self.real)
+        return constant_vector(self.real.name, self.real.literal(value), self.width)
 
     def op(self, code: str, a: str, b: str) -> str:
         """Return the result of a binary instruction."""
@@ -212,9 +206,7 @@ class Vector:
 
     def integer_op(self, code: str, a: str, k: int) -> str:
         """Return the result of an integer instruction with a constant operand."""
-        constant = str(k)
-        if self.width > 1:
-            constant = constant_vector(f'i{self.real.bits}', constant, self.width)
+        constant = constant_vector(f'i{self.real.bits}', str(k), self.width)
         return self.new(f'{code} {self.integer} {a}, {constant}')
 
     def select(self, condition: str, a: str, b: str) -> str:
@@ -389,13 +381,15 @@ class Vector:
                         f'{value}, {self.type} {x})')
 
 
-def transpose(v: Vector, rows: list[str]) -> list[str]:
-    """Return the columns of a square tile of row vectors."""
-    return exchange_blocks(v, rows, v.width // 2)
+def transpose(v: Vector, rows: list[str], largest: int | None = None) -> list[str]:
+    """
+    Return the columns of a square tile of row vectors.
 
-
-def exchange_blocks(v: Vector, rows: list[str], distance: int) -> list[str]:
-    """Exchange off-diagonal blocks of this size, then of half the size, and so on."""
+    Off-diagonal blocks are exchanged: of the size `largest`, by default half the width,
+    then of half that size, and so on. A smaller one completes a tile whose larger blocks
+    are exchanged already.
+    """
+    distance = v.width // 2 if largest is None else largest
     while distance:
         # Of a pair of rows a distance apart, the first takes the low lanes of both, and
         # the second the high ones. Lanes of the second row are numbered from the width

@@ -11,14 +11,16 @@ SIMD registers, which `Rows` generates. `Function` generates everything else.
 """
 
 from collections.abc import Iterator, Sequence
+import math
 from typing import Any
 
 from kane_dynamics.mechanics.algebra.lanes import LANES
-from kane_dynamics.native.backends.llvm_math import (DOUBLE, FUNCTION_LANES,
-                                                     intrinsic_end, literal, Real, splat,
-                                                     transpose, Vector, vector_type)
+from kane_dynamics.native.backends.llvm_math import (constant_vector, DOUBLE,
+                                                     FUNCTION_LANES, intrinsic_end,
+                                                     literal, Real, transpose, Vector,
+                                                     vector_type)
 from kane_dynamics.native.tracing.expression import Expr, operands
-from kane_dynamics.native.tracing.program import PLACING, Program, ROWS, size_of
+from kane_dynamics.native.tracing.program import PLACING, Program, ROWS
 from kane_dynamics.native.tracing.subroutine import is_first
 
 # Structurally zero results from which memset is smaller than single stores.
@@ -252,7 +254,7 @@ class Function:
         """Return the IR name or literal of an operand."""
         if isinstance(x, Expr):
             return self.names[x.index]
-        return splat(x, self.lanes, self.real)
+        return constant_vector(self.real.name, self.real.literal(x), self.lanes)
 
     def _load_inputs(self, schedule: list[Expr]) -> None:
         """Load all inputs first: results may overlap arguments in memory."""
@@ -350,11 +352,11 @@ class Function:
         i = node.index
         slots = len(callee.inputs) + 1
         self.lines += [f'  %ptrs{i} = alloca [{slots} x ptr]',
-                       f'  %ret{i} = alloca [{max(callee.n_outputs, 1)} x {self.type}]']
+                       f'  %ret{i} = alloca [{max(len(callee.outputs), 1)} x {self.type}]']
         offset = 0
         # Pointers to the arguments, then to the results.
         for k, (name, shape) in enumerate([*callee.inputs, ('result', ())]):
-            entries = flat[offset:offset + size_of(shape)]
+            entries = flat[offset:offset + math.prod(shape)]
             offset += len(entries)
             where = f'%ret{i}' if name == 'result' else self._argument(i, k, entries)
             self.lines += [f'  %slot{i}.{k} = getelementptr ptr, ptr %ptrs{i}, i64 {k}',
@@ -370,18 +372,18 @@ class Function:
         i = node.index
         inputs = callee.inputs
         results = f'%ret{i}'
-        size = callee.n_outputs
+        size = len(callee.outputs)
         self.reserved.append(f'  %ptrs{i} = alloca [{len(inputs) + 1} x ptr]')
         self.reserved.append(f'  {results} = alloca [{loop.n_outputs} x {self.type}], '
                              f'align {8 * LANES}')
 
         # Where each input begins and how far apart its rows are; then the result.
-        n_carry = size_of(inputs[0][1])
+        n_carry = math.prod(inputs[0][1])
         begins = [self._table(i, 0, [flat[:n_carry]])[0]]
         strides = [0]
         offset = n_carry
         for k, (_, shape) in enumerate(inputs[1:], 1):
-            width = size_of(shape)
+            width = math.prod(shape)
             rows: list[list[Expr | float]] = []
             for _ in range(loop.count):
                 rows.append(flat[offset:offset + width])

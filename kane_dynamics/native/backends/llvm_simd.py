@@ -9,15 +9,14 @@ argument or a result is not finite.
 """
 
 from functools import cache
+import math
 
-from kane_dynamics.native.backends.llvm_math import (DOUBLE, exchange_blocks,
-                                                     overflow_scale, size_limit,
+from kane_dynamics.native.backends.llvm_math import (DOUBLE, overflow_scale, size_limit,
                                                      transpose, Vector, vector_type)
-from kane_dynamics.native.backends.llvm_scalar import (Function, module_text,
-                                                       with_callees)
+from kane_dynamics.native.backends.llvm_scalar import Function, module_text, with_callees
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.tracing.expression import Expr
-from kane_dynamics.native.tracing.program import Program, size_of
+from kane_dynamics.native.tracing.program import Program
 
 PREFETCH_BYTES = 4096  # distance between the processed rows and the prefetched ones
 MAX_PREFETCHED_ROW = 64  # entries; the hardware prefetcher handles longer rows
@@ -128,7 +127,7 @@ class RowFunction(Function):
         bits: list[str] = []
         for slot, (name, shape) in enumerate(self.program.inputs):
             rows = self._rows(slot)
-            size = size_of(shape)
+            size = math.prod(shape)
             is_shared = name == self.shared
             # The shared argument is one row for all states, so that each entry is copied
             # to all lanes.
@@ -198,7 +197,7 @@ class RowFunction(Function):
             for row in tile:
                 if row != 'zeroinitializer':
                     bits.append(v.nonfinite_bits(row, most))
-            columns += exchange_blocks(v, tile, half // 2)
+            columns += transpose(v, tile, half // 2)
         return columns[:size]
 
     def _load_halves(self, first: str, second: str, place: int, size: int) -> str:
@@ -282,7 +281,7 @@ def text_by_states(program: Program, symbol: str, lanes: int) -> str:
     The program is one for single states, which may use the lanes itself.
     """
     state = f'{symbol}_of_state'
-    sizes = [size_of(shape) for _, shape in program.inputs]
+    sizes = [math.prod(shape) for _, shape in program.inputs]
     slots = len(sizes) + 1
     placed = []
     for k in range(slots):

@@ -87,14 +87,14 @@ def fingerprint() -> str:
                      '.'.join(map(str, llvm.llvm_version_info))])
 
 
-def cache_key(*parts: str) -> str:
-    """Return the cache key of machine code made from these parts on this processor."""
-    return disk_cache.key('code', *parts, fingerprint())
-
-
 def cached(make: Callable[[], bytes], *parts: str) -> bytes:
     """Return the machine code of these parts from the cache, made if it is missing."""
-    return disk_cache.fetch(cache_key(*parts), make)
+    name = disk_cache.key('code', *parts, fingerprint())
+    code = disk_cache.load(name)
+    if code is None:
+        code = make()
+        disk_cache.store(name, code)
+    return code
 
 
 def assemble(text: str, level: int = 1, optimise: bool = False,

@@ -20,8 +20,7 @@ every assumption about them on the running interpreter.
 from collections.abc import Sequence
 import math
 
-from kane_dynamics.native.backends.llvm_math import (constant_vector, literal,
-                                                     overflow_scale)
+from kane_dynamics.native.backends.llvm_math import literal, overflow_scale
 from kane_dynamics.native.tracing.program import Shape
 
 # 64-bit words of the table that a function receives as `self`, in order. Pointers
@@ -144,8 +143,8 @@ class Assembly:
                 x = self.load(vector, pointer, 8 * place)
                 if math.isfinite(limit):
                     scale = literal(overflow_scale(limit))
-                    factor = constant_vector('double', scale, width)
-                    x = self.new(f'fmul {vector} {x}, {factor}')
+                    factors = ', '.join([f'double {scale}'] * width)
+                    x = self.new(f'fmul {vector} {x}, <{factors}>')
                 zero = self.new(f'fsub {vector} {x}, {x}')
                 if width in totals:
                     zero = self.new(f'fadd {vector} {totals[width]}, {zero}')

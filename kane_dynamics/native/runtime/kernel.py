@@ -9,6 +9,7 @@ the other. `batch_kernel` makes the kernel of a function of arrays alone.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+import math
 import sys
 from typing import Any
 
@@ -24,8 +25,7 @@ from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry import EntryTable, KernelFunction, Signature
 from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, driver, repeat,
                                                 repeat_until, run_batch)
-from kane_dynamics.native.tracing.program import (origin, Program, Shape, size_of,
-                                                  trace_program)
+from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
 import numpy as np
 from numpy.typing import NDArray
 
@@ -124,7 +124,7 @@ def windows(rows: Array, length: int, step: int = 1) -> Array:
 
 class Kernel:
     """
-    Compiled program.
+    Compiled program; its code for single states and that for batches, each at first use.
 
     Parameters
     ----------
@@ -163,16 +163,18 @@ class Kernel:
                  reason: ResultCheck | None = None,
                  single: Callable[[], Program] | None = None,
                  in_order: bool = False, by_states: bool = False) -> None:
-        """Compile the program or load it from the cache."""
+        """Store the program, and what its calls are checked with."""
         self.name = name
         self.shape = shape
         self.arguments = tuple(arguments)
         self.parameters = parameters
         self._reason = reason
         self._program = program
+        self._program_of_one = program if single is None else single
+        self._in_order = in_order
         self._of_batch = lane_text, program
         if by_states:
-            self._of_batch = text_by_states, single or program
+            self._of_batch = text_by_states, self._program_of_one
         self.defaults: list[Array] = []
         # Of the arguments that every call must have; a scalar is an array of one number.
         shapes: list[Shape] = []
@@ -198,16 +200,13 @@ class Kernel:
             self._key = '|'.join([key, origin(program), origin_of_single,
                                   f'{inputs} {parameters.shape} {shape}'])
         self._compiling = ForkSafeLock()
-        self._lanes: tuple[llvm.Code, llvm.Address] | None = None  # set once
-        code = self._compiled('', lambda: module_text((single or program)(), SYMBOL),
-                              in_order)
-        self.address = code.address(SYMBOL)
-        self._function = KernelFunction(code, self.address)
+        # By kind of code; copies with other parameters share it.
+        self._functions: dict[str, KernelFunction] = {}
 
-    def _compiled(self, kind: str, text: Callable[[], str],
-                  in_order: bool = False) -> llvm.Code:
+    def _function(self, kind: str, text: Callable[[], str],
+                  in_order: bool = False) -> KernelFunction:
         """
-        Return the machine code of a text, from the cache if it is there.
+        Return the machine code of a text: compiled once, or from the cache on disk.
 
         Without a key, the text is traced now and is the key itself.
         """
@@ -216,13 +215,18 @@ class Kernel:
                 with _TRACING.held():
                     source = text()
                 return llvm.assemble(source, in_order=in_order)
-        with gc_paused():
+        with self._compiling.held(), gc_paused():
+            if kind in self._functions:  # another thread was faster
+                return self._functions[kind]
             key = self._key
             if key is None:
                 with _TRACING.held():
                     key = text()
                 text = partial(str, key)  # not traced again
-            return llvm.Code(llvm.cached(assembled, self.name, key, kind))
+            code = llvm.Code(llvm.cached(assembled, self.name, key, kind))
+            function = KernelFunction(code, code.address(SYMBOL))
+            self._functions[kind] = function
+        return function
 
     def with_parameters(self, parameters: Array,
                         reason: ResultCheck | None = None) -> 'Kernel':
@@ -230,7 +234,6 @@ class Kernel:
         kernel = object.__new__(Kernel)
         kernel.__dict__.update(self.__dict__)  # `copy` takes several times as long
         kernel.parameters = parameters
-        kernel._compiling = ForkSafeLock()
         kernel._reason = reason
         return kernel
 
@@ -238,48 +241,49 @@ class Kernel:
         """Trace the program."""
         return self._program()
 
+    def compile(self) -> KernelFunction:  # noqa: A003
+        """Return the code of single states, compiled if that was not done yet."""
+        kind = ''
+        if kind in self._functions:
+            return self._functions[kind]
+        return self._function(kind, lambda: module_text(self._program_of_one(), SYMBOL),
+                              self._in_order)
+
     def compile_entry(self) -> None:
-        """Compile the entry points of calls with one state, if not done yet."""
+        """Compile the entry points of calls with one state, and the code of single states."""
+        self.compile()
         if self._signature.is_supported:
             _ = self._signature.entry_points
 
     def compile_lanes(self) -> llvm.Address:
-        """Compile the lane kernel for batches, if not done yet; return its address."""
-        if self._lanes is None:
-            driver(width())
-
-            text, program = self._of_batch
-
-            def text_of_lanes() -> str:
-                return text(program(), SYMBOL, width())
-            with self._compiling.held():
-                if self._lanes is None:  # no other thread compiled them meanwhile
-                    kind = f'{width()} lanes' if text is lane_text else 'by states'
-                    code = self._compiled(kind, text_of_lanes)
-                    self._lanes = code, code.address(SYMBOL)
-        _, lane_address = self._lanes
-        return lane_address
+        """Return the address of the code of batches, compiled if that was not done yet."""
+        text, program = self._of_batch
+        kind = f'{width()} lanes' if text is lane_text else 'by states'
+        if kind in self._functions:
+            return self._functions[kind].address
+        driver(width())
+        return self._function(kind, lambda: text(program(), SYMBOL, width())).address
 
     @property
-    def lane_address(self) -> llvm.Address:
-        """Address of the lane kernel, compiled at the first use."""
-        return self.compile_lanes()
+    def address(self) -> llvm.Address:
+        """Return the address of the code of single states, compiled at the first use."""
+        return self.compile().address
 
     def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
         """Return a native entry point, or the fallback without support for it."""
-        return entry.entry(self.name, doc, self._function, self._signature,
+        return entry.entry(self.name, doc, self.compile(), self._signature,
                            [*self.defaults, self.parameters], fallback)
 
     def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[],
                                                                                     Any]:
         """Return a function without arguments that calls the kernel on fixed arrays."""
-        return entry.bound(self.name, doc, self._function, self._signature,
+        return entry.bound(self.name, doc, self.compile(), self._signature,
                            [*arguments, self.parameters, result],
                            self._fallback(arguments, result))
 
     def table(self, arguments: Sequence[Array], result: Array) -> EntryTable:
         """Return the table of a native method that calls the kernel on fixed arrays."""
-        return entry.bound_table(self._function, self._signature,
+        return entry.bound_table(self.compile(), self._signature,
                                  [*arguments, self.parameters, result],
                                  self._fallback(arguments, result))
 
@@ -317,10 +321,10 @@ class Kernel:
                 arrays.append(converted(argument, value))
         count = self._count(values, arrays)
         shape = self.shape if count is None else (count, *self.shape)
-        if size_of(shape) > MAX_RESULTS:
-            raise InputError(f'{self.name}: {count} states give {size_of(shape)} '
+        if math.prod(shape) > MAX_RESULTS:
+            raise InputError(f'{self.name}: {count} states give {math.prod(shape)} '
                              f'numbers; expected at most {MAX_RESULTS} per call')
-        result = self._result(out, shape)
+        result = np.empty(shape) if out is None else self._result(out, shape)
         if count is None:
             self._single(arrays, result)
         else:
@@ -342,7 +346,7 @@ class Kernel:
         for argument, array in zip(self.arguments, arrays):
             require_finite(argument, array)
         blocks = [*arrays, self.parameters, result]
-        repeat(self.address, [address(block) for block in blocks], [0] * len(blocks), 1)
+        repeat(self.compile().address, [address(block) for block in blocks], [0] * len(blocks), 1)
         self._check(result, arrays, None)
 
     def _batch(self, arrays: Sequence[Array], result: Array, count: int) -> None:
@@ -391,7 +395,7 @@ class Kernel:
             for k, stride in enumerate(strides):
                 addresses[k] += (count - 1) * stride
                 strides[k] = -stride
-        repeat(self.address, addresses, strides, count)
+        repeat(self.compile().address, addresses, strides, count)
 
     def iterate(self, carry: Array, inputs: Sequence[Array], limit: int, *,
                 constants: Array | None = None) -> int:
@@ -421,7 +425,7 @@ class Kernel:
             constants = self.parameters
         addresses = list(map(address, (carry, *inputs, constants, carry)))
         end = carry.nbytes - carry.itemsize
-        return repeat_until(self.address, addresses, [0] * len(addresses), limit, end)
+        return repeat_until(self.compile().address, addresses, [0] * len(addresses), limit, end)
 
     def rollout(self, inputs: Sequence[Array], result: Array, steps: int, *,
                 constants: Array | None = None,
@@ -461,7 +465,7 @@ class Kernel:
             if block.ndim > rank and block.shape[1] > 1:
                 step = block.strides[1]
             rows.append((address(block), lane, step, 0))
-        return run_batch(self.lane_address, rows, len(result), steps=steps,
+        return run_batch(self.compile_lanes(), rows, len(result), steps=steps,
                          extremes=extremes)
 
     def run(self, arrays: Sequence[Array], result: Array, count: int,
@@ -501,7 +505,7 @@ class Kernel:
                          0 if row_numbers is None else address(row_numbers)))
         rows.append((address(constants), 0, 0, 0))
         rows.append((address(result), result.strides[0], 0, 0))
-        return run_batch(self.lane_address, rows, count)
+        return run_batch(self.compile_lanes(), rows, count)
 
     def _check(self, result: Array, arrays: Sequence[Array], count: int | None) -> None:
         """Raise InputError if the result is not finite."""
@@ -552,8 +556,6 @@ class Kernel:
 
     def _result(self, out: Any, shape: Shape) -> Array:
         """Check `out`; return the array to write to, `out` itself if possible."""
-        if out is None:
-            return np.empty(shape)
         if not (isinstance(out, np.ndarray) and out.dtype == np.float64
                 and out.shape == shape and out.flags.writeable):
             described = type(out).__name__
@@ -566,7 +568,8 @@ class Kernel:
 
 
 def batch_kernel(name: str, function: Callable[..., Any],
-                 inputs: Sequence[tuple[str, Shape]], shape: Shape) -> Kernel:
+                 inputs: Sequence[tuple[str, Shape]], shape: Shape, *,
+                 ahead: bool = True) -> Kernel:
     """
     Return the kernel of a function without parameters.
 
@@ -580,10 +583,15 @@ def batch_kernel(name: str, function: Callable[..., Any],
         Names and shapes of the arrays.
     shape : tuple of int
         Shape of the result.
+    ahead : bool
+        Compile the code of single states now; else at its first use, if ever.
 
     """
     def program() -> Program:
         return trace_program(name, lambda *arrays: function(*arrays[:-1]), [
             *inputs, ('parameters', (0,))])
-    return Kernel(name, program, f'{name} {inputs}',
-                  [Argument(*each) for each in inputs], np.zeros(0), shape)
+    arguments = [Argument(key, value) for key, value in inputs]
+    kernel = Kernel(name, program, f'{name} {inputs}', arguments, np.zeros(0), shape)
+    if ahead:
+        kernel.compile()
+    return kernel

@@ -115,7 +115,7 @@ def reverse(outputs: Iterable[Any], cotangents: Iterable[Any], inputs: Sequence[
         weight = cotangent.get(y.index, 0.0)
         if y.op == 'call':
             callee = y.args[0]
-            weights = [of_results[y.index].get(k, 0.0) for k in range(callee.n_outputs)]
+            weights = [of_results[y.index].get(k, 0.0) for k in range(len(callee.outputs))]
             for a, share_of_a in zip(operands(y), _reverse_call(y, weights, share)):
                 add(a, share_of_a)
         elif y.op == 'output':

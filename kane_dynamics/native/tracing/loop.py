@@ -34,7 +34,7 @@ class Loop:
     @property
     def n_outputs(self) -> int:
         """Return the number of scalars in all results."""
-        return self.count * self.program.n_outputs
+        return self.count * len(self.program.outputs)
 
 
 class Loops:
@@ -61,4 +61,4 @@ class Loops:
         loop = Loop(program, len(tables[0]), reverse)
         node = trace.node('loop', loop, *entries)
         results = [trace.node('output', node, k) for k in range(loop.n_outputs)]
-        return np.array(results).reshape(loop.count, program.n_outputs)
+        return np.array(results).reshape(loop.count, len(program.outputs))

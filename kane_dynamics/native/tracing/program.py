@@ -6,7 +6,7 @@ from functools import partial
 from itertools import compress
 import math
 import operator
-from types import CodeType
+from types import FunctionType, MethodType
 from typing import Any
 
 from kane_dynamics.mechanics.algebra.lanes import LANES
@@ -79,11 +79,6 @@ class Program:
     inputs: tuple[tuple[str, Shape], ...]
     outputs: tuple[Scalar, ...]
     shape: Shape
-
-    @property
-    def n_outputs(self) -> int:
-        """Return the number of scalars in the result."""
-        return len(self.outputs)
 
     def schedule(self) -> list[Expr]:
         """Return the nodes that the outputs depend on, in order of creation."""
@@ -204,12 +199,11 @@ def _describe(value: Any, parts: list[str], seen: set[int]) -> None:
         for x in (value.func, *value.args, *value.keywords.values()):
             _describe(x, parts, seen)
     else:
-        function = getattr(value, '__func__', value)  # of a method
-        code = getattr(function, '__code__', None)
-        if isinstance(code, CodeType) and id(function) not in seen:
+        function = value.__func__ if isinstance(value, MethodType) else value
+        if isinstance(function, FunctionType) and id(function) not in seen:
             seen.add(id(function))
             name = f'{function.__module__}.{function.__qualname__}'
-            parts.append(f'{name}:{code.co_firstlineno}')
+            parts.append(f'{name}:{function.__code__.co_firstlineno}')
             for cell in function.__closure__ or ():
                 try:
                     content = cell.cell_contents
@@ -320,7 +314,7 @@ def evaluate(program: Program, inputs: Sequence[Any], dtype: Any = np.float64) -
             callee, *arguments = node.args
             flat = np.array([value_of(x) for x in arguments])
             # A subroutine gets its arguments as the program does: a flat part each.
-            ends = np.cumsum([size_of(shape) for _, shape in callee.inputs])
+            ends = np.cumsum([math.prod(shape) for _, shape in callee.inputs])
             values[node.index] = evaluate(callee, np.split(flat, ends[:-1]),
                                           dtype).ravel()
         elif node.op == 'output':
@@ -331,8 +325,3 @@ def evaluate(program: Program, inputs: Sequence[Any], dtype: Any = np.float64) -
             values[node.index] = function(*map(value_of, node.args))
     outputs = np.array([value_of(x) for x in program.outputs], dtype=dtype)
     return outputs.reshape(program.shape)
-
-
-def size_of(shape: Shape) -> int:
-    """Return the number of entries of an array of this shape."""
-    return math.prod(shape)

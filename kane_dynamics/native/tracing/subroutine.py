@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from itertools import count
+import math
 from typing import Any
 
 from kane_dynamics.native.tracing.expression import Expr, Scalar
-from kane_dynamics.native.tracing.program import (applied, Program, Shape, size_of,
-                                                  trace_program)
+from kane_dynamics.native.tracing.program import applied, Program, Shape, trace_program
 import numpy as np
 
 Pattern = tuple[float | None, ...]
@@ -129,7 +129,7 @@ def call(program: Any, *arguments: Iterable[Any]) -> list[Expr]:
     trace = next(x.trace for x in entries if isinstance(x, Expr))
     node = trace.node('call', program, *entries)
     outputs = []
-    for k in range(program.n_outputs):
+    for k in range(len(program.outputs)):
         outputs.append(trace.node('output', node, k))
     return outputs
 
@@ -151,7 +151,7 @@ def inlined(program: Program, values: Sequence[Any]) -> list[Any]:
     # One traced value or number for each entry of each input.
     entries: dict[str, list[Any]] = {}
     for name, shape in program.inputs:
-        entries[name] = [next(remaining) for _ in range(size_of(shape))]
+        entries[name] = [next(remaining) for _ in range(math.prod(shape))]
 
     def leaf(node: Expr) -> Any:
         name, k = node.args

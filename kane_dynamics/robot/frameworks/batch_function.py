@@ -5,6 +5,7 @@ import math
 import sys
 from typing import Any
 
+from kane_dynamics._util import disk_cache
 from kane_dynamics._util.fork_safety import ForkSafeLock
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -13,7 +14,7 @@ from kane_dynamics.native.backends.llvm_simd import lane_text, width
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime.kernel import Argument, Kernel, require_finite
 from kane_dynamics.native.runtime.loops import BAD_INPUT, POINTER_SLOTS
-from kane_dynamics.native.tracing.program import Shape, size_of
+from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.derivative_kernels import Derivative, PARAMETERS
 from kane_dynamics.robot.kernel_set import KernelSet
 import numpy as np
@@ -138,7 +139,7 @@ class BatchFunction:
         begin = 0
         for name in self.derivative.by:
             # The gradients lie one after the other, in the order of the inputs.
-            end = begin + size_of(shapes[name])
+            end = begin + math.prod(shapes[name])
             gradient = flat[..., begin:end]
             gradients.append(gradient.reshape((*flat.shape[:-1], *shapes[name])))
             begin = end
@@ -149,7 +150,7 @@ class BatchFunction:
         """Return a text that identifies the machine code, parameters aside."""
         kernels, kernel = self._kernels, self.kernel
         code = kernels.key or lane_text(kernel.traced(), 'kernel', width())
-        return llvm.cache_key(self.name, code)
+        return disk_cache.key('code', self.name, code, llvm.fingerprint())
 
     @property
     def parameters(self) -> Array:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 import logging
+import math
 from pathlib import Path
 import re
 import tempfile
@@ -14,7 +15,7 @@ from kane_dynamics.native.machine_code import llvm, shared_library
 from kane_dynamics.native.machine_code.compiling import logged
 from kane_dynamics.native.tracing.expression import Expr
 from kane_dynamics.native.tracing.matrix_function import full, MatrixFunction, retraced
-from kane_dynamics.native.tracing.program import OPERATORS, Program, Shape, size_of
+from kane_dynamics.native.tracing.program import OPERATORS, Program, Shape
 from kane_dynamics.robot.derivative_kernels import PARAMETERS
 import numpy as np
 
@@ -113,7 +114,7 @@ class Source:
         program = function.program
         count = program.operation_count()
         operations = count.multiplications + count.additions
-        entries = sum(size_of(shape) for _, shape in program.inputs)
+        entries = sum(math.prod(shape) for _, shape in program.inputs)
         passes = min(len(program.outputs), entries)
         if operations * passes > LONG:
             return function.jacobian_by_columns()
@@ -191,7 +192,7 @@ def _evaluated(casadi: Any, program: Program, values: Sequence[Any]) -> list[Any
     inputs: dict[str, Sequence[Any]] = {}
     begin = 0
     for name, shape in program.inputs:
-        end = begin + size_of(shape)
+        end = begin + math.prod(shape)
         inputs[name] = values[begin:end]
         begin = end
     by_index: dict[int, Any] = {}  # of a call: the list of its results
@@ -221,8 +222,8 @@ def _evaluated(casadi: Any, program: Program, values: Sequence[Any]) -> list[Any
 def as_matrix(shape: Shape) -> tuple[int, int]:
     """Return the shape of an array as a matrix: more axes are stacked in rows."""
     if len(shape) < 2:
-        return size_of(shape), 1
-    return size_of(shape[:-1]), shape[-1]
+        return math.prod(shape), 1
+    return math.prod(shape[:-1]), shape[-1]
 
 
 def identifier(text: str) -> str:

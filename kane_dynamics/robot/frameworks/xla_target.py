@@ -2,6 +2,7 @@
 
 import ctypes
 from functools import cache
+import math
 from pathlib import Path
 import re
 import sys
@@ -15,7 +16,6 @@ from kane_dynamics.native.backends.xla_handler import HANDLER, handler_text, MAJ
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime.loops import driver, FLAGS, ROW, WORDS
 from kane_dynamics.native.runtime.threads import thread_count
-from kane_dynamics.native.tracing.program import size_of
 from kane_dynamics.robot.frameworks.batch_function import BatchFunction
 
 VERSION = re.compile(r'#define XLA_FFI_API_(MAJOR|MINOR) (\d+)')
@@ -55,13 +55,13 @@ def _handler(function: BatchFunction, name: str) -> object:
     """Compile and register the handler of a function."""
     kernel = function.kernel
     # The operands: the arguments, the block of parameters, the result.
-    sizes = [size_of(argument.shape) for argument in function.arguments]
-    sizes += [len(function.parameters), size_of(function.shape)]
+    sizes = [math.prod(argument.shape) for argument in function.arguments]
+    sizes += [len(function.parameters), math.prod(function.shape)]
     names = [argument.name for argument in function.arguments]
     limits = [min(size_limit(key), sys.float_info.max) for key in [*names, '', '']]
     count = kernel.traced().operation_count()
     text = handler_text(
-        kernel.lane_address, driver(width()).address('run_shares'), sizes, limits,
+        kernel.compile_lanes(), driver(width()).address('run_shares'), sizes, limits,
         minor=interface()[1], threads=thread_count(), row=ROW, words=WORDS,
         flags=FLAGS, operations=count.multiplications + count.additions)
     code = llvm.Code(llvm.assemble(text, 2, optimise=True))

@@ -359,7 +359,7 @@ class Configurations(Dispatch):
     def limits(self) -> JointLimits:
         """Joint limits, initially those of the model."""
         model = self.equations.model
-        by_joint = np.empty((4, model.n))
+        by_joint = np.empty((4, self.equations.tree.n))
         for k, joint in enumerate(model.coordinate_joints):
             limits = joint.limits
             by_joint[:, k] = limits.lower, limits.upper, limits.velocity, limits.effort

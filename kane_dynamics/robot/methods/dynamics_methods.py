@@ -1,6 +1,7 @@
 """The dynamics of a robot: inverse and forward, mass matrix, derivatives, energies."""
 
 from __future__ import annotations
+import math
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,7 +13,6 @@ from kane_dynamics.mechanics.friction import holding_interval
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
 from kane_dynamics.native.runtime.kernel import Argument, converted
-from kane_dynamics.native.tracing.program import size_of
 from kane_dynamics.robot.derivative_kernels import Derivative, require_known
 from kane_dynamics.robot.methods.dispatch import compiled, Dispatch
 from kane_dynamics.robot.torque_bounds import (OfSameBox, torque_bounds, TorqueBounds,
@@ -540,7 +540,7 @@ class DynamicsMethods(Dispatch):
         """Return the parts of the last axis for the inputs, with their shapes."""
         shapes = self.kernels.differentiable(place_of(name)[0])
         leading = flat.shape[:flat.ndim - 1]
-        ends = np.cumsum([size_of(shapes[input_name]) for input_name in names])
+        ends = np.cumsum([math.prod(shapes[input_name]) for input_name in names])
         parts = []
         for input_name, part in zip(names, np.split(flat, ends[:-1], axis=-1)):
             parts.append(part.reshape((*leading, *shapes[input_name]))[()])

@@ -26,7 +26,7 @@ from kane_dynamics.mechanics.friction import (driving_torque, held_forces,
 from kane_dynamics.mechanics.integrators.held_joints import linear_system, REGULAR
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.user_speeds import tau_from
+from kane_dynamics.simulation.step_kernels import tau_from
 import numpy as np
 
 AT_REST = 1e-9  # rad/s, or lengths of the mechanism per second, with constraints

@@ -26,13 +26,12 @@ from kane_dynamics.mechanics.integrators.held_joints import masked_solution, REG
 from kane_dynamics.native.runtime.event_loop import SearchPlaces
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.simulation.step_kernels import (RobotMotion, step_signature,
-                                                   StepChoice, traced_step)
+                                                   StepChoice, tau_from, traced_step)
 from kane_dynamics.simulation.sticking.friction_state import (FrictionState, NEGLIGIBLE,
                                                               of_all_joints, TOUCHING,
                                                               traced_forces)
 from kane_dynamics.simulation.sticking.sticking_kernel import (FrictionMotion,
                                                                without_creep)
-from kane_dynamics.simulation.user_speeds import tau_from
 import numpy as np
 
 MOST = 200  # transitions in one step

@@ -19,7 +19,7 @@ from kane_dynamics.mechanics.joint_stops import nearest_stops
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import driven_kernel, energy_kernel
 from kane_dynamics.simulation.observers import Extremes, Impact
-from kane_dynamics.simulation.step_kernels import size_without_margin
+from kane_dynamics.simulation.step_kernels import state_layout
 from kane_dynamics.simulation.stops.contact_forces import (resolved_state, resting_sides,
                                                            ROUNDING, TOUCHING)
 from kane_dynamics.simulation.stops.pressed_steps import pressed_steps, PressedSteps
@@ -378,7 +378,7 @@ def contact_energies(source: TorqueInput, user_robot: Robot, begin: Array, end: 
 
     """
     robot, n_q, n, h = source.robot, user_robot.n_q, user_robot.n, source.step
-    size, K = size_without_margin(robot), len(steps)
+    size, K = state_layout(robot).without_margin, len(steps)
     u_begin, u_end = begin[:, n_q:n_q + n], end[:, n_q:n_q + n]
     terms = energy_kernel(robot)(np.concatenate([begin[:, :size], end[:, :size]]))
     kinetic, potential, friction = terms[:K].T
@@ -435,7 +435,7 @@ def work_through_constraints(robot: Robot, states: Array, force: Array,
         return 0.0
     work: Any = 0.0
     for rows, f in zip((states[:-1], states[1:]), force):
-        state, u = rows[:, :size_without_margin(robot)], rows[:, n_q:n_q + n]
+        state, u = rows[:, :state_layout(robot).without_margin], rows[:, n_q:n_q + n]
         power = driven(state, f) - driven(state, 0.0 * f) + np.sum(f * u, axis=1)
         work = work + 0.5 * step * power
     return work

@@ -49,7 +49,7 @@ def compiled(program):
     code = llvm.Code(llvm.assemble(module_text(program, 'f')))
 
     def run(t):
-        t, out = np.array([t]), np.empty(program.n_outputs)
+        t, out = np.array([t]), np.empty(len(program.outputs))
         repeat(code.address('f'), [t.ctypes.data, out.ctypes.data], [0, 0], 1)
         return out
     return run

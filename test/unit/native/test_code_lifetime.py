@@ -57,6 +57,7 @@ from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime import loops as support
 robot = Robot(MODEL)
 kernel = robot.kernels.quantity('inverse_dynamics')
+kernel.compile()
 support.support.cache_clear()
 support._repeat.cache_clear()
 both, one = threading.Barrier(2), threading.Event()

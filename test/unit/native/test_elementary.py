@@ -23,7 +23,7 @@ def evaluator(f, entries, width):
 
     def run(x):
         x, none = np.ascontiguousarray(x, dtype=np.float64), np.zeros(1)
-        out = np.empty((len(x), program.n_outputs))
+        out = np.empty((len(x), len(program.outputs)))
         rows = [Strided(x.ctypes.data, 8 * entries), Strided(none.ctypes.data),
                 Strided(out.ctypes.data, out.strides[0])]
         if width == 1:

@@ -71,7 +71,7 @@ def repeated_batch(robot, out, steps):
     parameters = robot.parameters.block.copy()
     rows = [*(Strided(x.ctypes.data, x.strides[0]) for x in given),
             Strided(parameters.ctypes.data), Strided(out.ctypes.data, out.strides[0])]
-    run_batch(kernel.lane_address, rows, len(out), steps=steps)
+    run_batch(kernel.compile_lanes(), rows, len(out), steps=steps)
     return given
 
 

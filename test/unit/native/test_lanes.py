@@ -55,7 +55,9 @@ def test_a_batch_is_its_states_one_by_one(robot, name, count):
         result = getattr(robot, name)(*state)
         return np.stack(result, axis=-3) if isinstance(result, tuple) else result
     single = [method(*np.ascontiguousarray(row)) for row in given.transpose(1, 0, 2)]
-    shape = Sizes(5, 5, 5, len(robot.model.bodies), 0).shape(QUANTITIES[name].shape)
+    sizes = Sizes(5, 5, 5, len(robot.model.bodies), 0)
+    shape = tuple(getattr(sizes, size) if isinstance(size, str) else size
+                  for size in QUANTITIES[name].shape)
     close(method(*given), np.array(single).reshape(count, *shape))
 
 
