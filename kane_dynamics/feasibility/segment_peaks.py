@@ -264,9 +264,10 @@ def peaks_kernel(robot: Robot, quantities: tuple[int, ...]) -> Kernel:
         q, u, udot = quintic(begin[:3], end[:3], first[3 * n], x)
         tau = robot.equations.inverse_dynamics(q, u, udot, None, parameters)
         return largest_shares_of(quantities, begin, end, (q, u, udot, tau), factors)
-    return robot.compiled(
-        values, name='shares', begin=(4 * n + 1,), end=(4 * n + 1,), x=(),
-        factors=(len(quantities), n), shape=(len(quantities) * n + 3,))
+    inputs = {'begin': (4 * n + 1,), 'end': (4 * n + 1,), 'x': (),
+              'factors': (len(quantities), n)}
+    return robot.kernels.compiled(values, 'shares', inputs,
+                                  (len(quantities) * n + 3,), ahead=False)
 
 
 @cache

@@ -134,12 +134,13 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
                     limit_per_joint(acceleration, 'acceleration', names))
     rates = RateBounds(limit_per_joint(jerk, 'jerk', names),
                        limit_per_joint(torque_rate, 'torque_rate', names))
+    limits_rates = bool(np.isfinite(rates).any())
     speeds = _speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')
     points = integer(points, 'points', 10, MOST_SAMPLES)
     if rest is not None and not robot.constraint_names:
         raise InputError('rest: given for a robot without constraints; expected None')
     if robot.drives:
-        if rates.given:
+        if limits_rates:
             raise InputError('robot: elastic joints with a limit of jerk or torque rate; '
                              'expected neither')
         if any(speeds):
@@ -150,7 +151,7 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
         raise InputError('path: a SmoothMotion for a robot with rigid joints; expected a '
                          'Motion or waypoints')
     along = PathRobot(robot, path, bounds, rest)
-    if rates.given:
+    if limits_rates:
         _require_linear_damping(robot, rates)
         return _rate_limited(along, rates, speeds, points)
     parts = _fastest(along, speeds, points)

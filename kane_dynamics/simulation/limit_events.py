@@ -1,6 +1,7 @@
 """Limit events: crossings of joint limits in a simulation."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import repeat
 from operator import itemgetter
 from typing import Any, NamedTuple
@@ -65,6 +66,7 @@ class Crossings(NamedTuple):
     bound: Array
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class LimitEvents(Sequence[LimitEvent]):
     """
     The events of a `LimitWatch`, in the order of time.
@@ -72,11 +74,9 @@ class LimitEvents(Sequence[LimitEvent]):
     The objects are created on first access, because a simulation may have thousands.
     """
 
-    def __init__(self, names: Mapping[str, Sequence[str]],
-                 crossings: Sequence[Crossings],
-                 single: bool) -> None:
-        """Store the crossings, and the names of the joints by limit."""
-        self._names, self._crossings, self._single = names, tuple(crossings), single
+    _names: Mapping[str, Sequence[str]]  # of the joints, by limit
+    _crossings: tuple[Crossings, ...]
+    _single: bool
 
     @lazy_property
     def _events(self) -> tuple[LimitEvent, ...]:
@@ -149,7 +149,7 @@ class LimitWatch(Observer):
     @property
     def events(self) -> LimitEvents:
         """Return the events so far."""
-        return LimitEvents(self._names, self._crossings, self._single)
+        return LimitEvents(self._names, tuple(self._crossings), self._single)
 
     def look(self, chunk: Chunk) -> None:
         """

@@ -134,13 +134,8 @@ class StateLayout(NamedTuple):
     u: slice
     time: slice
     deflections: slice
+    without_margin: int  # number of entries but for the margin
     size: int
-
-    @property
-    def without_margin(self) -> int:
-        """Return the number of entries but for the margin."""
-        end: int = self.deflections.stop
-        return end
 
 
 def state_layout(robot: Robot) -> StateLayout:
@@ -151,7 +146,7 @@ def state_layout(robot: Robot) -> StateLayout:
     deflections = time + int(equations.timed)
     end = deflections + len(equations.tree.bristles)
     return StateLayout(slice(0, n_q), slice(n_q, time), slice(time, deflections),
-                       slice(deflections, end), end + int(equations.watched))
+                       slice(deflections, end), end, end + int(equations.watched))
 
 
 def deflections_of(robot: Robot, states: Array) -> Array:

@@ -40,11 +40,6 @@ class RateBounds(NamedTuple):
     jerk: Array
     torque_rate: Array
 
-    @property
-    def given(self) -> bool:
-        """Return whether there is a limit."""
-        return bool(np.isfinite(self).any())
-
     def along(self, motion: Motion) -> 'RateBounds':
         """Return the limits without those on the jerk of joints that do not move."""
         t = motion.times

@@ -100,6 +100,7 @@ class TreeEquations:
         self.frame_reduction = frame_reduction
         self.flexible = model.flexible
         self.drives = model.drives
+        self.is_damped = bool(self.drives or self.flexible)  # beside the joints' friction
         # Quantities that are not available for beams.
         self.unsupported = RIGID_ONLY if self.flexible else ()
         self.rotor_inertia = self._by_coordinate(
@@ -478,7 +479,8 @@ class TreeEquations:
                 torque = friction_torque(joint, rate, loads[joint.coordinate],
                                          direction)
             return joint.multiplier * torque
-        return self._with_damping(self._by_coordinate(force), u)
+        friction = self._by_coordinate(force)
+        return self._with_damping(friction, u) if self.is_damped else friction
 
     def scaled_friction(self, u: Vector, factors: Vector | None = None,
                         directions: Vector | None = None,
@@ -516,7 +518,8 @@ class TreeEquations:
             y = feedforward_direction(joint, rate, acceleration, choice)
             return joint.multiplier * friction_torque(joint, rate,
                                                        loads[joint.coordinate], y)
-        return self._with_damping(self._by_coordinate(force), u)
+        friction = self._by_coordinate(force)
+        return self._with_damping(friction, u) if self.is_damped else friction
 
     def _with_damping(self, friction: Vector, u: Vector) -> Vector:
         """Return the friction of the joints plus the damping of drives and beams, (n,)."""
