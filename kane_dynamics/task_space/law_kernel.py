@@ -1,11 +1,11 @@
 """Laws as kernels of a robot: settings in one array, checks of the configuration."""
 
 from __future__ import annotations
-import math
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 import hashlib
+import math
 from typing import Any
 
 from kane_dynamics._util.checks import per_joint

@@ -516,8 +516,8 @@ class TreeEquations:
             rate = joint.multiplier * u[joint.coordinate]
             acceleration = joint.multiplier * udot[joint.coordinate]
             y = feedforward_direction(joint, rate, acceleration, choice)
-            return joint.multiplier * friction_torque(joint, rate,
-                                                       loads[joint.coordinate], y)
+            load_of_joint = loads[joint.coordinate]
+            return joint.multiplier * friction_torque(joint, rate, load_of_joint, y)
         friction = self._by_coordinate(force)
         return self._with_damping(friction, u) if self.is_damped else friction
 

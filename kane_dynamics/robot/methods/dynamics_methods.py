@@ -1,9 +1,9 @@
 """The dynamics of a robot: inverse and forward, mass matrix, derivatives, energies."""
 
 from __future__ import annotations
-import math
 
 from collections.abc import Mapping, Sequence
+import math
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import hinting_method
