@@ -26,12 +26,13 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import CompileError
 from kane_dynamics.native.backends import llvm_simd
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.runtime.threads import Range, run_in_threads
+from kane_dynamics.native.runtime.threads import Paces, Range, run_in_threads
 import numpy as np
 from numpy.typing import NDArray
 
 POINTER_SLOTS = 32  # limit on the arguments, defaults and result of one kernel together
 BAD_INPUT, BAD_RESULT = 1, 2  # flags of `run_batch` for non-finite numbers
+PACES = Paces()  # of lane kernels, by their addresses and numbers of steps
 PROBE_CALLS = 64  # kernel calls timed to decide on the number of threads
 STACK = 2**23  # bytes of a thread's stack
 
@@ -494,4 +495,5 @@ def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]],
         shares = array('q', words)
         function(shares.buffer_info()[0], len(ranges))
         return reduce(or_, shares[FLAGS::WORDS])
-    return run_in_threads(work, count, width, max(1, PROBE_CALLS // steps))
+    probe = max(1, PROBE_CALLS // steps)
+    return run_in_threads(work, count, width, probe, PACES, (kernel, steps))

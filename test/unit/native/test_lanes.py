@@ -261,6 +261,31 @@ def test_threads_process_every_state_once(monkeypatch):
         assert flags == np.bitwise_or.reduce([1 << (begin % 3) for begin, _ in ranges])
 
 
+def test_work_that_is_known_to_be_short_is_not_divided(monkeypatch):
+    monkeypatch.setenv(threads.VARIABLE, '2')
+    monkeypatch.setattr(threads, 'THREAD_WORK', 0.2)
+    paces = threads.Paces()
+    ranges = []
+
+    def work(given):
+        ranges.append(given)
+        time.sleep(pause)
+        return 1
+    pause = 0.0
+    assert threads.run_in_threads(work, 1000, 8, 2, paces, 'kernel') == 1
+    assert ranges[0] == [(0, 16)]
+    ranges.clear()
+    threads.run_in_threads(work, 1000, 8, 2, paces, 'kernel')
+    assert ranges == [[(0, 1000)]]
+    # Where it took long, the next run is timed, and divided, again.
+    pause = 1.0
+    threads.run_in_threads(work, 1000, 8, 2, paces, 'kernel')
+    ranges.clear()
+    threads.run_in_threads(work, 1000, 8, 2, paces, 'kernel')
+    assert ranges[0] == [(0, 16)]
+    assert len(ranges[1]) == 2
+
+
 def test_compile_includes_the_lane_kernels(monkeypatch):
     robot = Robot(random_model(21, 2))
     robot.compile(batches=True)
