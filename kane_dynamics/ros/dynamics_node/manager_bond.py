@@ -2,7 +2,7 @@
 A bond with a lifecycle manager, as that of Nav2, which notices when the node hangs or dies.
 
 Both sides publish bond/Status with the id of the bond, the name of the node, and an
-instance of their own. The node's messages come from the thread of its torques.
+instance of their own. The node's messages come from its main thread.
 """
 
 from importlib import import_module

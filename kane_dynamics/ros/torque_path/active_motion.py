@@ -97,11 +97,19 @@ class ActiveMotion:
 
     def clear(self, reason: str) -> bool:
         """Drop both motions for a reason; return whether there was one."""
+        return self._drop(reason, None)
+
+    def replace(self, motion: Motion, start: int, reason: str) -> None:
+        """Drop both motions for a reason, as `clear`, and follow another one at once."""
+        self._drop(reason, (motion, start))
+
+    def _drop(self, reason: str, successor: ScheduledMotion | None) -> bool:
+        """Drop both motions in favor of another one; return whether there was one."""
         with self._lock:
             self.reason = reason
-            cleared = self._motions
-            self._motions = None, None
+            dropped = self._motions
+            self._motions = successor, None
             self.generation += 1
             self.cleared_at = time.time_ns()
         self._changed()
-        return cleared != (None, None)
+        return dropped != (None, None)

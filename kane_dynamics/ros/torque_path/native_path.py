@@ -23,9 +23,9 @@ from kane_dynamics.ros.torque_path.arbitration import Arbitration, UNGUARDED
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
 from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, BY_CLOCK, BY_GUARD,
-                                                       BY_TIMEOUT, CycleSettings, FIRST,
-                                                       initial_path, JUMP,
-                                                       NEVER,
+                                                       BY_REFUSAL, BY_TIMEOUT,
+                                                       CycleSettings, FIRST,
+                                                       initial_path, JUMP, NEVER,
                                                        NO_CLOCK as NO_CLOCK_RULE,
                                                        NO_TORQUE as NO_TORQUE_RULE,
                                                        NOT_FINITE as FIRST_REFUSED,
@@ -46,6 +46,7 @@ import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
+LONGEST_AGE = 2**63  # ns
 LONGEST_WAIT = 0.2  # of the timeout, between two looks at the clock
 ENDED = 'the native torque path ended'
 TOO_LARGE = (f'empty or more than {LARGEST} bytes; expected at most as many, or '
@@ -140,7 +141,8 @@ class NativeTorquePath(TorquePath):
     """
 
     def __init__(self, controller: Controller, *arguments: Any, **named: Any) -> None:
-        self._lock = threading.Lock()  # plans are made in two threads
+        # Plans are made in two threads. Held also while a motion is dropped.
+        self._lock = threading.RLock()
         self._loop: NativeLoop | None = None
         super().__init__(controller, *arguments, **named)
         self.active_motion = ActiveMotion(self._replan)
@@ -318,7 +320,8 @@ class NativeTorquePath(TorquePath):
         rows = np.zeros((frames, WRENCH))
         rows[:, 0] = NEVER
         if self.wrenches is not None:
-            for row, (stamp, wrench) in self.wrenches.latest.items():
+            # A copy, because the main thread may add a frame meanwhile.
+            for row, (stamp, wrench) in list(self.wrenches.latest.items()):
                 rows[row] = [stamp - self._epoch, *wrench]
         return rows.ravel()
 
@@ -388,7 +391,13 @@ class NativeTorquePath(TorquePath):
         """Use another clock, whose stamps have nothing in common with those before."""
         self.native.simulate_time(self._hears_time)
         self._asked[0] += 1
+        if self.wrenches is not None:
+            self.wrenches.clear()
         self.time_out('clock replaced')
+
+    def interrupt(self, stamp: int, reason: str) -> bool:
+        """End the desired motion in a stop from now on: reports of states may be late."""
+        return super().interrupt(max(stamp, self.now), reason)
 
     def _end(self, reason: str) -> None:
         """Command zeros and report a fault, because the thread has ended by itself."""
@@ -526,26 +535,39 @@ class NativeTorquePath(TorquePath):
         path = report.path
         before = self._last
         dropped = False
-        if path.drops == before.drops:
+        if path.drops == before.drops or self._begins_fault(path):
             return dropped
-        self._last = before._replace(drops=path.drops)
         if path.dropped_by == BY_CLOCK:
-            dropped = self.active_motion.clear('the clock jumped backward or was replaced')
+            dropped = self._clear_motion('the clock jumped backward or was replaced', path)
             if self.wrenches is not None:
                 self.wrenches.clear()
             self._warn('clock', 'jumped backward or replaced; desired motion dropped')
         elif path.dropped_by == BY_GUARD:
-            dropped = self.active_motion.clear('torque_guard held the arm')
+            dropped = self._clear_motion('torque_guard held the arm', path)
+        elif path.dropped_by == BY_REFUSAL:  # the report of the fault was lost
+            dropped = self._clear_motion('joint states were refused', path)
         elif path.dropped_by == BY_TIMEOUT:
             reason = f'none for {(now - self._last_heard) / NANO:.3f} s'
             if path.silences > before.silences:
                 reason = self._silence_reason
-            dropped = self.active_motion.clear(f'joint states: {reason}')
+            dropped = self._clear_motion(f'joint states: {reason}', path)
             if before.commanding:
                 self.statistics.timeouts += 1
                 self._warn('no joint state', f'{reason}; commanding zeros until the next '
                            'one' + ', desired motion dropped' * dropped)
         return dropped
+
+    def _begins_fault(self, path: PathState) -> bool:
+        """Return whether a report is of the state with which a lasting fault began."""
+        return bool(path.fault and not self.fault and path.reason >= FIRST_REFUSED)
+
+    def _clear_motion(self, reason: str, path: PathState) -> bool:
+        """Drop the desired motion, as the thread did; return whether there was one."""
+        # In one change: a plan of another thread that has the motion and the new count
+        # of drops would let the arm follow it again.
+        with self._lock:
+            self._last = self._last._replace(drops=path.drops)
+            return self.active_motion.clear(reason)
 
     def _note_dropped_state(self, report: Report, code: int, now: int) -> None:
         """Count and explain a state that was not answered."""
@@ -561,7 +583,9 @@ class NativeTorquePath(TorquePath):
             return
         if code < FIRST_REFUSED:
             last = round(float(path.last_stamp)) + self._epoch
-            fault = time_fault(stamp, now, last, self._timeout)
+            # state_timeout may have changed since the thread has compared the times.
+            exceeded = LONGEST_AGE if code == OUT_OF_ORDER else 0
+            fault = time_fault(stamp, now, last, exceeded)
             assert fault is not None
             self._drop(*fault)
             return
@@ -571,9 +595,9 @@ class NativeTorquePath(TorquePath):
         else:
             reason, detail = self.states.explain(float(path.elapsed), code == JUMP)
         self._drop(reason, detail)
-        if path.fault and not self.fault:
+        if self._begins_fault(path):
             self.fault = reason
-            dropped = self.active_motion.clear(f'joint states are refused: {reason}')
+            dropped = self._clear_motion(f'joint states are refused: {reason}', path)
             self.statistics.faults += 1
             if self._last.commanding:
                 duration = (now - self._epoch - float(path.refused_since)) / NANO

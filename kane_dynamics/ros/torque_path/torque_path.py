@@ -490,10 +490,12 @@ class TorquePath:
         Called in the thread that reads states.
         """
         motion, moment = self.active_motion.at(stamp)
-        if motion is None or not self.active_motion.clear(reason):
-            return False
+        if motion is None:  # one that is to begin later must not
+            return self.active_motion.clear(reason)
+        # In one change: a thread that answers states never finds neither of the motions.
         stop = self.controller.interrupted(motion, moment, self._stop_time)
-        return self.active_motion.follow(stop, stamp, stamp, self.active_motion.generation)
+        self.active_motion.replace(stop, stamp, reason)
+        return True
 
     def _begin_stop(self, false_states: bool) -> None:
         """Plan how the arm comes to rest, from where the model says that it is now."""

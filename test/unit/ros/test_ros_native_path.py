@@ -450,6 +450,90 @@ def test_a_full_ring_counts_what_nothing_observed():
     assert side.warnings[-1][0] == 'cycles'
 
 
+def in_motion():
+    """Return both paths while they follow a motion."""
+    pair = Pair('computed_torque', 1, {'state_check.action': 'zero'})
+    for _ in range(2):
+        pair.do_state('state')
+    motion = Motion.from_points([0.0, 1.0], [pair.q, pair.q + 0.5], joint_names=NAMES)
+    for side in pair.sides:
+        active = side.path.active_motion
+        assert active.follow(motion, pair.time, pair.time, active.generation)
+    return pair
+
+
+def test_a_motion_does_not_come_back_if_the_report_of_its_fault_was_lost():
+    pair = in_motion()
+    side = pair.sides[1]
+    answer = side.path.native.answer
+    for _ in range(native_loop.SLOTS):  # nothing reads the reports meanwhile
+        answer(message(pair.q, np.zeros(2), pair.time))
+    for _ in range(4):  # longer than the grace time
+        pair.time += 10_000_000
+        answer(message(pair.q + 1.0, np.zeros(2), pair.time))
+    assert side.path.native.lost
+    side.path.read_reports()
+    pair.time += 10_000_000
+    answer(message(pair.q, np.zeros(2), pair.time))
+    side.path.read_reports()
+    assert side.path.active_motion.scheduled == (None, None)
+    assert side.path.active_motion.reason == 'joint states were refused'
+
+
+def test_a_stale_state_is_counted_as_such_if_the_timeout_grows_before_it_is_reported():
+    pair = in_motion()
+    for late, stamp in (('stale', pair.time - 300_000_000), ('future', pair.time + 300_000_000),
+                        ('before', pair.time - 50_000_000)):
+        side = pair.sides[1]
+        before = side.statistics.dropped.total()
+        side.path.native.answer(message(pair.q, np.zeros(2), stamp))
+        side.path.set_limits(pair.values | {'state_timeout': 0.01 if late == 'before' else 1.0})
+        side.path.read_reports()
+        side.path.set_limits(pair.values)
+        assert side.statistics.dropped.total() == before + 1
+        assert late in side.warnings[-1][0]
+
+
+def test_a_stop_replaces_the_motion_without_a_plan_that_has_neither(monkeypatch):
+    pair = in_motion()
+    path = pair.sides[1].path
+    scheduled = []
+    use = path.native.use
+    monkeypatch.setattr(path.native, 'use', lambda plan: (
+        scheduled.append(path.active_motion.scheduled), use(plan)))
+    moving = path.active_motion.desired(pair.time + 500_000_000)
+    stamp = pair.time
+    pair.time += 500_000_000  # the report of the collision is late
+    assert path.interrupt(stamp, 'collision')
+    assert scheduled and all(current is not None for current, _ in scheduled)
+    begun = path.active_motion.desired(pair.time)
+    np.testing.assert_allclose(begun[:2], moving[:2], atol=1e-12)
+    _, at_rest, _ = path.active_motion.desired(pair.time + NANO)
+    np.testing.assert_allclose(at_rest, 0.0, atol=1e-12)
+
+
+def test_a_motion_that_is_to_begin_later_is_dropped_by_a_collision():
+    pair = Pair('computed_torque', 1)
+    pair.do_state('state')
+    pair.do_state('state')
+    pair.do_motion('motion')  # begins in 10 ms
+    for side in pair.sides:
+        assert side.path.interrupt(pair.time, 'collision')
+        assert side.path.active_motion.scheduled == (None, None)
+
+
+def test_wrenches_of_a_replaced_clock_are_forgotten():
+    pair = Pair('computed_torque', 5, {'wrench.frames': [body.name for body in MODEL.bodies]})
+    pair.do_state('state')
+    pair.do_state('state')
+    for side in pair.sides:
+        side.path.wrenches.latest[0] = pair.time, np.ones(6)
+    pair.time //= 100  # the new clock is behind
+    for side in pair.sides:
+        side.path.on_clock_replaced()
+        assert not side.path.wrenches.latest
+
+
 def before_a_closed_page(data):
     """Return the address of bytes after which no memory can be read, and what keeps them."""
     page = mmap.PAGESIZE
