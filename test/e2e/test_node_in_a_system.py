@@ -89,6 +89,9 @@ def test_qos_of_states_and_commands_may_be_changed(client, start, tmp_path):
         'joint_states')).get('kane_dynamics') == ReliabilityPolicy.RELIABLE)
     assert wait_until(lambda: reliability(client.get_publishers_info_by_topic(
         'commands')).get('kane_dynamics') == ReliabilityPolicy.BEST_EFFORT)
+    # Other topics keep their profiles.
+    assert reliability(client.get_publishers_info_by_topic(
+        'kane_dynamics/joint_torques'))['kane_dynamics'] == ReliabilityPolicy.RELIABLE
     assert client.transition(Transition.TRANSITION_DEACTIVATE)
     assert client.transition(Transition.TRANSITION_CLEANUP)
     assert client.transition(Transition.TRANSITION_CONFIGURE), node.log[-500:]

@@ -1,7 +1,13 @@
 """The QoS profiles of the nodes."""
 
+from collections.abc import Collection, Mapping
+from copy import copy
+from typing import Any, NamedTuple
+
+from kane_dynamics.errors import InputError
 from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile,
+                       ReliabilityPolicy)
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 RELIABLE = QoSProfile(depth=1)
@@ -26,6 +32,64 @@ EXAMINED_STATES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFOR
 
 # Parameters qos_overrides may change history, depth and reliability of a topic.
 OVERRIDES = QoSOverridingOptions.with_default_policies()
+PREFIX = 'qos_overrides.'
+POLICIES = {'reliability': ReliabilityPolicy, 'history': HistoryPolicy, 'depth': None}
+
+
+class Overrides(NamedTuple):
+    """Names of parameters qos_overrides: those that change a topic, and the others."""
+
+    used: list[str]
+    unused: list[str]
+
+
+def overridable(profile: QoSProfile) -> QoSProfile:
+    """Return a copy of a profile, which rclpy changes in place as qos_overrides ask."""
+    return copy(profile)
+
+
+def overrides_of(parameters: Mapping[str, Any], topics: Collection[str]) -> Overrides:
+    """
+    Return which of the parameters are qos_overrides, and whether they change a topic.
+
+    Parameters
+    ----------
+    parameters : mapping
+        Values by name.
+    topics : collection of str
+        As in the names of the parameters: '/joint_states.subscription'.
+
+    Raises
+    ------
+    InputError
+        A value is not one of its policy.
+
+    """
+    overrides = Overrides([], [])
+    for name, value in parameters.items():
+        if not name.startswith(PREFIX):
+            continue
+        topic, _, policy = name.removeprefix(PREFIX).rpartition('.')
+        if topic in topics and policy in POLICIES:
+            _check_policy(name, policy, value)
+            overrides.used.append(name)
+        else:
+            overrides.unused.append(name)
+    return overrides
+
+
+def _check_policy(name: str, policy: str, value: Any) -> None:
+    """Raise InputError unless a value is one of a policy."""
+    kind = POLICIES[policy]
+    if kind is None:
+        valid = type(value) is int and value > 0
+        expected = 'an integer, at least 1'
+    else:
+        keys = [key for key in kind.short_keys() if key != 'unknown']
+        valid = isinstance(value, str) and value.lower() in keys
+        expected = 'one of ' + ', '.join(keys)
+    if not valid:
+        raise InputError(f"parameter '{name}': {value!r}; expected {expected}")
 
 
 def watched(lease: float, deadline: float, *, watching: bool = False) -> QoSProfile:

@@ -21,8 +21,8 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.command_topic import CommanderCount
 from kane_dynamics.ros.common.lost_messages import LostMessages, with_info
 from kane_dynamics.ros.common.node_statistics import Statistics
-from kane_dynamics.ros.common.qos import (BEST_EFFORT, CLOCK, OVERRIDES, RELIABLE,
-                                          THREAD_STATES, watched)
+from kane_dynamics.ros.common.qos import (BEST_EFFORT, CLOCK, overridable, OVERRIDES,
+                                          overrides_of, RELIABLE, THREAD_STATES, watched)
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
 from kane_dynamics.ros.monitors.coupling_topics import CouplingTopics
@@ -153,6 +153,7 @@ class ConfiguredRobot:
                 model, values['imu.frame'], magnitude, values['imu.time_constant'],
                 lambda gravity: self._change(gravity=gravity))
         # Check the parameters before the long compilation.
+        self._qos_is_overridden = self._examine_overrides()
         check_optional_topics(values, self.robot)
         if values['watch.reference']:
             check_reference(values)
@@ -175,6 +176,21 @@ class ConfiguredRobot:
             self._open(controller, opened)
             self._opened = opened.pop_all()
         server.spinner.wake()
+
+    def _examine_overrides(self) -> bool:
+        """Return whether qos_overrides change a topic; warn of those that do not."""
+        node = self._node
+        topics = [node.resolve_topic_name('joint_states') + '.subscription']
+        if not self.values['guard.enabled']:
+            topics.append(node.resolve_topic_name('commands') + '.publisher')
+        initial = {name: parameter.value
+                   for name, parameter in node._parameter_overrides.items()}
+        overrides = overrides_of(initial, topics)
+        for name in overrides.unused:
+            node.get_logger().warning(
+                f"parameter '{name}': not used; expected history, depth or reliability "
+                f'of {", ".join(topics)}')
+        return bool(overrides.used)
 
     def _laws_of(self, robot: Robot) -> Mapping[Mode, ModeLaw]:
         """Return the laws of the modes that fit the robot of the torque path."""
@@ -232,13 +248,13 @@ class ConfiguredRobot:
 
         # The guard watches the liveliness and the deadlines of the commands.
         guarded = values['guard.enabled'] and not self.fault
-        qos = RELIABLE
+        qos = overridable(RELIABLE)
         options: dict[str, Any] = {'qos_overriding_options': OVERRIDES}
         if guarded:
             qos = watched(values['guard.lease'], values['guard.deadline'])
             options = {}
         self._commands = publisher(Float64MultiArray, 'commands', qos, **options)
-        torques = publisher(JointState, '~/joint_torques', qos)
+        torques = publisher(JointState, '~/joint_torques', qos if guarded else RELIABLE)
         stamped = None
         if values['stamped_commands']:
             stamped = publisher(joint_command_type(), 'stamped_commands', RELIABLE)
@@ -277,7 +293,7 @@ class ConfiguredRobot:
         reason = 'torque_path: python'
         if wanted != 'python':
             reason = self.fault or python_reason(self.values, controller)
-            if any(name.startswith('qos_overrides.') for name in node._parameter_overrides):
+            if self._qos_is_overridden:
                 reason = reason or 'qos_overrides'
         if not reason:
             try:
@@ -293,8 +309,8 @@ class ConfiguredRobot:
                                       'interpreter computes the commands')
         path = TorquePath(controller, self._commands, torques, *arguments)
         states = node.create_subscription(
-            JointState, 'joint_states', with_info(self._on_state), BEST_EFFORT, raw=True,
-            qos_overriding_options=OVERRIDES)
+            JointState, 'joint_states', with_info(self._on_state),
+            overridable(BEST_EFFORT), raw=True, qos_overriding_options=OVERRIDES)
         opened.callback(node.destroy_subscription, states)
         return path, states
 
