@@ -225,10 +225,11 @@ def _positionals(parser: argparse.ArgumentParser, command: str) -> list[str]:
 
 def _with_option_names(parser: argparse.ArgumentParser, command: str, text: str) -> str:
     """Return an error of the library with arguments named as options of the command."""
-    first_word = re.match(r'\w*', text)
-    flag = '' if first_word is None else '--' + first_word[0].replace('_', '-')
-    dashes = '--' if flag in _flags(parser, command) else ''
-    return dashes + in_options(text)
+    name = re.split(r'\W', text, maxsplit=1)[0]
+    flag = '--' + name.replace('_', '-')
+    if flag in _flags(parser, command):
+        text = flag + text[len(name):]
+    return in_options(text)
 
 
 def _refuse_unknown(parser: argparse.ArgumentParser,

@@ -116,7 +116,10 @@ def uncertainty_of(options: Namespace, model: Model) -> Uncertainty | None:
     if len(errors) < len(options.uncertain):
         raise InputError(f'--uncertain: {" ".join(options.uncertain)}; expected each name '
                          'once')
-    return Uncertainty.of(model, **errors)
+    try:
+        return Uncertainty.of(model, **errors)
+    except InputError as error:
+        raise InputError(f'--uncertain: {error}') from None
 
 
 def _not_uncertain(statement: str) -> InputError:

@@ -160,6 +160,7 @@ def test_uncertain_parameters_leave_less_of_the_limits(trajectory, capsys):
         _, data = answer(capsys, '--trajectory', trajectory, '--speed', '0.2', *uncertain)
         uses.append(data['torque']['use'])
         speeds.append(data['fastest']['speed'])
+    assert data['uncertain'] == ['mass=0.2', 'offset=30', 'friction=0.3']
     effort = np.array(data['torque']['limit'])
     assert (np.subtract(uses[1], uses[0]) >= 29.9 / effort).all()
     assert speeds[1] <= speeds[0]
@@ -170,8 +171,8 @@ def test_uncertain_parameters_leave_less_of_the_limits(trajectory, capsys):
     (['mass'], "--uncertain: 'mass'; expected NAME=X"),
     (['mass=much'], "--uncertain: 'mass=much'; expected NAME=X"),
     (['mass=0.1', 'mass=0.2'], '--uncertain: mass=0.1 mass=0.2; expected each name once'),
-    (['mass=-0.1'], 'mass: -0.1; expected a finite number >= 0'),
-    (['mass=nan'], 'mass: nan; expected a finite number >= 0'),
+    (['mass=-0.1'], '--uncertain: mass: -0.1; expected a finite number >= 0'),
+    (['mass=nan'], '--uncertain: mass: nan; expected a finite number >= 0'),
     (['mass=0.1', '--time-optimal'], '--uncertain: given with --time-optimal; expected one'),
     (['mass=0.1', '--payload-frame', 'tool0'], '--uncertain: given with --payload-frame')])
 def test_a_wrong_statement_of_uncertain_parameters_is_refused(trajectory, capsys, arguments,

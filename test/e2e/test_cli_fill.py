@@ -167,4 +167,5 @@ def test_the_friction_of_the_efforts_at_rest_is_the_stated_choice(tmp_path):
     assert (ahead > 0.5 * of_joints).all() and (ahead <= of_joints).all()
     np.testing.assert_allclose(efforts[3], efforts[0], atol=1e-12)
     done = command('fill', str(URDF), '--motion', str(plan), '--feedforward-friction', 'ahaed')
-    assert done.returncode == 2 and "feedforward_friction: 'ahaed'; expected one of" in done.stderr
+    message = "--feedforward-friction: 'ahaed'; expected one of"
+    assert done.returncode == 2 and message in done.stderr

@@ -29,8 +29,8 @@ def by_blocks(model, q, u, tau):
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 19), st.sampled_from([0.0, 0.3, 1.0]),
        st.sampled_from([0.0, 0.15, 0.6]))
-def test_articulated_inertias_give_the_accelerations_of_the_definition(seed, n, prismatic,
-                                                                      branching):
+def test_articulated_inertias_give_the_accelerations_of_the_definition(
+        seed, n, prismatic, branching):
     model = shuffled(random_model(seed, n, prismatic=prismatic, branching=branching), seed)
     q, u, tau = random_state(model, seed)
     expected = kane.forward_dynamics(model, q, u, tau)

@@ -43,7 +43,8 @@ def feasible(options: Namespace) -> int:
     conditions = {**of_model, 'uncertainty': uncertainty}
     needed = demand(robot, motion, speed=options.speed, **conditions)
     scale = fastest(robot, motion, **conditions)
-    data = {**demand_data(needed), 'speed': options.speed,
+    data = {**demand_data(needed), 'uncertain': options.uncertain or [],
+            'speed': options.speed,
             'fastest': None if scale is None else vars(scale), 'payload': None,
             'files': []}
     if scale is None:
@@ -174,6 +175,9 @@ def _print_demand(data: dict[str, Any]) -> None:
     print_table(['joint', 'peak torque', 'of limit', 'RMS torque', 'peak speed',
                  'of limit',
                  'peak power'], table)
+    if data['uncertain']:
+        print('torques are those of the model; shares of their limits are the largest '
+              f'for {" ".join(data["uncertain"])}')
     print(f'\npeak power of all joints together {power["peak_of_all"]:.4g} W')
     print('the motion is feasible' if data['fits'] else 'the motion is NOT feasible:')
     for excess in data['excesses']:

@@ -1,6 +1,6 @@
 """An arm whose state is not measured any more stops by its model, without feedback."""
 
-from kane_dynamics import Controller, ModelBuilder, rod, Robot, simulate, Terms
+from kane_dynamics import Controller, ModelBuilder, Robot, rod, simulate, Terms
 from kinds_of_mechanism import case
 import numpy as np
 import pytest

@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402, I100
 from kane_dynamics import Inertial, InputError, load_urdf, Robot  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.ros.monitors.model_watch_monitor import (check_reference,  # noqa: E402
-                                                             check_watch,
+                                                            check_watch,
                                                             ModelWatchMonitor)
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
