@@ -147,7 +147,7 @@ def checked_feedforward(choice: Any) -> str | float:
     """Return a choice of the friction of commands; InputError for anything else."""
     if isinstance(choice, str) and choice in FEEDFORWARD:
         return choice
-    is_number = isinstance(choice, int | float | np.floating)
+    is_number = isinstance(choice, int | float | np.integer | np.floating)
     if is_number and not isinstance(choice, bool) and 0.0 < choice < np.inf:
         return float(choice)
     raise InputError(f'feedforward_friction: {choice!r}; expected one of '

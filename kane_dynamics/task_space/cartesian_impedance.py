@@ -150,7 +150,8 @@ class CartesianImpedance(PoseLaw):
     speed_limit : float or array_like, optional
         Limits of the joint speeds, rad/s or m/s; inf for none. The reference motion is
         slower than the target where it needs more than 90 % of one, and a joint that is
-        about to exceed that is braked. Default: the robot's.
+        about to exceed that is braked. Towards a position limit a joint with a finite
+        speed limit goes at most what is left of the way in 0.1 s. Default: the robot's.
     compensate : Terms
         The terms of the model that are compensated.
     singular_mass : float, optional

@@ -218,3 +218,7 @@ def test_elastic_feedforward_has_the_choice_on_both_sides_of_the_drive(choice):
 def test_other_choices_are_refused(choice):
     with pytest.raises(InputError, match=r'feedforward_friction: .*; expected one of desired'):
         arm(choice)
+
+
+def test_numbers_of_numpy_are_times():
+    assert arm(np.int64(1)).equals(arm(1.0))
