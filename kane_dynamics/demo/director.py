@@ -21,6 +21,7 @@ from typing import Any
 
 from geometry_msgs.msg import Vector3, WrenchStamped
 from kane_dynamics._util.progress import progress_bar
+from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.demo.children import Child, children, DemoError, stage, Waiting
 from kane_dynamics.demo.deflection_report import DeflectionLog, report_deflections
 from kane_dynamics.demo.demo_settings import (AFTER, DemoRobot, DURATION, ELASTIC_RATE,
@@ -261,7 +262,8 @@ def dense_message(motion: SmoothMotion, start: float) -> JointTrajectory:
 def elastic_parameters(robot: DemoRobot, folder: Path) -> dict[str, str]:
     """Return the parameters of the node in mode elastic; the supplement is in the folder."""
     supplement = folder / SUPPLEMENT
-    supplement.write_text(json.dumps({'drives': robot.drives}, indent=2), encoding='utf-8')
+    with whole_file(supplement) as stream:
+        json.dump({'drives': robot.drives}, stream, indent=2)
     kp, kd = str(list(MOTOR_KP)), str(list(MOTOR_KD))
     return {'use_sim_time': 'true', 'supplement': str(supplement.resolve()),
             'mode': 'joint_impedance', 'modes': '[motor_side]',
