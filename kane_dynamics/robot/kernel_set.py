@@ -338,8 +338,9 @@ class KernelSet:
         return method_in_lanes(self.equations, name) is not None
 
     def in_use(self, name: str) -> bool:
-        """Return whether the kernel of one of `QUANTITIES` has been used."""
-        return (name, '') in self._made
+        """Return whether one of `QUANTITIES` has been compiled, so that it exists here."""
+        kernel = self._made.get((name, ''))
+        return kernel is not None and kernel.is_compiled
 
     def compiled(self, function: Callable[..., Any], name: str,
                  inputs: Mapping[str, Shape | Argument], shape: Shape, *,

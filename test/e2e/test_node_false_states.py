@@ -136,7 +136,7 @@ def test_the_arm_moves_neither_by_false_states_nor_by_impossible_motions(two_lin
         arm.publish(first, by=40.0)
         time.sleep(0.005)
     assert f'fault: {OUTSIDE} for 0.0' in arm.node.log
-    assert 'holding the last accepted position' in arm.node.log
+    assert 'stopping by the model and holding until states are valid again' in arm.node.log
     np.testing.assert_allclose(arm.client.commands[-1], held, atol=1e-3)
     assert any('joint states impossible' in words for _, words, _ in arm.client.diagnostics)
 

@@ -241,6 +241,11 @@ class Kernel:
         """Trace the program."""
         return self._program()
 
+    @property
+    def is_compiled(self) -> bool:
+        """Return whether it has code, of single states or of batches."""
+        return bool(self._functions)
+
     def compile(self) -> KernelFunction:  # noqa: A003
         """Return the code of single states, compiled if that was not done yet."""
         kind = ''

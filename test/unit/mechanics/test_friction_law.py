@@ -364,3 +364,16 @@ def test_feasibility_refuses_load_friction():
     for function in (fastest, lambda robot, motion: time_optimal(robot, [[0.0], [1.0]])):
         with pytest.raises(InputError, match=r"joint 'wheel' has load friction 0\.3"):
             function(robot, motion)
+
+
+def test_a_robot_is_verified_though_a_quantity_has_no_kernel():
+    builder = ModelBuilder('a worm gear')
+    beam = rod(1.0, (0, 0, 0), (0.3, 0, 0))
+    builder.body('arm', axis=(0, 1, 0), inertial=beam, load_friction=0.6,
+                 load_friction_backdriven=2.0)
+    robot = Robot(builder.model())
+    robot.compile()  # forward dynamics has no code: the motion does not follow from it
+    assert robot.verify() < 1e-12
+    with pytest.raises(InputError, match='expected a drive that is not self-locking'):
+        robot.forward_dynamics([0.0], [0.0], [0.0])
+    assert robot.verify() < 1e-12
