@@ -26,13 +26,14 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import CompileError
 from kane_dynamics.native.backends import llvm_simd
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.runtime.threads import Paces, Range, run_in_threads
+from kane_dynamics.native.runtime.threads import Range, run_in_threads
 import numpy as np
 from numpy.typing import NDArray
 
 POINTER_SLOTS = 32  # limit on the arguments, defaults and result of one kernel together
 BAD_INPUT, BAD_RESULT = 1, 2  # flags of `run_batch` for non-finite numbers
-PACES = Paces()  # of lane kernels, by their addresses and numbers of steps
+# Seconds for the lanes of a kernel, by its address and the number of steps.
+PACES: dict[object, float] = {}
 PROBE_CALLS = 64  # kernel calls timed to decide on the number of threads
 STACK = 2**23  # bytes of a thread's stack
 

@@ -49,26 +49,9 @@ def _checked_setting() -> int | None:
     return int(setting)
 
 
-class Paces:
-    """The time that a kernel takes for a quantum, s, as last measured in one thread."""
-
-    def __init__(self) -> None:
-        self._seconds: dict[object, float] = {}
-
-    def is_short(self, key: object, quanta: int) -> bool:
-        """Return whether so many quanta are known to be too short for a second thread."""
-        seconds = self._seconds.get(key)
-        return seconds is not None and seconds * quanta < THREAD_WORK
-
-    def note(self, key: object, seconds: float) -> None:
-        """Keep a time for a quantum; the latest of at most `KEPT` keys count."""
-        if len(self._seconds) >= KEPT:
-            self._seconds.clear()
-        self._seconds[key] = seconds
-
-
 def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: int,
-                   probe: int, paces: Paces | None = None, key: object = None) -> int:
+                   probe: int, paces: dict[object, float] | None = None,
+                   key: object = None) -> int:
     """
     Run `work` on ranges that cover 0 <= i < count, in several threads if that is faster.
 
@@ -86,8 +69,9 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
     probe : int
         Quanta of the first range, whose time per quantum determines the number of
         threads.
-    paces, key : Paces and hashable, optional
-        What is known of the same work: a range that is known to be short is not divided.
+    paces, key : dict and hashable, optional
+        Seconds for a quantum by key, as last measured in one thread: a range that is
+        known to be too short for a second thread is not divided.
 
     Returns
     -------
@@ -100,7 +84,7 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
     begin = 0
     longest = LONGEST / 8.0
     quanta = -(-count // quantum)
-    if paces is not None and paces.is_short(key, quanta):
+    if paces is not None and paces.get(key, THREAD_WORK) * quanta < THREAD_WORK:
         probe = quanta
     ranges = [(0, min(count, probe * quantum))]
     while begin < count:
@@ -109,7 +93,9 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
         took = time.perf_counter() - started
         done = ranges[-1][1]
         if paces is not None and len(ranges) == 1:
-            paces.note(key, took * quantum / (done - begin))
+            if len(paces) >= KEPT:
+                paces.clear()
+            paces[key] = took * quantum / (done - begin)
         if done == count:
             break
         # As many threads as the remaining work pays for.

@@ -264,7 +264,7 @@ def test_threads_process_every_state_once(monkeypatch):
 def test_work_that_is_known_to_be_short_is_not_divided(monkeypatch):
     monkeypatch.setenv(threads.VARIABLE, '2')
     monkeypatch.setattr(threads, 'THREAD_WORK', 0.2)
-    paces = threads.Paces()
+    paces = {}
     ranges = []
 
     def work(given):
