@@ -22,7 +22,8 @@ from typing import Any
 
 from kane_dynamics._util.typing import Matrix, Vector
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
-from kane_dynamics.mechanics.algebra.vector import cross, symmetric
+from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.mechanics.joint_lanes.link_momenta import link_momenta
 from kane_dynamics.mechanics.joint_lanes.tree_sums import TreeSums
 from kane_dynamics.mechanics.recursive.inverse_dynamics import JointStep
 from kane_dynamics.mechanics.recursive.link import Link
@@ -246,18 +247,8 @@ def _moments(R: Matrix, p: Vector, motion: LaneMotion, acceleration: Vector,
     omega = motion.omega
     a, alpha = np.split(acceleration, 2)
 
-    # From the link's axes and origin to the tree's.
-    h_of_link = R @ first
-    h = h_of_link + mass * p
-    S = symmetric(R @ second @ R.T)
-    S = S + symmetric(np.outer(p, h_of_link) + np.outer(h, p))
-
-    # Momenta, and their rates; I omega = trace(S) omega - S omega.
-    P = mass * v + cross(omega, h)
-    trace = S[0, 0] + S[1, 1] + S[2, 2]
-    L = cross(h, v) + trace * omega - S @ omega
-    force = mass * a + cross(alpha, h) + cross(omega, P)
-    moment = cross(h, a) + trace * alpha - S @ alpha + cross(v, P) + cross(omega, L)
+    h, S, P, force, moment = link_momenta(R, p, mass, first, second,
+                                          (v, omega, a, alpha))
 
     # v of a point at r is v + omega x r.
     V = np.outer(v, h) + np.stack([cross(omega, column) for column in S], axis=1)

@@ -27,9 +27,10 @@ from typing import Any
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
-from kane_dynamics.mechanics.algebra.vector import cross, symmetric
+from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.joint_lanes.branches import (Branch, branches, Column,
                                                           Columns)
+from kane_dynamics.mechanics.joint_lanes.link_momenta import link_momenta
 from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.mechanics.recursive.subroutines import one_by_one, Repeat
 import numpy as np
@@ -365,28 +366,15 @@ def _sines(angles: Any, lanes: Any) -> tuple[Any, Any]:
     return lanes.pack(sines), lanes.pack(cosines)
 
 
-def _moments(R: Matrix, p: Vector, motion: tuple[Vector, ...],
+def _moments(R: Matrix, p: Vector, motion: tuple[Vector, Vector, Vector, Vector],
              inertial: Sequence[Any]) -> list[Any]:
     """Return h = int r dm, the upper triangle of int r r^T dm, force and moment."""
     mass = inertial[0]
     first = np.array(inertial[1:4], dtype=object)
     xx, xy, xz, yy, yz, zz = inertial[4:]
     second = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], dtype=object)
-    v, omega, a, alpha = motion
-
-    # From the links' axes and origins to those of the block.
-    h_of_link = R @ first
-    h = h_of_link + mass * p
-    S = symmetric(R @ second @ R.T)
-    S = S + symmetric(np.outer(p, h_of_link) + np.outer(h, p))
-
-    # Momenta, and their rates; I omega = trace(S) omega - S omega.
-    P = mass * v + cross(omega, h)
-    trace = S[0, 0] + S[1, 1] + S[2, 2]
-    L = cross(h, v) + trace * omega - S @ omega
-    force = mass * a + cross(alpha, h) + cross(omega, P)
-    moment = cross(h, a) + trace * alpha - S @ alpha + cross(v, P) + cross(omega, L)
-    return [*h, *S[UPPER], *force, *moment]
+    link = link_momenta(R, p, mass, first, second, motion)
+    return [*link.h, *link.S[UPPER], *link.force, *link.moment]
 
 
 def _accelerating_wrench(mass: Any, moments: Sequence[Any], S: Vector) -> Vector:
