@@ -433,14 +433,7 @@ unknown:  ; Python learns the layout and passes the message again
   ret void
 known:
   call void @gather(ptr %block, ptr %layout, ptr %data)
-  %s.at = getelementptr i8, ptr %data, i64 MESSAGE
-  %s.32 = load i32, ptr %s.at, align 1
-  %ns.at = getelementptr i8, ptr %s.at, i64 4
-  %ns.32 = load i32, ptr %ns.at, align 1
-  %s = sext i32 %s.32 to i64
-  %ns = zext i32 %ns.32 to i64
-  %s.ns = mul i64 %s, 1000000000
-  %header = add i64 %s.ns, %ns
+  %header = call i64 @first_time(ptr %data)
   %epoch = number %block.EPOCH
   %since = sub i64 %header, %epoch
   %stamped = icmp ne i64 %header, 0
@@ -572,12 +565,9 @@ done:
   ret void
 }
 
-; Read the simulated time of a message of /clock.
-define void @hear_clock(ptr %block, ptr %plan, ptr %data, i64 %length) {
+; The time, ns, with which a message begins: of its header, or of /clock.
+define i64 @first_time(ptr %data) {
 start:
-  %enough = icmp sge i64 %length, CLOCK_LENGTH
-  br i1 %enough, label %read, label %done
-read:
   %s.at = getelementptr i8, ptr %data, i64 MESSAGE
   %s.32 = load i32, ptr %s.at, align 1
   %ns.at = getelementptr i8, ptr %s.at, i64 4
@@ -586,6 +576,16 @@ read:
   %ns = zext i32 %ns.32 to i64
   %s.ns = mul i64 %s, 1000000000
   %time = add i64 %s.ns, %ns
+  ret i64 %time
+}
+
+; Read the simulated time of a message of /clock.
+define void @hear_clock(ptr %block, ptr %plan, ptr %data, i64 %length) {
+start:
+  %enough = icmp sge i64 %length, CLOCK_LENGTH
+  br i1 %enough, label %read, label %done
+read:
+  %time = call i64 @first_time(ptr %data)
   %time -> %block.SIMULATED_TIME
   br label %done
 done:
