@@ -11,8 +11,9 @@ cycle after a pause has cold caches, as every cycle at the rates of an arm; thes
 separately too.
 
 With `--native` the native path is measured, in one process: blocks of its cycles alternate with
-blocks of the same loop without a cycle, which shows what of the tail is the machine's. The
-histograms of both are printed, and drawn with `--picture FILE`.
+blocks of the same loop without a cycle, which shows what of the tail is the machine's: a pause
+of the machine strikes both alike, so both loops run for the same time, in which the loop without a
+cycle makes many more turns. The histograms of both are printed, and drawn with `--picture FILE`.
 
 Memory in steady state: what Python's allocator and the C heap hold after many cycles and did not
 hold before. The gate: nothing.
@@ -63,7 +64,8 @@ PERCENTILES = (50.0, 90.0, 99.0, 99.9, 99.99, 99.999, 100.0)
 # Of the native path.
 WORK, NO_WORK = 'cycles', 'the same loop without a cycle'
 CHUNK = 1000  # cycles of one call, whose reports fit the ring
-TURN = 100  # chunks of one kind before the other
+LONG_CHUNK = 15 * CHUNK  # the same time without a cycle, which reports nothing
+TURN = 100  # chunks of cycles before the same time without
 EDGES = np.geomspace(10.0, 1e9, 801)  # ns, of the bins of histograms
 DECADES = (1e3, 2e3, 5e3, 1e4, 1e5, 5e5, 1e6, 1e7)  # ns
 
@@ -280,13 +282,19 @@ def measure_native(settings: str, cycles: int) -> dict[str, np.ndarray]:
     for _ in range(WARM_UP // CHUNK):
         loop.durations(rig.message(), CHUNK)
     histograms = {kind: np.zeros(len(EDGES) - 1, dtype=np.int64) for kind in (WORK, NO_WORK)}
+    spent = dict.fromkeys(histograms, 0)  # ns
     for begin in range(0, cycles, CHUNK * TURN):
         chunks = min(TURN, -(-(cycles - begin) // CHUNK))
-        for kind, histogram in histograms.items():
-            for _ in range(chunks):
-                took = loop.durations(rig.message(), CHUNK, kind == WORK)
-                histogram += np.histogram(took, EDGES)[0]
-            time.sleep(PAUSE * chunks / 4)  # Linux suspends real-time threads that never wait
+        for _ in range(chunks):
+            took = loop.durations(rig.message(), CHUNK)
+            histograms[WORK] += np.histogram(took, EDGES)[0]
+            spent[WORK] += int(took.sum())
+        time.sleep(PAUSE * chunks / 4)  # Linux suspends real-time threads that never wait
+        while spent[NO_WORK] < spent[WORK]:
+            took = loop.durations(rig.message(), LONG_CHUNK, works=False)
+            histograms[NO_WORK] += np.histogram(took, EDGES)[0]
+            spent[NO_WORK] += int(took.sum())
+        time.sleep(PAUSE * chunks / 4)
     path.read_reports()
     assert path.commanding and not path.fault, 'every state is answered'
     return histograms
