@@ -31,6 +31,7 @@ from kane_dynamics.ros.monitors.model_watch_monitor import check_reference
 from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
                                                         joint_command_type,
                                                         OptionalTopics)
+from kane_dynamics.ros.monitors.swing_monitor import SwingMonitor
 from kane_dynamics.ros.monitors.task_state_topic import TaskStateTopic
 from kane_dynamics.ros.parameters.parameter_checks import integrator_of_simulations
 from kane_dynamics.ros.parameters.task_settings import controlled_frame
@@ -109,6 +110,8 @@ class ConfiguredRobot:
         Why this arm cannot be commanded; empty if it can.
     torque_path : str
         What computes the commands: native, or python with the reason.
+    swing : SwingMonitor or None
+        Of the modes with springs.
 
     Raises
     ------
@@ -269,6 +272,7 @@ class ConfiguredRobot:
                                               self._reject, publisher, opened)
         self._targets: TargetInput | None = None
         self._coupling: CouplingTopics | None = None
+        self.swing: SwingMonitor | None = None
         if not self.fault:
             self._open_task_topics(publisher, opened)
         self.guard: GuardLink | None = None
@@ -361,6 +365,11 @@ class ConfiguredRobot:
                                    frame, controller, self.modes.laws)
             opened.callback(topic.close)
             self.path.add_observer(topic, need_effort=False)
+        if controller.laws:
+            self.swing = SwingMonitor(self._server, controller, self.modes.laws,
+                                      node.get_logger())
+            opened.callback(self.swing.close)
+            self.path.add_observer(self.swing, need_effort=False)
         coupling = self.modes.laws.get(Mode.ARM_COUPLING)
         if isinstance(coupling, ArmCouplingMode):
             self._open_coupling(coupling, publisher, opened)

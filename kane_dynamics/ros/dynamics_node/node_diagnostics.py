@@ -128,6 +128,8 @@ def _warnings(arm: ConfiguredRobot, dropped: Counter[str],
     change = arm.optional_topics.model_change
     if change is not None:
         warnings.append(f'model watch: {change}: identify the arm again, or check it')
+    if arm.swing is not None and arm.swing.warning:
+        warnings.append(arm.swing.warning)
     if dropped:
         reasons = []
         for reason in dropped:

@@ -24,6 +24,7 @@ from kane_dynamics.task_space.cartesian_impedance import (CartesianImpedance,
 from kane_dynamics.task_space.law_kernel import (identifier, lanes_of_single_states,
                                                  LanesOf, Law, law_kernel, settings_of)
 from kane_dynamics.task_space.pose_filter import LIMITS
+from kane_dynamics.task_space.sampled_spring import JointSpring
 import numpy as np
 
 NEAR = 0.999  # of a limit of the target, above which it is reported
@@ -198,10 +199,7 @@ class CartesianMode(NativeLaw):
         if snapshot.desired is None:
             return TaskDescription()
         twist, wrench, posture = snapshot.detail
-        described = self._described
-        self._described = posture, self._settings
-        if not np.array_equal(posture, described[0]) or self._settings is not described[1]:
-            self._describing.update(**{'posture': posture, **self._settings})
+        self._describe_with(posture)
         state = self._describing.state(q, u, snapshot.desired, twist)
         saturated = []
         for what, scale in zip(('force', 'moment'), state.spring_scale):
@@ -219,6 +217,28 @@ class CartesianMode(NativeLaw):
                 saturated.append(f'{what} of the target')
         total = in_world(self._rotation(snapshot.desired), state.wrench) + wrench
         return TaskDescription(total, tuple(saturated))
+
+    def _describe_with(self, posture: Array) -> None:
+        """Let the law of other threads have a posture, (n_q,), and the settings."""
+        described = self._described
+        self._described = posture, self._settings
+        if not np.array_equal(posture, described[0]) or self._settings is not described[1]:
+            self._describing.update(**{'posture': posture, **self._settings})
+
+    def joint_spring(self, q: Array) -> JointSpring:
+        """Return J^T K J and J^T D J of the frame at q, (n_q,), with the target there."""
+        robot = self._robot
+        self._describe_with(q)
+        pose = robot.frame_pose(self.frame, q)
+        rotation = self._rotation(pose)
+        jacobian = robot.jacobian(self.frame, q)
+        along, about = np.split(jacobian, 2)
+        J = np.concatenate([rotation.T @ along, rotation.T @ about])
+        stiffness = J.T @ (self._settings['stiffness'][:, None] * J)
+        # The damper follows from inertia and spring: its wrench at unit speeds states it.
+        wrenches = [self._describing.state(q, speeds, pose).wrench
+                    for speeds in np.eye(robot.n)]
+        return JointSpring(stiffness, -J.T @ np.stack(wrenches, axis=1), by_ratio=True)
 
     def _rotation(self, desired: Array) -> Array:
         """Return the axes of the law as columns, in the world, for a desired pose."""

@@ -16,6 +16,7 @@ from kane_dynamics.ros.parameters.task_settings import (differ, joint_damping,
 from kane_dynamics.ros.torque_path.native_law import NativeLaw
 from kane_dynamics.task_space.joint_impedance import joint_impedance_law, JointImpedance
 from kane_dynamics.task_space.reference_dynamics import compensation_weights
+from kane_dynamics.task_space.sampled_spring import JointSpring
 import numpy as np
 
 
@@ -102,6 +103,18 @@ class JointImpedanceMode(NativeLaw):
         for name, inertia in zip(self._robot.speed_names, inertias, strict=True):
             self._inertia[self._robot.joint_names.index(name)] = inertia
         self._apply(self._checked(self._values))
+
+    def joint_spring(self, q: Array) -> JointSpring:
+        """Return spring and damper of the joints, for the inertia at q, (n_q,)."""
+        robot = self._robot
+        values = self._values
+        speeds = [robot.joint_names.index(name) for name in robot.speed_names]
+        inertia = np.ones(len(robot.joint_names))
+        inertia[speeds] = np.diag(robot.mass_matrix(q))
+        stiffness = joint_stiffness(values, robot)
+        damping = joint_damping(values, robot, stiffness, inertia)
+        by_ratio = not values['joint_impedance.damping'].size
+        return JointSpring(np.diag(stiffness[speeds]), np.diag(damping[speeds]), by_ratio)
 
     @property
     def pose(self) -> Array | None:

@@ -6,6 +6,7 @@ from typing import Any, Protocol
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.controller import ModeLaw
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
+from kane_dynamics.task_space.sampled_spring import JointSpring
 
 
 class LiveLaw(ModeLaw, Protocol):
@@ -34,3 +35,11 @@ class LiveLaw(ModeLaw, Protocol):
     def describe(self, q: Array, u: Array, snapshot: TaskSnapshot) -> TaskDescription:
         """Return what the law does at a state; called in the services' thread."""
         return TaskDescription()
+
+    def joint_spring(self, q: Array) -> JointSpring | None:
+        """
+        Return spring and damper of the law in the independent speeds; None without.
+
+        Called in the services' thread, at a position (n_q,), with the target there.
+        """
+        return None

@@ -1,0 +1,116 @@
+"""
+Springs and dampers in a sampled loop: whether an arm on them swings up.
+
+A torque that is computed from the state at t_k acts from t_(k+1) to t_(k+2), one period T
+late. With the inertia M of the independent speeds, a spring K and a damper D,
+
+    x_(k+1) = x_k + T v_k + T^2/2 M^-1 F_k
+    v_(k+1) = v_k + T M^-1 F_k
+    F_(k+1) = -K x_k - D v_k,
+
+and motion grows if an eigenvalue of this map lies outside of the unit circle. Of one mass
+without a spring the damper alone has to satisfy d T < m. Source: Astrom and Wittenmark,
+"Computer-Controlled Systems", section 3.2: sampling of systems with a delay.
+"""
+
+from typing import NamedTuple
+
+from kane_dynamics._util.typing import Array
+import numpy as np
+
+BISECTIONS = 20
+# Free motion has double eigenvalues of one, which rounding moves by its square root.
+ROUNDING = 1e-6
+
+
+class JointSpring(NamedTuple):
+    """
+    Spring and damper of an arm about a state, in its independent speeds.
+
+    Attributes
+    ----------
+    stiffness, damping : (n, n) arrays
+        N m/rad and N m s/rad, or N/m and N s/m.
+    by_ratio : bool
+        Whether the damper follows from the spring by a damping ratio.
+
+    """
+
+    stiffness: Array
+    damping: Array
+    by_ratio: bool
+
+    def scaled(self, factor: float) -> 'JointSpring':
+        """Return the spring times a factor, with the damper that belongs to it."""
+        of_damper = np.sqrt(factor) if self.by_ratio else factor
+        return JointSpring(factor * self.stiffness, of_damper * self.damping,
+                           self.by_ratio)
+
+
+class Swing(NamedTuple):
+    """
+    The motion of a sampled loop that decays least.
+
+    Attributes
+    ----------
+    growth : float
+        Factor of its amplitude in one period; above 1 it swings up.
+    joint : int
+        The speed with most of its kinetic energy, by its index.
+
+    """
+
+    growth: float
+    joint: int
+
+    @property
+    def swings_up(self) -> bool:
+        """Return whether the motion grows."""
+        return self.growth > 1.0 + ROUNDING
+
+
+def swing(inertia: Array, spring: JointSpring, period: float) -> Swing:
+    """
+    Return the motion of a sampled loop that decays least.
+
+    Parameters
+    ----------
+    inertia : (n, n) array
+        Mass matrix of the independent speeds, kg m^2 or kg.
+    spring : JointSpring
+        About the state.
+    period : float
+        Time between two states, by which the torques are late, s.
+
+    """
+    # In coordinates y = L^T x with M = L L^T the inertia is one.
+    root = np.linalg.cholesky(inertia)
+    inverse = np.linalg.inv(root)
+    n = len(inertia)
+    identity = np.eye(n)
+    zero = np.zeros((n, n))
+    step = np.block([
+        [identity, period * identity, 0.5 * period**2 * identity],
+        [zero, identity, period * identity],
+        [-inverse @ spring.stiffness @ inverse.T,
+         -inverse @ spring.damping @ inverse.T, zero]])
+    values, vectors = np.linalg.eig(step)
+    largest = int(np.argmax(np.abs(values)))
+    amplitudes = np.abs(inverse.T @ vectors[n:2 * n, largest])
+    energies = np.diag(inertia) * amplitudes**2
+    return Swing(float(np.abs(values[largest])), int(np.argmax(energies)))
+
+
+def steady_share(inertia: Array, spring: JointSpring, period: float) -> float:
+    """Return the largest factor of a spring, at most 1, whose loop does not swing up."""
+    if not swing(inertia, spring, period).swings_up:
+        return 1.0
+    steady = 0.0
+    growing = 1.0
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (steady + growing)
+        if swing(inertia, spring.scaled(middle), period).swings_up:
+            growing = middle
+        else:
+            steady = middle
+    return steady

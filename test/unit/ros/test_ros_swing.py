@@ -1,0 +1,115 @@
+"""The warning of springs that are too stiff for the rate of the joint states."""
+
+from types import SimpleNamespace
+
+from kane_dynamics._util.resources import resource_path
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from kane_dynamics.control.terms import Mode  # noqa: E402, I100
+from kane_dynamics.ros.common.configuration_files import load_model  # noqa: E402
+from kane_dynamics.ros.monitors.swing_monitor import SwingMonitor  # noqa: E402
+from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
+from kane_dynamics.ros.torque_path.task_modes import TaskModes  # noqa: E402
+from node_values import node_values  # noqa: E402
+
+NANO = 10**9
+Q = np.array([0.4, -0.9])
+STIFF = np.array([300.0] * 3 + [30.0] * 3)
+SPRINGS = (Mode.JOINT_IMPEDANCE, Mode.CARTESIAN_IMPEDANCE)
+
+
+class Rig:
+    """A monitor beside the laws of a two-link arm."""
+
+    def __init__(self, mode, **changes):
+        self.values = values = node_values({
+            'mode': str(mode), 'modes': list(map(str, SPRINGS)), 'cartesian.frame': 'tip',
+            **{k.replace('__', '.'): v for k, v in changes.items()}})
+        model = load_model(resource_path('urdf', 'two_link.urdf'), values, lambda warning: None)
+        self.controller = path_controller(model, values, self._laws)
+        self.log = []
+        server = SimpleNamespace(create_timer=self._timer, destroy_timer=lambda timer: None)
+        self.monitor = SwingMonitor(server, self.controller, self.modes.laws,
+                                    SimpleNamespace(warning=self.log.append))
+        self.monitor.start()
+        self.stamp = 100 * NANO
+
+    def _laws(self, robot):
+        self.modes = TaskModes(robot, self.values)
+        return self.modes.laws
+
+    def _timer(self, period, callback, clock):
+        self.examine = callback
+
+    def states(self, period, count=30):
+        """Let the monitor observe states at a period, s, and examine one."""
+        for _ in range(count):
+            self.stamp += round(period * NANO)
+            self.monitor.on_cycle(SimpleNamespace(stamp=self.stamp, state=SimpleNamespace(q=Q)))
+        self.examine()
+
+
+@pytest.mark.parametrize('mode', SPRINGS)
+def test_a_spring_too_stiff_for_the_rate_of_the_states_is_named(mode):
+    """The same spring is steady at 1 kHz; the warning ends, and is logged once."""
+    rig = Rig(mode, joint_impedance__stiffness=400.0, cartesian__stiffness=STIFF)
+    rig.states(1e-3)
+    assert rig.monitor.warning == ''
+    for _ in range(3):
+        rig.states(0.05)
+    assert rig.monitor.warning.startswith(f"{mode}: joint 'joint")
+    assert 'each 50 ms' in rig.monitor.warning and 'armature' in rig.monitor.warning
+    assert rig.log == [rig.monitor.warning]
+    rig.states(1e-3)
+    assert rig.monitor.warning == ''
+
+
+@pytest.mark.parametrize('mode', SPRINGS)
+def test_the_share_that_the_warning_states_is_steady(mode):
+    """Settings with the stated share of the stiffness give no warning; with more they do."""
+    rig = Rig(mode, joint_impedance__stiffness=400.0, cartesian__stiffness=STIFF)
+    rig.states(0.05)
+    share = float(rig.monitor.warning.split('expected at most ')[1].split('%')[0]) / 100.0
+    assert 0.01 <= share < 0.9
+    for factor, steady in ((0.9, True), (1.2, False)):
+        other = Rig(mode, joint_impedance__stiffness=400.0 * factor * share,
+                    cartesian__stiffness=factor * share * STIFF)
+        other.states(0.05)
+        assert (other.monitor.warning == '') == steady
+
+
+@pytest.mark.parametrize('mode', SPRINGS)
+def test_spring_and_damper_are_those_of_the_law(mode):
+    """Differences of the torques of the law itself, about a target at the state."""
+    rig = Rig(mode)
+    robot = rig.controller.robot
+    mode_law = rig.modes.laws[mode]
+    spring = mode_law.joint_spring(Q)
+    law = mode_law.law
+    rest = np.zeros(2)
+    target = Q
+    if mode is Mode.CARTESIAN_IMPEDANCE:
+        target = robot.frame_pose('tip', Q)
+        law.update(null_damping=0.0)
+    else:
+        mode_law.torque(Q, rest, None, 0.0, 0.0)  # the mode begins
+    h = 1e-6
+    for k, e in enumerate(np.eye(2)):
+        gravity = robot.gravity_force(Q + h * e) - robot.gravity_force(Q - h * e)
+        stretched = law.torque(Q - h * e, rest, target) - law.torque(Q + h * e, rest, target)
+        np.testing.assert_allclose((stretched + gravity) / (2 * h), spring.stiffness[:, k],
+                                   rtol=1e-5, atol=1e-4)
+        damped = law.torque(Q, -h * e, target) - law.torque(Q, h * e, target)
+        np.testing.assert_allclose(damped / (2 * h), spring.damping[:, k], rtol=1e-5, atol=1e-4)
+
+
+def test_few_states_and_modes_without_a_spring_give_no_warning():
+    rig = Rig(Mode.JOINT_IMPEDANCE, joint_impedance__stiffness=400.0)
+    rig.states(0.05, count=5)
+    assert rig.monitor.warning == ''
+    rig.controller.update(mode=Mode.GRAVITY_COMPENSATION)
+    rig.states(0.05)
+    assert rig.monitor.warning == '' and rig.log == []
