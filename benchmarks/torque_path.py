@@ -14,6 +14,7 @@ With `--native` the native path is measured, in one process: blocks of its cycle
 blocks of the same loop without a cycle, which shows what of the tail is the machine's: a pause
 of the machine strikes both alike, so both loops run for the same time, in which the loop without a
 cycle makes many more turns. The histograms of both are printed, and drawn with `--picture FILE`.
+With `--beside-compilers` a process on each processor compiles meanwhile.
 
 Memory in steady state: what Python's allocator and the C heap hold after many cycles and did not
 hold before. The gate: nothing.
@@ -21,6 +22,8 @@ hold before. The gate: nothing.
 
 import argparse
 from array import array
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 import ctypes
 import gc
 import json
@@ -67,6 +70,14 @@ CHUNK = 1000  # cycles of one call, whose reports fit the ring
 LONG_CHUNK = 15 * CHUNK  # the same time without a cycle, which reports nothing
 TURN = 100  # chunks of cycles before the same time without
 EDGES = np.geomspace(10.0, 1e9, 801)  # ns, of the bins of histograms
+STARTING = 3.0  # s, for compilers
+COMPILER = '''
+import os
+os.environ['KANE_DYNAMICS_CACHE'] = 'off'
+from kane_dynamics import load_urdf, Robot
+while True:
+    Robot(load_urdf({urdf!r})).compile('inverse_dynamics', 'forward_dynamics')
+'''
 DECADES = (1e3, 2e3, 5e3, 1e4, 1e5, 5e5, 1e6, 1e7)  # ns
 
 
@@ -300,6 +311,22 @@ def measure_native(settings: str, cycles: int) -> dict[str, np.ndarray]:
     return histograms
 
 
+@contextmanager
+def compilers() -> Iterator[None]:
+    """Let a process on each processor compile the kernels of a robot all the time."""
+    running = [subprocess.Popen([sys.executable, '-c', COMPILER.format(urdf=str(URDF))])
+               for _ in range(os.cpu_count() or 1)]
+    try:
+        time.sleep(STARTING)
+        yield
+        if any(process.poll() is not None for process in running):
+            raise RuntimeError('a compiler ended')
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()
+
+
 def exceeded(histogram: np.ndarray, limit: float) -> int:
     """Return how many durations lie in bins from a limit on, ns."""
     return int(histogram[np.searchsorted(EDGES, limit) - 1:].sum())
@@ -330,15 +357,16 @@ def native_markdown(histograms: dict[str, np.ndarray], settings: str, load: floa
 
 
 def draw(histograms: dict[str, np.ndarray], file: Path) -> None:
-    """Draw the share of cycles that take longer than a time, on logarithmic axes."""
+    """Draw how many take longer than a time, in the same time, on logarithmic axes."""
     from matplotlib.figure import Figure
     figure = Figure(figsize=(7.0, 4.0), layout='constrained')
     axes = figure.subplots()
     for kind, histogram in histograms.items():
-        longer = np.cumsum(histogram[::-1])[::-1] / histogram.sum()
-        axes.loglog(EDGES[:-1][longer > 0.0] / 1e3, longer[longer > 0.0], label=kind)
+        longer = np.cumsum(histogram[::-1])[::-1]
+        label = f'{kind}: {histogram.sum():,}'
+        axes.loglog(EDGES[:-1][longer > 0] / 1e3, longer[longer > 0], label=label)
     axes.set_xlabel('time, us')
-    axes.set_ylabel('share of cycles that take longer')
+    axes.set_ylabel('number of longer ones, in equal times')
     axes.grid(True)
     axes.legend()
     figure.savefig(file)
@@ -375,6 +403,8 @@ def main() -> int:
     parser.add_argument('--native', action='store_true', help='measure the native path')
     parser.add_argument('--realtime', action='store_true',
                         help='with --native: with realtime.*, which needs the rights')
+    parser.add_argument('--beside-compilers', action='store_true',
+                        help='with --native: while each processor compiles')
     parser.add_argument('--picture', type=Path, help='with --native: draw the histograms')
     options = parser.parse_known_args()[0]  # some are for other benchmarks
     if options.settings:
@@ -383,7 +413,10 @@ def main() -> int:
     load = os.getloadavg()[0]
     if options.native:
         settings = ON if options.realtime else OFF
-        histograms = measure_native(settings, options.cycles)
+        with compilers() if options.beside_compilers else nullcontext():
+            histograms = measure_native(settings, options.cycles)
+        if options.beside_compilers:
+            settings += ', beside compilers on all processors'
         print(native_markdown(histograms, settings, load))
         if options.picture:
             draw(histograms, options.picture)
