@@ -16,8 +16,12 @@ the default executor hold there. With `native` the torque path of the fr3 does w
 interpreter, with gates of its own. With the name of a mode, such as `cartesian_impedance`, the
 node runs in it; by default in computed_torque. With `--no-gates` missed gates are printed and no
 failure.
+
+With `--tail N` the node and the echo in C alone are visited N times each under each load, one
+after the other without a pause, and all percentiles are printed up to the longest of N.
 """
 
+import argparse
 from collections.abc import Sequence
 import os
 import random
@@ -40,7 +44,8 @@ from std_msgs.msg import Float64MultiArray
 PALLETIZER, NATIVE = 'palletizer', 'native'
 IDLE, BUSY = 'idle', 'beside simulations'
 PERIOD = 2e-3  # s between visits, on average
-BLOCK = 250   # rounds
+BLOCK, LONG_BLOCK = 250, 2500  # rounds, with pauses and without
+PERCENTILES = (50.0, 90.0, 99.0, 99.9, 99.99, 99.999, 100.0)
 WARM_UP = 200  # rounds
 # Most paired ratio by load and contender, and most states lost.
 MOST_RATIO = {'fr3': {(IDLE, DEFAULT): 0.70, (BUSY, DEFAULT): 0.65, (IDLE, IN_C): 2.0},
@@ -98,23 +103,28 @@ class Driver(Node):
             self._executor.spin_once(left)
 
 
-def rounds(driver: Driver, names: Sequence[str], number: int,
-           chance: random.Random) -> dict[str, np.ndarray]:
-    """Return the round trips of `number` rounds, s; entries of one round belong together."""
+def rounds(driver: Driver, names: Sequence[str], number: int, chance: random.Random,
+           period: float = PERIOD) -> dict[str, np.ndarray]:
+    """
+    Return the round trips of `number` rounds, s; entries of one round belong together.
+
+    Two visits are a period apart on average, s; 0: the next follows the answer.
+    """
     trips: dict[str, list[float]] = {name: [] for name in names}
     order = list(names)
     for _ in range(number):
         chance.shuffle(order)
         for name in order:
-            due = time.perf_counter() + PERIOD * chance.uniform(0.5, 1.5)
+            due = time.perf_counter() + period * chance.uniform(0.5, 1.5)
             trips[name].append(driver.visit(name))
             driver.pause(due)
     return {name: np.array(values) for name, values in trips.items()}
 
 
-def measure(robot: DemoRobot, names: Sequence[str], samples: int,
-            switch: IO[str]) -> dict[str, dict[str, np.ndarray]]:
+def measure(robot: DemoRobot, names: Sequence[str], samples: int, switch: IO[str],
+            period: float = PERIOD) -> dict[str, dict[str, np.ndarray]]:
     """Return the round trips under each load; a line to `switch` changes the load."""
+    block = BLOCK if period else LONG_BLOCK
     driver = Driver(robot, names)
     deadline = time.monotonic() + 60.0
     for name in names:
@@ -124,15 +134,26 @@ def measure(robot: DemoRobot, names: Sequence[str], samples: int,
     chance = random.Random(0)
     rounds(driver, names, WARM_UP, chance)
     blocks: dict[str, list[dict[str, np.ndarray]]] = {IDLE: [], BUSY: []}
-    for _ in range(-(-samples // BLOCK)):
+    for _ in range(-(-samples // block)):
         for blocks_of_load in blocks.values():
             driver.pause(time.perf_counter() + 0.2)  # the last simulation ends, the next begins
-            blocks_of_load.append(rounds(driver, names, BLOCK, chance))
+            blocks_of_load.append(rounds(driver, names, block, chance, period))
             switch.write('\n')
             switch.flush()
     driver.destroy_node()
     return {which: {name: np.concatenate([block[name] for block in several])
                     for name in names} for which, several in blocks.items()}
+
+
+def show_tail(which: str, trips: dict[str, np.ndarray]) -> None:
+    """Print the percentiles of many round trips under one load, us."""
+    heads = ' | '.join(f'p{percentile:g}' for percentile in PERCENTILES[:-1])
+    print(f'\n{which}, us:\n\n| | visits | lost | {heads} | max |')
+    print('|---' * (len(PERCENTILES) + 3) + '|')
+    for name, values in trips.items():
+        figures = np.nanpercentile(values, PERCENTILES) * 1e6
+        row = ' | '.join(f'{figure:.0f}' for figure in figures)
+        print(f'| {name} | {len(values)} | {np.isnan(values).sum()} | {row} |')
 
 
 def show(which: str, trips: dict[str, np.ndarray]) -> dict[tuple[str, str], float]:
@@ -153,14 +174,15 @@ def show(which: str, trips: dict[str, np.ndarray]) -> dict[tuple[str, str], floa
     return paired
 
 
-def main(*arguments: str, samples: int = 2500) -> int:
-    """Print the comparison; return 1 if a gate does not hold."""
+def main(*arguments: str, samples: int = 2500, tail: int = 0) -> int:
+    """Print the comparison; return 1 if a gate does not hold, of a tail always 0."""
     machine_load = os.getloadavg()[0]
     robot = PALLETIZER if PALLETIZER in arguments else 'fr3'
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ.setdefault('ROS_DOMAIN_ID', str(random.SystemRandom().randint(1, 100)))
     left_out = compile_echo()
-    names = [name for name in NAMESPACES if not (left_out and name == IN_C)]
+    visited = (OURS, IN_C) if tail else NAMESPACES
+    names = [name for name in visited if not (left_out and name == IN_C)]
     rclpy.init()
     settings = list(REALTIME) if 'realtime' in arguments else []
     if NATIVE in arguments:
@@ -171,12 +193,17 @@ def main(*arguments: str, samples: int = 2500) -> int:
         assert loader.stdin is not None
         assert loader.stdout is not None
         loader.stdout.readline()
-        trips = measure(ROBOTS[robot], names, samples, loader.stdin)
+        period = 0.0 if tail else PERIOD
+        trips = measure(ROBOTS[robot], names, tail or samples, loader.stdin, period)
     simulations = int(loader.stdout.readline())
     rclpy.shutdown()
     print(f'Round trip, joint state to torques, {robot}, one shuffled run, '
           f'{len(trips[IDLE][OURS])} visits each; {simulations} simulations meanwhile; '
           f'load of the machine before {machine_load:.2f}')
+    if tail:
+        for which, several in trips.items():
+            show_tail(which, several)
+        return 0
     ratios = show(IDLE, trips[IDLE]) | show(BUSY, trips[BUSY])
     lost = np.isnan(trips[BUSY][OURS]).mean()
     gates = MOST_RATIO[NATIVE if NATIVE in arguments else robot]
@@ -194,7 +221,10 @@ def main(*arguments: str, samples: int = 2500) -> int:
 
 
 if __name__ == '__main__':
-    if unknown := set(sys.argv[1:]) - {'realtime', PALLETIZER, NATIVE, NO_GATES, *LAW_MODES}:
-        sys.exit(f'arguments: {sorted(unknown)}; expected realtime, {PALLETIZER}, {NATIVE}, '
-                 f'{", ".join(LAW_MODES)}, {NO_GATES} or none')
-    sys.exit(main(*sys.argv[1:]))
+    parser = argparse.ArgumentParser(description=__doc__.partition('.')[0])
+    parser.add_argument('settings', nargs='*', help='see the top of the file',
+                        choices=['realtime', PALLETIZER, NATIVE, *LAW_MODES, []])
+    parser.add_argument('--tail', type=int, default=0, metavar='N')
+    parser.add_argument(NO_GATES, action='store_true')
+    options = parser.parse_args()
+    sys.exit(main(*options.settings, tail=options.tail))

@@ -71,13 +71,13 @@ LONG_CHUNK = 15 * CHUNK  # the same time without a cycle, which reports nothing
 TURN = 100  # chunks of cycles before the same time without
 EDGES = np.geomspace(10.0, 1e9, 801)  # ns, of the bins of histograms
 STARTING = 3.0  # s, for compilers
-COMPILER = '''
+COMPILER = """
 import os
 os.environ['KANE_DYNAMICS_CACHE'] = 'off'
 from kane_dynamics import load_urdf, Robot
 while True:
     Robot(load_urdf({urdf!r})).compile('inverse_dynamics', 'forward_dynamics')
-'''
+"""
 DECADES = (1e3, 2e3, 5e3, 1e4, 1e5, 5e5, 1e6, 1e7)  # ns
 
 
