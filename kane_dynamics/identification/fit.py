@@ -226,20 +226,32 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
             if finding.level != 'remark':
                 warnings.warn(f'the recording does not fit the model: {finding.words}',
                               ModelWarning, stacklevel=3)
+    # The first half is fitted, on blocks that take turns in being left out; the second
+    # half only validates.
     whole = law_rows(rows(model, recording, standstill))
     place = phases(recording)
-    first, second = whole.part(place < 0.5), whole.part(place >= 0.5)
-    blocks = block_flags(2.0 * place[place < 0.5])
+    in_first = place < 0.5
+    first = whole.part(in_first)
+    second = whole.part(~in_first)
+    blocks = block_flags(2.0 * place[in_first])
     lowest = LOWEST if bounded else UNBOUNDED
     plain = _PlainFits(model, first, blocks, lowest)
-    given = np.inf if friction_only else weight
-    laws: tuple[FrictionLaw, ...] | None = None  # to be selected
-    if friction != SELECT or friction_only:
-        name = COULOMB.name if friction == SELECT else friction
-        laws = (LAWS[LAW_NAMES.index(name)],) * model.n
-    fit, used_weight, candidates = _chosen_fit(plain, laws, given, progress)
+
+    # An infinite weight of the prior keeps the inertials as they are.
+    stated_weight = np.inf if friction_only else weight
+    laws = _stated_laws(model, friction, friction_only)
+    fit, used_weight, candidates = _chosen_fit(plain, laws, stated_weight, progress)
     progress(1.0)
     return _identification(first, second, fit, used_weight, candidates, model)
+
+
+def _stated_laws(model: Model, friction: str,
+                 friction_only: bool) -> tuple[FrictionLaw, ...] | None:
+    """Return the law of each joint by the options; None if laws are to be selected."""
+    if friction == SELECT and not friction_only:
+        return None
+    name = COULOMB.name if friction == SELECT else friction
+    return (LAWS[LAW_NAMES.index(name)],) * model.n
 
 
 def _check_options(weight: float | None, bounded: bool, friction_only: bool,

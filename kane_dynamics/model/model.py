@@ -340,6 +340,20 @@ class Model:
         for name in ('bodies', 'coordinate_names', 'frames', 'balls'):
             freeze(self, name, tuple(getattr(self, name)))
         freeze(self, 'gravity', constant(self.gravity, (3,), 'gravity'))
+
+        # The topology first: all else relies on parents that come before children.
+        self._check_topology()
+        check_balls(self.bodies, self.balls)
+        self._check_coordinates()
+        self._check_load_friction()
+        self._check_motors()
+        _check_unique('body', [body.name for body in self.bodies])
+        _check_unique('joint', [body.joint.name for body in self.bodies])
+        _check_unique('coordinate', self.coordinate_names)
+        _check_unique('frame', [frame.name for frame in self.frames])
+
+    def _check_topology(self) -> None:
+        """Raise ModelError unless parents and coordinates of all bodies exist."""
         n = self.n
         for i, body in enumerate(self.bodies):
             if not WORLD <= body.parent < i:
@@ -348,19 +362,15 @@ class Model:
             if not 0 <= body.joint.coordinate < n:
                 raise ModelError(f"joint '{body.joint.name}': coordinate "
                                  f'{body.joint.coordinate}; expected 0 to {n - 1}')
-        check_balls(self.bodies, self.balls)
+
+    def _check_coordinates(self) -> None:
+        """Raise ModelError for a coordinate that moves neither a joint nor a mode."""
         used = {body.joint.coordinate for body in self.bodies}
         used.update(self.modal_coordinates)
         for k, name in enumerate(self.joint_names):
             if k not in used:
                 raise ModelError(f"coordinate '{name}': moves no joint; expected at "
                                  'least one')
-        self._check_load_friction()
-        self._check_motors()
-        _check_unique('body', [body.name for body in self.bodies])
-        _check_unique('joint', [body.joint.name for body in self.bodies])
-        _check_unique('coordinate', self.coordinate_names)
-        _check_unique('frame', [frame.name for frame in self.frames])
 
     def _check_motors(self) -> None:
         """Raise ModelError for a drive without the joint of its motor."""

@@ -157,10 +157,14 @@ class TrajectoryOptimizer:
         self.robot = robot
         names = robot.joint_names
         self.interval = positive_time(interval, 'interval')
+
+        # Modes of beams have no actuators: they move with the joints.
         modes = {names[k] for k in robot.model.modal_coordinates}
         self.actuator_names = tuple(name for name in robot.actuated_names
                                     if name not in modes)
         actuators = [names.index(name) for name in self.actuator_names]
+
+        # Limits and weights, of which defaults are the model's.
         if torque_limits is None:
             torque_limits = _torque_limits(robot, self.actuator_names)
         self.torque_limits = per_joint(torque_limits, 'torque_limits',
@@ -171,6 +175,7 @@ class TrajectoryOptimizer:
         self.weights = CostWeights() if weights is None else weights
         instance(self.weights, CostWeights, 'weights')
 
+        # What the native solver reads and writes, and the state between its calls.
         self._arrays = HorizonKernels(robot, actuators, integer(nodes, 'nodes', 1))
         self._target = Target(robot, actuators)
         self._set_weights()
@@ -179,6 +184,7 @@ class TrajectoryOptimizer:
         self._stalled = False
         self._t = 0.0
         self._has_target = False
+        # q = 0 closes no loop and deflects no beam: of those the user states a target.
         if robot.equations.in_joint_rates and not robot.model.flexible:
             self.set_target(np.zeros(len(names)))
 

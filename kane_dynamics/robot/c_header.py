@@ -119,18 +119,23 @@ def joint_limits(robot: Any) -> dict[str, Array]:
 def _data_declarations(robot: Any, prefix: str, upper: str) -> list[str]:
     """Return the declarations of joint names and limits, and of the state check."""
     number = f'{upper}_REAL'
-    return [
-        '', '/* Names and limits of the joints, in the order of their enumeration; limits of',
+    lines = [
+        '',
+        '/* Names and limits of the joints, in the order of their enumeration; limits of',
         ' * positions in the order of q. Infinite where there is none. rad or m, rad/s or m/s,',
         ' * N m or N. */',
-        f'extern const char {prefix}_joint_names[{upper}_N_JOINTS][{upper}_NAME_SIZE];',
-        *(f'extern const {number} {prefix}_{name}[{limit_size(robot, name, upper)}];'
-          for name in ('lower_limits', 'upper_limits', 'velocity_limits', 'effort_limits')),
-        '', '/* Return 0 if a state may be used: q and u are finite, and no position is beyond',
+        f'extern const char {prefix}_joint_names[{upper}_N_JOINTS][{upper}_NAME_SIZE];']
+    for name in joint_limits(robot):
+        size = limit_size(robot, name, upper)
+        lines.append(f'extern const {number} {prefix}_{name}[{size}];')
+    lines += [
+        '',
+        '/* Return 0 if a state may be used: q and u are finite, and no position is beyond',
         f' * {upper}_LARGEST_POSITION, where a number has lost the angle. Otherwise return',
         ' * 1 + the index of the first entry that is not, counted through q, then u. Results for',
         ' * such a state are undefined. */',
         f'int {prefix}_check_state(const {number} *q, const {number} *u);']
+    return lines
 
 
 def _joint_enum(robot: Any, upper: str) -> list[str]:
@@ -172,36 +177,50 @@ def _enum(upper: str, kind: str, entries: Sequence[tuple[str, str]]) -> list[str
 
 def _conventions(robot: Any, prefix: str) -> list[str]:
     """Return the lines of the calling conventions."""
-    equations = robot.equations
-    entries = (f'Arguments are arrays of {prefix.upper()}_REAL: q, u, udot and tau have one '
-               'entry per joint,')
+    lines = _equation_of_motion(robot)
+    lines += [
+        '',
+        f'Arguments are arrays of {prefix.upper()}_REAL: q, u, udot and tau have one '
+        'entry per joint,']
     if constrained(robot):
-        lines = ['M(q) udot + bias(q, u) = tau + external, SI units, world axes.', '', entries,
-                 'or per independent speed (u, udot, and tau, which is dual to u),']
-    else:
-        lines = ['M(q) udot + bias(q, u) = tau + external, u = dq/dt, SI units, world axes.', '',
-                 entries]
-    lines += ['in the order above. A result may overlay an argument. Nothing is allocated, no',
-              'state is kept: any thread may call anything at any time. Arguments are not',
-              f'checked: call {prefix}_check_state before.', '',
-              'parameters: gravity, the acceleration of free fall, m/s^2']
-    if equations.payload_frame is not None:
+        lines.append('or per independent speed (u, udot, and tau, which is dual to u),')
+    lines += [
+        'in the order above. A result may overlay an argument. Nothing is allocated, no',
+        'state is kept: any thread may call anything at any time. Arguments are not',
+        f'checked: call {prefix}_check_state before.', '']
+
+    # The further arguments, in the order of the prototypes.
+    lines += _parameter_block(robot)
+    if robot.equations.timed:
+        lines.append('t: pointer to the time, s')
+    if robot.equations.wrench_frames:
+        lines += [
+            'wrench: for each frame that carries one, the force (N) then the moment (N m)',
+            '  that the environment exerts at its origin, world axes; NULL means none']
+    return [comment(line) for line in lines]
+
+
+def _equation_of_motion(robot: Any) -> list[str]:
+    """Return the line that states the equation; only u of joints are rates of q."""
+    if constrained(robot):
+        return ['M(q) udot + bias(q, u) = tau + external, SI units, world axes.']
+    return ['M(q) udot + bias(q, u) = tau + external, u = dq/dt, SI units, world axes.']
+
+
+def _parameter_block(robot: Any) -> list[str]:
+    """Return the lines on the run-time parameters, in their order in the block."""
+    lines = ['parameters: gravity, the acceleration of free fall, m/s^2']
+    gravity = ', '.join(f'{entry:g}' for entry in robot.parameters.gravity)
+    at_export = f'gravity ({gravity})'
+    if robot.equations.payload_frame is not None:
         lines += [
             '  then the payload, in its frame: mass, mass x center of mass (3), and the integrals',
             '  of xx, xy, xz, yy, yz, zz over its mass; kg, kg m, kg m^2']
-    if equations.watched:
+        at_export += ' and the payload at export'
+    if robot.equations.watched:
         lines += [
             '  then the limits of a state, each as 1 / limit^2, 0 for none: conditioning of the',
             '  speeds, constraint residuals in m and in rad, violation of redundant constraints.',
             '  Beyond them the first entry of a result is NaN.']
-    selected = f'gravity ({", ".join(map("{:g}".format, robot.parameters.gravity))})'
-    if equations.payload_frame is not None:
-        selected += ' and the payload at export'
-    lines.append(f'  NULL selects the values at export: {selected}.')
-    if equations.timed:
-        lines.append('t: pointer to the time, s')
-    if equations.wrench_frames:
-        lines += [
-            'wrench: for each frame that carries one, the force (N) then the moment (N m)',
-            '  that the environment exerts at its origin, world axes; NULL means none']
-    return list(map(comment, lines))
+    lines.append(f'  NULL selects the values at export: {at_export}.')
+    return lines

@@ -357,14 +357,20 @@ class Trajectory:
 
     def _columns(self) -> list[str]:
         """Return the header of a table of all arrays."""
-        columns = ['t', *(f'q.{name}' for name in self.coordinate_names)]
+        columns = ['t']
+
+        def add(quantity: str, names: Sequence[str]) -> None:
+            columns.extend(f'{quantity}.{name}' for name in names)
+
+        # The order is that of `ARRAYS`.
+        add('q', self.coordinate_names)
         for quantity in ('u', 'udot', 'tau'):
-            columns += [f'{quantity}.{speed}' for speed in self.speed_names]
+            add(quantity, self.speed_names)
         columns += ['kinetic_energy', 'potential_energy']
-        columns += [f'stop_force.{name}' for name in self.joint_names]
+        add('stop_force', self.joint_names)
         for quantity in ('constraint_force', 'constraint_residual',
                          'constraint_velocity_residual'):
-            columns += [f'{quantity}.{row}' for row in self.constraint_names]
+            add(quantity, self.constraint_names)
         return columns
 
 

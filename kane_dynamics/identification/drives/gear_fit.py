@@ -36,6 +36,7 @@ PARAMETERS = ('compliance', 'eta', 'skew', 'deflection_offset', 'link_damping',
               'link_friction', 'rotor_inertia', 'motor_damping', 'motor_friction',
               'motor_offset', 'log_slip')
 FIRST_SLIP = 0.05  # rad/s or m/s
+LARGEST_FIRST_SKEW = 0.02  # s
 MOST_EVALUATIONS = 40
 ROUNDS = 3  # of the noise of friction
 
@@ -182,17 +183,27 @@ class GearEquations:
 
     def start(self) -> Array:
         """Return parameters to start from: least squares of the spring without a delay."""
-        signals, of = self._signals, self._of
-        deflection = self._theta - of.of(signals.q)
-        gear = self._gear if signals.link is None else of.of(signals.link.torque)
-        columns = [gear, of.of(signals.link_speed.values), -self._constant]
-        real = [np.concatenate([column.real, column.imag]) for column in columns]
-        solution = np.linalg.lstsq(np.column_stack(real),
+        signals = self._signals
+        spectrum_of = self._of.of
+        if signals.link is None:
+            gear = self._gear
+        else:
+            gear = spectrum_of(signals.link.torque)
+
+        # theta - q = compliance * torque + skew * q' - offset, since the link is at
+        # q + skew q' at the time of the motor's sample.
+        deflection = self._theta - spectrum_of(signals.q)
+        columns = np.column_stack(
+            [gear, spectrum_of(signals.link_speed.values), -self._constant])
+        # Real and imaginary parts are equations of their own, so that the solution is real.
+        solution = np.linalg.lstsq(np.vstack([columns.real, columns.imag]),
                                    np.concatenate([deflection.real, deflection.imag]))[0]
-        values = {'compliance': solution[0], 'skew': solution[1],
-                  'log_slip': np.log(FIRST_SLIP)}
-        if 'skew' in self.names and abs(values['skew']) > 0.02:
-            values['skew'] = 0.0
+        compliance, skew, _ = solution
+
+        # Far skews come from a poor fit: the search would start in another minimum.
+        if abs(skew) > LARGEST_FIRST_SKEW:
+            skew = 0.0
+        values = {'compliance': compliance, 'skew': skew, 'log_slip': np.log(FIRST_SLIP)}
         return np.array([values.get(name, 0.0) for name in self.names])
 
     def weighted(self, x: Array) -> Array:

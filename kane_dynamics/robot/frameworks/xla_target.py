@@ -53,17 +53,24 @@ def registered(function: BatchFunction) -> str:
 
 def _handler(function: BatchFunction, name: str) -> object:
     """Compile and register the handler of a function."""
-    kernel = function.kernel
-    # The operands: the arguments, the block of parameters, the result.
-    sizes = [math.prod(argument.shape) for argument in function.arguments]
+    # The operands: the arguments, the block of parameters, the result. Only
+    # positions have a finite limit of size.
+    sizes = []
+    limits = []
+    for argument in function.arguments:
+        sizes.append(math.prod(argument.shape))
+        limits.append(min(size_limit(argument.name), sys.float_info.max))
     sizes += [len(function.parameters), math.prod(function.shape)]
-    names = [argument.name for argument in function.arguments]
-    limits = [min(size_limit(key), sys.float_info.max) for key in [*names, '', '']]
+    limits += 2 * [min(size_limit(''), sys.float_info.max)]
+
+    # The number of operations decides from which batch on threads share the work.
+    kernel = function.kernel
     count = kernel.traced().operation_count()
+    operations = count.multiplications + count.additions
     text = handler_text(
         kernel.compile_lanes(), driver(width()).address('run_shares'), sizes, limits,
         minor=interface()[1], threads=thread_count(), row=ROW, words=WORDS,
-        flags=FLAGS, operations=count.multiplications + count.additions)
+        flags=FLAGS, operations=operations)
     code = llvm.Code(llvm.assemble(text, 2, optimise=True))
     handler = code.function(HANDLER, ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p))
     jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(handler), platform='cpu')

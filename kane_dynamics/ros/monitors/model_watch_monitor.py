@@ -1,7 +1,7 @@
 """The watch over the model while the arm works, in the services' thread."""
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -210,24 +210,25 @@ class ModelWatchMonitor:
 
     def _make_report(self, window: list[Recording]) -> None:
         """Compare a window with the reference, publish the report and log its alarms."""
-        t = np.concatenate([stretch.t for stretch in window])
-        states = []
-        for name in NAMES:
-            states.append(np.concatenate([getattr(stretch, name) for stretch in window]))
-        q, u, udot, tau = states
         try:
-            report = self._watch.report(Recording(t, q, u, udot, tau))
+            report = self._watch.report(_joined(window))
         except KaneError as error:  # overflow from finite numbers
             self._reject('no report', str(error))
             return
-        before = () if self.report is None else _causes(self.report)
+        self._log_changes(report)
         self.report = report
-        for alarm in report.alarms:
-            if (alarm.joint, alarm.cause) not in before:
-                self._log.warning(f'model watch: {alarm}')
-        if before and not report.alarms:
-            self._log.info('model watch: the model describes the arm again')
         self._publisher.publish(report_message(report, self._newest))
+
+    def _log_changes(self, report: WatchReport) -> None:
+        """Log alarms that the previous report had not, and the end of all alarms."""
+        previous: tuple[tuple[str, str], ...] = ()
+        if self.report is not None:
+            previous = _causes(self.report)
+        for alarm in report.alarms:
+            if (alarm.joint, alarm.cause) not in previous:
+                self._log.warning(f'model watch: {alarm}')
+        if previous and not report.alarms:
+            self._log.info('model watch: the model describes the arm again')
 
     # For the diagnostics.
 
@@ -248,6 +249,14 @@ class ModelWatchMonitor:
         return {'model watch': words,
                 'model watch: largest residual, relative to the reference':
                     f"{ratios[worst]:.2f} at joint '{report.joint_names[worst]}'"}
+
+
+def _joined(window: Sequence[Recording]) -> Recording:
+    """Return stretches of a recording as one, in their order."""
+    columns = {}
+    for name in ('t', *NAMES):
+        columns[name] = np.concatenate([getattr(stretch, name) for stretch in window])
+    return Recording(**columns)
 
 
 def _causes(report: WatchReport) -> tuple[tuple[str, str], ...]:
