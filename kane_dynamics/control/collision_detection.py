@@ -67,7 +67,8 @@ class CollisionDetector:
     def tune(self, threshold: ArrayLike, *, confirm: float, release: float,
              clear: float) -> None:
         """Change thresholds and times; the flag keeps its value."""
-        # All are checked before the first is changed.
+        # All are checked before the first is changed. An infinite threshold disables a
+        # joint; zero would always be exceeded.
         thresholds = per_joint(threshold, 'threshold', self._names,
                                finite=False).tolist()
         for name, value in zip(self._names, thresholds):
@@ -103,6 +104,7 @@ class CollisionDetector:
         # threshold.
         ratios = [abs(x) / limit for x, limit in zip(torque.tolist(), self._thresholds)]
         beyond = []
+        # The time since which each joint is beyond its threshold without a break.
         for k, ratio in enumerate(ratios):
             if ratio > 1.0:
                 self._beyond_since[k] = _earlier(self._beyond_since[k], t)
@@ -110,6 +112,7 @@ class CollisionDetector:
             else:
                 self._beyond_since[k] = None
         self.beyond = tuple(beyond)
+        # A set flag clears below a lower threshold, so that it does not flicker.
         if self.collision:
             return self._clears(t, max(ratios))
         return self._sets(t, ratios)

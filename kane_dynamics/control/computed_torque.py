@@ -280,6 +280,8 @@ def law_kernel(robot: Robot, followed: Sequence[int] | None = None,
         name += '_anywhere'
         size = robot.n
 
+    # Asked when the law is NaN: where the chosen speeds are singular, others may be
+    # regular.
     def reason(state: dict[str, Array]) -> Kernel | None:
         """Return the law in speeds that are regular at a state, or raise the error."""
         regular = robot.speed_sets.instead(robot.mechanism, state)

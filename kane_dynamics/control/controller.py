@@ -530,6 +530,7 @@ class Controller:
         if terms in self._reached_of:
             return self._reached_of[terms]
 
+        # The state that the torques reach, traced for these joints and terms.
         def reached(q: Array, u: Array, tau: Array, elapsed: float, parameters: Array,
                     t: float) -> Array:
             return np.concatenate(reached_state(robot, terms, places, q, u, tau, elapsed,

@@ -93,11 +93,14 @@ class FollowedMotion:
                 t: float) -> tuple[Array, Array]:
         """Return configuration and speeds of all joints from those that follow."""
         tracker = self._tracker
+        # A velocity constraint leaves the configuration to the history of the motion.
         if tracker.path_rows and whole is None:
             raise InputError(f'motion: of {len(q)} joints, with '
                              f'{", ".join(tracker.path_rows)}; expected a motion of all '
                              'joints, because a constraint on velocities leaves the '
                              'configuration to the path, or computed torque')
+        # With the whole configuration known the loops start there; otherwise they follow
+        # on from the last cycle.
         if whole is not None:
             tracker.restart(whole, t)
         elif not self._is_tracking:

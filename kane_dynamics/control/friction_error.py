@@ -69,6 +69,7 @@ class FrictionError:
         self.damping = _signed(damping, 'damping', names)
         self.offset = _signed(offset, 'offset', names)
         self._speed = per_joint(friction_speed, 'friction_speed', names)
+        # The speed divides the rate in tanh(u / speed).
         if not self._speed.all():
             joint = names[int(np.flatnonzero(self._speed == 0.0)[0])]
             raise InputError(f"friction_speed of joint '{joint}': 0; expected a "

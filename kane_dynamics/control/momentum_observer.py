@@ -213,6 +213,7 @@ class MomentumObserver:
         torques = _row(tau, 'tau', robot.n)
         if not np.isfinite(torques).all():
             raise InputError(f'tau: {torques.tolist()}; expected finite numbers')
+        # Both corrections are torques that beta, the observer's model, does not contain.
         if self.friction_error is not None:
             torques -= self.friction_error.torque(self._u)
         if robot.equations.carries_loads:

@@ -244,6 +244,7 @@ def flexible_robot(model: Model, options: Mapping[str, Any]) -> Robot:
     """
     options = dict(options)
     motors = [elastic.drive.motor for elastic in model.drives]
+    # The modes become independent speeds, since the load determines them, not the loops.
     if model.flexible and options.get('independent'):
         joints = options['independent']
         stated = options.pop('actuated', joints)
@@ -253,6 +254,7 @@ def flexible_robot(model: Model, options: Mapping[str, Any]) -> Robot:
                              'others load the beams through the loops')
         modes = [model.coordinate_names[k] for k in model.modal_coordinates]
         options['independent'] = (*joints, *modes)
+    # So do the motors of drives; the actuators are then the motors themselves.
     if motors and options.get('independent'):
         options['independent'] = (*options['independent'], *motors)
         options.pop('actuated', None)
@@ -275,11 +277,13 @@ def _check(robot: Robot) -> None:
                               and robot.speed_names != robot.coordinate_names):
         raise InputError('quasi-static deflections: a robot without beams, or with '
                          'chosen speeds; expected one with beams, in joint rates')
+    # Deflections follow from a load, which moves with joints.
     if len(model.modal_coordinates) == model.n:
         raise InputError('quasi-static deflections: a robot whose only motions are '
                          'those of beams; expected joints too')
     if equations.in_joint_rates:
         return
+    # The modes must be free: a constraint among them would add forces of its own.
     modes = {model.coordinate_names[k] for k in model.modal_coordinates}
     speeds = set(robot.speed_names)
     if not modes <= speeds or not speeds <= set(robot.coordinate_names):

@@ -153,10 +153,12 @@ def stated_terms(value: Any, what: str) -> tuple[str, ...]:
     """
     names = value
     if isinstance(value, str):
+        # From a parameter as text, from Python as names.
         names = [name.strip() for name in value.split(',')]
     wrong = InputError(f'{what}: {value!r}; expected {STATEMENT}')
     if not isinstance(names, list | tuple | set | frozenset):
         raise wrong
+    # 'none' stands alone; other terms in any order, each once.
     distinct = [name for name in names if isinstance(name, str)]
     if len(set(distinct)) < len(names) or not names:
         raise wrong

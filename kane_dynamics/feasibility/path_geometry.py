@@ -94,6 +94,7 @@ def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
         _require_long(_lengths(path.positions))
         return path
     q = _waypoints(path, names)
+    # Waypoints that almost coincide would turn a spline sharply: they become one.
     steps = _lengths(q)
     least = CLOSE * float(steps.sum())
     if len(q) and (steps <= least).any():
@@ -102,6 +103,7 @@ def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
     if len(q) < 2:
         raise InputError(f'path: {len(q)} different waypoints; expected at least 2')
     _require_long(steps)
+    # Time is the length of the polygon, a parametrisation that keeps the spline near it.
     times = np.zeros(len(q))
     steps.cumsum(out=times[1:])
     coefficients = segment_coefficients(times, q, free_velocities(times, q), None)
@@ -260,6 +262,8 @@ class Part:
 
     def _positions(self, share: Array) -> Array:
         """Return q at increasing shares, from 0 to 1, of the mean of time and length."""
+        # The place is the mean of time and arc length, each from 0 to 1; within an
+        # interval the share is inverted by a kernel.
         by_time, by_length = 0.5 / self.span, 0.5 / self.length
         mean = by_length * self.arc
         mean[:-1] += by_time * self.intervals[:, BEGIN]

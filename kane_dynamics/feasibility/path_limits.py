@@ -245,6 +245,9 @@ class PathLimits:
         """
         if self.linear and self._latest is not None:
             return self._updated(self._latest)
+
+        # One block of rows for each limited quantity, each as a x' + b x + c within its
+        # width.
         torque = self._torque_lines(x)
         most = np.minimum(self.most * self._tight_speed**2, self.free)
         rows: list[Array] = []
@@ -254,6 +257,8 @@ class PathLimits:
                 continue
             width = self._tight_bounds(quantity, EVERY)
             if quantity == POWER:
+                # Power multiplies torque by speed: its lines are tangents, also at the
+                # middles of intervals.
                 lines = self._power_lines(torque, width, x, used)
                 rows += lines.vertices
                 middles += lines.middles
@@ -263,6 +268,7 @@ class PathLimits:
             block = torque if quantity == EFFORT else self._acceleration_lines()
             block[:, 3] = width
             rows.append(block if used.all() else block[:, :, used])
+        # The solver needs a row, so it gets one that always holds.
         if not rows:  # a limit that is always satisfied
             rows = [np.zeros((len(most), 4, 1)) + [[0.0], [0.0], [0.0], [1.0]]]
         if not middles:
@@ -276,6 +282,7 @@ class PathLimits:
         """Return linear limits after those at some vertices were tightened."""
         near = self.tightened
         begin = 0
+        # Only the widths of the tightened vertices change, in the order of `at`.
         for quantity, used in enumerate(self._used):
             if used is None:
                 continue
@@ -392,6 +399,9 @@ def vertex_kernel(robot: Robot) -> Kernel:
     def values(q: Vector, first: Vector, second: Vector, before: Vector,
                following: Vector, factors: Matrix, parameters: Vector) -> Vector:
         equations = robot.equations
+
+        # tau = M q' x' / 2 + (M q'' + h) x + g: three evaluations give the three
+        # coefficients.
         zero = np.zeros(robot.n)
         static = equations.rigid_dynamics(q, zero, zero, None, parameters)
         inertia = equations.rigid_dynamics(q, zero, first, None, parameters) - static

@@ -93,6 +93,8 @@ class PathRobot:
         robot = self.robot
         require_scalable(robot, np.zeros((0, robot.n_q)))
         coordinates = robot.coordinate_names
+        # A motion names its joints; waypoints are of the joints that robots with chosen
+        # speeds follow.
         if isinstance(path, Motion):
             joints = path.joint_names
         else:
@@ -109,6 +111,8 @@ class PathRobot:
 
     def sections(self, points: int, ends: tuple[bool, bool]) -> list[Section]:
         """Return the sections of the path, of all joints; as the function `sections`."""
+        # The sections of the driving joints, then all joints from closed loops along
+        # each.
         parts = sections(self.motion, points, 2, ends)
         if self.driving is None:
             return parts
@@ -117,6 +121,7 @@ class PathRobot:
             q = np.empty((len(part.q), self.robot.n_q))
             q[:, self.driving] = part.q
             if self._loops is not None:
+                # Each section continues on the branch on which the previous one ended.
                 start = self._begin(part.q[0]) if start is None else start
                 t = np.zeros(len(q))
                 q = self._loops.followed(start, q, t, partial(self._place, q))
@@ -212,6 +217,7 @@ class PathRobot:
                 ('upper', limits.upper, 1.0, section.highest)):
             if (sign * extremes <= sign * bound).all():
                 continue
+            # Interpolation may leave the bound by rounding.
             slack = ROUNDING * np.maximum(1.0, np.abs(bound))
             excess = sign * (section.q - bound) - slack
             k, j = np.unravel_index(int(excess.argmax()), excess.shape)

@@ -123,11 +123,14 @@ class SectionMotion:
         if points is not None and not points.size:
             return
         self._x = x
+        # The tables for the segments: mean and change of x, with the ends repeated
+        # beyond the path.
         profile = self._profile
         profile[1:-2, 0] = 0.5 * (x[1:] + x[:-1])
         profile[1:-2, 1] = x[1:] - x[:-1]
         profile[0, :2] = x[0], profile[1, 1]
         profile[-2:, :2] = x[-1], profile[-3, 1]
+        # Only the points whose profile changed are computed again.
         if points is None:
             self._compute(self._rows, None)
         else:
@@ -256,8 +259,11 @@ def largest_shares(coulomb: Sequence[Joint], peaks: SegmentPeaks, states: Motion
     Coulomb friction of a joint changes. The shares count these places where the largest
     one is `ACTIVE`.
     """
+    # An estimate at the middle of each segment; only segments that may exceed 1 are
+    # examined inside.
     shares, largest, smooth_places, estimate = peaks.middles(states, segments)
     examined = estimate > 1.0
+    # Coulomb friction jumps where a joint turns around.
     turning = _turning(coulomb, states.u, segments) if coulomb else None
     if turning is not None:
         examined |= turning
@@ -268,6 +274,7 @@ def largest_shares(coulomb: Sequence[Joint], peaks: SegmentPeaks, states: Motion
     if turning is not None:
         places[turning[closer]] = int(DENSE)
     numbers = closer if segments is None else segments[closer]
+    # The worst place inside those segments, and the shares where a limit is active.
     worst, active, inside = peaks.inside(states, numbers, places, ACTIVE)
     largest[closer] = np.maximum(largest[closer], worst)
     if active.size:

@@ -108,6 +108,8 @@ def largest_payload(robot: Robot, motion: Motion | SmoothMotion, *,
         refuse_load_friction(robot.model, 'largest_payload')
     per_mass = _inertial_per_mass(com, inertia)
     if bending is not None:
+
+        # Copies, since the payload of the caller's robots must stay.
         instance(bending, QuasiStatic, 'bending')
         bending = QuasiStatic(copy(bending.robot))
     carrier = copy(robot)
@@ -135,6 +137,8 @@ def largest_payload(robot: Robot, motion: Motion | SmoothMotion, *,
     def demand_with(mass: float, additional: Array) -> Demand:
         load(mass)
         return demand_at(carrier, motion, speed, step, power, additional, bending)
+    # The torque is linear in the mass of a rigid arm: the bound follows in closed form,
+    # and samples are added where the demand may rise between them.
     additional = NONE
     for _ in range(ROUNDS + 1):
         at_samples = partial(demand_with, additional=additional)
@@ -206,10 +210,13 @@ def _bound(empty: Demand, slope: Array) -> PayloadBound:
     """Return the largest mass allowed by the limits at the samples."""
     bounds = {'effort': np.broadcast_to(empty.limits.effort, slope.shape),
               'power': torque_of(empty.power_limit, empty.u)}
+    # Each sample and joint bounds the mass: where its torque reaches the limit on the
+    # side to which mass pushes it.
     best = PayloadBound(math.inf)
     for limit, bound in bounds.items():
         with np.errstate(divide='ignore', invalid='ignore'):
             mass = np.maximum((np.copysign(bound, slope) - empty.tau) / slope, 0.0)
+        # Torques that do not depend on the mass bound nothing.
         mass[(slope == 0.0) | np.isnan(mass)] = math.inf
         k, j = np.unravel_index(int(mass.argmin()), mass.shape)
         if mass[k, j] < best.mass:

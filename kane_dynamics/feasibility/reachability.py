@@ -168,6 +168,9 @@ def _bounds(limits: Sequence[Vector]) -> tuple[Lines, Lines]:
     """Return the upper and lower bounds of v as lines over x, with equal slopes."""
     upper, lower = [], []
     for alpha, beta, gamma, width in limits:
+
+        # |alpha v + beta x + gamma| <= width as two lines for v, over any scalar; tiny
+        # alphas become almost vertical bounds instead of divisions by zero.
         size = magnitude(alpha)
         tiny = SMALLEST * magnitude(beta) + 1e-100
         reciprocal = 1.0 / select(size < tiny, tiny, size)

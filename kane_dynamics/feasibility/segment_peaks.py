@@ -207,6 +207,8 @@ class SegmentPeaks:
         """Return the shares at a place in all segments, or at one in each of some."""
         count = len(states.h) if segments is None else len(segments)
         table = np.empty((count, *self._kernel.shape))
+        # Trees by the compiled table; closed loops need the states on both sides, block
+        # by block.
         if self._states is None:
             self._compiled(states, x, segments, table)
         else:

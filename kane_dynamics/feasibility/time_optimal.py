@@ -129,6 +129,8 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
     if robot.friction:
         refuse_load_friction(robot.model, 'time_optimal')
     names = robot.joint_names
+
+    # The limits of the second order, then those of the third, which need another solver.
     bounds = Bounds(robot.limits.effort, robot.limits.velocity,
                     limit_per_joint(power, 'power', names),
                     limit_per_joint(acceleration, 'acceleration', names))
@@ -139,6 +141,8 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
     points = integer(points, 'points', 10, MOST_SAMPLES)
     if rest is not None and not robot.constraint_names:
         raise InputError('rest: given for a robot without constraints; expected None')
+    # Elastic joints have limits of motors, gears and links on a law of time of their
+    # own.
     if robot.drives:
         if limits_rates:
             raise InputError('robot: elastic joints with a limit of jerk or torque rate; '
@@ -192,6 +196,7 @@ def _rate_limited(along: PathRobot, rates: RateBounds, speeds: tuple[float, floa
     """Return the fastest motion with limits of jerk or torque rate."""
     robot, motion = along.robot, along.motion
     if along.driving is not None:
+        # The third derivatives along the path are those of the joints themselves.
         raise InputError('robot: chosen speeds or constraints with a limit of jerk or '
                          'torque rate; expected a robot in joint rates, or none of '
                          'these limits')
@@ -280,6 +285,8 @@ def _fastest(along: PathRobot, speeds: tuple[float, float], points: int
              ) -> list[Checked]:
     """Return the sections of a path with their timings, on grids that get finer."""
     segments = len(along.motion.times) - 1
+    # Grids from coarse to fine: a path without a timing on a coarse grid may have one on
+    # a finer one.
     fine = min(max(FINE, DIVISIONS * segments), FINEST)
     best: list[Checked] = []
     while True:
@@ -295,6 +302,8 @@ def _fastest(along: PathRobot, speeds: tuple[float, float], points: int
         except _Coarse as error:
             if points >= (error.finest or fine) and not best:
                 raise error.reason from None
+        # Done when the checked timing is hardly slower than the solved one, or on the
+        # finest grid.
         if best and (slower <= COARSE or points >= FINE):
             return best
         points *= 2
@@ -424,6 +433,9 @@ def _refusal(limits: PathLimits, limited: IntervalLimits, vertex: int, start: fl
              end: float) -> Exception:
     """Return the reason why no timing satisfies the limits."""
     names, bound = limits.robot.joint_names, limits.bounds.effort
+
+    # The reason in the order of certainty: torque at rest, an end speed, else a place on
+    # the path.
     with np.errstate(divide='ignore', invalid='ignore'):
         uses = np.nan_to_num(np.abs(limits.constant) / bound, posinf=math.inf)
     k, j = np.unravel_index(int(uses.argmax()), uses.shape)

@@ -136,6 +136,8 @@ def fastest(robot: Robot, motion: Motion | SmoothMotion, *, most: float = math.i
         return _fastest_of_drives(DrivesAlong(robot, motion, step, power), most)
     motion = motion_of_rigid_joints(motion)
 
+    # The parts of the demand that depend on the speed in another way than rigid dynamics
+    # do.
     def added_torques(additional: Array, speed: float) -> Array:
         """Return what the deflections at a speed add to the torques."""
         bent, stiff = (demand_at(robot, motion, speed, step, power, additional, arm).tau
@@ -149,6 +151,7 @@ def fastest(robot: Robot, motion: Motion | SmoothMotion, *, most: float = math.i
     if bending is not None and uncertainty is not None:
         raise InputError('uncertainty: given with bending; expected one of them')
 
+    # The highest speed on given samples, and the demand there, for the refinement below.
     def highest(additional: Array) -> float | None:
         """Return the highest speed that fits at the samples."""
         path = SampledPath(robot, motion, step, power, additional)
@@ -182,6 +185,7 @@ def _with_finer_samples(highest: Callable[[Array], float | None],
 
     """
     additional = NONE
+    # A speed is final if the demand at it cannot be larger between the samples.
     for _ in range(ROUNDS + 1):
         speed = highest(additional)
         if speed is None:

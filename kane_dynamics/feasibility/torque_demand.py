@@ -244,11 +244,13 @@ def demand_at(robot: Robot, motion: Motion | SmoothMotion, speed: float, step: f
     motion = motion_of_rigid_joints(motion)
     t, q, u, udot = sampled(robot, motion, step, additional)
     speed = _speed(speed)
+    # Time scaled by the speed v: u = v q', udot = v^2 q''.
     t, u, udot = t / speed, speed * u, speed**2 * udot
     if bending is not None:
         _require_rigid_model(robot, bending)
         if uncertainty is not None:
             raise InputError('uncertainty: given with bending; expected one of them')
+    # A mechanism moves all joints with the driving ones; tau is of its actuators.
     if not robot.equations.in_joint_rates:
         whole = whole_motion(robot, motion, t, q, u, udot)
         q, u, udot, tau = _of_mechanism(robot, whole, t, bending)
@@ -257,6 +259,7 @@ def demand_at(robot: Robot, motion: Motion | SmoothMotion, speed: float, step: f
         tau = (bending or robot).inverse_dynamics(q, u, udot)
         state = q, u, udot
     deviation = np.zeros_like(tau)
+    # The uncertainty of the model widens the demand on both sides.
     if uncertainty is not None:
         deviation = torque_deviation(robot, *state, uncertainty, t, of_joints=True)
     _require_finite(robot, speed * t, tau)

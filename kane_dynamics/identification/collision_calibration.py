@@ -196,6 +196,7 @@ def _largest_friction(robot: Robot, estimates: _Estimates,
     joints = {body.joint.name: body.joint for body in robot.model.bodies}
     speed = np.abs(estimates.u).max(axis=0)
     largest = np.zeros(robot.n)
+    # The friction of the model and what the estimates add to it, at the largest speed.
     for j, name in enumerate(robot.speed_names):
         of_model = joints.get(name) if robot.friction else None
         if of_model is None:
@@ -288,12 +289,15 @@ def _held_out_alarms(estimates: _Estimates, names: tuple[str, ...], allowed: Arr
     middle = len(estimates.t) // 2
     first, second = estimates.rows(slice(None, middle)), estimates.rows(slice(middle,
                                                                               None))
+
+    # The first half fits friction and thresholds, the second half only tests them.
     if not first.settled.any():
         return 0
     friction, _ = _fitted_friction(first)
     error = np.abs(_remaining(first, friction))[first.settled].max(axis=0)
     detector = CollisionDetector(names, margin * (error + allowed))
     alarms = 0
+    # Alarms are counted when they begin.
     for t, torque, settled in zip(second.t, _remaining(second, friction),
                                   second.settled):
         if settled and detector.update(t, torque) and detector.collision:

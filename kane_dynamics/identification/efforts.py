@@ -68,6 +68,8 @@ class Efforts:
         object.__setattr__(self, 'kind', EffortKind(self.kind))
         if not isinstance(self.gravity, bool):
             raise InputError(f'gravity: {self.gravity!r}; expected True or False')
+
+        # Constants and currents belong together.
         currents = self.kind is EffortKind.MOTOR_CURRENT
         if currents and self.constants is None:
             raise InputError('efforts: motor_current without constants; expected the '
@@ -131,6 +133,8 @@ class Efforts:
                 raise InputError(f"constants of joint '{joint}': 0; expected a positive "
                                  'number, N m/A or N/A')
             tau = tau * constants
+
+        # The efforts lack all that moves the arm by itself.
         if self.kind is EffortKind.EXTERNAL_TORQUE:
             if udot is None:
                 raise InputError('udot: missing; expected the accelerations, which '
@@ -173,6 +177,9 @@ class Efforts:
         if self.plain:
             return recording
         r = recording
+
+        # With loops the recording has the actuators, whose states give those of all
+        # joints.
         if not robot.constraint_names:
             return replace(r, tau=self.torque(robot, r.q, r.u, r.tau, r.udot))
         recorded = recorded_joints(robot)

@@ -259,6 +259,8 @@ def _check_options(weight: float | None, bounded: bool, friction_only: bool,
     """Raise InputError for options of `identify` that are out of range."""
     if weight is not None and not 0.0 < weight < np.inf:
         raise InputError(f'weight: {weight:g}; expected a positive, finite number')
+    # Negative losses would show an error of the inertials, which are known with
+    # friction_only alone.
     if not (bounded or friction_only):
         raise InputError('bounded: False; expected it only with friction_only=True')
     if not standstill >= 0.0:
@@ -301,6 +303,7 @@ def _chosen_fit(plain_fits: _PlainFits, stated: tuple[FrictionLaw, ...] | None,
     bodies.
     """
     data, model = plain_fits.rows, plain_fits.model
+    # Coulomb friction of all joints: the weight, then the fit with this weight.
     weight = given or FIRST_WEIGHT
     plain = plain_fits.fit(weight)
     if given is None:
@@ -310,6 +313,7 @@ def _chosen_fit(plain_fits: _PlainFits, stated: tuple[FrictionLaw, ...] | None,
     laws = stated or (COULOMB,) * model.n
     candidates: dict[str, CandidateErrors] = {}
     fit = plain
+    # In turns: the laws with this weight, then the weight with these laws.
     for turn in range(CHOICES):
         last_laws, last_weight = laws, weight
         if stated is None:
@@ -323,6 +327,7 @@ def _chosen_fit(plain_fits: _PlainFits, stated: tuple[FrictionLaw, ...] | None,
         fit = fit_laws(data, laws, plain, Prior(model, weight))
         if given is None:
             # A weight that is too large costs more than one that is too small.
+            # Smaller weights are accepted only.
             weight = min(weight, plain_fits.weight(fit))
         if weight == last_weight:
             break
@@ -336,6 +341,7 @@ def _identification(first: LawRows, second: LawRows, fit: LawFit, weight: float,
                     candidates: dict[str, CandidateErrors], model: Model
                     ) -> Identification:
     """Return the result for a fit, with its errors and deviations."""
+    # The equations in the units of the residuals, whose triangles give the deviations.
     x = _unknowns(fit)
     load = first.load(fit.inertial, fit.losses[:, 2])
     friction_only = not np.isfinite(weight)
@@ -346,6 +352,7 @@ def _identification(first: LawRows, second: LawRows, fit: LawFit, weight: float,
     else:
         deviations, inertial_deviations, condition = statistics(A, model, x, speeds,
                                                                 weight)
+    # Errors on the first half, to which the values were fitted, and on the second one.
     fitted, held_out = law_error(first, fit), law_error(second, fit)
     has_memory = np.array([law.presliding for law in fit.laws])
     return Identification(
@@ -370,6 +377,8 @@ def _plain_equations(triangles: list[Array], fit: LawFit) -> Array:
     further terms (Schur complement).
     """
     size, n = len(fit.inertial), len(fit.laws)
+    # The columns of the first four losses of each joint are kept, those of further laws
+    # are eliminated.
     of_losses = size + np.arange(COLUMNS * n).reshape(n, COLUMNS)
     kept = np.concatenate([np.arange(size), of_losses[:, :len(FRICTION)].ravel()])
     weighted = np.vstack([R[:, :-1] / deviation for R, deviation
@@ -377,6 +386,7 @@ def _plain_equations(triangles: list[Array], fit: LawFit) -> Array:
     further = weighted[:, of_losses[:, len(FRICTION):].ravel()]
     further = further[:, further.any(axis=0)]
     A = weighted[:, kept]
+    # Only what the further terms cannot explain informs about the others.
     if further.shape[1]:
         basis = np.linalg.qr(further)[0]
         A = A - basis @ (basis.T @ A)
@@ -431,6 +441,7 @@ def _coulomb_fit(model: Model, data: RegressionRows, weight: float, lowest: Arra
     fitted to the identified bodies.
     """
     prior = [body.inertial for body in model.bodies]
+    # The first fit starts from the prior and from the friction of each joint by itself.
     bounds = np.tile(lowest, model.n)
     if start is None:
         speeds = friction_speeds(data, lowest)
@@ -450,9 +461,12 @@ def _coulomb_fit(model: Model, data: RegressionRows, weight: float, lowest: Arra
             x = physical(A, b, prior, bounds, weight)
         return np.asarray(data.Y @ x[:10 * len(prior)])
 
+    # Alternate between friction speeds and the rigid-body fit until the speeds settle.
     if np.isfinite(weight):
         speeds = settled_speeds(data, speeds, rigid)
         rigid(speeds)
+    # The deviations of the residuals of each joint, which weigh the equations of the
+    # next fit.
     _, _, sigma = _weighted(compressed(data, speeds), x)
     size = 10 * len(prior)
     losses = np.hstack([x[size:].reshape(-1, 4), np.zeros((model.n, 2))])

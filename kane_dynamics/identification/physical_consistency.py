@@ -122,14 +122,18 @@ def _constrained(R: Array, bodies: int, lowest: Array) -> Array:
     rows = len(R)
     count = R.shape[1] - 1
     size = 10 * bodies
+    # Columns and right side of unit size, for the solver's tolerances.
     R = R / max(float(np.linalg.norm(R[:, -1])), 1e-12)
     scale = np.ones(count)
     scale[size:] = np.maximum(np.linalg.norm(R[:, size:-1], axis=0), 1e-12)
     by_x = R[:, :-1] / scale
     bounded = size + np.flatnonzero(np.isfinite(lowest))
+    # Minimise |y|^2 / 2 with the equations y = R x - r, bounds of losses, and a positive
+    # semidefinite pseudo-inertia of each body.
     A = sparse.bmat([[by_x, -sparse.eye(rows)],
                      [-sparse.eye(count, format='csr')[bounded], None],
                      [-sparse.eye(size, count), None]], format='csc')
+    # SMALLEST of the prior's size is the least eigenvalue.
     identity = np.array([(1.0 - SMALLEST) * np.trace(unit) for unit in SYMMETRIC])
     above = np.concatenate([R[:, -1], np.zeros(len(bounded)), np.tile(identity, bodies)])
     cones = [clarabel.ZeroConeT(rows), clarabel.NonnegativeConeT(len(bounded)),

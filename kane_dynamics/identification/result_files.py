@@ -57,8 +57,11 @@ def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, 
         raise InputError(f'bodies {strange}: no links of the URDF; expected a model '
                          'without floating or planar joints')
     inertials = _link_inertials(source, model)
+    # Frames behind fixed joints ride on a body: its inertia covers them.
     riders = [frame.name for frame in model.frames
               if frame.body != WORLD and frame.name not in inertials]
+
+    # The URDF has damping and friction, the supplement all other properties.
     losses = {}
     joints: dict[str, dict[str, Any]] = {}
     for body in model.bodies:

@@ -6,10 +6,10 @@ estimate is P (A^T e - w G d): noise e, and bias towards the prior. If the weigh
 that of the true distribution, d has the covariance (w G)^-1, and the error has the
 covariance P. But w is chosen by cross-validation and may be too large. By the evidence
 (MacKay, Neural Computation 4 (1992), "Bayesian interpolation") the weight supported by
-the data is the effective number of parameters, `told`, divided by the squared distance
+the data is the effective number of parameters, `determined_count`, divided by the squared distance
 from the prior. If w is larger, the covariance of d is increased by the ratio:
 
-    covariance = P (A^T A + w max(1, w distance / told) G) P.
+    covariance = P (A^T A + w max(1, w distance / determined_count) G) P.
 """
 
 from kane_dynamics._util.typing import Array
@@ -59,6 +59,7 @@ def statistics(A: Array, model: Model, x: Array, speeds: Array, weight: float
 
     """
     size = 10 * len(model.bodies)
+    # The metric of the prior, block by block, and the distance of the result from it.
     G = np.zeros((A.shape[1], A.shape[1]))
     for k, body in enumerate(model.bodies):
         block = slice(10 * k, 10 * k + 10)
@@ -66,11 +67,16 @@ def statistics(A: Array, model: Model, x: Array, speeds: Array, weight: float
     change = np.zeros(A.shape[1])
     change[:size] = x[:size] - np.concatenate([prior_parameters(body.inertial)
                                                for body in model.bodies])
+    # Information of the data and of the prior; P is the covariance of both.
     information = A.T @ A
     P, condition = _inverse(information + weight * G)
-    told = max(size - weight * float(np.trace(P @ G)), 1.0)
-    overdone = max(1.0, weight * float(change @ G @ change) / told)
+    # The unknowns that the data determine, and how much farther than expected the prior
+    # was moved.
+    determined_count = max(size - weight * float(np.trace(P @ G)), 1.0)
+    overdone = max(1.0, weight * float(change @ G @ change) / determined_count)
+    # The covariance of the estimate, with the bias of the prior as variance.
     every = _deviations(P @ (information + weight * overdone * G) @ P)
+    # Base parameters alone can be stated singly; others are undetermined.
     base = base_parameters(model, speeds)
     single = np.full(A.shape[1], np.nan)
     single[base.columns] = np.maximum(base_deviations(A[:, base.columns]),

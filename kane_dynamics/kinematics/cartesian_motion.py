@@ -144,6 +144,8 @@ def cartesian_motion(robot: Robot, frame: str, q: ArrayLike,
     if robot.model.frame(frame).body == WORLD:
         raise InputError(f"frame: '{frame}', which does not move; expected a frame of a "
                          'moving body')
+
+    # The joints follow the desired motion of the frame from its first pose.
     names = _moved_joints(robot)
     start = _start(robot, q)
     desired = _desired(robot, frame, start, path, limits, duration)
@@ -168,6 +170,8 @@ class _Follower:
 
     def follow(self, start: Array) -> CartesianMotion:
         """Return the motion from a configuration, with as many points as needed."""
+        # March along the motion, and divide intervals until errors between the points
+        # are small.
         times = _divided(self.desired.times, FIRST_INTERVALS)
         self._require_start(start)
         while True:
@@ -177,6 +181,7 @@ class _Follower:
                 continue
             whole = self._motion(times, states)
             distances, angles = self._errors(whole)
+            # Deviations between the points, where only the interpolation decides.
             far = np.maximum(distances, angles).max(axis=1) > self.tolerance
             if not far.any():
                 break
@@ -187,6 +192,7 @@ class _Follower:
                 raise InputError(f'tolerance: {self.tolerance:g} with more than '
                                  f'{MOST_POINTS} points, {place}; expected a larger one, '
                                  'or a path farther from singular configurations')
+        # The figures of the result: speeds, and the place nearest to a singularity.
         largest_speed = self._largest_speed(times, states)
         singular_values = _smallest([state.singular_values for state in states])
         nearest = int(singular_values.argmin())
@@ -310,6 +316,8 @@ class _Follower:
         """Return the largest share of a velocity limit; InputError if it exceeds one."""
         limits = self.robot.limits.velocity
         rates = np.abs([state.rates for state in states])
+        # A joint without a limit has a share of 0; one at limit 0 that moves an infinite
+        # share.
         with np.errstate(divide='ignore', invalid='ignore'):
             shares = np.nan_to_num(rates / limits, nan=0.0, posinf=np.inf)
         k, joint = np.unravel_index(int(shares.argmax()), shares.shape)
@@ -358,6 +366,8 @@ class _Follower:
                              f'{solution.q[k]:.4g}')
         if at_limits:
             return ', '.join(at_limits)
+
+        # No limit is in the way: the pose is singular or out of reach.
         state = self._state(solution.q, np.zeros(6), np.zeros(6))
         distance = float(np.linalg.norm(solution.error[:3]))
         return f'{distance:.3g} m remain{self._singular(state) or ", out of reach"}'
@@ -411,6 +421,7 @@ def _desired(robot: Robot, frame: str, start: Array,
              path: PosePath | PoseMotion | ArrayLike, limits: PoseLimits | None,
              duration: float | None) -> PoseMotion:
     """Return the desired motion of the frame; a pose is the end of a straight line."""
+    # A motion has its own timing; a path or a pose is timed by limits or duration.
     if isinstance(path, PoseMotion):
         if limits is not None or duration is not None:
             raise InputError('limits and duration: given for a PoseMotion, which has '

@@ -169,12 +169,15 @@ def _nearest_weights(corners: Array, used: Flags) -> Array:
     count = len(corners)
     best = np.full(count, np.inf)
     weights = np.zeros((count, 4))
+    # The nearest point is inside one of the corners, edges, faces or the volume: try
+    # every subset.
     for subset in SUBSETS:
         chosen = corners[:, subset]
         between, of_subset = _plane_weights(chosen)
         inside = between & used[:, subset].all(axis=1)
         point = np.einsum('ki,kij->kj', of_subset, chosen)
         square = np.sum(point**2, axis=1)
+        # Of the subsets with the point inside them, the one nearest to the origin.
         nearer = np.flatnonzero(inside & (square < best))
         best[nearer] = square[nearer]
         weights[nearer] = 0.0
@@ -188,10 +191,14 @@ def _plane_weights(corners: Array) -> tuple[Flags, Array]:
     weights = np.ones((count, size))
     if size == 1:
         return np.ones(count, dtype=bool), weights
+
+    # Minimise |origin + edges w|^2: the normal equations with the Gram matrix of the
+    # edges.
     origin = corners[:, 0]
     edges = corners[:, 1:] - origin[:, None]
     gram = np.einsum('kia,kja->kij', edges, edges)
     right = -np.einsum('kia,ka->ki', edges, origin)
+    # Edges that are nearly parallel have no plane; a smaller subset has the point then.
     scale = np.prod(np.einsum('kii->ki', gram), axis=1)
     determinant = np.linalg.det(gram)
     regular = determinant > FLAT * scale

@@ -149,6 +149,7 @@ def _checked_target(target: ArrayLike) -> Array:
         numbers = real_numbers(target)
     except (TypeError, ValueError):
         numbers = np.empty(0)
+    # A position leaves the orientation free.
     if numbers.shape == (3,):
         goal = origin = numbers
     else:
@@ -157,6 +158,7 @@ def _checked_target(target: ArrayLike) -> Array:
             raise InputError(f'target: shape {goal.shape}; expected one pose (4, 4) or '
                              'one position (3,)')
         origin = goal[:3, 3]
+    # Beyond this distance rounding exceeds any tolerance.
     if not (np.abs(origin) <= FARTHEST).all():
         raise InputError(f'target: position {origin.tolist()}; expected finite numbers '
                          f'of at most {FARTHEST:g} m')
@@ -177,10 +179,12 @@ class _Search:
         self.frame = frame
         self.goal = goal
         self.tolerance = tolerance
+        # Rows of the task: position alone, or position and orientation.
         self.rows = 3 if goal.ndim == 1 else 6
         self.constrained = not robot.equations.in_joint_rates
         self.looped = bool(robot.constraint_names)
         model = robot.model
+        # Limits by joint; ball joints have none.
         self.lower = np.full(model.n, -np.inf)
         self.upper = np.full(model.n, np.inf)
         self.lower[angles(model)] = robot.limits.lower[angle_places(model)]
@@ -196,6 +200,8 @@ class _Search:
         chosen: set[str] = set()
         if isinstance(joints, Collection) and not isinstance(joints, str):
             chosen = set(joints)
+        # The chosen joints move, all others are fixed; neither part of a loop nor of a
+        # ball joint can.
         if not chosen or not chosen <= set(names):
             raise InputError(f'joints: {SHORT.repr(joints)}; expected some of '
                              f'{", ".join(names)}')
@@ -245,6 +251,8 @@ class _Search:
         without_progress = 0
         for k in range(iterations + 1):
             error = self.error(q)
+
+            # The patience counts steps that do not reduce the error by a factor.
             size = np.abs(error).max()
             smallest = np.abs(best.error).max()
             if size < PROGRESS * smallest:
@@ -254,6 +262,7 @@ class _Search:
             without_progress += 1
             if self.within(best.error) or without_progress > PATIENCE or k == iterations:
                 break
+            # No step is left at a minimum of the error that is not zero.
             next_q = self.step(q, error)
             if next_q is None:
                 break

@@ -226,6 +226,8 @@ class LinkDistances:
         shape = (len(q), len(i))
         distances = np.zeros(shape)
         first, second = np.zeros((2, *shape, 3))
+        # Rows in blocks, so that memory stays bounded; each pair of each row is one
+        # problem.
         at_a_time = max(1, CHUNK // max(len(i), 1))
         for begin in range(0, len(q), at_a_time):
             rows = slice(begin, begin + at_a_time)
@@ -283,6 +285,7 @@ def _check_shapes(shapes: Sequence[LinkShape], what: str) -> None:
                          'LinkShape, such as of load_collision_shapes')
     for shape in shapes:
         instance(shape, LinkShape, what)
+        # Each kind has a number of sizes: a box 3, a cylinder 2, a sphere 1.
         sizes = np.asarray(shape.size, dtype=np.float64)
         if shape.kind not in KINDS:
             raise InputError(f"{what}: '{shape.link}': kind '{shape.kind}'; expected "

@@ -43,6 +43,7 @@ class PoseLimits:
         """Check the numbers."""
         for name in ('linear', 'angular'):
             values = getattr(self, name)
+            # Without angular limits only paths that do not turn are timed.
             if values is None and name == 'angular':
                 continue
             try:
@@ -116,6 +117,9 @@ class PoseMotion:
                                  'expected speed, acceleration and jerk of the turn')
             linear = np.array(limits.linear)
             angular = np.array(limits.angular or (np.inf, np.inf, np.inf))
+
+        # For a duration the shape of the motion counts alone, since the time is scaled
+        # to it.
         else:
             duration = number(duration, 'duration', f'a finite time of at least {BRIEFEST:g} '
                               's', lambda x: BRIEFEST <= x < np.inf)
@@ -154,10 +158,12 @@ class PoseMotion:
         if stated.ndim > 1 or not np.isfinite(stated).all():
             raise InputError(f't: {t!r}; expected a finite time or (N,) times, s')
         times = np.atleast_1d(stated)
+        # At rest outside the motion: speeds are zero there, the pose is that of the end.
         inside = ((times > 0.0) & (times < self.duration)).astype(float)
         progress = self._profile.sample(np.clip(times, 0.0, self.duration))
         speed = (inside * progress.speed)[:, None]
         acceleration = (inside * progress.acceleration)[:, None]
+        # The chain rule: p'' of time is p_s s'' + p_ss s'^2.
         first, second, _ = self.path.derivatives(progress.place)
         states = PoseStates(self.path.poses(progress.place), first * speed,
                             first * acceleration + second * speed**2)

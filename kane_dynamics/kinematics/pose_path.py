@@ -405,6 +405,8 @@ class PosePath:
         direction = direction / size
         angle = number(angle, 'angle', f'other than 0, at most {MOST_TURNS:g} rad',
                        lambda x: 0.0 < abs(x) <= MOST_TURNS)
+
+        # The centre moves along the axis into the plane of the circle.
         offset = poses[0, :3, 3] - point
         point = point + (offset @ direction) * direction
         turn = angle * direction if turning and oriented else np.zeros(3)
@@ -519,9 +521,12 @@ def _stated(poses: ArrayLike | Sequence[ArrayLike]) -> tuple[Array, bool]:
     except (TypeError, ValueError):
         raise InputError('poses: of several shapes, or not of numbers; expected poses '
                          '(4, 4), or positions (3,)') from None
+    # NaN is named by the later checks; here only finite numbers count.
     if not (np.abs(numbers[np.isfinite(numbers)]) <= FARTHEST).all():
         raise InputError(f'poses: {np.abs(numbers).max():g} m; expected at most '
                          f'{FARTHEST:g} m')
+
+    # Positions become poses of the world's axes, which the path ignores.
     if numbers.ndim == 2 and numbers.shape[1] == 3 and len(numbers):
         for k, row in enumerate(numbers):
             constant(row, (3,), f'position {k}', InputError)
@@ -590,6 +595,7 @@ def _arc(start: Array, center: Array, circling: Array, turn: Array) -> _Piece:
 
 def _joint(before: _Piece, after: _Piece, blend: float, blend_angle: float) -> _Joint:
     """Return the largest blend of two pieces within a distance and an angle."""
+    # A joint is smooth where both derivatives continue, relative to their size.
     end = before.derivatives(np.array([before.length]))
     start = after.derivatives(np.zeros(1))
     jump = scale = 0.0
@@ -598,6 +604,7 @@ def _joint(before: _Piece, after: _Piece, blend: float, blend_angle: float) -> _
         scale += float(np.abs(last).max())
     if jump <= SMOOTH * scale:
         return _Joint(0.0, False)
+    # Without tolerances for a blend the motion stops there.
     if not blend or not blend_angle:
         return _Joint(0.0, True)
 

@@ -62,6 +62,7 @@ def pose_from(position: ArrayLike = (0.0, 0.0, 0.0), *, rpy: ArrayLike | None = 
         angles = _numbers(rpy, (3,), 'rpy')
     if quaternion is not None:
         parts = _numbers(quaternion, (4,), 'quaternion')
+    # One rotation from roll, pitch and yaw, or from a quaternion, of each row.
     R = stated_rotation(angles, parts, '', InputError, stacklevel=2)
     try:
         shape = np.broadcast_shapes(p.shape[:-1], R.shape[:-2])

@@ -205,9 +205,12 @@ def _closed(robot: Robot, driving: list[int], t: Array, q: Array) -> Array:
     Q[:, driving] = q
     if not robot.constraint_names or not len(t):
         return Q
+    # The first configuration closes from the stated one, all others from their
+    # predecessor.
     joints = [robot.coordinate_names[k] for k in driving]
     loops = DrivenLoops(robot, joints)
     start = robot.closed_configuration(Q[0], t=float(t[0]), fixed=joints)
+    # A far step could end on another branch.
     moves = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1, initial=0.0)
     k = int(moves.argmax())
     if moves[k] > FARTHEST:

@@ -242,9 +242,12 @@ def following_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
     def follow(state: Vector, target: Vector, rates: Vector, seen: Vector,
                weights: Vector, limits: Vector, t: Scalar) -> Vector:
         q, T, _, last_figure = np.split(state, ends)
+        # Predict along T and correct by the closure, then judge by the figures of the
+        # step.
         result = step(q, T.reshape(n_q, n), target, rates, seen, weights, t)
         figures = result[-FIGURES:]
         new_state = [*result[:-FIGURES], figures[CONDITIONING]]
+        # A result that is not valid leaves the whole state as it was.
         is_valid = valid(figures, last_figure[0], limits, timed)
         accepted = [select(is_valid > 0.0, new, old)
                     for new, old in zip(new_state, state)]
@@ -492,6 +495,9 @@ class LoopTracker:
         require_angles(robot.model, 'LoopTracker')
         equations = robot.equations
         names = robot.coordinate_names
+
+        # As many measured joints as degrees of freedom, and rows that determine the
+        # others.
         if equations.in_joint_rates:
             raise InputError('robot: without constraints; expected closed loops')
         mechanism = equations.mechanism
@@ -500,6 +506,8 @@ class LoopTracker:
         if not len(measured) == len(distinct) == robot.n or not distinct <= set(names):
             raise InputError(f'measured: {list(measured)}; expected {robot.n} of the '
                              f'joints {list(names)}, as many as degrees of freedom')
+
+        # The step, its buffers and the limits of a valid result.
         self.robot = robot
         self.measured = tuple(measured)
         self.places = [names.index(name) for name in measured]
@@ -514,6 +522,7 @@ class LoopTracker:
         self.q = self._step.q
         self.u = self._step.u
         self.measurement = self._step.measurement
+        # A closed configuration to start from, if the robot has one.
         self._reference: Array | None = None
         if robot.configuration is not None:
             self._reference = robot.closed_configuration(robot.configuration)
@@ -577,11 +586,13 @@ class LoopTracker:
         if start is not None:
             nearly_closed = finite_row(start, 'start', self.robot.coordinate_names)
         constant(t, (), 't', InputError)
+        # Until a start is accepted, the configuration is unknown, with the reason.
         self.known = False
         self._why_unknown = ('no closed `configuration` of the robot or of a restart; '
                              'expected one, or a first state of all joints')
         if nearly_closed is None:
             return
+        # Newton steps at constant measured joints close the loops of the start.
         self._step.rates[:] = 0.0
         self._step.time[()] = t
         self._step.start(nearly_closed)
@@ -667,6 +678,8 @@ class LoopTracker:
     def _move(self, measured: Array) -> None:
         """Move to the measured joints, in steps if they are far."""
         for _ in range(MOST_STEPS):
+            # The measured joints may be far: each step goes as far as the conditioning
+            # allows.
             change = measured - self._step.last[self.places]
             steps = np.abs(change * self._per_unit)
             distance = float(steps.max(initial=0.0))
@@ -676,6 +689,7 @@ class LoopTracker:
                 self._step.target[:] = measured
                 self._close(distance)
                 return
+            # An intermediate target on the straight line to the measured joints.
             self._step.target[:] = measured - change * (1.0 - longest / distance)
             self._close(longest)
             self._step.proceed()
@@ -696,12 +710,16 @@ class LoopTracker:
 
     def _check_step(self, residual: float, motion: float, distance: float) -> None:
         """Raise LoopError unless the result of a step of this length is valid."""
+        # The order is from cause to consequence: a singular state also has large
+        # residuals.
         if not self.figure <= self.max_figure:
             raise LoopError(SINGULAR, f'conditioning figure {self.figure:.3g}; expected '
                             f'at most {self.max_figure:g}')
         if not (residual <= CLOSED and self.residual <= self._largest_residual):
             raise LoopError(BRANCH, f'residual {self.residual:.3g} rad or lengths; '
                             'expected joints for which the loops close')
+        # Joints move by at most the conditioning figure times the measured change on one
+        # branch.
         longest_motion = LEAP * self.figure * max(distance, ROUNDING)
         if self._timed:
             longest_motion = TIMED

@@ -95,6 +95,8 @@ def spring_deflection(drive: Drive, torque: Scalar) -> Scalar:
     curve = drive.stiffness
     if not isinstance(curve, StiffnessCurve):
         return torque * (1.0 / curve)
+    # Where the curve has no unique or no well-conditioned inverse, there is no
+    # deflection.
     if curve.dead_zone:
         raise InputError(f"drive of motor '{drive.motor}': a dead zone of "
                          f'{curve.dead_zone:g} in its stiffness curve; expected a curve '
@@ -105,6 +107,7 @@ def spring_deflection(drive: Drive, torque: Scalar) -> Scalar:
                          f'{min(curve.slopes):g} to {max(curve.slopes):g} in its '
                          f'stiffness curve; expected a ratio of at most {SLOPES:g} where the '
                          'deflection is computed from the torque')
+    # Newton steps from the curve with sharp corners, which is near the smooth one.
     deflection = _sharp_deflection(curve, torque)
     for _ in range(STEPS):
         error = spring_torque(drive, deflection) - torque

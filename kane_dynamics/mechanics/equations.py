@@ -144,6 +144,7 @@ class Equations:
             if not 0.0 < weight < np.inf:
                 raise ConstraintError(f"actuated: weight {weight} of '{joint}'; "
                                       'expected a positive, finite number')
+        # Fewer torques than independent speeds leave some of them without actuation.
         places = sorted({names.index(joint) for joint in joints})
         if len(places) < self.n:
             raise ConstraintError(

@@ -506,6 +506,8 @@ def _viscous(joint: Joint, rate: Scalar) -> Scalar:
 def _sliding_levels(joint: Joint, rate: Scalar, load: Scalar) -> tuple[Scalar, Scalar]:
     """Return the factors of y and of y^2, N m or N; None for a factor that is zero."""
     forward, backward = coulomb_levels(joint)
+    # y is the direction of sliding, -1 to 1: the even part has the mean level of both
+    # directions, the odd part half their difference.
     even: Scalar = forward
     odd: Scalar = None
     if joint.friction_backward is not None:
@@ -513,6 +515,8 @@ def _sliding_levels(joint: Joint, rate: Scalar, load: Scalar) -> tuple[Scalar, S
         odd = 0.5 * (forward - backward)
     if _has_stribeck(joint):
         even = even + _stribeck(joint, rate)
+    # Load friction is a share of the transmitted torque; a drive that is driven back by
+    # the load has another share.
     if carries_load(joint):
         mean, half_difference = _load_parts(joint)
         even = even + mean * magnitude(load)

@@ -84,6 +84,7 @@ def completed(t: Array, q: Array, u: Array | None, udot: Array | None,
 
     """
     first_velocity = np.zeros(q.shape[1])
+    # A start before the first point is one more point.
     if start is not None and t[0] > 0.0:
         q0, first_velocity, udot0 = start
         t = np.concatenate([[0.0], t])
@@ -92,10 +93,13 @@ def completed(t: Array, q: Array, u: Array | None, udot: Array | None,
             u = np.vstack([first_velocity, u])
         if udot is not None:
             udot = np.vstack([udot0, udot])
+    # The rules of joint_trajectory_controller fill what is missing: a clamped cubic
+    # spline, then accelerations that continue it.
     if u is None:
         u = spline_velocities(t, q, first_velocity)
     if udot is None:
         udot = _mean_accelerations(t, q, u)
+        # From rest and to rest, without a jump of the acceleration.
         udot[0, np.abs(u[0]) <= AT_REST] = 0.0
     udot[-1, np.abs(u[-1]) <= AT_REST] = 0.0
     return ControllerPoints(t, q, u, udot)

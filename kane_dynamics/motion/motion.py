@@ -174,6 +174,8 @@ class Motion:
         if lacking:
             raise InputError(f'motion: joints {list(stated_names)}; expected {lacking} '
                              'too')
+
+        # The columns in the order of the caller's joints.
         columns = [stated_names.index(name) for name in names]
         t, q, u, udot = trajectory_points(times, positions, velocities, accelerations,
                                           stated_names)
@@ -194,6 +196,7 @@ class Motion:
             if udot is not None:
                 udot = np.vstack([udot0, udot])
             first_velocity = u0
+        # Numbers that overflow are found by their result.
         with np.errstate(over='ignore', invalid='ignore'):
             if u is None:
                 u = spline_velocities(t, q, first_velocity)
@@ -251,6 +254,7 @@ class Motion:
         q, u, udot : (n,) arrays, or (K, n) for an array of times
 
         """
+        # Plain numbers take the short way below, since control asks every cycle.
         if not isinstance(t, float | int):
             try:
                 array = np.asarray(t, dtype=np.float64)
@@ -262,12 +266,15 @@ class Motion:
             t = float(array)
         n = self._n
         knots = self._knots
+        # Outside the motion it rests at its ends.
         if not knots[0] <= t < knots[-1]:
             if not math.isfinite(t):
                 raise InputError(f't: {t}; expected a finite time in s')
             end = 0 if t < knots[0] else -1
             return self.positions[end].copy(), np.zeros(n), np.zeros(n)
         k = bisect_right(knots, t) - 1
+        # A quintic polynomial of the share of the segment; its rates are rows of the
+        # same table.
         x = (t - knots[k]) * self._rates[k]
         x2 = x * x
         x3 = x2 * x

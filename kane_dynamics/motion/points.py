@@ -69,6 +69,7 @@ def point_times(times: ArrayLike) -> Array:
         raise InputError(f'times: shape {t.shape}; expected one number per point, and '
                          'at least one point')
     valid = np.isfinite(t).all() and t[0] >= 0.0 and (t[1:] > t[:-1]).all()
+    # Valid at once as an array; the reason names the first invalid point.
     if not valid:
         for i, value in enumerate(t.tolist()):
             if not math.isfinite(value) or value < 0.0:

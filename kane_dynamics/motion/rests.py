@@ -86,6 +86,8 @@ def kernel(n: int) -> Kernel:
         rate = 1.0 / (end[()] - begin[()])
         rows = []
         for x in INSIDE.tolist():
+            # The derivative of the quintic by Horner's rule, at places of the segment
+            # from 0 to 1.
             u = 5.0 * coefficients[5]
             for k in (4, 3, 2, 1):
                 u = k * coefficients[k] + x * u

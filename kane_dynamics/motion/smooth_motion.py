@@ -195,6 +195,8 @@ class SmoothMotion:
         clipped = np.clip(at, self.times[0], self.times[-1])
         pieces = np.searchsorted(self.times[1:-1], clipped, side='right')
         coefficients = self._coefficients[pieces]
+        # Outside the motion it rests: derivatives are zero, the position is that of the
+        # end.
         states = []
         for order in range(DERIVATIVES + 1):
             values = _polynomials(coefficients, clipped - self.times[pieces], order)
@@ -245,15 +247,18 @@ def _spline(t: Array, q: Array, degree: int, orders: Iterable[int],
     Derivatives of the stated orders vanish at both ends; with `knots_of` the places of
     the points it has as many more knots as these need.
     """
-    # In units of the mean segment, for the size of the powers of time.
+    # In units of the mean segment and from the first point, so that powers of time and
+    # the equations stay well scaled.
     scale = (t[-1] - t[0]) / (len(t) - 1)
     places = (t - t[0]) / scale
     knots = knots_of(places)
     weights = _spline_weights(places, q - q[0], knots, degree, orders)
+    # Each piece as its Taylor polynomial at the knot where it begins.
     coefficients = np.stack([
         b_splines(knots, degree, knots[:-1], order) @ weights / math.factorial(order)
         for order in range(degree + 1)], axis=1)
     coefficients[:, 0] += q[0]
+    # Back to seconds: the k-th coefficient divides by scale^k.
     with np.errstate(over='ignore', invalid='ignore'):
         powers = scale ** -np.arange(degree + 1.0)
         coefficients = coefficients * powers[:, None]
@@ -291,11 +296,14 @@ def b_splines(knots: Array, degree: int, x: Array, order: int) -> Array:
     Cox and de Boor's recursion to the degree less the order, then the rule for the
     derivative, B_p' = p (B_(p-1),i / (t_i+p - t_i) - B_(p-1),i+1 / (t_i+p+1 - t_i+1)).
     """
+    # The recursion of Cox and de Boor, from the pieces of degree 0 that contain x.
     t = np.concatenate([np.repeat(knots[0], degree), knots, np.repeat(knots[-1], degree)])
     count = len(t) - 1
     piece = degree + np.searchsorted(knots[1:-1], x, side='right')
     basis = np.zeros((len(x), count))
     basis[np.arange(len(x)), piece] = 1.0
+    # The last `order` steps differentiate: p times the difference of neighbours over
+    # their spans.
     for p in range(1, degree + 1):
         span = t[p:] - t[:-p]
         reciprocal = np.divide(1.0, span, out=np.zeros_like(span), where=span > 0.0)

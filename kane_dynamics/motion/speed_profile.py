@@ -96,6 +96,8 @@ def fastest_profile(sections: Sequence[SectionLimits], stops: Sequence[bool]
     states: list[tuple[float, float, float]] = []
     jerks: list[float] = []
     end = 0.0
+
+    # Phases of constant jerk, each integrated exactly: cubic place, quadratic speed.
     for section, first, last in zip(sections, speeds, speeds[1:]):
         place = end
         speed, acceleration = first, 0.0
@@ -107,6 +109,7 @@ def fastest_profile(sections: Sequence[SectionLimits], stops: Sequence[bool]
                                                      + duration * jerk / 6.0))
             speed += duration * (acceleration + duration * jerk / 2.0)
             acceleration += duration * jerk
+        # Sections begin at their exact place, whatever rounding the phases have.
         end += section.length
     times = np.concatenate([[0.0], np.cumsum(durations)])
     return SpeedProfile(times, np.array(states), np.array(jerks))

@@ -192,9 +192,12 @@ def _newton_step(Q: Matrix, g: Vector, k: Vector, slope: Vector, lower: Vector,
     """Return k after a projected Newton step of the length that costs least, or none."""
     n = len(k)
     free, factors = _free(Q, k, slope, lower, upper)
+    # The Newton direction of the torques that are not at a bound.
     step = solve(factors, range(n), -(free * slope))
     least: Scalar = 0.0
     result = k
+    # Of a few lengths the one with the least cost, by selection: programs have no
+    # branch.
     for scale in SCALES:
         candidate = clipped_all(k + scale * step, lower, upper)
         gain = (g + 0.5 * (Q @ candidate)) @ candidate - (g + 0.5 * (Q @ k)) @ k

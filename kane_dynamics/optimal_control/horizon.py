@@ -199,11 +199,14 @@ class MechanismHorizon:
         self._equations = equations
         self._physical = robot.parameters.physical
         self._step = MechanismStep(equations, actuators)
+
+        # Sizes: coordinates, speeds, joints, torques, and directions of the state.
         n_q = robot.n_q
         n = robot.n
         n_j = robot.model.n
         m = len(actuators)
         x = self._step.directions + n
+        # Where the parts of a state, of a target and of the slopes end in their rows.
         self._ends = np.cumsum([n_q, n])
         self._target_ends = np.cumsum([n_q, n_j])
         self._slope_ends = np.cumsum([x * (x + m), x, m, x * (x + 1) // 2])
@@ -325,6 +328,8 @@ class MechanismHorizon:
         """Return d(positions, rates)/dx, (2 n_j, n_x), and the results of `_error`."""
         q, u, t = self._parts(end)
         error, rates = self._error(q, u, tau, t, target)
+        # Positions change along the directions of the configuration, rates by
+        # themselves.
         G = self._directions(q, t)
         n_p = len(G)
         n_q = len(q)
@@ -333,6 +338,7 @@ class MechanismHorizon:
         tangents[:n_p, :n_q] = G
         tangents[n_p:, n_q:] = np.eye(n)
         outputs = error[:2 * len(rates)]
+        # Forward mode: a column of derivatives for each direction.
         L = _forward_columns(outputs, [*q, *u], tangents, Subroutines())
         return L, error, rates
 

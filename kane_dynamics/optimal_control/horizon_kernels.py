@@ -60,6 +60,7 @@ class HorizonKernels:
         self._begun = False
         sizes: HorizonSizes = self._horizon.sizes
         self.sizes = sizes
+        # Two paths take turns as the nominal one and the trial.
         self.path = np.zeros((nodes + 1, sizes.row))
         self.trial = np.zeros((nodes + 1, sizes.row))
         self.targets = np.zeros((nodes, sizes.target))
@@ -67,6 +68,8 @@ class HorizonKernels:
         self.slopes = np.zeros((nodes, sizes.slopes))
         self.policy = np.zeros((nodes + 1, sizes.policy))
         self.constants = np.zeros(NUMBERS + sizes.limits + len(robot.parameters.block))
+        # What kernels read, by name: the array, the row relative to the current one, and
+        # the columns.
         self._inputs = {
             'row': Input('trial', 0, 0, sizes.row),
             'state': Input('path', 0, 0, sizes.state),
@@ -81,6 +84,9 @@ class HorizonKernels:
         self._rows = self._views(self.path, self.trial)
         self._swapped_rows = self._views(self.trial, self.path)
         self._kernels: dict[str, tuple[Kernel, list[str]]] = {}
+
+        # Three kernels, compiled side by side: slopes along the path, the backward pass,
+        # and a step of the trial.
         linearization = self._horizon.linearization
         policy = self._horizon.policy
         run_concurrently([
@@ -127,6 +133,8 @@ class HorizonKernels:
         numbers = constants_of(constants, sizes)
         x = sizes.directions
         m = sizes.torques
+        # tau + scale k + K (change of the state from the nominal one), within the
+        # limits.
         state = row[:sizes.state]
         k = policy[:m]
         K = policy[m:m + m * x].reshape(m, x)

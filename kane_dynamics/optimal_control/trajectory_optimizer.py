@@ -492,6 +492,8 @@ class Target:
         require_angles(robot.model, 'target')
         q, u, udot = motion.sample(t)
         rates = u
+        # Driving joints move all others; rates are those of the joints, whatever the
+        # speeds.
         if not robot.equations.in_joint_rates:
             q, u, udot = mechanism_motion(robot, motion.joint_names, t, q, u, udot)
             rates = robot.joint_rates(q, u, **self.keywords(t))

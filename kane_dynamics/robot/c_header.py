@@ -177,11 +177,9 @@ def _enum(upper: str, kind: str, entries: Sequence[tuple[str, str]]) -> list[str
 
 def _conventions(robot: Any, prefix: str) -> list[str]:
     """Return the lines of the calling conventions."""
-    lines = _equation_of_motion(robot)
-    lines += [
-        '',
-        f'Arguments are arrays of {prefix.upper()}_REAL: q, u, udot and tau have one '
-        'entry per joint,']
+    lines = [*_equation_of_motion(robot), '']
+    lines.append(f'Arguments are arrays of {prefix.upper()}_REAL: q, u, udot and tau have '
+                 'one entry per joint,')
     if constrained(robot):
         lines.append('or per independent speed (u, udot, and tau, which is dual to u),')
     lines += [

@@ -283,6 +283,8 @@ class KernelSet:
         kernel = self._made.get(place)
         if kernel is None:
             arguments, shape = self.signature(name, at, derivative)
+            # In other speeds at a singular state, the same quantity of the robot with
+            # those.
             self._same[place] = lambda regular: regular.kernel(name, at, derivative)
             traced = partial(self.program, name, at, derivative)
             traced_single = partial(self.program, name, at, derivative, single=True)
@@ -607,6 +609,8 @@ def kernel_per_robot(function: Callable[..., Kernel]) -> Callable[..., Kernel]:
     refers to the robot; so this function refers to both weakly. Further arguments of the
     function are hashable, and each choice of them has its kernel.
     """
+    # Weak references: a kernel lives as long as its users, a robot's entry as long as
+    # the robot.
     references: WeakKeyDictionary[KernelSet, dict[tuple[Hashable, ...], ref[Kernel]]]
     references = WeakKeyDictionary()
 

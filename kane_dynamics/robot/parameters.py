@@ -149,6 +149,7 @@ class Parameters:
             raise InputError('payload: given to a robot without payload frame; expected '
                              "robot.with_payload('<frame>', payload), or "
                              "Robot(..., payload_frame='...')")
+        # Ten numbers are the parameters of an inertia.
         if not (value is None or isinstance(value, Inertial)):
             if np.shape(value) != (10,):
                 raise InputError(f'payload: a {type(value).__name__}; expected an '
@@ -157,6 +158,7 @@ class Parameters:
                                                       InputError))
         if value is not None:
             _check_payload(value, self._reach)
+        # The entries behind gravity; zeros are no payload.
         self.block[3:13] = 0.0 if value is None else value.parameters
         self._payload = value
 

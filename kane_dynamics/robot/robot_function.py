@@ -128,8 +128,12 @@ def _asked(function: Callable[..., Any], name: str, count: int) -> tuple[str, ..
             by_name.append(parameter)
         elif parameter.kind is not parameter.VAR_KEYWORD:
             positional.append(parameter)
+
+    # Named behind `*inputs`, or behind as many positional parameters as there are
+    # inputs.
     if not gathers:
         by_name += positional[count:]
+    # What has a default is optional; all else must be something that the robot supplies.
     required = set()
     for parameter in by_name:
         if parameter.default is parameter.empty:

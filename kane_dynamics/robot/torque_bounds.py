@@ -326,6 +326,7 @@ def _of_box(robot: Any, place: tuple[str, str], state: tuple[ArrayLike, ...],
         _refuse(robot, uncertainty)
     kernel = robot._entries.get(place) or _compiled(robot, place)
     box: Array = uncertainty.box
+    # The box is the same for all states of a batch, and so may be the time.
     count = np.shape(state[0])[:-1]
     if len(count) == 1:
         box = np.broadcast_to(box, (*count, len(box)))
@@ -363,6 +364,8 @@ def _kernel(robot: Any, place: tuple[str, str]) -> Kernel:
     """Return the kernel of the bounds, or of the deviation alone."""
     equations: Equations = robot.equations
 
+    # The torque of the model and its largest deviation in the box, which is exact where
+    # parameters are linear.
     def bounds(q: Vector, u: Vector, udot: Vector, box: Vector, t: Scalar,
                parameters: Vector, limits: Vector) -> Matrix:
         torque = equations.inverse_dynamics(q, u, udot, None, parameters, t)
@@ -454,10 +457,13 @@ def _loss_columns(equations: Equations, q: Vector, u: Vector, udot: Vector,
     by_name = dict(zip(LOSSES, losses, strict=True))
     for k, body in enumerate(equations.model.bodies):
         joint = body.joint
+        # The direction in which a torque at this joint acts on the independent speeds.
         unit = np.zeros(len(motion.qdot))
         unit[joint.coordinate] = joint.multiplier
         directions.append(motion.projected(unit))
         rate = joint.multiplier * motion.qdot[joint.coordinate]
+        # The half-width adds up over armature and friction terms, since each is
+        # independent of the others.
         size = _absolute_number(joint.multiplier * motion.qddot[joint.coordinate])
         size = size * by_name['armature'][k]
         if equations.tree.friction:

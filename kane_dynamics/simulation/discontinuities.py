@@ -116,6 +116,8 @@ class JumpWatch(Observer):
         """Raise ConstraintError for the first jump; q, (K + 1, n_q), moves linearly in a step."""
         of_state = q is not None
         kernel = self._kernel(of_state)
+        # Within a step q moves on a straight line, so that a function of q becomes one
+        # of t.
         slopes = None if q is None else np.diff(q, axis=0) / np.diff(times)[:, None]
 
         def screen(begin: Array, end: Array, step: Array) -> tuple[Array, Array]:
@@ -125,6 +127,8 @@ class JumpWatch(Observer):
                 motion = [q_begin, slopes[step]]
             results = _run(kernel, [*motion, begin, end])
             differences = results[:, 0]
+            # A value that is not finite is refused at once: no bisection finds where it
+            # begins.
             refused = np.flatnonzero(~np.isfinite(differences))
             if len(refused):
                 k = int(refused[0])
@@ -162,6 +166,8 @@ class JumpWatch(Observer):
             moved = {'q': shape, 'along': shape}
             name = 'functions_of_state'
 
+        # The functions at both ends and in the middle: a jump is a change that bisection
+        # does not halve.
         def traced(*arguments: Any) -> Any:
             *moved_arguments, begin, end = arguments
             q, slope = moved_arguments or np.zeros((2, *shape))

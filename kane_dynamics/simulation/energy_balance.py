@@ -311,6 +311,8 @@ class EnergyBalance(Observer):
         shape = (len(states), states.shape[1] - 1)
         torques = np.broadcast_to(tau, (*shape, tau.shape[2])).reshape(-1, tau.shape[2])
         powers = np.empty((2, *shape))
+        # The power of the motion's force, less that of the motors, is what moves the
+        # constraints.
         for ends, power in zip((states[:, :-1], states[:, 1:]), powers):
             rows = np.ascontiguousarray(ends).reshape(-1, states.shape[2])
             times = rows[:, n_q + n] if robot.equations.timed else np.zeros(len(rows))
@@ -325,6 +327,8 @@ class EnergyBalance(Observer):
         failed = np.flatnonzero(np.isfinite(self.began))
         if not len(failed):
             return None
+
+        # The simulation that failed first, and its remedy.
         k = int(failed[np.argmin(self.began[failed])])
         which = '' if self._single else f' of simulation {k}'
         count = ''

@@ -135,11 +135,16 @@ class LimitWatch(Observer):
         self._crossings: list[Crossings] = []
         self._count = 0
         limits, bounds = robot.limits, {}
+        # Stops turn crossings of position limits into events of their own.
         if not stops:
             bounds['lower'] = _Bound(slice(0, n_q), limits.lower, -1.0)
             bounds['upper'] = _Bound(slice(0, n_q), limits.upper, 1.0)
+        # Limits of speeds are those of joints, so that only joint rates can cross them.
         if robot.equations.speed_names == robot.joint_names:
             bounds['velocity'] = _Bound(slice(n_q, n_q + robot.n), limits.velocity, 0.0)
+
+        # Only what has a finite limit is looked at, and of it what began beyond the
+        # limit.
         self._bounds = {limit: bound for limit, bound in bounds.items()
                         if np.isfinite(bound.bound).any()}
         self._beyond = {limit: np.zeros((len(states), len(bound.bound)), dtype=bool)

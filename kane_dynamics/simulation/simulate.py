@@ -251,6 +251,8 @@ def _steps(robot: Robot, states: Array, single: bool, step: float, count: int,
                          'expected None, an array or a ComputedTorque')
     source = torque_input(robot, step, count, torque, None if single else len(states),
                           integrator, start, smooth=not sticks)
+
+    # What happens at limits and with friction at rest: sticking knows stops too.
     joint_stops: JointStops | Sticking | None = None
     if stops:
         require_stops(robot, states[:, :robot.n_q])
@@ -258,6 +260,8 @@ def _steps(robot: Robot, states: Array, single: bool, step: float, count: int,
         joint_stops = Sticking(robot, step, start, stops)
     elif stops:
         joint_stops = JointStops(robot, step, start)
+
+    # Constrained robots may need other independent speeds along the way.
     if robot.equations.watched:
         steps: Steps = SwitchingSteps(source, joint_stops, len(states))
     else:
@@ -281,6 +285,8 @@ def _require_arguments(robot: Any, t0: Any, progress: Any, integrator: Any,
     for name, value in (('stops', stops), ('sticking', sticking)):
         if not isinstance(value, bool | np.bool_):
             raise InputError(f'{name}: {value!r}; expected True or False')
+
+    # Infinite limits are legal, NaN would disable every comparison.
     for name, low, high in zip(robot.coordinate_names, robot.limits.lower,
                                robot.limits.upper):
         if math.isnan(low) or math.isnan(high):
@@ -308,6 +314,8 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,
         raise InputError(f'q0: shape {q.shape}, u0: shape {u.shape}; expected '
                          f'({robot.n_q},) and ({robot.n},), or (N, {robot.n_q}) and (N, '
                          f'{robot.n})')
+
+    # Loops must be closed at the start, since the steps only keep them closed.
     if robot.equations.watched and q.size:
         rows = np.atleast_2d(q)
         timed = [np.full(len(rows), t0)] if robot.equations.timed else []
@@ -320,6 +328,8 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,
             raise InputError(f"q0{which}: the residual of '{robot.constraint_names[k]}' "
                              f'is {residual[i, k]:.3g} (m or rad); expected a closed '
                              'configuration, as robot.closed_configuration(q0)')
+
+    # The entries of a state, of which some are absent: time, bristles, margin.
     time = np.full((*q.shape[:-1], int(robot.equations.timed)), t0)
     margins = np.ones((*q.shape[:-1], int(robot.equations.watched)))
     deflections = initial_deflections(robot, bristles0, q.shape[:-1])
@@ -340,6 +350,7 @@ def initial_deflections(robot: Robot, bristles0: Any, rows: tuple[int, ...]) -> 
     shape = *rows, len(names)
     if bristles0 is None:
         return np.zeros(shape)
+    # A robot without bristles has nothing to start.
     if not names:
         raise InputError('bristles0: deflections for a robot without presliding_stiffness; '
                          'expected None')
@@ -366,11 +377,16 @@ def whole_steps(name: str, value: float, step: float) -> int:
 def steps_per_sample(count: int, step: float, sample: Any, N: int, single: bool) -> int:
     """Return the number of steps between two rows; InputError for too many rows."""
     if sample is None:
+        # By default as many rows as are useful, less if many simulations share the
+        # memory.
         rows = max(2, min(DEFAULT_SAMPLES, MOST_SAMPLES // max(N, 1) - 1))
         every = max(1, -(-count // rows))
     else:
         every = whole_steps('sample', positive_time(sample, 'sample'), step)
     rows = count // every + 1
+
+    # The rows of all simulations are allocated at once: a clear message instead of an
+    # exhausted memory.
     if N * (rows + 1) > MOST_SAMPLES:
         which, together, remedy = '', '', 'a longer sample'
         if not single:

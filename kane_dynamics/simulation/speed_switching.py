@@ -308,6 +308,8 @@ class SwitchingSteps(Steps):
         """Return the places where the next step computes its margin."""
         robot = self._phases[i].robot
         mechanism = robot.mechanism
+        # A law computes forces dual to the speeds of this phase, a table those of the
+        # simulation.
         source = self._source_of([i])
         dual_to = (self.robot if self._law is None else robot).speed_names
         try:
@@ -316,6 +318,8 @@ class SwitchingSteps(Steps):
         except (ConstraintError, ZeroDivisionError):
             raise self._diverged(i, done + 1) from None
         result = []
+        # The figure at each stage of the next step: the margin would be negative at the
+        # worst.
         for seconds, q in stages:
             t = self._time(done) + seconds
             stack = stacked(mechanism, q, t)
@@ -499,6 +503,7 @@ def residual_error(mechanism: Mechanism, stack: Stack, kept: bool, q: Array, t: 
     """
     in_lengths_of_rows = stack.residual / mechanism.row_units
     worst = int(np.argmax(np.abs(in_lengths_of_rows)))
+    # The residual is within its share, or the worst row belongs to the other error.
     if np.linalg.norm(in_lengths_of_rows) <= SHARE * largest or kept != (worst in mechanism.kept):
         return
     constraint = f"{where}constraint '{mechanism.labels[worst]}'"

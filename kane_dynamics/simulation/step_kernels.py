@@ -244,6 +244,7 @@ class RobotMotion:
             return robot.kernels.program('forward_dynamics', single=self.single)
         physical = robot.parameters.physical
 
+        # u' for the torque, in whatever speeds the torque is dual to.
         def rates(q: Vector, u: Vector, tau: Vector, *inputs: Any) -> Any:
             wrench, t, parameters, deflections = optional_inputs(robot, inputs)
             if self._dual_to is not None:
@@ -253,6 +254,7 @@ class RobotMotion:
                 state_rates = equations.state_rates(q, u, tau, *at)
             else:
                 state_rates = presliding_rates(robot, q, u, tau, *at, deflections)
+            # The margin stands last, and shows a singular state without a branch.
             if not self.watched:
                 return state_rates
             return [*state_rates, equations.margin(q, t, parameters[-LIMITS:])]
@@ -272,8 +274,11 @@ class RobotMotion:
         if self.bristles:
             inputs.append(state[layout.deflections])
         rates = self.called(self._motion, q, u, self.torque(q, u, moment, *time), inputs)
+        # In joint rates the coordinates move with u itself.
         if self.equations.in_joint_rates:
             rates = [*u, *rates]
+        # The order of the state: q, u, time, deflections, margin; t' = 1, and the margin
+        # has no rate.
         end = len(rates) - self.bristles
         return np.array([*rates[:end], *(1.0 for _ in time), *rates[end:],
                          *[0.0] * int(self.equations.watched)])
@@ -415,6 +420,8 @@ def implicit_stage(robot: Robot, method: ImplicitStep,
     equations: Any = robot.equations
     n = robot.n
     n_j = robot.model.n
+    # The inputs in the order in which the step supplies them; optional ones only where
+    # the robot has them.
     inputs: list[tuple[str, Shape]] = [
         ('q', (robot.n_q,)), ('u', (n,)), ('tau', (n,))]
     first_stage = first_stage_inputs(robot, presliding=not varied)
@@ -427,6 +434,8 @@ def implicit_stage(robot: Robot, method: ImplicitStep,
     inputs.append(('parameters', robot.parameters.block.shape))
 
     def stage(q: Vector, u: Vector, tau: Vector, *inputs: Any) -> list[Scalar]:
+
+        # The first stage of the step supplies its rates, then g = gamma h.
         *first, g = inputs[:len(first_stage)]
         others = inputs[len(first_stage):]
         factors: Any = 1.0

@@ -218,6 +218,8 @@ def _steepest(robot: Robot) -> Robot:
     if not curves:
         return robot
     other = _STEEPEST.get(robot)
+    # The changed robot is compiled once for each robot, and follows its payload and
+    # gravity.
     if other is None:
         bodies = []
         for body in robot.model.bodies:
@@ -239,6 +241,7 @@ def _bristle_stiffness(robot: Robot, q: Array, t: float) -> Any:
     joints = equations.tree.bristles
     if not joints:
         return 0.0
+    # The stiffness of the joints, projected on the independent speeds: M^-1 T^T S T.
     S = np.zeros((robot.model.n, robot.model.n))
     for joint in joints:
         k = joint.coordinate
@@ -267,10 +270,13 @@ def _with_bound_bristles(robot: Robot) -> Robot:
     if not robot.equations.tree.bristles:
         return robot
     other = _BOUND.get(robot)
+    # As `_steepest`: one changed robot for each robot.
     if other is None:
         bodies = []
         for body in robot.model.bodies:
             joint = body.joint
+            # A bristle that does not slide is a spring with its damper between link and
+            # joint.
             if has_bristles(joint):
                 damping = joint.damping + joint.presliding_damping
                 joint = replace(joint, damping=damping, **SLIDELESS)

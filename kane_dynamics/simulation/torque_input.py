@@ -74,6 +74,8 @@ class TorqueInput:
         """
         steps = buffer.shape[1] - 1
         inputs = self.inputs(done, steps)
+        # One simulation is a scan, many share the lanes of a rollout, which also watches
+        # extremes.
         if self.single:
             states = buffer[0]
             row = inputs[0, 0] if inputs.shape[1] == 1 else inputs[0]
@@ -145,6 +147,7 @@ class TorqueInput:
         if isinstance(self.torque, ComputedTorque):
             n_q, n = self.robot.n_q, self.robot.n
 
+            # The power of a law is computed only at rows that are looked at.
             def power_at(rows: Array) -> Array:
                 q = np.ascontiguousarray(buffer[:, rows, :n_q])
                 u = np.ascontiguousarray(buffer[:, rows, n_q:n_q + n])
@@ -234,6 +237,7 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
 
     """
     block = robot.parameters.block
+    # Constants of a step in the order of its kernel: gains, the step, the parameters.
     if isinstance(torque, ComputedTorque):
         _require_same_robot(torque, robot)
         choice = StepChoice(True, integrator, followed=torque.followed)
@@ -242,6 +246,8 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
         choice = StepChoice(False, integrator)
         constants = np.concatenate([[step], block])
         torque = _table(robot, None if callable(torque) else torque, count, states)
+
+    # Where joints stick, the steps have kernels of their own.
     kernel = step_kernel(robot, *choice) if smooth else None
     return TorqueInput(robot, kernel, choice, step, constants,
                        torque, start,
@@ -250,6 +256,7 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
 
 def _require_same_robot(torque: ComputedTorque, robot: Robot) -> None:
     """Raise InputError for computed torque of another robot than the simulated one."""
+    # A law without a robot is that of a tree; its joints must be those that move.
     if torque.robot is None:
         require_rigid(robot)
         if torque.motion.joint_names != robot.joint_names:
@@ -268,6 +275,7 @@ def _require_same_robot(torque: ComputedTorque, robot: Robot) -> None:
 def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
     """Return a torque given as None, (n,), (K, n) or (N, K, n), with three axes."""
     n = robot.n
+    # The axes are simulation, step and speed; an axis of length 1 stands for all.
     if torque is None:
         return np.zeros((1, 1, n))
     if states is not None and np.ndim(torque) == 3:
@@ -281,6 +289,7 @@ def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
         if table.ndim == 1:
             return table[None, None].copy()
         table = table[None]
+    # A table ends before the simulation does: no torque is assumed after it.
     if table.shape[1] < count:
         raise InputError(f'torque: {table.shape[1]} rows; expected at least {count}, '
                          'one per step')

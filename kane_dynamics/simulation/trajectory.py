@@ -198,6 +198,7 @@ class Trajectory:
 
     def _repr_html_(self) -> str:
         """Return the ranges of positions, speeds and torques as a table for notebooks."""
+        # The range of each quantity by the name of its joint or speed, in one row.
         ranges: dict[str, dict[str, str]] = {}
         for quantity, names, values in (('q', self.coordinate_names, self.q),
                                         ('u', self.speed_names, self.u),
@@ -294,6 +295,7 @@ class Trajectory:
     def load_npz(cls, path: Path) -> Trajectory:
         """Read a file of `save_npz`; InputError for any other file."""
         file = npz_arrays(path)
+        # Arrays that were renamed since.
         for name, former in FORMER.items():
             if name not in file and former in file:
                 file[name] = file[former]
@@ -389,6 +391,7 @@ def _events(name: str, table: Any) -> tuple[Any, ...]:
     """Return the events of a table of `_event_table`."""
     kind = EVENTS[name]
     events = []
+    # The columns are those of the event's fields; the state is last and may be empty.
     for *cells, state in table:
         fields: list[Any] = []
         for field_name, cell in zip(kind._fields, cells):

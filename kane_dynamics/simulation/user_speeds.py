@@ -218,6 +218,8 @@ class UserSpeeds:
         `friction`, (K, n_j), is given where it does not follow the smooth law.
         """
         equations = robot.equations
+        # With friction computed apart, it is among the applied forces; else the motors
+        # decide the loads of drives.
         if friction is not None:
             shapes = {'q': (robot.n_q,), 'u': (robot.n,), 'udot': (robot.n,),
                       'applied': (robot.equations.tree.n,)}
@@ -303,9 +305,11 @@ def law_power(history: History, source: Any, buffer: Array, done: int,
 
     """
     power = np.empty((len(buffer), len(rows)))
+    # Simulations that never changed their speeds are computed together.
     unchanged = [i for i, changes in enumerate(history) if len(changes) == 1]
     if unchanged:
         power[unchanged] = source.acting(buffer[unchanged], done)(rows)
+    # Others phase by phase, with the robot of the phase.
     for i, changes in enumerate(history):
         if len(changes) > 1:
             phase = np.searchsorted([after for after, _ in changes], done + rows) - 1

@@ -152,6 +152,8 @@ class _Part:
         span = self.t[-1] - self.t[0]
         powers = []
         for end in (0, -1):
+            # Relative to the mean speed and acceleration over the span: what is tiny
+            # counts as rest.
             speed = np.abs(self.points.u[end]).max()
             acceleration = np.abs(self.points.udot[end]).max()
             if speed * span > AT_REST * self.length:

@@ -148,6 +148,8 @@ class ThirdOrderLimits:
         """Return x of a fast motion: the largest that a kind of limits allows, about."""
         inertia = np.abs(self.effort[1])
         sizes = []
+        # Each limit alone bounds x by a power of its ratio, since u ~ x^1/2, udot ~ x
+        # and jerk ~ x^3/2.
         for name, amounts, power in (
                 ('velocity', self.first, 2.0), ('acceleration', self.first, 1.0),
                 ('effort', inertia, 1.0), ('jerk', self.first, 2.0 / 3.0),
@@ -194,6 +196,7 @@ class ThirdOrderLimits:
 
     def _quantities(self, profile: Array) -> Iterator[tuple[str, LimitedQuantity]]:
         """Yield the limited quantities by the names of their limits."""
+        # With x = s'^2: u = q' s', udot = q'' x + q' x' / 2, and x' = 2 s''.
         x, change, bend = profile
         root = np.sqrt(x)
         half = 0.5 / root
@@ -205,6 +208,7 @@ class ThirdOrderLimits:
         yield 'acceleration', acceleration
         if self._limited('effort') or self._limited('power'):
             u = velocity.value
+            # The torque with friction, which bends over x since its speed is q' sqrt(x).
             square, linear, static = self.effort
             tau, by_x = square * x + linear * change + static, square
             if self.rough:
@@ -218,6 +222,8 @@ class ThirdOrderLimits:
                 yield 'power', LimitedQuantity(
                     tau * u, by_x * u + tau * u_by_x, linear * u, 0.0)
         if self._limited('jerk'):
+            # Jerk and torque rate are sqrt(x) times a function that is linear in x, x'
+            # and x''.
             by_x, by_change, by_bend = self.jerk
             inner = by_x * x + by_change * change + by_bend * bend
             yield 'jerk', LimitedQuantity(inner * root, by_x * root + half * inner,
@@ -247,12 +253,16 @@ def torque_rate_kernel(robot: Robot) -> Kernel:
     """
     def values(q: Vector, first: Vector, second: Vector, third: Vector,
                parameters: Vector) -> Matrix:
+
+        # tau = M q' x' / 2 + (M q'' + h) x + g along the path: three evaluations of
+        # inverse dynamics.
         equations = robot.equations
         zero = np.zeros(robot.n)
         static = equations.rigid_dynamics(q, zero, zero, None, parameters)
         inertia = equations.rigid_dynamics(q, zero, first, None, parameters)
         moving = equations.rigid_dynamics(q, first, second, None, parameters)
         torque = np.array([inertia - static, moving - static, static], dtype=object)
+        # Their derivatives along s, by dual numbers through the same equations.
         state, rates = [*q, *first, *second], [*first, *second, *third]
         slopes = forward(torque.ravel(), state, rates, Subroutines())
         by_s = np.array(slopes, dtype=object).reshape(torque.shape)

@@ -110,6 +110,7 @@ def rate_limited(robot: Robot, motion: Motion, bounds: Bounds, rates: RateBounds
     best: dict[int, ThirdOrderTiming] = {}
     done: set[int] = set()
     reason = ''
+    # Grids get finer until the duration of every section settles.
     for _ in range(GRIDS):
         parts = smooth_sections(motion, points)
         for k, path in enumerate(parts):
@@ -120,6 +121,7 @@ def rate_limited(robot: Robot, motion: Motion, bounds: Bounds, rates: RateBounds
             if isinstance(timing, str):
                 reason = timing
                 continue
+            # The next grid starts from the best timing of the coarser one.
             change = math.inf
             if k in best:
                 change = best[k].duration / timing.duration - 1.0
@@ -127,6 +129,7 @@ def rate_limited(robot: Robot, motion: Motion, bounds: Bounds, rates: RateBounds
                 done.add(k)
             if change > 0.0:
                 best[k] = timing
+        # A section that settled is not repeated.
         if len(done) == len(parts) or points >= FINE:
             break
         points *= FINER
@@ -151,6 +154,7 @@ def _timed(robot: Robot, path: SmoothSection, bounds: Bounds, rates: RateBounds,
     """
     limits = ThirdOrderLimits(robot, path, bounds, rates)
     spline = ProfileSpline(path.s, path.place, path.size)
+    # Start inside all limits: slow, or the coarse profile moved below them.
     if coarse is None:
         start = _slow(spline, limits)
     else:
@@ -161,6 +165,9 @@ def _timed(robot: Robot, path: SmoothSection, bounds: Bounds, rates: RateBounds,
     for _ in range(ROUNDS):
         if start is None:
             break
+
+        # Each round solves for the fastest spline, then checks it between the grid's
+        # points.
         c, excess = fastest_spline(spline, limits, *start)
         if (spline.at(c)[0] >= 0.5 * limits.free).any():
             raise InputError(UNBOUNDED)
@@ -172,6 +179,8 @@ def _timed(robot: Robot, path: SmoothSection, bounds: Bounds, rates: RateBounds,
         timing = _checked(robot, motion_points(path, spline, c), bounds, rates)
         if math.isinf(least):
             least, profile = float(timing.points.t[-1]), c
+        # A timing that exceeds a limit in between is slowed to respect it, and the
+        # limits are tightened for the next round.
         slower = _slowed(robot, timing, bounds, rates)
         if slower is not None and (
                 best is None or slower.points.t[-1] < best.points.t[-1]):

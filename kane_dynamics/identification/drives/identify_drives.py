@@ -410,13 +410,13 @@ def _motor_side(model: Model, recording: DriveRecording) -> DriveIdentification:
         if np.ptp(recording.theta[:, j]) <= MOVES:
             numbers.append(_at_rest(name))
             continue
-        numbers.append(_told_by_motor(fit.of_joint(j)))
+        numbers.append(_motor_side_numbers(fit.of_joint(j)))
     count = len(numbers)
     return _identification(model.joint_names, MOTOR_SIDE, numbers, [0.0] * count,
                            [fit.misfit] * count)
 
 
-def _told_by_motor(fit: GearFit) -> dict[str, DriveNumber]:
+def _motor_side_numbers(fit: GearFit) -> dict[str, DriveNumber]:
     """Return the numbers of a joint that the motor's side determines."""
     compliance, deviation = fit.value('compliance'), fit.deviation('compliance')
     if deviation <= DEVIATION * compliance:

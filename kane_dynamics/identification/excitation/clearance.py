@@ -109,6 +109,8 @@ class Clearance:
         R = frame.rotation.T @ visual.pose[:3, :3]
         center = frame.rotation.T @ (visual.pose[:3, 3] - frame.translation)
         sizes = np.asarray(visual.size, dtype=float)
+        # A capsule about the shape: its axis is the longest direction, its radius covers
+        # the others.
         half = np.zeros(3)
         if visual.kind == 'box':
             k = int(np.argmax(sizes))
@@ -189,6 +191,8 @@ class Clearance:
         total = 0.0
         slope = np.zeros_like(q)
         poses = self._poses(q)
+
+        # Each shortfall pulls at a point of one or two bodies.
         for shortfall, pulls in (*self._low(poses), *self._near(poses)):
             short = np.flatnonzero(shortfall > 0.0)
             if not len(short):
@@ -197,6 +201,8 @@ class Clearance:
             for body, point, direction in pulls:
                 if body == WORLD:
                     continue
+                # The gradient by the principle of virtual power: the wrench of the pull
+                # times the Jacobian.
                 J = self.robot.partial_velocities(self._frames[body].name, q[short])
                 arm = point[short] - poses[body][short, :3, 3]
                 force = direction[short]
@@ -276,10 +282,13 @@ def closest_points(center_1: Array, half_1: Array, center_2: Array, half_2: Arra
     """Return the closest points of segments center +- half, (..., 3) each, m."""
     def dot(x: Array, y: Array) -> Array:
         return np.asarray(np.sum(x * y, axis=-1, keepdims=True))
+    # The distance of center +- half is quadratic in s and t, each from -1 to 1: minimise
+    # along s without bounds, then clip t, then s once more.
     r = center_1 - center_2
     a, e = np.maximum(dot(half_1, half_1), SMALL), np.maximum(dot(half_2, half_2), SMALL)
     b, c, f = dot(half_1, half_2), dot(half_1, r), dot(half_2, r)
     determinant = a * e - b * b
+    # Parallel segments have no unique s; the middle serves as well as any.
     parallel = determinant < 1e-9 * a * e
     s = np.clip(np.where(parallel, 0.0, (b * f - c * e) / np.where(parallel, 1.0,
                                                                    determinant)),

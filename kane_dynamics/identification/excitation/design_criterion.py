@@ -71,6 +71,9 @@ class DesignCriterion:
         self.share = share
         self.robot = Robot(model)
         self.rigid = Robot(without_losses(model))
+
+        # Limits of speed: the stricter of the robot's and the stated one; a design needs
+        # a finite one.
         names = model.joint_names
         limits = self.robot.limits
         stated = limit_per_joint(velocity, 'velocity', names)
@@ -92,6 +95,8 @@ class DesignCriterion:
         lower = np.where(free, 0.0, lower)
         self.middle = np.where(free, 0.0, 0.5 * (lower + upper))
         self.reach = np.where(free, math.inf, 0.5 * (upper - lower))
+
+        # The base parameters, and the torques by which residuals are weighted.
         self.speeds = np.array([joint.friction_speed for joint in model.coordinate_joints])
         self.columns = base_parameters(model, self.speeds).columns
         self.sigma = np.where(np.isfinite(self.effort), self.effort, 1.0)
@@ -103,6 +108,8 @@ class DesignCriterion:
             frame_names = {frame.name for frame in model.frames}
             of_bodies = [body.name for body in model.bodies if body.name in frame_names]
             self.frames = tuple(floor_frames or of_bodies)
+
+        # Samples for the search, denser ones for the check, and the finest for extremes.
         self.clearance = clearance
         self.grid = self._matrices(SAMPLES)
         self.dense = self._matrices(DENSE)
@@ -170,9 +177,11 @@ class DesignCriterion:
             beyond = np.maximum(np.abs(use) - GUARD * self.share, 0.0)
             total += float(np.sum(beyond**2)) / len(q)
             return np.asarray(2.0 * np.sign(use) * beyond / len(q))
+        # Positions, speeds and accelerations relative to their limits.
         slopes[0] += excess((q - self.middle) / self.reach) / self.reach
         slopes[1] += excess(u / self.velocity) / self.velocity
         slopes[2] += excess(udot / self.acceleration) / self.acceleration
+        # Torques, and their gradients by the derivatives of inverse dynamics.
         by_torque = excess(self.robot.inverse_dynamics(q, u,
                                                        udot) / self.effort) / self.effort
         if by_torque.any():
@@ -181,6 +190,7 @@ class DesignCriterion:
                                                                                      udot),
                                      strict=True):
                 slope += np.einsum('sj,sji->si', by_torque, matrix)
+        # Heights of frames; their gradient is the vertical row of the Jacobian.
         for frame in self.frames:
             low = np.maximum(self.floor - self._height(frame, q), 0.0)
             total += float(np.sum(low**2)) / len(q)

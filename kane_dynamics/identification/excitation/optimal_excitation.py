@@ -199,10 +199,12 @@ def random_motion(design: DesignCriterion, rng: np.random.Generator) -> Array:
     """Return coefficients that reach a limit of speed or acceleration, or half the positions."""
     p = rng.normal(size=(design.basis.size, design.model.n))
     p[0] = 0.0
+    # Scale the random motion to the first limit that it meets.
     Q, U, A = (np.abs(matrix @ p).max(axis=0) for matrix in design.grid)
     reach = np.minimum(design.reach, math.pi)
     p *= design.share * np.minimum.reduce([0.5 * reach / Q, design.velocity / U,
                                            design.acceleration / A])
+    # Its middle is near that of the ranges; with obstacles, the freest of several.
     centers = design.middle + rng.uniform(-0.3, 0.3, design.model.n) * reach
     if design.clearance is not None:
         some = design.middle + rng.uniform(-0.6, 0.6, (CENTERS, design.model.n)) * reach

@@ -110,12 +110,15 @@ class PayloadEquations:
         # Level k has sums of 2^k successive rows. Two of its blocks are one of the next
         # level; a first one waits for the second.
         block = row
+        # Level k has sums of 2^k consecutive rows, which forget at the same pace in
+        # time.
         for level in range(LEVELS):
             weight = self._kept**(2**level)
             self._products[level] *= weight
             self._products[level] += block[..., :, None] * block[..., None, :]
             self._counts[level] = weight * self._counts[level] + 1.0
             first_of_two = self._pending[level]
+            # Two blocks of a level make one of the next; the first one waits.
             if first_of_two is None:
                 self._pending[level] = block
                 return

@@ -166,6 +166,8 @@ def _inertia_deviation(x: Array, covariance: Array) -> Array:
     # The inertia about the center of mass is I - (h.h 1 - h h^T) / m: its derivatives
     # with respect to the mass, the first moment h = m c, and the entries of I.
     mass = x[0]
+    # I_c = I - m (c^2 1 - c c^T) with c = h / m, differentiated by mass, by h, and by
+    # the entries of I.
     h = x[1:4]
     one = np.eye(3)
     slopes = [(h @ h * one - np.outer(h, h)) / mass**2]

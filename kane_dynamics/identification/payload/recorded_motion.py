@@ -32,6 +32,7 @@ def recorded_joints(robot: Robot) -> tuple[str, ...]:
                          'the positions of joints do not determine those of the others; '
                          'expected constraints of positions, or PayloadEstimator.update '
                          'with all positions')
+    # The joints with actuators, whose torques the recording has.
     names = actuators(robot)
     unknown = [name for name in names if name not in robot.joint_names]
     if unknown:
@@ -76,12 +77,14 @@ def recorded_states(robot: Robot, names: Sequence[str],
     state = recording.q, recording.u, recording.udot
     if robot.equations.in_joint_rates:
         return MechanismMotion(*state)
+    # Of more joints than degrees of freedom, some drive the others.
     driving = list(range(len(names)))
     if len(names) > robot.n:
         driving = _driving(robot, names)
     of_driving = [values[:, driving] for values in state]
     motion = mechanism_motion(robot, [names[k] for k in driving], recording.t,
                               *of_driving)
+    # The joints that do not drive must agree with those that do.
     places = [robot.joint_names.index(name) for name in names]
     apart = np.abs(motion.q[:, places] - recording.q)
     k, j = divmod(int(apart.argmax()), len(names))

@@ -48,6 +48,7 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
     states: list[list[Any]] = []
     dropped = 0
     for stamp, state in _messages(path, joint_names, topic):
+        # A stamp that repeats or goes back is dropped; too many mean two publishers.
         if stamps and stamp <= stamps[-1]:
             dropped += 1
             continue
@@ -57,6 +58,8 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
     if dropped > MOST_OUT_OF_ORDER * total:
         raise InputError(f'{path}: {dropped} of {total} joint states repeat a stamp or '
                          'come out of order; expected a single publisher on the topic')
+
+    # The first stamp is time zero.
     t = np.array(stamps, dtype=np.float64)
     columns = {'t': (t - t[:1]) * 1e-9}
     for part, (name, what) in enumerate((('q', 'position'), ('u', 'velocity'),
@@ -65,6 +68,7 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
         is_complete = all(value is not None for value in values)
         if is_complete:
             columns[name] = np.array(values).reshape(len(states), len(joint_names))
+        # Speeds may be missing, since they follow from positions.
         elif name != 'u':
             raise InputError(f'{path}: joint states without {what}; expected positions '
                              'and efforts')
@@ -136,6 +140,7 @@ def _connections(connections: Sequence[Any], path: Path, kind: str,
     topics = sorted({connection.topic for connection in of_kind})
     if topic is None and len(topics) == 1:
         topic = topics[0]
+    # One topic of the type needs no choice.
     if topic not in topics:
         if topic is not None:
             problem = f"no topic '{topic}'"

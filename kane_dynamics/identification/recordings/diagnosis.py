@@ -119,15 +119,19 @@ def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
 
     """
     check_recording(model, recording)
+    # What no arm can do excludes further analysis.
     faults = [RecordingFault('impossible', words) for words in _motion(model, recording)]
     if not recording.tau.any():
         faults.append(RecordingFault('wrong', 'the measured efforts are all 0: the '
                                      'recording has none'))
+    # Faults of single signals first; the torques are judged without them.
     elif not faults:
         sound, signals = _signals(model, recording)
         faults += signals
         faults += _torques(model, sound, gravity_added, has_signal_faults=bool(signals))
     faults += _interruptions(recording)
+
+    # Remarks do not refuse a recording.
     noise = recording.acceleration_noise()
     noisy = np.flatnonzero(noise > NOISE)
     if len(noisy):
@@ -224,6 +228,7 @@ def _speed_fault(model: Model, j: int, cosines: Array, factor: float) -> str | N
     """Return what the speeds of a joint are, instead of derivatives of its positions."""
     if cosines[j] > LIKE and 0.6 < factor < 1.6:
         return None
+    # The right direction with a wrong size: a unit that differs by a known factor.
     if cosines[j] > LIKE:
         for value, unit in UNITS:
             if 0.8 < factor / value < 1.25:
@@ -231,6 +236,7 @@ def _speed_fault(model: Model, j: int, cosines: Array, factor: float) -> str | N
         return f'{factor:.2g} times the derivative of the positions; {EXPECTED}'
     if cosines[j] < -LIKE:
         return f'the negative derivative of the positions; {EXPECTED}'
+    # Otherwise the speed may be that of another joint.
     of_other_joints = np.where(np.arange(len(cosines)) == j, -1.0, cosines)
     nearest = int(np.nanargmax(of_other_joints))
     if cosines[nearest] > LIKE:
@@ -251,6 +257,8 @@ def _interruptions(recording: Recording) -> Iterator[RecordingFault]:
     rows = interruptions(recording)
     if not len(rows):
         return
+
+    # The longest list that reads well, then a count.
     lengths = np.diff(recording.t)[rows]
     places = []
     for row, length in zip(rows[:MOST_PAUSES], lengths, strict=False):
@@ -511,6 +519,8 @@ def _exchanged_joints(robot: Robot, r: Recording) -> Iterator[_Repair]:
         order[[first, second]] = second, first
         pair = first, second
         positions = {name: getattr(r, name)[:, order] for name in ('q', 'u', 'udot')}
+        # Both signals, or one of them; an exchange of positions needs the better
+        # evidence.
         efforts = r.tau[:, order]
         yield _Repair('efforts of {} are exchanged', pair, replace(r, tau=efforts),
                       2.0 * ONCE)
@@ -578,10 +588,12 @@ def _encoder_step(robot: Robot, r: Recording, errors: Array, j: int) -> float:
     """Return the change of a joint's position that reduces the residuals most, rad or m."""
     change = np.zeros(robot.n)
     change[j] = DIFFERENCE
+    # The torque's slope by the position, by central differences.
     high = robot.inverse_dynamics(r.q + change, r.u, r.udot)
     low = robot.inverse_dynamics(r.q - change, r.u, r.udot)
     slope = (high - low) / (2.0 * DIFFERENCE)
     residual = r.tau - 0.5 * (high + low)
+    # What friction could explain is no evidence of an encoder that is off.
     product = square = 0.0
     for k in range(robot.n):
         basis = np.linalg.qr(_friction_columns(r, k))[0]

@@ -67,6 +67,8 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
     else:
         columns = _read(file)
     t = _time(columns, path)
+
+    # Positions and torques are needed; speeds and accelerations may follow from them.
     order = list(joint_names if numbered is None else numbered)
     quantities: dict[str, Any] = {}
     for name in NAMES:
@@ -147,6 +149,8 @@ def _read(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f'{path}: {error.strerror or error}; expected a readable '
                          'file') from None
+
+    # Labels stay text, all else are numbers.
     distinct(path, list(arrays))
     columns: dict[str, Any] = {}
     for name, array in arrays.items():
@@ -168,6 +172,7 @@ def _csv(path: Path) -> dict[str, Any]:
                 (0, len(header)))
     except ValueError as error:
         raise InputError(f'{path}: {error}; expected named columns of numbers') from None
+    # Rows of unequal length are refused by loadtxt itself.
     if rows.shape[1] != len(header):
         raise InputError(f'{path}: {len(header)} names for {rows.shape[1]} columns; '
                          'expected one name per column')
@@ -236,6 +241,8 @@ def _of_array(columns: Mapping[str, Any], word: str, joint_names: Sequence[str],
     if values.ndim != 2:
         raise InputError(f"{path}: '{word}': shape {values.shape}; expected (N, n): one "
                          'motion')
+
+    # Without names in the file, columns are by number.
     labels = columns.get('joint_names')
     if labels is None:
         return values[:, _places(values.shape[1], word, joint_names, numbered, path)]

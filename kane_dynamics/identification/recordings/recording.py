@@ -63,6 +63,7 @@ class Recording:
             if value.shape != (len(self.t), self.tau.shape[1]):
                 raise InputError(f'recording: {name}: shape {value.shape}; expected '
                                  f'({len(self.t)}, {self.tau.shape[1]})')
+            # The message names the first row that is not finite.
             if not np.isfinite(value).all():
                 row = int(np.argwhere(~np.isfinite(value))[0, 0])
                 raise InputError(f'recording: {name}: not finite in row {row + 1}; '
@@ -104,6 +105,7 @@ class Recording:
             raise InputError(f'rate: {rate:g} Hz; expected a finite number, '
                              f'{2.0 / duration:g} or more for a recording of '
                              f'{duration:g} s')
+        # As many rows as before, or as many as the rate has in the duration.
         if rate is None:
             t = np.linspace(self.t[0], self.t[-1], len(self))
         else:
@@ -145,8 +147,11 @@ class Recording:
         if len(self) <= 6 * ORDER:
             raise InputError(f'recording: {len(self)} rows; expected more than '
                              f'{6 * ORDER}')
+
+        # Forwards and backwards, so that nothing is delayed.
         q, u, tau = (signal.sosfiltfilt(sections, x, axis=0) for x in (self.q, self.u,
                                                                        self.tau))
+        # Derived columns are derived again, from what was filtered.
         if 'u' in self.derived:
             u = np.gradient(q, mean, axis=0)
         return replace(self, q=q, u=u, udot=np.gradient(u, mean, axis=0), tau=tau,

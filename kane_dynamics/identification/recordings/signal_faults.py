@@ -46,14 +46,18 @@ def outliers(values: Array) -> tuple[Flags, Array]:
     """
     if len(values) < 4 * NEIGHBORS:
         return np.zeros(values.shape, dtype=bool), values
+    # The median of the neighbours of each row, itself included.
     padded = np.pad(values, ((NEIGHBORS, NEIGHBORS), (0, 0)), mode='reflect')
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBORS + 1, axis=0)
     medians = np.median(windows, axis=2)
     differences = np.abs(values - medians)
+
+    # Far by the usual range of the signal, and by its usual distance from the median.
     low, high = np.quantile(values, USUAL, axis=0)
     bound = np.maximum(OUTLIER_RANGE * (high - low),
                        OUTLIER_NOISE * np.quantile(differences, 0.995, axis=0))
     flags = differences > bound
+    # A signal in which many rows are far is noisy, not faulty.
     flags[:, flags.mean(axis=0) > MOST_OUTLIERS] = False
     return flags, medians
 
@@ -73,6 +77,7 @@ def frozen_rows(recording: Recording) -> Flags:
     """
     flags = np.zeros(recording.tau.shape, dtype=bool)
     for j, tau in enumerate(recording.tau.T):
+        # Runs of equal values; quantised signals have many short ones.
         changes = np.flatnonzero(np.diff(tau) != 0.0) + 1
         ends = np.concatenate([[0], changes, [len(tau)]])
         lengths = np.diff(ends)
@@ -81,6 +86,7 @@ def frozen_rows(recording: Recording) -> Flags:
         usual = np.quantile(np.delete(lengths, longest),
                             0.95) if len(lengths) > 1 else 0.0
         duration = recording.t[stretch.stop - 1] - recording.t[stretch.start]
+        # A frozen signal is long in time and rows, and its joint moves meanwhile.
         if (duration >= FROZEN and lengths[longest] >= max(FROZEN_ROWS,
                                                            FROZEN_RUNS * usual)
                 and np.ptp(recording.q[stretch, j]) > FROZEN_MOTION):

@@ -175,11 +175,14 @@ def _vertex(lags: Array, residuals: Array) -> tuple[float, float]:
     squares = residuals**2
     sums = squares.sum(axis=0)
     best = int(np.argmin(sums))
+    # A minimum at the end of the range is none.
     if best in (0, len(lags) - 1):
         return 0.0, np.inf
+    # The vertex of a parabola through the sums near the least one.
     near = np.abs(lags - lags[best]) <= max(NEAR, 1.01 * float(np.diff(lags).max()))
     x = lags[near] - lags[best]
     parabola = np.linalg.pinv(np.column_stack([x * x, x, np.ones(len(x))]))
+    # The spread of the vertex without each block (jackknife) gives its deviation.
     parts = np.array([part.sum(axis=0) for part in np.array_split(squares[:, near],
                                                                   BLOCKS)])
     steep, slope, _ = parabola @ np.column_stack([sums[near], (sums[near] - parts).T])
@@ -188,5 +191,6 @@ def _vertex(lags: Array, residuals: Array) -> tuple[float, float]:
     at = -0.5 * slope / steep
     spread = (BLOCKS - 1) / BLOCKS * float(np.sum((at[1:] - at[1:].mean())**2))
     error = residuals[:, best]
+    # Residuals that follow each other show an error that is no noise.
     missing = max(float(error[1:] @ error[:-1]), 0.0)
     return float(lags[best] + at[0]), float(np.sqrt(spread + LIKENESS**2 * missing / steep[0]))

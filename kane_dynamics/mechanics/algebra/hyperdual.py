@@ -245,6 +245,7 @@ def parts(array: Any, count: int) -> Parts:
     gradient = np.empty((*source.shape, count))
     rate = np.empty(source.shape)
     gradient_rate = np.empty((*source.shape, count))
+    # Plain numbers among the scalars become constants with derivatives of zero.
     for k in np.ndindex(source.shape):
         scalar = lifted(source[k], count)
         value[k] = scalar.value

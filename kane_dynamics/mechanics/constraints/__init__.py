@@ -32,6 +32,7 @@ def checked_constraints(value: Any) -> tuple[Constraint, ...]:
     """Return a sequence of constraints as a tuple; else raise ConstraintError."""
     types = get_args(Constraint)
     valid = ', '.join(kind.__name__ for kind in types)
+    # Two mistakes that look like sequences: a name, and a constraint without brackets.
     if isinstance(value, str):
         raise ConstraintError(f'constraints: {value!r}; expected a sequence of {valid}')
     if isinstance(value, types):
@@ -41,6 +42,7 @@ def checked_constraints(value: Any) -> tuple[Constraint, ...]:
         constraints = tuple(value)
     except TypeError:
         constraints = (value,)
+    # The place in the sequence names a wrong entry.
     for k, constraint in enumerate(constraints):
         if not isinstance(constraint, types):
             raise ConstraintError(f'constraints[{k}]: {constraint!r}; expected one of '

@@ -36,6 +36,7 @@ def advice(mechanism: Mechanism, q: Array) -> str:
     shown = ', '.join(f'{x:.3g}' for x in singular_values if x > ROUNDING)
     sentences = [f'singular values of the rows, relative to the largest: {shown}']
 
+    # A remedy for a description that was rounded: the tolerance that absorbs it.
     nearly_closed = _nearly_closed(mechanism, q)
     rounding = _rounding(mechanism, nearly_closed)
     if rounding > RANK:
@@ -43,6 +44,8 @@ def advice(mechanism: Mechanism, q: Array) -> str:
             f'if singular values and residuals up to {rounding:.3g} are rounding of the '
             f'description, rank_tolerance={2.0 * rounding:.1g} treats them as zero')
 
+    # A remedy for a joint stated too strictly: kinds that leave freedom at the same
+    # place.
     kinds = _kinds(mechanism, nearly_closed[0] if nearly_closed else q)
     if kinds:
         sentences.append(kinds)

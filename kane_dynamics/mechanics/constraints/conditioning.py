@@ -338,6 +338,7 @@ def singular_error(mechanism: Mechanism, stack: Stack, q: Array, t: float,
     """Return the error for a singular system of speeds and constraints."""
     speeds = ', '.join(mechanism.speed_names)
     at = f'{described(mechanism, q)}, t = {t:.6g} s'
+    # Without constraint rows only the chosen speeds can be at fault.
     if not stack.J.size:
         return ConstraintError(
             f'{where}speeds: {speeds}, Y is singular at {at}; expected speeds that '
@@ -345,6 +346,8 @@ def singular_error(mechanism: Mechanism, stack: Stack, q: Array, t: float,
 
     if u is not None:
         at += f', u = {np.round(u, 9).tolist()}'
+
+    # Rows that are not finite have no rank to judge.
     infinite = ~np.isfinite(stack.J).all(axis=1)
     if infinite.any():
         rows = ', '.join(f"'{mechanism.labels[k]}'" for k in np.flatnonzero(infinite))
@@ -352,6 +355,8 @@ def singular_error(mechanism: Mechanism, stack: Stack, q: Array, t: float,
             f'{where}constraints: the rows {rows} are not finite at {at}; expected a '
             'configuration at which they are defined')
 
+    # A dead point if even the best choice of speeds is singular; otherwise another
+    # choice helps.
     singular = f'{where}speeds and constraints are singular at {at}'
     loop = constraints_at_fault(mechanism, stack, mechanism.free, mechanism.kept)
     if best_choice(mechanism, stack).figure >= SINGULAR:

@@ -260,6 +260,7 @@ def _closed_configurations(mechanism: Mechanism) -> list[Array]:
     starts = _starts(mechanism)
     closed: list[Array] = []
     failures: list[ConstraintError] = []
+    # A start that does not close is no error as long as another one does.
     for start in starts:
         try:
             closed.append(closed_configuration(mechanism, start))
@@ -297,6 +298,7 @@ def coordinates_by_name(model: Model, configuration: Any) -> Any:
     if unknown:
         raise ConstraintError(f"configuration: joint '{unknown[0]}'; expected one of "
                               f'{", ".join(names)}')
+    # Part of a quaternion has no meaning: its length would be arbitrary.
     for ball in balls(model):
         entries = ball.quaternion(np.array(names)).tolist()
         count = sum(name in configuration for name in entries)
@@ -304,6 +306,7 @@ def coordinates_by_name(model: Model, configuration: Any) -> Any:
             raise ConstraintError(
                 f"configuration: the quaternion of '{ball.name}' in part; expected all "
                 f'of {", ".join(entries)}, or none')
+    # Joints that are not named are at their neutral value.
     q = []
     for name, default in zip(names, neutral(model).tolist()):
         q.append(configuration.get(name, default))
@@ -406,11 +409,13 @@ def _named_free(mechanism: Mechanism, names: Sequence[str],
     """Return the indices of the independent speeds that the user names."""
     free = speed_places(mechanism.speeds, names)
     count, n = rows[0].shape
+    # As many independent speeds as degrees of freedom, n less the rank of the rows.
     if len(set(free)) != n - count:
         raise ConstraintError(
             f'independent: {len(set(free))} speeds ({", ".join(names)}); expected '
             f'exactly {n - count} of {", ".join(mechanism.speeds.names)}, because '
             f'{count} constraint rows are independent')
+    # J_D of the dependent speeds must be invertible, since J_D u_D = b - J_I u_I.
     dependent = [r for r in range(n) if r not in free]
     if _conditioning(rows, dependent) < RANK:
         raise ConstraintError(

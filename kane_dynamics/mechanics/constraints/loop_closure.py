@@ -125,6 +125,7 @@ def _checked(mechanism: Mechanism, q: Any, t: Any) -> Array:
     except (TypeError, ValueError):
         raise InputError(f'q: {q!r}, t: {t!r}; expected {len(names)} numbers and a time '
                          'in s') from None
+    # NaN would pass the comparisons of the iteration and end as an answer.
     finite = np.isfinite(configuration).all() and np.isfinite(time)
     if configuration.shape != (len(names),) or not finite:
         raise InputError(

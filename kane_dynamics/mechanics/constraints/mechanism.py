@@ -427,6 +427,8 @@ class Mechanism:
         constraints. Rows of wheels with all rows kept are `Rolling.surface_rows`.
         """
         Y, Z = state.speed_rows(self.speed_names)
+        # The surface rows are an orthogonal combination of a wheel's rows, with shorter
+        # expressions.
         parts = []
         for constraint in self.constraints:
             if constraint in self._rolling:
@@ -435,6 +437,7 @@ class Mechanism:
                 rows = constraint.rows(state)
             parts.append(rows)
         rows = _stacked(parts, state.width)
+        # Y_I q' = u_I - Z_I and J q' = b, at u_I = 0.
         S = np.concatenate([Y, rows.J[self.kept]])
         s = np.concatenate([-Z, rows.b[self.kept]])
         return S, s
@@ -510,6 +513,7 @@ class Mechanism:
         Velocities and accelerations from joint to joint take less arithmetic than the
         time derivative of every entry of S.
         """
+        # The accelerations by row, counted through the rows of all constraints.
         accelerations: dict[int, Scalar] = {}
         first = 0
         for constraint in self.constraints:
@@ -518,6 +522,7 @@ class Mechanism:
                 accelerations.update(enumerate(of_rows, first))
             first += len(constraint.labels)
 
+        # They replace the entries of the kept rows: J q'' = -(acceleration at q'' = 0).
         result = list(bias)
         for place, row in enumerate(self.kept, self.n):
             if row in accelerations:

@@ -130,6 +130,7 @@ def _constraint(name: str, data: Any, prefix: str) -> Constraint:
     """Return one constraint; its class checks the numbers."""
     what = f"constraint '{name}'"
     entry = mapping(data, what, tuple(KINDS), ConstraintError)
+    # An entry is one kind with its arguments: '<name>: {rolling: {...}}'.
     if len(entry) != 1:
         raise ConstraintError(f'{what}: {list(entry)}; expected one of '
                               f'{", ".join(KINDS)}')
@@ -156,6 +157,7 @@ def _constraint(name: str, data: Any, prefix: str) -> Constraint:
         for joint, ratio in entries.items():
             ratios[prefix + joint] = _number(ratio, f"{what}: ratio of '{joint}'")
         values['ratios'] = ratios
+    # Flags are checked here, since Python would accept any value as one.
     for key in ('angular', 'inside'):
         if key in values:
             _of_type(values[key], (bool,), f'{what}: {key}', 'true or false')

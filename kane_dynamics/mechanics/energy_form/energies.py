@@ -237,14 +237,17 @@ def friction_force(model: Model, u: Array, loads: Array | None = None) -> Array:
     rate. `loads`, (n,), are those of the drives; none by default.
     """
     force = np.zeros(model.n)
+    # Friction of joints; of one that mimics another, it acts through its multiplier.
     for body in model.bodies:
         joint = body.joint
         rate = joint.multiplier * u[joint.coordinate]
         load = 0.0 if loads is None else loads[joint.coordinate]
         force[joint.coordinate] -= friction_torque(joint, rate, load) * joint.multiplier
+        # Damping of the modes of a beam.
         if body.beam is not None:
             modes = list(body.beam.coordinates)
             force[modes] -= body.beam.damping @ u[modes]
+    # Damping of drives acts between motor and link with opposite signs.
     for _, drive, link, motor in model.drives:
         torque = drive.damping * (u[motor] - u[link])
         force[motor] -= torque

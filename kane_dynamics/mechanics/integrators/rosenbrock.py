@@ -126,6 +126,8 @@ class ImplicitStep:
             r = joint.coordinate
             load = 0.0 if loads is None else loads[r]
             rate = joint.multiplier * v[r]
+            # Bristles carry Coulomb friction by themselves, so that only viscous
+            # friction is left.
             if viscous or (presliding and has_bristles(joint)):
                 ratio = viscous_over_rate(joint, rate)
             else:
@@ -142,11 +144,14 @@ class ImplicitStep:
         for joint, z, first_rate in zip(self._tree.bristles, deflections,
                                         first.deflections):
             r, m = joint.coordinate, joint.multiplier
+            # The law of the bristle at the trial rate, by its exact slopes.
             load = 0.0 if loads is None else loads[r]
             rate = m * v[r]
             decay = bristle_decay(joint, rate, load)
             slope = bristle_slope(joint, rate, z, load)
             z_rate = bristle_rate(joint, rate, z, load)
+            # The implicit stage solves z' for its own change: the factor 1 / (1 + g
+            # decay).
             stiffness, s_d = joint.presliding_stiffness, joint.presliding_damping
             implicit = 1.0 / (1.0 + g * decay)
             damping[r] = damping[r] + m * m * slope * (s_d + g * stiffness) * implicit
@@ -155,6 +160,7 @@ class ImplicitStep:
             by_z = stiffness - s_d * decay
             returning = g * by_z * (2.0 * first_rate - z_rate) * implicit
             force[r] = force[r] + m * returning
+            # z' of the stage is linear in the rates: its value at v, and its slope.
             change = g * slope * m
             rates.append((z_rate + 2.0 * g * decay * first_rate
                           - 2.0 * change * first_qddot[r]) * implicit)
@@ -296,11 +302,14 @@ class Rosenbrock:
     def step(self, system: System, state: Vector, h: Scalar) -> Vector:
         """Return the state after a step of h, s; quadratures by the trapezoidal rule."""
         equations = system.equations
+        # The state is q, u, the time where it counts, bristles, then quadratures.
         timed = int(equations.timed)
         ends = np.cumsum([equations.n_q, equations.n, timed, system.bristles])
         q, u, time, z, others = np.split(state, ends)
         implicit = ImplicitStep(equations)
         q_1, u_1, z_1 = implicit.step(system.implicit_stage, q, u, system.torque, h, z)
+        # The trapezoidal rule for all that is only integrated, from the rates at both
+        # ends.
         quadratures = np.concatenate([time, others])
         if not len(quadratures):
             return np.concatenate([q_1, u_1, z_1])

@@ -94,6 +94,7 @@ class Columns:
             blocks = [branch.by_blocks(values, filled) for branch in branches]
             constant = _common_value(blocks)
             self._constants.append(constant)
+            # A column with one value in all blocks stays a constant of the program.
             if constant is None:
                 for part, block in zip(parts, blocks):
                     part.append(block)

@@ -155,19 +155,24 @@ def _combined_by_modes(accelerations: list[UnitAcceleration], modes: Modes,
     # Force and moment for a unit acceleration of each mode: of the beam itself, and of
     # what its sections carry.
     modal_wrench = dict(zip(modes.coordinates, zip(modes.momentum, modes.spin)))
+    # What bends with the beam adds its force and moment to the modal wrench, with the
+    # weight of the mode in its motion.
     joints = []
     for weights, force, moment in accelerations:
         for r, (modal_force, modal_moment) in modal_wrench.items():
             if r in weights:
                 modal_wrench[r] = (modal_force + weights[r] * force,
                                    modal_moment + weights[r] * moment)
+        # The weights of other coordinates remain accelerations of the joint's side.
         joint_weights = {s: w for s, w in weights.items() if s not in modal_wrench}
         if joint_weights:
             joints.append(UnitAcceleration(joint_weights, force, moment))
+    # The modal mass is that of the beam alone; the upper triangle is enough.
     for r, row in zip(modes.coordinates, modes.mass):
         for s, value in zip(modes.coordinates, row):
             if s >= r:
                 M[r][s] = M[r][s] + value
+    # Each mode continues inwards as a unit acceleration of its own.
     for r, (modal_force, modal_moment) in modal_wrench.items():
         joints.append(UnitAcceleration({r: 1.0}, modal_force, modal_moment))
     return joints

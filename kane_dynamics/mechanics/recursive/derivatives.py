@@ -167,6 +167,8 @@ def link_states(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
     for link in links:
         step = JointStep(link, q)
         motions.append(link_motion(link, step, motions, q, u, udot, gravity))
+        # The velocity of the link's origin relative to its parent's, from joint to
+        # joint: omega x offset, and the rate of a sliding joint.
         velocity = NONE
         if link.parent != WORLD:
             parent_omega = motions[link.parent][0]

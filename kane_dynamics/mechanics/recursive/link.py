@@ -167,9 +167,11 @@ def linkage(model: Model) -> tuple[Link, ...]:
     turns: list[Array] = []
     links: list[Link] = []
     for k, body in enumerate(model.bodies):
+        # C turns z onto the joint's axis, so that rotations are about z alone.
         joint = body.joint
         C = homogeneous(_turn_to_z(joint.axis))
         turns.append(C)
+        # The joint's pose from the parent's turned axes to its own: C_p^T pose C.
         parent_turn = np.eye(4) if body.parent == WORLD else turns[body.parent]
         pose = parent_turn.T @ homogeneous(joint.rotation, joint.translation) @ C
         links.append(Link(
@@ -194,10 +196,14 @@ def merged(links: Sequence[Link]) -> tuple[Link, ...]:
         if link.parent == WORLD:
             continue
         section = links[link.parent]
+        # A joint at the end of a section that rotates about the bending axis adds its
+        # angle to the slope: both are one rotation.
         bending = section.deflection
         if bending is None or not _turns_about_axis_of(link, section):
             continue
         sense = link.rotation[2, 2]
+        # The slope of the section at its end, and the angle of the joint, about one
+        # axis.
         deflection = Deflection((*bending.coordinates, link.coordinate),
                                 np.append(sense * bending.slope, link.multiplier),
                                 np.pad(sense * bending.curvature, (0, 1)))

@@ -479,6 +479,8 @@ class TreeEquations:
                 torque = friction_torque(joint, rate, loads[joint.coordinate],
                                          direction)
             return joint.multiplier * torque
+
+        # Damping of beams and drives has matrices of its own.
         friction = self._by_coordinate(force)
         return self._with_damping(friction, u) if self.is_damped else friction
 
@@ -512,6 +514,8 @@ class TreeEquations:
             return self.friction_force(u, load)
         loads = self.zeros if load is None else load
 
+        # By joint: the direction comes from the desired motion instead of the speed
+        # alone.
         def force(joint: Joint) -> Scalar:
             rate = joint.multiplier * u[joint.coordinate]
             acceleration = joint.multiplier * udot[joint.coordinate]

@@ -200,6 +200,7 @@ def _evaluated(casadi: Any, program: Program, values: Sequence[Any]) -> list[Any
     def value_of(x: Any) -> Any:
         return by_index[x.index] if isinstance(x, Expr) else casadi.SX(x)
 
+    # In the order of the program each node finds its arguments computed.
     for node in program.schedule():
         if node.op == 'input':
             name, k = node.args

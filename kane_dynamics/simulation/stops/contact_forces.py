@@ -81,6 +81,7 @@ def with_stop_forces(robot: Robot, q: Array, u: Array, udot: Array, lower: Array
 
     """
     forces = np.zeros((len(q), robot.model.n))
+    # Only rows in which a joint rests at a stop have a force.
     side = resting_sides(robot, q, u, lower, upper, **at)
     rows = np.flatnonzero(side.any(axis=1))
     if not len(rows):
@@ -91,10 +92,14 @@ def with_stop_forces(robot: Robot, q: Array, u: Array, udot: Array, lower: Array
     times = {name: x[rows] for name, x in at.items()}
     T, inverse = _speeds_of_joints(robot, q[rows], times)
     accelerations = robot.joint_accelerations(q[rows], u[rows], udot[rows], **times)
+
+    # The least forces s f >= 0 for which no pressed joint accelerates into its stop.
     for row, partial_rates, inverse_mass, qddot in zip(rows, T, inverse, accelerations):
         of_joints = side[row, places]
         held = np.flatnonzero(of_joints)
         s, pressed = of_joints[held], joints[held]
+        # M^-1 T_s^T: the acceleration that unit forces cause, and from it their effect
+        # on the joints.
         along = inverse_mass @ (s[:, None] * partial_rates[pressed]).T
         A = (s[:, None] * partial_rates[pressed]) @ along
         if constrained:  # may couple stops: then A is singular, and the stops share the force

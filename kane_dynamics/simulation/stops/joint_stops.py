@@ -65,10 +65,13 @@ def require_stops(robot: Robot, q: Array) -> None:
     lower, upper = robot.limits.lower, robot.limits.upper
     constrained = not robot.equations.in_joint_rates
     for name, low, high in zip(robot.coordinate_names, lower, upper):
+        # A loop may hold a joint at one position, but a free joint needs a range.
         if not (low < high or (low == high and constrained)):
             raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected "
                              'a range, between its stops; a joint that cannot move is '
                              'fixed')
+
+    # Rounding may put a configuration at a stop just behind it.
     touching = TOUCHING * coordinate_units(robot.model, _constraints(robot))
     past = (q < lower - touching) | (q > upper + touching)
     if past.any():
@@ -126,6 +129,8 @@ class JointStops:
         simulations = source.simulations
         if simulations is None:
             simulations = range(len(buffer))
+
+        # Only simulations that crossed a stop are repeated, one by one, with the stops.
         rows = buffer[:, 1:]
         past = (self._past(rows) | self._refused(rows)).any(axis=1)
         for row, i in enumerate(simulations):
@@ -154,6 +159,7 @@ class JointStops:
 
         The steps after `done` steps, counted from 0, are not computed again.
         """
+        # Impacts within steps: their energy, and an event for each joint that hit.
         impacts = []
         for i, contacts in self._contacts.items():
             for step, contact in contacts.items():
@@ -163,6 +169,7 @@ class JointStops:
                     name = self._robot.coordinate_names[j]
                     self._events.append(StopEvent(self._start + step * self._step, name,
                                                   limit, speed, contact.loss, i))
+        # Work at stops that stay pressed, by steps.
         for i, pressures in self._pressures.items():
             for steps, energies in pressures:
                 impacts.append(Impact(steps - done - 1, i, energies[:, 1],

@@ -301,10 +301,12 @@ def _system_of(robot: Robot, q: Vector, time: list[Scalar],
         return np.concatenate([np.ravel(T), X, np.ravel(inverse)])
     system_program = trace_program('stopped_system', parts, inputs)
 
+    # The traced programs as functions over any scalar: kernels of steps inline them.
     def system(q: Vector) -> tuple[Matrix, Vector, Matrix]:
         results = np.array(call(system_program, q, *time, parameters))
         T, X, inverse = np.split(results, [n_q * n, n_q * n + n_q])
         return T.reshape(n_q, n), X, inverse.reshape(n, n)
+    # Only loops need a correction of positions; otherwise quaternions keep their length.
     if not equations.keeps_positions(q, *time):
         return system, partial(on_unit_quaternions, robot.model)
 

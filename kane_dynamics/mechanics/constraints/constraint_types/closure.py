@@ -107,10 +107,15 @@ class Closure:
             raise ConstraintError(f'{what}: kind: {self.kind!r}; expected one of '
                                   f'{", ".join(ROWS)}')
         freeze(self, 'axis', unit(self.axis, f'{what}: axis'))
+
+        # Arguments that belong to one kind only.
         for key, kind in (('second_axis', 'universal'), ('length', 'distance')):
             if getattr(self, key) is not None and self.kind != kind:
                 raise ConstraintError(f'{what}: {key}, given with kind {self.kind!r}; '
                                       f'expected it with kind {kind!r} only')
+
+        # Axes of a universal joint: any normal of the first axis if the second is not
+        # stated.
         if self.kind == 'universal':
             second_axis = self.second_axis
             if second_axis is None:
@@ -228,10 +233,13 @@ class Closure:
         moves, turns = ROWS[self.kind]
         R1, _ = geometry.pose(self.first)
         R2, _ = geometry.pose(self.second)
+        # The components of the separation are along axes of the observer, rotations
+        # about axes of the second frame.
         R_observer, _ = geometry.pose(observer)
         directions = dict(zip(CARRIED, R_observer.T))
         for name, direction in self._triad.items():
             directions[name] = R2 @ direction
+        # The cross of a universal joint turns about the normal of its two axes.
         if self.kind == 'universal':
             directions['between'] = cross(R2 @ self.second_axis, R1 @ self.axis)
         along = [directions[move] for move in moves]

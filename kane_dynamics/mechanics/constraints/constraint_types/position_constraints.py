@@ -107,12 +107,15 @@ class Prescribed:
         has_polynomials = hasattr(self.position, 'joint_polynomial')
         is_class = has_polynomials and isinstance(self.position, type)
         try:
+            # A motion supplies polynomials of the joint; a table becomes a spline that
+            # starts and ends at rest.
             if has_polynomials and not is_class:
                 freeze(self, 'position', self.position.joint_polynomial(self.joint))
             elif isinstance(self.position, tuple | list) and len(self.position) == 2:
                 freeze(self, 'position', clamped_spline(*self.position))
         except KaneError as error:
             raise ConstraintError(f'{what}: {error}') from None
+        # A class in place of its instance would be callable, but is no function of t.
         if is_class or not callable(self.position):
             raise ConstraintError(
                 f'{what}: position: a {type(self.position).__name__}; expected a '

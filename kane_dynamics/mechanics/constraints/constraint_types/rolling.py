@@ -122,6 +122,8 @@ class Rolling:
         if self.surface not in SURFACES:
             raise ConstraintError(f'{what}: surface: {self.surface!r}; expected one of '
                                   f'{", ".join(SURFACES)}')
+
+        # Arguments that only one kind of surface has.
         curved = self.surface != 'plane'
         if curved != (self.surface_radius is not None):
             raise ConstraintError(
@@ -133,6 +135,8 @@ class Rolling:
         if self.height and curved:
             raise ConstraintError(f'{what}: height: {self.height}, of a {self.surface}; '
                                   'expected it for a plane only')
+
+        # The wheel inside a cylinder or sphere is smaller than it.
         if self.surface_radius is not None:
             surface_radius = positive(self.surface_radius, f'{what}: surface_radius')
             freeze(self, 'surface_radius', surface_radius)

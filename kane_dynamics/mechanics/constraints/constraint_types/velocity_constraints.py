@@ -149,6 +149,7 @@ class DependentSpeeds:
         else:
             B = np.asarray(evaluated(self.B, f'{what}: B(q, t)', q, t))
 
+        # u_D = A u_I + B: a row for each dependent speed, a column for each other speed.
         independent_speeds = geometry.other_speeds(self.dependent)
         shapes = {'A': (m, len(independent_speeds)), 'B': (m,)}
         for name, value in (('A', A), ('B', B)):
