@@ -211,7 +211,7 @@ def _bound(empty: Demand, slope: Array) -> PayloadBound:
     bounds = {'effort': np.broadcast_to(empty.limits.effort, slope.shape),
               'power': torque_of(empty.power_limit, empty.u)}
     # Each sample and joint bounds the mass: where its torque reaches the limit on the
-    # side to which mass pushes it.
+    # side on which the mass acts.
     best = PayloadBound(math.inf)
     for limit, bound in bounds.items():
         with np.errstate(divide='ignore', invalid='ignore'):

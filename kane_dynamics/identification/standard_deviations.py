@@ -6,8 +6,9 @@ estimate is P (A^T e - w G d): noise e, and bias towards the prior. If the weigh
 that of the true distribution, d has the covariance (w G)^-1, and the error has the
 covariance P. But w is chosen by cross-validation and may be too large. By the evidence
 (MacKay, Neural Computation 4 (1992), "Bayesian interpolation") the weight supported by
-the data is the effective number of parameters, `determined_count`, divided by the squared distance
-from the prior. If w is larger, the covariance of d is increased by the ratio:
+the data is the effective number of parameters, `determined_count`, divided by the
+squared distance from the prior. If w is larger, the covariance of d is increased by the
+ratio:
 
     covariance = P (A^T A + w max(1, w distance / determined_count) G) P.
 """

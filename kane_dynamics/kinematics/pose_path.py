@@ -406,7 +406,7 @@ class PosePath:
         angle = number(angle, 'angle', f'other than 0, at most {MOST_TURNS:g} rad',
                        lambda x: 0.0 < abs(x) <= MOST_TURNS)
 
-        # The centre moves along the axis into the plane of the circle.
+        # The center moves along the axis into the plane of the circle.
         offset = poses[0, :3, 3] - point
         point = point + (offset @ direction) * direction
         turn = angle * direction if turning and oriented else np.zeros(3)

@@ -201,7 +201,7 @@ class Clearance:
             for body, point, direction in pulls:
                 if body == WORLD:
                     continue
-                # The gradient by the principle of virtual power: the wrench of the pull
+                # Gradient, from the principle of virtual power: the wrench of the pull
                 # times the Jacobian.
                 J = self.robot.partial_velocities(self._frames[body].name, q[short])
                 arm = point[short] - poses[body][short, :3, 3]

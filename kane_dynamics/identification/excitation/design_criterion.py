@@ -181,7 +181,7 @@ class DesignCriterion:
         slopes[0] += excess((q - self.middle) / self.reach) / self.reach
         slopes[1] += excess(u / self.velocity) / self.velocity
         slopes[2] += excess(udot / self.acceleration) / self.acceleration
-        # Torques, and their gradients by the derivatives of inverse dynamics.
+        # Torques, with gradients from the derivatives of inverse dynamics.
         by_torque = excess(self.robot.inverse_dynamics(q, u,
                                                        udot) / self.effort) / self.effort
         if by_torque.any():

@@ -588,7 +588,7 @@ def _encoder_step(robot: Robot, r: Recording, errors: Array, j: int) -> float:
     """Return the change of a joint's position that reduces the residuals most, rad or m."""
     change = np.zeros(robot.n)
     change[j] = DIFFERENCE
-    # The torque's slope by the position, by central differences.
+    # How the torque changes with the position, from central differences.
     high = robot.inverse_dynamics(r.q + change, r.u, r.udot)
     low = robot.inverse_dynamics(r.q - change, r.u, r.udot)
     slope = (high - low) / (2.0 * DIFFERENCE)
