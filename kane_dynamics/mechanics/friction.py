@@ -68,6 +68,8 @@ import numpy as np
 DESIRED_SPEED, AHEAD, NO_FRICTION = FEEDFORWARD = ('desired_speed', 'ahead', 'none')
 BREAKAWAY_ACCELERATION = 1.0  # rad/s^2 or m/s^2: 'ahead' has most of its y at rest there
 
+AT_BOUND = 2.0  # direction of a joint that others hold at the bound of its friction
+
 HOLDS = 1e30  # N m or N: friction of a self-locking drive against its load
 ROUNDING = 1e-12  # relative, of forces and accelerations
 SETS = 2**12  # of held joints that are tried at most
@@ -113,6 +115,18 @@ def load_fractions(joint: Joint) -> tuple[Any, Any]:
     return joint.load_friction, joint.load_friction if backdriven is None else backdriven
 
 
+def drops(joint: Joint) -> bool:
+    """Return whether friction falls at once where a joint begins to slide."""
+    return bool(stribeck_excess(joint) and not joint.stribeck_speed)
+
+
+def _of_sliding(joint: Joint, direction: Scalar) -> Scalar:
+    """Return a direction of the set-valued law, of a joint at its bound also -1 or 1."""
+    if not drops(joint):
+        return direction
+    return select(direction * direction > 1.5, direction / AT_BOUND, direction)
+
+
 def friction_torque(joint: Joint, rate: Scalar, load: Scalar = 0.0,
                     direction: Scalar = None) -> Scalar:
     """
@@ -127,15 +141,19 @@ def friction_torque(joint: Joint, rate: Scalar, load: Scalar = 0.0,
     load : scalar
         The load on the drive, N m or N.
     direction : scalar, optional
-        Direction of sliding, -1 or 1, of the set-valued law. Default: the smooth law's
+        Direction of sliding, -1 or 1, of the set-valued law; times `AT_BOUND` of a joint
+        at rest, with breakaway friction. Default: the smooth law's
         ``tanh(rate / friction_speed)``.
 
     """
     torque = _viscous(joint, rate)
     if slides(joint):
-        y = direction
         if direction is None:
             y = coulomb(rate, joint.friction_speed)
+        else:
+            y = _of_sliding(joint, direction)
+            if drops(joint):
+                torque = torque + stribeck_excess(joint) * (direction - y)
         even, odd = _sliding_levels(joint, rate, load)
         torque = torque + even * y
         if odd is not None:
@@ -240,9 +258,10 @@ def load_of_drive(joint: Joint, rate: Scalar, torque: Scalar, direction: Scalar 
     if not carries_load(joint):
         return x
     mean, half_difference = _load_parts(joint)
-    y = direction
     if direction is None:
         y = coulomb(rate, joint.friction_speed)
+    else:
+        y = _of_sliding(joint, direction)
     by_load = half_difference * (y * y) + mean * y * select(x < 0.0, -1.0, 1.0)
     return x / (1.0 + factor * by_load)
 

@@ -5,7 +5,8 @@ from functools import cache, cached_property
 from itertools import combinations
 
 from kane_dynamics import (absolute_rates, box, Closure, disc, Drive, FlexibleLink, knife_edge,
-                           ModelBuilder, Prescribed, Robot, rod, Speeds, with_drives)
+                           ModelBuilder, Prescribed, Robot, rod, Speeds, StiffnessCurve,
+                           with_drives)
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.definition import nonholonomic
@@ -165,3 +166,30 @@ def state(robot, seed=0):
         q = robot.closed_configuration(q, fixed=modes or None, t=T)
     scale = np.array([0.05 if 'mode' in name else 1.0 for name in robot.speed_names])
     return q, *(scale * rng.uniform(-1.0, 1.0, (2, robot.n)))
+
+
+def torque_of(robot):
+    """Return a torque of moderate size, other for each speed; modes have none."""
+    return np.array([0.0 if 'mode' in name else 1.0 + k
+                     for k, name in enumerate(robot.speed_names)])
+
+
+DRIVE_FRICTION = {'damping': 0.4, 'friction': 0.5, 'friction_offset': 0.1}
+ELASTIC_DRIVES = (
+    Drive(200.0, damping=0.5, rotor_inertia=0.3, friction=DRIVE_FRICTION),
+    Drive(StiffnessCurve([0.01, 0.03], [0.0, 10.0]), rotor_inertia=0.2,
+          friction=DRIVE_FRICTION),
+    Drive(150.0, ratio=-50.0, damping=0.4, rotor_inertia=1e-3, friction=DRIVE_FRICTION,
+          full_coupling=True))
+ELASTIC_JOINTS = ('upper', 'crank', 'fore', 'rocker', 'table')
+
+
+def elastic_case(one):
+    """Return the robot of a case with drives in its joints, and a configuration of it."""
+    joints = [joint for joint in ELASTIC_JOINTS if joint in one.robot.model.joint_names]
+    model = with_drives(one.robot.model, dict(zip(joints, ELASTIC_DRIVES)))
+    places = {name: k for k, name in enumerate(one.robot.coordinate_names)}
+    q = np.array([one.q[places[name]] if name in places else
+                  one.q[places[name.removesuffix('_motor')]] + 0.015
+                  for name in model.coordinate_names])
+    return Robot(model, **one.robot.options | {'configuration': q}), q

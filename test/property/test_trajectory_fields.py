@@ -2,9 +2,8 @@
 
 from dataclasses import replace
 
-from kane_dynamics import (absolute_rates, Drive, longest_step, Robot, simulate,
-                           StiffnessCurve, with_drives)
-from kinds_of_mechanism import case, KINDS, PAIRS
+from kane_dynamics import absolute_rates, longest_step, Robot, simulate
+from kinds_of_mechanism import case, elastic_case, KINDS, PAIRS, torque_of
 from linkages import five_bar, five_bar_at, four_bar_model, PIN, sleigh
 import numpy as np
 import pytest
@@ -14,12 +13,6 @@ PRESSED = ('upper', 'crank', 'cart/x', 'craft/x')
 EVERY_TIME = ('closed loop', 'flexible')  # of the pairs; compiling all takes minutes
 SOME = [*((kind,) for kind in KINDS), EVERY_TIME, *(
     pytest.param(pair, marks=pytest.mark.slow) for pair in PAIRS if pair != EVERY_TIME)]
-
-
-def torque_of(robot):
-    """Return a torque of moderate size, other for each speed; modes have none."""
-    return np.array([0.0 if 'mode' in name else 1.0 + k
-                     for k, name in enumerate(robot.speed_names)])
 
 
 @pytest.mark.parametrize('kinds', SOME, ids=' and '.join)
@@ -82,25 +75,6 @@ def test_every_field_is_that_of_exact_friction(kinds, integrator):
         check_fields(robot, run, samples=16, tolerance=1e-7, torque=torque, sticking=True)
         if level == 40.0:
             assert run.sticking.any()
-
-
-LAW = {'damping': 0.4, 'friction': 0.5, 'friction_offset': 0.1}
-DRIVES = (Drive(200.0, damping=0.5, rotor_inertia=0.3, friction=LAW),
-          Drive(StiffnessCurve([0.01, 0.03], [0.0, 10.0]), rotor_inertia=0.2, friction=LAW),
-          Drive(150.0, ratio=-50.0, damping=0.4, rotor_inertia=1e-3, friction=LAW,
-                full_coupling=True))
-ELASTIC = ('upper', 'crank', 'fore', 'rocker', 'table')
-
-
-def elastic_case(one):
-    """Return the robot of a case with drives in its joints, and a configuration of it."""
-    joints = [joint for joint in ELASTIC if joint in one.robot.model.joint_names]
-    model = with_drives(one.robot.model, dict(zip(joints, DRIVES)))
-    places = {name: k for k, name in enumerate(one.robot.coordinate_names)}
-    q = np.array([one.q[places[name]] if name in places else
-                  one.q[places[name.removesuffix('_motor')]] + 0.015
-                  for name in model.coordinate_names])
-    return Robot(model, **one.robot.options | {'configuration': q}), q
 
 
 @pytest.mark.slow

@@ -17,12 +17,13 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Flags, Scalar, Vector
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units
 from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.mechanics.friction import (driving_torque, held_forces,
-                                              holding_friction, HOLDS, is_self_locking,
-                                              slides)
+from kane_dynamics.mechanics.friction import (AT_BOUND, driving_torque, drops,
+                                              held_forces, holding_friction, HOLDS,
+                                              is_self_locking, slides)
 from kane_dynamics.mechanics.integrators.held_joints import linear_system, REGULAR
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
@@ -41,7 +42,8 @@ class FrictionModes(NamedTuple):
     Attributes
     ----------
     directions : (k,) array
-        1 or -1 of a joint that slides, 0 of one that is held.
+        1 or -1 of a joint that slides, 0 of one that is held; times `at_bound` of one
+        that others hold at the bound of its friction.
     sides : (k,) array
         1 or -1 of a held joint that rests at its upper or lower stop, else 0.
 
@@ -151,6 +153,9 @@ class FrictionState:
     lower, upper : (k,) arrays
         Their stops, rad or m; infinite where there is none.
     has_friction : (k,) array of bool
+    at_bound : (k,) array
+        `friction.AT_BOUND` of joints that constraints may hold at the bound of friction,
+        where sliding would begin with a drop; else 1.
     locks : bool
         Whether any of their drives is self-locking.
 
@@ -202,6 +207,11 @@ class FrictionState:
             units = coordinate_units(model, robot.mechanism.constraints)
             self.units = units[self.places]
         self.slow = AT_REST * self.units * self.constrained
+        falls = np.zeros(len(self.joints), dtype=bool)
+        if self.constrained and robot.friction:
+            falling = [body.joint.coordinate for body in model.bodies if drops(body.joint)]
+            falls = np.isin(self.joints, falling)
+        self.at_bound = np.where(falls, AT_BOUND, 1.0)
 
     @lazy_property
     def finite_stops(self) -> Array:
@@ -394,8 +404,8 @@ class FrictionState:
         """
         between = (f > least) & (f < largest)
         if between.any():
-            at_bound = np.where(f <= least, 1.0, -1.0)
-            directions[resting] = np.where(between, 0.0, at_bound)
+            sign = np.where(f <= least, 1.0, -1.0)
+            directions[resting] = np.where(between, 0.0, sign * self.at_bound[resting])
 
 
 def friction_state(robot: Robot, stops: bool,
@@ -471,7 +481,7 @@ def driving_torques(equations: Equations, joints: list[int], q: Vector, rates: V
         if is_self_locking(joint):
             driving = driving_torque(joint, rates[r], torques[r], directions[row])
             # Of a joint at rest it is no condition.
-            result[row] = driving + (1.0 - directions[row] * directions[row])
+            result[row] = driving + select(directions[row] * directions[row] > 0.5, 0.0, 1.0)
     return np.array(result)
 
 

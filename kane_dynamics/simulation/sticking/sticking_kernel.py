@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.mechanics.integrators.held_joints import Held, held_response
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, trace_program
@@ -94,8 +94,8 @@ def _begin_valid(motion: 'FrictionMotion', directions: Vector, sides: Vector,
         rounding = ROUNDING * select(x < 0.0, -x, x)
         below = select(side > 0.5, 0.0, select(x < low - rounding, 1.0, 0.0))
         above = select(side < -0.5, 0.0, select(high + rounding < x, 1.0, 0.0))
-        moves = direction * direction
-        valid = valid * (1.0 - (1.0 - moves) * (below + above))
+        rests = select(direction * direction > 0.5, 0.0, 1.0)
+        valid = valid * (1.0 - rests * (below + above))
     return valid
 
 
@@ -110,9 +110,14 @@ def _end_valid(contact: FrictionState, after: Vector, directions: Vector, sides:
     # No joint has reversed its motion, or passed its stop unless it presses against it.
     rates = equations.joint_speeds(after[:n_q], after[n_q:n_q + n], *time)
     valid: Scalar = 1.0
-    for joint, direction, slow in zip(contact.joints, directions, contact.slow):
+    for row, joint in enumerate(contact.joints):
+        direction, slow = directions[row], contact.slow[row]
         reversed_ = select(direction * rates[joint] < -slow, 1.0, 0.0)
         valid = valid * (1.0 - reversed_)
+        if contact.at_bound[row] > 1.0:  # one at its bound that moves slides
+            moves = select(2.0 * slow < magnitude(rates[joint]), 1.0, 0.0)
+            still = select(direction * direction > 1.5, 1.0, 0.0)
+            valid = valid * (1.0 - still * moves)
     if contact.stops:
         for place, side, low, high in zip(contact.places, sides, lower, upper):
             if place >= 0:

@@ -226,7 +226,8 @@ class Sticking:
             time, which = path.first(state, step, passed, left, modes)
             state = path.part(state, step, passed, time, modes)
             passed += time
-            state, modes, loss = path.transition(state, step, passed, modes, which)
+            state, modes, loss = path.transition(state, step, passed, modes, which,
+                                                 at_once=time == 0.0)
             if loss is not None:
                 self._record(path, i, step, passed, loss)
             left = self._step - passed
@@ -234,10 +235,12 @@ class Sticking:
                 self._record(path, i, step, self._step,
                              _Hit([], 0.0, 0.5 * self._step * power))
                 return state, modes
-        raise InputError(
-            f'sticking: more than {MOST} transitions of joints between sticking and sliding '
-            f'in the step at {self._start + step * self._step:.6g} s; expected a shorter '
-            'step, or smooth friction where a closed loop sticks as a whole')
+        t = self._start + step * self._step
+        remedy = 'a shorter step'
+        if time == 0.0:
+            remedy = 'smooth friction, since the last ones are at one instant'
+        raise InputError(f'sticking: more than {MOST} transitions of joints between sticking '
+                         f'and sliding in the step at {t:.6g} s; expected {remedy}')
 
     def _record(self, path: '_Path', i: int, step: int, passed: float,
                 hit: '_Hit') -> None:
@@ -393,6 +396,9 @@ class _Path:
         forces = contact.forces(state, tau, modes.directions, t)
         held = modes.held
         reversal[~held] = modes.directions[~held] * forces.v[~held] + contact.slow[~held]
+        # A joint at its bound that begins to move slides from then on.
+        still = np.abs(modes.directions) > 1.5
+        reversal[still] = 2.0 * contact.slow[still] - np.abs(forces.v[still])
         f = forces.holding(held)
         least, largest = bounds(forces, modes.sides)
         rounding = MARGIN * np.abs(f)
@@ -434,8 +440,13 @@ class _Path:
         return after, np.flatnonzero(functions(after) <= 0.0)
 
     def transition(self, state: Array, step: int, passed: float, modes: FrictionModes,
-                   which: Array) -> tuple[Array, FrictionModes, _Hit | None]:
-        """Return state and modes after a transition, and the impact if it is one."""
+                   which: Array, at_once: bool
+                   ) -> tuple[Array, FrictionModes, _Hit | None]:
+        """
+        Return state and modes after a transition, and the impact if it is one.
+
+        `at_once` says that no time has passed since the last one.
+        """
         contact = self.contact
         k = len(contact.joints)
         kinds, joints = np.divmod(which, k)
@@ -446,13 +457,21 @@ class _Path:
             if kind == 0:  # it stops
                 self._stop(state, joint)
             elif kind in (1, 2):  # it breaks away
-                sliding[joint] = 1.0 if kind == 1 else -1.0
+                sign = 1.0 if kind == 1 else -1.0
+                sliding[joint] = sign * float(contact.at_bound[joint])
         at_stops = joints[kinds == 3]
         if len(at_stops):
             hit = self._impact(state, at_stops, self._start + step * self._step + passed)
         locked = joints[kinds == 4]
         if len(locked):
             hit = self._lock(state, step, passed, locked)
+        if at_once and hit is None:
+            # Joints that share the force which holds a loop may reach their bounds at one
+            # instant, one after the other. Those that have stay there: set free again,
+            # they would take turns without end.
+            at_bounds = np.flatnonzero(~modes.held)
+            for joint in np.setdiff1d(at_bounds, joints).tolist():
+                sliding[joint] = float(modes.directions[joint])
         return state, self.modes(state, step, passed, sliding), hit
 
     def _stop(self, state: Array, joint: int) -> None:

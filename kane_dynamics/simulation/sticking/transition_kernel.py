@@ -380,7 +380,7 @@ def _at_rest(contact: FrictionState, choice: StepChoice, search: Search, inputs:
         A = A + REGULAR * scale * np.eye(k)
 
     # Stops widen the bounds of the joints at rest that touch them.
-    resting = [1.0 - direction * direction for direction in search.directions]
+    resting = _resting(search.directions)
     touching = _sides_at(contact, q, search)
     sides = [side * rests for side, rests in zip(touching, resting)]
     least, largest = _with_stops(sides, least, largest)
@@ -395,6 +395,11 @@ def _at_rest(contact: FrictionState, choice: StepChoice, search: Search, inputs:
         at_rest = _largest(at_rest, size * rests)
     return AtRest(rates, a + A @ forces, forces, least, largest, np.array(touching),
                   of_all, _rounding(A, forces, at_rest))
+
+
+def _resting(directions: Vector) -> list[Scalar]:
+    """Return 1 for each joint without a direction of sliding, else 0."""
+    return [select(direction * direction > 0.5, 0.0, 1.0) for direction in directions]
 
 
 def _forces_of_sets(search: Search, resting: list[Scalar], A: Matrix, a: Vector,
@@ -454,7 +459,11 @@ def _functions(contact: FrictionState, search: Search, state: Vector, rates: Vec
     for j in range(len(contact.joints)):
         direction, rounding = search.directions[j], MARGIN * magnitude(forces[j])
         slides = direction * direction > 0.5
-        reversal.append(select(slides, direction * rates[j] + contact.slow[j], FAR))
+        ahead = direction * rates[j] + contact.slow[j]
+        if contact.at_bound[j] > 1.0:  # one at its bound that begins to move slides
+            still = 2.0 * contact.slow[j] - magnitude(rates[j])
+            ahead = select(direction * direction > 1.5, still, ahead)
+        reversal.append(select(slides, ahead, FAR))
         forward.append(select(slides, FAR, forces[j] - least[j] + rounding))
         backward.append(select(slides, FAR, largest[j] - forces[j] + rounding))
         distance: Scalar = FAR
@@ -478,7 +487,7 @@ def _moving(contact: FrictionState, rates: Vector) -> Vector:
 def _settled(contact: FrictionState, search: Search, here: AtRest,
              step: Scalar) -> Search:
     """Return the search after one change of the complementarity problem at its begin."""
-    resting = [1.0 - direction * direction for direction in search.directions]
+    resting = _resting(search.directions)
     sets = _first_wrong_changed(search, here, resting)
 
     # When the sets are right, joints whose friction does not hold them begin to slide.
@@ -486,7 +495,7 @@ def _settled(contact: FrictionState, search: Search, here: AtRest,
     settled = sets.right * sliding.nothing
     directions = sliding.directions
     if contact.constrained:
-        saturated = _saturated(resting, search.directions, here)
+        saturated = _saturated(contact, resting, search.directions, here)
         directions = _selected(settled, saturated, directions)
 
     # For the others that rest, the problem is then another one.
@@ -495,7 +504,7 @@ def _settled(contact: FrictionState, search: Search, here: AtRest,
     held = _selected(starts_again, np.ones(k), sets.held)
     at_largest = _selected(starts_again, np.zeros(k), sets.at_largest)
 
-    still = 1.0 - directions * directions
+    still = np.array(_resting(directions))
     holds: Scalar = 0.0
     for rests in still:
         holds = _largest(holds, rests)
@@ -562,7 +571,8 @@ def _selected(condition: Scalar, of_one: Vector, otherwise: Vector) -> Vector:
     return np.array([select(condition > 0.5, x, y) for x, y in zip(of_one, otherwise)])
 
 
-def _saturated(resting: list[Scalar], directions: Vector, here: AtRest) -> Vector:
+def _saturated(contact: FrictionState, resting: list[Scalar], directions: Vector,
+               here: AtRest) -> Vector:
     """Return directions of joints at rest as `FrictionState._saturate`."""
     between = []
     any_between: Scalar = 0.0
@@ -570,9 +580,9 @@ def _saturated(resting: list[Scalar], directions: Vector, here: AtRest) -> Vecto
         between.append(rests * (low < f) * (f < high))
         any_between = _largest(any_between, between[-1])
     result = []
-    for direction, rests, inside, f, low in zip(directions, resting, between, here.forces,
-                                                here.least):
-        at_bound = select(low < f, -1.0, 1.0)
+    for direction, rests, inside, f, low, size in zip(
+            directions, resting, between, here.forces, here.least, contact.at_bound):
+        at_bound = size * select(low < f, -1.0, 1.0)
         of_joint = select(inside > 0.5, 0.0, at_bound)
         result.append(select(any_between * rests > 0.5, of_joint, direction))
     return np.array(result)
@@ -639,10 +649,15 @@ def _located(contact: FrictionState, search: Search, phase: Scalar,
             place = robot.n_q + joint
             state[place] = select(reversal[j] > 0.0, state[place], 0.0)
             rates[j] = select(reversal[j] > 0.0, rates[j], 0.0)
+
+    # Without time since the last transition, joints at their bounds stay there, as in
+    # `sticking_steps`: set free again, those of a loop would take turns without end.
     directions = []
-    for direction, ahead, back in zip(_moving(contact, rates), forward, backward):
-        direction = select(ahead > 0.0, direction, 1.0)
-        directions.append(select(back > 0.0, direction, -1.0))
+    for j, direction in enumerate(_moving(contact, rates)):
+        stays = at_once * (reversal[j] > 0.0)
+        direction = select(stays > 0.5, search.directions[j], direction)
+        direction = select(forward[j] > 0.0, direction, contact.at_bound[j])
+        directions.append(select(backward[j] > 0.0, direction, -contact.at_bound[j]))
     hits = 1.0 - (_smallest(distances) > 0.0)
     transitions = search.transitions + 1.0
     refused = _largest(hits, transitions > MOST - 0.5)

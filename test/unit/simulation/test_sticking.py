@@ -12,10 +12,12 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.friction import held_forces
 from kane_dynamics.simulation.sticking import sticking_steps
+from kinds_of_mechanism import case, elastic_case, torque_of
 from linkages import at_angle, four_bar_model, PIN, sleigh
 from mechanisms import random_model, wheel
 import numpy as np
 import pytest
+from trajectory_fields import check_fields
 
 STEP = 1e-3
 
@@ -309,6 +311,66 @@ def test_a_closed_loop_is_held_by_the_friction_of_all_its_joints(tau, sticks):
     if sticks:
         np.testing.assert_allclose(run.q[-1], q, atol=1e-12)
         assert abs(run.u[-1, 0]) < 1e-15 and abs(run.udot[-1, 0]) < 1e-9
+
+
+LAWS_OF_LOOPS = {'drops': {'breakaway_friction': 3.0},
+                 'falls with the speed': {'breakaway_friction': 3.0, 'stribeck_speed': 0.1},
+                 'of directions': {'friction_backward': 1.2}}
+
+
+def ramped_loop(law, step=STEP):
+    """Return a four-bar at rest, a torque that rises and falls, and the torque at each time."""
+    robot = Robot(rubbing(four_bar_model(), friction=2.0, **law), constraints=[PIN],
+                  independent=['crank'])
+    q = at_angle(1.1)
+    t = np.arange(round(1.0 / step)) * step
+    return robot, q, (robot.gravity_force(q)[0] + 12.0 * np.sin(4.0 * t))[:, None]
+
+
+@pytest.mark.parametrize('name', LAWS_OF_LOOPS)
+def test_a_closed_loop_holds_until_all_of_its_joints_are_at_their_bounds(name):
+    law = LAWS_OF_LOOPS[name]
+    robot, q, torque = ramped_loop(law)
+    run = exact(robot, q, [0.0], 0.35, torque=torque[:350])
+    rates = robot.joint_rates(q, [1.0])
+    # Each joint has its friction in the direction in which it would move.
+    level = law.get('breakaway_friction', 2.0)
+    bounds = np.where(rates > 0.0, level, law.get('friction_backward', level))
+    begins = np.arcsin(np.abs(rates) @ bounds / 12.0) / 4.0
+    moving = run.t[np.argmax(~run.sticking.all(axis=1))]
+    assert moving == pytest.approx(begins, abs=1.5 * STEP)
+    assert not run.sticking[-1].any()
+    np.testing.assert_allclose(run.q[run.t < begins - STEP], q[None].repeat(
+        np.sum(run.t < begins - STEP), axis=0), atol=1e-12)
+
+
+@pytest.mark.parametrize('name', LAWS_OF_LOOPS)
+def test_native_transitions_of_a_loop_are_those_of_the_readable_search(monkeypatch, name):
+    robot, q, torque = ramped_loop(LAWS_OF_LOOPS[name], step=4e-3)
+    native = exact(robot, q, [0.0], 1.0, step=4e-3, torque=torque)
+    monkeypatch.setattr(sticking_steps, 'CALLS', 1)
+    readable = exact(robot, q, [0.0], 1.0, step=4e-3, torque=torque)
+    np.testing.assert_allclose(native.q, readable.q, atol=1e-9)
+    np.testing.assert_array_equal(native.sticking, readable.sticking)
+    assert 0 < native.sticking.all(axis=1).sum() < len(native.t) - 50
+    check_fields(robot, native, samples=60, tolerance=1e-7, sticking=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
+def test_joints_of_a_loop_reach_their_bounds_at_one_instant(integrator):
+    # A four-bar on a cart, with drives: where it breaks away, its joints took turns without end.
+    one = case('closed loop', 'nonholonomic')
+    robot, q = elastic_case(one)
+    u = np.random.default_rng(3).uniform(-0.5, 0.5, robot.n)
+    ends = []
+    for step in (2.5e-4, 1e-4):
+        run = simulate(robot, q, u, 0.1, step=step, torque=torque_of(robot), sample=0.01,
+                       sticking=True, integrator=integrator)
+        check_fields(robot, run, samples=11, tolerance=1e-7, torque=torque_of(robot),
+                     sticking=True)
+        ends.append(run.q[-1])
+    np.testing.assert_allclose(*ends, atol=1e-6)
 
 
 @pytest.mark.slow
