@@ -175,12 +175,13 @@ def flexible_arm(modes: tuple[int, int], **joint: object) -> Robot:
     return Robot(b.model())
 
 
-def real_time(name: str, robot: Robot, q: np.ndarray, u: np.ndarray, step: float) -> Race:
+def real_time(name: str, robot: Robot, q: np.ndarray, u: np.ndarray, step: float,
+              integrator: str = 'rk4') -> Race:
     """Compare the time to simulate a second to a second."""
     simulated = 10_000 * step
 
     def run() -> None:
-        simulate(robot, q, u, simulated, step=step, sample=simulated)
+        simulate(robot, q, u, simulated, step=step, sample=simulated, integrator=integrator)
     run()
     seconds = []
     for _ in range(25):
@@ -188,7 +189,8 @@ def real_time(name: str, robot: Robot, q: np.ndarray, u: np.ndarray, step: float
         run()
         seconds.append((time.perf_counter() - start) / simulated)
     timing = Timing({'ours': np.array(seconds), CLOCK: np.ones(len(seconds))})
-    return Race(name, robot.n, f'a second simulated at {1e3 * step:g} ms', CLOCK,
+    how = '' if integrator == 'rk4' else f', {integrator}'
+    return Race(name, robot.n, f'a second simulated at {1e3 * step:g} ms{how}', CLOCK,
                 timing.median('ours'), 1.0, timing.ratio(CLOCK, 'ours'))
 
 
@@ -204,6 +206,7 @@ def clocked() -> list[Race]:
         q[robot.joint_names.index('fore')] = 0.5
         u[robot.joint_names.index('upper')] = 1.0
         result.append(real_time(name, robot, q, u, 1e-4))
+        result.append(real_time(name, robot, q, u, 1e-3, 'implicit'))
     return result
 
 

@@ -67,24 +67,21 @@ class DeflectionWatch(Observer):
                 places = [int(robot.model.places[k] or 0) for k in body.beam.coordinates]
                 peaks = np.linalg.norm(body.beam.shapes, axis=2).max(axis=0)
                 self._beams.append(_WatchedBeam(body.name, body.beam, places, peaks))
-        self._look(states[:, None], np.array([start]))
+        self._look(states[:, None], np.array([start]), (states, states))
 
     def look(self, chunk: Chunk) -> None:
         """Look at further states."""
         if self._beams:
             self._look(chunk.states[:, 1:], chunk.times[1:], chunk.extremes)
 
-    def _look(self, states: Array, t: Array, extremes: Extremes | None = None) -> None:
+    def _look(self, states: Array, t: Array, extremes: Extremes) -> None:
         """Look at states, (N, K, size), at times t, (K,)."""
+        low, high = extremes
+        magnitudes = np.maximum(-low, high)
         for watched in self._beams:
             # The peaks of the modes bound the deflection. The bound decides in most
             # cases, unless the motion diverges.
-            if extremes is None:
-                largest = np.abs(states[:, :, watched.places]).max(axis=1, initial=0.0)
-            else:
-                low, high = extremes
-                largest = np.maximum(np.abs(low[:, watched.places]),
-                                     np.abs(high[:, watched.places]))
+            largest = magnitudes[:, watched.places]
             within = largest @ watched.peaks <= watched.beam.admissible_deflection
             for i in np.flatnonzero(~within).tolist():
                 if i not in self._first:

@@ -22,6 +22,7 @@ from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Chunk, Impact, Observer, Power
 from kane_dynamics.simulation.presliding import (bristle_energies, bristle_friction,
@@ -391,6 +392,7 @@ def compile_balance(robot: Robot, exact: bool = False) -> None:
             kernel.compile_lanes()
 
 
+@kernel_per_robot
 def energy_kernel(robot: Robot, exact: bool = False) -> Kernel:
     """
     Return the kernel of kinetic energy, potential energy and power of friction, (3,).
@@ -478,6 +480,7 @@ def load_friction_kernel(robot: Robot, exact: bool = False) -> Kernel | None:
     return robot.kernels.compiled(power, name, inputs, (), ahead=False)
 
 
+@kernel_per_robot
 def joint_power_kernel(robot: Robot) -> Kernel:
     """Return the kernel of the power of the forces of joints in a motion, W."""
     equations, n = robot.equations, robot.n

@@ -149,7 +149,7 @@ class LimitWatch(Observer):
                         if np.isfinite(bound.bound).any()}
         self._beyond = {limit: np.zeros((len(states), len(bound.bound)), dtype=bool)
                         for limit, bound in self._bounds.items()}
-        self._look(states[:, None], np.array([start]))
+        self._look(states[:, None], np.array([start]), (states, states))
 
     @property
     def events(self) -> LimitEvents:
@@ -166,16 +166,12 @@ class LimitWatch(Observer):
             There are more than a million crossings.
 
         """
-        self._look(chunk.states[:, 1:], chunk.times[1:], chunk.extremes)
+        if self._bounds:
+            self._look(chunk.states[:, 1:], chunk.times[1:], chunk.extremes)
 
-    def _look(self, states: Array, t: Array, extremes: Extremes | None = None) -> None:
+    def _look(self, states: Array, t: Array, extremes: Extremes) -> None:
         """Add the crossings among states, (N, K, size), at times t, (K,)."""
-        if not self._bounds:
-            return
         rows = np.moveaxis(states, 2, 1)  # one row for each entry of a state
-        if extremes is None:
-            rows = np.ascontiguousarray(rows)  # long rows are several times faster
-            extremes = rows.min(axis=2), rows.max(axis=2)
         low, high = extremes
         for limit, bound in self._bounds.items():
             x, was_beyond = rows[:, bound.part], self._beyond[limit]

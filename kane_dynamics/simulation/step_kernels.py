@@ -20,7 +20,7 @@ from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
-from kane_dynamics.robot.kernel_set import method_in_lanes
+from kane_dynamics.robot.kernel_set import kernel_per_robot, method_in_lanes
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -77,9 +77,16 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
         The integrator is unknown.
 
     """
-    choice = StepChoice(feedback, integrator, dual_to, followed)
+    integrator_of(integrator)
+    choice = StepChoice(feedback, integrator, dual_to, tuple(followed))
+    return _step_kernel(robot, choice.needed(robot))
+
+
+@kernel_per_robot
+def _step_kernel(robot: Robot, choice: StepChoice) -> Kernel:
+    """Return the kernel of a step; the choice has nothing that its robot does not need."""
     name, inputs, constants = step_signature(robot, choice)
-    step = partial(traced_step, robot, choice.needed(robot))
+    step = partial(traced_step, robot, choice)
     # Where the dynamics of one state have a program of their own, its steps have, too.
     single = None
     if method_in_lanes(robot.equations, 'forward_dynamics') is not None:

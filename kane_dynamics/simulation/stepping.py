@@ -32,6 +32,7 @@ import numpy as np
 CHUNK_SECONDS = 0.01  # of steps between two progress reports: half of the documented bound
 CHUNK_BYTES = 2**27  # of states in one chunk, unless a single step of all takes more
 FIRST_CHUNK = 256  # steps of one simulation
+GROWTH = 16  # largest ratio of two chunks in succession
 LEAST_CHUNK = 8  # steps of many simulations, so that checks take less time than the steps
 
 Progress = Callable[[float], bool | None]
@@ -256,9 +257,10 @@ def run(steps: Steps, starts: Array, count: int, every: int,
         done += computed
         if progress is not None and progress(steps.start + done * steps.step) is False:
             break
-        # The next chunk is to take the time between two reports; it grows step by step.
+        # The next chunk is to take the time between two reports; a short one may have
+        # been measured badly.
         in_time = int(computed * CHUNK_SECONDS / max(seconds, 1e-9))
-        length = max(least, min(4 * computed, in_time))
+        length = max(least, min(GROWTH * computed, in_time))
     # A simulation that ends early has its last state as an additional sample.
     rows_done = int(np.searchsorted(sampled, done, side='right'))
     if sampled[rows_done - 1] < done:

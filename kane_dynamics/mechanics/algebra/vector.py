@@ -28,6 +28,21 @@ def dot(a: Sequence[Scalar] | Vector, b: Sequence[Scalar] | Vector) -> Scalar:
     return total
 
 
+def quadratic(A: Matrix, x: Vector) -> Scalar:
+    """
+    Return x^T A x of a symmetric matrix of numbers.
+
+    The products of entries of x come first: forms of the same x share them.
+    """
+    total: Scalar = 0.0
+    for i in range(len(x)):
+        for j in range(i, len(x)):
+            factor = A[i, j] if i == j else 2.0 * A[i, j]
+            if factor != 0.0:
+                total = total + factor * (x[i] * x[j])
+    return total
+
+
 def cross(a: Vector, b: Vector) -> Vector:
     """Return the cross product a x b."""
     return np.array([a[1] * b[2] - a[2] * b[1],

@@ -31,7 +31,7 @@ from dataclasses import replace
 from typing import Any
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.vector import cross, symmetric
+from kane_dynamics.mechanics.algebra.vector import cross, quadratic, symmetric
 from kane_dynamics.mechanics.recursive.link import Link
 import numpy as np
 
@@ -142,7 +142,7 @@ class Modes:
         f_rate = self._over_modes(self._v, eta_rate)
         D_rate = _sum(self._F, eta_rate)
         f_acceleration = (self._over_modes(self._v, eta_acceleration)
-                          + _quadratic(self._shortening, eta_rate))
+                          + [quadratic(C, eta_rate) for C in self._shortening])
         D_acceleration = _sum(self._F, eta_acceleration)
 
         # g_a = 2 omega x (f_a' e + D_a') + f_a'' e + D_a'', first what is due to f.
@@ -211,10 +211,3 @@ def _sum(constants: Array, factors: Vector) -> Any:
         place = tuple(entry)
         result[place] = result[place] + constants[i][place] * factors[i]
     return result
-
-
-def _quadratic(constants: Array, x: Vector) -> Vector:
-    """Return x^T C x of several symmetric matrices C, (k, m, m)."""
-    i, j = np.triu_indices(len(x))
-    twice = np.where(i == j, 1.0, 2.0)  # for the entries above the diagonal
-    return _sum((twice * constants[:, i, j]).T, x[i] * x[j])

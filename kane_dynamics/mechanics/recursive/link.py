@@ -27,6 +27,7 @@ import math
 from typing import Any, Literal
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics.mechanics.algebra.vector import quadratic
 from kane_dynamics.mechanics.ball_joints import rotations
 from kane_dynamics.model.beam import Beam, Deflection
 from kane_dynamics.model.model import Model, WORLD
@@ -137,7 +138,7 @@ class Link:
             return self.multiplier * udot[self.coordinate]
         # As the rate, with udot for u, and what the coefficients' own rates add.
         eta_rate = u[list(bending.coordinates)]
-        return self.rate(q, udot) + eta_rate @ (bending.curvature @ eta_rate)
+        return self.rate(q, udot) + quadratic(bending.curvature, eta_rate)
 
 
 def homogeneous(rotation: Any = None, translation: Any = None) -> Array:

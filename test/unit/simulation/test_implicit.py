@@ -71,6 +71,19 @@ def test_half_the_step_leaves_a_quarter_of_the_error():
     assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.15)
 
 
+def test_beams_that_swing_at_a_millisecond_keep_their_energy():
+    b = ModelBuilder('two beams')
+    for name, carrier in (('upper', 'world'), ('fore', 'upper/tip')):
+        b.beam(name, carrier, FlexibleLink(1.0, 1.0, 400.0, (2, 0)), armature=0.05)
+    robot = Robot(b.model())
+    q, u = np.zeros((2, robot.n))
+    q[robot.joint_names.index('fore')], u[0] = 0.5, 1.0
+    run = simulate(robot, q, u, 0.5, step=1e-3, integrator='implicit')
+    energy = run.energy.sum(axis=1)
+    assert np.abs(energy - energy[0]).max() < 1e-6 * run.energy[:, 0].max()
+    assert not run.warnings
+
+
 @pytest.mark.parametrize('joint', [
     {'damping': 1e6}, {'stiffness': 1e8}, {'stiffness': 1e8, 'damping': 1e2}, {'damping': 8.0}])
 def test_no_step_is_too_long_for_linear_friction_and_springs(joint):

@@ -197,3 +197,10 @@ def test_gravity_and_payload_are_those_of_the_moment():
     robot.parameters.gravity = MODEL.gravity
     robot.parameters.payload = Inertial(2.0, [0.1, 0.0, 0.0])
     assert np.abs(simulate(robot, Q0, 0 * U0, 0.1).q[-1] - before).max() > 1e-5
+
+
+def test_a_second_simulation_looks_its_kernels_up(robot, monkeypatch):
+    q, u = np.full(robot.n, 0.1), np.zeros(robot.n)
+    first = simulate(robot, q, u, 0.01)
+    monkeypatch.setattr(type(robot.kernels), 'compiled', None)  # which reads functions
+    np.testing.assert_array_equal(simulate(robot, q, u, 0.01).q, first.q)
