@@ -15,25 +15,32 @@ configuration; no step is longer than a part of that distance, so that no step o
 solution crosses it. What the mechanism does between two measurements is not seen; see
 `LoopTracker`.
 
-The module has three parts: the functions that are traced into kernels, `LoopStep` with
-the kernels and their arrays, and `LoopTracker`, which decides what is accepted.
+Where one call of the kernel does not reach the measurement, a search goes there in steps,
+call by call; `SearchRules` decides after each call what follows. The torque path of the
+node calls the same rules without the interpreter.
+
+The module has four parts: the step, the rules of a search, `LoopStep` with the kernels
+and their arrays, and `LoopTracker`, which raises the errors.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from functools import lru_cache
 import math
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import (constant, finite_row, instance,
                                         names_of_joints, number)
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTION, LoopError,
                                                     SINGULAR, UNKNOWN)
 from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.flags import either, finite, flag
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import ROUNDED, squared_figure
@@ -59,6 +66,12 @@ LEAP = 3.0  # ratio of a motion to the expected one: jump to another branch
 CALLS = 5  # of the kernel for one step, at most
 MOST_STEPS = 1000  # from the last configuration to the measured one
 FAR = 1e100  # has a finite square
+LARGEST_ANGLE = 1e6  # rad: a larger deviation counts as one, whatever its whole turns
+
+# Outcomes of a search, and the reason of each.
+(REACHED, NOT_FINITE, ILL_CONDITIONED, OPEN, LEAPT, TOO_FAR, DEVIATING,
+ UNKNOWN_MODE) = range(8)
+REASONS = ('', SINGULAR, SINGULAR, BRANCH, BRANCH, BRANCH, CONTRADICTION, UNKNOWN)
 
 
 # -------------------------------------------------------------------------------------
@@ -204,6 +217,281 @@ def valid(figures: Vector, last_figure: Scalar, limits: Vector, timed: bool) -> 
 
 
 # -------------------------------------------------------------------------------------
+# The rules of a search, over any scalar.
+
+class Measurement(NamedTuple):
+    """
+    Measured joints.
+
+    Attributes
+    ----------
+    positions, rates : (n,) arrays
+        Of the joints that determine the others.
+    seen, weights : (n_q,) arrays
+        Positions of further joints, and 1 for each that is measured, else 0.
+
+    """
+
+    positions: Vector
+    rates: Vector
+    seen: Vector
+    weights: Vector
+
+
+class LoopSearch(NamedTuple):
+    """
+    The last accepted configuration, and the search for the next one.
+
+    Attributes
+    ----------
+    q, T, u : (n_q,), (n_q n,), (n,) arrays
+        The last accepted result; T are rates of all joints per rate of each measured
+        one.
+    figure : Scalar
+        Its squared conditioning figure; 0 if it is unknown.
+    figures : (6,) array
+        Of the last call, accepted or not: as of `tracking_kernel`.
+    followed : Scalar
+        Whether `following_kernel` accepted its result.
+    known : Scalar
+        Whether the assembly mode is known.
+    searching : Scalar
+        Whether the search needs further calls.
+    outcome : Scalar
+        `REACHED`, or why the measurement is refused.
+    last, last_T : (n_q,), (n_q n,) arrays
+        Where the next call begins; of a refused search, where it ended.
+    target : (n,) array
+        Positions of the measured joints for the next call.
+    length, distance : Scalar
+        Of the step, and from its begin to the measurement, rad or lengths.
+    motion : Scalar
+        Sum of the motions in the calls of the step.
+    calls, steps : Scalar
+        Calls of the step, and steps before it.
+
+    """
+
+    q: Vector
+    T: Vector
+    u: Vector
+    figure: Scalar
+    figures: Vector
+    followed: Scalar
+    known: Scalar
+    searching: Scalar
+    outcome: Scalar
+    last: Vector
+    last_T: Vector
+    target: Vector
+    length: Scalar
+    distance: Scalar
+    motion: Scalar
+    calls: Scalar
+    steps: Scalar
+
+
+@lru_cache
+def search_places(n_q: int, n: int) -> LoopSearch:
+    """Return where each field of a `LoopSearch` is in its array: an index, or a slice."""
+    lengths = {'q': n_q, 'T': n_q * n, 'u': n, 'figures': FIGURES, 'last': n_q,
+               'last_T': n_q * n, 'target': n}
+    places: list[Any] = []
+    start = 0
+    for name in LoopSearch._fields:
+        if name in lengths:
+            places.append(slice(start, start + lengths[name]))
+        else:
+            places.append(start)
+        start += lengths.get(name, 1)
+    return LoopSearch(*places)
+
+
+def search_size(n_q: int, n: int) -> int:
+    """Return the number of entries of a `LoopSearch` as an array."""
+    return int(search_places(n_q, n).steps) + 1
+
+
+def unpacked_search(array: Vector, n_q: int, n: int) -> LoopSearch:
+    """Return the `LoopSearch` of an array."""
+    return LoopSearch(*[array[place] for place in search_places(n_q, n)])
+
+
+def packed_search(search: LoopSearch) -> Vector:
+    """Return a `LoopSearch` as an array."""
+    return np.concatenate([np.atleast_1d(np.asarray(field)) for field in search])
+
+
+def chosen_search(chosen: Scalar, x: LoopSearch, y: LoopSearch) -> LoopSearch:
+    """Return x where a flag is 1, else y."""
+    return LoopSearch(*[either(chosen, a, b) for a, b in zip(x, y)])
+
+
+class SearchRules:
+    """
+    The rules of a search for the configuration of a measurement.
+
+    Parameters
+    ----------
+    robot : Robot
+        With constraints.
+    places : sequence of n int
+        Indices of the measured joints.
+
+    """
+
+    def __init__(self, robot: Robot, places: Sequence[int]) -> None:
+        mechanism = robot.mechanism
+        names = robot.coordinate_names
+        self.n_q = robot.n_q
+        self.n = robot.n
+        self._step = tracking_step(robot, places)
+        self._places = list(places)
+        self._per_unit = 1.0 / mechanism.units[self._places]
+        self._turning = [name not in robot.model.sliding for name in names]
+        self._timed = robot.equations.timed
+
+    def begun(self, search: LoopSearch, measured: Measurement, limits: Vector,
+              t: Scalar) -> LoopSearch:
+        """
+        Return the search after its first call, which usually reaches the measurement.
+
+        Otherwise it begins at the last configuration; where the assembly mode is
+        unknown, at the measurement, if that is of all joints.
+        """
+        T = search.T.reshape(self.n_q, self.n)
+        result = self._step(search.q, T, *measured, t)
+        follows = search.known * valid(result[-FIGURES:], search.figure, limits,
+                                       self._timed)
+        followed = self._accepted(search, result, result[-FIGURES:])
+
+        all_joints = np.array(measured.seen, dtype=object)
+        all_joints[self._places] = measured.positions
+        last = either(search.known, search.q, all_joints)
+        last_T = either(search.known, search.T, 0.0 * search.T)
+        figures = np.array([0.0] * FIGURES, dtype=object)
+        figures[CONDITIONING] = either(search.known, search.figure, 0.0)
+        begun = self._towards(search._replace(
+            last=last, last_T=last_T, figures=figures, steps=0.0), measured.positions)
+
+        is_complete = flag(self.n_q - self.n - 0.5 < sum(measured.weights))
+        can_begin = either(search.known, 1.0, is_complete)
+        refused = search._replace(outcome=float(UNKNOWN_MODE), searching=0.0)
+        searching = chosen_search(can_begin, begun, refused)
+        return chosen_search(follows, followed, searching)
+
+    def continued(self, search: LoopSearch, measured: Measurement, limits: Vector,
+                  t: Scalar) -> LoopSearch:
+        """Return the search after one more call."""
+        nothing = np.zeros(self.n_q)
+        T = search.last_T.reshape(self.n_q, self.n)
+        result = self._step(search.last, T, search.target, measured.rates, nothing,
+                            nothing, t)
+        q, last_T = result[:self.n_q], result[self.n_q:self.n_q * (self.n + 1)]
+        figures = result[-FIGURES:]
+        is_finite = finite(result)
+        motion = search.motion + np.sqrt(figures[MOTION])
+        arrives = 1.0 - flag(search.length < search.distance)
+        deviation = self._deviation(q, measured)
+        compared = np.array([*figures[:DEVIATION], arrives * deviation])
+        called = search._replace(last=q, last_T=last_T, figures=compared, motion=motion,
+                                 calls=search.calls + 1.0)
+
+        # Newton's method goes on until the loops are closed.
+        is_closed = flag(figures[INDEPENDENT_RESIDUAL] < CLOSED**2)
+        iterates = (1.0 - is_closed) * flag(called.calls < CALLS - 0.5)
+
+        # What is wrong with the step, the first reason last.
+        outcome = self._outcome_of_arrival(called, arrives, deviation, limits[1],
+                                           sum(measured.weights))
+        leaps = search.known * flag(self._longest_motion(search, figures) < motion)
+        outcome = either(leaps, float(LEAPT), outcome)
+        fits = is_closed * flag(figures[RESIDUAL] < limits[0])
+        outcome = either(fits, outcome, float(OPEN))
+        is_regular = flag(figures[CONDITIONING] < limits[2])
+        outcome = either(is_regular, outcome, float(ILL_CONDITIONED))
+        is_valid = flag(outcome < 0.5)
+
+        onward = self._towards(called._replace(steps=search.steps + 1.0),
+                               measured.positions)
+        reached = chosen_search(arrives, self._accepted(called, result, compared),
+                                onward)
+        stepped = chosen_search(is_valid, reached, _refused(called, outcome))
+        after = chosen_search(iterates, called, stepped)
+        far = np.array([*search.figures], dtype=object)
+        far[[RESIDUAL, CONDITIONING]] = FAR**2
+        without_result = _refused(search._replace(figures=far), float(NOT_FINITE))
+        return chosen_search(is_finite, after, without_result)
+
+    def _accepted(self, search: LoopSearch, result: Vector, figures: Vector
+                  ) -> LoopSearch:
+        """Return the search that has reached its end with a result."""
+        q, T, u, _ = np.split(result, np.cumsum([self.n_q, self.n_q * self.n, self.n]))
+        return search._replace(q=q, T=T, u=u, figure=figures[CONDITIONING],
+                               figures=figures, known=1.0, searching=0.0,
+                               outcome=float(REACHED))
+
+    def _towards(self, search: LoopSearch, positions: Vector) -> LoopSearch:
+        """Return the search with its next step towards the measurement."""
+        change = positions - search.last[self._places]
+        distance = np.sqrt(largest_square(change * self._per_unit))
+        figure_2 = search.figures[CONDITIONING]
+        is_known = flag(figure_2 > 0.0)
+        figure = np.sqrt(either(is_known, figure_2, 1.0))
+        of_distance = select(SHARE / figure < STRIDE, SHARE / figure, STRIDE)
+        longest = either(is_known, of_distance, STRIDE)
+        arrives = flag(distance < longest)
+        share = either(arrives, 1.0, longest / either(arrives, 1.0, distance))
+        return search._replace(target=positions - change * (1.0 - share),
+                               length=either(arrives, distance, longest),
+                               distance=distance, motion=0.0, calls=0.0, searching=1.0)
+
+    def _longest_motion(self, search: LoopSearch, figures: Vector) -> Scalar:
+        """Return the longest motion of all joints in a step without a leap."""
+        if self._timed:
+            return TIMED
+        length = select(search.length < ROUNDING, ROUNDING, search.length)
+        return LEAP * np.sqrt(figures[CONDITIONING]) * length
+
+    def _outcome_of_arrival(self, search: LoopSearch, arrives: Scalar, deviation: Scalar,
+                            largest: Scalar, compared: Scalar) -> Scalar:
+        """Return whether the further joints agree at the end, or whether it is too far."""
+        agrees = either(flag(compared < 0.5), 1.0, flag(deviation < largest))
+        at_end = either(agrees, float(REACHED), float(DEVIATING))
+        may_go_on = flag(search.steps < MOST_STEPS - 1.5)
+        before = either(may_go_on, float(REACHED), float(TOO_FAR))
+        return either(arrives, at_end, before)
+
+    def _deviation(self, q: Vector, measured: Measurement) -> Scalar:
+        """Return the largest squared deviation of further joints, up to whole turns."""
+        deviations = []
+        for j in range(self.n_q):
+            x = measured.seen[j] - q[j]
+            if self._turning[j]:
+                x = either(flag(x * x < LARGEST_ANGLE**2), _wrapped(x), FAR)
+            deviations.append(measured.weights[j] * x)
+        largest = largest_square(deviations)
+        return select(largest < FAR**2, largest, FAR**2)
+
+
+def _wrapped(angle: Scalar) -> Scalar:
+    """Return an angle without whole turns, by the tangent of its half."""
+    x = 1.0 + np.cos(angle)
+    is_half_turn = flag(x < ROUNDING**2)
+    half = np.arctan(np.sin(angle) / either(is_half_turn, 1.0, x))
+    return either(is_half_turn, math.pi, 2.0 * half)
+
+
+def _refused(search: LoopSearch, outcome: Scalar) -> LoopSearch:
+    """Return the search that ends without a configuration."""
+    is_singular = flag(outcome < ILL_CONDITIONED + 0.5)
+    is_near = flag(outcome < TOO_FAR + 0.5) * flag(search.distance < STRIDE)
+    loses = either(is_singular, 1.0, is_near)
+    return search._replace(outcome=outcome, searching=0.0,
+                           known=search.known * (1.0 - loses))
+
+
+# -------------------------------------------------------------------------------------
 # The kernels, and the arrays on which they work.
 
 def tracking_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
@@ -258,16 +546,40 @@ def following_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
                           weights=(n_q,), limits=(3,), shape=(size + FIGURES + 1,))
 
 
+def search_kernels(robot: Robot, places: Sequence[int]) -> tuple[Kernel, Kernel]:
+    """
+    Return the kernels of `SearchRules.begun` and `continued`.
+
+    Their arguments are the search as an array; positions and rates of the measured
+    joints, (n,); positions of all joints with their weights, (n_q,); and the squares of
+    the largest residual, deviation and figure.
+    """
+    n_q, n = robot.n_q, robot.n
+    rules = SearchRules(robot, places)
+
+    def kernel_of(rule: Callable[..., LoopSearch], name: str) -> Kernel:
+        def called(search: Vector, positions: Vector, rates: Vector, seen: Vector,
+                   weights: Vector, limits: Vector, t: Scalar) -> Vector:
+            measured = Measurement(positions, rates, seen, weights)
+            return packed_search(rule(unpacked_search(search, n_q, n), measured, limits,
+                                      t))
+        size = search_size(n_q, n)
+        return robot.compiled(called, name=f'{name}_{_joined(places)}', search=(size,),
+                              positions=(n,), rates=(n,), seen=(n_q,), weights=(n_q,),
+                              limits=(3,), shape=(size,))
+    return (kernel_of(rules.begun, 'search_begun'),
+            kernel_of(rules.continued, 'search_continued'))
+
+
 def _joined(places: Sequence[int]) -> str:
     return '_'.join(map(str, places))
 
 
 class LoopStep:
     """
-    A step from one configuration to the next, and the last result that was accepted.
+    The kernels of a tracker, and the array of its `LoopSearch`, which they move in place.
 
-    `follow` moves that result in place, if one call of a kernel is enough. Otherwise
-    `start`, `evaluate` and `proceed` move another one, call by call, until `accept`.
+    `follow` is enough where one call reaches the measurement; otherwise `search`.
 
     Parameters
     ----------
@@ -282,24 +594,20 @@ class LoopStep:
         Positions of the measured joints, rad or m, and their rates, rad/s or m/s:
         `measured` and `rates`.
     limits : (3,) array
-        Squares of the largest residual, deviation and figure of `follow`.
+        Squares of the largest residual, deviation and figure.
     time : () array
         Time, s.
-    q, u : (n_q,), (n,) arrays
-        The last result that was accepted.
-    last : (n_q,) array
-        The configuration from which `evaluate` begins.
-    target : (n,) array
-        Positions of the measured joints for `evaluate`.
-    reached : (n_q,) array
-        The result of `evaluate`.
-    figures : (6,) array
-        Of the last result, accepted or not: as of `tracking_kernel`.
+    array : array
+        Of the search.
+    search : LoopSearch
+        Views of the array; an index stands for each scalar.
 
     """
 
     def __init__(self, robot: Robot, places: Sequence[int]) -> None:
         n_q, n = robot.n_q, robot.n
+        self._robot = robot
+        self._places = list(places)
         self._names = robot.coordinate_names
         self._measured = [self._names[k] for k in places]
         self.measurement = np.zeros(2 * n)
@@ -316,44 +624,39 @@ class LoopStep:
         self._rows = np.zeros(0, dtype=int)
         further = [self._seen, self._weights]
         time = [self.time] if robot.equations.timed else []
+        self._inputs = [self.measured, self.rates, *further, self.limits, *time]
 
-        # The state of `follow`: q, T, u and the square of the figure; then figures, and
-        # whether they are valid. The kernel writes where it reads.
-        both = n_q + n_q * n  # q and T
-        size = both + n + 1
-        self._block = np.zeros(size + FIGURES + 1)
-        self._state, self.figures, self._valid = np.split(self._block,
-                                                          [size, size + FIGURES])
-        self.q = self._state[:n_q]
-        self.u = self._state[both:-1]
-        inputs = [self._state, self.measured, self.rates, *further, self.limits, *time]
+        # The search begins with what `follow` reads and writes: q, T, u and the square
+        # of the figure; then figures, and whether they are valid.
+        self.array = np.zeros(search_size(n_q, n))
+        self._at = search_places(n_q, n)
+        self.search = LoopSearch(*[self.array[place] for place in self._at])
+        self.q = self.search.q
+        self.u = self.search.u
+        self.figures = self.search.figures
+        state = self.array[:self._at.figure + 1]
+        result = self.array[:self._at.followed + 1]
+        self._valid = self.array[self._at.followed:self._at.followed + 1]
         self._follow = following_kernel(robot, places).bind(
-            inputs, self._block, 'Follow the measured joints.')
+            [state, *self._inputs], result, 'Follow the measured joints.')
 
-        # `evaluate` goes from q and T in `_from` to q, T, u and figures in `_result`.
-        self._from = np.zeros(both)
-        self.last = self._from[:n_q]
-        T = self._from[n_q:].reshape(n_q, n)
-        self.target = np.zeros(n)
-        self._result = np.zeros(both + n + FIGURES)
-        self._next = self._result[:both]
-        self._figures = self._result[-FIGURES:]
-        self.reached = self._next[:n_q]
-        self._evaluate = tracking_kernel(robot, places).bind(
-            [self.last, T, self.target, self.rates, *further, *time], self._result,
-            'Close the loops.')
+    @lazy_property
+    def _search(self) -> tuple[Callable[[], Any], Callable[[], Any]]:
+        """Return the first and the further calls of a search, which are rarely needed."""
+        inputs = [self.array, *self._inputs]
+        begin, go_on = search_kernels(self._robot, self._places)
+        return (begin.bind(inputs, self.array, 'Begin a search.'),
+                go_on.bind(inputs, self.array, 'Continue a search.'))
 
     @property
     def accepted_figure(self) -> float:
         """Square of the conditioning figure of the last accepted result."""
-        return float(self._state[-1])
+        return float(self.array[self._at.figure])
 
     @property
     def accepted(self) -> tuple[Array, Array]:
         """Return copies of q, (n_q,), and T, (n_q, n), where the next step begins."""
-        n_q = len(self.last)
-        q, T = np.split(self._state[:len(self._from)], [n_q])
-        return q.copy(), T.reshape(n_q, -1).copy()
+        return self.q.copy(), self.search.T.reshape(len(self.q), -1).copy()
 
     def follow(self) -> bool:
         """Move `q` and `u` to the measured joints by one call; return if that is valid."""
@@ -363,11 +666,49 @@ class LoopStep:
             return False
         return bool(self._valid[0])
 
+    def search_from(self, known: bool) -> tuple[int, bool]:
+        """
+        Search the configuration of the measurement, whether the mode is known or not.
+
+        Return the outcome, and whether the mode is known then.
+        """
+        begin, _ = self._search
+        self.array[self._at.known] = known
+        begin()
+        return self._searched()
+
+    def restart_at(self, q: Array) -> tuple[int, bool]:
+        """Search the configuration near another one, as `search_from`, without limits."""
+        measurement, weights, limits = (
+            x.copy() for x in (self.measurement, self._weights, self.limits))
+        self.rates[:] = 0.0
+        self.measured[:] = q[self._places]
+        self._weights.fill(0.0)
+        self.limits.fill(FAR**2)
+        values = {'known': 0.0, 'searching': 1.0, 'last': q, 'last_T': 0.0,
+                  'target': self.measured, 'length': 0.0, 'distance': 0.0, 'motion': 0.0,
+                  'calls': 0.0, 'steps': 0.0, 'figures': 0.0}
+        for name, value in values.items():
+            self.array[getattr(self._at, name)] = value
+        try:
+            return self._searched()
+        finally:
+            self.measurement[:] = measurement
+            self._weights[:] = weights
+            self.limits[:] = limits
+
+    def _searched(self) -> tuple[int, bool]:
+        """Call until the search has ended."""
+        _, go_on = self._search
+        while self.array[self._at.searching]:
+            go_on()
+        return int(self.array[self._at.outcome]), bool(self.array[self._at.known])
+
     def check(self, measured: Array, rates: Array, others: Sequence[int],
               values: Array | None, t: float) -> None:
         """Raise InputError for arguments of another shape, or that are not finite."""
         further = () if values is None else values
-        n = len(self.target)
+        n = len(self.measured)
         with suppress(TypeError, ValueError):  # no numbers: named below
             x, v, y = np.asarray(measured), np.asarray(rates), np.asarray(further)
             if x.shape == v.shape == (n,) and y.shape == (len(others),):
@@ -380,6 +721,23 @@ class LoopStep:
         finite_row(further, 'values', [self._names[k] for k in others])
         constant(t, (), 't', InputError)
 
+    @property
+    def motion(self) -> float:
+        """Motion of all joints in the last step of the search, rad or lengths."""
+        return float(self.array[self._at.motion])
+
+    def seen_at(self, k: int) -> float:
+        """Return the measured position of a further joint."""
+        return float(self._seen[k])
+
+    def most_deviating(self, turning: Array) -> int:
+        """Return the further joint that deviates most where the search ended."""
+        deviation = self._seen - self.search.last
+        # Angles are equal up to whole turns.
+        wrapped = np.remainder(deviation + math.pi, 2.0 * math.pi) - math.pi
+        deviation = np.abs(np.where(turning, wrapped, deviation))
+        return int(np.argmax(self._weights * deviation))
+
     def compare(self, others: Sequence[int], values: Array | None) -> None:
         """Compare the result with the positions of these joints; with none for None."""
         compared = () if values is None else tuple(others)
@@ -390,54 +748,6 @@ class LoopStep:
             self._weights[self._rows] = 1.0
         if compared:
             self._seen[self._rows] = values
-
-    def start(self, q: Array | None = None) -> None:
-        """
-        Set the initial guess of `evaluate`: the last accepted result, or `q`, (n_q,).
-
-        Afterwards `evaluate` compares no further measured joints, whose deviations may be too
-        large to be squared.
-        """
-        self._seen.fill(0.0)
-        self.figures[DEVIATION] = 0.0
-        if q is None:
-            self._from[:] = self._state[:len(self._from)]
-            self.figures[CONDITIONING] = self._state[-1]
-        else:
-            self._from.fill(0.0)
-            self.last[:] = q
-            self.figures[CONDITIONING] = 0.0
-
-    def evaluate(self) -> tuple[float, float]:
-        """
-        Make a step to `target`, and set `figures`; LoopError if it has no finite result.
-
-        Return the residual of the independent rows and the motion, rad or lengths of the
-        mechanism.
-        """
-        try:
-            self._evaluate()
-        except InputError:
-            self.figures[[RESIDUAL, CONDITIONING]] = math.inf
-            raise LoopError(SINGULAR, 'no finite configuration') from None
-        self.figures[:DEVIATION] = self._figures[:DEVIATION]
-        motion, residual = self._figures[:RESIDUAL].tolist()
-        return math.sqrt(residual), math.sqrt(motion)
-
-    def proceed(self) -> None:
-        """Begin the next step at the result."""
-        self._from[:] = self._next
-
-    def accept(self) -> None:
-        """Keep the result of `evaluate`."""
-        self.q[:] = self.reached  # at once, for other threads
-        self._state[:-1] = self._result[:-FIGURES]
-        self._state[-1] = self.figures[CONDITIONING]
-
-
-def longest_step(figure: float) -> float:
-    """Return the longest step of a joint at a conditioning figure; 0 if unknown."""
-    return min(STRIDE, SHARE / figure) if figure else STRIDE
 
 
 # -------------------------------------------------------------------------------------
@@ -511,12 +821,9 @@ class LoopTracker:
         self.robot = robot
         self.measured = tuple(measured)
         self.places = [names.index(name) for name in measured]
-        self._per_unit = 1.0 / mechanism.units[self.places]
-        self._largest_residual = CLOSED + ROUNDED * mechanism.rank_tolerance
         self._turning = np.array([name not in robot.model.sliding for name in names])
-        self._timed = equations.timed
         self._step = LoopStep(robot, self.places)
-        self._step.limits[0] = self._largest_residual**2
+        self._step.limits[0] = (CLOSED + ROUNDED * mechanism.rank_tolerance)**2
         self.tolerance = tolerance
         self.max_figure = max_figure
         self.q = self._step.q
@@ -526,7 +833,6 @@ class LoopTracker:
         self._reference: Array | None = None
         if robot.configuration is not None:
             self._reference = robot.closed_configuration(robot.configuration)
-        self._distance = 0.0  # largest of the measured joints, from the last configuration
         self.restart()
 
     @property
@@ -553,6 +859,11 @@ class LoopTracker:
     def residual(self) -> float:
         """Residual of the last update, accepted or not, rad or lengths (2-norm)."""
         return math.sqrt(self._step.figures[RESIDUAL])
+
+    @property
+    def _independent_residual(self) -> float:
+        """Residual of the independent rows in the last update, rad or lengths."""
+        return math.sqrt(self._step.figures[INDEPENDENT_RESIDUAL])
 
     @property
     def figure(self) -> float:
@@ -592,22 +903,14 @@ class LoopTracker:
                              'expected one, or a first state of all joints')
         if nearly_closed is None:
             return
-        # Newton steps at constant measured joints close the loops of the start.
-        self._step.rates[:] = 0.0
         self._step.time[()] = t
-        self._step.start(nearly_closed)
-        self._step.target[:] = nearly_closed[self.places]
-        for _ in range(CALLS):
-            residual, _ = self._step.evaluate()
-            self._step.proceed()
-            if residual <= CLOSED:
-                break
-        else:
-            raise LoopError(BRANCH, f'start: residual {residual:.3g} rad or lengths '
-                            f'after {CALLS} iterations; expected a nearly closed '
-                            'configuration')
-        self._step.accept()
-        self.known = True
+        outcome, self.known = self._step.restart_at(np.asarray(nearly_closed))
+        if outcome == NOT_FINITE:
+            raise self._error(outcome, None)
+        if outcome != REACHED:
+            raise LoopError(BRANCH, f'start: residual {self._independent_residual:.3g} '
+                            f'rad or lengths after {CALLS} iterations; expected a nearly '
+                            'closed configuration')
 
     def update(self, measured: Array, rates: Array, others: Sequence[int] = (),
                values: Array | None = None, t: float = 0.0) -> None:
@@ -651,98 +954,47 @@ class LoopTracker:
         # The usual case: one call of a kernel that checks the result itself.
         if self.known and step.follow():
             return
-        others = list(others)  # a tuple would index dimensions
-        if self.known:
-            step.start()
-        elif values is None or len({*self.places, *others}) < len(self.q):
-            raise LoopError(UNKNOWN, self._why_unknown)
-        else:
-            all_joints = np.zeros_like(self.q)
-            all_joints[self.places] = step.measured
-            all_joints[others] = values
-            step.start(all_joints)
-        try:
-            self._move(step.measured)
-            self._compare(others, values)
-        except LoopError as error:
-            left_branch = error.reason == BRANCH and self._distance <= STRIDE
-            if error.reason == SINGULAR or left_branch:
-                self.known = False
-                self._why_unknown = ('since the loops came near a singular '
-                                     'configuration, where it may change; expected a '
-                                     'state of all joints, or a restart')
-            raise
-        step.accept()
-        self.known = True
-
-    def _move(self, measured: Array) -> None:
-        """Move to the measured joints, in steps if they are far."""
-        for _ in range(MOST_STEPS):
-            # The measured joints may be far: each step goes as far as the conditioning
-            # allows.
-            change = measured - self._step.last[self.places]
-            steps = np.abs(change * self._per_unit)
-            distance = float(steps.max(initial=0.0))
-            self._distance = distance
-            longest = longest_step(self.figure)
-            if distance <= longest:
-                self._step.target[:] = measured
-                self._close(distance)
-                return
-            # An intermediate target on the straight line to the measured joints.
-            self._step.target[:] = measured - change * (1.0 - longest / distance)
-            self._close(longest)
-            self._step.proceed()
-        raise LoopError(BRANCH, 'measured joints '
-                        f'{dict(zip(self.measured, measured.tolist()))}, too far from '
-                        'the last configuration')
-
-    def _close(self, distance: float) -> None:
-        """Close the loops at the target, `distance` from the last configuration."""
-        whole_motion = 0.0
-        for _ in range(CALLS):
-            residual, motion = self._step.evaluate()
-            whole_motion += motion
-            if residual <= CLOSED:
-                break
-            self._step.proceed()
-        self._check_step(residual, whole_motion, distance)
-
-    def _check_step(self, residual: float, motion: float, distance: float) -> None:
-        """Raise LoopError unless the result of a step of this length is valid."""
-        # The order is from cause to consequence: a singular state also has large
-        # residuals.
-        if not self.figure <= self.max_figure:
-            raise LoopError(SINGULAR, f'conditioning figure {self.figure:.3g}; expected '
-                            f'at most {self.max_figure:g}')
-        if not (residual <= CLOSED and self.residual <= self._largest_residual):
-            raise LoopError(BRANCH, f'residual {self.residual:.3g} rad or lengths; '
-                            'expected joints for which the loops close')
-        # Joints move by at most the conditioning figure times the measured change on one
-        # branch.
-        longest_motion = LEAP * self.figure * max(distance, ROUNDING)
-        if self._timed:
-            longest_motion = TIMED
-        if self.known and motion > longest_motion:
-            raise LoopError(BRANCH, f'the joints moved by {motion:.3g} rad or lengths '
-                            'in one step; expected a continuous motion')
-
-    def _compare(self, others: Sequence[int], values: Array | None) -> None:
-        """Raise LoopError if further measured joints deviate from the closed loop."""
-        if values is None or not len(others):
+        was_known = self.known
+        outcome, self.known = step.search_from(was_known)
+        if outcome == REACHED:
             return
-        q = self._step.reached
-        deviation = values - q[others]
-        # Angles are equal up to whole turns.
-        wrapped = np.remainder(deviation + math.pi, 2.0 * math.pi) - math.pi
-        deviation = np.abs(np.where(self._turning[others], wrapped, deviation))
-        self._step.figures[DEVIATION] = _square(float(deviation.max()))
-        if not deviation.max() <= self.tolerance:
-            k = int(np.argmax(deviation))
-            name = self.robot.coordinate_names[others[k]]
-            raise LoopError(CONTRADICTION, f"'{name}' at {values[k]:.6g}, where the "
-                            f'loops close at {q[others[k]]:.6g} rad or m; expected a '
-                            f'deviation of at most {self.tolerance:g}')
+        error = self._error(outcome, values)
+        if was_known and not self.known:
+            self._why_unknown = ('since the loops came near a singular configuration, '
+                                 'where it may change; expected a state of all joints, '
+                                 'or a restart')
+        raise error
+
+    def _error(self, outcome: int, values: Array | None) -> LoopError:
+        """Return the error of a refused search, for these positions of further joints."""
+        return LoopError(REASONS[outcome], self._detail(outcome, values))
+
+    def _detail(self, outcome: int, values: Array | None) -> str:
+        """Return the numbers of a refused search, and what is expected."""
+        step = self._step
+        measured = step.measured.tolist()
+        if outcome == UNKNOWN_MODE:
+            return self._why_unknown
+        if outcome == NOT_FINITE:
+            return 'no finite configuration'
+        if outcome == ILL_CONDITIONED:
+            return (f'conditioning figure {self.figure:.3g}; expected at most '
+                    f'{self.max_figure:g}')
+        if outcome == OPEN:
+            return (f'residual {self.residual:.3g} rad or lengths; expected joints for '
+                    'which the loops close')
+        if outcome == LEAPT:
+            return (f'the joints moved by {step.motion:.3g} rad or lengths in one step; '
+                    'expected a continuous motion')
+        if outcome == TOO_FAR:
+            return (f'measured joints {dict(zip(self.measured, measured))}, too far from '
+                    'the last configuration')
+        k = step.most_deviating(self._turning)
+        assert values is not None
+        name = self.robot.coordinate_names[k]
+        return (f"'{name}' at {step.seen_at(k):.6g}, where the loops close at "
+                f'{step.search.last[k]:.6g} rad or m; expected a deviation of at most '
+                f'{self.tolerance:g}')
 
 
 def velocity_rows(robot: Robot) -> tuple[str, ...]:

@@ -286,29 +286,37 @@ def random_walk(tracker, steps, length, others=()):
 
 
 @pytest.mark.parametrize('others', [(), (2, 3)])
-def test_one_call_gives_what_checked_steps_give(others, monkeypatch):
-    quick, checked = (LoopTracker(palletizer(), DRIVEN) for _ in range(2))
-    monkeypatch.setattr(quick._step, 'evaluate', lambda: pytest.fail('more than one call'))
-    monkeypatch.setattr(checked._step, 'follow', lambda: False)
-    for found, expected in zip(*(random_walk(each, 50, 0.004, others)
-                                 for each in (quick, checked)), strict=True):
-        for x, y in zip(found, expected, strict=True):
-            np.testing.assert_allclose(x, y, rtol=1e-10, atol=1e-13)
+def test_a_search_ends_where_small_measurements_lead(others, monkeypatch):
+    small, far = (LoopTracker(palletizer(), DRIVEN) for _ in range(2))
+    monkeypatch.setattr(small._step, 'search_from', lambda known: pytest.fail('a search'))
+    walk = random_walk(small, 300, 0.004, others)
+    reached = [(q[small.places], q, u) for q, u, _ in walk]
+    for measured, q, u in reached[::60]:
+        assert np.abs(measured - far.q[far.places]).max() < 0.5
+        values = q[list(others)] + 2.0 * np.pi if others else None
+        far.update(measured, small.robot.joint_rates(q, u)[far.places], others, values)
+        np.testing.assert_allclose(far.q, q, rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(far.u, u, rtol=1e-10, atol=1e-12)
+        assert far.deviation < 1e-12
+
+
+def accepted_part(step):
+    return np.concatenate([step.search.q, step.search.T, step.search.u, [step.accepted_figure]])
 
 
 def test_a_call_that_is_refused_leaves_the_state_to_the_bit():
     tracker = LoopTracker(palletizer(), DRIVEN)
     tracker.update(tracker.q[tracker.places] + 0.001, np.ones(4))
     step = tracker._step
-    state, at = step._state.copy(), tracker.q[tracker.places]
+    state, at = accepted_part(step), tracker.q[tracker.places]
     for change, others, values in [(0.2, (), None), (0.001, (2,), np.array([1.0])),
                                    (0.001, (2,), np.array([1e200]))]:
         step.measured[:] = at + change
         step.compare(others, values)
         assert not step.follow()
-        np.testing.assert_array_equal(step._state, state)
+        np.testing.assert_array_equal(accepted_part(step), state)
     tracker.update(at + 0.001, np.ones(4))
-    assert (step._state != state).any()
+    assert (accepted_part(step) != state).any()
 
 
 def test_a_call_is_valid_within_all_limits_alone():
@@ -376,7 +384,7 @@ def test_a_negative_limit_refuses_everything():
 
 def test_limits_may_be_infinite(monkeypatch):
     tracker = LoopTracker(palletizer(), DRIVEN, tolerance=np.inf, max_figure=np.inf)
-    monkeypatch.setattr(tracker._step, 'evaluate', lambda: pytest.fail('more than one call'))
+    monkeypatch.setattr(tracker._step, 'search_from', lambda known: pytest.fail('a search'))
     at = tracker.q[tracker.places] + 0.001
     tracker.update(at, np.zeros(4), [2], np.array([50.0]))
     np.testing.assert_allclose(tracker.q[tracker.places], at, atol=1e-15)
