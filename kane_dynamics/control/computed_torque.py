@@ -172,6 +172,16 @@ def corrected_acceleration(q: Vector, u: Vector, q_d: Vector, u_d: Vector,
     return udot_d + (kd * (u_d - u) + kp * (q_d - q))
 
 
+def followed_rates(equations: Equations, places: Sequence[int], q: Vector, u: Vector,
+                   accelerations: Vector, t: Scalar = 0.0) -> Vector:
+    """Return udot, (n,), of T_c udot = accelerations of the joints c - those at udot = 0."""
+    motion = equations.joint_motion(q, u, equations.zeros, t)
+    chosen = list(places)
+    right = accelerations - motion.qddot[chosen]
+    udot: Vector = equations.mechanism.solved(motion.T[chosen], right)
+    return udot
+
+
 def followed_friction(equations: Equations, places: Sequence[int], q: Vector,
                       motion: JointMotion, u_d: Vector, udot_d: Vector, load: Vector,
                       t: Scalar) -> Vector:

@@ -226,6 +226,11 @@ class Controller:
         return self._follow
 
     @property
+    def preload(self) -> Array | None:
+        """Return the torques to which those of redundant actuators are nearest, (n_q,)."""
+        return None if self._preload is None else self._preload.copy()
+
+    @property
     def modes(self) -> tuple[Mode, ...]:
         """Return the modes of this controller: those with a law."""
         return (*OWN_MODES, *self.laws)

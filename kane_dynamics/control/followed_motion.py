@@ -7,12 +7,11 @@ and their motion is that of the robot.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Scalar, Vector
-from kane_dynamics.control.computed_torque import (followed_joints, motion_columns,
-                                                   require_closed)
+from kane_dynamics.control.computed_torque import (followed_joints, followed_rates,
+                                                   motion_columns, require_closed)
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
@@ -105,6 +104,7 @@ class FollowedMotion:
             tracker.restart(whole, t)
         elif not self._is_tracking:
             tracker.restart(measured, t)
+        self._is_tracking = False  # an error leaves no configuration to go on from
         tracker.update(q, rates, t=t)
         self._is_tracking = whole is None
         return tracker.q.copy(), tracker.u.copy()
@@ -130,17 +130,13 @@ class FollowedMotion:
     def _solved_speeds(self, q: Vector, rates: Vector, t: Scalar) -> Vector:
         """Return u of T_c u = rates - X_c; traced."""
         motion = self._equations.at_rest(q, t)
-        return self._solved(motion, rates - motion.qdot[self.places])
+        right = rates - motion.qdot[self.places]
+        result: Vector = self._equations.mechanism.solved(motion.T[self.places], right)
+        return result
 
     def _solved_rates(self, q: Vector, u: Vector, accelerations: Vector,
                       t: Scalar) -> Vector:
-        """Return udot of T_c udot = accelerations - those at udot = 0; traced."""
-        motion = self._equations.joint_motion(q, u, self._equations.zeros, t)
-        return self._solved(motion, accelerations - motion.qddot[self.places])
-
-    def _solved(self, motion: Any, right: Vector) -> Vector:
-        result: Vector = self._equations.mechanism.solved(motion.T[self.places], right)
-        return result
+        return followed_rates(self._equations, self.places, q, u, accelerations, t)
 
     def _called(self, name: str, function: Callable[..., Vector],
                 state: tuple[Array, ...], t: float) -> Array:

@@ -116,10 +116,17 @@ def stopping_torque(robot: Robot, terms: Terms, q: Vector, u: Vector, elapsed: S
         Time since the begin of the stop, and that of the stop, s.
 
     """
+    motion = stopping_motion(q, u, elapsed, duration)
+    return motion_torque(robot, terms, *motion, parameters)
+
+
+def stopping_motion(q: Vector, u: Vector, elapsed: Scalar, duration: Scalar
+                    ) -> tuple[Vector, Vector, Vector]:
+    """Return q, u, udot of the stop; arguments as of `stopping_torque`."""
     x = elapsed / duration
     x = select(x < 1.0, x, 1.0)
     x = select(x > 0.0, x, 0.0)
     passed = duration * (x - x * x * x + 0.5 * x * x * x * x)
     rate = 1.0 - 3.0 * x * x + 2.0 * x * x * x
     change = 6.0 * (x * x - x) / duration
-    return motion_torque(robot, terms, q + passed * u, rate * u, change * u, parameters)
+    return q + passed * u, rate * u, change * u

@@ -74,6 +74,10 @@ LARGEST_ANGLE = 1e6  # rad: a larger deviation counts as one, whatever its whole
 REASONS = ('', SINGULAR, SINGULAR, BRANCH, BRANCH, BRANCH, CONTRADICTION, UNKNOWN)
 
 
+SINCE_SINGULAR = ('since the loops came near a singular configuration, where it may '
+                  'change; expected a state of all joints, or a restart')
+
+
 # -------------------------------------------------------------------------------------
 # The functions of the kernels, over any scalar.
 
@@ -219,7 +223,7 @@ def valid(figures: Vector, last_figure: Scalar, limits: Vector, timed: bool) -> 
 # -------------------------------------------------------------------------------------
 # The rules of a search, over any scalar.
 
-class Measurement(NamedTuple):
+class MeasuredJoints(NamedTuple):
     """
     Measured joints.
 
@@ -345,13 +349,13 @@ class SearchRules:
         names = robot.coordinate_names
         self.n_q = robot.n_q
         self.n = robot.n
-        self._step = tracking_step(robot, places)
+        self._step = tracking_step(robot, list(places))
         self._places = list(places)
         self._per_unit = 1.0 / mechanism.units[self._places]
         self._turning = [name not in robot.model.sliding for name in names]
         self._timed = robot.equations.timed
 
-    def begun(self, search: LoopSearch, measured: Measurement, limits: Vector,
+    def begun(self, search: LoopSearch, measured: MeasuredJoints, limits: Vector,
               t: Scalar) -> LoopSearch:
         """
         Return the search after its first call, which usually reaches the measurement.
@@ -380,7 +384,7 @@ class SearchRules:
         searching = chosen_search(can_begin, begun, refused)
         return chosen_search(follows, followed, searching)
 
-    def continued(self, search: LoopSearch, measured: Measurement, limits: Vector,
+    def continued(self, search: LoopSearch, measured: MeasuredJoints, limits: Vector,
                   t: Scalar) -> LoopSearch:
         """Return the search after one more call."""
         nothing = np.zeros(self.n_q)
@@ -434,7 +438,8 @@ class SearchRules:
     def _towards(self, search: LoopSearch, positions: Vector) -> LoopSearch:
         """Return the search with its next step towards the measurement."""
         change = positions - search.last[self._places]
-        distance = np.sqrt(largest_square(change * self._per_unit))
+        distance_2 = largest_square(change * self._per_unit)
+        distance = np.sqrt(select(distance_2 < FAR**2, distance_2, FAR**2))
         figure_2 = search.figures[CONDITIONING]
         is_known = flag(figure_2 > 0.0)
         figure = np.sqrt(either(is_known, figure_2, 1.0))
@@ -462,7 +467,7 @@ class SearchRules:
         before = either(may_go_on, float(REACHED), float(TOO_FAR))
         return either(arrives, at_end, before)
 
-    def _deviation(self, q: Vector, measured: Measurement) -> Scalar:
+    def _deviation(self, q: Vector, measured: MeasuredJoints) -> Scalar:
         """Return the largest squared deviation of further joints, up to whole turns."""
         deviations = []
         for j in range(self.n_q):
@@ -560,7 +565,7 @@ def search_kernels(robot: Robot, places: Sequence[int]) -> tuple[Kernel, Kernel]
     def kernel_of(rule: Callable[..., LoopSearch], name: str) -> Kernel:
         def called(search: Vector, positions: Vector, rates: Vector, seen: Vector,
                    weights: Vector, limits: Vector, t: Scalar) -> Vector:
-            measured = Measurement(positions, rates, seen, weights)
+            measured = MeasuredJoints(positions, rates, seen, weights)
             return packed_search(rule(unpacked_search(search, n_q, n), measured, limits,
                                       t))
         size = search_size(n_q, n)
@@ -673,6 +678,7 @@ class LoopStep:
         Return the outcome, and whether the mode is known then.
         """
         begin, _ = self._search
+        self.figures.fill(0.0)  # those of `follow` may be infinite
         self.array[self._at.known] = known
         begin()
         return self._searched()
@@ -685,11 +691,12 @@ class LoopStep:
         self.measured[:] = q[self._places]
         self._weights.fill(0.0)
         self.limits.fill(FAR**2)
-        values = {'known': 0.0, 'searching': 1.0, 'last': q, 'last_T': 0.0,
-                  'target': self.measured, 'length': 0.0, 'distance': 0.0, 'motion': 0.0,
-                  'calls': 0.0, 'steps': 0.0, 'figures': 0.0}
-        for name, value in values.items():
-            self.array[getattr(self._at, name)] = value
+        accepted = np.concatenate([self.q, self.search.T, self.u, [self.accepted_figure]])
+        self.array.fill(0.0)
+        self.array[:len(accepted)] = accepted
+        self.search.last[:] = q
+        self.search.target[:] = self.measured
+        self.array[self._at.searching] = 1.0
         try:
             return self._searched()
         finally:
@@ -906,7 +913,7 @@ class LoopTracker:
         self._step.time[()] = t
         outcome, self.known = self._step.restart_at(np.asarray(nearly_closed))
         if outcome == NOT_FINITE:
-            raise self._error(outcome, None)
+            raise self._error(outcome)
         if outcome != REACHED:
             raise LoopError(BRANCH, f'start: residual {self._independent_residual:.3g} '
                             f'rad or lengths after {CALLS} iterations; expected a nearly '
@@ -958,18 +965,16 @@ class LoopTracker:
         outcome, self.known = step.search_from(was_known)
         if outcome == REACHED:
             return
-        error = self._error(outcome, values)
+        error = self._error(outcome)
         if was_known and not self.known:
-            self._why_unknown = ('since the loops came near a singular configuration, '
-                                 'where it may change; expected a state of all joints, '
-                                 'or a restart')
+            self._why_unknown = SINCE_SINGULAR
         raise error
 
-    def _error(self, outcome: int, values: Array | None) -> LoopError:
-        """Return the error of a refused search, for these positions of further joints."""
-        return LoopError(REASONS[outcome], self._detail(outcome, values))
+    def _error(self, outcome: int) -> LoopError:
+        """Return the error of a refused search."""
+        return LoopError(REASONS[outcome], self._detail(outcome))
 
-    def _detail(self, outcome: int, values: Array | None) -> str:
+    def _detail(self, outcome: int) -> str:
         """Return the numbers of a refused search, and what is expected."""
         step = self._step
         measured = step.measured.tolist()
@@ -990,11 +995,50 @@ class LoopTracker:
             return (f'measured joints {dict(zip(self.measured, measured))}, too far from '
                     'the last configuration')
         k = step.most_deviating(self._turning)
-        assert values is not None
         name = self.robot.coordinate_names[k]
         return (f"'{name}' at {step.seen_at(k):.6g}, where the loops close at "
                 f'{step.search.last[k]:.6g} rad or m; expected a deviation of at most '
                 f'{self.tolerance:g}')
+
+
+def search_of(tracker: LoopTracker) -> LoopSearch:
+    """Return the search of a tracker, for the rules that continue it."""
+    step = tracker._step
+    return unpacked_search(step.array, len(step.q), len(step.u))
+
+
+def search_array(tracker: LoopTracker) -> Array:
+    """Return a copy of the search of a tracker, as an array for other threads."""
+    step = tracker._step
+    array = step.array.copy()
+    array[search_places(len(step.q), len(step.u)).known] = tracker.known
+    return array
+
+
+def squared_limits(tracker: LoopTracker) -> Array:
+    """Return the squares of the largest residual, deviation and figure."""
+    return tracker._step.limits.copy()
+
+
+def compare_with(tracker: LoopTracker, others: Sequence[int], values: Array) -> None:
+    """Note the further joints of a measurement, for the words of `refusal`."""
+    tracker._step.compare(others, values)
+
+
+def mirror(tracker: LoopTracker, array: Array) -> None:
+    """Let a tracker have the search that another thread has done."""
+    step = tracker._step
+    step.array[:] = array
+    known = bool(array[search_places(len(step.q), len(step.u)).known])
+    if tracker.known and not known:
+        tracker._why_unknown = SINCE_SINGULAR
+    tracker.known = known
+
+
+def refusal(tracker: LoopTracker) -> LoopError:
+    """Return why the search of a tracker was refused."""
+    outcome = search_of(tracker).outcome
+    return tracker._error(int(outcome))
 
 
 def velocity_rows(robot: Robot) -> tuple[str, ...]:

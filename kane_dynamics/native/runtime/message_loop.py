@@ -42,11 +42,15 @@ BLOCK = ('PLAN', 'IN_USE', 'STOP', 'ENDED', 'RING', 'SLOTS', 'SLOT_SIZE', 'HEAD'
 # Words of a plan. `REPLAY` numbers a message that Python passes to the thread.
 PLAN = ('PERIOD', 'LAYOUTS', 'LAYOUT_COUNT', 'REPLAY', 'REPLAY_DATA', 'REPLAY_LENGTH',
         'JUDGE', 'JUDGE_TABLE', 'ANSWER', 'ANSWER_TABLE', 'REFUSE', 'REFUSE_TABLE',
+        # With closed loops: of the measured and of the desired configuration, and the
+        # torque of a stop.
+        'CLOSE', 'CLOSE_TABLE', 'CLOSING', 'CLOSING_TABLE', 'AIM', 'AIM_TABLE', 'AIMING',
+        'AIMING_TABLE', 'HOLD', 'HOLD_TABLE',
         'ELAPSE', 'ELAPSE_TABLE', 'PERMIT', 'PERMIT_TABLE', 'CONFIRM', 'CONFIRM_TABLE',
         'HEAR', 'HEAR_TABLE', 'LONGEST', 'MOTION', 'NEXT_MOTION', 'REST')
 OUTPUT = ('PUBLISHER', 'BYTES', 'NUMBERS', 'STAMP_TO')
 INPUT = ('FROM', 'INTO', 'INFO_OF')
-LAYOUT = ('LENGTH', 'MASK', 'EXPECTED', 'COUNT', 'OFFSETS')
+LAYOUT = ('LENGTH', 'MASK', 'EXPECTED', 'COUNT', 'OFFSETS', 'PLACES', 'CONSTANTS')
 MOTION = ('START', 'KNOTS', 'TIMES', 'ORIGINS', 'RATES', 'ROWS', 'ROW_SIZE')
 # Words of a slot of the ring, before the event, the state of the path and the message.
 SLOT = ('KIND', 'MESSAGE_LENGTH', 'ALL_LOST', 'BEGIN', 'END', 'SEQUENCE', 'NOTHING',
@@ -55,7 +59,7 @@ ANSWERED, UNKNOWN, ELAPSED, HEARD = range(4)  # kinds of slots
 # Doubles of an event.
 NOW, STAMP, MOVING, X, TICKING, STEADILY, MOMENT = range(7)
 # Doubles of the state of the path that the loop itself reads.
-REASON, DOES_PUBLISH, SENT_AT, REQUEST, RETRIES = range(5)
+REASON, DOES_PUBLISH, SENT_AT, REQUEST, RETRIES, SEARCHING = range(6)
 WAITS = 2.0  # the reason of a state that is kept until torque_guard answers
 ROW_PLACE = 3  # place of the row of the motion in the table of the answer
 MESSAGE = 4  # bytes of encapsulation before the stamp of a message
@@ -121,6 +125,21 @@ define i64 @steady_event(ptr %block) {
 define void @step(ptr %block, ptr %rule, ptr %table) {
   call void %rule(ptr %table)
   call void @keep_result(ptr %block)
+  ret void
+}
+
+; Let a rule search a configuration of closed loops, call by call.
+define void @search(ptr %block, ptr %rule, ptr %table) {
+start:
+  br label %turn
+turn:
+  %needs = call double @of_path(ptr %block, i64 SEARCHING)
+  %goes.on = fcmp ogt double %needs, 0.5
+  br i1 %goes.on, label %once, label %done
+once:
+  call void @step(ptr %block, ptr %rule, ptr %table)
+  br label %turn
+done:
   ret void
 }
 
@@ -311,15 +330,17 @@ no:
   ret i1 false
 }
 
-; Copy the numbers of a message into the state; what the layout lacks is zero.
+; Copy the numbers of a message into the state; what the layout lacks is constant.
 define void @gather(ptr %block, ptr %layout, ptr %data) {
 start:
   %state = pointer %block.STATE
   %n = number %block.STATE_COUNT
   %bytes = mul i64 %n, 8
-  call void @llvm.memset.p0.i64(ptr %state, i8 0, i64 %bytes, i1 false)
+  %constants = pointer %layout.CONSTANTS
+  call void @llvm.memcpy.p0.p0.i64(ptr %state, ptr %constants, i64 %bytes, i1 false)
   %count = number %layout.COUNT
   %offsets = pointer %layout.OFFSETS
+  %places = pointer %layout.PLACES
   br label %number
 number:
   %k = phi i64 [0, %start], [%k.next, %number]
@@ -327,7 +348,9 @@ number:
   %offset = load i64, ptr %offset.at
   %from = getelementptr i8, ptr %data, i64 %offset
   %x = load double, ptr %from, align 1
-  %to = getelementptr double, ptr %state, i64 %k
+  %place.at = getelementptr i64, ptr %places, i64 %k
+  %place = load i64, ptr %place.at
+  %to = getelementptr double, ptr %state, i64 %place
   store double %x, ptr %to
   %k.next = add i64 %k, 1
   %more = icmp slt i64 %k.next, %count
@@ -401,6 +424,14 @@ pass:
   %table = pointer %plan.ANSWER_TABLE
   %row.at = getelementptr ptr, ptr %table, i64 ROW_PLACE
   store ptr %row, ptr %row.at
+  %aim.table = pointer %plan.AIM_TABLE
+  %aims = icmp ne ptr %aim.table, null
+  br i1 %aims, label %pass.too, label %done
+pass.too:
+  %aim.row.at = getelementptr ptr, ptr %aim.table, i64 ROW_PLACE
+  store ptr %row, ptr %aim.row.at
+  br label %done
+done:
   ret void
 }
 
@@ -443,6 +474,20 @@ known:
   %judge = pointer %plan.JUDGE
   %judge.table = pointer %plan.JUDGE_TABLE
   call void @step(ptr %block, ptr %judge, ptr %judge.table)
+  %close = pointer %plan.CLOSE
+  %has.loops = icmp ne ptr %close, null
+  %reason.heard = call double @of_path(ptr %block, i64 REASON)
+  %plausible = fcmp olt double %reason.heard, 0.5
+  %closes = and i1 %has.loops, %plausible
+  br i1 %closes, label %loops, label %closed
+loops:
+  %close.table = pointer %plan.CLOSE_TABLE
+  call void @step(ptr %block, ptr %close, ptr %close.table)
+  %closing = pointer %plan.CLOSING
+  %closing.table = pointer %plan.CLOSING_TABLE
+  call void @search(ptr %block, ptr %closing, ptr %closing.table)
+  br label %closed
+closed:
   %permit = pointer %plan.PERMIT
   %guarded = icmp ne ptr %permit, null
   br i1 %guarded, label %asks, label %judged
@@ -456,6 +501,19 @@ judged:
   br i1 %possible, label %command, label %impossible
 command:
   call void @find_segment(ptr %block, ptr %plan, i64 %stamp)
+  %aim = pointer %plan.AIM
+  %aiming = pointer %plan.AIMING
+  %aiming.table = pointer %plan.AIMING_TABLE
+  %aims = icmp ne ptr %aim, null
+  br i1 %aims, label %aimed, label %compute
+aimed:
+  %aim.table = pointer %plan.AIM_TABLE
+  call void @step(ptr %block, ptr %aim, ptr %aim.table)
+  call void @search(ptr %block, ptr %aiming, ptr %aiming.table)
+  %reason.aimed = call double @of_path(ptr %block, i64 REASON)
+  %reachable = fcmp olt double %reason.aimed, 0.5
+  br i1 %reachable, label %compute, label %impossible
+compute:
   %answer = pointer %plan.ANSWER
   %answer.table = pointer %plan.ANSWER_TABLE
   call void %answer(ptr %answer.table)
@@ -501,6 +559,15 @@ refused:
   %refuse = pointer %plan.REFUSE
   %refuse.table = pointer %plan.REFUSE_TABLE
   call void @step(ptr %block, ptr %refuse, ptr %refuse.table)
+  %hold = pointer %plan.HOLD
+  %holds = icmp ne ptr %hold, null
+  br i1 %holds, label %stop, label %finish
+stop:
+  %stop.search = pointer %plan.AIMING
+  %stop.table = pointer %plan.AIMING_TABLE
+  call void @search(ptr %block, ptr %stop.search, ptr %stop.table)
+  %hold.table = pointer %plan.HOLD_TABLE
+  call void @step(ptr %block, ptr %hold, ptr %hold.table)
   br label %finish
 finish:
   call void @send(ptr %block)
@@ -845,7 +912,7 @@ def _numbers(drops: int) -> dict[str, int | float]:
         'ROW_PLACE': ROW_PLACE, 'UNKNOWN': UNKNOWN, 'ANSWERED': ANSWERED,
         'ELAPSED': ELAPSED, 'HEARD': HEARD, 'MESSAGE': MESSAGE, 'STEADILY': STEADILY,
         'CLOCK_LENGTH': CLOCK_LENGTH, 'TAKE_LIMIT': TAKE_LIMIT, 'REQUEST': REQUEST,
-        'RETRIES': RETRIES, 'WAITS': WAITS, 'OUTPUT_WORDS': len(OUTPUT)}
+        'RETRIES': RETRIES, 'SEARCHING': SEARCHING, 'WAITS': WAITS, 'OUTPUT_WORDS': len(OUTPUT)}
 
 
 @cache

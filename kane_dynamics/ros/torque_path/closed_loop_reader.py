@@ -3,9 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.loop_tracking.loop_error import LoopError
-from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
+from kane_dynamics.loop_tracking.loop_tracker import (compare_with, largest_square,
+                                                      LoopSearch, LoopTracker, search_of)
+from kane_dynamics.mechanics.algebra.flags import flag
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
@@ -49,6 +52,34 @@ def closed_loop_reader(controller: Controller, values: Mapping[str, Any]
     """Return the reader of an arm with closed loops; None for other arms."""
     return ClosedLoopReader(controller,
                             values) if controller.robot.constraint_names else None
+
+
+def may_be_singular(search: LoopSearch, before: Vector, units: Vector,
+                    between: Scalar, since: Scalar) -> Scalar:
+    """
+    Return whether an arm can be at a singular configuration by now, over any scalar.
+
+    The distance is one over the conditioning figure of the last state. The arm moves at
+    most `REACH` times as fast as there: as measured, or as from the state before.
+
+    Parameters
+    ----------
+    search : LoopSearch
+        With the last accepted state, whose speeds are rates of the measured joints.
+    before : (n_q,) array
+        The accepted configuration before it.
+    units : (n_q,) array
+        Of the coordinates: 1 rad, or the length of the mechanism.
+    between, since : Scalar
+        Time between both states, and since the last, ns.
+
+    """
+    rates = search.T.reshape(-1, len(search.u)) @ search.u
+    change = (search.q - before) * (NANO / between)
+    speed_2 = largest_square(np.concatenate([rates / units, change / units]))
+    reached = REACH * np.sqrt(speed_2) * since / NANO + STANDSTILL
+    # 1 / figure <= reached
+    return flag(reached * reached * search.figure > 1.0)
 
 
 class ClosedLoopReader(JointStateReader):
@@ -127,10 +158,7 @@ class ClosedLoopReader(JointStateReader):
         tracker = self.tracker
         known = self.tracker.known
         try:
-            if self.others is not self._compared:
-                self._compared = self.others
-                self._rows = tuple(self._places[k] for k in self.others)
-            tracker.update_checked(self._rows, self.positions)
+            tracker.update_checked(self._further(), self.positions)
         except LoopError as error:
             self.detail = error.detail
             if known and not tracker.known:
@@ -143,23 +171,30 @@ class ClosedLoopReader(JointStateReader):
         self._stamps = (self._stamps[1], stamp)
         return None
 
+    def compare(self) -> None:
+        """Note the further joints of the state, which another thread has compared."""
+        compare_with(self.tracker, self._further(), self.positions)
+
+    def _further(self) -> tuple[int, ...]:
+        """Return the further joints of the state."""
+        if self.others is not self._compared:
+            self._compared = self.others
+            self._rows = tuple(self._places[k] for k in self.others)
+        return self._rows
+
     def _may_be_singular(self, stamp: int) -> bool:
         """
         Return whether the arm can be at a singular configuration by now.
 
         If it cannot, a state next to one is false, and the assembly mode is that of the
-        last accepted state. The distance is one over the conditioning figure there; the
-        speed is that of the last state, measured and as its change from the one before.
+        last accepted state.
         """
         second_last, last = self._stamps
         if not second_last:
             return True
-        # The larger of the measured rates and of the change between the last two states.
-        rates = self.tracker.robot.joint_rates(self.q, self.u)
-        change = (self.q - self._before) * (NANO / max(last - second_last, 1))
-        speed = np.maximum(np.abs(rates), np.abs(change)) / self._lengths
-        reached = REACH * float(speed.max()) * (stamp - last) / NANO + STANDSTILL
-        return reached >= 1.0 / self.tracker.accepted_figure
+        search = search_of(self.tracker)
+        return bool(may_be_singular(search, self._before, self._lengths,
+                                    max(last - second_last, 1), stamp - last))
 
     def figures(self) -> dict[str, str]:
         """Return the entries for the diagnostics."""

@@ -10,7 +10,7 @@ Times are nanoseconds since the start of the path, which a double holds exactly 
 days, and to 1 us for 280 years. Flags are 1 or 0.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.stopping import reached_state, stopping_torque
@@ -19,23 +19,25 @@ from kane_dynamics.control.torque_blend import share_left
 from kane_dynamics.control.torque_limiter import clipped, within_rate
 from kane_dynamics.control.traced_laws import Desired, LawInput, TracedLaw
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.flags import either, flag
+from kane_dynamics.mechanics.algebra.flags import either, finite, flag
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.arbitration import (after_computing, Arbitration,
                                                        before_command, before_zeros,
                                                        heard, SIZE, UNGUARDED)
 from kane_dynamics.ros.torque_path.guard_messages import FIELDS, STOPPED
-from kane_dynamics.ros.torque_path.state_check import joint_bounds, UNLIMITED
+from kane_dynamics.ros.torque_path.state_check import joint_bounds
 import numpy as np
 
 NEVER = -2.0**62  # ns: before every stamp
 NO_REQUEST = -1.0  # to torque_guard
-# Results of a cycle. From NOT_FINITE on, the arm is heard, and the state is refused.
+# Results of a cycle. From NOT_FINITE on, the arm is heard, and the state is refused; up to
+# OFF_BRANCH the state is false, from NO_TORQUE on the arm or the motion is the reason.
 (ACCEPTED, FIRST, WAITING, NO_CLOCK, STALE, FUTURE, OUT_OF_ORDER, NOT_FINITE, OUTSIDE,
- TOO_FAST, JUMP, NO_TORQUE) = range(12)
+ TOO_FAST, JUMP, CONTRADICTORY, OFF_BRANCH, NO_TORQUE, NEAR_SINGULAR, NO_MODE,
+ REFUSED) = range(17)
 # Why a motion was dropped last.
-NOT_DROPPED, BY_CLOCK, BY_TIMEOUT, BY_REFUSAL, BY_GUARD = range(5)
+NOT_DROPPED, BY_CLOCK, BY_TIMEOUT, BY_REFUSAL, BY_GUARD, BY_LOOPS = range(6)
 
 
 class PathState(NamedTuple):
@@ -54,6 +56,8 @@ class PathState(NamedTuple):
         Number of the request that the cycle sends to torque_guard; `NO_REQUEST`: none.
     retries : Scalar
         Whether the state that waits for torque_guard is answered next.
+    searching : Scalar
+        Whether the search for a configuration of closed loops needs another call.
     commanded_at : Scalar
         Steady time of the last command; 0: none yet.
     last_now, last_heard, last_stamp : Scalar
@@ -78,20 +82,28 @@ class PathState(NamedTuple):
         Those of the settings that were answered.
     stop_began : Scalar
         When the stop in a fault began; `NEVER` without one.
+    stops : Scalar
+        Whether the torque of that stop follows, once its configuration is found.
+    untracked : Scalar
+        Whether the next desired configuration begins at the measured one.
     holding : Scalar
         Whether `pose` is held.
     law_known : Scalar
         Whether `memory` is of the present law.
-    tau, clamped, rate_limited : (n,) arrays
-        The last published torques, and flags of their limits.
-    last, difference, pose : (n,) arrays
-        Last command of the rate limit, difference of the blend, pose that is held.
+    tau, clamped, rate_limited : (c,) arrays
+        The last published torques, of the commanded joints, and flags of their limits.
+    last, difference : (c,) arrays
+        Last command of the rate limit, and difference of the blend.
+    pose : (n,) array
+        Pose that is held.
     accepted : (2 n,) array
         The last accepted state.
     stop : (2 n,) array
         Positions and speeds at which the stop in a fault began.
     arbitration : (k,) array
         An `Arbitration`.
+    loops : (l,) array
+        A `LoopMemory` of `loop_rules`; empty without closed loops.
     memory : (m,) array
         Of the law; that of the largest memory has m entries.
 
@@ -102,6 +114,7 @@ class PathState(NamedTuple):
     sent_at: Scalar
     request: Scalar
     retries: Scalar
+    searching: Scalar
     commanded_at: Scalar
     last_now: Scalar
     last_heard: Scalar
@@ -128,6 +141,8 @@ class PathState(NamedTuple):
     jumps: Scalar
     silences: Scalar
     stop_began: Scalar
+    stops: Scalar
+    untracked: Scalar
     holding: Scalar
     law_known: Scalar
     tau: Vector
@@ -139,7 +154,48 @@ class PathState(NamedTuple):
     accepted: Vector
     stop: Vector
     arbitration: Vector
+    loops: Vector
     memory: Vector
+
+
+class PathShape(NamedTuple):
+    """
+    Numbers of entries.
+
+    Attributes
+    ----------
+    n : int
+        Joints that are measured and follow motions.
+    commanded : int
+        Joints with actuators.
+    joints : int
+        All joints, n_q.
+    frames : int
+        Frames with measured wrenches.
+    law, memory : int
+        Settings and memory of the laws.
+    loops : int
+        Of the memory of closed loops; 0 without.
+
+    """
+
+    n: int
+    commanded: int
+    joints: int
+    frames: int = 0
+    law: int = 0
+    memory: int = 0
+    loops: int = 0
+
+    @property
+    def state(self) -> int:
+        """
+        Return the length of a measured state.
+
+        With closed loops, positions of all joints and their weights follow positions
+        and speeds of those that are measured.
+        """
+        return 2 * self.n + (2 * self.joints if self.loops else 0)
 
 
 class CycleSettings(NamedTuple):
@@ -175,6 +231,9 @@ class CycleSettings(NamedTuple):
         Age after which a measured wrench counts no more, ns.
     wrenches : (7 k,) array
         Stamp, force and torque in the axes of its frame, of the k frames with wrenches.
+    loop_limits : (6,) array
+        Squares of the largest residual, deviation and figure, of measured and of desired
+        closed loops; empty without closed loops.
     law : (k,) array
         Of the law; those of the law with most settings have k entries.
 
@@ -199,6 +258,7 @@ class CycleSettings(NamedTuple):
     slope: Vector
     free: Vector
     wrenches: Vector
+    loop_limits: Vector
     law: Vector
 
 
@@ -229,37 +289,70 @@ class Event(NamedTuple):
     steady: Scalar
 
 
+class ClosedLoopRules(Protocol):
+    """The rules of closed loops, `LoopRules`."""
+
+    def memory(self, path: PathState) -> Any:
+        """Return what a path keeps."""
+
+    def search(self, array: Vector) -> Any:
+        """Return a search of the memory."""
+
+    def whole(self, path: PathState, desired: Desired) -> Desired:
+        """Return a desired motion with the configuration that was found for it."""
+
+    def given_up(self, path: PathState) -> PathState:
+        """Return the path whose states are refused for long, maybe near a singularity."""
+
+    def reached(self, path: PathState, elapsed: Scalar, parameters: Vector) -> Vector:
+        """Return positions and rates of the joints that follow, some time later."""
+
+    def begin_hold(self, path: PathState, settings: CycleSettings) -> PathState:
+        """Begin the search for the configuration of the stop."""
+
+
 EVENT_SIZE = len(Event._fields)
 SCALARS = PathState._fields.index('tau')
 SCALAR_SETTINGS = CycleSettings._fields.index('bounds')
 WRENCH = 7  # entries of a measured wrench: stamp, force, torque
+LOOP_LIMITS = 3  # of one search for a configuration
 
 
-def path_size(n: int, memory: int) -> int:
+def path_size(shape: PathShape) -> int:
     """Return the number of entries of a `PathState` as an array."""
-    return SCALARS + 10 * n + SIZE + memory
+    return SCALARS + sum(_path_parts(shape)) + shape.memory
 
 
-def settings_size(n: int, law: int, frames: int = 0) -> int:
+def settings_size(shape: PathShape) -> int:
     """Return the number of entries of `CycleSettings` as an array."""
-    return SCALAR_SETTINGS + 9 * n + WRENCH * frames + law
+    return SCALAR_SETTINGS + sum(_settings_parts(shape)) + shape.law
 
 
-def unpacked_path(array: Vector, n: int) -> PathState:
+def unpacked_path(array: Vector, shape: PathShape) -> PathState:
     """Return the `PathState` of an array."""
-    sizes = [n] * 6 + [2 * n, 2 * n, SIZE]
-    return PathState(*array[:SCALARS], *_parts(array[SCALARS:], sizes))
+    return PathState(*array[:SCALARS], *_parts(array[SCALARS:], _path_parts(shape)))
 
 
-def unpacked_settings(array: Vector, n: int, frames: int = 0) -> CycleSettings:
-    """Return the `CycleSettings` of an array; `frames` have wrenches."""
-    sizes = [5 * n, n, n, n, n, WRENCH * frames]
-    return CycleSettings(*array[:SCALAR_SETTINGS], *_parts(array[SCALAR_SETTINGS:], sizes))
+def unpacked_settings(array: Vector, shape: PathShape) -> CycleSettings:
+    """Return the `CycleSettings` of an array."""
+    parts = _parts(array[SCALAR_SETTINGS:], _settings_parts(shape))
+    return CycleSettings(*array[:SCALAR_SETTINGS], *parts)
 
 
-def packed(record: PathState | CycleSettings) -> Vector:
+def packed(record: NamedTuple) -> Vector:
     """Return a record as an array."""
     return np.concatenate([np.atleast_1d(np.asarray(field)) for field in record])
+
+
+def _path_parts(shape: PathShape) -> list[int]:
+    """Return the lengths of the arrays of a `PathState`, but the last one."""
+    return [shape.commanded] * 5 + [shape.n, 2 * shape.n, 2 * shape.n, SIZE, shape.loops]
+
+
+def _settings_parts(shape: PathShape) -> list[int]:
+    """Return the lengths of the arrays of `CycleSettings`, but the last one."""
+    limits = 2 * LOOP_LIMITS if shape.loops else 0
+    return [5 * shape.n, shape.n, *[shape.commanded] * 3, WRENCH * shape.frames, limits]
 
 
 def _parts(array: Vector, sizes: list[int]) -> list[Vector]:
@@ -267,19 +360,21 @@ def _parts(array: Vector, sizes: list[int]) -> list[Vector]:
     return np.split(array, np.cumsum(sizes))
 
 
-def initial_path(n: int, now: float, memory: int = 0,
-                 arbitration: Arbitration = UNGUARDED) -> PathState:
+def initial_path(shape: PathShape, now: float, arbitration: Arbitration = UNGUARDED,
+                 loops: Vector | None = None) -> PathState:
     """Return the state of a path that starts."""
-    zeros = np.zeros(n)
+    zeros = np.zeros(shape.commanded)
+    both = np.zeros(2 * shape.n)
     scalars = dict.fromkeys(PathState._fields[:SCALARS], 0.0)
     scalars |= {'sent_at': now, 'last_now': now, 'last_heard': now, 'last_stamp': NEVER,
                 'request': NO_REQUEST, 'dropped_by': float(NOT_DROPPED),
                 'check_stamp': NEVER, 'frozen_at': NEVER, 'limit_stamp': NEVER,
                 'stop_began': NEVER}
     return PathState(**scalars, tau=zeros, clamped=zeros, rate_limited=zeros, last=zeros,
-                     difference=zeros, pose=zeros, accepted=np.zeros(2 * n),
-                     stop=np.zeros(2 * n), arbitration=np.array(arbitration),
-                     memory=np.zeros(memory))
+                     difference=zeros, pose=np.zeros(shape.n), accepted=both, stop=both,
+                     arbitration=np.array(arbitration),
+                     loops=np.zeros(0) if loops is None else loops,
+                     memory=np.zeros(shape.memory))
 
 
 # Flags.
@@ -287,14 +382,6 @@ def initial_path(n: int, now: float, memory: int = 0,
 def branch(chosen: Scalar, x: PathState, y: PathState) -> PathState:
     """Return the state x where a flag is 1, else y."""
     return PathState(*[either(chosen, a, b) for a, b in zip(x, y)])
-
-
-def finite(numbers: Vector) -> Scalar:
-    """Return 1 if all numbers are finite."""
-    result: Scalar = 1.0
-    for x in numbers:
-        result = result * flag(x > -UNLIMITED) * flag(x < UNLIMITED)
-    return result
 
 
 # The clock.
@@ -312,7 +399,8 @@ def at_time(path: PathState, now: Scalar, settings: CycleSettings) -> PathState:
     has_jumped = select(path.jumps < settings.jumps, 1.0, backward)
     path = branch(has_jumped, jumped, path)
     return path._replace(last_now=now, jumps=settings.jumps, publish=0.0,
-                         reason=float(ACCEPTED), request=NO_REQUEST, retries=0.0)
+                         reason=float(ACCEPTED), request=NO_REQUEST, retries=0.0,
+                         searching=0.0, stops=0.0)
 
 
 def dropped(path: PathState, reason: int) -> PathState:
@@ -328,7 +416,8 @@ def forgotten(path: PathState) -> PathState:
 
 def restarted(path: PathState) -> PathState:
     """Return the path whose law begins at the next state."""
-    return path._replace(holding=0.0, law_known=0.0, blending=0.0, blend_known=0.0)
+    return path._replace(holding=0.0, law_known=0.0, blending=0.0, blend_known=0.0,
+                         untracked=1.0)
 
 
 def resumed(path: PathState, known: Scalar, stamp: Scalar) -> PathState:
@@ -419,7 +508,11 @@ def _waiting(path: PathState, event: Event, state: Vector) -> PathState:
 # A state.
 
 def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings) -> PathState:
-    """Compare a state with the clock, the limits and the last state."""
+    """
+    Compare a state with the clock, the limits and the last state.
+
+    `state` is as long as `PathShape.state`.
+    """
     now = event.now
     stamp = event.stamp
     path = at_time(path, now, settings)
@@ -442,10 +535,11 @@ def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings)
 def _begin(path: PathState, moment: Scalar, state: Vector,
            settings: CycleSettings) -> PathState:
     """Keep a possible first state, which the next one must confirm."""
-    fault = _fault(state, state, 0.0, settings)
+    fault = _fault(state, state[:len(path.accepted)], 0.0, settings)
     kept = _kept(path, moment, state)._replace(confirmed=1.0 - settings.compares)
     kept = kept._replace(reason=FIRST * settings.compares)
-    return branch(flag(fault < 0.5), kept, path._replace(reason=fault, accepted=state))
+    refused = path._replace(reason=fault, accepted=state[:len(path.accepted)])
+    return branch(flag(fault < 0.5), kept, refused)
 
 
 def _compare(path: PathState, moment: Scalar, state: Vector,
@@ -467,12 +561,13 @@ def _compare(path: PathState, moment: Scalar, state: Vector,
 
 def _kept(path: PathState, moment: Scalar, state: Vector) -> PathState:
     """Return the path with a state to compare the next one with."""
-    return path._replace(known=1.0, check_stamp=moment, frozen_at=NEVER, accepted=state)
+    return path._replace(known=1.0, check_stamp=moment, frozen_at=NEVER,
+                         accepted=state[:len(path.accepted)])
 
 
 def _fault(state: Vector, last: Vector, elapsed: Scalar, settings: CycleSettings) -> Scalar:
     """Return `ACCEPTED`, or the first of the reasons why a state is impossible."""
-    n = len(state) // 2
+    n = len(last) // 2
     inside: Scalar = 1.0
     slow: Scalar = 1.0
     near: Scalar = 1.0
@@ -503,18 +598,23 @@ def _between(low: Scalar, x: Scalar, high: Scalar) -> Scalar:
 # The command.
 
 def answer(robot: Robot, law: TracedLaw, path: PathState, event: Event, state: Vector,
-           row: Vector, settings: CycleSettings, parameters: Vector, limits: Vector
-           ) -> PathState:
+           row: Vector, settings: CycleSettings, parameters: Vector, limits: Vector,
+           loops: ClosedLoopRules | None = None) -> PathState:
     """
     Command the torque of a law at an accepted state.
 
     `row` has the polynomials of q, u and udot of the motion's segment, (6, 3 n). Where a
-    torque is not finite, the path stays, with the reason `NO_TORQUE`.
+    torque is not finite, the path stays, with the reason `NO_TORQUE`, or `REFUSED` where
+    closed loops do not determine it.
     """
     stamp = event.stamp
-    q, u = np.split(state, 2)
-    path = _with_new_settings(path, settings)
-    desired = _desired(path, event, row, settings, q, law.holds)
+    q, u = np.split(state[:len(path.accepted)], 2)
+    path = with_new_settings(path, settings)
+    desired = desired_motion(path, event, row, settings, q, law.holds)
+    if loops is not None:
+        measured = loops.search(loops.memory(path).measured)
+        q, u = measured.q, measured.u
+        desired = loops.whole(path, desired)
     torque, memory = law.torque(LawInput(
         q, u, stamp, desired, 1.0 - path.law_known, path.memory[:law.memory],
         settings.law[:law.settings], parameters, limits,
@@ -533,7 +633,11 @@ def answer(robot: Robot, law: TracedLaw, path: PathState, event: Event, state: V
     if law.holds:
         # The first state without a motion is the pose that is held next.
         commanded = commanded._replace(holding=1.0 - desired.moving, pose=desired.q)
-    return branch(is_finite, commanded, path._replace(reason=float(NO_TORQUE)))
+    reason: Scalar = float(NO_TORQUE)
+    if loops is not None:
+        # The first torque alone says that they are not determined.
+        reason = either(finite(torque[1:]), float(REFUSED), reason)
+    return branch(is_finite, commanded, path._replace(reason=reason))
 
 
 def _external(robot: Robot, q: Vector, now: Scalar, settings: CycleSettings
@@ -555,7 +659,7 @@ def _external(robot: Robot, q: Vector, now: Scalar, settings: CycleSettings
     return external
 
 
-def _with_new_settings(path: PathState, settings: CycleSettings) -> PathState:
+def with_new_settings(path: PathState, settings: CycleSettings) -> PathState:
     """Return the path whose law begins or changes, if the settings say so."""
     begins = flag(path.restarts < settings.restarts)
     path = branch(begins, restarted(path), path)
@@ -567,7 +671,7 @@ def _with_new_settings(path: PathState, settings: CycleSettings) -> PathState:
                          last=_within_effort(path.last, settings))
 
 
-def _desired(path: PathState, event: Event, row: Vector, settings: CycleSettings, q: Vector,
+def desired_motion(path: PathState, event: Event, row: Vector, settings: CycleSettings, q: Vector,
              holds: bool) -> Desired:
     """Return the desired motion; that which was scheduled before a drop counts no more."""
     moving = event.moving * (1.0 - flag(settings.drops < path.drops))
@@ -623,26 +727,36 @@ def _differ(x: Vector, y: Vector) -> Vector:
 # A refused state.
 
 def refuse(robot: Robot, terms: Terms, path: PathState, event: Event, settings: CycleSettings,
-           parameters: Vector) -> PathState:
+           parameters: Vector, loops: ClosedLoopRules | None = None) -> PathState:
     """
     Command what follows a state that is not answered; `path.reason` says why.
 
     The last command goes on during the grace time. After it the torques are zero, or
-    bring the arm to rest.
+    bring the arm to rest; with closed loops that torque follows from `LoopRules.hold`.
     """
     now = event.now
     reason = path.reason
     since = either(path.refusing, path.refused_since, now)
     path_then = path._replace(refusing=1.0, refused_since=since)
+    if loops is not None:
+        # A motion that the loops cannot follow ends at once.
+        ends = flag(reason > REFUSED - 0.5)
+        path_then = branch(ends, dropped(path_then, BY_LOOPS), path_then)
     lasts = flag(settings.grace < now - since) * (1.0 - path.fault)
     given_up = _given_up(path_then, reason, settings)
-    stopping = _stopping(robot, terms, given_up, reason, settings, parameters)
+    stopping = _stopping(robot, terms, given_up, reason, settings, parameters, loops)
     stops = settings.holds * path_then.confirmed
-    path_then = branch(lasts, branch(stops, stopping, given_up), path_then)
+    begun = branch(stops, stopping, given_up)
+    if loops is not None:
+        begun = loops.given_up(begun)
+    path_then = branch(lasts, begun, path_then)
 
     repeated = _repeated(path_then, settings)
-    held = branch(path_then.confirmed,
-                  _held(robot, terms, repeated, settings, parameters), repeated)
+    if loops is None:
+        held = _held(robot, terms, repeated, settings, parameters)
+    else:
+        held = loops.begin_hold(repeated, settings)
+    held = branch(path_then.confirmed, held, repeated)
     after_grace = branch(settings.holds, held, with_zeros(path_then, now))
     commanded = branch(path_then.fault, after_grace, repeated)
     permitted = Arbitration(*path.arbitration).permitted
@@ -654,7 +768,7 @@ def _given_up(path: PathState, reason: Scalar, settings: CycleSettings) -> PathS
     """Return the path when states are refused for longer than the grace."""
     faulty = dropped(path, BY_REFUSAL)._replace(fault=1.0)
     # A false state must not become possible because time passes.
-    is_false = flag(reason < NO_TORQUE - 0.5)
+    is_false = flag(reason < OFF_BRANCH + 0.5)
     faulty = faulty._replace(frozen_at=either(
         is_false, path.check_stamp + settings.grace, path.frozen_at))
     # The torque goes on, but the pose that was held is left: meanwhile the arm can have
@@ -673,18 +787,22 @@ def _repeated(path: PathState, settings: CycleSettings) -> PathState:
 
 
 def _stopping(robot: Robot, terms: Terms, path: PathState, reason: Scalar,
-              settings: CycleSettings, parameters: Vector) -> PathState:
+              settings: CycleSettings, parameters: Vector, loops: ClosedLoopRules | None
+              ) -> PathState:
     """Return the path whose arm begins to stop, from where the model says that it is."""
     q, u = np.split(path.accepted, 2)
     elapsed = (path.last_heard - path.check_stamp) / NANO
-    reached = np.concatenate(reached_state(robot, terms, range(len(q)), q, u, path.tau,
-                                           elapsed, parameters))
+    if loops is None:
+        reached = np.concatenate(reached_state(robot, terms, range(len(q)), q, u,
+                                               path.tau, elapsed, parameters))
+    else:
+        reached = loops.reached(path, elapsed, parameters)
     rest = np.concatenate([q, 0.0 * u])
     stop = either(finite(reached), reached, rest)
     began, speeds = np.split(stop, 2)
     # The next accepted state is near where the arm comes to rest.
     end = began + 0.5 * settings.stop_time / NANO * speeds
-    is_false = flag(reason < NO_TORQUE - 0.5)
+    is_false = flag(reason < OFF_BRANCH + 0.5)
     expected = either(is_false, np.concatenate([end, 0.0 * u]), path.accepted)
     return path._replace(stop=stop, stop_began=path.last_heard, accepted=expected)
 
@@ -700,6 +818,12 @@ def _held(robot: Robot, terms: Terms, path: PathState, settings: CycleSettings,
     torque = stopping_torque(
         robot, terms, either(is_stopping, begun, q), either(is_stopping, speeds, 0.0 * u),
         elapsed, settings.stop_time / NANO, parameters)
+    return torques_within_limits(path, torque, settings)
+
+
+def torques_within_limits(path: PathState, torque: Vector, settings: CycleSettings
+                          ) -> PathState:
+    """Return the path that commands torques in a fault; the same path if not finite."""
     clamped, tau = _limited(path, path.last_heard, torque, settings)
     held = path._replace(tau=tau, last=tau, clamped=_differ(clamped, torque),
                          rate_limited=_differ(tau, clamped), limit_known=1.0,

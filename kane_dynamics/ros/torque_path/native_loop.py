@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Mapping, Sequence
 import ctypes
+from functools import partial
 import os
 from pathlib import Path
 import signal
 from typing import Any, NamedTuple
 from weakref import finalize
 
+from kane_dynamics._util.typing import Vector
 from kane_dynamics.control.terms import Mode, Terms
 from kane_dynamics.control.traced_laws import TracedLaw
 from kane_dynamics.motion.motion import Motion, segment_table
@@ -20,9 +22,10 @@ from kane_dynamics.ros.torque_path.cdr import (float64_multi_array, joint_comman
                                                joint_state_of_efforts, PreparedMessage,
                                                STAMP_AT)
 from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, Event, EVENT_SIZE,
-                                                       PathState)
+                                                       packed, PathShape, PathState)
 from kane_dynamics.ros.torque_path.guard_messages import FIELDS
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateLayout
+from kane_dynamics.ros.torque_path.loop_rules import LoopRules
 from kane_dynamics.ros.torque_path.rcl_functions import message_of, RclLoop
 from kane_dynamics.task_space.law_kernel import identifier
 import numpy as np
@@ -34,101 +37,151 @@ LARGEST = 8192  # bytes of a message
 NAME = b'torque_path'  # of the thread
 INFO_SIZE = 256  # bytes, more than a message info has
 DROPS = PathState._fields.index('drops')
+# The arguments of the rules, by the name of their kernel.
+INPUTS = {
+    'JUDGE': ('path', 'event', 'state', 'settings'),
+    'ANSWER': ('path', 'event', 'state', 'row', 'settings'),
+    'REFUSE': ('path', 'event', 'settings'),
+    'ELAPSE': ('path', 'event', 'settings'),
+    'PERMIT': ('path', 'event', 'state'),
+    'CONFIRM': ('path', 'event', 'state'),
+    'HEAR': ('path', 'event', 'numbers', 'settings'),
+    'CLOSE': ('path', 'event', 'state', 'settings'),
+    'CLOSING': ('path', 'event', 'state', 'settings'),
+    'AIM': ('path', 'event', 'state', 'row', 'settings'),
+    'AIMING': ('path', 'settings'),
+    'HOLD': ('path', 'settings')}
+WITH_PARAMETERS = ('ANSWER', 'REFUSE', 'HOLD')  # of the robot
+OF_GUARD = ('PERMIT', 'CONFIRM', 'HEAR')  # only with torque_guard
 
 
-class Rules(NamedTuple):
-    """The compiled rules of `cycle_rules`."""
+class CycleKernels:
+    """
+    The compiled rules of `cycle_rules`, and of `loop_rules` for closed loops.
 
-    judge: Kernel
-    answers: dict[Mode, Kernel]
-    refuse: Kernel
-    elapse: Kernel
-    permit: Kernel
-    confirm: Kernel
-    hear: Kernel
+    Parameters
+    ----------
+    robot : Robot
+    terms : Terms
+        Terms of the command.
+    laws : mapping of Mode to TracedLaw
+    loops : LoopRules, optional
+        With closed loops.
+    commanded : int, optional
+        Number of the joints with actuators. Default: all.
 
+    Attributes
+    ----------
+    shape : PathShape
+    by_name : dict of str to Kernel
+        Each moves the state of the path; the keys are those of a plan.
+    answers, aims : dict of Mode to Kernel
+        The command of each mode; where its law needs it, the begin of the search for the
+        desired configuration.
+    further : array of int
+        With closed loops: the joints that need not be measured.
 
-class LawSizes(NamedTuple):
-    """The largest memory and the most settings of some laws."""
+    """
 
-    memory: int
-    settings: int
+    def __init__(self, robot: Robot, terms: Terms, laws: Mapping[Mode, TracedLaw],
+                 loops: LoopRules | None = None, commanded: int | None = None) -> None:
+        self._robot = robot
+        self.shape = PathShape(
+            robot.n, robot.n_q if commanded is None else commanded, robot.n_q,
+            len(robot.equations.wrench_frames),
+            max(law.settings for law in laws.values()),
+            max(law.memory for law in laws.values()), loops.size if loops else 0)
+        # Names distinguish kernels, so that terms, sizes and variants are part of them.
+        weights = ''.join(str(int(weight)) for weight in terms.weights)
+        sizes = '_'.join(map(str, self.shape))
+        self._label = f'{weights}_{sizes}'
+        if loops is not None:
+            joints = (*loops.joints.followed, *loops.joints.commanded)
+            self._label += '_' + '_'.join(map(str, joints))
+        self.further = np.zeros(0, dtype=np.int64)
+        if loops is not None:
+            others = set(range(robot.n_q)) - set(loops.joints.followed)
+            self.further = np.array(sorted(others), dtype=np.int64)
+        self.by_name: dict[str, Kernel] = {}
+        self.answers: dict[Mode, Kernel] = {}
+        self.aims: dict[Mode, Kernel] = {}
+        self._compile('JUDGE', cycle_rules.judge)
+        self._compile('ELAPSE', cycle_rules.elapse)
+        self._compile('PERMIT', cycle_rules.permit)
+        self._compile('CONFIRM', cycle_rules.confirm)
+        self._compile('HEAR', cycle_rules.hear)
+        self._compile('REFUSE', self._with_parameters(
+            partial(cycle_rules.refuse, robot, terms, loops=loops)))
+        for mode, law in laws.items():
+            self.answers[mode] = self._answer(mode, law, loops)
+        if loops is not None:
+            self._compile_loops(loops, laws)
 
+    def _compile_loops(self, loops: LoopRules, laws: Mapping[Mode, TracedLaw]) -> None:
+        """Compile what arms with closed loops need in addition."""
+        self._compile('CLOSE', loops.close)
+        self._compile('CLOSING', loops.go_on_closing)
+        self._compile('AIMING', loops.go_on_aiming)
 
-def sizes_of(laws: Mapping[Mode, TracedLaw]) -> LawSizes:
-    """Return what is enough for each of the laws."""
-    memories = [law.memory for law in laws.values()]
-    settings = [law.settings for law in laws.values()]
-    return LawSizes(max(memories), max(settings))
+        def hold(path: PathState, settings: CycleSettings, parameters: Vector,
+                 limits: Vector) -> PathState:
+            return loops.hold(path, settings, parameters, limits)
+        self._compile('HOLD', hold)
+        for mode, law in laws.items():
+            if law.closes:
+                aim = partial(loops.aim, law=law)
+                self.aims[mode] = self._kernel('AIM', aim, f'_{mode}')
 
+    def _answer(self, mode: Mode, law: TracedLaw, loops: LoopRules | None) -> Kernel:
+        """Compile the command of a mode."""
+        robot = self._robot
 
-def compiled_rules(robot: Robot, terms: Terms, laws: Mapping[Mode, TracedLaw]) -> Rules:
-    """Compile the rules of a cycle for a robot in joint rates, with its laws by mode."""
-    n = robot.n
-    sizes = sizes_of(laws)
-    frames = len(robot.equations.wrench_frames)
-    # Names distinguish kernels, so that terms, sizes and variants are part of them.
-    weights = ''.join(str(int(weight)) for weight in terms.weights)
-    label = f'{weights}_{sizes.memory}_{sizes.settings}'
-    event_shape = (EVENT_SIZE,)
-    state_shape = (2 * n,)
-    path_shape = (cycle_rules.path_size(n, sizes.memory),)
-    settings_shape = (cycle_rules.settings_size(n, sizes.settings, frames),)
-    row_shape = (6, 3 * n)
-
-    def judge(path: Any, event: Any, state: Any, settings: Any) -> Any:
-        return cycle_rules.packed(cycle_rules.judge(
-            cycle_rules.unpacked_path(path, n), Event(*event), state,
-            cycle_rules.unpacked_settings(settings, n, frames)))
-
-    def answer_of(mode: Mode) -> Kernel:
-        def answer(path: Any, event: Any, state: Any, row: Any, settings: Any,
-                   parameters: Any, limits: Any) -> Any:
-            return cycle_rules.packed(cycle_rules.answer(
-                robot, laws[mode], cycle_rules.unpacked_path(path, n), Event(*event), state, row,
-                cycle_rules.unpacked_settings(settings, n, frames), parameters, limits))
+        def answer(path: PathState, event: Event, state: Vector, row: Vector,
+                   settings: CycleSettings, parameters: Vector, limits: Vector
+                   ) -> PathState:
+            return cycle_rules.answer(robot, law, path, event, state, row, settings,
+                                      parameters, limits, loops)
         # A law of another frame or other axes must not be found in the cache.
-        name = identifier(f'answer_{mode}_{label}', *laws[mode].variant)
-        return robot.compiled(answer, name=name, path=path_shape, event=event_shape,
-                              state=state_shape, row=row_shape, settings=settings_shape,
-                              shape=path_shape)
+        return self._kernel('ANSWER', answer, identifier(f'_{mode}', *law.variant))
 
-    def refuse(path: Any, event: Any, settings: Any, parameters: Any) -> Any:
-        return cycle_rules.packed(cycle_rules.refuse(
-            robot, terms, cycle_rules.unpacked_path(path, n), Event(*event),
-            cycle_rules.unpacked_settings(settings, n, frames), parameters))
+    @staticmethod
+    def _with_parameters(rule: Callable[..., PathState]) -> Callable[..., PathState]:
+        """Return a rule of the robot's parameters, which does not use their limits."""
+        def supplied(*arguments: Any, parameters: Vector, limits: Vector) -> PathState:
+            return rule(*arguments, parameters)
+        return supplied
 
-    def elapse(path: Any, event: Any, settings: Any) -> Any:
-        return cycle_rules.packed(cycle_rules.elapse(
-            cycle_rules.unpacked_path(path, n), Event(*event),
-            cycle_rules.unpacked_settings(settings, n, frames)))
+    def _compile(self, name: str, rule: Callable[..., PathState]) -> None:
+        """Compile a rule by its name."""
+        self.by_name[name] = self._kernel(name, rule)
 
-    def permit(path: Any, event: Any, state: Any) -> Any:
-        return cycle_rules.packed(cycle_rules.permit(
-            cycle_rules.unpacked_path(path, n), Event(*event), state))
+    def _kernel(self, name: str, rule: Callable[..., PathState], variant: str = ''
+                ) -> Kernel:
+        """Compile a rule: its arguments are arrays, as is the path that it returns."""
+        shape = self.shape
+        path_shape = (cycle_rules.path_size(shape),)
+        shapes = {'path': path_shape, 'event': (EVENT_SIZE,), 'state': (shape.state,),
+                  'row': (6, 3 * shape.n), 'numbers': (FIELDS + shape.commanded,),
+                  'settings': (cycle_rules.settings_size(shape),)}
+        inputs = INPUTS[name]
 
-    def confirm(path: Any, event: Any, state: Any) -> Any:
-        return cycle_rules.packed(cycle_rules.confirm(
-            cycle_rules.unpacked_path(path, n), Event(*event), state))
-
-    def hear(path: Any, event: Any, numbers: Any, settings: Any) -> Any:
-        return cycle_rules.packed(cycle_rules.hear(
-            cycle_rules.unpacked_path(path, n), Event(*event), numbers,
-            cycle_rules.unpacked_settings(settings, n, frames)))
-    return Rules(
-        robot.compiled(judge, name=f'judge_{label}', path=path_shape, event=event_shape,
-                       state=state_shape, settings=settings_shape, shape=path_shape),
-        {mode: answer_of(mode) for mode in laws},
-        robot.compiled(refuse, name=f'refuse_{label}', path=path_shape, event=event_shape,
-                       settings=settings_shape, shape=path_shape),
-        robot.compiled(elapse, name=f'elapse_{label}', path=path_shape, event=event_shape,
-                       settings=settings_shape, shape=path_shape),
-        robot.compiled(permit, name=f'permit_{label}', path=path_shape, event=event_shape,
-                       state=state_shape, shape=path_shape),
-        robot.compiled(confirm, name=f'confirm_{label}', path=path_shape,
-                       event=event_shape, state=state_shape, shape=path_shape),
-        robot.compiled(hear, name=f'hear_{label}', path=path_shape, event=event_shape,
-                       numbers=(FIELDS + n,), settings=settings_shape, shape=path_shape))
+        def compiled(*arrays: Vector, parameters: Vector, limits: Vector) -> Vector:
+            arguments: list[Any] = []
+            for key, array in zip(inputs, arrays, strict=True):
+                if key == 'path':
+                    arguments.append(cycle_rules.unpacked_path(array, shape))
+                elif key == 'settings':
+                    arguments.append(cycle_rules.unpacked_settings(array, shape))
+                elif key == 'event':
+                    arguments.append(Event(*array))
+                else:
+                    arguments.append(array)
+            if name in WITH_PARAMETERS:
+                return packed(rule(*arguments, parameters=parameters, limits=limits))
+            return packed(rule(*arguments))
+        return self._robot.compiled(compiled, name=f'{name.lower()}_{self._label}{variant}',
+                                    shape=path_shape,
+                                    **{key: shapes[key] for key in inputs})
 
 
 class CyclePlan:
@@ -159,13 +212,16 @@ class CyclePlan:
                  parameters: Array, layouts: Sequence[JointStateLayout],
                  motions: Sequence[tuple[Motion, int] | None], period: int,
                  replay: tuple[int, bytes], longest: int | None = None) -> None:
-        rules = loop.rules
-        self._kept: list[Any] = [rules]
-        numbers = cycle_rules.packed(settings)
+        kernels = loop.kernels
+        shape = kernels.shape
+        self._shape = shape
+        self._further = kernels.further
+        self._kept: list[Any] = [kernels]
+        numbers = packed(settings)
         block = parameters.copy()
         number, message = replay
         data = np.frombuffer(message, dtype=np.uint8).copy()
-        at_rest = np.zeros((6, 3 * loop.n))
+        at_rest = np.zeros((6, 3 * shape.n))
         layout_words = [self._layout(layout) for layout in layouts]
         words = {'PERIOD': period,
                  'LAYOUTS': self._words(layout_words), 'LAYOUT_COUNT': len(layouts),
@@ -173,20 +229,22 @@ class CyclePlan:
                  'REPLAY_LENGTH': len(message),
                  'MOTION': self._motion(motions[0]), 'NEXT_MOTION': self._motion(motions[1]),
                  'REST': self._at(at_rest)}
+        called = dict(kernels.by_name)
+        called['ANSWER'] = kernels.answers[mode]
+        if mode in kernels.aims:
+            called['AIM'] = kernels.aims[mode]
+        if longest is None:
+            for name in OF_GUARD:
+                del called[name]
+        else:
+            words['LONGEST'] = longest
 
         # A kernel is called with a table of the addresses of its arguments and result.
-        path, event, state = loop.path, loop.event, loop.state
-        arguments = {'JUDGE': (rules.judge, [path, event, state, numbers]),
-                     'ANSWER': (rules.answers[mode], [path, event, state, at_rest, numbers]),
-                     'REFUSE': (rules.refuse, [path, event, numbers]),
-                     'ELAPSE': (rules.elapse, [path, event, numbers])}
-        if longest is not None:
-            words['LONGEST'] = longest
-            arguments |= {'PERMIT': (rules.permit, [path, event, state]),
-                          'CONFIRM': (rules.confirm, [path, event, state]),
-                          'HEAR': (rules.hear, [path, event, loop.heard, numbers])}
-        for name, (kernel, arrays) in arguments.items():
-            addresses = [self._at(array) for array in (*arrays, block, loop.result)]
+        arrays = {'path': loop.path, 'event': loop.event, 'state': loop.state,
+                  'row': at_rest, 'numbers': loop.heard, 'settings': numbers}
+        for name, kernel in called.items():
+            addresses = [self._at(arrays[key]) for key in INPUTS[name]]
+            addresses += [self._at(block), self._at(loop.result)]
             words[name] = kernel.address
             words[f'{name}_TABLE'] = self._words(addresses)
         self.address = self._words([words.get(name, 0) for name in message_loop.PLAN])
@@ -202,12 +260,23 @@ class CyclePlan:
 
     def _layout(self, layout: JointStateLayout) -> list[int]:
         """Return the words of a layout."""
+        shape = self._shape
         length = len(layout.buffer)
         mask = np.frombuffer(layout.mask.to_bytes(length, 'little'), dtype=np.uint8)
         expected = (layout.expected & layout.mask).to_bytes(length, 'little')
-        offsets = layout.positions_at + 8 * layout.index.astype(np.int64)
+        entries = layout.index
+        places = np.arange(len(entries))
+        constants = np.zeros(shape.state)
+        if shape.loops:
+            # Positions of further joints, which are compared with the closed loops.
+            further = self._further[list(layout.others.places)]
+            entries = np.concatenate([entries, layout.others.entries])
+            places = np.concatenate([places, 2 * shape.n + further])
+            constants[2 * shape.n + shape.joints + further] = 1.0
+        offsets = layout.positions_at + 8 * entries.astype(np.int64)
         return [length, self._at(mask), self._at(np.frombuffer(expected, np.uint8)),
-                len(offsets), self._at(offsets)]
+                len(offsets), self._at(offsets), self._at(places.astype(np.int64)),
+                self._at(constants)]
 
     def _motion(self, scheduled: tuple[Motion, int] | None) -> int:
         """Return the address of the words of a motion; 0 without one."""
@@ -257,59 +326,68 @@ class NativeLoop:
 
     Parameters
     ----------
-    robot : Robot
-        In joint rates.
-    terms : Terms
-        Terms of the command.
-    laws : mapping of Mode to TracedLaw
+    kernels : CycleKernels
+    joints : sequence of str
+        The commanded joints.
 
     """
 
-    def __init__(self, robot: Robot, terms: Terms, laws: Mapping[Mode, TracedLaw]
-                 ) -> None:
-        n = robot.n
-        self.n = n
-        self.sizes = sizes_of(laws)
-        self.rules = compiled_rules(robot, terms, laws)
+    def __init__(self, kernels: CycleKernels, joints: Sequence[str]) -> None:
+        shape = kernels.shape
+        self.kernels = kernels
+        self.shape = shape
         self._code = message_loop.message_loop(DROPS)
         self._write = message_loop.write_word(DROPS)
         self._read = message_loop.read_word(DROPS)
+
         self.block: Words = np.zeros(len(message_loop.BLOCK), dtype=np.int64)
-        path_size = cycle_rules.path_size(n, self.sizes.memory)
+
+        # What the rules read and write.
+        path_size = cycle_rules.path_size(shape)
         self.path = np.zeros(path_size)
         self.result = np.zeros(path_size)
         self.event = np.zeros(message_loop.EVENT_LENGTH)
-        self.state = np.zeros(2 * n)
-        self.heard = np.zeros(FIELDS + n)  # the last message of torque_guard
+        self.state = np.zeros(shape.state)
+        self.heard = np.zeros(FIELDS + shape.commanded)  # the last message of torque_guard
+
+        # What the thread publishes.
+        self.command = float64_multi_array(shape.commanded)
+        self.torques = joint_state_of_efforts(joints)
+        self.stamped = joint_command(joints, 'effort')
+        self.request = float64_multi_array(1)
+
+        # What it needs beside.
+        head = 8 * (len(message_loop.SLOT) + message_loop.EVENT_LENGTH + path_size)
+        self._ring = np.zeros((SLOTS, head + LARGEST), dtype=np.uint8)
         self._info = np.zeros(INFO_SIZE, dtype=np.uint8)
         self._kept = np.zeros(LARGEST, dtype=np.uint8)  # a state that waits
-        head = 8 * (len(message_loop.SLOT) + message_loop.EVENT_LENGTH + len(self.path))
-        self._ring = np.zeros((SLOTS, head + LARGEST), dtype=np.uint8)
-        self.command = float64_multi_array(n)
-        self.torques = joint_state_of_efforts(robot.joint_names)
-        self.stamped = joint_command(robot.joint_names, 'effort')
-        self.request = float64_multi_array(1)
-        from_guard = float64_multi_array(FIELDS + n)
         self._used: list[Any] = []  # memory of words that are addresses
         self._plans: list[CyclePlan] = []
         self._end: Callable[[], object] = bool
         self._wake: Callable[[], None] = lambda: None
         library = ctypes.CDLL(None)
         self._library = library
-        self._set(RING=self._ring.ctypes.data, SLOTS=SLOTS, SLOT_SIZE=self._ring.shape[1],
-                  STEADY=ctypes.cast(library.clock_gettime, ctypes.c_void_p).value,
-                  INFO=self._info.ctypes.data, PATH=self.path.ctypes.data,
-                  RESULT=self.result.ctypes.data, PATH_SIZE=len(self.path),
-                  EVENT=self.event.ctypes.data, STATE=self.state.ctypes.data,
-                  STATE_COUNT=2 * n, TAU=cycle_rules.SCALARS, TAU_COUNT=n,
-                  LARGEST=LARGEST, KEPT=self._kept.ctypes.data,
-                  GUARD_LENGTH=from_guard.bytes.size,
-                  GUARD_AT=from_guard.bytes.size - from_guard.numbers.nbytes,
-                  GUARD_NUMBERS=self.heard.ctypes.data, GUARD_BYTES=self.heard.nbytes,
-                  REQUEST_MESSAGE=self._message(self.request),
-                  REQUEST_NUMBER=self.request.numbers.ctypes.data,
-                  PUBLISH=self._code.address('publish_nothing'))
+        self._describe_memory()
         self.publish_to(0, 0)
+
+    def _describe_memory(self) -> None:
+        """Write the addresses and sizes of the memory into the block."""
+        from_guard = float64_multi_array(len(self.heard))
+        self._set(RING=self._ring.ctypes.data, SLOTS=SLOTS,
+                  SLOT_SIZE=self._ring.shape[1], INFO=self._info.ctypes.data)
+        self._set(PATH=self.path.ctypes.data, RESULT=self.result.ctypes.data,
+                  PATH_SIZE=len(self.path), TAU=cycle_rules.SCALARS,
+                  TAU_COUNT=self.shape.commanded)
+        self._set(EVENT=self.event.ctypes.data, STATE=self.state.ctypes.data,
+                  STATE_COUNT=len(self.state))
+        self._set(LARGEST=LARGEST, KEPT=self._kept.ctypes.data)
+        self._set(GUARD_LENGTH=from_guard.bytes.size,
+                  GUARD_AT=from_guard.bytes.size - from_guard.numbers.nbytes,
+                  GUARD_NUMBERS=self.heard.ctypes.data, GUARD_BYTES=self.heard.nbytes)
+        self._set(REQUEST_MESSAGE=self._message(self.request),
+                  REQUEST_NUMBER=self.request.numbers.ctypes.data)
+        steady = ctypes.cast(self._library.clock_gettime, ctypes.c_void_p).value
+        self._set(STEADY=steady, PUBLISH=self._code.address('publish_nothing'))
 
     def _message(self, message: PreparedMessage) -> int:
         """Return the address of the structure of a message, which is kept."""
@@ -396,7 +474,7 @@ class NativeLoop:
 
     def begin(self, epoch: int, path: PathState) -> None:
         """Prepare a start at a time of the node's clock, ns."""
-        self.path[:] = cycle_rules.packed(path)
+        self.path[:] = packed(path)
         self.event[:] = 0.0
         self._plans = []
         self._set(EPOCH=epoch, STOP=0, ENDED=0, HEAD=0, TAIL=0, LOST=0, REPLAYED=0,
@@ -484,7 +562,7 @@ class NativeLoop:
         begin = at + 8 * numbers
         message = slot[begin:begin + named['MESSAGE_LENGTH']].tobytes()
         return Report(named['KIND'], named['ALL_LOST'], named['BEGIN'], named['END'],
-                      named['SEQUENCE'], event, cycle_rules.unpacked_path(path, self.n),
+                      named['SEQUENCE'], event, cycle_rules.unpacked_path(path, self.shape),
                       message)
 
     def answer(self, message: bytes) -> None:

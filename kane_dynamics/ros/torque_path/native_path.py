@@ -12,7 +12,12 @@ from typing import Any, NamedTuple, Protocol
 
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.torque_limiter import Command
-from kane_dynamics.control.traced_laws import controller_laws, MODES
+from kane_dynamics.control.traced_laws import (Actuation, closed_loop_laws,
+                                               controller_laws, MODES)
+from kane_dynamics.loop_tracking.loop_tracker import (LoopTracker, mirror, refusal,
+                                                      search_array, search_of,
+                                                      squared_limits)
+from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.motion.motion import State
 from kane_dynamics.native.runtime.message_loop import (ELAPSED, HEARD, MOMENT, MOVING,
                                                        NOW, STAMP, UNKNOWN)
@@ -20,28 +25,35 @@ from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.lost_messages import LostMessages
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
 from kane_dynamics.ros.torque_path.arbitration import Arbitration, UNGUARDED
-from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
+from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
+                                                              commanded_joints)
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
 from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, BY_CLOCK, BY_GUARD,
-                                                       BY_REFUSAL, BY_TIMEOUT,
-                                                       CycleSettings, FIRST,
-                                                       initial_path, JUMP, NEVER,
+                                                       BY_LOOPS, BY_REFUSAL, BY_TIMEOUT,
+                                                       CONTRADICTORY, CycleSettings,
+                                                       FIRST, initial_path, JUMP,
+                                                       NEAR_SINGULAR, NEVER,
                                                        NO_CLOCK as NO_CLOCK_RULE,
+                                                       NO_MODE,
                                                        NO_TORQUE as NO_TORQUE_RULE,
                                                        NOT_FINITE as FIRST_REFUSED,
-                                                       OUT_OF_ORDER,
-                                                       PathState, WAITING, WRENCH)
+                                                       OFF_BRANCH, OUT_OF_ORDER,
+                                                       PathState,
+                                                       REFUSED as REFUSED_RULE,
+                                                       WAITING, WRENCH)
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN,
                                                               JointStateLayout,
                                                               MALFORMED, MAX_LAYOUTS,
                                                               MISSING, NO_CLOCK,
                                                               NOT_FINITE, time_fault)
-from kane_dynamics.ros.torque_path.native_loop import (CyclePlan, LARGEST,
+from kane_dynamics.ros.torque_path.loop_rules import (initial_loops, LoopRules,
+                                                      unpacked_loops)
+from kane_dynamics.ros.torque_path.native_loop import (CycleKernels, CyclePlan, LARGEST,
                                                        NativeLoop, Report)
 from kane_dynamics.ros.torque_path.rcl_functions import handle_address, RclLoop
 from kane_dynamics.ros.torque_path.task_modes import native_laws, NATIVE_MODES
-from kane_dynamics.ros.torque_path.torque_path import NO_TORQUE, TorquePath
+from kane_dynamics.ros.torque_path.torque_path import NO_TORQUE, REFUSED, TorquePath
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
@@ -51,6 +63,7 @@ LONGEST_WAIT = 0.2  # of the timeout, between two looks at the clock
 ENDED = 'the native torque path ended'
 TOO_LARGE = (f'empty or more than {LARGEST} bytes; expected at most as many, or '
              'torque_path: python')
+OF_LOOPS = (CONTRADICTORY, OFF_BRANCH, NEAR_SINGULAR, NO_MODE)
 # A reason to drop a state.
 LEARNED = 'layout learned after newer states'
 
@@ -70,19 +83,23 @@ def python_reason(values: Mapping[str, Any], controller: Controller) -> str:
     robot = controller.robot
     equations = robot.equations
     every_term = controller.compensate.complete
-    if not equations.in_joint_rates or equations.timed:
-        return 'closed loops, constraints or chosen speeds'
+    closes = bool(robot.constraint_names)
+    modes = MODES if closes else (*MODES, *NATIVE_MODES)
+    if equations.timed:
+        return 'constraints that depend on time'
+    if not closes and not equations.in_joint_rates:
+        return 'chosen speeds'
     if controller.bending is not None:
         return 'flexible links'
     if robot.model.balls:
         return 'ball joints'
-    if len(commanded_joints(robot, controller.followed)) < robot.n:
+    if not closes and len(commanded_joints(robot, controller.followed)) < robot.n:
         return 'joints without actuators'
     if equations.carries_loads and not every_term:
         return 'friction that depends on loads, with arm_compensates'
     for mode in (values['mode'], *values['modes']):
-        if mode not in (*MODES, *NATIVE_MODES):
-            return f'mode {mode}'
+        if mode not in modes:
+            return f'mode {mode}' + ' of an arm with closed loops' * closes
     return ''
 
 
@@ -146,10 +163,8 @@ class NativeTorquePath(TorquePath):
         self._loop: NativeLoop | None = None
         super().__init__(controller, *arguments, **named)
         self.active_motion = ActiveMotion(self._replan)
-        self._laws = native_laws(controller)
-        laws = controller_laws(controller.robot, controller.compensate)
-        laws |= {mode: law.traced() for mode, law in self._laws.items()}
-        self._loop = NativeLoop(controller.robot, controller.compensate, laws)
+        self._laws = {} if self.loops else native_laws(controller)
+        self._loop = NativeLoop(self._kernels(), self.messages.joints)
         self._rcl: RclLoop | None = None
         self._guard: GuardSide | None = None
         self._time_source: Any = None  # the node's clock, if the thread hears /clock
@@ -161,10 +176,29 @@ class NativeTorquePath(TorquePath):
         self._asked = [0, 0]  # jumps of the clock, silences
         self._silence_reason = ''
         self._replay = 0, b''
+        self._message_fault: str | None = None  # of the last report, by the reader
         self._layouts: list[JointStateLayout] = []  # that the thread knows
         self.unobserved = 0
         self._unsent = 0
         self._lost_states = LostMessages()
+
+    def _kernels(self) -> CycleKernels:
+        """Compile the rules and laws of the thread."""
+        controller = self.controller
+        robot = controller.robot
+        terms = controller.compensate
+        if self.loops is None:
+            laws = controller_laws(robot, terms)
+            laws |= {mode: law.traced() for mode, law in self._laws.items()}
+            return CycleKernels(robot, terms, laws)
+        joints = Actuation(tuple(self._follow),
+                           commanded_joints(robot, controller.followed),
+                           controller.preload)
+        # It explains why a desired configuration is refused.
+        self._desired_loops = LoopTracker(robot, controller.followed,
+                                          max_figure=SINGULAR)
+        return CycleKernels(robot, terms, closed_loop_laws(robot, terms, joints),
+                            LoopRules(robot, terms, joints), len(joints.commanded))
 
     @property
     def native(self) -> NativeLoop:
@@ -290,13 +324,14 @@ class NativeTorquePath(TorquePath):
     def _settings(self) -> CycleSettings:
         """Return the numbers of a plan."""
         controller = self.controller
-        law = np.zeros(self.native.sizes.settings)
+        law = np.zeros(self.native.shape.law)
         numbers = self._law_settings
         own_law = self._laws.get(controller.mode)
         if own_law is not None:
             numbers = np.concatenate([numbers, own_law.order_numbers(self._epoch)])
         law[:len(numbers)] = numbers
-        rate = controller.rate_limit
+        rate = self.messages.of_commanded(controller.rate_limit)
+        effort = self.messages.of_commanded(controller.effort_limit)
         is_limited = np.isfinite(rate)
         check = self.states
         return CycleSettings(
@@ -306,8 +341,16 @@ class NativeTorquePath(TorquePath):
             float(self._changes[0]), float(self._changes[1]), float(self._asked[0]),
             float(self._asked[1]), float(self._last.drops), self._wrench_timeout,
             check.bounds.ravel(), check.turning.astype(np.float64),
-            controller.effort_limit, np.where(is_limited, rate, 0.0),
-            np.where(is_limited, 0.0, np.inf), self._measured_wrenches(), law)
+            effort, np.where(is_limited, rate, 0.0),
+            np.where(is_limited, 0.0, np.inf), self._measured_wrenches(),
+            self._loop_limits(), law)
+
+    def _loop_limits(self) -> Array:
+        """Return the limits of the measured and the desired closed loops."""
+        if self.loops is None:
+            return np.zeros(0)
+        return np.concatenate([squared_limits(self.loops.tracker),
+                               squared_limits(self._desired_loops)])
 
     @property
     def _wrench_timeout(self) -> float:
@@ -327,9 +370,12 @@ class NativeTorquePath(TorquePath):
 
     def _initial(self) -> PathState:
         """Return the state of the path at its start."""
-        loop = self.native
         self._begun = UNGUARDED if self._guard is None else self._guard.beginning()
-        return initial_path(loop.n, 0.0, loop.sizes.memory, self._begun)
+        loops = None
+        if self.loops is not None:
+            robot = self.controller.robot
+            loops = initial_loops(search_array(self.loops.tracker), robot.n_q, robot.n)
+        return initial_path(self.native.shape, 0.0, self._begun, loops)
 
     def law_changed(self) -> None:
         """Use what the law of the mode was asked for from the next cycle on."""
@@ -460,7 +506,10 @@ class NativeTorquePath(TorquePath):
         if self._guard is not None:
             self._note_guard(self._guard, report.path, dropped)
         if is_of_state:
-            self._reader.read(report.message, self.need_velocity)
+            self._message_fault = self._reader.read(report.message, self.need_velocity)
+        if self.loops is not None:
+            self._mirror_loops(self.loops, report.path)
+        if is_of_state:
             self._note_state(report, now)
         self._mirror(report.path)
 
@@ -482,6 +531,14 @@ class NativeTorquePath(TorquePath):
             guard.report_return(known.silent / NANO, dropped)
         if known.unanswered > before.unanswered:
             guard.report_silence()
+
+    def _mirror_loops(self, loops: ClosedLoopReader, path: PathState) -> None:
+        """Copy the closed loops of the thread."""
+        robot = self.controller.robot
+        memory = unpacked_loops(path.loops, robot.n_q, robot.n)
+        loops.compare()
+        mirror(loops.tracker, memory.measured)
+        mirror(self._desired_loops, memory.desired)
 
     def _mirror(self, path: PathState) -> None:
         """Copy the state of the thread."""
@@ -513,11 +570,13 @@ class NativeTorquePath(TorquePath):
         # A report from before a change of the mode has the memory of another law.
         if law is not None and path.restarts == self._changes[0]:
             law.mirror(path.memory, self._epoch)
-        command = Command(path.tau, clamped, rate_limited, limited)
+        of_all = self.messages.of_all
+        tau = of_all(path.tau)
+        command = Command(tau, of_all(clamped) > 0.5, of_all(rate_limited) > 0.5, limited)
         external = None
         if self.wrenches is not None:
             external = self.wrenches.torques(self._reader.q, now)
-        cycle = Cycle(stamp, self._reader, motion, float(report.event[MOMENT]), path.tau,
+        cycle = Cycle(stamp, self._reader, motion, float(report.event[MOMENT]), tau,
                       external, command)
         for observer in self._observers:
             try:
@@ -544,6 +603,8 @@ class NativeTorquePath(TorquePath):
             self._warn('clock', 'jumped backward or replaced; desired motion dropped')
         elif path.dropped_by == BY_GUARD:
             dropped = self._clear_motion('torque_guard held the arm', path)
+        elif path.dropped_by == BY_LOOPS:  # with the reason of the state
+            return dropped
         elif path.dropped_by == BY_REFUSAL:  # the report of the fault was lost
             dropped = self._clear_motion('joint states were refused', path)
         elif path.dropped_by == BY_TIMEOUT:
@@ -592,6 +653,14 @@ class NativeTorquePath(TorquePath):
         if code == NO_TORQUE_RULE:
             reason, detail = NO_TORQUE, ('torques: not finite; expected a state, a motion '
                                          'and gains in a physical range')
+        elif code == FIRST_REFUSED and self._message_fault is not None:
+            reason, detail = self._message_fault, self._reader.detail
+        elif code == REFUSED_RULE:
+            reason, detail = self._refused_motion(path)
+        elif code in OF_LOOPS:
+            assert self.loops is not None
+            error = refusal(self.loops.tracker)
+            reason, detail = error.reason, error.detail
         else:
             reason, detail = self.states.explain(float(path.elapsed), code == JUMP)
         self._drop(reason, detail)
@@ -604,6 +673,17 @@ class NativeTorquePath(TorquePath):
                 self._report_fault('fault', f'{reason} for {duration:.3f} s; '
                                    f'{self.reaction}'
                                    + ', desired motion dropped' * dropped)
+
+    def _refused_motion(self, path: PathState) -> tuple[str, str]:
+        """Return reason and details of a motion, or a pose, without a torque; drop it."""
+        robot = self.controller.robot
+        memory = unpacked_loops(path.loops, robot.n_q, robot.n)
+        detail = ('closed loops: the actuators do not determine the motion there; expected '
+                  'a configuration that is not singular')
+        if not memory.tracking and search_of(self._desired_loops).outcome:
+            detail = str(refusal(self._desired_loops))
+        dropped = self._clear_motion(detail, path)
+        return REFUSED, detail + '; desired motion dropped' * dropped
 
     def _learn(self, report: Report) -> None:
         """Learn the layout of a message and let the thread answer it, or drop it."""
@@ -639,6 +719,9 @@ class NativeTorquePath(TorquePath):
 
     def desired(self, stamp: int) -> State | None:
         """Return the initial q, u and udot of a new motion, as `TorquePath`."""
+        # The state of a command that was published already, but not reported yet.
+        if threading.current_thread() is threading.main_thread():
+            self.read_reports()
         state = self.active_motion.desired(stamp)
         if state is None and self.last_update and self.states.known:
             path = self._last

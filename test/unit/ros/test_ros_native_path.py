@@ -400,13 +400,13 @@ def test_the_compiled_rules_equal_the_readable_ones(mode):
     compared = 0
     for _ in range(60):
         pair.step()
-        before = cycle_rules.unpacked_path(loop.path.copy(), 2)
+        before = cycle_rules.unpacked_path(loop.path.copy(), loop.shape)
         pair.do_state('state')
         settings = path._settings()
         event = cycle_rules.Event(float(loop.event[NOW]), float(loop.event[STAMP]), 0.0, 0.0, 1.0,
                                   float(loop.event[STEADILY]))
         judged = cycle_rules.judge(before, event, loop.state.copy(), settings)
-        after = cycle_rules.unpacked_path(loop.path.copy(), 2)
+        after = cycle_rules.unpacked_path(loop.path.copy(), loop.shape)
         if path.active_motion.scheduled != (None, None) or after.reason:
             continue
         parameters = path.controller.robot.parameters.block
@@ -636,8 +636,8 @@ def test_the_first_message_of_a_layout_behind_newer_states_is_counted_by_its_nam
 
 
 def test_the_thread_ends_before_its_memory_does():
-    loop = native_loop.NativeLoop(ROBOT, Terms(),
-                                  traced_laws.controller_laws(ROBOT, Terms()))
+    laws = traced_laws.controller_laws(ROBOT, Terms())
+    loop = native_loop.NativeLoop(native_loop.CycleKernels(ROBOT, Terms(), laws), NAMES)
     stop_at = loop.block.ctypes.data + 8 * native_loop.message_loop.BLOCK.index('STOP')
     ended = threading.Event()
 
