@@ -405,7 +405,8 @@ class SearchRules:
         is_closed = flag(figures[INDEPENDENT_RESIDUAL] < CLOSED**2)
         iterates = (1.0 - is_closed) * flag(called.calls < CALLS - 0.5)
 
-        # What is wrong with the step, the first reason last.
+        # What is wrong with the step: from consequence to cause, because a singular state
+        # also has large residuals.
         outcome = self._outcome_of_arrival(called, arrives, deviation, limits[1],
                                            sum(measured.weights))
         leaps = search.known * flag(self._longest_motion(search, figures) < motion)
@@ -455,6 +456,7 @@ class SearchRules:
         """Return the longest motion of all joints in a step without a leap."""
         if self._timed:
             return TIMED
+        # On one branch the joints move by at most the figure times the measured change.
         length = select(search.length < ROUNDING, ROUNDING, search.length)
         return LEAP * np.sqrt(figures[CONDITIONING]) * length
 

@@ -35,7 +35,7 @@ import numpy as np
 
 class LoopMemory(NamedTuple):
     """
-    What the path keeps of closed loops, in `PathState.loops`.
+    Memory of the path for closed loops, in `PathState.loops`.
 
     Attributes
     ----------
