@@ -33,7 +33,8 @@ from kane_dynamics.mechanics.algebra.jet import (derivative, Jet, moving_jets, s
 from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.elastic_inverse_dynamics import (drive_sides, driven_by,
                                                               DriveSide,
-                                                              elastic_inverse_dynamics)
+                                                              elastic_inverse_dynamics,
+                                                              ElasticLinks)
 from kane_dynamics.mechanics.elastic_joints import (damping_torque, spring_deflection,
                                                     spring_slope, spring_torque)
 from kane_dynamics.mechanics.friction import friction_torque
@@ -129,6 +130,7 @@ class ElasticArm:
                                   friction=robot.friction,
                                   feedforward_friction=options['feedforward_friction'])
         self.sides = drive_sides(model, self.names)
+        self.elastic_links = ElasticLinks(self.tree, self.sides, robot.mechanism)
         for name, drive, _, _ in model.drives:
             if drive.full_coupling:
                 raise InputError(f"joint '{name}': a drive with full_coupling; expected "
@@ -190,7 +192,7 @@ class ElasticArm:
     def motor_command(self, motion: Matrix, parameters: Vector) -> Matrix:
         """Return the rows of `MotorCommand`, (5, n), for q to its fourth derivative, (5, n)."""
         gravity = np.concatenate([parameters[:3][None], np.zeros((2, 3)).astype(object)])
-        rows = elastic_inverse_dynamics(self.tree, self.sides, motion[0], motion[1:], None,
+        rows = elastic_inverse_dynamics(self.elastic_links, motion[0], motion[1:], None,
                                         gravity, parameters[3:])
         command = np.concatenate([rows[3:], rows[:1]])
         for side in self.sides:

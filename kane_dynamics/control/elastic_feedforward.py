@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant, instance, number
 from kane_dynamics._util.fork_safety import lazy_property
-from kane_dynamics._util.text import listing
+from kane_dynamics._util.text import listing, SHORT
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
+from kane_dynamics.loop_tracking.driven_mechanism import closed_configurations
+from kane_dynamics.mechanics.ball_joints import (joint_positions, moved, neutral,
+                                                 require_angles)
+from kane_dynamics.mechanics.constraints import checked_names
+from kane_dynamics.mechanics.constraints.conditioning import stacked, system
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.mechanics.constraints.speeds import JOINT_RATES
+from kane_dynamics.mechanics.constraints.transmission import require_transmission
 from kane_dynamics.mechanics.elastic_inverse_dynamics import (damped_step,
                                                               deflection_rates,
                                                               drive_sides, driven_by,
-                                                              elastic_inverse_dynamics)
+                                                              elastic_inverse_dynamics,
+                                                              ElasticLinks)
 from kane_dynamics.mechanics.elastic_joints import spring_deflection
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.drive import Drive, StiffnessCurve
@@ -22,15 +32,33 @@ from kane_dynamics.model.elastic_model import link_side
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import SmoothMotion, SmoothState
 from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 ROWS = ('gear_torque', 'gear_torque_rate', 'gear_torque_acceleration', 'motor_position',
         'motor_speed', 'motor_acceleration', 'motor_torque')
+WHAT = 'elastic feedforward'
+INSTANT = 0.3  # s, at which it is checked that constraints do not depend on motors
 GRAVITY_RATES = np.zeros((2, 3)).astype(object)  # of a base at rest
 # Time constant D / k, s, up to which a damped deflection counts as settled. Integrated, its
 # acceleration would have the rounding of tau_J times k / D^2.
 SETTLED = 1e-6
+
+
+class LinkSpeeds(NamedTuple):
+    """
+    Independent speeds of links and motors, constraint rows, and actuators, by index.
+
+    `in_speeds_of_robot`: of its choice of generalized speeds, else joint rates; `speeds`:
+    which of `free` are those of links, in the order of the inputs.
+    """
+
+    in_speeds_of_robot: bool
+    free: tuple[int, ...]
+    kept: tuple[int, ...]
+    speeds: tuple[int, ...]
+    actuators: tuple[tuple[int, float], ...] | None
 
 
 class ElasticMotion(NamedTuple):
@@ -63,23 +91,36 @@ class ElasticFeedforward:
     gravity and wrenches are those of the robot. Rigid joints have a motor that moves with
     the link.
 
+    Under constraints, the motion is that of the independent speeds of the links, and joints
+    without actuators have zero torque. More actuators than independent speeds share the
+    load so that the sum of weight times torque squared is least, as in
+    `Robot.joint_torques`; the deflections are those of these torques.
+
     Parameters
     ----------
     robot : Robot
-        With drives, as a tree in joint rates. Its parameters, gravity and payload, may
-        change.
+        With drives, and any speeds and constraints that do not depend on the motors. Its
+        parameters, gravity and payload, may change.
+    actuated : sequence of str, or mapping of str to float, optional
+        Under constraints: the joints with actuators, rigid or elastic, or the weights of
+        their torques. Default: those with drives, and the rigid ones of the robot's
+        `actuated`.
 
     Attributes
     ----------
     joint_names : tuple of str
-        The joints of the links, in the order of all arguments and columns.
+        The joints of the links, in the order of all columns.
+    speed_names : tuple of str
+        The independent speeds of the links, in the order of u, udot, jerk and snap; by
+        default the joints.
     kernel : Kernel
         The compiled function, also of batches.
 
     Raises
     ------
     InputError
-        The robot has no drives, constraints or chosen speeds; or the motor's motion does
+        The robot has no drives; speeds or constraints depend on motors; joints with
+        actuators are unknown, or fewer than independent speeds; or the motor's motion does
         not follow from four derivatives of q. With a dead zone the deflection is not
         determined at rest. With `full_coupling` the torque of a gear depends on the
         acceleration of the motors behind it, so that the motor of the first of n joints
@@ -95,7 +136,8 @@ class ElasticFeedforward:
 
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, *,
+                 actuated: Sequence[str] | Mapping[str, float] | None = None) -> None:
         instance(robot, Robot, 'robot')
         _check(robot)
         model = link_side(robot.model)
@@ -110,13 +152,16 @@ class ElasticFeedforward:
         sides = drive_sides(robot.model, model.joint_names)
         self._damped = [side for side in sides if robot.friction and _lags(side.drive)]
         self._sides = [side for side in sides if side not in self._damped]
-        shapes: dict[str, tuple[int, ...]] = {}
-        shapes['link_position'] = (len(model.coordinate_names),)
-        for name in ('link_speed', 'link_acceleration', 'jerk', 'snap'):
-            shapes[name] = (model.n,)
-        self._shapes = shapes
-        self.kernel = robot.compiled(self._law, name='elastic_feedforward',
-                                     shape=(len(ROWS), model.n), **shapes)
+
+        # The mechanism in the robot's speeds, of which those of links are the inputs.
+        speeds = speeds_of_links(robot)
+        self.speed_names = tuple(robot.speed_names[k] for k in speeds)
+        self._actuators = _actuators(robot, self.joint_names, self.speed_names, actuated)
+        self._by_choice: dict[LinkSpeeds, ElasticLinks] = {}
+        self._last_closed = np.zeros((0, 0)), np.zeros((0, 0))  # positions, coordinates
+        self._last_joints: tuple[str, ...] = ()
+        self.kernel = self._compiled(self._choice_of_speeds(), self._law,
+                                     'elastic_feedforward')
         self._call: Callable[..., Array] = self.kernel.entry('', self.kernel)
         if self._damped:
             self._call = self._refuse
@@ -157,45 +202,111 @@ class ElasticFeedforward:
         if not isinstance(motion, Motion | SmoothMotion):
             raise InputError(f'motion: a {type(motion).__name__}; expected a SmoothMotion '
                              'or a Motion')
-        if motion.joint_names != self.joint_names:
-            raise InputError(f'motion: of {listing(motion.joint_names)}; expected '
-                             f'{listing(self.joint_names)}, in this order')
-        if self._tree.n_q != self._tree.n:
-            raise InputError('motion: a robot with ball joints, which have no motion of '
-                             'joint positions; expected one without')
+        require_angles(self._tree.model, 'motion')
+        self.check_joints(motion.joint_names)
         if isinstance(motion, Motion):
             motion = SmoothMotion.from_motion(motion)
+        self._warn_of_degrees(motion)
         start = float(motion.times[0])
         step = number(step, 'step', 'a positive number, s, of at most the duration',
                       lambda h: 0.0 < h <= motion.duration - start)
         count = round((motion.duration - start) / step) + 1
         times: Array = start + step * np.arange(count, dtype=np.float64)
         state = motion.sample(np.minimum(times, motion.duration))
-        rows = self.rows_along(times, state, deflection)
-        return ElasticMotion(times, state.q, *rows.swapaxes(0, 1))
+        rows, links = self.rows_along(times, state, motion.joint_names, deflection)
+        return ElasticMotion(times, links[:, 0].copy(), *rows.swapaxes(0, 1))
 
-    def rows_along(self, times: Array, state: SmoothState, deflection: Any = None) -> Array:
+    def check_joints(self, joints: Sequence[str]) -> None:
+        """Raise InputError unless a motion of these joints is one of the links."""
+        if not self.robot.constraint_names:
+            if tuple(joints) != self.joint_names:
+                raise InputError(f'motion: of {listing(joints)}; expected '
+                                 f'{listing(self.joint_names)}, in this order')
+            return
+        count = len(self.speed_names)
+        distinct = set(joints)
+        fits = len(joints) == len(distinct) == count
+        if not fits or not distinct <= set(self.joint_names):
+            raise InputError(f'motion: of {listing(joints)}; expected {count} of '
+                             f'{listing(self.joint_names)}, as many as independent speeds '
+                             'of the links')
+
+    def _warn_of_degrees(self, motion: SmoothMotion) -> None:
+        """Warn if the points of a motion look like degrees."""
+        robot = self.robot
+        positions = motion.sample(motion.times).q
+        rows = np.zeros((len(positions), robot.n_q))
+        for column, name in zip(positions.T, motion.joint_names):
+            rows[:, robot.coordinate_names.index(name)] = column
+        warn_of_degrees(robot, rows, 'motion', stacklevel=4)
+
+    def rows_along(self, times: Array, state: SmoothState, joints: Sequence[str],
+                   deflection: Any = None) -> tuple[Array, Array]:
         """
-        Return the rows `ROWS` of a motion of the links, (N, 7, n), unchecked.
+        Return the rows `ROWS` along a motion, (N, 7, n), and that of the links, (N, 3, n).
 
         Parameters
         ----------
         times : (N,) array
             s, not decreasing; the two sides of a jump of the snap have one time.
         state : SmoothState
-            Of the links at these times, (N, n) arrays.
+            Of the joints at these times, unchecked, (N, k) arrays.
+        joints : sequence of k str
+            `joint_names`, or under constraints as many as independent speeds.
         deflection : (n,) array_like, optional
             As in `along`.
 
+        Raises
+        ------
+        InputError, LoopError
+            Under constraints: a constraint is one of velocities, or the loops do not close.
+
         """
-        rows = np.asarray(self.kernel(*state))
+        choice = self._choice_of_joints(tuple(joints))
+        inputs = list(state)
+        time = [times] if self.robot.equations.timed else []
+        inputs[0] = self.closed(times, state.q, joints)
+        kernel = self._compiled(choice, self._law, 'elastic_feedforward')
+        rows = np.asarray(kernel(*inputs, *time))
+        if self._links(choice).is_tree:
+            links = np.ascontiguousarray(np.stack(inputs[:3], axis=1))
+        else:
+            motion = self._compiled(choice, self._motion_law, 'elastic_link_motion', 3)
+            links = np.asarray(motion(*inputs[:3], *time))
         if self._damped:
-            links = np.ascontiguousarray(np.stack(state[:3], axis=1))
             self._add_first(rows[0], links[0], deflection)
             steps = np.diff(times)
             self._damped_kernel.scan([rows[:-1], links[:-1], rows[1:], links[1:], steps],
                                      rows[1:])
-        return rows
+        return rows, links
+
+    def closed(self, times: Array, positions: Array, joints: Sequence[str]) -> Array:
+        """Return the coordinates of the links, (N, n), for positions of `joints`, (N, k)."""
+        robot = self.robot
+        if not robot.constraint_names:
+            return positions
+        # At other speeds of a motion the configurations are the same.
+        known_positions, known = self._last_closed
+        is_known = not robot.equations.timed and np.array_equal(known_positions, positions)
+        if is_known and tuple(joints) == self._last_joints:
+            return known
+        mechanism = robot.mechanism
+        residuals = mechanism.rows(mechanism.state(neutral(robot.model))).residual
+        of_velocities = [label for label, residual in zip(mechanism.labels, residuals)
+                         if residual is None]
+        if of_velocities:
+            raise InputError(f"motion: constraint '{of_velocities[0]}' is one of velocities, "
+                             'and the positions of joints do not determine the '
+                             'configuration; expected constraints of positions')
+        motors = [elastic.drive.motor for elastic in robot.drives]
+        driving = [robot.coordinate_names.index(name) for name in (*joints, *motors)]
+        at_zero = np.zeros((len(times), len(motors)))
+        closed = closed_configurations(robot, driving, times,
+                                       np.hstack([positions, at_zero]))
+        places = [robot.coordinate_names.index(name) for name in self.joint_names]
+        result = np.ascontiguousarray(closed[:, places])
+        self._last_closed, self._last_joints = (positions.copy(), result), tuple(joints)
+        return result
 
     def _add_first(self, row: Array, link: Array, deflection: Any) -> None:
         """Complete the first row, (7, n), with the deflections of damped drives."""
@@ -228,22 +339,25 @@ class ElasticFeedforward:
                                    h=())
 
     def __call__(self, q: Any, u: Any, udot: Any, jerk: Any, snap: Any,
-                 gravity_rates: Any = None, wrenches: Any = None) -> Array:
+                 gravity_rates: Any = None, wrenches: Any = None, t: Any = None) -> Array:
         """
         Return the rows `ROWS`, (7, n), or (N, 7, n) of a batch.
 
         Parameters
         ----------
         q : (n_q,) or (N, n_q) array_like
-            Coordinates of the links, rad or m.
-        u, udot, jerk, snap : (n,) or (N, n) array_like
-            Speeds of the links and their first, second and third time derivatives.
+            Coordinates of the links, rad or m; under constraints a closed configuration.
+        u, udot, jerk, snap : (p,) or (N, p) array_like
+            Independent speeds of the links, `speed_names`, and their first, second and
+            third time derivatives.
         gravity_rates : (2, 3) or (N, 2, 3) array_like, optional
             First and second time derivatives of gravity, as of a moving base; m/s^3 and
             m/s^4. Default: zero.
         wrenches : (3, k, 6) or (N, 3, k, 6) array_like, optional
             Wrenches at the robot's `wrench_frames`, and two time derivatives; force, then
             moment, world axes. Default: zero.
+        t : float or (N,) array_like, optional
+            Time, s, on which equations with functions of time depend. Default: 0.
 
         Returns
         -------
@@ -256,9 +370,11 @@ class ElasticFeedforward:
         InputError
             An argument has a wrong shape or is not finite, or the robot has no frames
             for wrenches.
+        ConstraintError
+            A loop is open, or the state is singular.
 
         """
-        if gravity_rates is None and wrenches is None:
+        if gravity_rates is None and wrenches is None and t is None:
             return self._call(q, u, udot, jerk, snap)
         if self._damped:
             self._refuse()
@@ -274,38 +390,127 @@ class ElasticFeedforward:
         inputs = [q, u, udot, jerk, snap, gravity_rates]
         if frames:
             inputs.append(wrenches)
+        if self.robot.equations.timed:
+            inputs.append(np.broadcast_to(0.0 if t is None else t, batch))
         return np.asarray(self._general_kernel(*inputs))
 
     @lazy_property
     def _general_kernel(self) -> Kernel:
         """Return the function with derivatives of gravity, and wrenches if declared."""
-        shapes = {**self._shapes, 'gravity_rates': (2, 3)}
-        if self._frames:
-            shapes['wrenches'] = (3, len(self._frames), 6)
         law = self._loaded_law if self._frames else self._moved_law
-        return self.robot.compiled(law, name='elastic_feedforward_general',
-                                   shape=self.kernel.shape, **shapes)
+        choice = self._choice_of_speeds()
+        return self._compiled(choice, law, 'elastic_feedforward_general')
 
-    def _law(self, q: Vector, u: Vector, udot: Vector, jerk: Vector, snap: Vector, *,
-             parameters: Vector) -> Matrix:
+    # The links in a choice of speeds and rows, and the functions that are compiled.
+
+    def _choice_of_speeds(self) -> LinkSpeeds:
+        """Return the choice of the robot's speeds, of which the calls are."""
+        mechanism = self.robot.mechanism
+        speeds = [mechanism.speed_names.index(name) for name in self.speed_names]
+        return LinkSpeeds(True, tuple(mechanism.free), tuple(mechanism.kept),
+                          tuple(speeds), self._actuators)
+
+    def _choice_of_joints(self, joints: tuple[str, ...]) -> LinkSpeeds:
+        """Return the choice in which the rates of these joints are the speeds."""
+        robot = self.robot
+        mechanism = robot.mechanism
+        in_joint_rates = mechanism.speeds.key == JOINT_RATES
+        if in_joint_rates and joints == self.speed_names:
+            return self._choice_of_speeds()
+        names = robot.model.joint_names
+        motors = [elastic.motor for elastic in robot.drives]
+        free = [*[names.index(name) for name in joints], *motors]
+        if not robot.constraint_names:
+            free = sorted(free)  # all
+        speeds = [free.index(names.index(name)) for name in joints]
+        return LinkSpeeds(False, tuple(free), tuple(mechanism.kept), tuple(speeds),
+                          self._actuators)
+
+    def _links(self, choice: LinkSpeeds) -> ElasticLinks:
+        """Return the links in a choice."""
+        if choice not in self._by_choice:
+            robot = self.robot
+            mechanism = robot.mechanism
+            if not choice.in_speeds_of_robot:
+                mechanism = Mechanism(robot.model, None, mechanism.constraints,
+                                      sizes=mechanism.sizes,
+                                      rank_tolerance=mechanism.rank_tolerance)
+            mechanism = mechanism.with_choice(choice.free, choice.kept)
+            actuators = None if choice.actuators is None else dict(choice.actuators)
+            geometry = robot.equations.tree.geometry
+            self._by_choice[choice] = ElasticLinks(self._tree, self._sides, mechanism,
+                                                   geometry, choice.speeds, actuators)
+        return self._by_choice[choice]
+
+    def _compiled(self, choice: LinkSpeeds, law: Callable[..., Matrix], name: str,
+                  rows: int = len(ROWS)) -> Kernel:
+        """Return a law of the links as native code, of (rows, n)."""
+        model = self._tree.model
+        p = len(choice.speeds)
+        shapes: dict[str, tuple[int, ...]] = {}
+        shapes['link_position'] = (len(model.coordinate_names),)
+        shapes['link_speed'], shapes['link_acceleration'] = (p,), (p,)
+        if law != self._motion_law:
+            shapes['jerk'], shapes['snap'] = (p,), (p,)
+        if law in (self._moved_law, self._loaded_law):
+            shapes['gravity_rates'] = (2, 3)
+        if law == self._loaded_law:
+            shapes['wrenches'] = (3, len(self._frames), 6)
+        reason = None
+        if not self._links(choice).is_tree:
+            reason = partial(self._reason, choice, law, name, rows)
+        kernel: Kernel = self.robot.kernels.compiled(partial(law, choice), name, shapes,
+                                                     (rows, model.n), reason=reason)
+        return kernel
+
+    def _reason(self, choice: LinkSpeeds, law: Callable[..., Matrix], name: str, rows: int,
+                state: dict[str, Array]) -> Kernel | None:
+        """Return the kernel with rows that are regular at a state, or raise the error."""
+        links = self._links(choice)
+        mechanism = links.mechanism
+        q = links.whole(state['link_position']).astype(np.float64)
+        t = float(state.get('t', np.zeros(())))
+        regular = self.robot.speed_sets.instead(mechanism, {'q': q, 't': np.array(t)})
+        if regular is not None:
+            kept = tuple(regular.equations.mechanism.kept)
+            return self._compiled(choice._replace(kept=kept), law, name, rows)
+        if links.actuated is not None:
+            S = system(stacked(mechanism, q, t), choice.free, choice.kept)
+            T = np.asarray(np.linalg.inv(S)[:, :mechanism.n], dtype=np.float64)
+            require_transmission(mechanism, T, links.determining, True, q)
+        return None
+
+    def _law(self, choice: LinkSpeeds, q: Vector, u: Vector, udot: Vector, jerk: Vector,
+             snap: Vector, *, t: Scalar, parameters: Vector, limits: Vector) -> Matrix:
         """Return the rows with constant gravity and without wrenches; traced."""
-        return self._moved_law(q, u, udot, jerk, snap, GRAVITY_RATES,
-                               parameters=parameters)
+        return self._loaded_law(choice, q, u, udot, jerk, snap, GRAVITY_RATES, None, t=t,
+                                parameters=parameters, limits=limits)
 
-    def _moved_law(self, q: Vector, u: Vector, udot: Vector, jerk: Vector, snap: Vector,
-                   gravity_rates: Matrix, *, parameters: Vector) -> Matrix:
+    def _moved_law(self, choice: LinkSpeeds, q: Vector, u: Vector, udot: Vector, jerk: Vector,
+                   snap: Vector, gravity_rates: Matrix, *, t: Scalar,
+                   parameters: Vector, limits: Vector) -> Matrix:
         """Return the rows without wrenches; traced."""
-        return self._loaded_law(q, u, udot, jerk, snap, gravity_rates, None,
-                                parameters=parameters)
+        return self._loaded_law(choice, q, u, udot, jerk, snap, gravity_rates, None, t=t,
+                                parameters=parameters, limits=limits)
 
-    def _loaded_law(self, q: Vector, u: Vector, udot: Vector, jerk: Vector,
-                    snap: Vector, gravity_rates: Matrix, wrenches: Any, *,
-                    parameters: Vector) -> Matrix:
+    def _loaded_law(self, choice: LinkSpeeds, q: Vector, u: Vector, udot: Vector, jerk: Vector,
+                    snap: Vector, gravity_rates: Matrix, wrenches: Any, *, t: Scalar,
+                    parameters: Vector, limits: Vector) -> Matrix:
         """Return the rows; traced."""
+        links = self._links(choice)
         gravity = np.stack([parameters[:3], *gravity_rates])
-        return elastic_inverse_dynamics(self._tree, self._sides, q,
-                                        np.stack([u, udot, jerk, snap]), wrenches,
-                                        gravity, parameters[3:])
+        rows = elastic_inverse_dynamics(links, q, np.stack([u, udot, jerk, snap]),
+                                        wrenches, gravity, parameters[3:], t)
+        if not self.robot.equations.watched:
+            return rows
+        return links.watched(rows, q, t, limits)
+
+    def _motion_law(self, choice: LinkSpeeds, q: Vector, u: Vector, udot: Vector, *,
+                    t: Scalar) -> Matrix:
+        """Return position, speed and acceleration of the links, (3, n); traced."""
+        motion = self._links(choice).motion(q, np.stack([u, udot]), t)
+        # With two rates, the series ends with the values.
+        return np.stack([joint_positions(self._tree.model, q), motion.qdot, motion.qddot])
 
 
 def _lags(drive: Drive) -> bool:
@@ -318,13 +523,9 @@ def _lags(drive: Drive) -> bool:
 
 def _check(robot: Robot) -> None:
     """Raise InputError for a robot whose motors do not follow from four derivatives."""
-    what = 'elastic feedforward'
     if not robot.drives:
-        raise InputError(f"{what}: robot '{robot.model.name}' without drives; expected "
+        raise InputError(f"{WHAT}: robot '{robot.model.name}' without drives; expected "
                          'elastic joints (with_drives)')
-    if robot.constraint_names or robot.options['speeds'] is not None:
-        raise InputError(f"{what}: robot '{robot.model.name}' with constraints or chosen "
-                         'speeds; expected a tree in joint rates')
     for name, drive, _, _ in robot.drives:
         curve = drive.stiffness
         reason = ''
@@ -335,4 +536,86 @@ def _check(robot: Robot) -> None:
             reason = (f'a dead zone of {curve.dead_zone:g}; expected none, because no '
                       'torque does not determine the deflection')
         if reason:
-            raise InputError(f"{what}: joint '{name}' with {reason}")
+            raise InputError(f"{WHAT}: joint '{name}' with {reason}")
+
+
+def speeds_of_links(robot: Robot) -> list[int]:
+    """
+    Return the indices of the independent speeds that are those of links.
+
+    Raises
+    ------
+    InputError
+        Constraints, or the speeds of links, depend on motors.
+
+    """
+    mechanism = robot.mechanism
+    motors = [elastic.motor for elastic in robot.drives]
+    if mechanism.in_joint_speeds:
+        return [k for k in range(robot.n) if k not in motors]
+
+    # At a configuration without symmetries, and with the motors somewhere else.
+    model = robot.model
+    step = np.random.default_rng(0).uniform(0.1, 0.5, model.n)
+    elsewhere = step.copy()
+    elsewhere[motors] += 0.3
+    stacks = []
+    for change in (step, elsewhere):
+        stacks.append(stacked(mechanism, moved(model, neutral(model), change), INSTANT))
+    first, second = stacks
+    rows_differ = ~np.isclose(first.J, second.J, equal_nan=True).all(axis=1)
+    rows_differ |= ~np.isclose(first.b, second.b, equal_nan=True)
+    rows_differ |= ~np.isclose(first.residual, second.residual, equal_nan=True)
+    rows_differ |= first.J[:, motors].any(axis=1)
+    if rows_differ.any():
+        names = [mechanism.labels[k] for k in np.flatnonzero(rows_differ)]
+        raise InputError(f'{WHAT}: constraints on motors, {listing(names)}; expected some of '
+                         'links alone, because the motion of the motors is computed')
+
+    # Speeds without an entry of a motor are those of links.
+    free = list(mechanism.free)
+    Y = first.Y[free]
+    of_motors = Y[:, motors].any(axis=1)
+    differ = ~np.isclose(Y, second.Y[free], equal_nan=True).all(axis=1)
+    differ |= ~np.isclose(first.Z[free], second.Z[free], equal_nan=True)
+    if of_motors.sum() != len(motors) or (differ & ~of_motors).any():
+        raise InputError(f'{WHAT}: speeds {listing(mechanism.speed_names)}; expected '
+                         f'{robot.n - len(motors)} that are those of links alone and do not '
+                         'depend on motors')
+    return [int(k) for k in np.flatnonzero(~of_motors)]
+
+
+def _actuators(robot: Robot, joints: Sequence[str], speeds: Sequence[str],
+               actuated: Sequence[str] | Mapping[str, float] | None
+               ) -> tuple[tuple[int, float], ...] | None:
+    """Return the joints with actuators, by their index, with weights; None of a tree."""
+    if not robot.constraint_names:
+        if actuated is not None:
+            raise InputError(f'actuated: {SHORT.repr(actuated)} of a tree; expected None, '
+                             'because each joint has its own torque')
+        return None
+    weights: dict[str, float] = {}
+    if actuated is None:
+        # The drives, and what the robot states for rigid joints.
+        weights = {elastic.name: 1.0 for elastic in robot.drives}
+        stated = robot.options['actuated'] or ()
+        for name in stated:
+            if name in joints:
+                weights[name] = stated[name] if isinstance(stated, Mapping) else 1.0
+    elif isinstance(actuated, Mapping):
+        weights = dict(actuated)
+    else:
+        weights = dict.fromkeys(checked_names(actuated, 'actuated') or (), 1.0)
+
+    bending = [robot.joint_names[k] for k in robot.model.modal_coordinates]
+    valid = [name for name in joints if name not in bending]
+    for name, weight in weights.items():
+        if name not in valid:
+            raise InputError(f'actuated: {name!r}; expected some of {listing(valid)}')
+        weights[name] = number(weight, f"actuated: weight of '{name}'", 'a positive number',
+                               lambda x: 0.0 < x < np.inf)
+    if len(weights) < len(speeds):
+        raise InputError(f'{WHAT}: joints with actuators {listing(weights)}; expected at '
+                         f'least {len(speeds)}, the number of independent speeds of the '
+                         f'links ({listing(speeds)}): actuated= names further ones')
+    return tuple((joints.index(name), weight) for name, weight in weights.items())

@@ -150,6 +150,9 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
         if any(speeds):
             raise InputError(f'speeds at the ends: {list(speeds)} of elastic joints; '
                              'expected 0')
+        if robot.constraint_names:
+            raise InputError('robot: with elastic joints and constraints; expected a tree, or '
+                             'rigid joints (with_rigid_joints); demand and fastest take both')
         return _with_drives(robot, path, bounds)
     if isinstance(path, SmoothMotion):
         raise InputError('path: a SmoothMotion for a robot with rigid joints; expected a '

@@ -209,7 +209,7 @@ def _fastest_of_drives(drives: DrivesAlong, most: float) -> TimeScale | None:
         slowest = demanded(additional, LOWEST)
         for excess in slowest.excesses:
             is_position = excess.limit in ('lower', 'upper')
-            if is_position and excess.joint in drives.motion.joint_names:
+            if is_position and excess.joint in drives.feedforward.joint_names:
                 return None
 
         # The links' speeds are proportional to s.

@@ -276,7 +276,8 @@ class DrivesAlong:
     robot : Robot
         With drives, as for `ElasticFeedforward`.
     motion : Motion or SmoothMotion
-        Of the links, with a continuous jerk.
+        Of the links, with a continuous jerk; under constraints of as many joints as
+        independent speeds of the links.
     step, power
         As of `demand`.
 
@@ -289,10 +290,8 @@ class DrivesAlong:
             instance(motion, Motion, 'motion')
         self.robot, self.step = robot, step
         self.feedforward = ElasticFeedforward(robot)
+        self.feedforward.check_joints(motion.joint_names)
         names = self.feedforward.joint_names
-        if motion.joint_names != names:
-            raise InputError(f'motion: joints {list(motion.joint_names)}; expected '
-                             f'{list(names)}, the links of elastic joints')
         if isinstance(motion, Motion):
             motion = SmoothMotion.from_motion(motion)
         self.motion = motion
@@ -314,11 +313,11 @@ class DrivesAlong:
         robot = self.robot
         state = SmoothState(*[speed**order * derivative
                               for order, derivative in enumerate(sampled_state)])
-        rows = self.feedforward.rows_along(t / speed, state)
+        rows, links = self.feedforward.rows_along(t / speed, state, self.motion.joint_names)
 
         # Links with the torques of gears, or of rigid joints; then motors.
-        columns = np.empty((4, len(t), robot.n))
-        columns[:3, :, self.links] = state[:3]
+        columns = np.empty((4, len(t), robot.model.n))
+        columns[:3, :, self.links] = links.swapaxes(0, 1)
         columns[3][:, self.links] = rows[:, 0]
         joint_names = self.feedforward.joint_names
         for elastic in robot.drives:

@@ -195,11 +195,11 @@ def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array,
         raise InputError(f'motion: joints {list(joints)}; expected {robot.n} of '
                          f'{", ".join(names)}, as many as independent speeds')
     driving = [names.index(name) for name in joints]
-    Q = _closed(robot, driving, t, q)
+    Q = closed_configurations(robot, driving, t, q)
     return motion_of_closed(robot, driving, t, Q, rates, accelerations)
 
 
-def _closed(robot: Robot, driving: list[int], t: Array, q: Array) -> Array:
+def closed_configurations(robot: Robot, driving: list[int], t: Array, q: Array) -> Array:
     """Return closed configurations, (N, n_q), with the driving joints at q, (N, n)."""
     Q = np.zeros((len(t), robot.n_q))
     Q[:, driving] = q

@@ -11,18 +11,27 @@ of robots with mixed rigid/elastic joints, Int. J. Robust Nonlinear Control 8, 1
 RNEA runs once, on jets (`algebra.jet`) of order two: with q, q', q'' as a jet of q, q',
 q'', q''' as one of u, and q'', q''', q'''' as one of udot, it yields tau_J, tau_J',
 tau_J''. The inverse of a stiffness curve yields its derivatives in the same manner.
+
+Under constraints or with chosen speeds, the motion of all joints follows from that of
+the independent speeds as a power series (`Mechanism.motion_series`). The joint forces are
+projected on these speeds by Kane's method, T^T f, and the torques of the gears have the
+same generalized forces, T_A^T tau_J = T^T f, all of it on jets.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import Dual
 from kane_dynamics.mechanics.algebra.jet import derivative, Jet, moving_jets, series_of
-from kane_dynamics.mechanics.ball_joints import coordinate_rates
+from kane_dynamics.mechanics.constraints.conditioning import guarded, margin
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism, MotionSeries
+from kane_dynamics.mechanics.constraints.transmission import (least_torques,
+                                                              transmission_margin)
 from kane_dynamics.mechanics.elastic_joints import spring_deflection, spring_torque
 from kane_dynamics.mechanics.friction import feedforward_direction, friction_torque
+from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.drive import Drive
 from kane_dynamics.model.model import Joint, Model
@@ -49,11 +58,11 @@ def drive_sides(model: Model, names: Sequence[str]) -> list[DriveSide]:
     return sides
 
 
-def elastic_inverse_dynamics(tree: TreeEquations, sides: Sequence[DriveSide], q: Vector,
-                             rates: Matrix, wrenches: Matrix | None, gravity: Matrix,
-                             payload: Vector) -> Matrix:
+class ElasticLinks:
     """
-    Return gear torques with two derivatives, motor motion and motor torques, (7, n).
+    The links of a mechanism with elastic joints, without their motors.
+
+    Their motion does not depend on the motors, which rest at 0 in the mechanism here.
 
     Parameters
     ----------
@@ -61,16 +70,105 @@ def elastic_inverse_dynamics(tree: TreeEquations, sides: Sequence[DriveSide], q:
         Of the links alone.
     sides : sequence of DriveSide
         The drives. Joints without one are rigid: their motor moves with the link.
+    mechanism : Mechanism
+        Speeds and constraints, of links and motors.
+    geometry : sequence of Link
+        The compiled links of that model.
+    speeds : sequence of int
+        Indices of the independent speeds that are those of links.
+    actuators : mapping of int to float, optional
+        Weights of the torques of the joints with actuators, by their index among the
+        links. Under constraints the torques are those with the least sum of weight times
+        torque squared. Default: of a tree, each joint's own.
+
+    """
+
+    def __init__(self, tree: TreeEquations, sides: Sequence[DriveSide],
+                 mechanism: Mechanism, geometry: Sequence[Link] = (),
+                 speeds: Sequence[int] = (),
+                 actuators: Mapping[int, float] | None = None) -> None:
+        """Store the parts and find the links among all coordinates."""
+        self.tree = tree
+        self.sides = list(sides)
+        self.is_tree = mechanism.in_joint_speeds
+        self.mechanism = Mechanism(tree.model) if self.is_tree else mechanism
+        self.geometry = geometry
+        model = mechanism.model
+        self.joints = [model.joint_names.index(name) for name in tree.model.joint_names]
+        self.places = [model.coordinate_names.index(name)
+                       for name in tree.model.coordinate_names]
+        self.speeds = list(speeds)
+        self.actuated = None if actuators is None else list(actuators)
+        self.inverse_weights = np.ones(0)
+        if actuators is not None:
+            self.inverse_weights = 1.0 / np.array(list(actuators.values()))
+
+    def whole(self, q: Vector) -> Vector:
+        """Return the coordinates of links and motors, with the motors at 0."""
+        result = np.zeros(len(self.mechanism.model.coordinate_names)).astype(object)
+        result[self.places] = q
+        return result
+
+    def motion(self, q: Vector, rates: Matrix, t: Scalar) -> MotionSeries:
+        """Return the motion of the links for their speeds u, u', u'', u''', (4, n)."""
+        mechanism = self.mechanism
+        if self.is_tree:
+            return mechanism.motion_series(q, rates)
+        all_rates = np.zeros((len(rates), mechanism.n)).astype(object)
+        all_rates[:, self.speeds] = rates
+        series = mechanism.motion_series(self.whole(q), all_rates, t, self.geometry)
+        return MotionSeries(series.q[self.places], series.qdot[self.joints],
+                            series.qddot[self.joints],
+                            series.T[np.ix_(self.joints, self.speeds)], False)
+
+    def actuator_torques(self, motion: MotionSeries, joint_forces: Vector) -> Vector:
+        """Return the torques of actuators for the joint forces of a motion, (n,)."""
+        if self.actuated is None:
+            return joint_forces
+        torques = np.zeros(self.tree.n).astype(object)
+        torques[self.actuated] = least_torques(
+            motion.T[self.actuated], self.inverse_weights,
+            motion.projected(joint_forces))
+        return torques
+
+    @property
+    def determining(self) -> list[int]:
+        """Return the joints of links and motors that have actuators."""
+        motors = [elastic.motor for elastic in self.mechanism.model.drives]
+        return [*[self.joints[k] for k in self.actuated or ()], *motors]
+
+    def watched(self, rows: Matrix, q: Vector, t: Scalar, limits: Vector) -> Matrix:
+        """Return rows, as NaN where loops are open, or the state is almost singular."""
+        mechanism = self.mechanism
+        whole = self.whole(q)
+        rows = guarded(rows, margin(mechanism, whole, t, limits, self.geometry))
+        S, _ = mechanism.system(mechanism.state(whole, t, self.geometry))
+        T = mechanism.solved(S, np.eye(len(S)))[:, :mechanism.n]
+        return guarded(rows, transmission_margin(mechanism, T, self.determining))
+
+
+def elastic_inverse_dynamics(links: ElasticLinks, q: Vector, rates: Matrix,
+                             wrenches: Matrix | None, gravity: Matrix, payload: Vector,
+                             t: Scalar = 0.0) -> Matrix:
+    """
+    Return gear torques with two derivatives, motor motion and motor torques, (7, n).
+
+    Parameters
+    ----------
+    links : ElasticLinks
+        Motion, joint forces and drives.
     q : (n_q,) array of scalars
         Coordinates of the links, rad or m.
-    rates : (4, n) array of scalars
-        u, u', u'' and u''' of the links.
+    rates : (4, p) array of scalars
+        Independent speeds of the links u, u', u'' and u'''.
     wrenches : (3, k, 6) array of scalars, or None
         Wrenches at the declared frames, and their first and second time derivatives.
     gravity : (3, 3) array of scalars
         Gravity and its derivatives, as of a moving base; world axes.
     payload : array of scalars
         The run-time parameters behind gravity.
+    t : scalar
+        Time, s.
 
     Returns
     -------
@@ -78,25 +176,28 @@ def elastic_inverse_dynamics(tree: TreeEquations, sides: Sequence[DriveSide], q:
         tau_J, tau_J', tau_J'', theta, theta', theta'', tau_m.
 
     """
-    u = moving_jets(rates[0], rates[1], rates[2])
-    udot = moving_jets(rates[1], rates[2], rates[3])
-    q_jets = coordinate_jets(tree.model, q, u)
+    tree = links.tree
+    motion = links.motion(q, rates, t)
     parameters = np.concatenate([moving_jets(*gravity), payload])
     wrench_jets = None if wrenches is None else moving_jets(*wrenches)
-    load = tree.rigid_dynamics(q_jets, u, udot, wrench_jets, parameters)
-    torques = load + tree.feedforward_friction(u, udot, load)
+    rigid = tree.rigid_dynamics(motion.q, motion.qdot, motion.qddot, wrench_jets,
+                                parameters)
+    # Friction may depend on what the actuators transmit.
+    loads = links.actuator_torques(motion, rigid)
+    friction = tree.feedforward_friction(motion.qdot, motion.qddot, loads)
+    torques = links.actuator_torques(motion, rigid + friction)
 
     # Rigid joints: the motor moves with the link and has its torque.
     # The entries of ball joints, which have no position, are zero.
     positions: list[Scalar] = [0.0] * tree.n
     for k, place in enumerate(tree.model.places):
         if place is not None:
-            positions[k] = q_jets[place]
+            positions[k] = motion.q[place]
     motor = list(positions)
     motor_torque = list(derivative(torques, 0))
 
     # Elastic joints: deflection and motor from the torque of the gear.
-    for link, drive, joint in sides:
+    for link, drive, joint in links.sides:
         theta = positions[link] + spring_deflection(drive, torques[link])
         motor[link] = theta
         _, speed, half_acceleration = series_of(theta, ORDER + 1)
@@ -197,13 +298,3 @@ def _stiff_start(drive: Drive, known: Scalar, torque: Scalar, h: Scalar) -> Scal
     """Return the end of an implicit Euler step of the linear drive, to begin with."""
     stiffness = drive.stiffness_at_rest
     return (drive.damping * known + h * torque) / (drive.damping + h * stiffness)
-
-
-def coordinate_jets(model: Model, q: Vector, u: Vector) -> Vector:
-    """Return q as jets, (n_q,), from the jets of the speeds u, (n,): q' = G(q) u."""
-    rate = coordinate_rates(model, q, derivative(u, 0))
-    # Each order of q' is known from one order less of q.
-    first = moving_jets(q, rate)
-    short = moving_jets(derivative(u, 0), derivative(u, 1))
-    acceleration = derivative(coordinate_rates(model, first, short), 1)
-    return moving_jets(q, rate, acceleration)

@@ -24,11 +24,12 @@ from kane_dynamics.mechanics.algebra.ltdl import factorize, Factors, inverse, so
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints import ConstraintRows
 from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS, margin
-from kane_dynamics.mechanics.constraints.mechanism import (congruent, JointMotion,
-                                                           Mechanism, MechanismState,
+from kane_dynamics.mechanics.constraints.mechanism import (JointMotion, Mechanism,
+                                                           MechanismState,
                                                            ReleasedJointState)
 from kane_dynamics.mechanics.constraints.redundant_forces import shared_forces
-from kane_dynamics.mechanics.constraints.transmission import transmission_margin
+from kane_dynamics.mechanics.constraints.transmission import (least_torques,
+                                                              transmission_margin)
 from kane_dynamics.mechanics.friction import carries_load
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Frame
@@ -531,16 +532,10 @@ class Equations:
             # constraint forces.
             return self._dual_joint_forces(q, tau, t)
 
-        # The least sum of weight times torque squared with T_A^T torque = tau, where T_A
-        # are the rows of the actuated joints: torque = E T_A (T_A^T E T_A)^-1 tau, with
-        # the inverse weights E.
-        T_A = self.at_rest(q, t).T[self.actuated]
-        order = list(range(self.n))
-        inverse_weights = self._inverse_weights
-        factors = factorize(congruent(np.diag(inverse_weights), T_A), order)
-        share = solve(factors, order, tau)
+        T = self.at_rest(q, t).T
         torques = np.zeros(self.tree.n).astype(object)
-        torques[self.actuated] = inverse_weights * (T_A @ share)
+        torques[self.actuated] = least_torques(T[self.actuated], self._inverse_weights,
+                                               tau)
         return torques
 
     def _dual_joint_forces(self, q: Vector, tau: Vector, t: Scalar) -> Vector:

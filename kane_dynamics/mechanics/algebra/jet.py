@@ -175,14 +175,29 @@ def moving_jets(*derivatives: Any) -> Any:
     return result
 
 
-def derivative(array: Any, order: int) -> Any:
-    """Return the time derivatives of an order (0: values) of an array of scalars."""
+def series_array(terms: Sequence[Any]) -> Any:
+    """Return an array of jets from arrays of their Taylor coefficients, lowest first."""
+    if len(terms) == 1:
+        return terms[0]
+    arrays = [np.asarray(array, dtype=object) for array in terms]
+    result = np.empty(arrays[0].shape, dtype=object)
+    for k in np.ndindex(result.shape):
+        result[k] = jet([array[k] for array in arrays])
+    return result
+
+
+def term(array: Any, order: int) -> Any:
+    """Return the Taylor coefficients of an order of an array of scalars, as jets or not."""
     source = np.asarray(array, dtype=object)
     result = np.empty(source.shape, dtype=object)
     for k in np.ndindex(source.shape):
-        coefficient = series_of(source[k], order + 1)[order]
-        result[k] = coefficient * float(math.factorial(order))
+        result[k] = series_of(source[k], order + 1)[order]
     return result
+
+
+def derivative(array: Any, order: int) -> Any:
+    """Return the time derivatives of an order (0: values) of an array of scalars."""
+    return term(array, order) * float(math.factorial(order))
 
 
 def value_of(x: Scalar) -> Scalar:

@@ -18,13 +18,15 @@ the constraint forces (Kane & Levinson, chapter 4).
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra import linear_solve
 from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.algebra.jet import Jet, moving_jets, series_array, term
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.ball_joints import (axis_acceleration, coordinate_rates,
                                                  joint_positions)
@@ -241,6 +243,26 @@ class JointMotion:
     def congruent(self, M: Matrix) -> Matrix:
         """Return T^T M T for a symmetric M of the joints, exactly symmetric."""
         return M if self.unit else congruent(M, self.T)
+
+
+class MotionSeries(NamedTuple):
+    """
+    Motion of the joints with its time derivatives: arrays of jets, or of plain scalars.
+
+    `q` (n_q,); `qdot` (n_j,) and `qddot` (n_j,), which in ball joints are the angular
+    velocity and its rate; `T` (n_j, n), the joint rates per unit of each independent
+    speed. `unit`: T = 1 in every configuration.
+    """
+
+    q: Vector
+    qdot: Vector
+    qddot: Vector
+    T: Matrix
+    unit: bool
+
+    def projected(self, joint_forces: Vector) -> Vector:
+        """Return T^T f: joint forces, (n_j,), on the independent speeds, (n,)."""
+        return joint_forces if self.unit else self.T.T @ joint_forces
 
 
 class Mechanism:
@@ -504,6 +526,74 @@ class Mechanism:
         N = self._of_rows(state, S_inverse[:, n:])
         T_rate = -(S_inverse @ (S_rate @ T))
         return JointMotion(qdot, qddot, T, N, T_rate)
+
+    def motion_series(self, q: Vector, rates: Matrix, t: Scalar = 0.0,
+                      links: Sequence[Link] | None = None) -> MotionSeries:
+        """
+        Return the motion of the joints as power series in time, S q' = s term by term.
+
+        With the terms S_k, s_k of the system along the motion, those of the joint rates
+        are
+
+            q'_k = S_0^-1 ( [u_k; 0] + s_k - sum_(1 <= i <= k) S_i q'_(k-i) )
+
+        and q_(k+1) = q'_k / (k + 1), which S_(k+1) needs: Newton's recursion for the
+        series, with one inverse. The terms of T follow from S T = [1; 0] alike.
+
+        Parameters
+        ----------
+        q : (n_q,) array of scalars
+            Coordinates, rad or m, at which the constraints hold.
+        rates : (k + 2, n) array of scalars
+            Independent speeds u, u', u'' ...; the jets are of order k.
+        t : scalar
+            Time, s.
+        links : sequence of Link, optional
+            As of `joint_motion`.
+
+        """
+        n = self.n
+        count = len(rates)
+        speeds = [rate * (1.0 / math.factorial(k)) for k, rate in enumerate(rates)]
+        coordinates = [q]
+        joint_rates: list[Vector] = []
+        S_terms: list[Matrix] = []
+        S_inverse = np.eye(n)
+        no_speeds = np.zeros(len(self.kept)).astype(object)
+        for order in range(count):
+            moving_q = series_array(coordinates)
+            if self.in_joint_speeds:
+                joint_rates.append(speeds[order])
+            else:
+                time = t if order == 0 else Jet((t, 1.0, *[0.0] * (order - 1)))
+                S, s = self.system(self.state(moving_q, time, links))
+                if order == 0:
+                    S_inverse = self.solved(S, np.eye(len(S)))
+                S_terms.append(term(S, order))
+                right = np.concatenate([speeds[order], no_speeds]) + term(s, order)
+                for i in range(1, order + 1):
+                    right = right - S_terms[i] @ joint_rates[order - i]
+                joint_rates.append(S_inverse @ right)
+            # q' = G(q) v with the quaternions of ball joints.
+            change = coordinate_rates(self.model, moving_q, series_array(joint_rates))
+            coordinates.append(term(change, order) * (1.0 / (order + 1)))
+
+        # Partial joint rates along the motion.
+        T_terms = [S_inverse[:, :n]]
+        if not self.in_joint_speeds:
+            for order in range(1, count - 1):
+                change = np.zeros((self.model.n, n)).astype(object)
+                for i in range(1, order + 1):
+                    change = change + S_terms[i] @ T_terms[order - i]
+                T_terms.append(-(S_inverse @ change))
+        if self.in_joint_speeds:
+            accelerations = moving_jets(*rates[1:])
+        else:
+            accelerations = series_array([joint_rates[k] * float(k)
+                                          for k in range(1, count)])
+        return MotionSeries(series_array(coordinates[:count - 1]),
+                            series_array(joint_rates[:count - 1]), accelerations,
+                            series_array(T_terms), self.in_joint_speeds)
 
     def _with_closures(self, bias: Vector, state: MechanismState,
                        qdot: Vector) -> Vector:

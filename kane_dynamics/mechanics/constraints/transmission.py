@@ -10,11 +10,11 @@ produce no force along it.
 
 from collections.abc import Sequence
 
-from kane_dynamics._util.typing import Array, Matrix, Scalar
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.constraints.conditioning import described
-from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.mechanics.constraints.mechanism import congruent, Mechanism
 import numpy as np
 
 LARGEST_RATIO = 1e3  # largest ratio of the rates of all joints to those of some
@@ -58,6 +58,28 @@ def transmission_margin(mechanism: Mechanism, T: Matrix,
             'any configuration; expected others') from None
     ratio_2 = sum(solve(factors, order, whole[:, k])[k] for k in order)
     return 1.0 - ratio_2 * LARGEST_RATIO**-2
+
+
+def least_torques(T_A: Matrix, inverse_weights: Vector, force: Vector) -> Vector:
+    """
+    Return the torques of actuators, (k,), with a generalized force, (n,).
+
+    They are those with the least sum of weight times torque squared:
+    E T_A (T_A^T E T_A)^-1 force, with the inverse weights E.
+
+    Parameters
+    ----------
+    T_A : (k, n) array of scalars
+        Rates of the joints with actuators per unit of each independent speed.
+    inverse_weights : (k,) array
+        One over the weights.
+    force : (n,) array of scalars
+        Dual to the independent speeds.
+
+    """
+    order = list(range(T_A.shape[1]))
+    factors = factorize(congruent(np.diag(inverse_weights), T_A), order)
+    return inverse_weights * (T_A @ solve(factors, order, force))
 
 
 def require_transmission(mechanism: Mechanism, T: Array, places: Sequence[int],
