@@ -221,8 +221,8 @@ class ElasticFeedforward:
         if not self.robot.constraint_names:
             if tuple(joints) != self.joint_names:
                 raise InputError(f'motion: of {listing(joints)}; expected '
-                                 f'{listing(self.joint_names)}, the links of elastic joints, '
-                                 'in this order')
+                                 f'{listing(self.joint_names)}, in this order: the links '
+                                 'of elastic joints')
             return
         count = len(self.speed_names)
         distinct = set(joints)
