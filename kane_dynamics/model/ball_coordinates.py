@@ -80,6 +80,7 @@ def check_balls(bodies: Sequence[Any], balls: Sequence[int]) -> None:
             check_ball_property(joint.name, {
                 'limits': joint.limits, 'armature': joint.armature,
                 'stiffness': joint.stiffness, 'rest': joint.rest})
+            # Another use of a coordinate is a mimic joint.
             if uses.count(joint.coordinate) > 1:
                 raise ModelError(f"joint '{joint.name}': a part of a ball joint that "
                                  'another joint mimics; expected a joint of one degree '
@@ -91,6 +92,7 @@ def _form_a_ball(parts: Sequence[Any], first: int) -> bool:
     if len(parts) != 3:
         return False
     start = parts[0].joint.coordinate
+    # Three plain revolute joints about x, y and z, whose coordinates follow each other.
     for k, body in enumerate(parts):
         joint = body.joint
         plain = (joint.kind == 'revolute' and joint.multiplier == 1.0
@@ -98,6 +100,7 @@ def _form_a_ball(parts: Sequence[Any], first: int) -> bool:
         about_its_axis = np.array_equal(joint.axis, np.eye(3)[k])
         if not (plain and about_its_axis and joint.coordinate == start + k):
             return False
+        # The second and third joint sit at the origin of the one before.
         if k > 0:
             follows = body.parent == first + k - 1
             at_the_origin = not joint.translation.any()

@@ -179,6 +179,8 @@ class ModelBuilder:
                              f"{', '.join(KINDS)}")
         number_of_turns = 2 if kind == 'universal' else 3
         turns = _checked_turns(turns, number_of_turns, what)
+
+        # A joint of several degrees of freedom becomes joints in series.
         R, p = stated_pose(at, rpy, what, quaternion)
         stated = StatedJoint(joint_name, kind, on, name, R, p, _direction(axis, what),
                              turns=turns)
@@ -193,6 +195,8 @@ class ModelBuilder:
         attached = placement.frame(R, p)
         self._warn_of_root(attached.body, attached.translation, what)
         mimic_fields = self._mimic_fields(what, kind, mimic, multiplier, offset)
+
+        # All is checked; from here on the builder changes.
         if kind == 'fixed':
             if properties:
                 raise ModelError(f'{what}: {", ".join(properties)} of a fixed joint; '
@@ -201,6 +205,7 @@ class ModelBuilder:
         else:
             for single in singles:
                 self._check_joint(single.name)
+            # The last three joints in series are the parts of a ball.
             if kind in ('ball', 'free'):
                 self._balls.append(len(self._bodies) + len(singles) - 3)
             fields = {**mimic_fields, **properties}
@@ -228,6 +233,7 @@ class ModelBuilder:
             As in `body`, including its errors.
 
         """
+        # Modes of bending are coordinates behind those of the joint.
         modes = link.assumed_modes(name)
         inertial = options.pop('inertial', MASSLESS) + modes.inertial
         if kind == 'fixed' and modes.count:
@@ -243,6 +249,7 @@ class ModelBuilder:
             body = self._placements[name].body
             bent = replace(self._bodies[body], beam=modes.beam(coordinates))
             self._bodies[body] = bent
+        # The tip is a section, which bends with the beam.
         self.section(f'{name}/tip', name, modes.length)
 
     def section(self, name: str, of: str, at: float) -> None:
@@ -389,6 +396,7 @@ class ModelBuilder:
         R, p = stated_pose(at, rpy, 'mount', quaternion)
         base = carrier.frame(R, p)
         self._warn_of_root(base.body, base.translation, f"model '{model.name}'")
+        # Names first: a clash leaves the builder as it was.
         mounted = model.prefixed(prefix)
         for name in sorted({mounted.base_name,
                             *(frame.name for frame in mounted.frames)}):
@@ -416,6 +424,7 @@ class ModelBuilder:
         self._coordinates += mounted.joint_names
         self._balls += [first_body + body for body in mounted.balls]
         self._placements[mounted.base_name] = base
+        # Frames of the model's base are on the body that carries it.
         for frame in mounted.frames:
             on_body = base if frame.body == WORLD else Placement(first_body + frame.body)
             placement = on_body.frame(frame.rotation, frame.translation)

@@ -82,6 +82,7 @@ class StiffnessCurve:
                              'least 2')
         x = constant(self.deflection, shapes[0], f'{what}: deflection')
         y = constant(self.torque, shapes[1], f'{what}: torque')
+        # From zero on, since the curve is odd: through the origin, or with a dead zone.
         lengths = [float(x[0]), *(x[1:] - x[:-1]).tolist()]
         rises = [float(y[0]), *(y[1:] - y[:-1]).tolist()]
         if min(lengths) <= 0.0:
@@ -90,6 +91,7 @@ class StiffnessCurve:
         if rises[0] < 0.0 or min(rises[1:]) <= 0.0:
             raise ModelError(f'{what}: torque {y.tolist()}; expected increasing numbers '
                              'that are not negative')
+        # Corners are rounded over a width that keeps them apart.
         width = self.rounding
         if width is None:
             width = ROUNDING * min(lengths)
@@ -239,6 +241,9 @@ class Drive:
         r = float(constant(ratio, (), 'drive: ratio'))
         if r == 0.0:
             raise ModelError('drive: ratio 0; expected a nonzero number')
+
+        # Angles of the motor are r times those of the joint, torques 1 / r of the
+        # joint's.
         if isinstance(stiffness, StiffnessCurve):
             width = stiffness.rounding
             assert width is not None

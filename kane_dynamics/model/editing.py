@@ -80,6 +80,7 @@ def with_tool(model: Model, on: str, name: str, inertial: Inertial, *,
                            at=at, rpy=rpy, quaternion=quaternion, inertial=inertial)
     for frame, origin in origins.items():
         builder.frame(frame, name, at=origin)
+    # Values in millimetres or grams are seen by the reach and the mass of the arm.
     links = reach(model)
     what = f"tool '{name}'"
     warn_of_mass(inertial.mass, model, what, stacklevel=2)
@@ -148,6 +149,7 @@ def with_names(model: Model, names: Mapping[str, str]) -> Model:
     """
     instance(model, Model, 'model')
     _require_mapping(names, 'names', 'present names to new ones')
+    # Coordinates of several degrees of freedom have names of their own.
     known = {model.name, model.base_name, *model.coordinate_names, *model.joint_names}
     for frame in model.frames:
         known.add(frame.name)
@@ -271,6 +273,7 @@ class _Merger:
         if body.beam is not None:
             self._clamp(body, placement)
             return
+        # The body's inertia goes to the one that carries it, or to the base.
         inertial = body.inertial.moved(placement.rotation, placement.translation)
         if placement.body == WORLD:
             self.base_inertial = self.base_inertial + inertial
@@ -313,6 +316,7 @@ class _Merger:
 def _checked_positions(model: Model, positions: Mapping[str, float]) -> dict[int, float]:
     """Return the positions by coordinate."""
     _require_mapping(positions, 'positions', 'joint names to positions')
+    # Modes and parts of a ball have no position that could be locked.
     without_position = {model.joint_names[k] for k in model.modal_coordinates}
     for first in model.balls:
         without_position |= {body.joint.name for body in model.bodies[first:first + 3]}
@@ -341,6 +345,7 @@ def _warn_of_limits(model: Model, held: Mapping[int, float]) -> None:
     outside = []
     for body in model.bodies:
         joint = body.joint
+        # Of a joint and those that mimic it, the joint's limits count.
         position = held.get(joint.coordinate)
         if position is None or joint.name != model.joint_names[joint.coordinate]:
             continue

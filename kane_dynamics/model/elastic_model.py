@@ -88,6 +88,7 @@ def with_rigid_joints(model: Model) -> Model:
 
     """
     instance(model, Model, 'model')
+    # Each motor moves with its link; coordinates of motors go.
     links = {elastic.drive.motor: elastic.link for elastic in model.drives}
     coordinates = [k for k, name in enumerate(model.joint_names) if name not in links]
     bodies = []
@@ -160,6 +161,7 @@ def _driven_body(model: Model, name: str, drive: Drive) -> int:
     for index, body in enumerate(model.bodies):
         joint = body.joint
         is_own = joint.name in model.joint_names and joint.deflection is None
+        # Only a joint with a coordinate of its own can have a drive.
         if is_own and joint.drive is None and not is_ball_part(index, model.balls):
             valid.append(joint.name)
         elif joint.name == name and joint.drive is not None:
@@ -240,6 +242,7 @@ def _take_from_carrier(bodies: list[Body], motor: Body) -> None:
         return
     carrier = bodies[motor.parent]
     R = motor.joint.rotation
+    # The link's inertia in the file includes the rotor, which is a body now.
     inertia = carrier.inertial.inertia - R @ motor.inertial.inertia @ R.T
     moments = principal_moments(inertia, mass=carrier.inertial.mass)
     if moments.indefinite:

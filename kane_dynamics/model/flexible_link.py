@@ -111,11 +111,13 @@ class FlexibleLink:
             if value < 0.0 or (value == 0.0 and not may_be_zero):
                 sign = 'nonnegative' if may_be_zero else 'positive'
                 raise ModelError(f'{what}: {key} {value:g}; expected a {sign} number')
+        # One number stands for both planes.
         stiffness = np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), (2,))
         modes = np.broadcast_to(np.asarray(self.modes), (2,))
         if modes.dtype.kind not in 'iu' or modes.min() < 0:
             raise ModelError(f'{what}: modes {self.modes!r}; expected one or two '
                              'numbers of modes, 0 or more')
+        # A plane without modes needs no stiffness.
         used = stiffness[modes > 0]
         if not (np.isfinite(stiffness).all() and used.min(initial=1.0) > 0.0):
             raise ModelError(f'{what}: stiffness {self.stiffness!r}; expected positive '
@@ -168,12 +170,14 @@ class AssumedModes:
         self._modes = modes
         self._torsion = torsion
         self._foreshortening = link.foreshortening
+        # Both planes bend alike unless two bendings are stated.
         bending = link.bending
         if not isinstance(bending, Sequence):
             bending = (bending or Bending.clamped_free(),) * 2
         self._bending = list(bending)
         self._bends = int(modes.sum())
         self.count = self._bends + torsion.modes
+        # As many points as integrate products of all shapes exactly enough.
         self.x, self._weights = gauss(self.length, self.count)
         self._mixing = [self._orthonormal(plane) for plane in range(2)]
 
@@ -222,6 +226,8 @@ class AssumedModes:
         """Return phi, phi' and phi'', (len(x), m, 3) each, at positions x."""
         shapes = np.zeros((3, len(x), self.count, 3))
         first = 0
+        # Each plane's shapes are orthonormal combinations of assumed ones, along its
+        # axis.
         for plane, mixing in enumerate(self._mixing):
             last = first + len(mixing)
             if len(mixing):

@@ -54,6 +54,7 @@ def with_beam(model: Model, link: str, beam: FlexibleLink,
     if link not in names:
         raise ModelError(f"no moving link '{link}' to bend; expected one of "
                          f"{', '.join(names)}")
+    # The link's root becomes the beam's: its inertia is that of the modes.
     bent = names.index(link)
     if model.bodies[bent].beam is not None:
         raise ModelError(f"link '{link}': is a beam already; expected a rigid link")
@@ -75,6 +76,7 @@ def with_beam(model: Model, link: str, beam: FlexibleLink,
         return body if body <= bent else body + len(sections.bodies)
     outer_bodies = []
     for index, body in enumerate(model.bodies[bent + 1:], bent + 1):
+        # A body on the link is carried by a section, at the place where it was.
         if index in carried_joints:
             parent, R, p = carried_joints[index]
             joint = replace(body.joint, rotation=R, translation=p)

@@ -254,6 +254,7 @@ def _limits(single: StatedJoint, notices: Notices) -> Limits:
             notices.no_limit.append(name)
         return UNLIMITED
     missing = [key for key in ('velocity', 'effort') if getattr(stated, key) is None]
+    # One sided limits are legal, none at all are missing.
     if stated.lower is None and stated.upper is None and not continuous:
         missing = ['lower', 'upper', *missing]
     if missing:

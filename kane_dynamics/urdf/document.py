@@ -61,6 +61,7 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
     """
     if isinstance(source, (bytes, bytearray)):
         return _decode(bytes(source))
+    # Text begins with a tag; all other text is a path.
     if isinstance(source, str) and source.lstrip('\ufeff \t\r\n').startswith('<'):
         return source.lstrip('\ufeff')
     if not isinstance(source, (str, os.PathLike)):

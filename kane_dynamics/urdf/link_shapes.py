@@ -109,6 +109,8 @@ def _load(source: Source, tag: str) -> tuple[LinkShape, ...]:
     missing = set()
     for link in robot.links:
         for element in getattr(link, f'{tag}s') or ():
+            # A mesh is a file beside the URDF or in a package; without it the link is a
+            # rod.
             shape = _shape(link.name, element, colors)
             if shape is not None and shape.kind == 'mesh':
                 name = element.geometry.mesh.filename

@@ -66,6 +66,7 @@ def _reader_version() -> str:
 
 def _comparable(value: Any) -> Any:
     """Return plain data whose repr identifies values and types, or TypeError."""
+    # Types are part of the key: 1, 1.0 and True describe different things.
     if isinstance(value, np.ndarray):
         if value.dtype.kind not in 'biufU':
             return _comparable(value.tolist())

@@ -137,6 +137,7 @@ def _inertial(link: Any) -> Inertial | None:
 def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:
     """Convert a joint; note a questionable axis and unused elements."""
     what = f"joint '{joint.name}'"
+    # The axis of a joint that moves; a planar one has its normal.
     moves = joint.type in ('revolute', 'continuous', 'prismatic', 'planar')
     single = moves and joint.type != 'planar'
     axis = np.array([1.0, 0.0, 0.0])
@@ -151,6 +152,7 @@ def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:
         elif abs(length - 1.0) > 1e-4:
             notices.long_axis.append(f'{joint.name} ({length:g})')
     R, p = _pose(joint.origin)
+    # What the joint's type makes no use of is reported.
     if not single:
         unused_tags = ('mimic',) if joint.type == 'fixed' else ('limit', 'dynamics')
         for tag in unused_tags:

@@ -46,6 +46,7 @@ def rewritten(source: str | bytes | os.PathLike[str], inertials: Mapping[str, In
     joints = {joint.get('name'): joint for joint in root.findall('joint')}
     _check_existence('link', [*inertials, *emptied], links)
     _check_existence('joint', friction, joints)
+    # The stated inertials replace all others; emptied links keep none.
     for name in [*inertials, *emptied]:
         for element in links[name].findall('inertial'):
             links[name].remove(element)

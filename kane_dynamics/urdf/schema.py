@@ -135,6 +135,7 @@ def _check_attributes(element: Element, owner: str, what: str, notices: Notices)
                             f'most {LONGEST}')
         if name in rule.numbers:
             _check_numbers(element, text, rule.numbers[name], f'{what} {name}')
+        # Attributes with a prefix belong to other tools.
         elif name not in (*rule.required, *rule.optional, *HARMLESS) and ':' not in name:
             notices.not_used(f"<{element.tag}> attribute '{name}'", owner)
 
@@ -174,6 +175,8 @@ def _note_element(element: Element, owner: str, notices: Notices) -> None:
     if tag.startswith('xacro:'):
         raise UrdfError(f'{owner}: <{tag}> (line {element.line}); expected the output '
                         f'of xacro, which replaces this element: {XACRO}')
+    # Transmissions and extensions of Gazebo are named by the joint or link that they are
+    # of.
     if tag == 'transmission':
         names = [joint.attributes.get('name',
                                       '?') for joint in element.find_all('joint')]

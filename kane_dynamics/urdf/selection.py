@@ -187,6 +187,8 @@ def _joints(joints: Any, candidates: list[str], singles: Mapping[str, StatedJoin
         if not isinstance(name, str) or name not in valid:
             raise InputError(f'joints: {_fault(name, singles, mimics)}; expected some '
                              f'of {listing(candidates)}')
+
+    # A joint has one place in the order of the coordinates.
     repeated = [name for name, count in Counter(names).items() if count > 1]
     if repeated:
         raise InputError(f'joints: {listing(repeated)} more than once; expected each '

@@ -149,6 +149,7 @@ def _number(value: Any, what: str, *, signed: bool = False,
     if isinstance(value, types) and not isinstance(value, bool):
         with contextlib.suppress(ValueError, OverflowError):
             number = float(value)
+    # 1e60 is beyond any quantity, and squares of it still have a double.
     if signed:
         expected = 'finite number'
         valid = True
@@ -180,6 +181,7 @@ def _drive(name: str, data: Any) -> Drive:
     if 'stiffness' not in entry:
         raise UrdfError(f"{what}: no 'stiffness'; expected it, and optionally "
                         f'{", ".join(key for key in DRIVE_KEYS if key != "stiffness")}')
+    # Numbers of the motor's side need the ratio of the gear.
     side = entry.get('side', 'joint')
     if side not in ('joint', 'motor'):
         raise UrdfError(f'{what}: side {SHORT.repr(side)}; expected joint or motor')
@@ -200,6 +202,7 @@ def _drive(name: str, data: Any) -> Drive:
     for key in ('torque_sensor', 'full_coupling'):
         if key in entry:
             numbers[key] = entry[key]
+    # The drive names the fault, the supplement the joint.
     try:
         if side == 'motor':
             return Drive.from_motor_side(**numbers)
@@ -234,6 +237,7 @@ def _beam(name: str, data: Any) -> FlexibleLink:
     for key in ('length', 'density', 'damping'):
         if key in entry:
             entry[key] = _number(entry[key], f'{what}: {key}')
+    # One stiffness for both planes, or one for each.
     stiffness = entry['stiffness']
     if isinstance(stiffness, list):
         entry['stiffness'] = [_number(value, f'{what}: '
@@ -270,6 +274,7 @@ def _payload(data: Any) -> tuple[str, Inertial]:
     com = entry.get('com', (0.0, 0.0, 0.0))
     if isinstance(com, (str, Mapping)) or not hasattr(com, '__len__') or len(com) != 3:
         raise UrdfError(f'{what}: com {SHORT.repr(com)}; expected three numbers, m')
+    # About the center of mass, in the axes of the link.
     moments = dict.fromkeys(INERTIA_KEYS, 0.0)
     stated = mapping(entry.get('inertia', {}), f'{what}: inertia', INERTIA_KEYS)
     for key, value in stated.items():

@@ -184,6 +184,7 @@ def with_root_joint(tree: UrdfTree, kind: str, base: Any = None,
         children = [joint.child for joint in tree.joints if joint.parent == base]
         raise InputError(f"root_joint: '{kind}', and the base link is '{ROOT_PARENT}'; "
                          f'expected base= one of {listing(children)}')
+    # Only links behind the base link remain.
     links, joints = _carried_by(tree, base)
     if ROOT_PARENT in links:
         raise InputError(f"root_joint: '{kind}', and a link behind '{base}' is "
@@ -195,6 +196,7 @@ def with_root_joint(tree: UrdfTree, kind: str, base: Any = None,
     added = StatedJoint(ROOT_JOINT, kind, ROOT_PARENT, base, np.eye(3), np.zeros(3),
                         np.array([0.0, 0.0, 1.0]))
     parts = [single.name for single in expand_joint(added)]
+    # If joints are selected, those of the new root joint must be among them.
     chosen = moving is not None and not isinstance(moving, str)
     if chosen and not set(parts) & set(moving):
         raise InputError(f"root_joint: '{kind}', and joints: without "

@@ -174,7 +174,7 @@ def test_the_node_ends_while_the_native_thread_works(node, client):
     assert wait_until(lambda: not any(client.commands[-1]), 1.0)
 
 
-def test_what_native_cannot_do_runs_on_the_interpreter_with_a_warning(start, client, holding):
+def test_a_mode_without_native_code_runs_on_the_interpreter_with_a_warning(start, client, holding):
     node = start(torque_path='native', modes='[arm_coupling]',
                  coupling__partner='/partner/coupling_state')
     node.wait_for('active, mode')

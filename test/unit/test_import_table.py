@@ -1,6 +1,7 @@
 """Imports point up the table of CONTRIBUTING.md; each peer has one door."""
 
 import ast
+from functools import cache
 from pathlib import Path
 import subprocess
 import sys
@@ -125,6 +126,12 @@ class Import(NamedTuple):
         return self.importer.split('/')[0].removesuffix('.py')
 
 
+def for_type_checkers(condition):
+    """Return whether a condition is TYPE_CHECKING, or contains it."""
+    return any('TYPE_CHECKING' in (getattr(node, 'id', ''), getattr(node, 'attr', ''))
+               for node in ast.walk(condition))
+
+
 def _imports(path):
     """Return the imports of a source file."""
     importer = path.relative_to(PACKAGE).as_posix()
@@ -138,17 +145,20 @@ def _imports(path):
             found.extend(Import(importer, f'{base}.{name.name}', lazy) for name in node.names)
         for child in ast.iter_child_nodes(node):
             visit(child, lazy or isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
-                  or (isinstance(node, ast.If) and 'TYPE_CHECKING' in ast.unparse(node.test)))
+                  or (isinstance(node, ast.If) and for_type_checkers(node.test)))
 
     visit(ast.parse(path.read_text('utf-8')), False)
     return found
 
 
-IMPORTS = [found for path in sorted(PACKAGE.rglob('*.py')) for found in _imports(path)]
+@cache
+def imports():
+    """Return the imports of the library; parsing it takes seconds, so only tests do."""
+    return [found for path in sorted(PACKAGE.rglob('*.py')) for found in _imports(path)]
 
 
 def test_imports_are_absolute():
-    assert [found for found in IMPORTS if found.target.startswith('.')] == []
+    assert [found for found in imports() if found.target.startswith('.')] == []
 
 
 def test_every_module_has_its_place_in_the_table():
@@ -160,7 +170,7 @@ def test_every_module_has_its_place_in_the_table():
 def upward(rank, unit_of):
     """Return the imports at load time whose target stands beside or below the importer."""
     found = []
-    for each in IMPORTS:
+    for each in imports():
         parts = each.target.split('.')
         if parts[0] != 'kane_dynamics' or each.lazy:
             continue
@@ -186,7 +196,7 @@ def test_imports_point_up_inside_a_package(package):
     (CORE, APPLICATIONS + PROGRAMS), (APPLICATIONS, PROGRAMS)], ids=['core', 'applications'])
 def test_inner_layer_knows_no_outer_one(layer, outer):
     """The core imports no application of it, an application no program, even when called."""
-    outward = [found for found in IMPORTS if found.unit in layer.split()
+    outward = [found for found in imports() if found.unit in layer.split()
                and found.target.startswith('kane_dynamics.')
                and found.target.split('.')[1] in outer.split()]
     assert outward == []
@@ -209,14 +219,14 @@ def test_contributing_names_every_helper_of_tests():
 
 
 def test_packages_do_not_import_each_other_in_a_circle():
-    upward_at_all = [each for each in IMPORTS if each.target.startswith('kane_dynamics.')
+    upward_at_all = [each for each in imports() if each.target.startswith('kane_dynamics.')
                      and RANK.get(each.target.split('.')[1], -1) > RANK.get(each.unit, len(RANK))]
     assert upward_at_all == []
 
 
 @pytest.mark.parametrize('library', DOORS)
 def test_library_is_imported_only_where_it_may_be(library):
-    intruders = [found for found in IMPORTS if found.target.split('.')[0] == library
+    intruders = [found for found in imports() if found.target.split('.')[0] == library
                  and not any(found.importer == door or found.importer.startswith(f'{door}/')
                              for door in DOORS[library])]
     assert intruders == []
@@ -224,7 +234,7 @@ def test_library_is_imported_only_where_it_may_be(library):
 
 @pytest.mark.parametrize('library', LAZY)
 def test_optional_library_is_imported_only_when_used(library):
-    eager = [found for found in IMPORTS if found.target.split('.')[0] == library
+    eager = [found for found in imports() if found.target.split('.')[0] == library
              and not found.lazy and found.unit not in ('closed_forms', 'demo', 'plot', 'view')]
     assert eager == []
 

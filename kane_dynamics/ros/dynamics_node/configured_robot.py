@@ -203,6 +203,7 @@ class ConfiguredRobot:
     def _compile(self, robots: Sequence[Robot]) -> None:
         """Compile what requests need: simulations, filled trajectories, path timing."""
         robot = self.robot
+        # Everything that a request could need, so that none compiles.
         integrators = possible_integrators(
             robot, integrator_of_simulations(self.values, 'simulation.integrator'))
         follow = joints_that_follow(robot)
@@ -218,6 +219,8 @@ class ConfiguredRobot:
             elif self.values['simulation.stops']:
                 compile_pressed_steps(robot, integrator, follow)
         compile_timing(robot)
+        # Robots with loops simulate computed torque and fill trajectories with kernels
+        # of their own.
         if robot.constraint_names:
             for integrator in integrators:
                 step_kernel(robot, True, integrator, None, follow)
@@ -262,6 +265,8 @@ class ConfiguredRobot:
         if values['stamped_commands']:
             stamped = publisher(joint_command_type(), 'stamped_commands', RELIABLE)
         loops = None
+
+        # The path with its inputs; what it lacks is refused with a reason.
         if not self.fault:
             loops = closed_loop_reader(controller, values)
         self.path, self._states = self._open_path(controller, torques, opened, (
@@ -282,6 +287,7 @@ class ConfiguredRobot:
             if isinstance(self.path, NativeTorquePath):
                 self.path.use_guard(self.guard, handle_address(self.guard.requests))
         self.path.arbiter = self.guard
+        # Gravity of a mobile base comes from its IMU.
         self._distribute()
         if self.gravity_source is not None:
             imu = server.create_subscription(
@@ -294,6 +300,8 @@ class ConfiguredRobot:
         """Open the torque path and its subscription, as parameter torque_path says."""
         node = self._node
         wanted = self.values['torque_path']
+        # The native path where asked for and possible; otherwise the interpreter's, with
+        # the reason.
         reason = 'torque_path: python'
         if wanted != 'python':
             reason = self.fault or python_reason(self.values, controller)
@@ -328,6 +336,7 @@ class ConfiguredRobot:
         publishers = [self._commands, torques]
         if stamped is not None:
             publishers.append(stamped)
+        # What is opened is closed again if a later part fails.
         with ExitStack() as entities:
             def subscribe(kind: Any, topic: str, qos: QoSProfile, needed: bool) -> Any:
                 if not needed:
@@ -485,6 +494,7 @@ class ConfiguredRobot:
         """Use checked parameters, of which `changed` are set, from the next cycle on."""
         previous = self.values
         self.values = values
+        # The order: motion, closed loops, laws, then limits and loads.
         if self.guard is not None:
             self.guard.new_parameters()
         if previous['mode'] != values['mode'] and self.path.active_motion.clear(
@@ -503,6 +513,7 @@ class ConfiguredRobot:
         if self.gravity_source is not None:
             self.gravity_source.time_constant = values['imu.time_constant']
         self.optional_topics.update(values)
+        # Only loads whose parameters changed, since services set them too.
         loads = parameter_loads(self.robot.model, values)
         changes: dict[str, Any] = {}
         if not np.array_equal(previous['gravity'], values['gravity']):

@@ -54,12 +54,14 @@ def spin_node(stop: Any) -> None:
         if node.state == 'active':
             node.trigger_deactivate()
 
+    # Services run in their own thread; the torque path spins here.
     services = threading.Thread(target=node.server.spin, name='services', daemon=True)
     services.start()
     try:
         node.autostart()
         spin(node, executor, stop, failed=command_zeros)
     finally:
+        # Zeros first, then goals and services end.
         node.halt()
         node.end_goals()
         node.server.stop()

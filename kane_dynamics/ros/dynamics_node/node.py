@@ -164,6 +164,7 @@ class DynamicsNode(LifecycleNode):
     @property
     def waiting_for(self) -> str:
         """Return what a node with autostart waits for, and why; empty: for nothing."""
+        # From late to early: activation, then configuration, then the URDF.
         if self._real_subscriber and self.state == 'inactive':
             return self._deactivation_reason()
         if self._activates_itself and self.state == 'inactive':

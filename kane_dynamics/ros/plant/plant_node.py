@@ -62,10 +62,12 @@ class PlantNode(Node):
         self.failure = self._imbalance = ''
         self.paused: bool = values['start_paused']
         robot = self._load()
+        # The simulation, and the schedule of its ticks in wall time.
         self.plant = PlantState(robot, values)
         self.schedule = TickSchedule(self.plant.period / values['rate_factor'])
         self._set_up_messages()
         self._states = self.create_publisher(JointState, 'joint_states', RELIABLE)
+        # Topics and services.
         self._clock_out = self.create_publisher(Clock, '/clock', RELIABLE) if (
             values['publish_clock']) else None
         self._simulated = self.create_publisher(Bool, f'~/{SIMULATED_ROBOT}', LATCHED)
@@ -83,6 +85,7 @@ class PlantNode(Node):
         self._steady = RosClock(clock_type=ClockType.STEADY_TIME)
         self._timer: Any = None
         self._start_diagnostics()
+        # One line says what is simulated.
         joints = self.plant.arm.joint_names
         modes = [robot.coordinate_names[k] for k in robot.model.modal_coordinates]
         drives = [elastic.name for elastic in robot.drives]
@@ -157,6 +160,7 @@ class PlantNode(Node):
         stamp = system if self._clock_out is None else self._now()
         self._publish_time(stamp)
         try:
+            # Measurements may be late or lost, so that a tick publishes none or several.
             arrived = self.plant.tick(stamp)
         except KaneError as error:
             self.failure = str(error)
@@ -200,6 +204,7 @@ class PlantNode(Node):
         """Reset the arm to its initial state."""
         reset_clock = self.values['reset_clock'] and self._clock_out is not None
         if reset_clock:
+            # Time restarts only where the plant is the clock.
             self.plant.reset_time()
         else:
             self.plant.reset()
@@ -261,6 +266,7 @@ class PlantNode(Node):
         now = time.monotonic()
         then, ticks = self._reported
         self._reported = now, self.plant.ticks
+        # The speed is that of the ticks since the last diagnostics.
         speed = (self.plant.ticks - ticks) * self.plant.period / NANO / (now - then)
         message = DiagnosticArray(status=[self._status(speed)])
         stamp = message.header.stamp

@@ -89,6 +89,8 @@ class PlantState:
         parameter_loads(robot.model, values)
         added_terms(values['arm_compensates'])
         check_frames(robot.model, values['wrench.frames'])
+        # An initial position must be within the limits, from which nothing would return
+        # it.
         if values['initial.position'].shape != (0,):
             initial = per_joint(values, 'initial.position', names, 0.0)
             for name, q, low, high in zip(names, initial, limits.lower[:n],
@@ -112,6 +114,7 @@ class PlantState:
         self._noise = [per_joint(values, f'noise.{what}', names, 0.0)
                        for what in ('position', 'velocity', 'effort')]
         self._noisy = any(size.any() for size in self._noise)
+        # The stricter limit of the robot and the parameter.
         self.arm.limit[:] = np.minimum(self.arm.effort_limit,
                                        per_joint(values, 'limits.effort', names, np.inf))
         for what, line in (('states', self.states), ('commands', self.commands)):

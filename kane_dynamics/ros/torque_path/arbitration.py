@@ -219,6 +219,8 @@ class ArbitrationKernels(NamedTuple):
 
 def arbitration_kernels(robot: Robot, joints: int) -> ArbitrationKernels:
     """Compile the rules for a number of commanded joints."""
+    # The rules are written once, over any scalar; each kernel only packs their records
+    # into rows.
     def command(last: Vector, now: Scalar) -> Vector:
         return np.array(before_command(Arbitration(*last), now))
 

@@ -100,6 +100,7 @@ class CartesianMode(NativeLaw):
         def cycle_of(choice: Robot, lanes_of: LanesOf) -> Law:
             cycle = self._cycle_of(choice, lanes_of)
 
+            # A row is torques, then the memory that the next cycle gets.
             def row(q: Vector, u: Vector, clock: Vector, memory: Vector, settings: Vector,
                     orders: Vector, *, t: Scalar, parameters: Vector) -> Vector:
                 stamp, begins = clock
@@ -168,11 +169,14 @@ class CartesianMode(NativeLaw):
     def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
                t: float) -> Array:
         """Return joint torques (n_q,) towards the target at stamp t, s."""
+        # Times relative to the epoch, since nanoseconds since 1970 have more digits than
+        # a double.
         stamp = round(t * NANO)
         if self._clock[1]:
             self._epoch = stamp
         self._clock[0] = stamp - self._epoch
         times = (t,) if self._robot.equations.timed else ()
+        # Orders change rarely: they are numbers again only after a change.
         if self._ordered != (self._epoch, self.target.changes):
             self._orders = self.order_numbers(self._epoch)
             self._ordered = self._epoch, self.target.changes
@@ -202,6 +206,8 @@ class CartesianMode(NativeLaw):
         self._describe_with(posture)
         state = self._describing.state(q, u, snapshot.desired, twist)
         saturated = []
+
+        # The names of limits that bound the law at this state.
         for what, scale in zip(('force', 'moment'), state.spring_scale):
             if scale < 1.0:
                 saturated.append(f'{what} of the spring')
@@ -211,6 +217,7 @@ class CartesianMode(NativeLaw):
             saturated.append('speed of the joints')
         if state.regularization > 0.0:
             saturated.append('singular configuration')
+        # The target itself may be as fast as its limits allow.
         for what, part, limit in (('speed', twist[:3], self._limits[0]),
                                   ('angular speed', twist[3:], self._limits[1])):
             if np.sqrt(part @ part) > NEAR * limit:

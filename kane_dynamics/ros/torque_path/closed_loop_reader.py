@@ -161,10 +161,13 @@ class ClosedLoopReader(JointStateReader):
             tracker.update_checked(self._further(), self.positions)
         except LoopError as error:
             self.detail = error.detail
+            # The loops were lost at this state: at a singular one they may continue
+            # soon.
             if known and not tracker.known:
                 self._singular = True
                 tracker.known = not self._may_be_singular(stamp)
             return error.reason
+        # The last valid state and the one before predict through a singularity.
         self._to_before[:] = self._to_last
         self._to_last[:] = self._from
         self._singular = False

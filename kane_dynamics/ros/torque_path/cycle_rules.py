@@ -736,6 +736,7 @@ def refuse(robot: Robot, terms: Terms, path: PathState, event: Event, settings: 
     """
     now = event.now
     reason = path.reason
+    # Refused states are bridged for the grace period; longer ones end the motion.
     since = either(path.refusing, path.refused_since, now)
     path_then = path._replace(refusing=1.0, refused_since=since)
     if loops is not None:
@@ -751,6 +752,8 @@ def refuse(robot: Robot, terms: Terms, path: PathState, event: Event, settings: 
         begun = loops.given_up(begun)
     path_then = branch(lasts, begun, path_then)
 
+    # The commands meanwhile: the last one within the grace period, then the held pose or
+    # zeros.
     repeated = _repeated(path_then, settings)
     if loops is None:
         held = _held(robot, terms, repeated, settings, parameters)
@@ -759,6 +762,8 @@ def refuse(robot: Robot, terms: Terms, path: PathState, event: Event, settings: 
     held = branch(path_then.confirmed, held, repeated)
     after_grace = branch(settings.holds, held, with_zeros(path_then, now))
     commanded = branch(path_then.fault, after_grace, repeated)
+    # Without the guard's permission nothing is commanded; states that are no refusal
+    # change nothing.
     permitted = Arbitration(*path.arbitration).permitted
     path_then = branch(path_then.commanding * permitted, commanded, path_then)
     return branch(flag(reason > NOT_FINITE - 0.5), path_then, path)

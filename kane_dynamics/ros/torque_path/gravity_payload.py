@@ -81,6 +81,7 @@ def checked_payload(model: Model, values: Mapping[str, Any], frame: str, mass: f
     if not (math.isfinite(mass) and 0.0 <= mass <= max_mass):
         raise InputError(f'mass: {mass:g} kg; expected 0 to {max_mass:g} kg (parameter '
                          'payload.max_mass)')
+    # The moments of inertia are at most those of all mass at the largest distance.
     distance = math.hypot(*com)
     if not distance <= max_distance:
         raise InputError(f'center of mass: {np.asarray(com).tolist()} m; expected '
@@ -89,6 +90,8 @@ def checked_payload(model: Model, values: Mapping[str, Any], frame: str, mass: f
     xx, xy, xz, yy, yz, zz = inertia
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     _check_inertia(tensor, mass * max_distance ** 2)
+    # In axes of the payload frame, whichever frame of the same body the payload is
+    # stated in.
     at = model.frame(frame or carrying)
     carrier = model.frame(carrying)
     if at.body != carrier.body:

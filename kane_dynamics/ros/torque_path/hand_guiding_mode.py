@@ -88,6 +88,7 @@ class HandGuidingMode(NativeLaw):
         robot = self._robot
         rates = robot.joint_rates(q, u)
         saturated = []
+        # The law's default: half of the limits of the joints.
         limits = self._settings['speed_limit']
         if limits is None:
             limits = 0.5 * np.asarray(robot.limits.velocity)

@@ -135,6 +135,8 @@ class JointImpedanceMode(NativeLaw):
         n = self._robot.n
 
         def torque(at: LawInput) -> tuple[Vector, Vector]:
+            # The damping by ratio scales with the root of the inertia where the mode
+            # begins.
             stiffness, stated, per_root, weights = np.split(at.settings, [n, 2 * n, 3 * n])
             inertia = either(at.begins, np.diag(equations.mass_matrix(at.q, at.parameters)),
                              at.memory)

@@ -224,6 +224,7 @@ class JointStateReader:
 
     def read(self, data: bytes, need_velocity: bool) -> str | None:
         """Read one message; return None, or the reason to drop it."""
+        # A message of a known layout is one copy and one gather; all others are parsed.
         layout = self._layouts.get(len(data))
         if layout is None or (int.from_bytes(data, 'little')
                               & layout.mask) != layout.expected or (
@@ -237,6 +238,8 @@ class JointStateReader:
         else:
             layout.numbers.take(layout.index, out=self._q, mode='clip')
             self._u.fill(0.0)
+
+        # Joints that no law needs, but closed loops may compare.
         if self.optional:
             self.others = layout.others.places
             self.positions = layout.numbers[layout.others.entries]
@@ -296,6 +299,8 @@ class JointStateReader:
 
     def _gather(self, message: JointState, index: Index, others: OtherJoints,
                 need_velocity: bool) -> str | None:
+        # Positions are complete or the message is refused; speeds may be missing where
+        # no law needs them.
         count = len(message.name)
         if len(message.position) != count:
             self.detail = f'{len(message.position)} positions for {count} names'

@@ -82,6 +82,7 @@ def python_reason(values: Mapping[str, Any], controller: Controller) -> str:
     """
     robot = controller.robot
     equations = robot.equations
+    # The reasons in the order in which users would look for them.
     every_term = controller.compensate.complete
     closes = bool(robot.constraint_names)
     modes = MODES if closes else (*MODES, *NATIVE_MODES)
@@ -230,6 +231,8 @@ class NativeTorquePath(TorquePath):
             This rclpy or rcl is another one than expected.
 
         """
+        # States, then what else the configuration has; the places tell the native loop
+        # which is which.
         subscriptions = [inputs.states]
         places: list[int | None] = []
         for subscription in (inputs.guard, inputs.clock):
@@ -286,6 +289,8 @@ class NativeTorquePath(TorquePath):
         """Return the plan of the next cycle."""
         controller = self.controller
         numbers = self._numbers()
+        # A counter of each kind of change shows the thread that its memory is of another
+        # law.
         if controller.mode != self._mode:
             self._changes[0] += 1
             self._changes[1] += 1
@@ -296,6 +301,8 @@ class NativeTorquePath(TorquePath):
         parameters = controller.robot.parameters
         if self._loads is not None:
             parameters = self._loads.parameters_of(controller.robot)
+        # Layouts of messages, the motions with times since the epoch, and the periods of
+        # waiting.
         layouts = []
         for layout in self._layouts:
             if layout.has_velocity or not self.need_velocity:
@@ -330,6 +337,8 @@ class NativeTorquePath(TorquePath):
         if own_law is not None:
             numbers = np.concatenate([numbers, own_law.order_numbers(self._epoch)])
         law[:len(numbers)] = numbers
+        # A rate without a limit is a factor of 0 and an infinite bound: the kernel has no
+        # branch.
         rate = self.messages.of_commanded(controller.rate_limit)
         effort = self.messages.of_commanded(controller.effort_limit)
         is_limited = np.isfinite(rate)
@@ -472,11 +481,13 @@ class NativeTorquePath(TorquePath):
         """Count, warn and observe what the thread did; called in the main thread."""
         if not self.running:
             return
+        # Loads first, so that reports are read with the parameters of their cycles.
         if self._loads is not self._applied_loads:
             self._apply_loads()
         while reports := self.native.reports():
             for report in reports:
                 self._read(report)
+        # Cycles that no report describes any more were answered nevertheless.
         missing = self.native.lost - self.unobserved
         if missing:
             self.unobserved += missing
@@ -493,6 +504,7 @@ class NativeTorquePath(TorquePath):
 
     def _read(self, report: Report) -> None:
         """Read one report."""
+        # Lost states are those that the thread did not see, by their sequence numbers.
         if report.lost > self.unobserved:
             self._lost_states.skip()
         is_of_state = report.kind not in (ELAPSED, HEARD)

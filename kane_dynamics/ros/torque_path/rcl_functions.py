@@ -218,6 +218,8 @@ class RclLoop:
         functions = self._functions
         wait_set = ctypes.byref(self.wait_set)
         functions['rcl_wait_set_clear'](wait_set)
+        # The layout of rcl's structures is assumed; handles that are found where they
+        # belong confirm it.
         code = 0
         for subscription in self.subscriptions:
             code |= functions['rcl_wait_set_add_subscription'](

@@ -223,6 +223,9 @@ class StateCheck:
         """
         q, u = np.split(self._state, 2)
         lower, upper, fastest, slope, step = self.bounds
+
+        # In the order of the kernel: finite, positions, speeds, then the change since
+        # the last state.
         finite = np.isfinite(q) & np.isfinite(u)
         if not finite.all():
             self.detail = ', '.join(np.compress(~finite, self._joints))
@@ -317,6 +320,7 @@ def state_kernel(robot: Robot, count: int) -> Kernel:
             position = state[j]
             speed = state[count + j]
             moved = position - last[j]
+            # NaN fails every comparison, so that it is impossible as well.
             for small, large in ((bound.lower, position), (position, bound.upper),
                                  (-bound.fastest, speed), (speed, bound.fastest),
                                  (-bound.change, moved), (moved, bound.change)):

@@ -114,6 +114,7 @@ class TargetInput:
         message = self._accepted(POSE, data, PoseStamped, 7, _pose_numbers)
         if message is None:
             return
+        # Numbers first, then the frame, then what depends on the state of the arm.
         length = math.sqrt(float(message.numbers[3:] @ message.numbers[3:]))
         if not abs(length - 1.0) <= QUATERNION:
             self._refuse(POSE, NOT_FINITE, f'quaternion of length {length:.4g}; '
@@ -135,6 +136,7 @@ class TargetInput:
         self._numbers[:] = message.numbers
         self._axes[:] = frame
         self._read_pose()
+        # The target stays if the pose is refused.
         reason = self._fault(q, message.stamp)
         if reason is not None:
             self._refuse(POSE, *reason)
@@ -156,6 +158,7 @@ class TargetInput:
                              f'{self._farthest:g} m and {self._widest:g} rad, '
                              'target.max_distance and target.max_angle')
         beyond = self._beyond_reach(self._pose, q, 'it')
+        # A moving target stops beyond the pose, which must be within reach too.
         if beyond is None and self._moves_on(stamp):
             distance, angle = largest_of(self._advance)
             place = (f'the pose, {distance:.3g} m and {angle:.3g} rad further on, at '

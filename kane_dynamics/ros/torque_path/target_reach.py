@@ -101,6 +101,7 @@ class TargetReach:
         error = displacement(pose, goal)
         J = self._equations.tree.partial_velocities(self._frame, q)
         distance = error[:3] @ error[:3]
+        # Rows of closed loops join the task, so that the step keeps them closed.
         if self._equations.watched:
             rows = self._equations.constraint_rows(q)
             open_by = np.array([0.0 if x is None else x for x in rows.residual])
@@ -108,6 +109,7 @@ class TargetReach:
             error = np.concatenate([error, -open_by])
             distance = distance + open_by @ open_by
         size = error @ error
+        # Damping that vanishes with the error: Newton's method near the solution.
         damping = select(size < LARGEST_DAMPING, size, LARGEST_DAMPING) + BIAS
         # Joints at a limit that the step would pass are held in a second step.
         step = _damped_step(J, error, damping)
@@ -117,6 +119,7 @@ class TargetReach:
             free.append(select(x > high - AT_LIMIT, select(change > 0.0, 0.0, is_low),
                                is_low))
         step = _damped_step(J * np.array(free), error, damping)
+        # The step is at most LONGEST for any joint, in its direction.
         longest = 0.0
         for change in step:
             magnitude = select(change < 0.0, -change, change)

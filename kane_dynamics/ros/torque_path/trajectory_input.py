@@ -180,6 +180,7 @@ def schedule_motion(path: TorquePath, message: ReceivedTrajectory, now: int,
         be followed now.
 
     """
+    # What refuses any motion at present.
     if not path.controller.mode.follows_motions:
         raise InputError(f'mode: {path.controller.mode}; expected a mode that follows '
                          'motions')
@@ -191,6 +192,7 @@ def schedule_motion(path: TorquePath, message: ReceivedTrajectory, now: int,
     if not now:
         raise InputError('use_sim_time: true without a message on /clock; expected '
                          'simulated time')
+    # A stamp of zero begins on receipt; later ones are in the future or in progress.
     start = nanoseconds(message.header.stamp) or now
     entry = max(now, start)
     motion = motion_from_message(message, path.controller.followed,
@@ -199,6 +201,7 @@ def schedule_motion(path: TorquePath, message: ReceivedTrajectory, now: int,
         raise PastMotionError('end of the motion: '
                               f'{(now - start) / NANO - motion.duration:.3f} s ago; '
                               'expected a time in the future')
+    # Where the motion sets out from: the state that is desired when it begins to act.
     place = path.desired(entry)
     if place is None and values['trajectory.start_tolerance'] < math.inf:
         raise InputError('joint states: none yet; expected one, from which the motion '

@@ -128,6 +128,7 @@ class WrenchInput:
 
     def on_message(self, data: bytes) -> None:
         """Store one serialized WrenchStamped, or reject it with the reason."""
+        # Each check has its own reason, which is counted and warned of.
         now = self._now()
         try:
             stamp, frame, wrench = read_stamped(data, WrenchStamped, 6, wrench_array)

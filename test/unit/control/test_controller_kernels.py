@@ -84,7 +84,7 @@ def test_the_detector_is_that_of_the_library():
     assert memory.tolist() == [0.0, 0.0, -1.0, 0.0, 0.0], 'an elapsed time of 0 begins again'
 
 
-def test_what_no_controller_of_the_library_follows_is_refused():
+def test_motions_that_no_controller_follows_are_refused():
     with pytest.raises(InputError, match=r'followed: .*expected None, because all joints'):
         controller_kernels(arm(), followed=arm().joint_names)
     with pytest.raises(InputError, match=r'followed: .*expected 1 of the joints'):

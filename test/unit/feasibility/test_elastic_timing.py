@@ -191,7 +191,7 @@ CORNER = Motion.from_points([0, 1, 2], [[0, 0], [1, 0], [1, 1]],
         'shoulder': Drive(9e2, rotor_inertia=1.0)})), [[0.0], [0.5]]),
      'path: no limit of motors'),
 ])
-def test_what_has_no_timing_is_refused(call, words):
+def test_a_path_without_a_timing_is_refused(call, words):
     with pytest.raises(InputError, match=words):
         call()
 

@@ -158,7 +158,7 @@ def test_the_arms_engage_follow_and_lose_each_other_without_a_jump(sides):
     assert not leader.refused and not follower.refused
 
 
-def test_what_a_partner_feels_is_the_torque_at_its_joints(sides):
+def test_a_partner_feels_the_torque_at_its_joints(sides):
     leader = sides[0]
     for side in sides:
         side.adjust(coupling__engaged=False)

@@ -104,7 +104,7 @@ def test_other_modes_take_the_joints_for_rigid():
     (lambda: law(model=elastic({'turn': Drive(StiffnessCurve([1e-3, 1e-2], [0.0, 9.0]),
                                               rotor_inertia=0.5)})), 'a dead zone of 0.001'),
 ])
-def test_what_does_not_fit_is_refused(call, words):
+def test_arms_and_parameters_that_do_not_fit_are_refused(call, words):
     with pytest.raises(InputError, match=words):
         call()
 

@@ -682,7 +682,7 @@ def test_an_observer_that_fails_does_not_stop_the_torques():
     assert ('observer', 'Faulty: ValueError: broken') in native.warnings
 
 
-def test_what_runs_on_the_interpreters_path_is_said_with_its_reason():
+def test_a_configuration_on_the_interpreters_path_has_a_stated_reason():
     controller = Controller(ROBOT)
     assert not python_reason(node_values(), controller)
     for name in ('guard.enabled', 'stamped_commands'):

@@ -310,7 +310,7 @@ def test_a_step_too_long_for_bristles_that_slide_is_reported():
     ({'bristles0': [0.0, 1.0]}, r'bristles0: shape \(2,\); expected'),
     ({'bristles0': [np.nan]}, 'bristles0'), ({'bristles0': 'bent'}, 'bristles0'),
     ({'bristles0': [[0.0], [0.0]]}, r'bristles0: shape \(2, 1\); expected \(1,\)$')])
-def test_what_bristles_cannot_do_is_refused(options, text):
+def test_options_without_meaning_for_bristles_are_refused(options, text):
     with pytest.raises(InputError, match=text):
         simulate(block(**LUGRE), [0.0], [0.0], 0.1, **options)
 

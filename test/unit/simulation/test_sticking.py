@@ -475,7 +475,7 @@ def test_the_command_line_has_exact_friction(capsys, tmp_path):
     assert result['u'] == [0.0, 0.0]
 
 
-def test_what_sticks_is_saved(tmp_path):
+def test_sticking_joints_are_saved_and_read(tmp_path):
     run = exact(wheel(friction=2.0), [0.0], [1.0], 1.0)
     run.save_npz(tmp_path / 'run.npz')
     loaded = Trajectory.load_npz(tmp_path / 'run.npz')

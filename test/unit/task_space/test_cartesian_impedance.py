@@ -229,7 +229,7 @@ def test_wrong_tasks_are_refused(arguments, message):
     (2.0 * np.eye(4), 'rotation matrix'),
     (np.full((4, 4), np.nan), 'pose'), (np.diag([-1.0, 1, 1, 1]), 'rotation matrix'),
     (np.eye(4) + np.eye(4, k=-3), 'last row'), ('pose', 'pose')])
-def test_what_is_no_pose_is_refused(pose, message):
+def test_a_target_that_is_no_pose_is_refused(pose, message):
     with pytest.raises(InputError) as error:
         law().torque(ORDINARY, np.zeros(7), pose)
     assert message in str(error.value)
