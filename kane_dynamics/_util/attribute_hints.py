@@ -31,9 +31,9 @@ COUNTERPARTS = {
     'jacobian_rate(frame, q, u)': 'jacobiandot jdot jacobiantimederivative djacobian '
                                   'computejointjacobianstimevariation '
                                   'jacobianderivative partialvelocityrates',
-    'forward_kinematics(frame, q)': 'fk fkine framesforwardkinematics '
-                                    'updateframeplacements pose omf framepose '
-                                    'calcrelativetransform transform placement',
+    'frame_pose(frame, q)': 'fk fkine forward_kinematics forwardkinematics '
+                            'framesforwardkinematics updateframeplacements pose omf '
+                            'calcrelativetransform transform placement',
     'closed_configuration(q)': 'closedposture closeloops loopclosure assemble',
     'center_of_mass(q)': 'com centerofmass calccenterofmasspositioninworld subtreecom',
     'center_of_mass_jacobian(q)': 'jacobiancenterofmass comjacobian jcom '

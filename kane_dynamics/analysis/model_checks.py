@@ -6,7 +6,7 @@ from typing import Literal
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.friction import slides
+from kane_dynamics.mechanics.friction import resists
 from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.methods.configuration_methods import sampling_range
@@ -122,8 +122,7 @@ def _examine_drives(model: Model, robot: Robot) -> list[Finding]:
     driven = _driven_joints(model, robot)
     frictionless, without_rotor = [], []
     for joint in model.coordinate_joints:
-        resists = joint.damping or joint.quadratic_damping or slides(joint)
-        if joint.name not in model.floating_base and not resists:
+        if joint.name not in model.floating_base and not resists(joint):
             frictionless.append(joint.name)
         if joint.name in driven and not joint.armature:
             without_rotor.append(joint.name)

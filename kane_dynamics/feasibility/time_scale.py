@@ -47,7 +47,7 @@ from kane_dynamics.loop_tracking.driven_mechanism import MechanismMotion
 from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
 from kane_dynamics.mechanics.algebra.intervals import highest_free, positive_intervals
 from kane_dynamics.mechanics.ball_joints import require_angles
-from kane_dynamics.mechanics.friction import (refuse_load_friction, slides,
+from kane_dynamics.mechanics.friction import (is_nonlinear, refuse_load_friction,
                                               stribeck_excess)
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import SmoothMotion
@@ -317,8 +317,7 @@ class SampledPath:
         self.u = robot.joint_rates(whole.q, whole.u)
         self.friction = Robot(robot.model, friction=robot.friction).friction_force
         self.rough = sorted({body.joint.coordinate for body in robot.model.bodies
-                             if robot.friction and (slides(body.joint)
-                                                    or body.joint.quadratic_damping)})
+                             if robot.friction and is_nonlinear(body.joint)})
         self.shared = unit_torques(robot, whole.q, self.rough)
         return whole
 

@@ -86,6 +86,16 @@ def slides(joint: Joint) -> bool:
                 or carries_load(joint))
 
 
+def is_nonlinear(joint: Joint) -> bool:
+    """Return whether the friction of a joint is more than damping times its rate."""
+    return bool(slides(joint) or joint.quadratic_damping)
+
+
+def resists(joint: Joint) -> bool:
+    """Return whether a joint has friction of any kind."""
+    return bool(joint.damping or is_nonlinear(joint))
+
+
 def carries_load(joint: Joint) -> bool:
     """Return whether the friction of a joint depends on the torque that it transmits."""
     return bool(joint.load_friction or joint.load_friction_backdriven)

@@ -3,21 +3,18 @@
 from collections import Counter
 import time
 
-from kane_dynamics import Motion
+from driven_palletizer import START, tracking_errors
 from kane_dynamics.loop_tracking.loop_error import CONTRADICTION, SINGULAR
 from kane_dynamics.ros.torque_path.joint_state_reader import MISSING, STALE
 from kane_dynamics_interfaces.srv import Simulate
 from lifecycle_msgs.msg import Transition
-from node_process import DEEP, Process, wait_until
+from node_process import wait_until
 import numpy as np
 from palletizer import DRIVEN, LOOPS, palletizer, positions, SINGULAR_SHOULDER, URDF
 import pytest
-from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-START, END = (0.0, 0.0, 0.0, 0.0), (0.5, 0.3, -0.2, 1.0)
-REST = [(0.0,) * 4] * 2
-DURATION = 1.6  # s
+END = (0.5, 0.3, -0.2, 1.0)
 LATE = 0.2007  # s: no multiple of a period, or two states may have one stamp, to the nanosecond
 
 
@@ -40,33 +37,9 @@ def gravity(driven):
 
 def test_computed_torque_moves_the_plant_with_only_the_driven_joints_measured(client, start,
                                                                               files):
-    plant = Process(module='kane_dynamics.ros.plant.main', after_timeout='hold', rate=250,
-                    substeps=4, measured=list(DRIVEN), **files)
-    states = []
-    listening = client.create_subscription(JointState, 'joint_states', lambda m: states.append(
-        (m.header.stamp.sec * 10**9 + m.header.stamp.nanosec, np.array(m.position))), DEEP)
-    motion = Motion.from_points([0.0, DURATION], [START, END], REST, joint_names=DRIVEN)
-    try:
-        plant.wait_for('joint states/s', 60.0)
-        node = start(real_states=True,
-                     mode='computed_torque', gains__kp=36.0, gains__kd=12.0, state_timeout=1.0,
-                     **files)
-        node.wait_for('active, mode', 60.0)
-        assert wait_until(lambda: client.motions.get_subscription_count() > 0 and states
-                          and client.commands)
-        assert len(states[0][1]) == 4 and len(client.commands[-1]) == 4
-        began = time.time_ns() + 300_000_000
-        client.joints = DRIVEN
-        client.follow([(0.0, START), (DURATION, END)], start=began, velocities=REST)
-        assert wait_until(lambda: states[-1][0] > began + DURATION * 1e9, 20.0)
-        assert plant.alive() and 'stopped until' not in plant.log and 'rejected' not in node.log
-        assert client.names == tuple(palletizer().joint_names[k] for k in commanded())
-    finally:
-        client.destroy_subscription(listening)
-        plant.end()
-        print(node.log, plant.log)
-    errors = [np.abs(q - motion.sample((stamp - began) * 1e-9)[0]) for stamp, q in states
-              if 0 <= stamp - began <= DURATION * 1e9]
+    errors = tracking_errors(client, start, files, 'joint states/s', END, (36.0, 12.0),
+                             rate=250, substeps=4)
+    assert client.names == tuple(palletizer().joint_names[k] for k in commanded())
     assert len(errors) > 100
     # Torques that neglect the loops would let the arm, of half a ton, fall at once.
     assert np.mean(errors) < 0.02

@@ -2,21 +2,20 @@
 
 import time
 
-from kane_dynamics import Motion, QuasiStatic
+from driven_palletizer import tracking_errors
+from kane_dynamics import QuasiStatic
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
 from kane_dynamics.ros.services.served_robot import QUASI_STATIC, RIGID
 from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
                                           InverseDynamics)
-from node_process import DEEP, Process, wait_until
+from node_process import DEEP, wait_until
 import numpy as np
 from palletizer import BEAMS, bending_palletizer, DRIVEN, LOOPS, positions, URDF
 import pytest
 from sensor_msgs.msg import JointState
 import yaml
 
-START, END = (0.0, 0.0, 0.0, 0.0), (0.4, 0.3, -0.2, 1.0)
-REST = [(0.0,) * 4] * 2
-DURATION = 1.6  # s
+END = (0.4, 0.3, -0.2, 1.0)
 
 
 @pytest.fixture(scope='module')
@@ -91,31 +90,8 @@ def test_commands_services_and_observer_use_the_deflection_or_say_what_they_assu
 
 
 def test_the_node_moves_the_bending_plant(client, start, files):
-    plant = Process(module='kane_dynamics.ros.plant.main', after_timeout='hold', rate=200,
-                    substeps=10, measured=list(DRIVEN), **files)
-    states = []
-    listening = client.create_subscription(JointState, 'joint_states', lambda m: states.append(
-        (m.header.stamp.sec * 10**9 + m.header.stamp.nanosec, np.array(m.position))), DEEP)
-    motion = Motion.from_points([0.0, DURATION], [START, END], REST, joint_names=DRIVEN)
-    try:
-        plant.wait_for('flexible modes lower_arm/mode_1, upper_arm/mode_1', 120.0)
-        node = start(real_states=True,
-                     mode='computed_torque', gains__kp=25.0, gains__kd=10.0, state_timeout=1.0,
-                     **files)
-        node.wait_for('active, mode', 120.0)
-        assert wait_until(lambda: client.motions.get_subscription_count() > 0 and states
-                          and client.commands)
-        assert len(states[0][1]) == 4 and len(client.commands[-1]) == 4
-        began = time.time_ns() + 300_000_000
-        client.joints = DRIVEN
-        client.follow([(0.0, START), (DURATION, END)], start=began, velocities=REST)
-        assert wait_until(lambda: states[-1][0] > began + DURATION * 1e9, 20.0)
-        assert plant.alive() and 'stopped until' not in plant.log and 'rejected' not in node.log
-    finally:
-        client.destroy_subscription(listening)
-        plant.end()
-        print(node.log, plant.log)
-    errors = [np.abs(q - motion.sample((stamp - began) * 1e-9)[0]) for stamp, q in states
-              if 0 <= stamp - began <= DURATION * 1e9]
+    errors = tracking_errors(client, start, files,
+                             'flexible modes lower_arm/mode_1, upper_arm/mode_1', END,
+                             (25.0, 10.0), rate=200, substeps=10)
     assert len(errors) > 50
     assert np.mean(errors) < 0.02

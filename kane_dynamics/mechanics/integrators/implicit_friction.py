@@ -20,7 +20,7 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
-from kane_dynamics.mechanics.friction import slides as slides_in
+from kane_dynamics.mechanics.friction import is_nonlinear
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
 
@@ -87,7 +87,7 @@ def slides(equations: TreeEquations) -> bool:
     """Return whether a joint has friction that an implicit step linearizes."""
     bodies = equations.model.bodies
     return equations.friction and any(
-        slides_in(body.joint) or body.joint.quadratic_damping for body in bodies)
+        is_nonlinear(body.joint) for body in bodies)
 
 
 def resisted_speed(M: Matrix, momentum: Vector, u: Vector, h: Scalar, order: list[int],

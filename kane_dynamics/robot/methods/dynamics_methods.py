@@ -25,8 +25,7 @@ from numpy.typing import ArrayLike
 FRICTION_TERM = TORQUE_TERMS.index('friction')
 Matrices = tuple[Array, Array, Array]
 OTHER_NAMES = {'jacobian': 'partial_velocities',
-               'jacobian_rate': 'partial_velocity_rates',
-               'forward_kinematics': 'frame_pose'}
+               'jacobian_rate': 'partial_velocity_rates'}
 
 
 def place_of(name: str) -> tuple[str, str]:

@@ -47,12 +47,6 @@ class FrameMethods(DynamicsMethods):
         """Return the acceleration of a frame, (6,): linear, angular; without gravity."""
         return self._at_frame('frame_acceleration', frame, (q, u, udot), out, t)
 
-    @of_frame('frame_pose')
-    def forward_kinematics(self, frame: str, q: ArrayLike, *,
-                           out: Array | None = None) -> Array:
-        """Return the (4, 4) pose of a frame in the world, m, as `frame_pose`."""
-        return self._at_frame('frame_pose', frame, (q,), out)
-
     @hinting_method
     def frame_poses(self, frames: Sequence[str], q: ArrayLike) -> Array:
         """
@@ -72,14 +66,6 @@ class FrameMethods(DynamicsMethods):
 
         """
         return np.stack([self.frame_pose(frame, q) for frame in _listed(frames)],
-                        axis=-3)
-
-    @hinting_method
-    def jacobians(self, frames: Sequence[str], q: ArrayLike, *, t: ArrayLike = 0.0,
-                  axes: str = 'world') -> Array:
-        """Return the Jacobians of several frames, (k, 6, n) or (N, k, 6, n)."""
-        return np.stack([self.jacobian(frame, q, t=t,
-                                       axes=axes) for frame in _listed(frames)],
                         axis=-3)
 
     @of_frame('partial_velocities')

@@ -82,7 +82,7 @@ def test_batches_of_poses_are_computed_as_single_poses():
 def test_a_small_pose_error_is_what_the_jacobian_makes_of_a_small_step():
     robot, h = arm(), 1e-5
     q, dq = robot.random_configuration(0), np.random.default_rng(5).normal(size=6)
-    before, after = (robot.forward_kinematics('tool0', q + s * h * dq) for s in (-0.5, 0.5))
+    before, after = (robot.frame_pose('tool0', q + s * h * dq) for s in (-0.5, 0.5))
     np.testing.assert_allclose(pose_error(before, after) / h, robot.jacobian('tool0', q) @ dq,
                                atol=1e-8)
 

@@ -67,7 +67,7 @@ def test_a_name_of_another_library_is_answered_with_its_counterpart(name, ours):
     ('njoints', 'robot.n$'), ('jacobian_matrix', r'robot.jacobian\('),
     ('gravload', r'robot.gravity_force\(q\)'), ('rne', r'robot.inverse_dynamics\('),
     ('teach', r'kane_dynamics.view.Window\(robot\)'), ('plot', 'functions of kane_dynamics.plot'),
-    ('fkine', r'robot.forward_kinematics\(frame, q\)'), ('mass', r'sum\(body.inertial.mass'),
+    ('fkine', r'robot.frame_pose\(frame, q\)'), ('mass', r'sum\(body.inertial.mass'),
     ('from_urdf', r'kane_dynamics.load_urdf\(path\), and Robot\(model\)')])
 def test_a_method_of_another_library_is_answered_with_the_place_of_ours(name, words):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}'; expected .*{words}"):
@@ -78,7 +78,7 @@ def test_a_method_of_another_library_is_answered_with_the_place_of_ours(name, wo
     ('buildModelFromUrdf', r'load_urdf\(path\)'), ('loadURDF', r'load_urdf\(path\)'),
     ('from_urdf', 'load_urdf'), ('ik', 'inverse_kinematics'), ('rnea', 'robot.inverse_dynamics'),
     ('simulat', 'expected simulate'), ('jacobian', r'robot.jacobian\(frame, q\)'),
-    ('forward_kinematics', 'robot.forward_kinematics'),
+    ('forward_kinematics', r'robot.frame_pose\(frame, q\)'),
     ('time_optimal', r'kane_dynamics.feasibility.time_optimal\('),
     ('load_xacro', r'load_urdf\(path\), which expands xacro')])
 def test_names_of_other_libraries_in_the_package_are_answered(name, words):
@@ -143,7 +143,7 @@ def test_every_counterpart_exists_and_a_strange_name_gets_no_wrong_hint():
 
 @pytest.mark.parametrize('call', [
     lambda arm: arm.jacobian(Q, 'frame3'), lambda arm: arm.partial_velocities(Q, 'frame3'),
-    lambda arm: arm.frame_velocity(Q, Q, 'frame3'), lambda arm: arm.forward_kinematics(Q, 'x'),
+    lambda arm: arm.frame_velocity(Q, Q, 'frame3'), lambda arm: arm.frame_pose(Q, 'x'),
     lambda arm: arm.operational_space_inertia(Q, 'frame3')])
 def test_frame_and_q_in_the_wrong_order_are_named(call):
     with pytest.raises(InputError, match=r'frame: a ndarray; expected a name \(str\): the order '
@@ -153,10 +153,9 @@ def test_frame_and_q_in_the_wrong_order_are_named(call):
         robot().joint_reaction(Q, Q, Q, 'joint0')
 
 
-def test_new_names_are_the_same_numbers_as_the_old_ones():
+def test_a_jacobian_is_the_partial_velocities_of_its_frame():
     arm = robot()
     np.testing.assert_array_equal(arm.jacobian('frame3', Q), arm.partial_velocities('frame3', Q))
-    np.testing.assert_array_equal(arm.forward_kinematics('frame3', Q), arm.frame_pose('frame3', Q))
     assert arm.frame_names == tuple(frame.name for frame in MODEL.frames)
 
 
