@@ -48,6 +48,8 @@ class Finding:
 def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[Finding]:
     """Return the findings about a robot model."""
     findings = []
+    # From the file to the dynamics: each check may assume that those before found no
+    # problem.
     for warning in warnings:
         level: Level = 'problem' if warning.startswith(PROBLEMS) else 'warning'
         findings.append(Finding(level, f'URDF: {warning}'))
@@ -155,6 +157,8 @@ def _examine_stiffness(model: Model, robot: Robot) -> list[Finding]:
         stiffness = drive.stiffness
         if isinstance(stiffness, StiffnessCurve):
             stiffness = max(stiffness.slopes)
+        # Too soft: gravity bends it far, or the link vibrates slowly; too stiff: it
+        # vibrates faster than any.
         sag = gravity[link] / stiffness
         lightest = np.sqrt(stiffness / inertia[:, link].min()) / (2.0 * np.pi)
         heaviest = np.sqrt(stiffness / inertia[:, link].max()) / (2.0 * np.pi)
@@ -191,6 +195,7 @@ def examine_units(model: Model) -> list[Finding]:
     findings = []
     lengths = {body.joint.name: float(np.linalg.norm(body.joint.translation))
                for body in model.bodies}
+    # The longest distance between joints, if all were in one line.
     reach = sum(lengths.values())
     too_long = [f'{name} ({length:.4g} m)' for name, length in lengths.items()
                 if length > LONGEST_LINK]
@@ -218,6 +223,8 @@ def _examine_inertias(model: Model, reach: float) -> list[Finding]:
                                 f'whose links reach {reach:.4g} m in one line; expected '
                                 'kg: are these grams?'))
     size = max(reach, SMALLEST_REACH)
+    # No center of mass lies farther out than the robot reaches, no radius of gyration is
+    # larger.
     far, wide = [], []
     for body in model.bodies:
         distance = float(np.linalg.norm(body.inertial.com))
@@ -286,6 +293,7 @@ def _examine_holding_torques(robot: Robot) -> list[Finding]:
         return [Finding('warning', 'holding torques: not examined in random closed '
                         f'configurations; {error}')]
     efforts = robot.limits.effort
+    # The configurations in which an actuator is too weak, and by how much.
     weak = [f"'{name}' (torque up to {torque:.5g}, effort {limit:.5g})"
             for name, torque, limit in zip(robot.joint_names, torques.max(axis=0),
                                            efforts)

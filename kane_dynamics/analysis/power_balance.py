@@ -94,6 +94,7 @@ def _constrained_balance(robot: Robot, q: Any, u: Any, tau: Any, wrench: Any, t:
     rates = joint_speeds(robot.model, np.asarray(q), robot.joint_rates(q, u, t=t))
     joints = _product(robot.joint_torques(tau, q, t=t), rates)
     lost = []
+    # Friction depends on the torques of the motors, row by row.
     times = np.broadcast_to(np.asarray(t, dtype=np.float64), len(np.atleast_2d(rates)))
     for q_row, row, tau_row, time in zip(np.atleast_2d(np.asarray(q)), np.atleast_2d(rates),
                                          np.atleast_2d(tau), times):
@@ -101,10 +102,12 @@ def _constrained_balance(robot: Robot, q: Any, u: Any, tau: Any, wrench: Any, t:
         lost.append(friction_of_joints.astype(np.float64) @ row)
     friction = np.reshape(lost, np.shape(joints))[()]
     external = 0.0 * joints
+    # Power of external wrenches at their frames.
     if wrench is not None:
         for k, frame in enumerate(equations.wrench_frames):
             velocity = robot.frame_velocity(frame.name, q, u, t=t)
             external = external + _product(np.asarray(wrench)[..., k, :], velocity)
+    # Constraints that move with time do work: their forces times the prescribed rates.
     forces = robot.constraint_forces(q, u, tau, wrench=wrench, t=t)
     constraints = _product(forces, _prescribed(robot, q, t))
     return PowerBalance(joints, external, friction, energy_rate, constraints)

@@ -129,6 +129,8 @@ class _Trig:
         self._forms: dict[Any, Any] = {}
         waiting = list(expressions)
         visited = set()
+
+        # Sums, products and integer powers are taken apart; what remains are the atoms.
         while waiting:
             x = self.form(waiting.pop())
             if x in visited:
@@ -140,6 +142,7 @@ class _Trig:
                 waiting.append(x.base)
             elif not x.is_Rational:
                 self.atoms.add(x)
+                # sin^2 = 1 - cos^2 needs both.
                 if isinstance(x, sp.sin):
                     self.atoms.add(sp.cos(*x.args))
 

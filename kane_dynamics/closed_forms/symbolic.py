@@ -216,6 +216,8 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
     for number, body in enumerate(model.bodies, 1):
         bodies.append(_unchecked_copy(body, inertial=_inertial(table, number, body),
                                       joint=_joint(table, number, body.joint)))
+    # The model's interface as `definition.kane` reads it, with symbols in place of
+    # numbers.
     gravity = table.vector('g', model.gravity, 'm/s^2', 'gravity')
     view = SimpleNamespace(n=model.n, bodies=bodies, gravity=gravity, name=model.name,
                            coordinate_names=model.coordinate_names, balls=(),
@@ -310,6 +312,7 @@ def _drives(table: ParameterSymbols, model: Model) -> tuple[ElasticJoint, ...]:
             raise ModelError(f"closed form of '{model.name}': a stiffness curve {joint}; "
                              'expected a constant stiffness')
         number = numbers[elastic.name]
+        # Units of a joint that turns, or slides.
         length, force = 'rad', 'N m'
         if elastic.name in model.sliding:
             length, force = 'm', 'N'

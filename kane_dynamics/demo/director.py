@@ -288,10 +288,11 @@ def commands(name: str, record: Path, mode: str) -> dict[str, Sequence[str]]:
         plant.append('clock')
     if mode == ELASTIC:
         plant.append('elastic')
-    return {'arm': plant,
-            'node': [sys.executable, '-u', '-m', 'kane_dynamics.ros.dynamics_node.main',
-                     '--ros-args', *(word for key, value in parameters.items()
-                                     for word in ('-p', f'{key}:={value}'))]}
+    node = [sys.executable, '-u', '-m', 'kane_dynamics.ros.dynamics_node.main',
+            '--ros-args']
+    for key, value in parameters.items():
+        node += ['-p', f'{key}:={value}']
+    return {'arm': plant, 'node': node}
 
 
 def parsed(arguments: Sequence[str]) -> Namespace:

@@ -110,6 +110,7 @@ def _by_interface(name: str, x: Any, interface: Any, driver: Driver,
     item = ITEM[dtype]
     shape = tuple(interface['shape'])
     strides = dlpack.contiguous(shape)
+    # Strides in bytes become strides in entries; none are those of C order.
     in_bytes = interface.get('strides')
     if in_bytes is not None:
         if any(stride % item for stride in in_bytes):
@@ -125,6 +126,7 @@ def _by_interface(name: str, x: Any, interface: Any, driver: Driver,
         device = driver.device_of(pointer)
     if device is None:
         raise InputError(f'{name}: address {pointer:#x}; expected memory of a GPU')
+    # The stream that wrote the array is waited for, unless it is ours.
     theirs = interface.get('stream')
     if theirs is None:
         theirs = current_stream(x)  # PyTorch does not state it

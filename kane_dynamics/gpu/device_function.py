@@ -49,6 +49,7 @@ class DeviceFunction(QuantityFunction):
         arrays = self._given(arguments, named)
         shapes = [(a.name, a.shape) for a in function.arguments]
         call = KernelCall(function.name, shapes, arrays, self.dtype, stream)
+        # The batch is what stands before the shape of each argument.
         for argument, x in zip(function.arguments, call.views):
             require_shape(argument, x)
         batches = []
@@ -58,6 +59,8 @@ class DeviceFunction(QuantityFunction):
         with call.on_device():
             result_view, result = call.result(out, batch, function.shape)
             count = math.prod(batch)
+            # The number of states, then the place and the strides of each array, then
+            # the parameters.
             values = [c_int64(count)]
             for argument, x in zip(function.arguments, call.views):
                 values += row(x, argument.shape, batch)

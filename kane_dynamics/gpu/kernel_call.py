@@ -190,6 +190,7 @@ def row(x: DeviceArray, shape: Shape, batch: Shape, steps: bool = False) -> list
     entries = x.ndim - len(shape)
     axes = entries - steps
     batch_of_x = x.shape[:axes]
+    # An array of one state serves all: its stride is 0.
     stride: int | None = 0
     if math.prod(batch_of_x) > 1:
         stride = collapsed(batch_of_x, x.strides[:axes])

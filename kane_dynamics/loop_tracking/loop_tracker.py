@@ -126,10 +126,8 @@ def tracking_step(robot: Robot, places: Sequence[int]) -> Callable[..., Vector]:
     def system(q: Vector, t: Scalar) -> LoopSystem:
         state = mechanism.state(q, t, equations.tree.geometry)
         rows = mechanism.rows(state)
-        residual = [0.0 if x is None else x for x in rows.residual]
         S = np.concatenate([E, rows.J[mechanism.kept]])
-        return LoopSystem(state, S, rows.b[mechanism.kept],
-                          np.array(residual, dtype=object))
+        return LoopSystem(state, S, rows.b[mechanism.kept], rows.residual_or_zero)
 
     def step(q: Vector, T: Matrix, target: Vector, rates: Vector, seen: Vector,
              weights: Vector, t: Scalar) -> Vector:

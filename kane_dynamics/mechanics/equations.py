@@ -221,12 +221,12 @@ class Equations:
 
     def constraint_residual(self, q: Vector, t: Scalar = 0.0) -> Vector:
         """Return the residual of every row, (m,), m or rad; 0 if it is of velocities."""
-        return _with_zeros(self.constraint_rows(q, t).residual)
+        return self.constraint_rows(q, t).residual_or_zero
 
     def closure_rows(self, q: Vector, t: Scalar = 0.0) -> Matrix:
         """Return J, residuals and 1 where a row has one, as columns, (m, n_j + 2)."""
         rows = self.constraint_rows(q, t)
-        residual = _with_zeros(rows.residual)
+        residual = rows.residual_or_zero
         of_positions = np.array([float(x is not None) for x in rows.residual])
         return np.concatenate([rows.J, residual[:, None], of_positions[:, None]], axis=1)
 
@@ -251,7 +251,7 @@ class Equations:
         It changes the lengths of quaternions, to second order.
         """
         # J N = 1 and Y_I N = 0: J dq = -residual with dq = -N residual, and u_I stays.
-        residual = _with_zeros(self.constraint_rows(q, t).residual)
+        residual = self.constraint_rows(q, t).residual_or_zero
         step = -(self.at_rest(q, t).N @ residual[self.mechanism.kept])
         return q + coordinate_rates(self.model, q, step)
 
@@ -688,8 +688,3 @@ class Equations:
         """Return the center of mass's velocity per unit of independent speed, (3, n)."""
         J = self.tree.center_of_mass_jacobian(q, parameters)
         return self.at_rest(q, t).by_speeds(J)
-
-
-def _with_zeros(residual: Sequence[Scalar | None]) -> Vector:
-    """Return residuals with 0 for rows of velocity constraints, which have none."""
-    return np.array([0.0 if x is None else x for x in residual], dtype=object)

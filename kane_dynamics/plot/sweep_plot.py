@@ -42,8 +42,10 @@ def plot_sweep(table: Mapping[str, Sequence[Any]], path: Path | None = None, *,
         raise InputError('sweep: the same values in all trials; expected one that '
                          'varies')
     ok = np.array(table['ok'], dtype=bool)
-    results = {prefix: _largest(table, prefix) for prefix in RESULTS
-               if any(name.startswith(prefix) for name in table)}
+    results = {}
+    for prefix in RESULTS:
+        if any(name.startswith(prefix) for name in table):
+            results[prefix] = _largest(table, prefix)
     names = list(varied)[:MOST]
     with styled(1.0 + 3.2 * len(names), 1.0 + 3.0 * len(results), title, path) as figure:
         panels = figure.subplots(len(results), len(names), sharex='col', sharey='row',

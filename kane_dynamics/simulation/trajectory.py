@@ -209,8 +209,11 @@ class Trajectory:
                 if len(rows):
                     text = f'{rows[:, k].min():.4g} to {rows[:, k].max():.4g}'
                 ranges.setdefault(name, {})[quantity] = text
-        table = [[name, *(texts.get(quantity, '') for quantity in ('q', 'u', 'tau'))]
-                 for name, texts in ranges.items()]
+        # Names of coordinates, speeds and torques may differ: cells then stay empty.
+        table = []
+        for name, texts in ranges.items():
+            table.append([name, texts.get('q', ''), texts.get('u', ''),
+                          texts.get('tau', '')])
         return html_table(repr(self)[1:-1], ['joint', 'q', 'u', 'tau'], table)
 
     @classmethod

@@ -117,6 +117,7 @@ class Sweep:
             freeze(self, name, number_of(name, getattr(self, name)))
             if not getattr(self, name) > 0.0:
                 raise InputError(f'{name}: 0 s; expected a positive time')
+        # The steps fill the duration exactly.
         count = self.duration / self.step
         if not 1 <= round(count) <= MOST_STEPS or abs(count - round(count)) > 1e-6 * count:
             raise InputError(f'duration: {self.duration} s, {count:.6g} steps of '
@@ -211,6 +212,8 @@ class Sweep:
         controller = mapping(controller, 'controller', CONTROLLER_KEYS, InputError)
         kind = value_of('controller', controller.get('kind', NONE), names=CONTROLLERS)
         kinds = {CONTROLLERS[int(place)] for place in kind.numbers}
+        # Values in the order in which they are drawn: a new one at the end leaves the
+        # others as they were.
         values = [*values_of('q0', self.q0, robot.coordinate_names, q0, signed=True),
                   *values_of('u0', self.u0, robot.speed_names, u0, signed=True)]
         if payload is not None:
@@ -218,6 +221,7 @@ class Sweep:
         values += values_of('friction', self.friction, robot.joint_names,
                             [1.0] * robot.model.n)
         values.append(kind)
+        # Keys that no chosen controller uses are refused.
         used = {'kind'}
         if Mode.COMPUTED_TORQUE in kinds:
             used |= {'kp', 'kd'}
@@ -235,6 +239,7 @@ class Sweep:
                 raise InputError(f'controller: {name}, which {", ".join(sorted(kinds))} '
                                  f'{carries} a payload does not use; expected no such '
                                  'key')
+        # Every combination of the grids has as many samples.
         grids = math.prod(len(value.numbers) for value in values if value.kind == 'grid')
         if self.samples % grids:
             raise InputError(f'samples: {self.samples} for {grids} combinations of the '

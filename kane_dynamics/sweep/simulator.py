@@ -119,12 +119,14 @@ class Simulator:
         A trial without a closed start, or that diverges, or whose constraints or
         independent speeds fail, has NaN outcomes and a message in `error`.
         """
+        # Values of the rows, from which plant and initial state follow.
         rows = self.sweep.rows(chunk)
         values = drawn(self.sweep, rows)
         start, errors = self._start(values)
         plants = plant(values, self.sweep.robot.joint_names, self._gains).rows
         kinds = np.array(controllers(values))
         results = self._results(kinds, start, plants)
+        # Numbers of a failed trial have no meaning: its error says why.
         failed = results.failed_by > 0
         for array in (results.ends, results.low, results.high, results.drift):
             array[failed] = np.nan
@@ -261,9 +263,12 @@ class Simulator:
                 joint = robot.joint_names.index(name)
                 velocity[k] = limits.velocity[joint]
                 effort[k] = limits.effort[joint]
+        # Limits of effort are those of joints, which tau is only if each speed has its
+        # own actuator.
         actuated = getattr(robot.equations, 'actuated', None)
         if actuated is not None and set(robot.actuated_names) != set(speeds):
             effort = np.full(robot.n, np.inf)
+        # From the smallest and largest states of each trial.
         fastest = np.maximum(-low[:, at.u], high[:, at.u])
         passed = np.concatenate([low[:, at.q] < limits.lower,
                                  high[:, at.q] > limits.upper,

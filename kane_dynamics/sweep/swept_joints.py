@@ -78,11 +78,13 @@ class SweptJoints:
         if motion is not None and not self.constrained:
             q, u, _ = motion.sample(t0)
             return q.tolist(), u.tolist()
+        # A closed loop begins at the robot's configuration, or at the neutral one.
         configuration = robot.configuration if self.constrained else None
         if configuration is None:
             configuration = neutral(robot.model)
         q, u = np.array(configuration), np.zeros(robot.n)
         if motion is not None:
+            # The joints that follow begin on the motion, and the loops give the others.
             desired = [x[None, self.columns(motion)] for x in motion.sample(t0)]
             q[list(self.followed)] = desired[0][0]
             if robot.constraint_names:

@@ -121,6 +121,7 @@ class SweepTable:
             return
         described = json.loads(json.dumps(self.sweep.description))
         differing = [key for key in described if stored.get(key) != described[key]]
+        # Of the values, those that differ.
         if differing == ['values']:
             stored_values = stored['values']
             if not isinstance(stored_values, dict):
@@ -198,6 +199,8 @@ def _described(path: Path) -> dict[str, Any]:
 
 def _write(path: Path, content: Any) -> None:
     """Write a file atomically."""
+    # A file is complete or absent, also after a loss of power: data first, then its
+    # name, then the folder.
     temporary = path.with_name(f'.{path.name}.partial')
     try:
         with open(temporary, 'wb') as file:

@@ -210,6 +210,7 @@ class Trial:
         """Return a control law with gains and the parameters of the controller's model."""
         parameters = padded(self.robot, assumed)
         if controller == NONE:
+            # Laws without feedback have no gains.
             return lambda q, u, desired, time: np.zeros(self.n).astype(object)
         if controller == Mode.GRAVITY_COMPENSATION:
             gravity = self.robot.kernels.program('gravity_force')
@@ -251,6 +252,7 @@ class Trial:
                   *inputs: Any) -> list[Scalar]:
             *time, parameters = inputs
             t = time[0][()] if time else 0.0
+            # Friction scaled by the trial's factors, which multiply the whole law.
             motion = free.joint_motion(q, u, free.zeros, t)
             if tree.carries_loads:
                 torques = self.equations.drive_torques(q, tau, t)
@@ -258,6 +260,8 @@ class Trial:
             else:
                 friction = tree.scaled_friction(motion.qdot, factors)
             net = tau - motion.projected(friction)
+            # Moving constraints do work as well, so that power is counted joint by
+            # joint.
             power = net @ u
             if driven:
                 forces = free.actual_joint_forces(q, u, net, parameters, t)

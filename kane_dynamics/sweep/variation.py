@@ -106,6 +106,7 @@ def value_of(name: str, data: Any, *, signed: bool = False,
         If the data is invalid; the message names the value.
 
     """
+    # Plain data is one value; {kind: [...]} varies it.
     if not isinstance(data, Mapping):
         return Value(name, FIXED, (_entry(name, data, signed, names),))
     forms = LISTS if names else (*RANGES, *LISTS)
@@ -147,6 +148,7 @@ def values_of(name: str, data: Any, joints: Sequence[str], default: Sequence[flo
         If the data is invalid; the message names the joint.
 
     """
+    # By default, one for each joint, by name, or in the order of the joints.
     if data is None:
         data = list(default)
     elif isinstance(data, Mapping) and set(data) == {'each'}:

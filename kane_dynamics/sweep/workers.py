@@ -46,6 +46,8 @@ def processes(work: bytes, chunks: Collection[int], count: int) -> Done:
         try:
             futures = {pool.submit(compute, work,
                                    chunk): chunk for chunk in sorted(waiting)}
+            # A worker that dies breaks its pool; what it had finished counts, the others
+            # go to a new pool.
             for future in as_completed(futures):
                 chunk = futures.pop(future)
                 try:
@@ -62,6 +64,7 @@ def processes(work: bytes, chunks: Collection[int], count: int) -> Done:
             threads.uninterrupted(partial(pool.shutdown, cancel_futures=True))
             for worker in workers:
                 threads.uninterrupted(worker.join)
+        # Only deaths without progress count, or a large sweep would end by chance.
         deaths = 0 if finished else deaths + 1
         if waiting and deaths == MOST_DEATHS:
             raise SweepError(f'workers: {deaths} died before finishing a chunk; '
@@ -94,6 +97,7 @@ def cluster(work: bytes, chunks: Collection[int], address: str) -> Done:
     try:
         for chunk in chunks:
             futures[client.submit(compute, work, chunk, pure=False)] = chunk
+        # Chunks are independent, so that they may finish in any order.
         for future in distributed.as_completed(list(futures), loop=client.loop):
             chunk = futures.pop(future)
             try:

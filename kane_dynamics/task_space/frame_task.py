@@ -295,6 +295,7 @@ def independent_directions(robot: Robot, frame: str, axes: str) -> tuple[str, ..
     in_world = task.in_world(equations.frame_pose(task.frame, q, 0.0)[:3, :3])
     J = task.scaled(in_axes(in_world, equations.partial_velocities(task.frame, q, 0.0)))
     names: list[str] = []
+    # A direction is taken if its row is independent of those taken before.
     chosen = np.zeros((0, robot.n))
     for name, row in zip(DIRECTIONS, np.asarray(J, np.float64)):
         extended = np.concatenate([chosen, row[None]])

@@ -254,11 +254,14 @@ def _step(state: Vector, target: Matrix, twist: Vector, limits: Vector,
     h = elapsed[0]
     pose = state[:16].reshape(4, 4)
     R = pose[:3, :3]
+    # The errors of position and rotation, each approached within its limits of speed and
+    # acceleration.
     displacement = target[:3, 3] - pose[:3, 3]
     turn = _rotation_vector(target[:3, :3] @ R.T)
     v = _approaching(displacement, state[16:19], twist[:3], limits[0], limits[2], h)
     w = _approaching(turn, state[19:22], twist[3:], limits[1], limits[3], h)
 
+    # The target moves with its new velocity.
     position = pose[:3, 3] + h * v
     rotation = _turned(R, h * w)
     moved = _pose_row(rotation, position)

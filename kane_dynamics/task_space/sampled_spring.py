@@ -89,11 +89,14 @@ def swing(inertia: Array, spring: JointSpring, period: float) -> Swing:
     n = len(inertia)
     identity = np.eye(n)
     zero = np.zeros((n, n))
+    # Position, speed and acceleration over a period in which the torque is held; the new
+    # torque follows from their ends.
     step = np.block([
         [identity, period * identity, 0.5 * period**2 * identity],
         [zero, identity, period * identity],
         [-inverse @ spring.stiffness @ inverse.T,
          -inverse @ spring.damping @ inverse.T, zero]])
+    # The eigenvalue of largest size decays least; its mode shows which joint swings.
     values, vectors = np.linalg.eig(step)
     largest = int(np.argmax(np.abs(values)))
     amplitudes = np.abs(inverse.T @ vectors[n:2 * n, largest])

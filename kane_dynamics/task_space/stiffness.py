@@ -43,6 +43,8 @@ def checked_matrix(value: ArrayLike, what: str) -> Array:
                          'then angular')
     if not np.isfinite(array).all():
         raise InputError(f'{what}: {SHORT.repr(array.tolist())}; expected finite numbers')
+
+    # The diagonal, or the whole matrix, symmetric to rounding.
     if array.ndim == 1:
         array = np.diag(array)
     largest = float(np.abs(array).max())

@@ -87,6 +87,7 @@ def in_task_speeds(robot: Robot, frame: str, *, axes: str = 'world',
     options = {**robot.options, 'speeds': speeds,
                'independent': speeds.names[:robot.n]}
     if robot.constraint_names:
+        # Loops close on the same branch.
         options['configuration'] = q
     chosen = Robot(robot.model, **options)
     chosen.limits = robot.limits

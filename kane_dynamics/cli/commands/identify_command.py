@@ -389,8 +389,10 @@ def drive_data(result: DriveIdentification, files: list[str]) -> dict[str, Any]:
                             'source': result.source}
     for name in DRIVE_NUMBERS:
         for key in (name, f'{name}_deviation'):
-            data[key] = [float(value) if np.isfinite(value) else None
-                         for value in getattr(result, key)]
+            numbers: list[float | None] = []
+            for value in getattr(result, key):
+                numbers.append(float(value) if np.isfinite(value) else None)
+            data[key] = numbers
     return {**data, 'skew_share': result.skew_share, 'misfit': result.misfit,
             'undetermined': result.undetermined, 'files': files}
 

@@ -51,8 +51,11 @@ class FourierBasis:
         # Of a_k and of b_k, which counts by k for even sizes: integral, value,
         # derivative.
         parts = [(s / w, -c / (w * k)), (c, s / k), (-s * w, c * (w / k))]
-        ones = np.ones((len(t), 1))
-        Q, U, A = (np.hstack([0.0 * ones, *(x[:, 1:] - x[:, :1] for x in pair)])
-                   for pair in parts)
+        # The sums over all k vanish at the start: k = 1 follows from the others.
+        matrices = []
+        for of_a, of_b in parts:
+            matrices.append(np.hstack([np.zeros((len(t), 1)), of_a[:, 1:] - of_a[:, :1],
+                                       of_b[:, 1:] - of_b[:, :1]]))
+        Q, U, A = matrices
         Q[:, 0] = 1.0
         return Q, U, A

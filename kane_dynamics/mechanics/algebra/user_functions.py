@@ -406,11 +406,15 @@ def _require_finite(result: Any, what: str, arguments: tuple[Any, ...]) -> None:
 
 def _shown(arguments: tuple[Any, ...]) -> str:
     """Return arguments, (q, t) or (t,), for a message."""
-    shown = []
+    values = []
     for argument in arguments:
-        shown.append([_plain(derivatives(x, 0)[0]) for x in np.ravel(argument)])
-    *configuration, (t,) = shown
-    return ''.join(f'q = {q}, ' for q in configuration) + f't = {t} s'
+        # The value of each entry, whatever derivatives it carries.
+        values.append([_plain(derivatives(x, 0)[0]) for x in np.ravel(argument)])
+    *configuration, (t,) = values
+    if not configuration:
+        return f't = {t} s'
+    q, = configuration
+    return f'q = {q}, t = {t} s'
 
 
 def _plain(x: Scalar) -> Scalar:

@@ -188,9 +188,8 @@ def stacked(mechanism: Mechanism, q: Array, t: float = 0.0) -> Stack:
         state = mechanism.state(np.asarray(q, dtype=np.float64), t)
         rows = mechanism.rows(state)
         Y, Z = mechanism.speeds.of(state.q, t)
-    residual = [0.0 if x is None else x for x in rows.residual]
-    arrays = [np.array(x, dtype=np.float64) for x in (Y, Z, rows.J, rows.b, residual)]
-    return Stack(*arrays)
+    parts = Y, Z, rows.J, rows.b, rows.residual_or_zero
+    return Stack(*(np.array(part, dtype=np.float64) for part in parts))
 
 
 def system(stack: Stack, free: Sequence[int], kept: Sequence[int]) -> Array:

@@ -8,6 +8,7 @@ result is NaN where the kernel's is, and where a position is too large for sines
 cosines.
 """
 
+from bisect import bisect_left
 from collections.abc import Sequence
 import math
 
@@ -90,6 +91,7 @@ def _check(function: MatrixFunction, read: Sequence[int]) -> list[str]:
     lines = []
     worst = 'false'
     for k in read:
+        # Positions beyond their limit have lost the angle.
         block = function.inputs[k]
         limit = size_limit(block.name)
         if not math.isfinite(limit):
@@ -134,6 +136,6 @@ def _description(prefix: str, end: str, blocks: Sequence[Block]) -> list[str]:
 def _compressed(block: Block) -> list[int]:
     """Return rows, columns, where each column begins, and the row of each nonzero."""
     rows, columns = block.shape
-    begins = [sum(place < rows * column for place in block.places)
-              for column in range(columns + 1)]
+    # Places ascend column by column: a column begins behind all that are before it.
+    begins = [bisect_left(block.places, rows * column) for column in range(columns + 1)]
     return [rows, columns, *begins, *(place % rows for place in block.places)]

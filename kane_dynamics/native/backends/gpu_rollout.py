@@ -146,11 +146,13 @@ class _Rollout:
         layout = self._layout
         v = self._v
         bits = '0'
+        # Bits of numbers that are not finite or beyond their limit.
         for k in range(layout.n_q + layout.n):
             x = v.new(f'load {self._type}, ptr {self._at("%x", k)}')
             limit = v.real.size_limit('q' if k < layout.n_q else 'u')
             bits = v.new(f'or {v.integer} {bits}, {v.nonfinite_bits(x, limit)}')
         if layout.watched:
+            # A margin that is not positive: a singular state, or an open loop.
             margin = v.new(f'load {self._type}, ptr '
                            f'{self._at("%x", self._sizes[0] - 1)}')
             inside = v.new(f'fcmp ogt {self._type} {margin}, {v.const(0.0)}')

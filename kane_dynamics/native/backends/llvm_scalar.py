@@ -432,6 +432,7 @@ class Function:
         if width == 0:
             return 'null', 0
         stride = _stride(rows, self.in_place)
+        # Rows at equal distances in an argument or result need no copy.
         if stride is not None:
             where = self._contiguous(i, k, list(rows[0]))
             if where is not None:
@@ -439,6 +440,8 @@ class Function:
         entries: list[Expr | float] = []
         for row in rows:
             entries += row
+        # Constants become a table of the module, others are stored in memory of the
+        # function.
         if not any(isinstance(x, Expr) for x in entries):
             name = f'@table.{self.symbol}.{i}.{k}'
             values = ', '.join(f'{self.type} {self.value(x)}' for x in entries)
@@ -487,6 +490,7 @@ class Function:
             return None
         op = first.op
         source, place = first.args
+        # The same source, and one place after the other.
         for j, x in enumerate(entries):
             if not (isinstance(x, Expr) and x.op == op):
                 return None
@@ -572,6 +576,7 @@ def with_callees(main: Function, declarations: Sequence[str]) -> str:
     functions: list[list[str]] = []
     tables = list(main.tables)
     pending = list(main.callees)
+    # A subroutine that several functions call is emitted once.
     while pending:
         current = pending.pop()
         if is_first(current, named):

@@ -448,6 +448,7 @@ def methods(cls: type[NativeMethods], docs: Mapping[str, str],
     # A bound method reads its definition even after the class is freed: keep one
     # reference.
     definitions = (MethodDef * len(docs))()
+    # CPython keeps the addresses of the definitions, which must never be freed.
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(definitions))
     code = assembled('methods', method_code(len(docs)))
     refusing = code.function('refuse_by', ctypes.PYFUNCTYPE(None, ctypes.c_void_p))
@@ -461,6 +462,7 @@ def methods(cls: type[NativeMethods], docs: Mapping[str, str],
                                        METH_FASTCALL, doc.encode())
         setattr(cls, name, new(cls, ctypes.addressof(definitions[place])))
 
+        # The first call of a method makes its kernel.
         def first(owner: Any, name: str = name) -> EntryTable:
             return make(owner, name)
         unmade.append(unmade_table(first))

@@ -54,11 +54,13 @@ class Loops:
                 inputs.append((f'row_{k}', np.shape(table)[1:]))
             self._programs[name] = self._subroutines.trace(name, step, inputs)
         program = self._programs[name]
+        # The carry first, then the tables by columns of their rows.
         entries = list(carry)
         for table in tables:
             entries += list(np.ravel(table))
         trace = next(x.trace for x in entries if isinstance(x, Expr))
         loop = Loop(program, len(tables[0]), reverse)
+        # One node for the whole loop; its results are nodes that read from it.
         node = trace.node('loop', loop, *entries)
         results = [trace.node('output', node, k) for k in range(loop.n_outputs)]
         return np.array(results).reshape(loop.count, len(program.outputs))

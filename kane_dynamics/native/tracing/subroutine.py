@@ -168,6 +168,7 @@ def replayed(program: Program, leaf: Callable[[Expr], Any]) -> list[Any]:
     def value_of(x: Any) -> Any:
         return values[x.index] if isinstance(x, Expr) else x
 
+    # In the order of the program, so that arguments have values before they are used.
     for node in program.schedule():
         if node.op == 'input':
             value = leaf(node)

@@ -65,8 +65,9 @@ class ConfiguredGuard:
         self.digest = arm_digest(model, controller.robot.options['constraints'])
         self.robot = controller.robot
         self.statistics = Statistics()
-        self.verified = max(robot.verify() for robot in (
-            self.robot, *([controller.bending.robot] if controller.bending else [])))
+        self.verified = self.robot.verify()
+        if controller.bending is not None:
+            self.verified = max(self.verified, controller.bending.robot.verify())
         controller.compile()
         self._clock = node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)

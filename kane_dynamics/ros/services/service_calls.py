@@ -19,8 +19,12 @@ def _state(robot: Robot, request: Any, *fields: str) -> tuple[Any, ...]:
     """
     order = JointOrder.of(robot, request.joint_names)
     q = close_loops(robot, vector(request.position, order.joints, robot.n_q, 'position'))
-    return order, q, *(vector(getattr(request, field), order.speeds, robot.n, field,
-                              0.0 if field == 'velocity' else None) for field in fields)
+    vectors = []
+    for field in fields:
+        default = 0.0 if field == 'velocity' else None
+        vectors.append(vector(getattr(request, field), order.speeds, robot.n, field,
+                              default))
+    return order, q, *vectors
 
 
 def _reordered(values: Any, index: Index | None) -> Any:

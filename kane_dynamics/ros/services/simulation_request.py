@@ -66,11 +66,13 @@ class SimulationRequest:
             motion = motion_from_message(request.reference,
                                          [robot.joint_names[k] for k in follow],
                                          values['trajectory.max_points'])
-            torque = ComputedTorque(served.simulated, motion, *(
-                vector(getattr(request, name), index, n, name,
-                       per_joint(values, f'gains.{name}', robot.joint_names,
-                                 0.0)[follow])
-                for name in ('kp', 'kd')))
+            # Gains of the request, or those of the node for the joints that follow.
+            gains = []
+            for name in ('kp', 'kd'):
+                of_node = per_joint(values, f'gains.{name}', robot.joint_names, 0.0)
+                gains.append(vector(getattr(request, name), index, n, name,
+                                    of_node[follow]))
+            torque = ComputedTorque(served.simulated, motion, *gains)
         elif request.torque_source != request.ZERO:
             raise InputError(f'torque_source: {request.torque_source}; expected ZERO '
                              f'{request.ZERO}, TABLE {request.TABLE} or COMPUTED_TORQUE '

@@ -72,9 +72,9 @@ def checked_payload(model: Model, values: Mapping[str, Any], frame: str, mass: f
         A field is invalid, or the node has no payload frame.
 
     """
-    carrying, max_mass, max_distance = (values[f'payload.{name}']
-                                        for name in ('frame', 'max_mass',
-                                                     'max_distance'))
+    carrying = values['payload.frame']
+    max_mass = values['payload.max_mass']
+    max_distance = values['payload.max_distance']
     if not carrying:
         raise InputError('payload: parameter payload.frame is empty; expected a frame, '
                          'set before the node configures')

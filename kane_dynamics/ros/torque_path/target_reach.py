@@ -104,7 +104,7 @@ class TargetReach:
         # Rows of closed loops join the task, so that the step keeps them closed.
         if self._equations.watched:
             rows = self._equations.constraint_rows(q)
-            open_by = np.array([0.0 if x is None else x for x in rows.residual])
+            open_by = rows.residual_or_zero
             J = np.concatenate([J, rows.J])
             error = np.concatenate([error, -open_by])
             distance = distance + open_by @ open_by

@@ -80,6 +80,14 @@ class ConstraintRows:
     b: Vector
     residual: tuple[Scalar, ...]
 
+    @property
+    def residual_or_zero(self) -> Vector:
+        """Return the residuals, 0 for rows of velocity constraints, which have none."""
+        residuals: list[Scalar] = []
+        for residual in self.residual:
+            residuals.append(0.0 if residual is None else residual)
+        return np.array(residuals, dtype=object)
+
 
 def unit(value: Any, what: str) -> Array:
     """Return a normalised direction, (3,); ConstraintError unless it is nonzero."""
