@@ -52,9 +52,9 @@ class Side:
 
     @property
     def engaged(self):
-        """Return whether the node said last that it is coupled."""
-        said = re.findall('coupled: the arm follows|coupling: alone', self.node.log)
-        return bool(said) and said[-1].startswith('coupled')
+        """Return whether the node logged last that it is coupled."""
+        reports = re.findall('coupled: the arm follows|coupling: alone', self.node.log)
+        return bool(reports) and reports[-1].startswith('coupled')
 
     def set(self, engaged):  # noqa: A003
         assert self.parameters.wait_for_services(20.0)

@@ -63,7 +63,7 @@ def test_a_link_behind_the_gear_of_a_drive_is_not_asked_for_a_rotor():
 def test_a_stiffness_that_no_gear_of_an_arm_has_is_named(stiffness, words):
     rigid = arm(100.0).model
     elastic = with_drives(rigid, {'rod0': Drive(stiffness, rotor_inertia=0.1)})
-    said = [finding.words for finding in examine_model(elastic, Robot(elastic), [])
-            if finding.words.startswith('stiffness of the drives')]
-    assert len(said) == (words is not None)
-    assert words is None or words in said[0]
+    texts = [finding.words for finding in examine_model(elastic, Robot(elastic), [])
+             if finding.words.startswith('stiffness of the drives')]
+    assert len(texts) == (words is not None)
+    assert words is None or words in texts[0]

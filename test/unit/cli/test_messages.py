@@ -55,8 +55,8 @@ def away(tmp_path):
 @pytest.mark.parametrize('command', ['torque', 'simulate'])
 def test_commands_start_within_limits_that_exclude_zero_and_say_so(command, away, capsys):
     assert main([command, away]) == 0
-    said = capsys.readouterr().err
-    assert 'middle of their limits: elbow -1.6, slide -0.3' in said and said.count('\n') == 1
+    printed = capsys.readouterr().err
+    assert 'middle of their limits: elbow -1.6, slide -0.3' in printed and printed.count('\n') == 1
 
 
 def test_positions_outside_the_limits_are_named(away, capsys):

@@ -52,8 +52,8 @@ def test_a_model_with_rigid_beams_is_that_of_no_modes():
 
 def test_doctor_lists_joints_without_modes(capsys):
     main(['doctor', str(URDF), '--supplement', str(BENDING)])
-    said = capsys.readouterr().out
-    assert 'joint1' in said and 'mode_1' not in said
+    printed = capsys.readouterr().out
+    assert 'joint1' in printed and 'mode_1' not in printed
 
 
 def test_modes_are_in_equilibrium_by_the_definition():

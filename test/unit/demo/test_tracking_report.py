@@ -43,7 +43,7 @@ def test_the_demonstration_succeeds_only_with_good_feedforward(capsys):
     assert demo.verdict(ratios[1], None) == 1
     assert 'busy' not in capsys.readouterr().out
     assert demo.verdict(ratios[1], late) == 1
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for words in ('too busy', '1500 of 4000 states', '158 ms late', 'errors: 5.0',
                   'not valid'):
-        assert words in said
+        assert words in printed

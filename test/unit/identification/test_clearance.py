@@ -44,9 +44,10 @@ def test_default_motion_keeps_above_the_floor_and_away_from_itself_between_sampl
     # More than the samples that are checked, and of another spacing: most are between them.
     t = np.linspace(0.0, 10.0, 100 * DENSE + 11, endpoint=False)
     q = found.sample(t)[0]
-    judge = Clearance(model, shapes, 0.0, DISTANCE)
-    least = np.min([judge.distances(part).min(axis=0) for part in np.array_split(q, 200)], axis=0)
-    assert (least >= judge.needed).all() and (judge.needed > 0.0).all()
+    clearance = Clearance(model, shapes, 0.0, DISTANCE)
+    of_parts = [clearance.distances(part).min(axis=0) for part in np.array_split(q, 200)]
+    least = np.min(of_parts, axis=0)
+    assert (least >= clearance.needed).all() and (clearance.needed > 0.0).all()
     assert least.min() >= found.nearest[2] >= 0.9 * least.min()
     robot, lowest = Robot(model), np.inf
     fixed = {frame.name for frame in model.frames if frame.body < 0}
@@ -83,10 +84,10 @@ def test_slope_of_shortfalls_is_that_of_differences():
     rng = np.random.default_rng(0)
     for name in ('ur10e', 'fr3'):
         model, shapes = loaded(name)
-        judge = Clearance(model, shapes, 0.3, 0.2)
+        clearance = Clearance(model, shapes, 0.3, 0.2)
         q, way = 0.8 * rng.normal(size=(2, 40, model.n))
-        rise = (judge.missing(q + 1e-6 * way)[0] - judge.missing(q - 1e-6 * way)[0]) / 2e-6
-        assert np.sum(judge.missing(q)[1] * way) == pytest.approx(rise, rel=1e-4)
+        rise = (clearance.missing(q + 1e-6 * way)[0] - clearance.missing(q - 1e-6 * way)[0]) / 2e-6
+        assert np.sum(clearance.missing(q)[1] * way) == pytest.approx(rise, rel=1e-4)
 
 
 def test_closest_points_of_segments_are_those_of_a_search():
@@ -102,11 +103,11 @@ def test_closest_points_of_segments_are_those_of_a_search():
 
 def test_links_that_a_joint_connects_or_that_touch_at_rest_are_left_out():
     model, shapes = loaded('ur10e')
-    judge = Clearance(model, shapes, None, 0.05)
-    pairs = {(judge.shapes[j].name, judge.shapes[i].name) for i, j in judge.pairs}
+    clearance = Clearance(model, shapes, None, 0.05)
+    pairs = {(clearance.shapes[j].name, clearance.shapes[i].name) for i, j in clearance.pairs}
     assert ('shoulder_link', 'wrist_3_link') in pairs and ('base_link', 'forearm_link') in pairs
     assert not pairs & {('base_link', 'shoulder_link'), ('shoulder_link', 'upper_arm_link')}
-    assert (judge.distances(np.zeros((1, 6)))[0] > 0.0).all()
+    assert (clearance.distances(np.zeros((1, 6)))[0] > 0.0).all()
 
 
 def test_between_samples_no_function_falls_below_the_bound():

@@ -145,16 +145,16 @@ def test_a_motion_within_the_factor_is_accepted_and_one_beyond_it_refused(number
     if speeds.max() < 1e-3 or (np.abs(slow.sample(times)[0] - middle) > 0.5 * (
             LIMITS.upper - LIMITS.lower)).any():
         return
-    judge = served({'limits.effort': np.inf} | UNCHECKED)
+    arm = served({'limits.effort': np.inf} | UNCHECKED)
     for wanted in (share, 1.3):
         faster = slow.scaled(wanted / speeds.max())
         q, u, udot = faster.sample(faster.times[-1] * np.linspace(0.0, 1.0, 3001))
         efforts = np.abs(ARM.inverse_dynamics(q, u, udot)) / LIMITS.effort
         if wanted < 1.2 and efforts.max() < 1.15:
-            refuse_impossible(judge, faster)
+            refuse_impossible(arm, faster)
         elif wanted > 1.2 or efforts.max() > 1.3:
             with pytest.raises(KaneError, match=r'1\.2 times its limit'):
-                refuse_impossible(judge, faster)
+                refuse_impossible(arm, faster)
 
 
 def test_motions_of_closed_loops_are_judged_in_the_assembly_mode_of_the_arm():
@@ -162,17 +162,17 @@ def test_motions_of_closed_loops_are_judged_in_the_assembly_mode_of_the_arm():
     pose = (0.2, 0.3, -0.1, 0.5)
     q = positions(robot, *pose)
     arm = served(robot=robot, measured=q)
-    judge = partial(refuse_impossible, arm)
-    judge(motion([0.0, 2.0], [pose, (0.5, 0.1, 0.2, -0.5)], DRIVEN), np.array(pose))
+    refuse = partial(refuse_impossible, arm)
+    refuse(motion([0.0, 2.0], [pose, (0.5, 0.1, 0.2, -0.5)], DRIVEN), np.array(pose))
     for rows, times, reason in (
             ([pose, (0.2, 40.0, -0.1, 0.5)], [0.0, 2.0], "'shoulder': position 40 at point 1"),
             ([(0.2, 0.8, -0.1, 0.5), pose], [0.0, 2.0], "'shoulder': the motion sets out at 0.8"),
             ([pose, (0.5, 0.1, 0.2, -0.5)], [0.0, 0.02], 'speed'),
             ([pose, (0.2, 0.35, -0.1, 0.5), pose], [0.0, 0.05, 0.1], 'effort')):
         with pytest.raises(KaneError, match=reason):
-            judge(motion(times, rows, DRIVEN), np.array(pose))
+            refuse(motion(times, rows, DRIVEN), np.array(pose))
     with pytest.raises(KaneError, match=r"joint 'elbow': position 1\.45 .* most 1\.3963$"):
-        judge(motion([0.0, 5.0], [pose, (0.2, -0.6, 0.85, 0.5)], DRIVEN))
+        refuse(motion([0.0, 5.0], [pose, (0.2, -0.6, 0.85, 0.5)], DRIVEN))
     free = robot.copy()
     none = np.full(robot.n_q, np.inf)
     free.limits = JointLimits(-none, none, none, none)

@@ -72,10 +72,10 @@ def test_the_descriptors_state_the_range_of_each_parameter():
 @FILES
 def test_a_shipped_file_describes_every_parameter_as_its_table_does(path):
     text = path.read_text().replace('# robot_description:', 'robot_description:')
-    said = [' '.join(block.replace('# ', '').split())
-            for block in re.findall(r'(?:^ +# .*\n)+', text, re.MULTILINE)]
-    assert said == [f'{spec.description}{" (live)" * spec.live}; valid: {spec.constraint}'
-                    for spec in TABLES[path]]
+    described = [' '.join(block.replace('# ', '').split())
+                 for block in re.findall(r'(?:^ +# .*\n)+', text, re.MULTILINE)]
+    assert described == [f'{spec.description}{" (live)" * spec.live}; valid: {spec.constraint}'
+                         for spec in TABLES[path]]
 
 
 @pytest.mark.parametrize(('name', 'value'), [

@@ -316,53 +316,53 @@ FRACTION = st.floats(-1.0, 1.0)
 @given(st.lists(FRACTION, min_size=14, max_size=14), st.lists(FRACTION, min_size=7, max_size=7),
        st.floats(1e-6, 0.3))
 def test_states_of_an_arm_within_its_limits_are_accepted(numbers, changes, elapsed):
-    state, judge = check()
+    state, state_check = check()
     place, speed, change = np.array(numbers[:7]), np.array(numbers[7:]), np.array(changes)
     q = LIMITS.lower + 0.5 * (place + 1.0) * (LIMITS.upper - LIMITS.lower)
     state[:] = np.concatenate([q, speed * LIMITS.velocity])
-    assert judge.reason(NANO) is FIRST and judge.reason(NANO) is None
+    assert state_check.reason(NANO) is FIRST and state_check.reason(NANO) is None
     q = np.clip(q + change * LIMITS.velocity * elapsed, LIMITS.lower, LIMITS.upper)
     state[:7] = q
-    assert judge.reason(NANO + round(elapsed * NANO)) is None
+    assert state_check.reason(NANO + round(elapsed * NANO)) is None
 
 
 @settings(max_examples=150, deadline=None)
 @given(st.lists(FRACTION, min_size=7, max_size=7), st.integers(0, 6), st.floats(1e-6, 0.1),
        st.floats(1.001, 1e3), st.sampled_from([-1.0, 1.0]))
 def test_a_joint_that_moved_farther_than_it_can_is_refused(places, joint, elapsed, excess, sign):
-    state, judge = check(position_margin=math.inf)
+    state, state_check = check(position_margin=math.inf)
     state[:7] = LIMITS.lower + 0.5 * (np.array(places) + 1.0) * (LIMITS.upper - LIMITS.lower)
-    judge.reason(NANO)
-    judge.reason(NANO)
-    judge.accept(NANO)
+    state_check.reason(NANO)
+    state_check.reason(NANO)
+    state_check.accept(NANO)
     stamp = NANO + round(elapsed * NANO)
     allowed = 0.01 + 2.0 * LIMITS.velocity[joint] * (0.002 + (stamp - NANO) / NANO)
     state[joint] += sign * excess * allowed
-    assert judge.reason(stamp) is JUMP
-    assert f"'{ARM.joint_names[joint]}' moved by" in judge.detail
+    assert state_check.reason(stamp) is JUMP
+    assert f"'{ARM.joint_names[joint]}' moved by" in state_check.detail
     state[joint] -= sign * (excess - 0.999) * allowed
-    assert judge.reason(stamp) is None
+    assert state_check.reason(stamp) is None
 
 
 @settings(max_examples=100, deadline=None)
 @given(st.integers(0, 6), st.floats(1.001, 1e6), st.sampled_from([-1.0, 1.0]), st.booleans())
 def test_a_joint_beyond_a_bound_is_refused(joint, excess, sign, fast):
-    state, judge = check()
+    state, state_check = check()
     state[:7] = HOME
-    judge.reason(NANO)
+    state_check.reason(NANO)
     if fast:
         state[7 + joint] = sign * excess * 2.0 * LIMITS.velocity[joint]
     else:
         bound = (LIMITS.upper if sign > 0.0 else LIMITS.lower)[joint]
         state[joint] = bound + sign * excess * 0.2
-    assert judge.reason(NANO + PERIOD) is (TOO_FAST if fast else OUTSIDE)
-    assert f"'{ARM.joint_names[joint]}'" in judge.detail
+    assert state_check.reason(NANO + PERIOD) is (TOO_FAST if fast else OUTSIDE)
+    assert f"'{ARM.joint_names[joint]}'" in state_check.detail
 
 
 def test_degrees_are_named_as_such():
-    state, judge = check()
+    state, state_check = check()
     state[:7] = np.degrees(HOME)
-    assert judge.reason(NANO) is OUTSIDE and 'if these are degrees' in judge.detail
+    assert state_check.reason(NANO) is OUTSIDE and 'if these are degrees' in state_check.detail
 
 
 def test_joints_without_limits_are_not_compared_with_them():
@@ -371,26 +371,26 @@ def test_joints_without_limits_are_not_compared_with_them():
         '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
         '<joint name="turn" type="continuous"><parent link="base"/><child link="a"/>'
         '<axis xyz="0 0 1"/></joint></robot>'))
-    state, judge = check(robot)
+    state, state_check = check(robot)
     for position, speed in ((0.0, 0.0), (1e6, 1e6), (-1e300, 0.0)):
         state[:] = position, speed
-        assert judge.reason(NANO) is None
-        judge.accept(NANO)
-    judge.update(node_values({'limits.velocity': 2.0}))
+        assert state_check.reason(NANO) is None
+        state_check.accept(NANO)
+    state_check.update(node_values({'limits.velocity': 2.0}))
     state[:] = 0.0, 0.0
-    judge.forget()
-    judge.reason(NANO)
+    state_check.forget()
+    state_check.reason(NANO)
     state[0] = 3.0
-    assert judge.reason(NANO) is JUMP  # with a limit in the parameters it is
-    judge.forget()
+    assert state_check.reason(NANO) is JUMP  # with a limit in the parameters it is
+    state_check.forget()
     state[0] = 3.1
-    judge.reason(NANO)
+    state_check.reason(NANO)
     state[0] -= 2.0 * math.pi  # a driver that publishes the angle between -pi and pi
-    assert judge.reason(NANO) is None
-    judge.update(node_values({'limits.velocity': 2.0, 'mode': 'computed_torque'}))
-    judge.accept(NANO)
+    assert state_check.reason(NANO) is None
+    state_check.update(node_values({'limits.velocity': 2.0, 'mode': 'computed_torque'}))
+    state_check.accept(NANO)
     state[0] += 2.0 * math.pi
-    assert judge.reason(NANO) is JUMP  # a whole turn would be an error of the position
+    assert state_check.reason(NANO) is JUMP  # a whole turn would be an error of the position
 
 
 def test_a_speed_limit_for_another_number_of_joints_is_refused():

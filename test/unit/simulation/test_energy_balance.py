@@ -52,13 +52,13 @@ def result_and_warnings(function):
 def test_a_singularity_is_refused_with_its_time_before_the_balance_breaks(step):
     with pytest.raises(ConstraintError, match=r'simulation, 0\.92\d* s: the independent speeds'):
         simulate(sleigh(), np.zeros(3), [0.0, TURN], 3.0, step=step)  # pi / 2 / TURN = 0.924 s
-    before, said = result_and_warnings(lambda: simulate(sleigh(), np.zeros(3), [0.0, TURN], 0.9,
-                                                        step=step))
-    assert before.warnings == () and said == []
+    before, texts = result_and_warnings(lambda: simulate(sleigh(), np.zeros(3), [0.0, TURN], 0.9,
+                                                         step=step))
+    assert before.warnings == () and texts == []
     changing = Robot(sleigh().model, constraints=sleigh().mechanism.constraints)
-    run, said = result_and_warnings(lambda: simulate(changing, np.zeros(3), [0.0, TURN], 3.0,
-                                                     step=step))
-    assert run.speed_changes and run.warnings == () and said == []
+    run, texts = result_and_warnings(lambda: simulate(changing, np.zeros(3), [0.0, TURN], 3.0,
+                                                      step=step))
+    assert run.speed_changes and run.warnings == () and texts == []
 
 
 @pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
@@ -67,15 +67,15 @@ def test_a_step_that_is_too_long_without_divergence_is_warned_of(integrator):
     for N in (1, 3):
         q, u = [0.3, -0.2], [9.0, -6.0]
         start = (q, u) if N == 1 else (np.tile(q, (N, 1)), np.tile(u, (N, 1)))
-        run, said = result_and_warnings(partial(simulate, robot, *start, 80 * step, step=step,
-                                                integrator=integrator))
-        assert len(said) == 1 and 'energy balance' in said[0] and 'horten the step' in said[0]
+        run, texts = result_and_warnings(partial(simulate, robot, *start, 80 * step, step=step,
+                                                 integrator=integrator))
+        assert len(texts) == 1 and 'energy balance' in texts[0] and 'horten the step' in texts[0]
         energy = run.energy.sum(axis=-1)
         gained = np.abs(energy - energy[..., :1]).max()
         assert gained > 1e-3 * np.abs(run.energy[..., 0]).max()
-        fine, said = result_and_warnings(partial(simulate, robot, *start, 1.0,
-                                                 integrator=integrator))
-        assert fine.warnings == () and said == []
+        fine, texts = result_and_warnings(partial(simulate, robot, *start, 1.0,
+                                                  integrator=integrator))
+        assert fine.warnings == () and texts == []
 
 
 def test_a_wrong_constraint_force_or_torque_would_not_close():
@@ -108,9 +108,9 @@ def test_no_alarm_on_random_mechanisms(seed, step):
                                                      {model.coordinate_names[0]: 0.5})])):
         start = (robot.closed_configuration(q), u[:robot.n]) if robot.constraint_names else (q, u)
         for torque in (None, table(robot.n, steps), lambda t, q, u: -0.5 * u):
-            _, said = result_and_warnings(partial(simulate, robot, *start, 1.0, step=step,
-                                                  torque=torque))
-            assert not [text for text in said if 'energy balance' in text], said
+            _, texts = result_and_warnings(partial(simulate, robot, *start, 1.0, step=step,
+                                                   torque=torque))
+            assert not [text for text in texts if 'energy balance' in text], texts
 
 
 def test_no_alarm_where_constraints_and_speeds_put_energy_in():
@@ -119,8 +119,8 @@ def test_no_alarm_where_constraints_and_speeds_put_energy_in():
         [np.sin(q[1]), 0.4 * np.cos(2.0 * t)]), ('v', 'w')))
     for robot, start in ((driven, ([0.0, 0.2], [0.5])), (offset, ([0.1, 0.2], [0.5, -0.3]))):
         for torque in (None, table(robot.n, 2000), lambda t, q, u: -0.1 * u):
-            run, said = result_and_warnings(partial(simulate, robot, *start, 2.0, torque=torque))
-            assert said == []
+            run, texts = result_and_warnings(partial(simulate, robot, *start, 2.0, torque=torque))
+            assert texts == []
             assert robot is offset or np.ptp(run.energy.sum(axis=1)) > 0.1
 
 
@@ -162,14 +162,14 @@ def test_a_saved_trajectory_keeps_its_warnings(tmp_path):
 def test_the_simulated_arm_warns_of_energy_but_not_of_stops():
     pytest.importorskip('rclpy')
     from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
-    for step, said in ((1e-3, False), (0.1, True)):
+    for step, warned in ((1e-3, False), (0.1, True)):
         arm = SimulatedArm(Robot(load_urdf(URDF)), step)
         arm.u[:] = [8.0, -9.0]
         arm.energy.restart(np.concatenate([arm.q, arm.u]))
-        for _ in range(2500 if not said else 30):
+        for _ in range(2500 if not warned else 30):
             arm.step(np.zeros(2))
         arm.energy.close()
-        assert bool(arm.energy.warning) == said, arm.energy.warning
+        assert bool(arm.energy.warning) == warned, arm.energy.warning
     assert 'energy balance' in arm.energy.warning
 
 

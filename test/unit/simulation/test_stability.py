@@ -98,8 +98,8 @@ def test_friction_in_a_closed_loop_counts_by_the_speeds_that_remain():
     rate = -50.0 * rates @ rates / robot.mass_matrix(q)[0, 0]
     assert growth(rate * step) == pytest.approx(1.0, abs=1e-3)
     assert step_warning(robot, q, 0.9 * step) is None
-    said = step_warning(robot, q, 1.1 * step)
-    assert "'crank'" in said and "'implicit'" in said
+    text = step_warning(robot, q, 1.1 * step)
+    assert "'crank'" in text and "'implicit'" in text
 
 
 DAMPED = """<robot name="damped"><link name="base"/>
@@ -143,8 +143,8 @@ def test_commands_and_sweeps_warn_of_too_long_steps(tmp_path, capsys):
     supplement.write_text('joints: {joint2: {friction: 40.0, friction_speed: 0.01}}')
     assert main(['simulate', urdf, '--supplement', str(supplement), '--duration', '0.01',
                  '--step', '0.0005']) == 0
-    said = capsys.readouterr().err
-    assert "--integrator implicit is used: a step of 0.0005 s is too long for 'joint2'" in said
+    printed = capsys.readouterr().err
+    assert "--integrator implicit is used: a step of 0.0005 s is too long for 'joint2'" in printed
     supplement.write_text('joints: {joint2: {damping: 400.0}}')
     assert main(['simulate', urdf, '--supplement', str(supplement), '--duration', '10',
                  '--step', '0.01', '--u', '1', '1', '--integrator', 'rk4']) == 2
