@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 import gc
-import os
 import sys
 import warnings
 
@@ -18,8 +17,6 @@ import numpy as np
 from pinocchio_native import library, Pinocchio, Unavailable
 
 STATES = 1024  # that fit the cache, so that the arithmetic is what is timed
-BATCH = 100_000
-BATCH_TURNS = 9
 TOLERANCE = 1e-9  # relative to the largest entry: both must agree before they are timed
 # Quantities that both have, with the faster of Pinocchio's conventions.
 RIVALS = {
@@ -168,27 +165,6 @@ def kernel_races(robot: Robot, quantities: tuple[str, ...]) -> list[Race]:
     return races
 
 
-def batch_race(robot: Robot) -> Race:
-    """Time inverse dynamics of a large batch, one thread each."""
-    states, peer = random_states(robot, BATCH), Pinocchio(robot)
-    tau, theirs = np.empty((2, BATCH, robot.n))
-    permuted = [peer.permuted(x) for x in states]
-    before = os.environ.get('KANE_DYNAMICS_THREADS')
-    os.environ['KANE_DYNAMICS_THREADS'] = '1'
-    try:
-        timing = interleaved({
-            'ours': lambda: robot.inverse_dynamics(*states, out=tau),
-            'theirs': lambda: peer.batch(*permuted, theirs)}, turns=BATCH_TURNS)
-    finally:
-        os.environ.pop('KANE_DYNAMICS_THREADS')
-        if before is not None:
-            os.environ['KANE_DYNAMICS_THREADS'] = before
-    np.testing.assert_allclose(peer.permuted(tau), theirs, rtol=0.0,
-                               atol=TOLERANCE * np.abs(theirs).max())
-    return race(robot, f'batch of {BATCH}, one thread', 'Pinocchio C++', timing, BATCH,
-                ('theirs',))
-
-
 def races() -> list[Race]:
     """Return all races; Unavailable says why there are none."""
     library()
@@ -201,8 +177,6 @@ def races() -> list[Race]:
             large = robot.n > 9
             quantities = tuple(what for what in RIVALS if not (large and what in NOT_LARGE))
             results += kernel_races(robot, OF_LONGEST if robot.n > LONGEST else quantities)
-            if not large:
-                results.append(batch_race(robot))
             gc.collect()
     return results
 

@@ -5,6 +5,7 @@
 #include <pinocchio/algorithm/aba-derivatives.hpp>
 #include <pinocchio/algorithm/aba.hpp>
 #include <pinocchio/algorithm/crba.hpp>
+#include <pinocchio/algorithm/jacobian.hpp>
 #include <pinocchio/algorithm/regressor.hpp>
 #include <pinocchio/algorithm/rnea-derivatives.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
@@ -186,16 +187,43 @@ void run(void * handle, const char * what)
   for (std::size_t i = 0; i < e.q.size(); ++i) algorithm(e, e.q[i], e.u[i], e.x[i]);
 }
 
-// Inverse dynamics of `count` states in rows, results in rows of `tau`.
-void batch(void * handle, int count, const double * q, const double * u, const double * x,
-             double * tau)
+// An algorithm at `count` states in rows, each result a row of `out`: vectors and the Jacobian of
+// the last joint (6 rows, world axes, at its origin) as they are, derivatives by q, u and udot
+// column by column, of the last the upper triangle alone. Return -1 for an unknown name.
+int batch(void * handle, const char * what, int count, const double * q, const double * u,
+          const double * x, double * out)
 {
   Engine & e = *engine(handle);
   const int n = e.model.nv;
+  const JointIndex last = e.model.njoints - 1;
+  const std::string name = what;
   const States qs(q, n, count), us(u, n, count), xs(x, n, count);
-  Eigen::Map<Eigen::MatrixXd> taus(tau, n, count);
-  for (int i = 0; i < count; ++i)
-    taus.col(i) = rnea(e.model, e.data, qs.col(i), us.col(i), xs.col(i));
+  Eigen::Map<Eigen::MatrixXd> vectors(out, n, count);
+  if (name == "inverse_dynamics") {
+    for (int i = 0; i < count; ++i)
+      vectors.col(i) = rnea(e.model, e.data, qs.col(i), us.col(i), xs.col(i));
+  } else if (name == "forward_dynamics") {
+    for (int i = 0; i < count; ++i)
+      vectors.col(i) = aba(e.model, e.data, qs.col(i), us.col(i), xs.col(i), Convention::LOCAL);
+  } else if (name == "partial_velocities") {
+    for (int i = 0; i < count; ++i) {
+      Eigen::Map<Data::Matrix6x> J(out + 6 * n * i, 6, n);
+      computeJointJacobians(e.model, e.data, qs.col(i));
+      J.setZero();
+      getJointJacobian(e.model, e.data, last, LOCAL_WORLD_ALIGNED, J);
+    }
+  } else if (name == "inverse_dynamics_derivatives") {
+    for (int i = 0; i < count; ++i) {
+      Eigen::Map<Eigen::MatrixXd> rows(out + 3 * n * n * i, n, 3 * n);
+      computeRNEADerivatives(e.model, e.data, qs.col(i), us.col(i), xs.col(i), e.dq, e.du, e.da);
+      rows.leftCols(n) = e.dq;
+      rows.middleCols(n, n) = e.du;
+      rows.rightCols(n) = e.da;
+    }
+  } else {
+    return -1;
+  }
+  return 0;
 }
 
 // Runge-Kutta steps under a held torque from state (q, u), which is overwritten.

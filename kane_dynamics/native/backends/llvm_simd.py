@@ -5,7 +5,7 @@ A batch is stored row by row, one state per row. A lane kernel, ``void kernel(do
 *rows[][W], void *bad)``, receives the address of each lane's row of every argument and
 of the result. It loads the rows, transposes them in registers to one vector per entry,
 and stores the results the same way. `bad` accumulates bits that are set where an
-argument or a result is not finite.
+argument or a result is not finite: those of a sum that is +0 or NaN.
 """
 
 from functools import cache
@@ -124,7 +124,7 @@ class RowFunction(Function):
         for node in schedule:
             if node.op == 'input':
                 used[node.args] = node.index
-        bits: list[str] = []
+        checked: list[tuple[str, float]] = []
         for slot, (name, shape) in enumerate(self.program.inputs):
             rows = self._rows(slot)
             size = math.prod(shape)
@@ -133,22 +133,23 @@ class RowFunction(Function):
             # to all lanes.
             columns = []
             if not is_shared:
-                columns = self._columns(rows, size, size_limit(name), bits)
+                columns = self._columns(rows, size)
+                checked += [(x, size_limit(name)) for x in columns]
             for k in range(size):
                 if (name, k) in used:
                     entry = self._splat(rows[0], k) if is_shared else columns[k]
                     self.names[used[name, k]] = entry
-        self._add_flags(0, bits)
+        self._add_flags(0, checked)
 
     def _store_outputs(self) -> None:
         v = self._vector
         outputs = self.program.outputs
         rows = self._rows(len(self.program.inputs))
-        computed: dict[int, str] = {}  # bits of each node that is a result
+        computed: dict[int, str] = {}  # values of each node that is a result
         for x in outputs:
-            if isinstance(x, Expr) and x.index not in computed:
-                computed[x.index] = v.nonfinite_bits(self.value(x))
-        self._add_flags(1, list(computed.values()))
+            if isinstance(x, Expr):
+                computed[x.index] = self.value(x)
+        self._add_flags(1, [(x, math.inf) for x in computed.values()])
         self._prefetch(rows, len(outputs), writing=True)
         # Tiles of as many entries as lanes: their transpose holds a part of each lane's
         # row.
@@ -180,9 +181,8 @@ class RowFunction(Function):
         one = v.new(f'insertelement {v.type} poison, double {entry}, i32 0')
         return v.shuffle(one, 'poison', [0] * v.width)
 
-    def _columns(self, rows: list[str], size: int, most: float,
-                 bits: list[str]) -> list[str]:
-        """Load rows of `size` entries as a vector per entry; extend the flag bits."""
+    def _columns(self, rows: list[str], size: int) -> list[str]:
+        """Load rows of `size` entries as a vector per entry."""
         v = self._vector
         columns: list[str] = []
         self._prefetch(rows, size, writing=False)
@@ -194,9 +194,6 @@ class RowFunction(Function):
             for place in (c, c + half):
                 for i in range(half):
                     tile.append(self._load_halves(rows[i], rows[i + half], place, size))
-            for row in tile:
-                if row != 'zeroinitializer':
-                    bits.append(v.nonfinite_bits(row, most))
             columns += transpose(v, tile, half // 2)
         return columns[:size]
 
@@ -225,19 +222,31 @@ class RowFunction(Function):
         return v.new(f'shufflevector {kind} {halves[0]}, {kind} {halves[1]}, '
                      f'<{self.lanes} x i32> <{places}>')
 
-    def _add_flags(self, place: int, bits: list[str]) -> None:
-        """Combine bits with the flags of arguments (place 0) or of the result (1)."""
+    def _add_flags(self, place: int, values: list[tuple[str, float]]) -> None:
+        """
+        Make flags NaN where a value is not finite or larger than its limit; else they stay 0.
+
+        The flags of arguments are at place 0, those of the result at 1. One instruction a
+        value: 0 x + s with a sum s from +0 on is +0 for every finite x. Squares of values
+        with a limit are added instead, and overflow where they reach its square, so that
+        several values near the limit may be flagged, too.
+        """
         v = self._vector
-        at = v.new(f'getelementptr {v.integer}, ptr %bad, i64 {place}')
-        bits = [*bits, v.new(f'load {v.integer}, ptr {at}')]
-        while len(bits) > 1:  # pairwise: keeps the dependency chain short
-            combined = []
-            for a, b in zip(bits[::2], bits[1::2]):
-                combined.append(v.new(f'or {v.integer} {a}, {b}'))
-            if len(bits) % 2:
-                combined.append(bits[-1])
-            bits = combined
-        v.lines.append(f'  store {v.integer} {bits[0]}, ptr {at}')
+        zero = v.const(0.0)
+        at = v.new(f'getelementptr {v.type}, ptr %bad, i64 {place}')
+        # Two sums, which the processor adds at the same time.
+        sums = [v.new(f'load {v.type}, ptr {at}'), zero]
+        squares: dict[float, str] = {}
+        for k, (x, most) in enumerate(values):
+            if math.isfinite(most):
+                squares[most] = v.fma(x, x, squares.get(most, zero))
+            else:
+                sums[k % 2] = v.fma(x, zero, sums[k % 2])
+        for most, square in squares.items():
+            scaled = v.op('fmul', square, v.const(overflow_scale(most * most)))
+            sums[1] = v.fma(scaled, zero, sums[1])
+        total = v.op('fadd', *sums)
+        v.lines.append(f'  store {v.type} {total}, ptr {at}')
 
     def _prefetch(self, rows: list[str], size: int, writing: bool) -> None:
         """Prefetch the rows of a later block."""

@@ -16,7 +16,7 @@ from typing import Any
 from weakref import finalize
 
 from kane_dynamics._util import disk_cache
-from kane_dynamics.errors import CompileError
+from kane_dynamics.errors import CompileError, InputError
 import llvmlite.binding as llvm
 import numpy as np
 
@@ -31,6 +31,14 @@ GPU = 'sm_75'
 # The pass manager of older llvmlite fails at pointers without an element type. Without
 # passes, batches are some percent slower.
 PASSES = hasattr(llvm, 'create_pass_builder')
+# The widest SIMD extension of x86 that is used, and LLVM's name of it.
+SIMD_VARIABLE = 'KANE_DYNAMICS_SIMD'
+SIMD = {'avx512': 'avx512f', 'avx2': 'avx2', 'sse2': 'sse2'}
+# Beginnings of LLVM's names of the features that need wider registers or their encoding.
+WIDER: dict[str, tuple[str, ...]] = {
+    'avx512': (), 'avx2': ('avx512', 'avx10', 'evex512'),
+    'sse2': ('avx', 'fma', 'f16c', 'xop', 'vaes', 'vpclmulqdq', 'evex512', 'sha512', 'sm3',
+             'sm4')}
 LONG = 10_000  # lines of IR: without instruction scheduling
 PIECE = 400  # instructions of a basic block of a long program
 _own = local()  # of each thread: code generators, each for one module at a time
@@ -60,9 +68,43 @@ _context = _context_of_opaque_pointers()
 
 
 @cache
+def features() -> dict[str, bool]:
+    """
+    Return the features of this processor by LLVM's names, as `KANE_DYNAMICS_SIMD` allows.
+
+    Raises
+    ------
+    InputError
+        If ``KANE_DYNAMICS_SIMD`` names no SIMD extension that this processor has.
+
+    """
+    host = dict(llvm.get_host_cpu_features())
+    setting = os.environ.get(SIMD_VARIABLE)
+    if setting is None:
+        return host
+    valid = [name for name, feature in SIMD.items() if host.get(feature)]
+    if setting not in valid:
+        expected = f"one of {', '.join(valid)}" if valid else 'no value on this processor'
+        raise InputError(f'{SIMD_VARIABLE}: {setting!r}; expected {expected}')
+    wider = WIDER[setting]
+    for feature in host:
+        if feature.startswith(wider):
+            host[feature] = False
+    return host
+
+
+@cache
 def _processor() -> tuple[str, str]:
     """Return LLVM's name and feature string of this processor."""
-    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+    present = []
+    absent = []
+    for feature, is_present in features().items():
+        if is_present:
+            present.append(f'+{feature}')
+        else:
+            absent.append(f'-{feature}')
+    # A feature switches on those that it needs: what is absent comes last.
+    return llvm.get_host_cpu_name(), ','.join(present + absent)
 
 
 def _target_machine(level: int, shared: bool = False) -> Any:
@@ -72,12 +114,6 @@ def _target_machine(level: int, shared: bool = False) -> Any:
     kind = {'reloc': 'pic', 'codemodel': 'default'} if shared else {'jit': True}
     return llvm.Target.from_default_triple().create_target_machine(
         cpu=name, features=features, opt=level, **kind)
-
-
-@cache
-def features() -> dict[str, bool]:
-    """Return the features of this processor by LLVM's names."""
-    return dict(llvm.get_host_cpu_features())
 
 
 @cache

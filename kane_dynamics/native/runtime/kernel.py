@@ -149,9 +149,9 @@ class Kernel:
     single : callable, optional
         Traces the program for single states, if it is another one of the same function.
     in_order : bool
-        Keep the order of the program in the machine code of single states. LLVM's
-        scheduler would move uses of constraint rows and of their inverse apart, and
-        spill more of them.
+        Keep the order of the program in the machine code of single states, as in that of
+        batches. LLVM's scheduler would move uses of constraint rows and of their inverse
+        apart, and spill more of them.
     by_states : bool
         Compute the states of a batch one after the other, by the program for single
         states, where that of a batch would be much longer.
@@ -263,11 +263,14 @@ class Kernel:
     def compile_lanes(self) -> llvm.Address:
         """Return the address of the code of batches, compiled if that was not done yet."""
         text, program = self._of_batch
-        kind = f'{width()} lanes' if text is lane_text else 'by states'
+        in_lanes = text is lane_text
+        kind = f'{width()} lanes' if in_lanes else 'by states'
         if kind in self._functions:
             return self._functions[kind].address
         driver(width())
-        return self._function(kind, lambda: text(program(), SYMBOL, width())).address
+        # Lanes need many registers: in program order fewer values are spilled.
+        return self._function(kind, lambda: text(program(), SYMBOL, width()),
+                              in_lanes or self._in_order).address
 
     @property
     def address(self) -> llvm.Address:

@@ -31,7 +31,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 POINTER_SLOTS = 32  # limit on the arguments, defaults and result of one kernel together
-BAD_INPUT, BAD_RESULT = 1, 2  # flags of `run_batch` for non-finite numbers
+# Flags of `run_batch` for non-finite numbers. That of inputs is also set where several
+# positions come near their limit: callers look at the numbers then.
+BAD_INPUT, BAD_RESULT = 1, 2
 # Seconds for the lanes of a kernel, by its address and the number of steps.
 PACES: dict[object, float] = {}
 PROBE_CALLS = 64  # kernel calls timed to decide on the number of threads
@@ -198,6 +200,7 @@ define i64 @run_batch(ptr %kernel, ptr %table, i64 %slots, i64 %size, ptr noalia
                   ptr noalias %high, i64 %begin, i64 %end, i64 %steps) {
 start:
   %rows = alloca [SLOTS x <W x ptr>], align 64
+  %firsts = alloca [SLOTS x <W x ptr>], align 64
   %states = alloca <W x i64>, align 64
   %bad = alloca [2 x <W x i64>], align 64
   store [2 x <W x i64>] zeroinitializer, ptr %bad
@@ -215,35 +218,52 @@ block:
   %open = add <W x i64> %b.lanes, COUNTING
   %state = call <W x i64> @llvm.smin.vWi64(<W x i64> %open, <W x i64> %last.lanes)
   store <W x i64> %state, ptr %states
+  ; The rows of a full block are as far from those of the block before in every lane.
+  %b.end = add i64 %b, W
+  %is.full = icmp sle i64 %b.end, %end
+  %is.later = icmp sgt i64 %b, %begin
+  %follows = and i1 %is.full, %is.later
   br label %place
 place:
-  %k = phi i64 [0, %block], [%k.next, %placed]
+  %k = phi i64 [0, %block], [%k.next, %stored]
   %row = getelementptr [ROW x i64], ptr %table, i64 %k
-  %address = load ptr, ptr %row
+  %stride.at = getelementptr i64, ptr %row, i64 1
+  %stride = load i64, ptr %stride.at
+  %first.at = getelementptr <W x ptr>, ptr %firsts, i64 %k
+  %own.at = getelementptr <W x ptr>, ptr %rows, i64 %k
   %numbers.at = getelementptr i64, ptr %row, i64 3
   %numbers = load ptr, ptr %numbers.at
   %numbered = icmp ne ptr %numbers, null
-  br i1 %numbered, label %look, label %placed
+  br i1 %numbered, label %look, label %unnumbered
+unnumbered:
+  br i1 %follows, label %follow, label %placed
+follow:
+  %before = load <W x ptr>, ptr %first.at
+  %distance = mul i64 %stride, W
+  %following = getelementptr i8, <W x ptr> %before, i64 %distance
+  br label %stored
 look:
   %number.at = getelementptr i64, ptr %numbers, <W x i64> %state
   %number = call <W x i64> @llvm.masked.gather.vWi64.vWp0(<W x ptr> %number.at, i32 8,
                                                           <W x i1> EVERY, <W x i64> poison)
   br label %placed
 placed:
-  %place.state = phi <W x i64> [%state, %place], [%number, %look]
-  %stride.at = getelementptr i64, ptr %row, i64 1
-  %stride = load i64, ptr %stride.at
+  %place.state = phi <W x i64> [%state, %unnumbered], [%number, %look]
+  %address = load ptr, ptr %row
   %stride.lane = insertelement <W x i64> poison, i64 %stride, i32 0
   %stride.lanes = shufflevector <W x i64> %stride.lane, <W x i64> poison, <W x i32> zeroinitializer
   %offset = mul <W x i64> %place.state, %stride.lanes
-  %own = getelementptr i8, ptr %address, <W x i64> %offset
-  %own.at = getelementptr <W x ptr>, ptr %rows, i64 %k
+  %placed.rows = getelementptr i8, ptr %address, <W x i64> %offset
+  br label %stored
+stored:
+  %own = phi <W x ptr> [%placed.rows, %placed], [%following, %follow]
+  store <W x ptr> %own, ptr %first.at
   store <W x ptr> %own, ptr %own.at
   %k.next = add i64 %k, 1
   %k.more = icmp slt i64 %k.next, %slots
   br i1 %k.more, label %place, label %step
 step:
-  %s = phi i64 [0, %placed], [%s.next, %move]
+  %s = phi i64 [0, %stored], [%s.next, %move]
   call void %kernel(ptr %rows, ptr %bad)
   br i1 %watched, label %watch, label %step.done
 watch:

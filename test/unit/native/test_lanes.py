@@ -6,6 +6,7 @@ import time
 
 from kane_dynamics import InputError, Robot
 from kane_dynamics.native.backends import llvm_simd
+from kane_dynamics.native.backends.llvm_math import POSITION_LIMIT
 from kane_dynamics.native.backends.llvm_simd import lane_text
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime import threads
@@ -145,6 +146,39 @@ def test_a_number_that_is_not_finite_is_named_with_row_and_joint(robot, place, v
     words = re.escape(f"{name}[{place}, 2] (joint 'joint2'): {value}; expected a finite number")
     with pytest.raises(InputError, match=words):
         robot.inverse_dynamics(*given)
+
+
+def test_positions_near_the_limit_are_accepted_together_and_refused_beyond_it(robot):
+    q, u, udot = batch(3 * W + 1)
+    q[W + 1] = 0.99 * POSITION_LIMIT
+    close(robot.inverse_dynamics(q, u, udot)[W + 1:W + 2],
+          [robot.inverse_dynamics(q[W + 1], u[W + 1], udot[W + 1])])
+    for joint in range(5):
+        beyond = batch(3 * W + 1)
+        beyond[0, W, joint] = -1.01 * POSITION_LIMIT
+        with pytest.raises(InputError, match=re.escape(f'q[{W}, {joint}]')):
+            robot.inverse_dynamics(*beyond)
+
+
+def test_large_finite_numbers_are_no_error():
+    kernel = batch_kernel('sums', lambda x: [x[0] + x[1], x[1] - x[2]], [('x', (3,))], (2,))
+    x = np.full((W + 1, 3), 1e307) * np.arange(1, W + 2)[:, None] / W
+    assert np.array_equal(kernel(x), np.stack([x[:, 0] + x[:, 1], 0.0 * x[:, 0]], axis=1))
+
+
+def test_rows_of_several_blocks_and_steps_are_those_of_their_states():
+    kernel = batch_kernel('carried', lambda x, y: [x[0] + y[0], x[1] * y[1]],
+                          [('x', (2,)), ('y', (2,))], (2,))
+    rng = np.random.default_rng(0)
+    first, y = rng.normal(size=(3 * W + 2, 1, 2)), rng.normal(size=(3 * W + 2, 4, 2))
+    states = first.copy()
+    assert kernel.rollout([states, y], states, 4) == 0
+    added = first[:, 0, 0]
+    multiplied = first[:, 0, 1]
+    for step in range(4):
+        added = added + y[:, step, 0]
+        multiplied = multiplied * y[:, step, 1]
+    assert np.array_equal(states[:, 0], np.stack([added, multiplied], axis=1))
 
 
 def test_unused_arguments_must_be_finite_too():
