@@ -144,6 +144,8 @@ FEWEST_IN_LANES = 4  # fewer coordinates: never in lanes
 COMPARED = ('coriolis_matrix', *ANALYTIC)  # between: the shorter of the two programs
 # Quantities whose two programs are compared beyond that, up to this many coordinates.
 COMPARED_LONGER = {'forward_dynamics': OUTLINED, 'mass_matrix': 64}
+# Quantities of long trees that are computed by loops over blocks of joints in series.
+BY_BLOCKS = ('mass_matrix', 'inverse_mass_matrix')
 # Rows of lanes in forward dynamics by articulated inertias, for a block of joints.
 ROWS_OF_BLOCK = 2400
 NO_DIRECTION = 1e-16  # squared length of a quaternion that has no direction
@@ -524,7 +526,8 @@ class KernelSet:
             return self._traced(self._method(name, at), name, at, derivative)
         # For arms of common size, the program with fewer instructions on this processor.
         program_in_lanes = self._traced(in_lanes, name, at)
-        if self.equations.n > COMPARED_LONGER.get(name, ALWAYS_IN_LANES):
+        compared = self.equations.n <= COMPARED_LONGER.get(name, ALWAYS_IN_LANES)
+        if not compared or computed_by_blocks(self.equations, name):
             # Without lanes it would be far longer.
             return program_in_lanes
         plain = self._traced(self._method(name, at), name, at)
@@ -597,7 +600,20 @@ def method_in_lanes(equations: Equations, name: str) -> Callable[..., Any] | Non
         if not TreeInLanes.has_long_branches(tree, instructions):
             return None
     tree_in_lanes = TreeInLanes(tree, lambda q: WideLanes(q.trace), Loops())
+    if computed_by_blocks(equations, name):
+        name = f'{name}_by_blocks'
     return getattr(tree_in_lanes, name, None)
+
+
+def computed_by_blocks(equations: Equations, name: str) -> bool:
+    """Return whether a quantity of one state is computed by loops over blocks."""
+    if name not in BY_BLOCKS or equations.n <= ALWAYS_IN_LANES:
+        return False
+    if not equations.in_joint_rates:
+        return False
+    # Needed only where a program is traced.
+    from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
+    return TreeInLanes.fills_blocks(equations.tree)
 
 
 def kernel_per_robot(function: Callable[..., Kernel]) -> Callable[..., Kernel]:

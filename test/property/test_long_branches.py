@@ -124,3 +124,47 @@ def test_a_simulation_of_a_long_chain_has_the_accelerations_of_its_states(long_c
     slope = np.gradient(trajectory.u, trajectory.t, axis=0)[1:-1]
     middle = trajectory.udot[1:-1]
     assert np.abs(slope - middle).max() < 0.02 * np.abs(middle).max()
+
+
+def matrices_by_blocks(model, q):
+    """Return the mass matrix and its inverse by blocks of joints, without compiling."""
+    tree = TreeInLanes(TreeEquations(model))
+    parameters = np.array(model.gravity)
+    return [function(q, parameters).astype(float) for function in (
+        tree.mass_matrix_by_blocks, tree.inverse_mass_matrix_by_blocks)]
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 19), st.sampled_from([0.0, 0.3, 1.0]),
+       st.sampled_from([0.0, 0.15, 0.6]))
+def test_matrices_by_blocks_are_those_of_the_definition(seed, n, prismatic, branching):
+    model = shuffled(random_model(seed, n, prismatic=prismatic, branching=branching), seed)
+    q = random_state(model, seed)[0]
+    expected = kane.mass_matrix(model, q)
+    M, W = matrices_by_blocks(model, q)
+    assert relative_error(M, expected) < 20.0 * EPS
+    condition = np.linalg.cond(expected)
+    assert relative_error(W, np.linalg.inv(expected)) < 10.0 * EPS * condition
+    assert np.array_equal(M, M.T)
+    assert np.array_equal(W, W.T)
+
+
+@pytest.mark.parametrize('branching', [0.0, 0.04])
+def test_compiled_matrices_by_blocks_are_those_of_the_definition(branching):
+    n = 45
+    model = shuffled(random_model(8, n, branching=branching), 8)
+    assert (len(branches(Robot(model).equations.tree.geometry)) > 1) == (branching > 0.0)
+    robot = Robot(model, payload_frame='frame3')
+    payload = Inertial(2.0, np.array([0.1, 0.0, 0.2]), 0.01 * np.eye(3))
+    robot.parameters.payload = payload
+    q = random_state(model, 5)[0]
+    expected = kane.mass_matrix(with_payload(model, 'frame3', payload), q)
+    M, W = robot.mass_matrix(q), robot.inverse_mass_matrix(q)
+    assert relative_error(M, expected) < 20.0 * EPS
+    condition = np.linalg.cond(expected)
+    assert relative_error(W, np.linalg.inv(expected)) < 10.0 * EPS * condition
+    assert np.array_equal(M, M.T)
+    assert np.array_equal(W, W.T)
+    for name in ('mass_matrix', 'inverse_mass_matrix'):
+        program = robot.kernels.program(name, single=True)
+        assert any(node.op == 'loop' for node in program.schedule())

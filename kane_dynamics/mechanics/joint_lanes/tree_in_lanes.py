@@ -8,11 +8,13 @@ from kane_dynamics._util.typing import Matrix, Vector
 from kane_dynamics.mechanics.algebra import ltdl
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
 from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.mechanics.joint_lanes.block_matrices import BlockMatrices
 from kane_dynamics.mechanics.joint_lanes.branches import branches
 from kane_dynamics.mechanics.joint_lanes.derivatives import inverse_dynamics_derivatives
-from kane_dynamics.mechanics.joint_lanes.forward_dynamics import (forward_dynamics,
-                                                                  LanesOf, plain_lanes)
+from kane_dynamics.mechanics.joint_lanes.forward_dynamics import forward_dynamics
 from kane_dynamics.mechanics.joint_lanes.inverse import factorize, inverse_mass_matrix
+from kane_dynamics.mechanics.joint_lanes.joint_blocks import (JointBlocks, LanesOf,
+                                                              plain_lanes)
 from kane_dynamics.mechanics.joint_lanes.regressor import regressor
 from kane_dynamics.mechanics.joint_lanes.tree_sums import TreeSums
 from kane_dynamics.mechanics.recursive.subroutines import one_by_one, Repeat
@@ -72,17 +74,31 @@ class TreeInLanes:
         2 for each three. A joint without inertia of its own needs the mass matrix to
         recognize a singular one.
         """
-        if equations.without_own_inertia:
+        if not TreeInLanes._eliminates_by_blocks(equations):
             return False
         links = equations.geometry
-        if any(link.multiplier != 1.0 for link in links):
-            return False
         blocks = sum(branch.blocks for branch in branches(links))
         instructions = 0
         for path in TreeSums(links, Lanes).paths:
             depth = len(path)
             instructions += 200 + 30 * depth + depth * depth
         return blocks * of_block < instructions
+
+    @staticmethod
+    def fills_blocks(equations: TreeEquations) -> bool:
+        """Return whether matrices by blocks use at least two thirds of their lanes."""
+        if not (TreeInLanes.suits(equations)
+                and TreeInLanes._eliminates_by_blocks(equations)):
+            return False
+        blocks = sum(branch.blocks for branch in branches(equations.geometry))
+        return 3 * equations.n >= 2 * LANES * blocks
+
+    @staticmethod
+    def _eliminates_by_blocks(equations: TreeEquations) -> bool:
+        """Return whether the joints of blocks can be eliminated one after the other."""
+        if equations.without_own_inertia:
+            return False
+        return all(link.multiplier == 1.0 for link in equations.geometry)
 
     def inverse_mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the inverse mass matrix, (n, n)."""
@@ -101,6 +117,21 @@ class TreeInLanes:
         zeros = self.equations.zeros
         _, _, M = self._derivative_rows(q, zeros, zeros, parameters)
         return self._matrix(M, q)
+
+    def mass_matrix_by_blocks(self, q: Vector, parameters: Vector) -> Matrix:
+        """Return the mass matrix, (n, n), by blocks of joints in series."""
+        return self._block_matrices(q, parameters).mass_matrix()
+
+    def inverse_mass_matrix_by_blocks(self, q: Vector, parameters: Vector) -> Matrix:
+        """Return the inverse mass matrix, (n, n), by articulated inertias."""
+        return self._block_matrices(q, parameters).inverse_mass_matrix()
+
+    def _block_matrices(self, q: Vector, parameters: Vector) -> BlockMatrices:
+        """Return the loops over blocks of joints at a configuration."""
+        equations = self.equations
+        blocks = JointBlocks(equations.base_links(parameters), equations.rotor_inertia,
+                             self._lanes, self._repeat)
+        return BlockMatrices(blocks, q)
 
     def _long_branches(self) -> bool:
         """Return whether rows of L use more than half of their lanes."""

@@ -165,6 +165,32 @@ def _runs(outputs: Sequence[Any]) -> Iterator[tuple[int, Expr, int, int]]:
         k += count
 
 
+def _loop_runs(outputs: Sequence[Any]) -> Iterator[tuple[int, int]]:
+    """
+    Yield (place, length) of each run of outputs that are consecutive results of a loop.
+
+    Runs have at most as many as a row of lanes.
+    """
+    k = 0
+    while k < len(outputs):
+        x = outputs[k]
+        count = 1
+        if isinstance(x, Expr) and x.op == 'output' and x.args[0].op == 'loop':
+            source, first = x.args
+            while (k + count < len(outputs) and count < LANES
+                   and _is_result(outputs[k + count], source, first + count)):
+                count += 1
+            if count > 1:
+                yield k, count
+        k += count
+
+
+def _is_result(x: Any, source: Expr, place: int) -> bool:
+    """Return whether a scalar is this result of a call or loop."""
+    return (isinstance(x, Expr) and x.op == 'output' and x.args[0] is source
+            and bool(x.args[1] == place))
+
+
 def _is_lane(x: Any, row: Expr, lane: int) -> bool:
     """Return whether a scalar is this lane of a row."""
     if not (isinstance(x, Expr) and x.op == 'lane'):
@@ -220,10 +246,15 @@ class Function:
         self._stored: dict[tuple[object, ...], str] = {}
         self._wide = Rows(self.lines, self.names, program.outputs)
         schedule = program.schedule()
+        # Results of loops that are copied to the function's own, several at once.
+        self._copied = dict(_loop_runs(program.outputs)) if lanes == 1 else {}
+        copied: set[int] = set()
+        for place, count in self._copied.items():
+            copied.update(range(place, place + count))
         # Values that other nodes than loops read; loops read results of loops in place.
         self._read: set[int] = set()
-        for x in program.outputs:
-            if isinstance(x, Expr):
+        for k, x in enumerate(program.outputs):
+            if isinstance(x, Expr) and k not in copied:
                 self._read.add(x.index)
         for node in schedule:
             if node.op != 'loop':
@@ -287,13 +318,29 @@ class Function:
     def _store_outputs(self) -> None:
         if not self._wide.stored:
             self._clear_results()
+        written = set(self._zeros) | self._wide.stored
+        for place, count in self._copied.items():
+            self._copy(place, count)
+            written.update(range(place, place + count))
         for k, x in enumerate(self.program.outputs):
-            if k in self._zeros or k in self._wide.stored:
+            if k in written:
                 continue
             row = 'ptr %in.result'
             self.lines += [f'  %to.{k} = getelementptr {self.type}, {row}, i64 {k}',
                            f'  store {self.type} {self.value(x)}, ptr %to.{k}']
         self.lines += ['  ret void', '}']
+
+    def _copy(self, place: int, count: int) -> None:
+        """Copy results of a loop to this place of the function's own."""
+        output = self.program.outputs[place]
+        assert isinstance(output, Expr)
+        source, k = output.args
+        kind = vector_type(count)
+        self.lines += [
+            f'  %from.{place} = getelementptr {self.type}, ptr %ret{source.index}, i64 {k}',
+            f'  %copied.{place} = load {kind}, ptr %from.{place}, align 8',
+            f'  %to.{place} = getelementptr {self.type}, ptr %in.result, i64 {place}',
+            f'  store {kind} %copied.{place}, ptr %to.{place}, align 8']
 
     def _operation(self, node: Expr) -> None:
         name = f'%v{node.index}'
