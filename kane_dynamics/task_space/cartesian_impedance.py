@@ -52,7 +52,8 @@ from kane_dynamics.task_space.modal_damping import inverse_root_times
 from kane_dynamics.task_space.pose_checks import pose_margin, require_pose
 from kane_dynamics.task_space.posture import null_damping, posture_force
 from kane_dynamics.task_space.reference_dynamics import (compensation_weights,
-                                                         reference_dynamics, WEIGHTS)
+                                                         reference_dynamics,
+                                                         resisting_force, WEIGHTS)
 from kane_dynamics.task_space.reference_motion import reference_motion, TargetMotion
 from kane_dynamics.task_space.stiffness import (checked_matrix, factor, Spring,
                                                 spring_energy, stored_energy_limits)
@@ -410,8 +411,7 @@ class ImpedanceForces(NamedTuple):
             tau, scale = within_limits(tau, equations.shared_torques(q, part, t), effort)
             force = force + scale * part
         # Friction that the arm compensates itself does not slow its joints down.
-        bias = reference_dynamics(equations, q, u, u, equations.zeros, self.weights,
-                                  parameters, t, of_model=True)
+        bias = resisting_force(equations, q, u, self.weights, parameters, t)
         brakes = brake_torques(equations, q, u, self.motion, force, bias, self.speeds,
                                parameters, t)
         braking = equations.shared_torques(q, self.motion.projected(brakes), t)

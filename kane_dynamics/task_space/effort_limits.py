@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from kane_dynamics._util.typing import Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import magnitude, select
+from kane_dynamics.mechanics.algebra.dual import magnitude, select, smallest
 import numpy as np
 
 TINY = 1e-300
@@ -26,14 +26,14 @@ def within_limits(compensation: Vector, task: Vector, limits: Vector
         N m or N.
 
     """
-    scale: Scalar = 1.0
+    shares: list[Scalar] = [1.0]
     for held, torque, limit in zip(compensation, task, limits):
         is_negative = torque < 0.0
         size = select(is_negative, -torque, torque)
         room = limit - select(is_negative, -held, held)
         room = select(room < 0.0, 0.0, room)
-        share = room / select(size < TINY, TINY, size)
-        scale = select(share < scale, share, scale)
+        shares.append(room / select(size < TINY, TINY, size))
+    scale = smallest(shares)
     return compensation + scale * np.asarray(task), scale
 
 

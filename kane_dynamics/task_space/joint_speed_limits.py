@@ -15,12 +15,13 @@ from __future__ import annotations
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import magnitude, select
+from kane_dynamics.mechanics.algebra.dual import magnitude, select, smallest
 from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.task_space.frame_task import symmetric_product
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -78,12 +79,11 @@ def speeds_towards_stops(robot: Robot, q: Vector, rates: Vector, speeds: Vector
 
 def slowdown(rates: Vector, limits: Vector) -> Scalar:
     """Return the factor, at most 1, at which no rate exceeds `FREE` of its limit."""
-    factor: Scalar = 1.0
+    shares: list[Scalar] = [1.0]
     for rate, limit in zip(rates, limits):
         size = magnitude(rate)
-        share = FREE * limit / select(size < TINY, TINY, size)
-        factor = select(share < factor, share, factor)
-    return factor
+        shares.append(FREE * limit / select(size < TINY, TINY, size))
+    return smallest(shares)
 
 
 def brake_torques(equations: Equations, q: Vector, u: Vector, motion: JointMotion,
@@ -121,7 +121,8 @@ def brake_torques(equations: Equations, q: Vector, u: Vector, motion: JointMotio
     # In the directions of motion: what the joints gain in speed, and lose per torque.
     signs = [select(rate < 0.0, -1.0, 1.0) for rate in motion.qdot]
     gained = np.array(signs) * (motion.qddot + T @ udot)
-    responses = [T @ solve(factors, order, row) for row in T]
+    accelerations = np.stack([solve(factors, order, row) for row in T], axis=1)
+    responses = symmetric_product(T, accelerations)
     inertias: list[Scalar] = []
     for k, response in enumerate(responses):
         if is_zero(response[k]):  # its motion is prescribed: no torque brakes it

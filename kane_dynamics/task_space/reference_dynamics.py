@@ -29,7 +29,7 @@ def compensation_weights(terms: Terms) -> list[float]:
 
 def reference_dynamics(equations: Equations, q: Vector, u: Vector, u_r: Vector,
                        udot_r: Vector, weights: Vector, parameters: Vector,
-                       t: Scalar, *, of_model: bool = False) -> Vector:
+                       t: Scalar) -> Vector:
     """
     Return the force of the compensation, dual to u, (n,), over any scalar.
 
@@ -45,8 +45,6 @@ def reference_dynamics(equations: Equations, q: Vector, u: Vector, u_r: Vector,
         Of the terms `WEIGHTS`, 0 or 1.
     parameters, t
         Of the robot; time, s.
-    of_model : bool
-        Friction that resists a motion, and not that which commands compensate.
 
     """
     inertia, coriolis, gravity, friction = weights
@@ -62,11 +60,26 @@ def reference_dynamics(equations: Equations, q: Vector, u: Vector, u_r: Vector,
     rigid = tree.reference_dynamics(q, coriolis * motion.qdot, coriolis * qdot_r, qddot,
                                     weighted)
     load = motion.projected(rigid)
-    if of_model:
-        resisting = rated_friction(equations, q, qdot_r, load, t)
-    else:
-        resisting = reference_friction(equations, q, qdot_r, drift + motion.T @ udot_r,
-                                       load, t)
+    resisting = reference_friction(equations, q, qdot_r, drift + motion.T @ udot_r,
+                                   load, t)
+    return motion.projected(rigid + friction * resisting)
+
+
+def resisting_force(equations: Equations, q: Vector, u: Vector, weights: Vector,
+                    parameters: Vector, t: Scalar) -> Vector:
+    """
+    Return the bias force of the terms `WEIGHTS`, dual to u, (n,), over any scalar.
+
+    Its friction resists the motion; it is not that which commands compensate. Arguments
+    as of `reference_dynamics`.
+    """
+    _, coriolis, gravity, friction = weights
+    motion = equations.joint_motion(q, u, equations.zeros, t)
+    weighted = np.concatenate([gravity * parameters[:3], parameters[3:]])
+    rigid = equations.tree.rigid_dynamics(q, coriolis * motion.qdot,
+                                          coriolis * motion.qddot, None, weighted)
+    load = motion.projected(rigid)
+    resisting = rated_friction(equations, q, motion.qdot, load, t)
     return motion.projected(rigid + friction * resisting)
 
 

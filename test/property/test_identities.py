@@ -5,6 +5,7 @@ from kane_dynamics import Robot, simulate
 from kane_dynamics.mechanics.algebra.hyperdual import seeded
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.energy_form import energies
+from kinds_of_mechanism import case
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest
@@ -47,6 +48,19 @@ def test_kinetic_energy_is_half_u_m_u(drawn):
     M = robot.mass_matrix(q)
     assert robot.kinetic_energy(q, u) == pytest.approx(
         0.5 * u @ M @ u, rel=1e-11, abs=1e-12 * np.abs(M).max() * (u @ u))
+
+
+@pytest.mark.parametrize('kind', ['tree', 'flexible', 'free and ball joints'])
+def test_reference_dynamics_is_linear_in_the_reference_with_the_coriolis_matrix(kind):
+    robot, q, u = (getattr(case(kind), name) for name in ('robot', 'q', 'u'))
+    tree, parameters = robot.equations.tree, robot.parameters.block
+    reference, udot = np.random.default_rng(0).uniform(-2.0, 2.0, (2, robot.n))
+    at_rest = tree.rigid_dynamics(q, 0.0 * u, 0.0 * u, None, parameters)
+    expected = (robot.mass_matrix(q) @ udot + robot.coriolis_matrix(q, u) @ reference
+                + at_rest)
+    force = tree.reference_dynamics(q, u, reference, udot, parameters)
+    np.testing.assert_allclose(np.asarray(force, float), np.asarray(expected, float), rtol=0.0,
+                               atol=1e-12 * np.abs(expected).max())
 
 
 @given(robots_and_states(2))

@@ -159,6 +159,16 @@ def largest(values: Sequence[Scalar]) -> Scalar:
     return select(a < b, b, a)
 
 
+def smallest(values: Sequence[Scalar]) -> Scalar:
+    """Return the smallest of several numbers, over any scalar."""
+    if len(values) == 1:
+        return values[0]
+    # In pairs, so that the comparisons do not wait for each other.
+    a = smallest(values[::2])
+    b = smallest(values[1::2])
+    return select(b < a, b, a)
+
+
 def _power(x: Scalar, exponent: Any) -> Scalar:
     """Return a power; NaN for a negative base with a non-integer exponent."""
     if isinstance(x, float | int):

@@ -185,22 +185,21 @@ class TreeEquations:
         Return M udot + C(q, u) reference + gravity + springs, (n,), without friction.
 
         C is `coriolis_matrix`, with dM/dt = C + C^T: unlike the bias force of u, C(q, u)
-        times a reference does no work on the difference u - reference. C u is quadratic
-        in u, and C(u) w = C((u + w)/2) (u + w)/2 - C((u - w)/2) (u - w)/2.
+        times a reference does no work on the difference u - reference. C(q, u) u is
+        quadratic in u, so that C(q, u) w is its rate of change along w / 2.
         """
         links, x = self._at(q, self.base_links(parameters))
         acceleration = udot
         if self.model.balls:
             acceleration = udot - axis_rates(self.model, u) @ reference
-        # The products of C from passes of RNEA, by the identity above; gravity enters
-        # once.
-        mean = 0.5 * (u + reference)
-        half = 0.5 * (u - reference)
-        force = inverse_dynamics.inverse_dynamics(links, x, mean, acceleration,
-                                                  parameters[:3])
-        of_half = inverse_dynamics.inverse_dynamics(links, x, half, self.zeros,
-                                                    NO_GRAVITY)
-        return force - of_half + self.rotor_inertia * acceleration + self.spring_force(x)
+        # All other forces are linear, and are their own rates. The values of the dual
+        # numbers are those of the bias force, where a program needs that, too.
+        gravity = parameters[:3]
+        forces = inverse_dynamics.inverse_dynamics(
+            links, x, moving(u, 0.5 * reference), moving(self.zeros, acceleration),
+            moving(gravity, gravity))
+        return (rates(forces) + self.rotor_inertia * acceleration
+                + self.spring_force(x))
 
     def bias_force(self, q: Vector, u: Vector, parameters: Vector) -> Vector:
         """Return the bias force h(q, u) without external wrenches, (n,)."""
