@@ -500,12 +500,13 @@ class ConfiguredRobot:
         if previous['mode'] != values['mode'] and self.path.active_motion.clear(
                 'the mode changed'):
             self._warn('mode', 'changed; desired motion dropped')
-        if self.path.loops is not None:
-            self.path.loops.update(values)
-        if self.modes.update(values):
-            self.path.controller.blend()
-        self.path.controller.update(**path_settings(values, self.robot))
-        self.path.set_limits(values)
+        with self.path.one_change():
+            if self.path.loops is not None:
+                self.path.loops.update(values)
+            if self.modes.update(values):
+                self.path.controller.blend()
+            self.path.controller.update(**path_settings(values, self.robot))
+            self.path.set_limits(values)
         if self._targets is not None:
             self._targets.update(values)
         if self._coupling is not None:

@@ -20,7 +20,7 @@ from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.configured_robot import (ACKNOWLEDGE_TIMEOUT,
                                                               ConfiguredRobot)
 from kane_dynamics.ros.dynamics_node.manager_bond import ManagerBond
-from kane_dynamics.ros.dynamics_node.node_diagnostics import (active_status, arm_figures,
+from kane_dynamics.ros.dynamics_node.node_diagnostics import (active_status, arm_figures, ERROR,
                                                               GraphLog, OK,
                                                               state_in_words, WARN)
 from kane_dynamics.ros.dynamics_node.sim_time_watchdog import LOST_CLOCK, SimTimeWatchdog
@@ -416,7 +416,10 @@ class DynamicsNode(LifecycleNode):
         arm = self.arm
         served = self.server.served
         if arm is None or served is None or not arm.path.running:
-            raise InputError(f'node: {self.state}; expected active')
+            state = self.state
+            if arm is not None and arm.path.ended:
+                state = arm.path.ended
+            raise InputError(f'node: {state}; expected active')
         return arm.path, served
 
     def _on_trajectory(self, data: bytes, received: int) -> None:
@@ -546,6 +549,9 @@ class DynamicsNode(LifecycleNode):
                 arm.all_state_publishers)
         if arm is not None and arm.path.running:
             level, message = active_status(arm, rate, dropped, lost_share)
+        elif arm is not None and arm.path.ended:
+            level = ERROR
+            message = arm.path.ended
         elif waiting_for:
             level = WARN
             message = f'{state}: {waiting_for}'

@@ -6,8 +6,10 @@ never waits for Python. This module passes it parameters, loads and motions as p
 reads its reports: statistics, warnings and observers run here and may lag.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 import threading
+import time
 from typing import Any, NamedTuple, Protocol
 
 from kane_dynamics.control.controller import Controller
@@ -60,6 +62,8 @@ from sensor_msgs.msg import JointState
 
 LONGEST_AGE = 2**63  # ns
 LONGEST_WAIT = 0.2  # of the timeout, between two looks at the clock
+LONGEST_LAG = 0.1  # s, that a new motion waits for a report of now
+LOOK_AGAIN = 0.001  # s
 ENDED = 'the native torque path ended'
 TOO_LARGE = (f'empty or more than {LARGEST} bytes; expected at most as many, or '
              'torque_path: python')
@@ -161,6 +165,7 @@ class NativeTorquePath(TorquePath):
     def __init__(self, controller: Controller, *arguments: Any, **named: Any) -> None:
         # Plans are made in two threads. Held also while a motion is dropped.
         self._lock = threading.RLock()
+        self._changes_last = False  # whether changes that belong together are under way
         self._loop: NativeLoop | None = None
         super().__init__(controller, *arguments, **named)
         self.active_motion = ActiveMotion(self._replan)
@@ -283,7 +288,20 @@ class NativeTorquePath(TorquePath):
         if self._loop is None or not self.running:
             return
         with self._lock:
+            if self._changes_last:
+                return
             self._loop.use(self._plan(self._loop))
+
+    @contextmanager
+    def one_change(self) -> Iterator[None]:
+        """Let no plan have a part of the changes in a `with` block, in any thread."""
+        with self._lock:
+            self._changes_last = True
+            try:
+                yield
+            finally:
+                self._changes_last = False
+                self._replan()
 
     def _plan(self, loop: NativeLoop) -> CyclePlan:
         """Return the plan of the next cycle."""
@@ -423,11 +441,11 @@ class NativeTorquePath(TorquePath):
             self._warn('native torque path', f'scheduling refused ({error.strerror}); it '
                        'runs with ordinary scheduling')
 
-    def stop(self) -> None:
+    def stop(self, reason: str = 'the node was deactivated') -> None:
         """Stop the thread, then command zeros and ignore further states."""
         self.native.stop_thread()
         self.read_reports()
-        super().stop()
+        super().stop(reason)
 
     def time_out(self, reason: str) -> None:
         """Let the thread command zeros until the next valid state."""
@@ -455,11 +473,10 @@ class NativeTorquePath(TorquePath):
         return super().interrupt(max(stamp, self.now), reason)
 
     def _end(self, reason: str) -> None:
-        """Command zeros and report a fault, because the thread has ended by itself."""
+        """Stop the path and report a fault, because the thread has ended by itself."""
         self.native.stop_thread()
-        self.command_zeros()
-        self.timed_out = True
-        self.fault = f'{ENDED}: {reason}'
+        self.ended = f'{ENDED}: {reason}'
+        super().stop(self.ended)
         self._report_fault(ENDED, f'{reason}; commanding zeros; deactivate and activate '
                            'the node')
 
@@ -499,7 +516,7 @@ class NativeTorquePath(TorquePath):
             self._warn('commands', f'{unsent - self._unsent} refused by the middleware')
             self._unsent = unsent
         code = self.native.code_of_end
-        if code and not self.fault:
+        if code:
             self._end(f'rcl returned {code}')
 
     def _read(self, report: Report) -> None:
@@ -729,11 +746,28 @@ class NativeTorquePath(TorquePath):
         if self._rcl is None:  # there is no thread
             self.native.answer(data)
 
+    def _catch_up(self) -> None:
+        """
+        Wait for the report of a cycle of now, if the interpreter lagged behind.
+
+        After a long pause of the interpreter the ring has old cycles, and the arm may be
+        elsewhere by now.
+        """
+        is_reader = threading.current_thread() is threading.main_thread()
+        if is_reader:
+            self.read_reports()
+        until = time.monotonic() + LONGEST_LAG
+        while self.running and not self.timed_out and time.monotonic() < until:
+            age = self.now - self._epoch - self._last.last_now
+            if age < self._timeout:
+                return
+            time.sleep(LOOK_AGAIN)
+            if is_reader:
+                self.read_reports()
+
     def desired(self, stamp: int) -> State | None:
         """Return the initial q, u and udot of a new motion, as `TorquePath`."""
-        # The state of a command that was published already, but not reported yet.
-        if threading.current_thread() is threading.main_thread():
-            self.read_reports()
+        self._catch_up()
         state = self.active_motion.desired(stamp)
         if state is None and self.last_update and self.states.known:
             path = self._last

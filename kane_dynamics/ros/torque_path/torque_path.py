@@ -4,7 +4,8 @@ The torque path: publishes one command for each joint state, and zeros when stat
 It runs in the main thread only and works on serialized messages.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 import time
 from typing import Any
 
@@ -64,6 +65,8 @@ class TorquePath:
     ----------
     fault : str
         Why states are refused, for longer than the grace time; empty if they are not.
+    ended : str
+        Why the path stopped by itself; empty if it did not.
 
     """
 
@@ -102,6 +105,7 @@ class TorquePath:
         self._last_good = self._last_heard = self._last_now = self._last_stamp = 0
         self._refused_since = 0  # since when states are refused, ns; 0: they are not
         self.fault = ''
+        self.ended = ''
         # The motion that brings the arm to rest in a fault, and its begin, ns.
         self._stop: tuple[Motion, int] | None = None
         self.set_limits(values)
@@ -113,6 +117,11 @@ class TorquePath:
         self._holds = values['state_check.action'] == 'hold'
         self._stop_time = float(values['state_check.stop_time'])
         self.states.update(values)
+
+    @contextmanager
+    def one_change(self) -> Iterator[None]:
+        """Let no cycle use a part of the changes in a `with` block: the thread waits."""
+        yield
 
     def add_observer(self, observer: CycleObserver, need_effort: bool) -> None:
         """
@@ -181,6 +190,7 @@ class TorquePath:
     def start(self) -> None:
         """Start; the first command follows the first state."""
         self.active_motion.clear('the node was activated')
+        self.ended = ''
         self.timed_out = False
         self.last_update = 0.0
         self._last_now = self._last_good = self._last_heard = self._now()
@@ -197,10 +207,10 @@ class TorquePath:
             self.arbiter.start()
         self.running = True
 
-    def stop(self) -> None:
-        """Command zeros and ignore further states."""
+    def stop(self, reason: str = 'the node was deactivated') -> None:
+        """Command zeros and ignore further states, for a reason."""
         self.running = False
-        self.active_motion.clear('the node was deactivated')
+        self.active_motion.clear(reason)
         self.command_zeros()
         for observer in self._observers:
             observer.stop()

@@ -512,6 +512,75 @@ def test_a_stop_replaces_the_motion_without_a_plan_that_has_neither(monkeypatch)
     np.testing.assert_allclose(at_rest, 0.0, atol=1e-12)
 
 
+def test_a_thread_that_ends_by_itself_ends_the_path_until_it_is_started_again():
+    pair = in_motion()
+    side = pair.sides[1]
+    path = side.path
+    path.native._set(ENDED=1)
+    path.read_reports()
+    assert not path.running
+    assert path.active_motion.scheduled == (None, None)
+    assert path.ended == path.active_motion.reason == 'the native torque path ended: rcl returned 1'
+    assert not numbers(side.commands.sent[-1]).any()
+    assert [reason for reason, _ in side.warnings].count('the native torque path ended') == 1
+    path.read_reports()  # once
+    assert path.measured() is None
+    count = len(side.commands.sent)
+    pair.do_state('state')
+    assert len(side.commands.sent) == count
+    path.start()
+    for _ in range(3):
+        pair.do_state('state')
+    assert len(side.commands.sent) > count
+    assert not path.ended
+
+
+def test_no_cycle_has_a_part_of_changes_that_belong_together():
+    pair = in_motion()
+    path = pair.sides[1].path
+    plan = path.native._plans[-1]
+    others = threading.Thread(target=path.set_loads, args=(GravityAndPayload(np.ones(3)),))
+    with path.one_change():
+        path.controller.update(kp=1.0)
+        others.start()
+        path.law_changed()
+        path.set_limits(pair.values)
+        others.join(0.05)
+        assert others.is_alive()
+        assert path.native._plans[-1] is plan
+    others.join()
+    assert path.native._plans[-1] is not plan
+
+
+def test_a_new_motion_waits_for_a_report_of_now():
+    """After a long pause of the interpreter the ring has old cycles alone."""
+    pair = in_motion()
+    side = pair.sides[1]
+    side.path.active_motion.clear('test')
+    loop = side.path.native
+    for _ in range(native_loop.SLOTS + 5):
+        loop.answer(message(pair.q, np.zeros(2), pair.time))
+    for _ in range(200):  # lost, while the arm moves
+        pair.time += 1_000_000
+        pair.q = pair.q + 1e-4
+        loop.answer(message(pair.q, np.zeros(2), pair.time))
+    side.path.controller.update(mode='gravity_compensation')  # holds no pose
+    side.path.set_limits(pair.values | {'mode': 'gravity_compensation'})
+
+    stops = threading.Event()
+
+    def answer_on():
+        while not stops.wait(0.005):
+            loop.answer(message(pair.q, np.zeros(2), pair.time))
+    states = threading.Thread(target=answer_on)
+    states.start()
+    q, _, _ = side.path.desired(pair.time)
+    stops.set()
+    states.join()
+    np.testing.assert_allclose(q, side.path.states.accepted[:2])
+    np.testing.assert_allclose(q, pair.q)
+
+
 def test_a_motion_that_is_to_begin_later_is_dropped_by_a_collision():
     pair = Pair('computed_torque', 1)
     pair.do_state('state')
