@@ -100,6 +100,12 @@ def two_link(client, start):
     arm.close()
 
 
+def rests(arm):
+    before = arm.place()
+    time.sleep(0.1)
+    return np.abs(arm.place() - before).max() < 1e-6
+
+
 def test_the_arm_moves_neither_by_false_states_nor_by_impossible_motions(two_link):
     arm = two_link
     arm.wait()
@@ -126,6 +132,7 @@ def test_the_arm_moves_neither_by_false_states_nor_by_impossible_motions(two_lin
     assert wait_until(lambda: np.abs(arm.place() - q).max() > 0.05, 5.0)
     arm.publish(first, by=1.0)
     assert wait_until(lambda: np.abs(arm.place() - q - 0.2).max() < 5e-3, 5.0)
+    assert wait_until(lambda: rests(arm), 10.0)  # a moving arm would be stopped elsewhere
     assert arm.drops(JUMP) == 2
     # An encoder breaks, and stays broken.
     assert arm.client.adjust(state_check__action='hold').successful

@@ -246,7 +246,7 @@ LASTING = {'fr3': ('jump', 'degrees', 'not finite'),
            'palletizer': ('jump', 'contradiction', 'another assembly mode')}
 CASES = [('fr3', 'plant_node', 'python'), ('fr3', 'plant_node', 'native'),
          ('fr3', 'MuJoCo', 'python'), ('palletizer', 'plant_node', 'python'),
-         ('palletizer', 'MuJoCo', 'python')]
+         ('palletizer', 'plant_node', 'native'), ('palletizer', 'MuJoCo', 'python')]
 
 
 @pytest.mark.slow

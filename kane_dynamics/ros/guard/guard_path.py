@@ -236,7 +236,7 @@ class GuardPath(TorquePath):
         self._took_over = self._now()
         self.controller.resume(None, self.messages.of_all(self.watch.torque))
 
-    def stop(self) -> None:
+    def stop(self, reason: str = '') -> None:
         """Ignore further states; command zeros if the guard commands."""
         self.running = False
         if self.commanding:
