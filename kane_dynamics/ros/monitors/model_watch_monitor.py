@@ -253,7 +253,7 @@ class ModelWatchMonitor:
 
 def _joined(window: Sequence[Recording]) -> Recording:
     """Return stretches of a recording as one, in their order."""
-    columns = {}
+    columns: dict[str, Any] = {}
     for name in ('t', *NAMES):
         columns[name] = np.concatenate([getattr(stretch, name) for stretch in window])
     return Recording(**columns)
