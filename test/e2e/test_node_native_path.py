@@ -14,6 +14,7 @@ from kane_dynamics.kinematics.poses import rotation_quaternion
 from kane_dynamics_interfaces.msg import TaskState
 from node_process import DEEP, model, NAME, Process, wait_until
 import numpy as np
+from palletizer import DRIVEN, LOOPS, palletizer, positions, URDF as PALLETIZER
 import pytest
 from std_msgs.msg import String
 
@@ -145,6 +146,57 @@ def test_the_lease_of_the_guard_holds_while_another_thread_holds_the_lock(
     finally:
         client.destroy_publisher(client.delay)
         guard.end(timeout=20.0)
+
+
+def test_closed_loops_are_followed_while_another_thread_holds_the_lock(start, client):
+    robot = palletizer()
+    names = robot.joint_names
+    node = start(program=[DELAYED, '--ros-args'], torque_path='native', state_timeout=0.5,
+                 urdf=PALLETIZER, constraints=LOOPS, state_check__speed_factor='.inf',
+                 activation='at_once', arm_compensates='none', limits__rate='.inf')
+    client.delay = client.create_publisher(String, f'{NAME}/delay', 1)
+
+    def send(k, kind):
+        """Send the state of a slow motion; return its stamp and its torques."""
+        driven = 0.2 + 0.1 * np.sin(0.02 * k * np.array([1.0, 0.8, -0.7, 0.5]))
+        q = positions(robot, *driven)
+        if kind == 'driven':
+            return client.send(driven, np.zeros(4), DRIVEN), q
+        whole = q.copy()
+        if kind == 'contradiction':
+            whole[names.index('elbow')] += 0.1
+        return client.send(whole, np.zeros(len(whole)), names), q
+    try:
+        node.wait_for('torque path: native', 120.0)
+        assert wait_until(lambda: client.delay.get_subscription_count() == 1)
+        client.joints = DRIVEN
+        client.connect()
+        for kind in ['driven', 'all'] * 50:  # their layouts are learned
+            send(0, kind)
+            time.sleep(0.005)
+        client.torques.clear()
+        delay(client, node, 'lock 5')
+        sent = []
+        for k in range(300):
+            kind = ('driven', 'all', 'contradiction')[k % 3]
+            sent.append((*send(k, kind), kind))
+            time.sleep(0.01)
+        wait_until(lambda: sent[-2][0] in client.torques, 2.0)
+        torques = dict(client.torques)
+        assert 'contradict' not in node.log, 'the interpreter still sleeps'
+        commanded = [k for k, name in enumerate(names) if name in DRIVEN]
+        answered = 0
+        for stamp, q, kind in sent:
+            if kind == 'contradiction':
+                assert stamp not in torques
+            elif stamp in torques:
+                answered += 1
+                held = robot.joint_torques(robot.gravity_force(q), q)[commanded]
+                np.testing.assert_allclose(torques[stamp], held, rtol=1e-9, atol=1e-9)
+        assert answered > 180, answered  # of 200
+        node.wait_for('measured joints contradict the closed loop', 10.0)
+    finally:
+        client.destroy_publisher(client.delay)
 
 
 def test_zeros_follow_the_last_state_while_another_thread_holds_the_lock(node, client):
