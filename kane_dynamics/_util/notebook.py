@@ -13,16 +13,17 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]])
     Of more than `MOST_ROWS` rows the first are shown, and the number of the others.
     """
     from html import escape  # only notebooks need it
+
+    def row(tag: str, cells: Sequence[Any]) -> str:
+        return ''.join(f'<{tag}>{escape(_text(cell))}</{tag}>' for cell in cells)
     lines = list(rows)
-    head = ''.join(f'<th>{escape(name)}</th>' for name in header)
-    body = []
-    for line in lines[:MOST_ROWS]:
-        cells = ''.join(f'<td>{escape(_text(cell))}</td>' for cell in line)
-        body.append(f'<tr>{cells}</tr>')
+    body = ''.join(f'<tr>{row("td", line)}</tr>' for line in lines[:MOST_ROWS])
+    table = (f'<table><thead><tr>{row("th", header)}</tr></thead>'
+             f'<tbody>{body}</tbody></table>')
     others = len(lines) - MOST_ROWS
-    note = f'<p>and {others} more rows</p>' if others > 0 else ''
-    return (f'<p>{escape(title)}</p><table><thead><tr>{head}</tr></thead>'
-            f'<tbody>{"".join(body)}</tbody></table>{note}')
+    if others > 0:
+        table += f'<p>and {others} more rows</p>'
+    return f'<p>{escape(title)}</p>{table}'
 
 
 def _text(cell: Any) -> str:

@@ -64,12 +64,13 @@ def _bag_points(path: Path, topic: str | None) -> list[Points]:
     """Return the trajectories of a topic of a bag."""
     trajectories = []
     for name, logged, message in bag_messages(path, JOINT_TRAJECTORY, topic):
-        times = []
+        times, positions, velocities, accelerations = [], [], [], []
         for point in message.points:
             times.append(point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec)
-        rows = ([point.positions for point in message.points],
-                [point.velocities for point in message.points],
-                [point.accelerations for point in message.points])
+            positions.append(point.positions)
+            velocities.append(point.velocities)
+            accelerations.append(point.accelerations)
+        rows = positions, velocities, accelerations
         trajectories.append(Points(tuple(message.joint_names), times, rows, name, logged,
                                    message))
     if not trajectories:

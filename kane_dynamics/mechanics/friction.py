@@ -93,7 +93,7 @@ def is_nonlinear(joint: Joint) -> bool:
 
 def resists(joint: Joint) -> bool:
     """Return whether a joint has friction of any kind."""
-    return bool(joint.damping or is_nonlinear(joint))
+    return bool(joint.damping or joint.quadratic_damping or slides(joint))
 
 
 def carries_load(joint: Joint) -> bool:

@@ -228,10 +228,14 @@ def _without_locked_drives(model: Model, held: Mapping[int, float]) -> list[Body
             continue
         joint = replace(bodies[name].joint, drive=None)
         bodies[name] = replace(bodies[name], joint=joint)
+
+        # With one side held, the drive is a spring and a damper of the other side.
         if link in held and motor in held:
             continue
-        moving = drive.motor if link in held else name
-        rest = held[link] if link in held else held[motor]
+        if link in held:
+            moving, held_position = drive.motor, held[link]
+        else:
+            moving, held_position = name, held[motor]
         joint = bodies[moving].joint
         if isinstance(drive.stiffness, StiffnessCurve) or joint.stiffness:
             raise InputError(f"positions: only one side of the elastic joint '{name}', "
@@ -239,7 +243,8 @@ def _without_locked_drives(model: Model, held: Mapping[int, float]) -> list[Body
                              'and its motor, or neither')
         # The joint's position is its multiplier times the coordinate.
         r = joint.multiplier
-        joint = replace(joint, stiffness=drive.stiffness / (r * r), rest=r * rest,
+        joint = replace(joint, stiffness=drive.stiffness / (r * r),
+                        rest=r * held_position,
                         damping=joint.damping + drive.damping / (r * r))
         bodies[moving] = replace(bodies[moving], joint=joint)
     return list(bodies.values())

@@ -118,9 +118,10 @@ class Torsion:
 
     def checked(self, what: str) -> Torsion:
         """Return the torsion with checked numbers; ModelError names the fault."""
-        numbers = {key: float(constant(getattr(self, key), (), f'{what}: torsion: '
-                                                               f'{key}'))
-                   for key in ('stiffness', 'inertia', 'tip_inertia')}
+        numbers = {}
+        for key in ('stiffness', 'inertia', 'tip_inertia'):
+            numbers[key] = float(constant(getattr(self, key), (),
+                                          f'{what}: torsion: {key}'))
         count = self.modes
         is_integer = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
         if not is_integer or count < 0:

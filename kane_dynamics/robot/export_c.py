@@ -227,15 +227,17 @@ def _about(robot: Any, kernels: Sequence[CKernel]) -> list[str]:
     """Return the first lines of both files."""
     model = robot.model
     equations = robot.equations
-    wrench_frames = ', '.join(frame.name for frame in equations.wrench_frames) or 'none'
-    payload_frame = 'none'
+    wrench_frames = ', '.join(frame.name for frame in equations.wrench_frames)
+    payload_frame = ''
     if equations.payload_frame:
         payload_frame = equations.payload_frame.name
     friction = 'in' if robot.friction else 'left out'
+
+    # What the numbers depend on, then what a call costs.
     lines = [f'Robot {model.name}, model {model.digest()}.',
              f'Damping and friction: {friction}.',
-             (f'Frames that carry a wrench: {wrench_frames}. Frame of the payload: '
-              f'{payload_frame}.'),
+             (f'Frames that carry a wrench: {wrench_frames or "none"}. Frame of the '
+              f'payload: {payload_frame or "none"}.'),
              'Arithmetic of one call (functions are sines, cosines, tanh and square roots):']
     for kernel in kernels:
         count = kernel.program.operation_count()

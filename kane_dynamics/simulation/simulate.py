@@ -166,7 +166,11 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     states = np.atleast_2d(states)
     step = positive_time(step, 'step')
     count = whole_steps('duration', positive_time(duration, 'duration'), step)
-    _require_distinct_times(start, step)
+    spacing = float(np.spacing(abs(start)))
+    if spacing > TIME_ROUNDING * step:
+        raise InputError(f't0: {start:g} s, where floating-point times are {spacing:.2g} s '
+                         f'apart; expected at most {TIME_ROUNDING:g} of the step of '
+                         f'{step:g} s')
     every = steps_per_sample(count, step, sample, len(states), single)
     warn_of_degrees(robot, states[:, :robot.n_q], 'q0', stacklevel=4)
 
@@ -294,15 +298,6 @@ def _require_arguments(robot: Any, t0: Any, progress: Any, integrator: Any,
                              'numbers, infinite where there is no limit')
 
 
-def _require_distinct_times(start: float, step: float) -> None:
-    """Raise InputError for an initial time whose rounding is no small part of a step."""
-    spacing = float(np.spacing(abs(start)))
-    if spacing > TIME_ROUNDING * step:
-        raise InputError(f't0: {start:g} s, where floating-point times are {spacing:.2g} s '
-                         f'apart; expected at most {TIME_ROUNDING:g} of the step of '
-                         f'{step:g} s')
-
-
 def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,
                    bristles0: Any = None) -> Array:
     """Return the initial state or states, (size,) or (N, size), entries as `state_names`."""
@@ -332,24 +327,15 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,
     # The entries of a state, of which some are absent: time, bristles, margin.
     time = np.full((*q.shape[:-1], int(robot.equations.timed)), t0)
     margins = np.ones((*q.shape[:-1], int(robot.equations.watched)))
-    deflections = initial_deflections(robot, bristles0, q.shape[:-1])
+    deflections = np.zeros((*q.shape[:-1], len(bristle_names(robot))))
+    if bristles0 is not None:
+        deflections = _stated_deflections(robot, bristles0, deflections.shape)
     return np.concatenate([q, u, time, deflections, margins], axis=-1)
 
 
-def initial_deflections(robot: Robot, bristles0: Any, rows: tuple[int, ...]) -> Array:
-    """
-    Return the initial deflections of bristles, (*rows, n_b), zero for None.
-
-    Raises
-    ------
-    InputError
-        They have a wrong shape, or the robot has no bristles.
-
-    """
+def _stated_deflections(robot: Robot, bristles0: Any, shape: tuple[int, ...]) -> Array:
+    """Return stated deflections of bristles in a shape; InputError for another one."""
     names = bristle_names(robot)
-    shape = *rows, len(names)
-    if bristles0 is None:
-        return np.zeros(shape)
     # A robot without bristles has nothing to start.
     if not names:
         raise InputError('bristles0: deflections for a robot without presliding_stiffness; '

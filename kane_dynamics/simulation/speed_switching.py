@@ -428,6 +428,7 @@ class SingularityWatch:
         fixed = chosen_by_user and mechanism.free != of_user.free
         if len(q) < 2 or not (near or fixed):
             return
+        # The rows of all speeds and constraints, of which a choice of speeds has some.
         time = [times] if self._user_robot.equations.timed else []
         rows = self._rows()(np.ascontiguousarray(q), *time)
         n = len(mechanism.speeds.names)
@@ -435,32 +436,18 @@ class SingularityWatch:
         if fixed:
             # The determinant of speeds that become singular changes its sign.
             side = np.sign(np.linalg.det(rows[:, [*of_user.free, *constraint_rows]]))
-            for k in np.flatnonzero(side[1:] * side[:-1] <= 0.0)[:1].tolist():
-                stack = stacked(of_user, q[k], times[k])
-                kept = best_choice(of_user, stack, of_user.free).kept
-                loop = constraints_at_fault(of_user, stack, of_user.free, kept)
-                raise ConstraintError(
-                    f'{where(k)}the independent speeds {", ".join(of_user.speed_names)} '
-                    f'become singular within the next step under {loop}, at '
-                    f'{described(of_user, q[k])}, u = '
-                    f'{np.round(speeds(k), 9).tolist()}: they do not determine the '
-                    'joint rates there; expected others, or independent=None, which '
-                    'changes them')
+            changes = np.flatnonzero(side[1:] * side[:-1] <= 0.0)
+            if len(changes):
+                k = int(changes[0])
+                raise _singular_choice(of_user, q[k], times[k], where(k), speeds(k))
         if near:
             S = rows[:, [*mechanism.free, *constraint_rows]]
             # From row to row S changes little, unless a singularity lies between them.
             change = np.linalg.solve(S[:-1], S[1:]) - np.eye(n)
-            sizes = np.linalg.norm(change, axis=(1, 2))
-            for k in np.flatnonzero(sizes > TURN)[:1].tolist():
-                loop = constraints_at_fault(mechanism,
-                                            stacked(mechanism, q[k], times[k]),
-                                            mechanism.free, mechanism.kept)
-                raise ConstraintError(
-                    f'{where(k)}a kinematic singularity (dead point) of {loop} is '
-                    f'passed, or so near that a step of {self._step:g} s is too long, '
-                    f'at {described(mechanism, q[k])}: the rows depend on each other '
-                    'there, and the motion beyond is not determined, or takes shorter '
-                    'steps')
+            passed = np.flatnonzero(np.linalg.norm(change, axis=(1, 2)) > TURN)
+            if len(passed):
+                k = int(passed[0])
+                raise _dead_point(mechanism, q[k], times[k], where(k), self._step)
 
     def _rows(self) -> Kernel:
         """Return the kernel of all rows of speeds and constraints, (n_j + m, n_j), by q and t."""
@@ -492,6 +479,31 @@ def all_trusted(buffer: Array) -> Any:
     good = finite & (buffer[:, 1:, -1] > 0.0).all(axis=1)
     good[~good] = [trusted(states).all() for states in buffer[~good]]
     return good
+
+
+def _singular_choice(mechanism: Mechanism, q: Array, t: float, where: str,
+                     u: Array) -> ConstraintError:
+    """Return the error for independent speeds that the user chose and the motion leaves."""
+    stack = stacked(mechanism, q, t)
+    kept = best_choice(mechanism, stack, mechanism.free).kept
+    loop = constraints_at_fault(mechanism, stack, mechanism.free, kept)
+    return ConstraintError(
+        f'{where}the independent speeds {", ".join(mechanism.speed_names)} become '
+        f'singular within the next step under {loop}, at {described(mechanism, q)}, u = '
+        f'{np.round(u, 9).tolist()}: they do not determine the joint rates there; '
+        'expected others, or independent=None, which changes them')
+
+
+def _dead_point(mechanism: Mechanism, q: Array, t: float, where: str,
+                step: float) -> ConstraintError:
+    """Return the error for a kinematic singularity between two rows."""
+    loop = constraints_at_fault(mechanism, stacked(mechanism, q, t), mechanism.free,
+                                mechanism.kept)
+    return ConstraintError(
+        f'{where}a kinematic singularity (dead point) of {loop} is passed, or so near '
+        f'that a step of {step:g} s is too long, at {described(mechanism, q)}: the rows '
+        'depend on each other there, and the motion beyond is not determined, or takes '
+        'shorter steps')
 
 
 def residual_error(mechanism: Mechanism, stack: Stack, kept: bool, q: Array, t: float,

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 import hashlib
 import math
+import re
 from typing import Any
 
 from kane_dynamics._util.checks import per_joint
@@ -278,5 +279,4 @@ def identifier(*words: str | Sequence[str]) -> str:
         else:
             parts.extend(word)
     digest = hashlib.sha256(repr(parts).encode()).hexdigest()[:8]
-    text = '_'.join([*parts, digest])
-    return ''.join(c if c.isalnum() and c.isascii() else '_' for c in text)
+    return re.sub('[^A-Za-z0-9]', '_', '_'.join([*parts, digest]))

@@ -73,7 +73,10 @@ def inverse_root_times(B: Matrix, y: Vector, lanes: Any = Lanes) -> Vector:
     """
     scale = sum(B[r, r] for r in range(len(B)))
     largest = select(scale > TINY, scale, 1.0)  # zero for B = 0 alone
+    # B = H T H with T tridiagonal; f(B) y = H f(T) H y.
     diagonal, beside, reflected = _tridiagonal(B * (1.0 / largest), y)
+
+    # The inverse root as a sum of resolvents, sum w_j (T + shift_j)^-1, lanes at a time.
     sums: list[Any] = [0.0] * len(y)
     for first in range(0, POLES, LANES):
         resolvents = RESOLVENTS[first:first + LANES]

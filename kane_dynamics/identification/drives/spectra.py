@@ -86,15 +86,23 @@ def spectra(count: int, step: float, highest: float) -> Spectra:
     # Filters of the motion start and end within this margin, where the window is 0.
     margin = min(int(PERIODS / (BEYOND_BAND * highest * step)), count // 8)
     inner = count - 2 * margin
-    window, slope, bend = np.ones(inner), np.zeros(inner), np.zeros(inner)
+    window = np.ones(inner)
+    slope = np.zeros(inner)
+    bend = np.zeros(inner)
     # Up to the third derivative, the window is continuous: sums over rows are integrals.
     rise = np.polynomial.Polynomial(RISE)
     x = np.arange(length) / length
     span = length * step
-    rising, climbing, bending = rise(x), rise.deriv()(x) / span, rise.deriv(2)(x) / span**2
-    window[:length], window[inner - length:] = rising, rising[::-1]
-    slope[:length], slope[inner - length:] = climbing, -climbing[::-1]
-    bend[:length], bend[inner - length:] = bending, bending[::-1]
+    rising = rise(x)
+    climbing = rise.deriv()(x) / span
+    bending = rise.deriv(2)(x) / span**2
+    # The same rise backwards at the end, where its slope has the other sign.
+    window[:length] = rising
+    window[inner - length:] = rising[::-1]
+    slope[:length] = climbing
+    slope[inner - length:] = -climbing[::-1]
+    bend[:length] = bending
+    bend[inner - length:] = bending[::-1]
     window, slope, bend = (np.pad(part, margin) for part in (window, slope, bend))
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(count, step), dtype=np.float64)
     inside = omega <= 2.0 * np.pi * highest
