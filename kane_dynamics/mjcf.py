@@ -490,7 +490,7 @@ class _Reader:
         return unused
 
     def _has_counterpart(self, k: int) -> bool:
-        """Return whether an equality constraint is one of ours."""
+        """Return whether an equality constraint can be stated as one of this library."""
         types = self.mujoco.mjtEq
         kind = int(self.compiled.eq_type[k])
         if kind == types.mjEQ_JOINT:

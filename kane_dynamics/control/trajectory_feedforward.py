@@ -227,7 +227,7 @@ def _completed(joints: TrajectoryJoints, t: Array, state: tuple[Array | None, ..
 
 
 def _with_start(limits: JointLimits, points: ControllerPoints) -> JointLimits:
-    """Return limits with the first point, which, measured, may be outside."""
+    """Return limits widened to the first point, which is measured and may be outside."""
     return replace(limits, lower=np.minimum(limits.lower, points.q[0]),
                    upper=np.maximum(limits.upper, points.q[0]))
 

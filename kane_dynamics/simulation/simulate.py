@@ -166,11 +166,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     states = np.atleast_2d(states)
     step = positive_time(step, 'step')
     count = whole_steps('duration', positive_time(duration, 'duration'), step)
-    spacing = float(np.spacing(abs(start)))
-    if spacing > TIME_ROUNDING * step:
-        raise InputError(f't0: {start:g} s, where floating-point times are {spacing:.2g} s '
-                         f'apart; expected at most {TIME_ROUNDING:g} of the step of '
-                         f'{step:g} s')
+    _require_distinct_times(start, step)
     every = steps_per_sample(count, step, sample, len(states), single)
     warn_of_degrees(robot, states[:, :robot.n_q], 'q0', stacklevel=4)
 
@@ -296,6 +292,15 @@ def _require_arguments(robot: Any, t0: Any, progress: Any, integrator: Any,
         if math.isnan(low) or math.isnan(high):
             raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected "
                              'numbers, infinite where there is no limit')
+
+
+def _require_distinct_times(start: float, step: float) -> None:
+    """Raise InputError for an initial time whose rounding is no small part of a step."""
+    spacing = float(np.spacing(abs(start)))
+    if spacing > TIME_ROUNDING * step:
+        raise InputError(f't0: {start:g} s, where floating-point times are {spacing:.2g} s '
+                         f'apart; expected at most {TIME_ROUNDING:g} of the step of '
+                         f'{step:g} s')
 
 
 def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,

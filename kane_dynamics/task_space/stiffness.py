@@ -143,7 +143,7 @@ def _saturation(energy: Scalar, bound: Scalar) -> Scalar:
 
 def spring_energy(pose: Array, target: Array, axes: Array, K: Array,
                   bounds: Array) -> float:
-    """Return the energy of a `Spring`, J, of numbers."""
+    """Return the energy stored in a `Spring`, J; of floats only."""
     displacement, orientation = pose_difference(pose, target, axes)
     e = np.concatenate([displacement, np.array(orientation.vector, dtype=np.float64)])
     if np.isinf(bounds).all():

@@ -89,7 +89,8 @@ def _require_demand_alone(options: Namespace) -> None:
     for name in ('time_optimal', 'payload_frame'):
         if getattr(options, name):
             raise InputError(f'--uncertain: given with --{name.replace("_", "-")}; expected '
-                             'one of them, as that is for the parameters of the model')
+                             f'--uncertain alone, because --{name.replace("_", "-")} assumes the '
+                             'parameters of the model')
 
 
 def _one_or_all(values: list[float]) -> float | list[float]:

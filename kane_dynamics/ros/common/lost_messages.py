@@ -60,7 +60,7 @@ class LostMessages:
         self.note({'publication_sequence_number': None if number < 0 else number})
 
     def skip(self) -> None:
-        """Count nothing as lost up to the next message, as some were not noted."""
+        """Forget the last message, so that those which were not noted do not count as lost."""
         self._last = 0
 
     def period(self, publishers: int) -> tuple[float, str]:

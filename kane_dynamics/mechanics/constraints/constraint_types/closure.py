@@ -221,7 +221,7 @@ class Closure:
         return {'side': side, 'up': up, 'axis': axis}
 
     def _in_observer_axes(self, geometry: Geometry) -> tuple[Geometry, str | Frame]:
-        """Return the geometry in the axes of the observer of position rows, and that."""
+        """Return the geometry in the axes in which positions are compared, and whose they are."""
         observer: str | Frame = self.second
         if ROWS[self.kind][0] in (CARRIED, ('distance',)):
             observer = geometry.carrier(self.first, self.second)
