@@ -64,7 +64,7 @@ class ConvexShapes:
         return ConvexShapes(self.half[chosen], self.disc[chosen], self.ball[chosen])
 
     def farthest(self, direction: Array) -> Array:
-        """Return the points without the balls that are farthest along directions, (k, 3)."""
+        """Return the farthest points along directions, (k, 3), before rounding by balls."""
         points = np.where(direction >= 0.0, self.half, -self.half)
         across = direction[:, :2]
         length = np.linalg.norm(across, axis=1, keepdims=True)

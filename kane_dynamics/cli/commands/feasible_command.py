@@ -88,9 +88,10 @@ def _require_demand_alone(options: Namespace) -> None:
     """Raise InputError for results that are those of the model's parameters alone."""
     for name in ('time_optimal', 'payload_frame'):
         if getattr(options, name):
-            raise InputError(f'--uncertain: given with --{name.replace("_", "-")}; expected '
-                             f'--uncertain alone, because --{name.replace("_", "-")} assumes the '
-                             'parameters of the model')
+            option = f'--{name.replace("_", "-")}'
+            raise InputError(f'--uncertain: given with {option}; expected --uncertain '
+                             f'alone, because {option} takes the parameters of the model '
+                             'as exact')
 
 
 def _one_or_all(values: list[float]) -> float | list[float]:

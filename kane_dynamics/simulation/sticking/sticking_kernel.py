@@ -238,7 +238,7 @@ class FrictionMotion(HeldMotion):
 
     def holding(self, q: Vector, u: Vector, tau: Vector,
                 time: Vector) -> tuple[Vector, Vector, Vector]:
-        """Return what holds joints at a state, and the bounds of friction, (k,) each."""
+        """Return the forces that hold joints at rest, and the bounds of friction, (k,) each."""
         self.first = None
         self.called(self._motion, q, u, tau, time)
         forces: tuple[Vector, Vector, Vector] = self.first
