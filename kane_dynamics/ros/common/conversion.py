@@ -56,6 +56,7 @@ def order(names: Sequence[str], joints: Sequence[str], what: str) -> Index | Non
     """
     if not names or tuple(names) == tuple(joints):
         return None
+    # The first fault in words.
     fault = ''
     if len(set(names)) < len(names):
         fault = 'a joint is named twice'
@@ -108,6 +109,7 @@ def _column(message: JointTrajectory, field: str, index: Index) -> Array | None:
     The result is None if the field is unused.
     """
     rows = [getattr(point, field) for point in message.points]
+    # A field that no point has is absent; one that some have is incomplete.
     if not any(len(row) for row in rows):
         return None
     for k, row in enumerate(rows):
@@ -177,6 +179,7 @@ def point_columns(message: JointTrajectory, joints: Sequence[str], max_points: i
         raise JointNamesError(f'joint_names of the trajectory: {fault}; expected each '
                               f'of {", ".join(joints)} once')
     index = places(joints, names)
+    # Times increase from zero or later.
     times = np.array([nanoseconds(p.time_from_start) for p in message.points]) * 1e-9
     if times[0] < 0.0:
         raise InputError(f'point 0: time_from_start {times[0]:g} s; expected 0 or more')

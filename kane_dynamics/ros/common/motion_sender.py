@@ -113,6 +113,7 @@ class _Sender:
     def run(self, make: Callable[[Array], Motion]) -> Tracking:
         """Wait for the arm, send the motion, and compare the joint states with it."""
         self._spin(WAIT, lambda: bool(self._states) and self._is_commanding())
+        # Where a clock is published, stamps are of that clock.
         if self._node.count_publishers('/clock'):
             self._node.set_parameters([Parameter('use_sim_time', value=True)])
             self._spin(WAIT, lambda: self._now() > 0)
@@ -124,6 +125,8 @@ class _Sender:
             raise InputError(f"node '{self._node_name}': no torques and no trajectory "
                              f'topic within {WAIT:g} s; expected a dynamics node that '
                              'is active')
+        # From where the arm is, a moment later, so that the node knows it before it
+        # begins.
         motion = make(self._states[-1][1])
         start = self._now() + round(1e9 * LEAD)
         self._states.clear()
@@ -145,6 +148,7 @@ class _Sender:
                              'expected stamps of the clock of this machine')
         measured = np.array([q for _, q in self._states])[during]
         desired, _, _ = motion.sample(1e-9 * (stamps[during] - start))
+        # A joint state driver that shows no motion is no small error.
         travel = np.ptp(desired, axis=0)
         if (np.ptp(measured, axis=0) < 0.1 * travel).all():
             raise InputError('motion: the arm did not move; expected a motion that the '

@@ -76,6 +76,7 @@ def run_program(program: RosProgram, arguments: Sequence[str] | None,
     _open_standard_streams()
     command_line = list(sys.argv if arguments is None else arguments)
     outside, ros_arguments = split_arguments(command_line[1:])
+    # Help needs no ROS.
     if {'-h', '--help'} & {*outside, *ros_arguments}:
         return without_broken_pipe(lambda: _print_help(program))
     try:
@@ -83,6 +84,7 @@ def run_program(program: RosProgram, arguments: Sequence[str] | None,
         return run(command_line)
     except KaneError as error:
         print(f'{program.name}: {error}', file=sys.stderr)
+    # Only missing packages of ROS have this remedy.
     except ModuleNotFoundError as error:
         package = str(error.name).partition('.')[0]
         if package == 'kane_dynamics':

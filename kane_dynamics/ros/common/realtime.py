@@ -168,6 +168,7 @@ def apply_realtime_settings(values: Mapping[str, Any],
     priority = values['realtime.priority']
     cpus = values['realtime.cpus']
 
+    # A refused setting is a warning: the node works without it.
     def attempt(what: str, setting: Callable[[], None], remedy: str) -> None:
         try:
             setting()

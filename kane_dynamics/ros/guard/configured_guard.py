@@ -95,6 +95,7 @@ class ConfiguredGuard:
                       **options: Any) -> None:
             opened.callback(node.destroy_subscription, node.create_subscription(
                 kind, name, callback, qos, raw=True, **options))
+        # What it commands and says.
         self._commands = publisher(Float64MultiArray, 'commands')
         self._state = publisher(Float64MultiArray, f'{target}/{STATE}')
         self.path = GuardPath(controller, self._commands,
@@ -104,6 +105,8 @@ class ConfiguredGuard:
         timer = node.create_timer(values['guard.lease'] / TICKS, self._tick,
                                   clock=Clock(clock_type=ClockType.STEADY_TIME))
         opened.callback(node.destroy_timer, timer)
+        # What it hears: the arm, and the node's torques with their deadline and
+        # liveliness.
         subscribe(JointState, 'joint_states', self.path.on_state, BEST_EFFORT)
         subscribe(JointState, f'{target}/joint_torques', self.path.on_torques,
                   watched(values['guard.lease'], values['guard.deadline'],

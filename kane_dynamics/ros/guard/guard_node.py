@@ -188,6 +188,8 @@ class GuardNode(Node):
         self._source.poll()
         if self.guard is not None:
             self.guard.path.check_timeout()
+        # A guard that acts is not replaced, and a first one only appears if no other
+        # guards the arm.
         holding = self.guard is not None and self.guard.path.watch.holding
         if self._next is not None and not holding and (self.guard or
                                                        not self._other_guards()):
@@ -236,6 +238,8 @@ class GuardNode(Node):
         if self.reason:
             log.warning(self.reason)
             return
+        # The node says which arm it moves: another one must not be guarded with this
+        # model.
         model = load_model(source, values, lambda warning: None)  # the node logs them
         digest = arm_digest(model, robot_options(values).get('constraints'))
         if self._loads is not None and digest != self._loads.digest:
@@ -279,6 +283,7 @@ class GuardNode(Node):
         if self.guard is None and now - self._reminded > REMINDER:
             self._reminded = now
             self.get_logger().warning(f'not guarding: {self.reason}')
+        # Heartbeats are more frequent than diagnostics.
         period = now - self._reported
         if period < 1.0 / self._values.get('diagnostics_rate',
                                            1.0) - 0.5 * HEARTBEAT_PERIOD:
@@ -299,6 +304,7 @@ class GuardNode(Node):
         watch = guard.path.watch
         level = DiagnosticStatus.OK
         message = f'watching {self.target}'
+        # The more severe state decides the level.
         if watch.acting:
             level = DiagnosticStatus.ERROR
             silent = time.perf_counter() - watch.waiting_since

@@ -197,6 +197,8 @@ class GuardPath(TorquePath):
             return
         now = time.perf_counter()
         late = LATE * self._timeout
+        # The node is silent, and the arm too, or its states are impossible: the guard
+        # commands.
         if self.watch.may_take_over(now):
             if self._now() - self._last_heard > late:
                 self.watch.take_over(now)

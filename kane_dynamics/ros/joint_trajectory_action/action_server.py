@@ -177,6 +177,7 @@ class JointTrajectoryAction:
 
     def _begin(self, handle: ServerGoalHandle) -> FollowedGoal:
         """Check a goal and schedule its motion, in place of the goal before it."""
+        # What refuses any goal, then the message, then its motion.
         path, served = self._running()
         if handle.is_cancel_requested:
             raise InputError('goal: cancelled before it began; expected one to follow')
@@ -190,9 +191,11 @@ class JointTrajectoryAction:
         tolerances = goal_tolerances(message, path.controller.followed,
                                      served.robot.joint_names, values)
         served.apply_loads()
+        # The generation shows whether a stop comes between the check and the start.
         generation = path.active_motion.generation
         motion, start = schedule_motion(path, message.trajectory, path.now, generation,
                                         values, partial(refuse_impossible, served))
+        # The new motion is scheduled, so that the former goal ends.
         if self._goal is not None:
             self._end(self._goal, self._interrupted(self._goal, 'replaced by a new goal'))
         monitor = GoalMonitor(motion, start, tolerances)
@@ -222,6 +225,7 @@ class JointTrajectoryAction:
             self._server.destroy_timer(self._timer)
             self._goal = None
         goal.outcome = outcome
+        # The result by how the goal ended.
         if goal.cancelled:
             goal.handle.canceled()
         elif outcome.code is ResultCode.SUCCESSFUL:
@@ -275,6 +279,7 @@ class JointTrajectoryAction:
         """Judge states, publish feedback, and end the goal where it ends."""
         states = goal.record.take()
         outcome = None
+        # Whole batches of states, so that judging costs little.
         if states is not None and not goal.cancelled:
             stamps, q, u = states
             outcome = goal.monitor.judge(stamps, *goal.followed_states(q, u))
@@ -283,6 +288,7 @@ class JointTrajectoryAction:
             if outcome.code is not ResultCode.SUCCESSFUL:
                 self._hold(goal)
             self._end(goal, outcome)
+        # The path dropped the motion: a stop, a timeout or another mode.
         elif not goal.path.active_motion.holds(goal.record.motion, goal.path.now):
             self._end(goal, self._interrupted(goal, self._reason(goal)))
         elif goal.cancelled and states is not None and states[0][-1] >= goal.rest:

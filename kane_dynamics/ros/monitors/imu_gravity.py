@@ -102,11 +102,14 @@ class GravityFromImu:
                              'expected an accelerometer')
         a = message.linear_acceleration
         w = message.angular_velocity
+        # At rest the accelerometer measures the force that holds it: minus gravity, of
+        # known magnitude.
         force = np.array([a.x, a.y, a.z])
         size = math.hypot(a.x, a.y, a.z)
         if not abs(size - self._magnitude) <= REST_FORCE * self._magnitude:
             raise InputError(f'acceleration of the IMU: {size:.3g} m/s^2; expected, at '
                              f'rest, {self._magnitude:.3g} within {REST_FORCE:.0%}')
+        # A covariance of -1 says that the angular velocity is not measured.
         turn = math.hypot(w.x, w.y, w.z)
         if message.angular_velocity_covariance[0] != -1.0 and not turn <= REST_RATE:
             raise InputError(f'angular velocity of the IMU: {turn:.3g} rad/s; expected, '

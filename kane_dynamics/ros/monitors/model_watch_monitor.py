@@ -287,6 +287,8 @@ def report_message(report: WatchReport, moment: int) -> DiagnosticArray:
         status.values = [KeyValue(key='residual', value=f'{residual:.6g}'),
                          KeyValue(key='reference', value=f'{reference:.6g}')]
         statuses[name] = status
+    # An alarm replaces the status of its joint; those of all joints have one of their
+    # own.
     for alarm in report.alarms:
         status = statuses.setdefault(alarm.joint, DiagnosticStatus(name=alarm.joint))
         status.level = DiagnosticStatus.WARN

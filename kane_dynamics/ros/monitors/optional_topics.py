@@ -76,6 +76,7 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
         estimator_settings(values, robot)
     if values['watch.reference']:
         check_watch(values, robot)
+    # What compares efforts with the model needs to know what the efforts mean.
     observes = values['observer.enabled'] or values['estimator.enabled']
     if observes or Mode.ARM_COUPLING in (values['mode'], *values['modes']):
         stated_efforts(values, robot)

@@ -150,6 +150,7 @@ class PayloadMonitor:
                 sample = self._samples.popleft()
             except IndexError:  # the torque path has cleared the queue
                 break
+            # The acceleration of a sample needs the one before and the one after.
             self._recent = [*self._recent[-2:], sample]
             used += self._update_estimate(estimator)
         if not used:

@@ -107,6 +107,8 @@ class SwingMonitor:
 
     def _words(self, watched: _Watched) -> str:
         """Return the warning of a state; empty if its spring is not too stiff."""
+        # The law as a spring and damper about this state, and its least damped motion
+        # when torques are held over a period.
         spring = watched.law.joint_spring(watched.q)
         if spring is None:
             return ''
@@ -115,6 +117,7 @@ class SwingMonitor:
         motion = swing(inertia, spring, watched.period)
         if not motion.swings_up:
             return ''
+        # The share of the stiffness that would be steady.
         share = steady_share(inertia, spring, watched.period)
         joint = robot.speed_names[motion.joint]
         return (f"{watched.mode}: joint '{joint}' swings up: with joint states each "

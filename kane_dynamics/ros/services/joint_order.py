@@ -60,6 +60,8 @@ def close_loops(robot: Robot, q: Array) -> Array:
     """
     if not robot.constraint_names:
         return q
+    # A request is rounded, so that its loops may be open by a little; farther ones are
+    # another configuration.
     residual = np.abs(robot.constraint_residual(q))
     in_units = residual / robot.mechanism.row_units
     if not in_units.max() <= NEARLY_CLOSED:
@@ -68,6 +70,7 @@ def close_loops(robot: Robot, q: Array) -> Array:
                          'constraint '
                          f"'{robot.constraint_names[worst]}'; expected at most "
                          f'{NEARLY_CLOSED * robot.mechanism.row_units[worst]:.3g}')
+    # The independent coordinates stay as requested, the others follow.
     closed = robot.closed_configuration(q, fixed=robot.speed_names, start=q)
     moved = np.abs(difference(robot.model, q, closed))
     units = robot.mechanism.units

@@ -122,6 +122,7 @@ def _check_start(served: ServedRobot, motion: Motion, place: Array,
     if (away <= tolerance).all():
         return
     j = int(np.argmax(away))
+    # The joint that is farthest away; a value that fits in degrees is remarked on.
     name = motion.joint_names[j]
     limits = served.robot.limits
     at = _indices(served, [name])[0]
@@ -194,6 +195,7 @@ def _constrained_efforts(served: ServedRobot, motion: Motion, times: Array,
                          state: State) -> Array:
     """Return the torques of all joints, (K, n_q), of a robot with closed loops."""
     robot = served.robot
+    # The driving joints of the motion, and all joints that follow from them.
     driving = joints_that_follow(robot)
     columns = [motion.joint_names.index(robot.joint_names[k]) for k in driving]
     q, rates, accelerations = (values[:, columns] for values in state)
@@ -205,6 +207,7 @@ def _constrained_efforts(served: ServedRobot, motion: Motion, times: Array,
     check_positions(served, robot.joint_names, Q, motion.times, times, served.measured())
     whole = motion_of_closed(robot, driving, np.zeros(len(times)), Q, rates,
                              accelerations)
+    # The torques of the command, with the terms that are switched on.
     tau = terms(served.values).inverse_dynamics(served.bending or robot, *whole)
     efforts: Array = robot.joint_torques(tau, whole.q)
     return efforts
@@ -219,6 +222,7 @@ def _closed(served: ServedRobot, motion: Motion, times: Array, q: Array,
                               tolerance=values['closure.tolerance'],
                               max_figure=values['closure.max_conditioning'])
     order = [list(driving).index(k) for k in tracker.places]
+    # From where the arm is, so that the loops keep its assembly mode.
     start = served.measured()
     if start is not None:
         tracker.restart(start)

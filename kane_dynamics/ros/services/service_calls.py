@@ -49,11 +49,13 @@ def inverse_dynamics(served: ServedRobot, request: Any, response: Any) -> None:
     order, q, u, udot = _state(robot, request, 'velocity', 'acceleration')
     tau = robot.inverse_dynamics(q, u, udot)
     torques = robot.joint_torques(tau, q)
+    # Beams bend under the load, which the torques of the motion include.
     if served.bending is not None:
         torques = robot.joint_torques(served.bending.inverse_dynamics(q, u, udot), q)
         response.message = QUASI_STATIC
     names = response.joint_names = order.joint_names
     response.effort = doubles(_reordered(torques, order.joints))
+    # Reactions are by body, the response is by joint.
     joints = [body.joint.name for body in robot.model.bodies]
     reactions = robot.joint_reactions(q, u, udot)
     response.joint_reactions = [as_wrench(reactions[joints.index(name)])

@@ -91,6 +91,7 @@ class SimulationRequest:
 
         End early when `proceed(t)` returns False.
         """
+        # The payload and gravity of the node at the time of the request.
         self.loads.apply(self.robot)
         began = time.perf_counter()
         try:
@@ -99,6 +100,8 @@ class SimulationRequest:
                                   progress=proceed, integrator=self.integrator,
                                   stops=self.stops, sticking=self.sticking)
         except InputError as error:
+            # A request that chose the integrator is answered with the reason why the
+            # step is too long.
             if self.integrator is None:  # chosen so that the step is stable
                 raise
             warning = step_warning(self.robot, self.q0, self.step, self.integrator)
@@ -106,6 +109,7 @@ class SimulationRequest:
                 raise
             raise InputError(f'{error}: {warning}') from None
         wall_time = time.perf_counter() - began
+        # Events beyond the first ones would hide what else the message says.
         changes = map(str, [*trajectory.speed_changes[:MOST_CHANGES],
                             *trajectory.stop_events[:MOST_CHANGES]])
         response.message = '\n'.join([*filter(None, [self.assumption]),

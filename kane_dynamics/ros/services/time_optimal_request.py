@@ -41,11 +41,13 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
     joints = list(driving_joints(robot))
     assembled = assembly_mode(served) if robot.constraint_names else None
     names = list(request.joint_names) or joints
+    # Exactly the joints that drive the arm, in any order.
     if sorted(names) != sorted(joints):
         raise InputError(f'joint_names: {names}; expected each of {", ".join(joints)} '
                          'once')
     order = list(map(names.index, joints))  # of the columns of the request
     times, columns = _points(served, request, order)
+    # Waypoints without times are a path alone, of which times only number the points.
     points = times if len(times) else np.arange(float(len(columns[0])))
     check_positions(served, joints, columns[0], points)
     places = list(map(every_joint.index, joints))
