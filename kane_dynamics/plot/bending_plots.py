@@ -60,6 +60,7 @@ def plot_bending(model: Model, q: Any, t: Sequence[float] | None = None,
                          'configuration')
     drawn = [_lines(model, shape, exaggeration) for shape in shapes]
     labels: list[str | None] = [None] * len(drawn)
+    # Later shapes are darker, with their times beside the picture.
     if t is not None:
         labels = [f'{time:.3g} s' for time in t]
     view = _View(plane, drawn)
@@ -104,6 +105,7 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *,
     resting_q = _checked(robot.model, q)[0]
     vibration = natural_vibration(robot, resting_q, held)
     fastest = float(np.abs(vibration.frequencies).max(initial=0.0))
+    # Slow ones first; rigid motions have no frequency.
     modes = [k for k, frequency in enumerate(vibration.frequencies)
              if frequency > 1e-6 * fastest][:max(count, 0)]
     if not modes:
@@ -111,6 +113,7 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *,
     still = _lines(robot.model, resting_q)
     points = np.concatenate([points for _, points in still])
     extent = float(np.ptp(points, axis=0).max())
+    # Each mode at both ends of its swing, as large as can be seen.
     swings = [_swing(still, robot.model, resting_q, vibration.shapes[:, k],
                      SWING * extent)
               for k in modes]
@@ -127,6 +130,7 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *,
             for lines, color in zip((still, *ends), (GREY, BLUE, ORANGE)):
                 view.draw(axes, lines, color)
             name = f'{vibration.frequencies[k] / (2.0 * np.pi):.4g} Hz'
+            # A mode that moves no line turns the bodies about their lengths.
             if _largest_distance(still, ends[0]) <= 1e-3 * extent:
                 name += ', twist'
             axes.set_title(name)
@@ -218,6 +222,7 @@ class _View:
             raise InputError(f"plane: '{plane}'; expected one of {', '.join(PLANES)}")
         if not any(drawn):
             raise InputError('model: no body has a length; expected at least one')
+        # All lines of all shapes have one scale.
         clouds = []
         for lines in drawn:
             clouds += [points for _, points in lines]
@@ -225,6 +230,7 @@ class _View:
         low = cloud.min(axis=0)
         size = np.ptp(cloud, axis=0)
         if plane is None:
+            # Of lines in a plane, its normal direction is left out.
             plane = 'xyz'
             flat = [k for k in range(3) if size[k] <= FLAT * size.max()]
             if flat:

@@ -41,6 +41,7 @@ def plot_deflection(t: Array, deflection: Array, force: Array,
         panels[0].set_ylabel('Force\n[N]')
         above(panels[0], 3)
         _plot_deflections(panels[1], t, deflection, force / np.asarray(stiffness))
+        # The torques change from the moment at which the force begins.
         first = int(np.argmax(force.any(axis=1)))
         changes = torques - torques[max(first - 1, 0)]
         for k, name in enumerate(joint_names):

@@ -40,6 +40,7 @@ def plot_demand(demand: Demand, path: Path | None = None, *,
             for axes, (what, values, bounds) in zip(row, columns, strict=True):
                 axes.plot(demand.t, values[:, j], color=BLUE)
                 axes.set_ylabel(f'[{panel_unit(what, [name], prismatic)}]')
+                # Values at the level of rounding look like zero.
                 hide_rounding(axes, NOISE * float(np.abs(values).max(initial=1.0)), 1e-3)
                 if np.isfinite(bounds[j]):
                     for bound in (-bounds[j], bounds[j]):

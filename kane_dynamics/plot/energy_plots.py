@@ -42,13 +42,16 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
     trajectory.require(robot, 'plot_energy')
     title = titled(title, 'energy and power', robot.model.name)
     t = trajectory.t
+    # Strain energy is a part of the potential energy, shown by itself.
     kinetic = trajectory.energy[:, 0]
     total = trajectory.energy.sum(axis=1)
     strain = strain_energy(robot, trajectory.q)
     power = power_balance(robot, trajectory.q, trajectory.u, trajectory.udot, t=t)
+    # Two checks: the power of each instant, and the energy over time.
     supplied = power.joints + power.constraints - power.friction
     unaccounted = unaccounted_energy(t, total, supplied)
 
+    # Only what the robot has gets a line.
     energies = {'kinetic': (kinetic, ORANGE, '-'),
                 'gravity': (trajectory.energy[:, 1] - strain, SKY, '-')}
     if strain.any():

@@ -27,6 +27,7 @@ def plot_reactions(robot: Robot, trajectory: Trajectory, path: Path | None = Non
                           'axes', robot.model.name)
     reactions = robot.joint_reactions(trajectory.q, trajectory.u, trajectory.udot,
                                       t=trajectory.t)
+    # Smaller components are rounding of the largest one.
     least = 1e-6 * np.abs(reactions).max()
     joints = [body.joint.name for body in robot.model.bodies]
     with styled(11.0, 1.3 + 1.55 * len(joints), title, path) as figure:

@@ -41,6 +41,7 @@ def plot_sweep(table: Mapping[str, Sequence[Any]], path: Path | None = None, *,
     if not varied:
         raise InputError('sweep: the same values in all trials; expected one that '
                          'varies')
+    # Failed trials have no result: they are crosses at the lower edge.
     ok = np.array(table['ok'], dtype=bool)
     results = {}
     for prefix in RESULTS:

@@ -36,6 +36,7 @@ def plot_timing(timing: TimeOptimal, path: Path | None = None, *,
             for axes, limit in zip(row, limits, strict=True):
                 use = 100.0 * timing.uses[limit][:, j]
                 axes.plot(t, use, color=BLUE)
+                # The stretches in which this limit determines the timing.
                 for active in timing.active:
                     if (active.joint, active.limit) == (name, limit):
                         inside = (t >= active.start) & (t <= active.end)

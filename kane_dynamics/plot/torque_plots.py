@@ -32,6 +32,7 @@ def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | Non
     terms = robot.torque_terms(trajectory.q, trajectory.u, trajectory.udot,
                                t=trajectory.t)
     names = trajectory.speed_names
+    # Two columns where many joints would make the picture long.
     columns = 1 if len(names) < 4 else 2
     rows = -(-len(names) // columns)
     title = titled(title, 'torque by source', robot.model.name)

@@ -40,6 +40,7 @@ def plot_tracking(runs: Mapping[str, Run], joint_names: Sequence[str],
 
     """
     names = list(joint_names)
+    # A column more if the torques by source are known.
     headings = ['Position', 'Error']
     if sources is not None:
         headings.append('Torque by source')

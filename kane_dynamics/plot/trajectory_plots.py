@@ -129,6 +129,7 @@ def _side_by_side(trajectory: Trajectory, path: Path | None,
                   quantities: Sequence[_Panel],
                   limits: JointLimits | None, title: str) -> Figure:
     """Plot many joints in columns of `len(LINES)`, each with its own legend."""
+    # As many lines a panel as have colors that differ.
     per_panel = len(LINES)
     columns = -(-max(len(quantity.names) for quantity in quantities) // per_panel)
     with styled(1.0 + 3.6 * columns, 11.0, title, path) as figure:
@@ -141,6 +142,7 @@ def _side_by_side(trajectory: Trajectory, path: Path | None,
                 colors = dict(zip(names, LINES))
                 for name in names:
                     axes.plot(trajectory.t, values[name], color=colors[name], label=name)
+                # A legend serves all panels below with the same names.
                 if names and names not in legends:
                     legends.append(names)
                     axes.legend(loc='lower left', bbox_to_anchor=(0.0, 1.02),
@@ -181,6 +183,7 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
     require_angles(robot.model, 'plot_phase')
     trajectory.require(robot, 'plot_phase')
     title = titled(title, 'phase portrait', robot.model.name)
+    # The portrait is of joint rates, whatever the speeds.
     rates = trajectory.u
     if robot.speed_names != robot.joint_names:
         rates = robot.joint_rates(trajectory.q, trajectory.u, t=trajectory.t)
@@ -223,6 +226,7 @@ def _limits(axes: Axes, values: Mapping[str, Array], bounds: Mapping[str, float]
         if np.isfinite(bounds.get(name, np.inf)):
             shares[name] = float(np.abs(row).max(initial=0.0)) / bounds[name]
     low, high = axes.get_ylim()
+    # A limit is drawn only where the motion comes near it.
     for name, share in shares.items():
         if share <= 1.0 / NEAR:
             continue
@@ -234,6 +238,7 @@ def _limits(axes: Axes, values: Mapping[str, Array], bounds: Mapping[str, float]
                 low = min(low, reach)
                 high = max(high, reach)
     axes.set_ylim(low, high)
+    # The largest share is written above the panel.
     if shares:
         name = max(shares, key=lambda name: shares[name])
         axes.set_title(f'at most {_share_text(shares[name])} ({name})', loc='right',

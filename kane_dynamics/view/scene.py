@@ -46,6 +46,7 @@ class Scene:
         scene = server.scene
         scene.set_up_direction('+z')
         scene.configure_environment_map('studio', environment_intensity=0.12)
+        # Sizes relative to the robot, so that small and large ones look alike.
         cell = _nice(_CELL * extent)
         scene.add_grid('/floor', 16.0 * cell, 16.0 * cell, cell_size=cell,
                        section_size=4.0 * cell, cell_color=(225, 228, 232),

@@ -74,6 +74,7 @@ class Window:
         """Build the scene and start the server."""
         self.robot = robot
         self.trajectory = trajectory
+        # Without a motion the loads are those at rest, and sliders move the joints.
         if trajectory is None:
             require_angles(robot.model, 'view')
             self._turned = _turned_joints(robot)
@@ -98,6 +99,7 @@ class Window:
         with _quietly():
             self.server = ViserServer(host=host, port=port, verbose=False,
                                       label='kane_dynamics')
+        # A scene that fails must not leave its server behind.
         try:
             extent = model_size(robot.model, self._q)
             self._stage = Scene(self.server, robot.model, visuals, extent)
@@ -142,6 +144,7 @@ class Window:
             rows = [0]
             t = None
         else:
+            # Every moment of the motion is a picture of the exported page.
             begin, end = self.trajectory.t[[0, -1]]
             times = [*np.arange(begin, end, 1.0 / _RATE), end]
             loads = self._loads
