@@ -18,7 +18,7 @@ INTERFACES = REPOSITORY / 'kane_dynamics_interfaces'
 BUILT = REPOSITORY / 'build' / 'test_packages'
 
 
-def build_package(package, sources):
+def build_package(package, sources, dependencies=()):
     """
     Build a package; return the paths for PYTHONPATH and AMENT_PREFIX_PATH.
 
@@ -31,25 +31,27 @@ def build_package(package, sources):
         Its name.
     sources : dict
         Text of each interface by its path in the package, such as ``msg/JointCommand.msg``.
+    dependencies : sequence of str
+        Packages of messages that they use, besides those of our interfaces.
 
     """
     tools = [(INTERFACES / name).read_text() for name in ('CMakeLists.txt', 'pip_ros.cmake',
                                                           'package.xml', 'pyproject.toml')]
-    content = repr((package, sorted(sources.items()), tools, sys.version))
+    content = repr((package, sorted(sources.items()), tools, sys.version, *dependencies))
     folder = BUILT / f'{package}_{hashlib.sha256(content.encode()).hexdigest()[:16]}'
     if not folder.exists():
         unfinished = folder.with_suffix('.unfinished')
         shutil.rmtree(unfinished, ignore_errors=True)
-        _build(unfinished, package, sources)
+        _build(unfinished, package, sources, dependencies)
         unfinished.rename(folder)
     prefix, = folder.glob('*.data/data')
     packages, = prefix.glob('lib/python*/site-packages')
     return packages, prefix
 
 
-def package_environment(package, sources):
+def package_environment(package, sources, dependencies=()):
     """Build a package; return the environment variables of processes that import it."""
-    packages, prefix = build_package(package, sources)
+    packages, prefix = build_package(package, sources, dependencies)
     inherited = os.environ.get('PYTHONPATH', '')
     libraries = os.environ.get('LD_LIBRARY_PATH', '')
     return {'PYTHONPATH': f'{packages}:{inherited}',
@@ -58,12 +60,12 @@ def package_environment(package, sources):
 
 
 @contextmanager
-def imported_package(package, sources):
+def imported_package(package, sources, dependencies=()):
     """Let this process and those that it starts import a package while a block runs."""
     if package in sys.modules:  # of a block around this one, or installed
         yield
         return
-    packages, prefix = build_package(package, sources)
+    packages, prefix = build_package(package, sources, dependencies)
     # The linker finds libraries that are loaded already; each needs others of them.
     waiting = sorted(prefix.glob('lib/*.so'))
     while waiting:
@@ -76,7 +78,7 @@ def imported_package(package, sources):
         assert len(remaining) < len(waiting), remaining
         waiting = remaining
     with pytest.MonkeyPatch.context() as patch:
-        for name, value in package_environment(package, sources).items():
+        for name, value in package_environment(package, sources, dependencies).items():
             patch.setenv(name, value)
         patch.syspath_prepend(str(packages))
         try:
@@ -86,7 +88,7 @@ def imported_package(package, sources):
                 del sys.modules[name]
 
 
-def _build(folder, package, sources):
+def _build(folder, package, sources, dependencies):
     """Build and unpack the wheel in a folder."""
     source = folder / 'source'
     for path, text in sources.items():
@@ -97,9 +99,16 @@ def _build(folder, package, sources):
         text = (INTERFACES / file).read_text()
         text = text.replace('kane_dynamics_interfaces', package).replace(
             'kane-dynamics-interfaces', package.replace('_', '-'))
+        for name in dependencies:
+            text = text.replace('  <depend>std_msgs</depend>\n',
+                                f'  <depend>{name}</depend>\n  <depend>std_msgs</depend>\n')
         (source / file).write_text(text)
     listed = ''.join(f'  "{path}"\n' for path in sources)
     text = (INTERFACES / 'CMakeLists.txt').read_text()
+    for name in dependencies:
+        text = text.replace('find_package(std_msgs REQUIRED)',
+                            f'find_package({name} REQUIRED)\nfind_package(std_msgs REQUIRED)')
+        text = text.replace('  DEPENDENCIES', f'  DEPENDENCIES {name}')
     text = re.sub(r'(?:  "(?:action|msg|srv)/\w+\.\w+"\n)+', listed, text)
     (source / 'CMakeLists.txt').write_text(
         text.replace('kane_dynamics_interfaces', package))

@@ -21,6 +21,11 @@ THREAD_STATES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Late subscribers receive the latest message.
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# As tf2 subscribes to /tf and /tf_static: many nodes publish there.
+TRANSFORMS = QoSProfile(depth=100)
+STATIC_TRANSFORMS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# As MoveIt publishes its scene: each message may be a difference to the last.
+SCENES = QoSProfile(depth=100)
 # Wrenches at several frames may arrive at once.
 WRENCHES = QoSProfile(depth=10)
 # As both sides of a bond publish it; several nodes share the topic.

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 import threading
 import time
 from typing import Any
@@ -16,15 +17,21 @@ from kane_dynamics.control.trajectory_joints import compile_trajectories
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.path_robot import compile_timing
 from kane_dynamics.mechanics.friction import is_self_locking
+from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.command_topic import CommanderCount
 from kane_dynamics.ros.common.lost_messages import LostMessages, with_info
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import (BEST_EFFORT, CLOCK, overridable, OVERRIDES,
-                                          overrides_of, RELIABLE, THREAD_STATES, watched)
+                                          overrides_of, RELIABLE, SCENES,
+                                          STATIC_TRANSFORMS, THREAD_STATES, TRANSFORMS,
+                                          watched)
 from kane_dynamics.ros.common.throttle import ThrottledWarning
+from kane_dynamics.ros.common.transform_tree import tf_message_type, TransformTree
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
+from kane_dynamics.ros.monitors.attached_objects import (AttachedObjects, scene_types,
+                                                         SceneRequest)
 from kane_dynamics.ros.monitors.coupling_topics import CouplingTopics
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.model_watch_monitor import check_reference
@@ -141,6 +148,8 @@ class ConfiguredRobot:
         self._simulated_time = bool(self._clock.ros_time_is_active)
         self._lock = threading.Lock()  # guards the loads, which two threads change
         self.loads: GravityAndPayload = parameter_loads(model, values)
+        self._stated_payload = self.loads.payload  # by parameter or ~/set_payload
+        self._attached_payload = Inertial()  # of the objects of MoveIt
         self._payload_from_service = False  # whether ~/set_payload set the payload
         self.state_publishers = 1  # publishers of joint states of this arm
         self.all_state_publishers = 1  # with those of other joints only
@@ -149,12 +158,18 @@ class ConfiguredRobot:
         self.lost_states = LostMessages()
         self._commanders = CommanderCount(node, 'commands')
         self._foreign_joints: set[tuple[str, ...]] = set()
+        self._transforms: TransformTree | None = None
+        if values['tf.enabled']:
+            self._transforms = TransformTree(
+                model, self._now, values['tf.timeout'],
+                lambda reason, detail: self._reject(f'tf: {reason}', detail))
+        self.attached_objects: AttachedObjects | None = None
         self.gravity_source: GravityFromImu | None = None
         if values['imu.topic']:
             magnitude = float(np.linalg.norm(values['gravity']))
             self.gravity_source = GravityFromImu(
                 model, values['imu.frame'], magnitude, values['imu.time_constant'],
-                lambda gravity: self._change(gravity=gravity))
+                lambda gravity: self._change(gravity=gravity), self._transforms)
         # Check the parameters before the long compilation.
         self._qos_is_overridden = self._examine_overrides()
         check_optional_topics(values, self.robot)
@@ -168,7 +183,7 @@ class ConfiguredRobot:
         # Each of the three threads has its own robots, whose kernels are shared.
         self._for_requests = self.robot.copy()
         self._for_simulations = self.robot.copy()
-        self._request_frames = WrenchFrames(self._for_requests)
+        self._request_frames = WrenchFrames(self._for_requests, self._transforms)
         self._bending_for_requests = bending and QuasiStatic(bending.robot.copy())
         self.verified = max(robot.verify() for robot in robots)
         self.fault = command_fault(controller)
@@ -274,7 +289,8 @@ class ConfiguredRobot:
             lambda reason, detail: warn(f'joint states: {reason}', detail), stamped,
             loops, lambda reason, detail: warn.error(f'joint states: {reason}', detail)))
         self.optional_topics = OptionalTopics(node, server, self.path, values, self._now,
-                                              self._reject, publisher, opened)
+                                              self._reject, publisher, opened,
+                                              self._transforms)
         self._targets: TargetInput | None = None
         self._coupling: CouplingTopics | None = None
         self.swing: SwingMonitor | None = None
@@ -294,6 +310,42 @@ class ConfiguredRobot:
                 Imu, node.resolve_topic_name(values['imu.topic']), self._on_imu,
                 BEST_EFFORT)
             opened.callback(server.destroy_subscription, imu)
+        if self._transforms is not None:
+            self._open_transforms(self._transforms, opened)
+        if values['attached_objects.topic']:
+            self._open_scene(values['attached_objects.topic'], opened)
+
+    def _open_transforms(self, transforms: TransformTree, opened: ExitStack) -> None:
+        """Subscribe to the transforms of tf2, in the services' thread."""
+        node, server = self._node, self._server
+        try:
+            kind = tf_message_type()
+        except InputError as error:
+            node.get_logger().warning(str(error))
+            return
+        for topic, static, qos in (('/tf', False, TRANSFORMS),
+                                   ('/tf_static', True, STATIC_TRANSFORMS)):
+            opened.callback(server.destroy_subscription, server.create_subscription(
+                kind, node.resolve_topic_name(topic),
+                partial(transforms.on_message, static=static), qos))
+
+    def _open_scene(self, topic: str, opened: ExitStack) -> None:
+        """Subscribe to the scene of MoveIt, in the services' thread."""
+        node, server = self._node, self._server
+        try:
+            scene, request = scene_types()
+        except InputError as error:
+            node.get_logger().warning(str(error))
+            return
+        objects = AttachedObjects(
+            self.robot.model, self.values, self._check_attached, self._attach,
+            lambda reason, detail: self._reject(f'MoveIt: {reason}', detail))
+        self.attached_objects = objects
+        topic = node.resolve_topic_name(topic)
+        opened.callback(server.destroy_subscription, server.create_subscription(
+            scene, topic, objects.on_scene, SCENES))
+        # Objects may be attached already; the scene may begin later.
+        opened.callback(SceneRequest(server, request, topic, objects.on_scene).close)
 
     def _open_path(self, controller: Controller, torques: Publisher, opened: ExitStack,
                    arguments: tuple[Any, ...]) -> tuple[TorquePath, Any]:
@@ -385,7 +437,8 @@ class ConfiguredRobot:
         law = self.modes.laws.get(Mode.CARTESIAN_IMPEDANCE)
         if not isinstance(law, CartesianMode):
             return
-        targets = TargetInput(self.path, law.target, frame, values, self._reject)
+        targets = TargetInput(self.path, law.target, frame, values, self._reject,
+                              self._transforms)
         self._targets = targets
         for kind, name, callback in ((PoseStamped, POSE, targets.on_pose),
                                      (TwistStamped, TWIST, targets.on_twist),
@@ -477,7 +530,9 @@ class ConfiguredRobot:
         self.modes.check(values)
         speed_limits(self.robot, values)
         FillSettings.from_values(values, self.robot.joint_names)
-        parameter_loads(self.robot.model, values)
+        loads = parameter_loads(self.robot.model, values)
+        if any(name in changed for name in PAYLOAD):
+            self._require_carried(loads.payload, self._attached_payload)
         check_optional_topics(values, self.robot)
         if self.gravity_source is not None and (
                 values['gravity'] != self.values['gravity']).any():
@@ -514,15 +569,20 @@ class ConfiguredRobot:
         if self.gravity_source is not None:
             self.gravity_source.time_constant = values['imu.time_constant']
         self.optional_topics.update(values)
+        if self._transforms is not None:
+            self._transforms.timeout = values['tf.timeout']
         # Only loads whose parameters changed, since services set them too.
         loads = parameter_loads(self.robot.model, values)
         changes: dict[str, Any] = {}
         if not np.array_equal(previous['gravity'], values['gravity']):
             changes['gravity'] = loads.gravity
         if any(name in changed for name in PAYLOAD):
-            changes['payload'] = loads.payload
+            self._stated_payload = loads.payload
+            changes['payload'] = self._whole_payload()
             self._payload_from_service = False
         self._change(**changes)
+        if self.attached_objects is not None:
+            self.attached_objects.update(values)
 
     def set_payload(self, request: Any) -> None:
         """
@@ -543,8 +603,37 @@ class ConfiguredRobot:
             (com.x, com.y, com.z),
             (inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz,
              inertia.izz))
+        self._require_carried(payload, self._attached_payload)
         self._payload_from_service = True
-        self._change(payload=payload)
+        self._stated_payload = payload
+        self._change(payload=self._whole_payload())
+
+    def _check_attached(self, objects: Inertial) -> None:
+        """Raise InputError if the arm may not carry attached objects beside its payload."""
+        self._require_carried(self._stated_payload, objects)
+
+    def _attach(self, objects: Inertial) -> None:
+        """Use the payload of attached objects from the next state on."""
+        self._attached_payload = objects
+        self._change(payload=self._whole_payload())
+        self._node.get_logger().info(f'attached objects: {objects.mass:.4g} kg')
+
+    def _whole_payload(self) -> Inertial | None:
+        """Return the payload that was stated, and that of attached objects."""
+        attached = self._attached_payload
+        if not attached.mass:
+            return self._stated_payload
+        return attached if self._stated_payload is None else self._stated_payload + attached
+
+    def _require_carried(self, stated: Inertial | None, attached: Inertial) -> None:
+        """Raise InputError if two payloads together exceed payload.max_mass."""
+        if stated is None or not attached.mass:
+            return  # each alone has been checked
+        mass = stated.mass + attached.mass
+        limit = self.values['payload.max_mass']
+        if mass > limit:
+            raise InputError(f'payload: {mass:g} kg with attached objects; expected at most '
+                             f'{limit:g} kg (parameter payload.max_mass)')
 
     def _on_imu(self, message: Imu) -> None:
         assert self.gravity_source is not None

@@ -67,6 +67,8 @@ def arm_figures(arm: ConfiguredRobot, mode: str) -> dict[str, str]:
         'publishers of joint states': str(arm.state_publishers),
         'publishers of commands': str(len(arm.commanders))}
     figures |= arm.optional_topics.figures()
+    if arm.attached_objects is not None:
+        figures |= arm.attached_objects.figures()
     if arm.path.loops is not None:
         figures |= arm.path.loops.figures()
     if arm.guard is None:

@@ -12,6 +12,7 @@ import math
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.ros.common.conversion import Array, NANO, nanoseconds
+from kane_dynamics.ros.common.transform_tree import TransformTree
 import numpy as np
 from sensor_msgs.msg import Imu
 
@@ -37,6 +38,8 @@ class GravityFromImu:
         Time constant of the filter, s.
     use : callable
         Called with gravity, (3,) m/s^2 in world axes, after each change.
+    transforms : TransformTree, optional
+        Finds frames that the model lacks.
 
     Raises
     ------
@@ -46,13 +49,17 @@ class GravityFromImu:
     """
 
     def __init__(self, model: Model, frame: str, magnitude: float, time_constant: float,
-                 use: Callable[[Array], None]) -> None:
+                 use: Callable[[Array], None],
+                 transforms: TransformTree | None = None) -> None:
         self._model = model
+        self._find_frame = model.frame if transforms is None else transforms.frame
         self._frame = frame
         self._magnitude = magnitude
         self.time_constant = time_constant
         self._use = use
-        if frame:
+        # Transforms of a frame that the model lacks arrive later.
+        known = frame in [of_model.name for of_model in model.frames]
+        if frame and (known or transforms is None):
             self._rotation(frame)
         if magnitude == 0.0:
             raise InputError("parameter 'gravity': zero; expected a magnitude above "
@@ -119,7 +126,7 @@ class GravityFromImu:
 
     def _rotation(self, name: str) -> Array:
         """Return the rotation of a frame fixed to the base."""
-        frame = self._model.frame(name)
+        frame = self._find_frame(name)
         if frame.body != WORLD:
             expected = ', '.join(sorted(fixed.name for fixed in self._model.frames
                                         if fixed.body == WORLD))

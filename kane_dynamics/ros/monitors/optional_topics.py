@@ -11,7 +11,9 @@ from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.qos import BEST_EFFORT, LATCHED, RELIABLE
+from kane_dynamics.ros.common.transform_tree import TransformTree
 from kane_dynamics.ros.monitors.applied_torque import stated_efforts
+from kane_dynamics.ros.monitors.attached_objects import check_attached_objects
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,
                                                         ContactPublishers,
                                                         friction_settings,
@@ -62,6 +64,9 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
         joint_command_type()
     if values['imu.topic']:
         _check_topic('imu.topic', values['imu.topic'])
+    if values['attached_objects.topic']:
+        _check_topic('attached_objects.topic', values['attached_objects.topic'])
+    check_attached_objects(values)
     if values['coupling.partner']:
         _check_topic('coupling.partner', values['coupling.partner'])
     check_frames(robot.model, values['wrench.frames'])
@@ -103,6 +108,8 @@ class OptionalTopics:
         Creates a publisher from type, name and QoS.
     opened : ExitStack
         Closes the topics.
+    transforms : TransformTree or None
+        Finds frames of wrenches that are not declared.
 
     """
 
@@ -110,7 +117,7 @@ class OptionalTopics:
                  values: Mapping[str, Any], now: Callable[[], int],
                  reject: Callable[[str, str], None],
                  publisher: Callable[[Any, str, QoSProfile], Any],
-                 opened: ExitStack) -> None:
+                 opened: ExitStack, transforms: TransformTree | None) -> None:
         self._path = path
         self._action = values['observer.action']
         self._log = node.get_logger()
@@ -129,7 +136,8 @@ class OptionalTopics:
         if values['wrench.frames']:
             path.wrenches = WrenchInput(robot, now, values,
                                         lambda reason,
-                                        detail: reject(f'wrench: {reason}', detail))
+                                        detail: reject(f'wrench: {reason}', detail),
+                                        transforms)
             path.wrenches.changed = path.law_changed
             opened.callback(node.destroy_subscription, node.create_subscription(
                 WrenchStamped, '~/wrench', path.wrenches.on_message, BEST_EFFORT,

@@ -152,6 +152,15 @@ SPECS = (
     live('payload.max_distance', 'number', 2.0,
          'largest accepted distance of its center of mass '
          'from the frame, m', positive=True, low=0.0),
+    Spec('attached_objects.topic', 'text', '',
+         "topic (moveit_msgs/PlanningScene) of MoveIt's scene, such as "
+         '/monitored_planning_scene: objects that are attached to the link of payload.frame '
+         'are added to the payload; needs the package moveit_msgs; empty: none'),
+    live('attached_objects.masses', 'names', [],
+         'masses of attached objects, kg, each as object:=mass'),
+    live('attached_objects.density', 'number', 0.0,
+         'density of the other attached objects, kg/m^3; 0: they are refused', low=0.0,
+         high=30000.0),
     Spec('imu.topic', 'text', '',
          'topic (sensor_msgs/Imu) of an IMU at rest on the base, which '
          'gives the direction of gravity; the magnitude is that of `gravity`; empty: '
@@ -174,6 +183,12 @@ SPECS = (
          'largest accepted component of a force, N', positive=True, low=0.0),
     live('wrench.max_moment', 'number', 300.0,
          'largest accepted component of a moment, N m', positive=True, low=0.0),
+    Spec('tf.enabled', 'flag', False,
+         'find frames of wrenches, targets and the IMU that the URDF lacks by the transforms '
+         'of /tf and /tf_static; needs the package tf2_msgs'),
+    live('tf.timeout', 'number', 0.5,
+         'age, s, above which a transform of /tf is stale, and messages in its frames are '
+         'refused', positive=True, low=0.0, high=3600.0),
     live('mode', 'text', 'inverse_dynamics',
          'control mode, which decides what `commands` '
          'contains', choices=tuple(Mode)),

@@ -14,9 +14,10 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from kane_dynamics._util.typing import Matrix, Vector
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError, KaneError
-from kane_dynamics.model.model import WORLD
+from kane_dynamics.model.model import Frame, WORLD
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
+from kane_dynamics.ros.common.transform_tree import TransformTree
 from kane_dynamics.ros.torque_path.cartesian_cycle import LONGEST_PERIOD
 from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode
 from kane_dynamics.ros.torque_path.cartesian_target import (CartesianTarget, largest_of,
@@ -53,11 +54,14 @@ class TargetInput:
         The node's parameters; target.* and limits of cartesian.* are used.
     reject : callable
         Called with the reason and the details of each refused message.
+    transforms : TransformTree, optional
+        Finds frames that the model lacks.
 
     """
 
     def __init__(self, path: TorquePath, target: CartesianTarget, frame: str,
-                 values: Mapping[str, Any], reject: Callable[[str, str], None]) -> None:
+                 values: Mapping[str, Any], reject: Callable[[str, str], None],
+                 transforms: TransformTree | None = None) -> None:
         self._path = path
         self._target = target
         target.changed = path.law_changed
@@ -65,6 +69,7 @@ class TargetInput:
         self._reject = reject
         robot = path.controller.robot
         self._fixed = fixed_frames(robot)
+        self._transforms = transforms
         self._reach = TargetReach(robot, frame)
         self._workspace = robot.bind()
         self._measured_pose = self._workspace.at_frame('frame_pose', frame)
@@ -120,9 +125,10 @@ class TargetInput:
             self._refuse(POSE, NOT_FINITE, f'quaternion of length {length:.4g}; '
                          'expected 1')
             return
-        frame = self._fixed.get(message.frame)
-        if frame is None:
-            self._refuse(POSE, FRAME, self._unknown(message.frame))
+        try:
+            frame = self._fixed_pose(message.frame)
+        except InputError as error:
+            self._refuse(POSE, FRAME, str(error))
             return
         q = self._path.measured()
         if q is None:
@@ -271,10 +277,10 @@ class TargetInput:
         """
         if message.frame == self._frame:
             return message.numbers, True
-        frame = self._fixed.get(message.frame)
-        if frame is None:
-            self._refuse(topic, FRAME, self._unknown(message.frame)
-                         + f", or the controlled frame '{self._frame}'")
+        try:
+            frame = self._fixed_pose(message.frame)
+        except InputError as error:
+            self._refuse(topic, FRAME, f"{error}, or the controlled frame '{self._frame}'")
             return None
         halves = message.numbers.reshape(2, 3)
         return (halves @ frame[:3, :3].T).ravel(), False
@@ -289,12 +295,20 @@ class TargetInput:
                      f'{most[0]:g} and {most[3]:g}, {limits}')
         return False
 
-    def _unknown(self, frame: str) -> str:
-        """Return the details of a frame that is not fixed to the world."""
-        moves = frame in self._path.controller.robot.frame_names
+    def _fixed_pose(self, name: str) -> Array:
+        """Return the pose (4, 4) of a frame that is fixed to the world, else InputError."""
+        pose = self._fixed.get(name)
+        if pose is not None:
+            return pose
+        moves = name in self._path.controller.robot.frame_names
+        if not moves and self._transforms is not None:
+            frame = self._transforms.frame(name)
+            moves = frame.body != WORLD
+            if not moves:
+                return _pose_of(frame)
         what = ', which moves' if moves else ''
-        names = [name for name in self._fixed if name]
-        return f"frame_id '{frame}'{what}; expected '' or {', '.join(names)}"
+        names = [fixed for fixed in self._fixed if fixed]
+        raise InputError(f"frame_id '{name}'{what}; expected '' or {', '.join(names)}")
 
     def _refuse(self, topic: str, reason: str, detail: str) -> None:
         self._reject(f'{topic}: {reason}', detail)
@@ -310,11 +324,16 @@ def fixed_frames(robot: Robot) -> dict[str, Array]:
     poses = {'': np.eye(4), WORLD_FRAME: np.eye(4)}
     for frame in robot.model.frames:
         if frame.body == WORLD:
-            pose = np.eye(4)
-            pose[:3, :3] = frame.rotation
-            pose[:3, 3] = frame.translation
-            poses[frame.name] = pose
+            poses[frame.name] = _pose_of(frame)
     return poses
+
+
+def _pose_of(frame: Frame) -> Array:
+    """Return the pose (4, 4) of a frame on its body."""
+    pose = np.eye(4)
+    pose[:3, :3] = frame.rotation
+    pose[:3, 3] = frame.translation
+    return pose
 
 
 def _pose_numbers(message: PoseStamped) -> Array:

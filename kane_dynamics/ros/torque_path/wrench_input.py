@@ -11,17 +11,19 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Model, WORLD
+from kane_dynamics.model.model import Frame, Model, WORLD
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
+from kane_dynamics.ros.common.transform_tree import TransformTree
 from kane_dynamics.ros.torque_path.joint_state_reader import (MALFORMED, NOT_FINITE,
                                                               time_fault)
 from kane_dynamics.ros.torque_path.stamped_numbers import read_stamped
 import numpy as np
 
-STALE, FRAME, TIMED_OUT, LARGE = (
+STALE, FRAME, TIMED_OUT, LARGE, SHARED = (
     'stale (older than wrench.timeout)', 'frame not in wrench.frames',
-    'timed out after wrench.timeout', 'above wrench.max_force or wrench.max_moment')
+    'timed out after wrench.timeout', 'above wrench.max_force or wrench.max_moment',
+    'two frames at one of wrench.frames')
 
 
 def check_frames(model: Model, frames: Sequence[str],
@@ -42,11 +44,15 @@ class WrenchFrames:
     ----------
     robot : Robot
         A robot of the calling thread.
+    transforms : TransformTree, optional
+        Places further frames on the bodies of the declared ones.
 
     """
 
-    def __init__(self, robot: Robot) -> None:
-        self.names = tuple(frame.name for frame in robot.equations.wrench_frames)
+    def __init__(self, robot: Robot, transforms: TransformTree | None = None) -> None:
+        self._declared = robot.equations.wrench_frames
+        self._transforms = transforms
+        self.names = tuple(frame.name for frame in self._declared)
         self._workspace = robot.bind()
         self._poses = [self._workspace.at_frame('frame_pose', name)
                        for name in self.names]
@@ -63,6 +69,32 @@ class WrenchFrames:
                 expected = 'no wrench: parameter wrench.frames is empty'
             raise InputError(f"frame_id: '{name}'; expected {expected}")
         return self.names.index(name)
+
+    def placed(self, name: str, wrench: Array) -> tuple[int, Array]:
+        """
+        Return the row of a declared frame, and the wrench that it has in place of another one.
+
+        Parameters
+        ----------
+        name : str
+            The frame of the wrench: declared, or fixed to the body of one that is.
+        wrench : (6,) array
+            Force and moment at the origin and in the axes of the frame.
+
+        Raises
+        ------
+        InputError
+            The frame is unknown, or on a body without a declared frame.
+
+        """
+        if self._transforms is None or name in self.names:
+            return self.row(name), wrench
+        source = self._transforms.frame(name)
+        for row, declared in enumerate(self._declared):
+            if declared.body == source.body:
+                return row, _moved_wrench(wrench, source, declared)
+        raise InputError(f"frame_id: '{name}', on a body without a frame of wrench.frames; "
+                         f'expected one on a body of {", ".join(self.names) or "none"}')
 
     def in_world(self, q: Array, wrenches: Iterable[tuple[int, Array]]) -> Array:
         """Return (k, 6) in world axes, from rows and wrenches in axes of the frames."""
@@ -91,6 +123,8 @@ class WrenchInput:
         The node's parameters; wrench.* are used.
     reject : callable
         Called with the reason and the details of each dropped message and each timeout.
+    transforms : TransformTree, optional
+        As of `WrenchFrames`.
 
     Attributes
     ----------
@@ -104,8 +138,9 @@ class WrenchInput:
     """
 
     def __init__(self, robot: Robot, now: Callable[[], int], values: Mapping[str, Any],
-                 reject: Callable[[str, str], None]) -> None:
-        self._frames = WrenchFrames(robot)
+                 reject: Callable[[str, str], None],
+                 transforms: TransformTree | None = None) -> None:
+        self._frames = WrenchFrames(robot, transforms)
         self._robot = robot
         self._now = now
         self._reject = reject
@@ -124,6 +159,7 @@ class WrenchInput:
         """Remove the wrenches of all frames, and reset the stamps."""
         self.latest: dict[int, tuple[int, Array]] = {}
         self._stamps = [0] * len(self._frames.names)
+        self._sources = list(self._frames.names)  # frames of the latest messages
         self.world[:] = 0.0
 
     def on_message(self, data: bytes) -> None:
@@ -135,22 +171,30 @@ class WrenchInput:
         except InputError as error:
             self._reject(MALFORMED, str(error))
             return
-        try:
-            row = self._frames.row(frame)
-        except InputError as error:
-            self._reject(FRAME, str(error))
-            return
         if not np.isfinite(wrench).all():
             self._reject(NOT_FINITE, f"at frame '{frame}': {wrench.tolist()}")
             return
         if (np.abs(wrench) > self._most).any():
             self._reject(LARGE, f"at frame '{frame}': {wrench.tolist()}")
             return
+        try:
+            row, wrench = self._frames.placed(frame, wrench)
+        except InputError as error:
+            self._reject(FRAME, str(error))
+            return
         stamp = stamp or now
         fault = time_fault(stamp, now, self._stamps[row], self.timeout, STALE)
         if fault is not None:
             self._reject(fault[0], f"at frame '{frame}': {fault[1]}")
             return
+        # A declared frame has the wrench of one frame at a time, which times out as a whole.
+        other = self._sources[row]
+        if other != frame and row in self.latest and (
+                now - self.latest[row][0] <= self.timeout):
+            self._reject(SHARED, f"'{frame}' while '{self._frames.names[row]}' has the wrench "
+                         f"of '{other}'; expected one of them, or both in wrench.frames")
+            return
+        self._sources[row] = frame
         self._stamps[row] = stamp
         self.latest[row] = stamp, wrench
         self.changed()
@@ -185,6 +229,14 @@ class WrenchInput:
         return self._robot.external_force(q, wrench=self.world) if self.latest else None
 
 
+def _moved_wrench(wrench: Array, source: Frame, target: Frame) -> Array:
+    """Return a wrench, (6,), at another frame of the same body, with the same effect."""
+    rotation = target.rotation.T @ source.rotation
+    arm = target.rotation.T @ (source.translation - target.translation)
+    force, moment = rotation @ wrench[:3], rotation @ wrench[3:]
+    return np.concatenate([force, moment + np.cross(arm, force)])
+
+
 def wrench_array(message: WrenchStamped) -> Array:
     """Return the numbers of a message, (6,): force, then torque."""
     force = message.wrench.force
@@ -201,13 +253,12 @@ def wrenches_of_request(frames: WrenchFrames, q: Array,
     """
     wrenches: dict[int, Array] = {}
     for message in messages:
-        row = frames.row(message.header.frame_id)
         wrench = wrench_array(message)
-        if row in wrenches:
-            raise InputError(f"wrenches: two at frame '{message.header.frame_id}'; "
-                             'expected one')
         if not np.isfinite(wrench).all():
             raise InputError(f"wrench at frame '{message.header.frame_id}': "
                              f'{wrench.tolist()}; expected finite numbers')
+        row, wrench = frames.placed(message.header.frame_id, wrench)
+        if row in wrenches:
+            raise InputError(f"wrenches: two at frame '{frames.names[row]}'; expected one")
         wrenches[row] = wrench
     return frames.in_world(q, wrenches.items()) if wrenches else None

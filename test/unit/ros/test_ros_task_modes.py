@@ -1,6 +1,7 @@
 """The torque path in the modes of a law: targets, refusals, changes of mode, stops."""
 
 import math
+from types import SimpleNamespace
 
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.kinematics.poses import rotation_exp, rotation_quaternion
@@ -9,11 +10,14 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped  # noqa: E402, I100
+from geometry_msgs.msg import (PoseStamped, TransformStamped, TwistStamped,  # noqa: E402, I100
+                               WrenchStamped)
 from kane_dynamics.control.terms import Mode  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
+from kane_dynamics.model.model import WORLD  # noqa: E402
 from kane_dynamics.ros.common.configuration_files import load_model  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.common.transform_tree import TransformTree  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import LAW_MODES  # noqa: E402
 from kane_dynamics.ros.torque_path.path_controller import (path_controller,  # noqa: E402
                                                            path_settings)
@@ -211,6 +215,36 @@ def test_a_stream_of_poses_is_followed_and_its_last_one_is_held(period):
     last = rig.now
     rig.run(1.5)
     assert rig.error(path_at((last - start) / NANO)) < 1e-3 + 0.1 * period
+
+
+def test_targets_may_be_in_frames_that_tf_places_on_the_world():
+    rig = Rig()
+    of_map = np.array([[0.0, -1.0, 0.0, 0.4], [1.0, 0.0, 0.0, -0.2], [0.0, 0.0, 1.0, 0.1],
+                       [0.0, 0.0, 0.0, 1.0]])
+    base = next(frame for frame in rig.robot.model.frames if frame.body == WORLD)
+    assert np.array_equal(base.rotation, np.eye(3)) and not base.translation.any()
+    transforms = TransformTree(rig.robot.model, lambda: rig.now, 0.5, rig._refuse)
+    message = TransformStamped(child_frame_id='map')
+    message.header.frame_id = base.name
+    p, r = message.transform.translation, message.transform.rotation
+    p.x, p.y, p.z = of_map[:3, 3]
+    r.z = r.w = np.sqrt(0.5)
+    transforms.on_message(SimpleNamespace(transforms=[message]), static=True)
+    message.child_frame_id, message.header.frame_id = 'camera', FRAME
+    transforms.on_message(SimpleNamespace(transforms=[message]), static=True)
+    rig.targets = TargetInput(rig.path, rig.law.target, FRAME, rig.values, rig._refuse, transforms)
+    rig.state()
+    rig.now += STEP
+    rig.run(0.05)
+    goal = rig.pose(rig.q + 0.02)
+    rig.send_pose(np.linalg.inv(of_map) @ goal, frame='map')
+    assert not rig.refused
+    rig.run(3.0)
+    assert np.abs(rig.pose() - goal).max() < 2e-3
+    rig.send_pose(goal, frame='camera')
+    assert "'camera', which moves" in rig.refused[-1][1]
+    rig.send_pose(goal, frame='attic')
+    assert "frame 'attic'; expected" in rig.refused[-1][1]
 
 
 def test_a_target_twist_moves_the_frame_until_it_is_stale():
