@@ -88,7 +88,7 @@ class Terms:
     @lazy_property
     def of_feedback(self) -> Terms:
         """
-        Return the terms at a measured state in computed torque.
+        Return the terms that computed torque takes at the measured state.
 
         Feedback acts through M in any case; friction is added at the desired speed.
         """

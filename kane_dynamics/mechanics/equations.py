@@ -422,7 +422,7 @@ class Equations:
     def momentum_terms(self, q: Vector, u: Vector, parameters: Vector,
                        t: Scalar = 0.0) -> Matrix:
         """
-        Return the momenta p of the independent speeds and beta, (2, n).
+        Return the generalized momentum p and the force beta that its rate lacks, (2, n).
 
         tau is that of the motors less `load_friction`.
 

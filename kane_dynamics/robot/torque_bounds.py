@@ -249,7 +249,7 @@ class OfSameBox:
         self.__doc__ = method.__doc__
 
     def __get__(self, robot: Any, owner: type | None = None) -> Any:
-        """Return the method of a robot, which replaces this one in it."""
+        """Return the method bound to a robot, and store it in the robot for later calls."""
         if robot is None:
             return self.checked
         checked = self.checked.__get__(robot)
