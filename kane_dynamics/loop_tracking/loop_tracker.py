@@ -440,6 +440,8 @@ class SearchRules:
         distance_2 = largest_square(change * self._per_unit)
         distance = np.sqrt(select(distance_2 < FAR**2, distance_2, FAR**2))
         figure_2 = search.figures[CONDITIONING]
+        # The longest step is a share of the distance to a singularity, which the figure
+        # measures.
         is_known = flag(figure_2 > 0.0)
         figure = np.sqrt(either(is_known, figure_2, 1.0))
         of_distance = select(SHARE / figure < STRIDE, SHARE / figure, STRIDE)
@@ -691,6 +693,7 @@ class LoopStep:
         self.measured[:] = q[self._places]
         self._weights.fill(0.0)
         self.limits.fill(FAR**2)
+        # What a search accepted survives in its array; all else is cleared.
         accepted = np.concatenate([self.q, self.search.T, self.u, [self.accepted_figure]])
         self.array.fill(0.0)
         self.array[:len(accepted)] = accepted
@@ -982,6 +985,7 @@ class LoopTracker:
             return self._why_unknown
         if outcome == NOT_FINITE:
             return 'no finite configuration'
+        # The number that was out of bounds, by outcome.
         if outcome == ILL_CONDITIONED:
             return (f'conditioning figure {self.figure:.3g}; expected at most '
                     f'{self.max_figure:g}')

@@ -82,6 +82,7 @@ def rate_tensor(omega: Vector, alpha: Vector) -> Matrix:
     A point at r from a body's origin has the acceleration a + U r, a that of the origin.
     """
     x, y, z = omega
+    # [omega]x [omega]x = omega omega^T - omega^2 1, of which six products suffice.
     xx = x * x
     yy = y * y
     zz = z * z

@@ -625,6 +625,7 @@ class Mechanism:
         try:
             solution = linear_solve.solution(S, columns)
         except ZeroDivisionError as error:
+            # The row without a pivot, by its name.
             names = [*self.speed_names, *(self.labels[k] for k in self.kept)]
             row = error.args[0]
             raise ConstraintError(
@@ -662,6 +663,7 @@ def congruent(M: Matrix, T: Matrix) -> Matrix:
 def _exact_text(constraint: Constraint) -> str | None:
     """Return a constraint's exact parameters as text; None if one is a function."""
     words = [type(constraint).__name__]
+    # A function has no text that identifies it, numbers have all their digits in theirs.
     for field in fields(constraint):
         value = getattr(constraint, field.name)
         if callable(value):

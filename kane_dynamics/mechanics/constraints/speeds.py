@@ -200,6 +200,7 @@ def chosen(model: Model, choice: Any) -> Speeds:
 
     """
     speeds = joint_rates(model) if choice is None else choice
+    # Functions such as `absolute_rates` choose speeds of the model.
     if callable(speeds):
         speeds = speeds(model)
     if not isinstance(speeds, Speeds):

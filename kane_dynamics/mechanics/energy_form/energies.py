@@ -147,6 +147,8 @@ def _twisting(beam: Beam, R: Matrix, R_rate: Matrix, eta_rate: Vector) -> Scalar
     = E'(0).
     """
     e = beam.direction
+    # A section twists about the beam's direction e: R' = R (1 + psi [e]x), with the
+    # moment of its spread across e.
     K = np.cross(np.eye(3), e)
     total: Scalar = 0.0
     for spin, psi in zip(beam.spins, beam.twists):

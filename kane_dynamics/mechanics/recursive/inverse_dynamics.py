@@ -42,6 +42,8 @@ class JointStep:
         self.rotation = link.rotation
         self.axis = link.rotation @ Z
         self.turns = link.kind == 'revolute'
+        # A revolute joint turns by the angle and keeps its offset; a prismatic one moves
+        # it.
         if self.turns:
             self.s, self.c = sin_cos(position, link.offset)
             self.offset: Vector = link.translation

@@ -424,6 +424,8 @@ def _align_with_com(link: Link) -> Link:
     P = _without_rounding(link.pseudo_inertia)
     if link.kind != 'revolute' or P.dtype == object:
         return link
+    # x and y of the center of mass, and the product of inertia, vanish by a turn about
+    # z.
     x, y, xy = P[0, 3], P[1, 3], P[0, 1]
     angle = 0.0
     if x != 0.0 and y != 0.0:

@@ -345,6 +345,7 @@ class TreeEquations:
 
     def _unloaded(self, free_balls: Sequence[Ball]) -> list[Ball]:
         """Return the free bodies whose slides carry no payload or wrench."""
+        # A payload or wrench on a slide would be at another body than the free one.
         loaded = []
         for frame in (self.payload_frame, *self.wrench_frames):
             if frame is not None:
@@ -663,6 +664,7 @@ class TreeEquations:
         """Return the potential energy of gravity and springs, J."""
         links, x = self._at(q, self._loaded(self.geometry, parameters))
         springs: Scalar = 0.0
+        # Springs of joints, of beams, and between motors and links.
         for body in self.model.bodies:
             stretch = position(body.joint, x) - body.joint.rest
             springs = springs + 0.5 * body.joint.stiffness * (stretch * stretch)
