@@ -1,9 +1,11 @@
 """Plot of the vibration of an arm after a motion, for several kinds of feedforward."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.plot.style import above, BLUE, GREEN, ORANGE, Path, styled, time_axis
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -12,21 +14,40 @@ LEAST = 3e-8  # m, the least distance on the logarithmic axis
 SHOWN = 0.05  # s before the end of the motion
 
 
-def plot_vibration(distances: Mapping[str, tuple[Array, Array]],
-                   torques: Mapping[str, Array], joint_names: Sequence[str],
+class VibrationRecord(NamedTuple):
+    """
+    Vibration with one kind of feedforward.
+
+    Attributes
+    ----------
+    label : str
+        Of the curves.
+    t : (K,) array
+        Time after the end of the motion, s.
+    distance : (K,) array
+        From rest, m.
+    torques : (K, n) array
+        Of the motors, N m.
+
+    """
+
+    label: str
+    t: Array
+    distance: Array
+    torques: Array
+
+
+def plot_vibration(records: Sequence[VibrationRecord], joint_names: Sequence[str],
                    path: Path | None = None, *, duration: float, title: str) -> Figure:
     """
     Plot distances from rest after a motion, and the torques during it.
 
     Parameters
     ----------
-    distances : mapping of str to (t, distance)
-        By label: times after the end of the motion, s, and distances, m, (K,) each.
-    torques : mapping of str to (K, n) array
-        Of the motors at these times, N m; those of the joint whose torques differ most
-        are drawn.
+    records : sequence of VibrationRecord
+        At most three; the torques are those of the joint where they differ most.
     joint_names : sequence of n str
-        In the order of the columns of `torques`.
+        In the order of the columns of torques.
     duration : float
         Of the motion, s.
     path, title
@@ -34,30 +55,38 @@ def plot_vibration(distances: Mapping[str, tuple[Array, Array]],
 
     """
     with styled(10.0, 8.0, title, path) as figure:
-        panels = figure.subplots(3, 1, height_ratios=(2, 2, 2))
-        colors = dict(zip(distances, COLORS))
-        for label, (t, distance) in distances.items():
-            millimetres = 1e3 * np.maximum(distance, LEAST)
-            panels[0].plot(t, millimetres, color=colors[label], label=label)
-            panels[1].semilogy(t, millimetres, color=colors[label])
-        after = [distance[t >= 0.0].max() for t, distance in distances.values()]
-        largest = 1e3 * max(after)
-        panels[0].set_ylim(0.0, 1.2 * largest)
-        panels[1].set_ylim(1e3 * LEAST, 3.0 * largest)
-        panels[0].set_ylabel('Distance\nfrom rest [mm]')
-        panels[1].set_ylabel('Distance\nfrom rest [mm]')
-        above(panels[0], len(distances))
-        end = min(float(t[-1]) for t, _ in distances.values())
-        for axes in panels[:2]:
-            axes.set_xlim(-SHOWN, end)
+        linear, logarithmic, of_torques = figure.subplots(3, 1)
+        _plot_distances(linear, logarithmic, records)
+        above(linear, len(records))
 
-        # The joint whose torques the elasticity changes most.
-        spans = [np.ptp(columns, axis=0) for columns in torques.values()]
-        joint = int(np.argmax(np.ptp(np.array(spans), axis=0)))
-        for label, (t, _) in distances.items():
-            panels[2].plot(t, torques[label][:, joint], color=colors[label])
-        panels[2].set_xlim(-duration - SHOWN, 4.0 * SHOWN)
-        panels[2].set_ylabel(f'Torque of\n{joint_names[joint]} [N m]')
-        time_axis(panels)
-        panels[2].set_xlabel('Time after the end of the motion [s]')
+        joint = _most_changed_joint(records)
+        for record, color in zip(records, COLORS):
+            of_torques.plot(record.t, record.torques[:, joint], color=color)
+        of_torques.set_xlim(-duration - SHOWN, 4.0 * SHOWN)
+        of_torques.set_ylabel(f'Torque of\n{joint_names[joint]} [N m]')
+        time_axis([linear, logarithmic, of_torques])
+        of_torques.set_xlabel('Time after the end of the motion [s]')
     return figure
+
+
+def _plot_distances(linear: Axes, logarithmic: Axes,
+                    records: Sequence[VibrationRecord]) -> None:
+    """Plot the distances from rest on two axes, scaled to those after the motion."""
+    largest, end = 0.0, np.inf
+    for record, color in zip(records, COLORS):
+        millimetres = 1e3 * np.maximum(record.distance, LEAST)
+        linear.plot(record.t, millimetres, color=color, label=record.label)
+        logarithmic.semilogy(record.t, millimetres, color=color)
+        largest = max(largest, millimetres[record.t >= 0.0].max())
+        end = min(end, record.t[-1])
+    linear.set_ylim(0.0, 1.2 * largest)
+    logarithmic.set_ylim(1e3 * LEAST, 3.0 * largest)
+    for axes in (linear, logarithmic):
+        axes.set_xlim(-SHOWN, end)
+        axes.set_ylabel('Distance\nfrom rest [mm]')
+
+
+def _most_changed_joint(records: Sequence[VibrationRecord]) -> int:
+    """Return the joint whose ranges of torques differ most between the records."""
+    ranges = [np.ptp(record.torques, axis=0) for record in records]
+    return int(np.argmax(np.ptp(ranges, axis=0)))

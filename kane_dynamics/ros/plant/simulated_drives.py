@@ -1,5 +1,7 @@
 """The drives of the simulated arm: which coordinates motors move, and springs that hold."""
 
+from collections.abc import Sequence
+
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.elastic_joints import spring_torque
 from kane_dynamics.model.drive import Drive
@@ -48,19 +50,29 @@ def _gear_torques(robot: Robot, q: Array) -> Array:
     """
     rest = np.zeros(robot.n)
     needed = robot.inverse_dynamics(q, rest, rest)
-    model = robot.model
-    links = [_place(model, elastic.link) for elastic in model.drives]
+    links = [_place(robot.model, elastic.link) for elastic in robot.drives]
     if not robot.constraint_names:
         return needed[links]
-    # Joints without drives that are independent have actuators of their own.
-    names = robot.coordinate_names
-    motors = {elastic.drive.motor for elastic in model.drives}
-    others = [names.index(name) for name in robot.speed_names
-              if name not in motors and names.index(name) not in links]
-    units = np.eye(robot.n_q)[links + others]
-    forces = np.stack([robot.generalized_force(unit, q) for unit in units], axis=1)
-    torques, *_ = np.linalg.lstsq(forces, needed, rcond=None)
+
+    # The generalized force of a unit torque at each joint that has an actuator.
+    forces = []
+    for place in (*links, *_rigid_actuators(robot, links)):
+        unit = np.zeros(robot.n_q)
+        unit[place] = 1.0
+        forces.append(robot.generalized_force(unit, q))
+    torques = np.linalg.lstsq(np.array(forces).T, needed, rcond=None)[0]
     return np.asarray(torques[:len(links)])
+
+
+def _rigid_actuators(robot: Robot, links: Sequence[int]) -> list[int]:
+    """Return the coordinates of rigid joints with actuators: those that are independent."""
+    motors = {elastic.drive.motor for elastic in robot.drives}
+    places = []
+    for name in robot.speed_names:
+        place = robot.coordinate_names.index(name)
+        if name not in motors and place not in links:
+            places.append(place)
+    return places
 
 
 def _holding_deflection(drive: Drive, torque: float) -> float:
