@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import constant, instance, number
+from kane_dynamics._util.checks import constant, finite_times, instance, number
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.text import listing, SHORT
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
@@ -166,6 +166,13 @@ class ElasticFeedforward:
         if self._damped:
             self._call = self._refuse
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle robot and actuators; the kernel loads from the cache."""
+        actuated = None
+        if self._actuators is not None:
+            actuated = {self.joint_names[k]: weight for k, weight in self._actuators}
+        return partial(type(self), actuated=actuated), (self.robot,)
+
     def _refuse(self, *state: Any) -> Array:
         """Raise InputError: a call has no state of the deflection."""
         names = ', '.join(self.joint_names[side.link] for side in self._damped)
@@ -207,6 +214,8 @@ class ElasticFeedforward:
         if isinstance(motion, Motion):
             motion = SmoothMotion.from_motion(motion)
         self._warn_of_degrees(motion)
+        if deflection is not None:
+            deflection = constant(deflection, (self._tree.n,), 'deflection', InputError)
         start = float(motion.times[0])
         step = number(step, 'step', 'a positive number, s, of at most the duration',
                       lambda h: 0.0 < h <= motion.duration - start)
@@ -311,11 +320,11 @@ class ElasticFeedforward:
 
     def _add_first(self, row: Array, link: Array, deflection: Any) -> None:
         """Complete the first row, (7, n), with the deflections of damped drives."""
-        stated = None
-        if deflection is not None:
-            stated = constant(deflection, (self._tree.n,), 'deflection', InputError)
         for k, drive, joint in self._damped:
-            delta = stated[k] if stated is not None else spring_deflection(drive, row[0, k])
+            if deflection is None:
+                delta = spring_deflection(drive, row[0, k])
+            else:
+                delta = deflection[k]
             _, rate, acceleration, _ = deflection_rates(drive, delta, row[:3, k])
             row[3:6, k] = link[:, k] + [delta, rate, acceleration]
             load = drive.rotor_inertia * row[5, k] + row[0, k]
@@ -391,8 +400,12 @@ class ElasticFeedforward:
         inputs = [q, u, udot, jerk, snap, gravity_rates]
         if frames:
             inputs.append(wrenches)
+        times = finite_times(0.0 if t is None else t)
+        if times.ndim and times.shape != batch:
+            raise InputError(f't: shape {times.shape}; expected one time, or one a state of '
+                             f'{batch}')
         if self.robot.equations.timed:
-            inputs.append(np.broadcast_to(0.0 if t is None else t, batch))
+            inputs.append(np.broadcast_to(times, batch))
         return np.asarray(self._general_kernel(*inputs))
 
     @lazy_property

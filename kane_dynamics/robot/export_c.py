@@ -185,7 +185,7 @@ def _reference(robot: Any, prefix: str, kernel: Kernel, quantity: str, name: str
     results = []
     for _ in range(TEST_STATES):
         q, t, growth = _configuration(robot, rng)
-        state = {'q': q, 't': np.array(t)}
+        state = {'q': q, 'link_position': _of_links(robot, q), 't': np.array(t)}
         arguments = []
         for argument in kernel.arguments:
             if argument.name in state:
@@ -221,6 +221,13 @@ def _configuration(robot: Any, rng: np.random.Generator) -> tuple[Array, float, 
     q = rng.uniform(lower, np.maximum(np.minimum(robot.limits.upper, np.pi), lower))
     q[list(robot.model.modal_coordinates)] *= DEFLECTION
     return q, 0.0, 1.0
+
+
+def _of_links(robot: Any, q: Array) -> Array:
+    """Return a configuration without the motors of elastic joints."""
+    model = robot.model
+    motors = [model.places[elastic.motor] for elastic in model.drives]
+    return np.delete(q, motors)
 
 
 def _about(robot: Any, kernels: Sequence[CKernel]) -> list[str]:

@@ -1,6 +1,9 @@
 """Inverse dynamics of elastic joints to the fourth order, in loops and with chosen speeds."""
 
+import copy
 from dataclasses import replace
+import math
+import pickle
 
 from differentiated import taylor_motion, time_derivatives
 from kane_dynamics import (absolute_rates, ConstraintError, Drive, ElasticFeedforward,
@@ -319,3 +322,20 @@ def test_the_demand_of_a_loop_is_that_of_its_motors_and_gears():
     assert max(use.max() for use in uses.values()) == pytest.approx(1.0, abs=1e-3)
     with pytest.raises(InputError, match='elastic joints and constraints'):
         time_optimal(robot, motion)
+
+
+def test_copies_arguments_that_no_equation_uses_and_deflections_are_checked():
+    drive = Drive(800.0, rotor_inertia=0.2)
+    robot = Robot(with_drives(four_bar_model(), {'crank': drive}), constraints=[PIN])
+    weights = {'crank': 1.0, 'rocker': 2.0}
+    feedforward = ElasticFeedforward(robot, actuated=weights)
+    q = robot.closed_configuration([0.5, 0.0, -1.5, 0.5], fixed=('crank', 'crank_motor'))[:3]
+    rows = feedforward(q, *np.ones((4, 1)))
+    for other in (pickle.loads(pickle.dumps(feedforward)), copy.deepcopy(feedforward)):
+        assert_allclose(other(q, *np.ones((4, 1))), rows, rtol=1e-13)
+    for time in ('a', math.nan, [0.0, 1.0]):
+        with pytest.raises(InputError, match='t: '):
+            feedforward(q, *np.ones((4, 1)), t=time)
+    motion = SmoothMotion.from_points([0.0, 1.0], [[0.5], [2.0]], joint_names=['crank'])
+    with pytest.raises(InputError, match='deflection'):
+        feedforward.along(motion, 0.1, deflection=[1.0])
