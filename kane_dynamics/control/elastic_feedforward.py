@@ -12,7 +12,9 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.text import listing, SHORT
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.loop_tracking.driven_mechanism import closed_configurations
+from kane_dynamics.loop_tracking.driven_mechanism import (closed_configurations,
+                                                          DrivenLoops)
+from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.mechanics.ball_joints import (joint_positions, moved, neutral,
                                                  require_angles)
 from kane_dynamics.mechanics.constraints import checked_names
@@ -158,8 +160,10 @@ class ElasticFeedforward:
         self.speed_names = tuple(robot.speed_names[k] for k in speeds)
         self._actuators = _actuators(robot, self.joint_names, self.speed_names, actuated)
         self._by_choice: dict[LinkSpeeds, ElasticLinks] = {}
+        self._kernels: dict[tuple[LinkSpeeds, str], Kernel] = {}
         self._last_closed = np.zeros((0, 0)), np.zeros((0, 0))  # positions, coordinates
         self._last_joints: tuple[str, ...] = ()
+        self._loops: DrivenLoops | None = None  # of these joints
         self.kernel = self._compiled(self._choice_of_speeds(), self._law,
                                      'elastic_feedforward')
         self._call: Callable[..., Array] = self.kernel.entry('', self.kernel)
@@ -308,13 +312,31 @@ class ElasticFeedforward:
             raise InputError(f"motion: constraint '{of_velocities[0]}' is one of velocities, "
                              'and the positions of joints do not determine the '
                              'configuration; expected constraints of positions')
+        # All coordinates, with the motors at zero.
         motors = [elastic.drive.motor for elastic in robot.drives]
-        driving = [robot.coordinate_names.index(name) for name in (*joints, *motors)]
-        at_zero = np.zeros((len(times), len(motors)))
-        closed = closed_configurations(robot, driving, times,
-                                       np.hstack([positions, at_zero]))
+        fixed = (*joints, *motors)
+        driving = [robot.coordinate_names.index(name) for name in fixed]
         places = [robot.coordinate_names.index(name) for name in self.joint_names]
-        result = np.ascontiguousarray(closed[:, places])
+        at_zero = np.zeros((len(times), len(motors)))
+        targets = np.hstack([positions, at_zero])
+        whole = None
+        if len(known) and not robot.equations.timed and tuple(joints) == self._last_joints:
+            # Near the last configurations all of them are closed at once.
+            nearest = _nearest(known_positions, positions)
+            near = np.zeros((len(times), robot.n_q))
+            near[:, places] = known[nearest]
+            near[:, driving] = targets
+            try:
+                if self._loops is None:
+                    self._loops = DrivenLoops(robot, fixed)
+                whole = self._loops.closed(near, times, lambda row: f'row {row}')
+            except LoopError:
+                pass  # they are farther: from one to the next
+        if whole is None:
+            whole = closed_configurations(robot, driving, times, targets)
+        result = np.ascontiguousarray(whole[:, places])
+        if tuple(joints) != self._last_joints:
+            self._loops = None
         self._last_closed, self._last_joints = (positions.copy(), result), tuple(joints)
         return result
 
@@ -459,6 +481,9 @@ class ElasticFeedforward:
     def _compiled(self, choice: LinkSpeeds, law: Callable[..., Matrix], name: str,
                   rows: int = len(ROWS)) -> Kernel:
         """Return a law of the links as native code, of (rows, n)."""
+        known = self._kernels.get((choice, name))
+        if known is not None:
+            return known
         model = self._tree.model
         p = len(choice.speeds)
         shapes: dict[str, tuple[int, ...]] = {}
@@ -475,6 +500,7 @@ class ElasticFeedforward:
             reason = partial(self._reason, choice, law, name, rows)
         kernel: Kernel = self.robot.kernels.compiled(partial(law, choice), name, shapes,
                                                      (rows, model.n), reason=reason)
+        self._kernels[choice, name] = kernel
         return kernel
 
     def _reason(self, choice: LinkSpeeds, law: Callable[..., Matrix], name: str, rows: int,
@@ -525,6 +551,14 @@ class ElasticFeedforward:
         motion = self._links(choice).motion(q, np.stack([u, udot]), t)
         # With two rates, the series ends with the values.
         return np.stack([joint_positions(self._tree.model, q), motion.qdot, motion.qddot])
+
+
+def _nearest(known: Array, positions: Array) -> Array:
+    """Return the index of the nearest known positions, (M, k), of each of (N, k)."""
+    distances = np.zeros((len(positions), len(known)))
+    for of_known, of_positions in zip(known.T, positions.T):
+        distances += np.abs(of_positions[:, None] - of_known)
+    return np.asarray(distances.argmin(axis=1))
 
 
 def _lags(drive: Drive) -> bool:

@@ -19,6 +19,7 @@ import math
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.path_geometry import path_of, SHORTEST
 from kane_dynamics.feasibility.path_limits import Bounds
@@ -91,7 +92,8 @@ def elastic_timing(robot: Robot, path: Motion | SmoothMotion | ArrayLike,
     robot : Robot
         As for `ElasticFeedforward`, without ball joints.
     path : Motion, SmoothMotion or (K, n) array_like
-        Of the links; a motion without rests, whose timing is ignored.
+        Of the links, under constraints of as many joints as independent speeds; a motion
+        without rests, whose timing is ignored.
     bounds : Bounds
         Limits of all joints of the robot; efforts of elastic links are those of gears.
 
@@ -134,27 +136,35 @@ class _AlongPath:
                  bounds: Bounds) -> None:
         self.robot, self.bounds = robot, bounds
         self.margin = MARGIN  # of the limits, that the time law does not use
-        motors = {elastic.motor for elastic in robot.drives}
-        links = [k for k in range(robot.n) if k not in motors]
-        self.names = tuple(robot.joint_names[k] for k in links)
+        feedforward = ElasticFeedforward(robot)
+        self.names = feedforward.joint_names
+        if robot.constraint_names:
+            # Of loops, the path of as many joints as independent speeds.
+            self.names = feedforward.speed_names
+            if isinstance(path, Motion | SmoothMotion):
+                self.names = path.joint_names
+            feedforward.check_joints(self.names)
         self.curve = _curve(path, self.names)
-        self._require_inside(links)
+        self._require_inside(feedforward)
         # The demand is that of states; this motion is one that the class takes.
         ends = self.curve.sample(np.array([0.0, self.curve.length])).q
         self.drives = DrivesAlong(
             robot, SmoothMotion.from_points([0.0, 1.0], ends, joint_names=self.names),
             1.0, bounds.power)
 
-    def _require_inside(self, links: list[int]) -> None:
-        """Raise InputError if the path leaves the limits of position."""
-        q = self.curve.sample(np.linspace(0.0, self.curve.length, DENSE)).q
+    def _require_inside(self, feedforward: ElasticFeedforward) -> None:
+        """Raise InputError if the links leave their limits of position on the path."""
+        places = np.linspace(0.0, self.curve.length, DENSE)
+        q = feedforward.closed(places, self.curve.sample(places).q, self.names)
         limits = self.robot.limits
+        names = feedforward.joint_names
+        links = [self.robot.joint_names.index(name) for name in names]
         for side, bound, sign in (('lower', limits.lower[links], -1.0),
                                   ('upper', limits.upper[links], 1.0)):
             excess = sign * (q - bound) - ROUNDING * np.maximum(1.0, np.abs(bound))
             k, j = np.unravel_index(int(excess.argmax()), excess.shape)
             if excess[k, j] > 0.0:
-                raise InputError(f"path: joint '{self.names[int(j)]}': position "
+                raise InputError(f"path: joint '{names[int(j)]}': position "
                                  f'{q[k, j]:.6g}; expected within its {side} limit '
                                  f'{bound[j]:.6g}')
 

@@ -107,7 +107,8 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
         Intervals of the grid, about; more where they are needed.
     rest : (n_q,) array_like, optional
         With constraints: a nearly closed configuration, whose assembly mode is kept on
-        the way from there to the start of the path and along it. Default: that of the
+        the way from there to the start of the path and along it. Elastic joints take
+        that of the robot's `configuration`. Default: that of the
         robot, or else the closure that is found from zeros, as in `demand`.
 
     Raises
@@ -150,9 +151,9 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
         if any(speeds):
             raise InputError(f'speeds at the ends: {list(speeds)} of elastic joints; '
                              'expected 0')
-        if robot.constraint_names:
-            raise InputError('robot: with elastic joints and constraints; expected a tree, or '
-                             'rigid joints (with_rigid_joints); demand and fastest take both')
+        if rest is not None:
+            raise InputError('rest: given for elastic joints; expected None, and the '
+                             'configuration of the robot, Robot(..., configuration=)')
         return _with_drives(robot, path, bounds)
     if isinstance(path, SmoothMotion):
         raise InputError('path: a SmoothMotion for a robot with rigid joints; expected a '
