@@ -15,10 +15,11 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.driven_mechanism import (closed_configurations,
                                                           DrivenLoops)
 from kane_dynamics.loop_tracking.loop_error import LoopError
+from kane_dynamics.mechanics.algebra.user_functions import NotFiniteError
 from kane_dynamics.mechanics.ball_joints import (joint_positions, moved, neutral,
                                                  require_angles)
 from kane_dynamics.mechanics.constraints import checked_names
-from kane_dynamics.mechanics.constraints.conditioning import stacked, system
+from kane_dynamics.mechanics.constraints.conditioning import Stack, stacked, system
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.constraints.speeds import JOINT_RATES
 from kane_dynamics.mechanics.constraints.transmission import require_transmission
@@ -41,6 +42,7 @@ import numpy as np
 ROWS = ('gear_torque', 'gear_torque_rate', 'gear_torque_acceleration', 'motor_position',
         'motor_speed', 'motor_acceleration', 'motor_torque')
 WHAT = 'elastic feedforward'
+TRIES = 50  # configurations for that check
 INSTANT = 0.3  # s, at which it is checked that constraints do not depend on motors
 GRAVITY_RATES = np.zeros((2, 3)).astype(object)  # of a base at rest
 # Time constant D / k, s, up to which a damped deflection counts as settled. Integrated, its
@@ -602,15 +604,7 @@ def speeds_of_links(robot: Robot) -> list[int]:
     if mechanism.in_joint_speeds:
         return [k for k in range(robot.n) if k not in motors]
 
-    # At a configuration without symmetries, and with the motors somewhere else.
-    model = robot.model
-    step = np.random.default_rng(0).uniform(0.1, 0.5, model.n)
-    elsewhere = step.copy()
-    elsewhere[motors] += 0.3
-    stacks = []
-    for change in (step, elsewhere):
-        stacks.append(stacked(mechanism, moved(model, neutral(model), change), INSTANT))
-    first, second = stacks
+    first, second = _with_other_motors(mechanism, motors)
     rows_differ = ~np.isclose(first.J, second.J, equal_nan=True).all(axis=1)
     rows_differ |= ~np.isclose(first.b, second.b, equal_nan=True)
     rows_differ |= ~np.isclose(first.residual, second.residual, equal_nan=True)
@@ -631,6 +625,25 @@ def speeds_of_links(robot: Robot) -> list[int]:
                          f'{robot.n - len(motors)} that are those of links alone and do not '
                          'depend on motors')
     return [int(k) for k in np.flatnonzero(~of_motors)]
+
+
+def _with_other_motors(mechanism: Mechanism, motors: Sequence[int]) -> list[Stack]:
+    """Return speeds and rows at a configuration, and with the motors somewhere else."""
+    model = mechanism.model
+    rng = np.random.default_rng(0)
+    failure: NotFiniteError | None = None
+    for _ in range(TRIES):
+        # Without symmetries; user-defined functions may be finite in a part of all.
+        step = rng.uniform(-1.0, 1.0, model.n)
+        elsewhere = step.copy()
+        elsewhere[list(motors)] += 0.3
+        try:
+            return [stacked(mechanism, moved(model, neutral(model), change), INSTANT)
+                    for change in (step, elsewhere)]
+        except NotFiniteError as error:
+            failure = error
+    assert failure is not None
+    raise failure
 
 
 def _actuators(robot: Robot, joints: Sequence[str], speeds: Sequence[str],

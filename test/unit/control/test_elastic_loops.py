@@ -6,10 +6,11 @@ import math
 import pickle
 
 from differentiated import taylor_motion, time_derivatives
-from kane_dynamics import (absolute_rates, ConstraintError, Drive, ElasticFeedforward,
-                           Inertial, InputError, knife_edge, ModelBuilder, momenta, Motion,
-                           Prescribed, Robot, rod, SmoothMotion, Speeds, StiffnessCurve,
-                           with_drives, with_rigid_joints)
+from kane_dynamics import (absolute_rates, ConstraintError, DependentSpeeds, Drive,
+                           ElasticFeedforward, Inertial, InputError, knife_edge,
+                           ModelBuilder, momenta, Motion, Prescribed, Robot, rod,
+                           SmoothMotion, Speeds, StiffnessCurve, with_drives,
+                           with_rigid_joints)
 from kane_dynamics.feasibility import demand, fastest, time_optimal
 from kane_dynamics.model.elastic_model import link_side
 from linkages import four_bar_model, PIN
@@ -376,3 +377,17 @@ def test_copies_arguments_that_no_equation_uses_and_deflections_are_checked():
     motion = SmoothMotion.from_points([0.0, 1.0], [[0.5], [2.0]], joint_names=['crank'])
     with pytest.raises(InputError, match='deflection'):
         feedforward.along(motion, 0.1, deflection=[1.0])
+
+
+def test_functions_may_be_defined_in_a_part_of_all_configurations():
+    b = ModelBuilder()
+    b.body('upper', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)),
+           drive=Drive(400.0, rotor_inertia=0.3))
+    b.body('lower', 'upper', at=(1, 0, 0), axis=(0, 1, 0),
+           inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
+    follows = DependentSpeeds(['lower'], lambda q, t: [[np.sqrt(q[0]), 0.0]],
+                              lambda q, t: [0.0])
+    robot = Robot(b.model(), constraints=[follows], configuration=[0.5, 0.1, 0.5])
+    rates = np.random.default_rng(0).normal(size=(4, 1))
+    rows = ElasticFeedforward(robot)([0.5, 0.1], *rates)
+    assert_equations(robot, rows, np.array([0.5, 0.1]), rates[:2])
