@@ -1,8 +1,8 @@
 """
 Large batches: ours in SIMD lanes, and Pinocchio's C++ state by state; two threads and one.
 
-Prints a table for the processor as it is, or as `KANE_DYNAMICS_SIMD` limits it on both sides:
-`KANE_DYNAMICS_SIMD=avx2 python benchmarks/batches.py` is a processor without AVX-512.
+Prints a table for the registers that our code may use: `KANE_DYNAMICS_SIMD=avx2` leaves AVX-512
+out. Pinocchio is compiled for the processor as it is.
 """
 
 from collections.abc import Iterator
@@ -100,7 +100,7 @@ def threads(count: int) -> Iterator[None]:
 
 
 def simd() -> str:
-    """Return the widest SIMD extension that our code uses, and so the peer's."""
+    """Return the widest SIMD extension that our code uses."""
     features = llvm.features()
     for name, feature in llvm.SIMD.items():
         if features.get(feature):

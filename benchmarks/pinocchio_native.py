@@ -19,7 +19,6 @@ import weakref
 
 from kane_dynamics import Model, Robot
 from kane_dynamics.model.model import WORLD
-from kane_dynamics.native.machine_code import llvm
 import numpy as np
 
 SOURCE = Path(__file__).with_name('pinocchio_loop.cpp')
@@ -29,8 +28,6 @@ FLAGS = ['-O3', '-march=native', '-std=c++17', '-fPIC', '-shared', '-DNDEBUG', '
          # Pinocchio's variant of joint types is longer than Boost's lists are made for
          '-DBOOST_MPL_LIMIT_LIST_SIZE=30', '-DBOOST_MPL_LIMIT_VECTOR_SIZE=30',
          '-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS', '-DBOOST_FUSION_INVOKE_MAX_ARITY=12']
-# With KANE_DYNAMICS_SIMD=avx2 both sides do without.
-WITHOUT_AVX512 = ['-mno-avx512f']
 DOUBLES = ctypes.c_void_p
 MOST_SECONDS = 1800  # of compilation, on a slow machine
 
@@ -55,18 +52,11 @@ def versions() -> dict[str, str]:
     return found
 
 
-def flags() -> list[str]:
-    """Return the compiler's options, for the SIMD extensions that our code uses."""
-    if platform.machine() == 'x86_64' and not llvm.features().get('avx512f'):
-        return [*FLAGS, *WITHOUT_AVX512]
-    return FLAGS
-
-
 def built(source: Path) -> Path:
     """Return the library of a source; compile it first if needed (minutes)."""
     target = subprocess.run(['g++', '-march=native', '-Q', '--help=target'], capture_output=True,
                             check=True).stdout if shutil.which('g++') else b''
-    text = repr((source.read_bytes(), flags(), versions(), platform.machine(), target))
+    text = repr((source.read_bytes(), FLAGS, versions(), platform.machine(), target))
     path = FOLDER / f'{source.stem}_{hashlib.sha256(text.encode()).hexdigest()[:16]}.so'
     if not path.exists():
         _compile(source, path)
@@ -95,7 +85,7 @@ def _compile(source: Path, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_suffix('.new')
     done = subprocess.run(
-        ['g++', *flags(), f'-I{prefix}/include', f'-I{prefix}/include/eigen3', str(source), '-o',
+        ['g++', *FLAGS, f'-I{prefix}/include', f'-I{prefix}/include/eigen3', str(source), '-o',
          str(new), f'-L{prefix}/lib', '-lboost_serialization', f'-Wl,-rpath,{prefix}/lib'],
         capture_output=True, text=True, check=False, timeout=MOST_SECONDS)
     if done.returncode:

@@ -212,8 +212,9 @@ def markdown(report: dict[str, Any]) -> str:
         'contenders alternate in shuffled order: median (10th to 90th percentile). Reproduce',
         'with `make bench`; `benchmarks/` says how each is measured.', '',
         'Figures depend on the widest SIMD registers (AVX-512: 8 doubles, AVX2: 4), most those of',
-        'batches, and on fused operations. `KANE_DYNAMICS_SIMD=avx2 make bench` measures without',
-        "AVX-512, also Pinocchio's C++; gates of batches are those of the registers.", '',
+        'batches, and on fused operations. `KANE_DYNAMICS_SIMD=avx2 make bench` measures ours',
+        'without AVX-512; Pinocchio is compiled for the processor as it is. Gates of batches are',
+        'those of the registers.', '',
         '## Gates', '',
         '| | measured | gate | stretch | |', '|---|---|---|---|---|']
     lines += [f'| {row["gate"]} | {_ratio(row["measured"])} | {row["least"]:g} '

@@ -96,9 +96,9 @@ def _main(arguments: list[str]) -> int:
     options = _options(parser, arguments)
     if options.unknown and options.command != 'demo':
         _refuse_unknown(parser, options)
-    compiling.on_stderr = True
     try:
-        return _run(options)
+        with compiling.reported_to(_on_stderr):
+            return _run(options)
     except (KaneError, OSError) as error:
         if isinstance(error, BrokenPipeError) or _of_full_output(error):
             raise
@@ -107,8 +107,11 @@ def _main(arguments: list[str]) -> int:
         return INVALID
     except KeyboardInterrupt:
         return INTERRUPTED
-    finally:
-        compiling.on_stderr = False
+
+
+def _on_stderr(text: str) -> None:
+    """Print a line on a slow compilation."""
+    print(f'kane-dynamics: {text}', file=sys.stderr)
 
 
 def _run(options: argparse.Namespace) -> int:

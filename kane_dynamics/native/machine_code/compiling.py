@@ -1,10 +1,15 @@
-"""Pause garbage collection while code compiles, and log compilations that take long."""
+"""
+Pause garbage collection while code compiles, and report compilations that take long.
 
-from collections.abc import Iterator
+A slow processor compiles many kernels for seconds each or together: lines say which one
+is compiled and how many are ready.
+"""
+
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 import gc
 import os
-import sys
 from threading import get_ident, Timer
 import time
 
@@ -12,7 +17,6 @@ from kane_dynamics._util.fork_safety import ForkSafeLock
 
 SLOW = 2.0  # s, after which a line says what is compiled
 LOGGER = 'kane_dynamics.compile'
-on_stderr = False  # of a command line, whose user sees no log
 
 _lock = ForkSafeLock()
 _inside: list[int] = []  # threads inside `gc_paused`
@@ -47,6 +51,7 @@ def _forked() -> None:
     """End the pauses of threads that this forked process does not have."""
     was_paused = bool(_inside)
     _inside[:] = [thread for thread in _inside if thread == get_ident()]
+    _series.running = 0
     if was_paused and not _inside and _enabled:
         gc.enable()
 
@@ -54,12 +59,55 @@ def _forked() -> None:
 os.register_at_fork(after_in_child=_forked)
 
 
+@dataclass
+class Series:
+    """
+    Kernels that compile one after the other, or at once, with pauses of less than `SLOW`.
+
+    Attributes
+    ----------
+    running, ready : int
+        Kernels that compile, and those that have been compiled.
+    began, ended, reported : float
+        Times of the first kernel, of the last one's end and of the last line, s.
+
+    """
+
+    running: int = 0
+    ready: int = 0
+    began: float = 0.0
+    ended: float = -SLOW
+    reported: float = 0.0
+
+    def begin(self, name: str, now: float) -> str:
+        """Count a kernel that begins to compile; return a line, or '' if none is due."""
+        if not self.running and now - self.ended > SLOW:
+            self.ready = 0
+            self.began = self.reported = now
+        self.running += 1
+        if now - self.reported <= SLOW:
+            return ''
+        self.reported = now
+        return (f'compiling {name}: {self.ready} kernels are ready after '
+                f'{now - self.began:.0f} s')
+
+    def end(self, now: float) -> None:
+        """Count a kernel that has been compiled."""
+        self.running = max(self.running - 1, 0)  # a fork ends those of other threads
+        self.ready += 1
+        self.ended = now
+
+
+_series = Series()
+
+
 @contextmanager
 def logged(name: str) -> Iterator[None]:
     """
-    Log a line, level INFO, once the block has taken `SLOW` seconds, and one at its end.
+    Report a line once the block has taken `SLOW` seconds, and one at its end.
 
-    The command line writes them to stderr instead.
+    So that short kernels of a long series are seen, too, a line follows each `SLOW`
+    seconds of a series. Lines are logged, level INFO, or go where `reported_to` says.
 
     Parameters
     ----------
@@ -67,22 +115,44 @@ def logged(name: str) -> Iterator[None]:
         What is compiled.
 
     """
-    timer = Timer(SLOW, _log, (f'compiling {name}, more than {SLOW:g} s so far',))
+    timer = Timer(SLOW, _report, (f'compiling {name}, more than {SLOW:g} s so far',))
     timer.daemon = True
     begin = time.monotonic()
+    with _lock.held():
+        line = _series.begin(name, begin)
+    if line:
+        _report(line)
     timer.start()
     try:
         yield
     finally:
         timer.cancel()
+        with _lock.held():
+            _series.end(time.monotonic())
     took = time.monotonic() - begin
     if took > SLOW:
-        _log(f'compiled {name} in {took:.1f} s')
+        _report(f'compiled {name} in {took:.1f} s')
 
 
 def _log(text: str) -> None:
-    if on_stderr:
-        print(f'kane-dynamics: {text}', file=sys.stderr)
-        return
     import logging  # takes milliseconds, which few programs need
     logging.getLogger(LOGGER).info(text)
+
+
+_destination: Callable[[str], object] = _log
+
+
+def _report(text: str) -> None:
+    _destination(text)
+
+
+@contextmanager
+def reported_to(destination: Callable[[str], object]) -> Iterator[None]:
+    """Pass lines on compilations to a function, of programs whose users see no log."""
+    global _destination
+    before = _destination
+    _destination = destination
+    try:
+        yield
+    finally:
+        _destination = before

@@ -10,6 +10,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from kane_dynamics.analysis.known_arms import words
 from kane_dynamics.errors import InputError, KaneError
+from kane_dynamics.native.machine_code.compiling import reported_to
 from kane_dynamics.ros.common import realtime
 from kane_dynamics.ros.common.command_topic import not_simulated, SubscriberWatch
 from kane_dynamics.ros.common.configuration_files import load_model, resolve_path
@@ -350,8 +351,9 @@ class DynamicsNode(LifecycleNode):
         model = load_model(source, self.values, log.warning)
         self._contradictions = examine_statement(self.values, model)
         self.statistics = Statistics()
-        self.arm = ConfiguredRobot(self, self.server, model, self.values,
-                                   self.statistics, self._warn)
+        with reported_to(log.info):
+            self.arm = ConfiguredRobot(self, self.server, model, self.values,
+                                       self.statistics, self._warn)
         if self.values['bond']:
             self._open_bond()
         realtime.exclude_existing_objects()

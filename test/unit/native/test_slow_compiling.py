@@ -25,6 +25,37 @@ def test_a_line_says_what_is_compiled_and_one_how_long_it_took(caplog, monkeypat
     assert caplog.messages[1].startswith('compiled inverse_dynamics in ')
 
 
+def test_short_kernels_of_a_long_series_are_reported_with_how_many_are_ready():
+    series = compiling.Series()
+    lines = []
+    for k in range(6):  # 0.9 s each
+        line = series.begin(f'kernel{k}', 100.0 + k)
+        lines.append(line)
+        series.end(100.9 + k)
+    assert lines == ['', '', '', 'compiling kernel3: 3 kernels are ready after 3 s', '', '']
+    assert series.begin('kernel6', 106.0) == 'compiling kernel6: 6 kernels are ready after 6 s'
+    # A kernel that another thread compiles meanwhile does not begin a series of its own.
+    assert series.begin('kernel7', 110.0) == 'compiling kernel7: 6 kernels are ready after 10 s'
+    series.end(111.0)
+    series.end(112.0)
+    assert series.begin('later', 115.0) == ''
+    assert series.ready == 0
+
+
+def test_lines_go_where_a_program_asks_for_them(caplog, monkeypatch):
+    monkeypatch.setattr(compiling, 'SLOW', 0.01)
+    lines = []
+    with caplog.at_level(logging.INFO, logger=compiling.LOGGER):
+        with compiling.reported_to(lines.append), compiling.logged('one'):
+            time.sleep(0.02)
+        assert lines[-1].startswith('compiled one in ')
+        assert not caplog.messages
+        with compiling.logged('another'):
+            time.sleep(0.02)
+    assert caplog.messages[-1].startswith('compiled another in ')
+    assert not any('another' in line for line in lines)
+
+
 def test_long_programs_in_pieces_give_the_same_numbers(monkeypatch):
     casadi = pytest.importorskip('casadi')
     one = case('closed loop')
