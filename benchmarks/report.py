@@ -105,15 +105,19 @@ def gates() -> list[Gate]:
         Gate('a second simulated at 1 ms, implicit', CLOCK, 1000.0, 2000.0, BEAMS)]
 
 
+# Least ratio and stretch of batches on one thread, with AVX-512 and without.
+BATCH_GATES = {'inverse_dynamics': ((40.0, 55.0), (25.0, 40.0)),
+               'forward_dynamics': ((36.0, 40.0), (20.0, 28.0)),
+               'partial_velocities': ((8.0, 12.0), (5.0, 8.0)),
+               'inverse_dynamics_derivatives': ((8.0, 12.0), (5.0, 8.0))}
+
+
 def batch_gates(wide: bool) -> list[Gate]:
-    """Return the gates of batches, for AVX-512 or AVX2."""
+    """Return the gates of batches, with AVX-512 or without."""
     gates = []
-    for what, of_wide, of_narrow in (('inverse_dynamics', 50.0, 28.0),
-                                     ('forward_dynamics', 40.0, 24.0),
-                                     ('partial_velocities', 10.0, 6.0),
-                                     ('inverse_dynamics_derivatives', 10.0, 6.0)):
-        least = of_wide if wide else of_narrow
-        gates.append(Gate(batch_name(what), CPP, least, 1.4 * least))
+    for what, (of_wide, of_narrow) in BATCH_GATES.items():
+        least, stretch = of_wide if wide else of_narrow
+        gates.append(Gate(batch_name(what), CPP, least, stretch))
         gates.append(Gate(batch_name(what, 'two threads'), ONE_THREAD, 1.9, 1.95))
     return gates
 

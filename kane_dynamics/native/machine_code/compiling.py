@@ -88,8 +88,7 @@ class Series:
         if now - self.reported <= SLOW:
             return ''
         self.reported = now
-        return (f'compiling {name}: {self.ready} kernels are ready after '
-                f'{now - self.began:.0f} s')
+        return f'compiling {name}; kernels ready: {self.ready}, after {now - self.began:.0f} s'
 
     def end(self, now: float) -> None:
         """Count a kernel that has been compiled."""

@@ -32,10 +32,10 @@ def test_short_kernels_of_a_long_series_are_reported_with_how_many_are_ready():
         line = series.begin(f'kernel{k}', 100.0 + k)
         lines.append(line)
         series.end(100.9 + k)
-    assert lines == ['', '', '', 'compiling kernel3: 3 kernels are ready after 3 s', '', '']
-    assert series.begin('kernel6', 106.0) == 'compiling kernel6: 6 kernels are ready after 6 s'
+    assert lines == ['', '', '', 'compiling kernel3; kernels ready: 3, after 3 s', '', '']
+    assert series.begin('kernel6', 106.0) == 'compiling kernel6; kernels ready: 6, after 6 s'
     # A kernel that another thread compiles meanwhile does not begin a series of its own.
-    assert series.begin('kernel7', 110.0) == 'compiling kernel7: 6 kernels are ready after 10 s'
+    assert series.begin('kernel7', 110.0) == 'compiling kernel7; kernels ready: 6, after 10 s'
     series.end(111.0)
     series.end(112.0)
     assert series.begin('later', 115.0) == ''
