@@ -68,7 +68,7 @@ def in_our_layout(what: str, theirs: np.ndarray, shape: tuple[int, ...]) -> np.n
 
 
 def kernel_and_rows(robot: Robot, what: str,
-                 states: np.ndarray) -> tuple[Kernel, list[np.ndarray]]:
+                    states: np.ndarray) -> tuple[Kernel, list[np.ndarray]]:
     """Return the kernel of a quantity, Jacobians at the last joint, and its arguments."""
     if what == 'partial_velocities':
         last = robot.model.bodies[depth_first(robot.model)[-1]].name
