@@ -1,5 +1,6 @@
 """Warn of springs that are too stiff for the rate of the joint states."""
 
+from collections import deque
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -10,27 +11,38 @@ from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
 from kane_dynamics.ros.torque_path.live_law import LiveLaw
-from kane_dynamics.task_space.sampled_spring import JointSpring, steady_share, swing
+from kane_dynamics.task_space.sampled_spring import steady_share, swing
+import numpy as np
 from rclpy.clock import Clock, ClockType
 
 PERIOD = 1.0  # s between two looks at the arm
-LEAST_STATES = 10  # whose mean distance is the period of the states
+STATES = 11  # whose median distance is the period of the states
 
 
 class _Watched(NamedTuple):
-    """A state of a mode with a spring, and the mean time between its states, s."""
+    """A state of a mode with a spring, and the stamps of the states up to it, ns."""
 
     q: Array
     mode: Mode
     law: LiveLaw
-    period: float
+    stamps: tuple[int, ...]
+
+    @property
+    def period(self) -> float:
+        """
+        Return the time between two states, s.
+
+        It is the median: single states may be refused, pause or not be observed, and the
+        clock may jump.
+        """
+        return float(np.median(np.diff(self.stamps))) / NANO
 
 
 class SwingMonitor:
     """
     Finds springs with which an arm would swing up, since its states come too seldom.
 
-    The torque path keeps one state when the services' thread asks for it, and counts.
+    The torque path keeps one state, and stamps, when the services' thread asks for them.
 
     Parameters
     ----------
@@ -62,9 +74,7 @@ class SwingMonitor:
     def start(self) -> None:
         """Forget the states and the warning."""
         self._watched: _Watched | None = None
-        self._count = 0
-        self._first = 0
-        self._springs: tuple[Mode, JointSpring] | None = None
+        self._stamps: deque[int] = deque(maxlen=STATES)
         self.warning = ''
 
     stop = start
@@ -73,17 +83,17 @@ class SwingMonitor:
         """Do nothing: the next look reads the payload."""
 
     def on_cycle(self, cycle: Cycle) -> None:
-        """Count a state, and keep one if it is asked for."""
-        if self._count == 0:
-            self._first = cycle.stamp
-        self._count += 1
-        if self._watched is not None or self._count <= LEAST_STATES:
+        """Note the stamp of a state, and keep the state if one is asked for."""
+        if self._watched is not None:
+            return
+        stamps = self._stamps  # the services' thread may begin others meanwhile
+        stamps.append(cycle.stamp)
+        if len(stamps) < STATES:
             return
         mode = self._controller.mode
         law = self._laws.get(mode)
         if law is not None:
-            period = (cycle.stamp - self._first) / (self._count - 1) / NANO
-            self._watched = _Watched(cycle.state.q.copy(), mode, law, period)
+            self._watched = _Watched(cycle.state.q.copy(), mode, law, tuple(stamps))
 
     def close(self) -> None:
         """Stop looking."""
@@ -92,7 +102,7 @@ class SwingMonitor:
     def _examine(self) -> None:
         """Warn of the spring of the latest state, if it is too stiff."""
         watched = self._watched
-        self._count = 0
+        self._stamps = deque(maxlen=STATES)
         self._watched = None
         if watched is None or watched.period <= 0.0:
             self.warning = ''

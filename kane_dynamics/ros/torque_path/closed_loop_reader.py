@@ -8,6 +8,7 @@ from kane_dynamics.control.controller import Controller
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.loop_tracking.loop_tracker import (compare_with, largest_square,
                                                       LoopSearch, LoopTracker, search_of)
+from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.flags import flag
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
@@ -75,6 +76,8 @@ def may_be_singular(search: LoopSearch, before: Vector, units: Vector,
 
     """
     rates = search.T.reshape(-1, len(search.u)) @ search.u
+    # Both states may have one stamp, or the clock may have jumped backward between them.
+    between = select(between > 1.0, between, 1.0)
     change = (search.q - before) * (NANO / between)
     speed_2 = largest_square(np.concatenate([rates / units, change / units]))
     reached = REACH * np.sqrt(speed_2) * since / NANO + STANDSTILL
@@ -197,7 +200,7 @@ class ClosedLoopReader(JointStateReader):
             return True
         search = search_of(self.tracker)
         return bool(may_be_singular(search, self._before, self._lengths,
-                                    max(last - second_last, 1), stamp - last))
+                                    last - second_last, stamp - last))
 
     def figures(self) -> dict[str, str]:
         """Return the entries for the diagnostics."""

@@ -768,9 +768,10 @@ class NativeTorquePath(TorquePath):
     def desired(self, stamp: int) -> State | None:
         """Return the initial q, u and udot of a new motion, as `TorquePath`."""
         self._catch_up()
-        state = self.active_motion.desired(stamp)
-        if state is None and self.last_update and self.states.known:
-            path = self._last
-            q = path.pose.copy() if path.holding else self._accepted()
-            state = q, 0.0 * q, 0.0 * q
-        return state
+        return super().desired(stamp)
+
+    @property
+    def _held_pose(self) -> Array | None:
+        """Return the positions that the thread holds, (n,), or None."""
+        path = self._last
+        return path.pose if path.holding else None

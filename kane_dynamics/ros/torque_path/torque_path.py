@@ -145,10 +145,15 @@ class TorquePath:
         """
         state = self.active_motion.desired(stamp)
         if state is None and self.last_update and self.states.known:
-            pose = self.controller.pose
+            pose = self._held_pose
             q = self._accepted()[self._follow] if pose is None else pose.copy()
             state = q, 0.0 * q, 0.0 * q
         return state
+
+    @property
+    def _held_pose(self) -> Array | None:
+        """Return the positions of the joints that follow which are held, (n,), or None."""
+        return self.controller.pose
 
     def measured(self) -> Array | None:
         """

@@ -9,8 +9,7 @@ pytest.importorskip('rclpy')
 
 from kane_dynamics import Controller, Motion  # noqa: E402, I100
 from kane_dynamics.control.traced_laws import MODES  # noqa: E402
-from kane_dynamics.loop_tracking.loop_error import (CONTRADICTION,  # noqa: E402
-                                                    )
+from kane_dynamics.loop_tracking.loop_error import CONTRADICTION  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.torque_path.closed_loop_reader import ClosedLoopReader  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
@@ -125,6 +124,14 @@ class Pair:
         for side in self.sides:
             side.path.on_state(data)
 
+    def stamped(self, names, positions):
+        """Return a joint state at rest with the present time as its stamp."""
+        message = JointState(name=list(names), position=positions,
+                             velocity=[0.0] * len(positions))
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(self.time, NANO)
+        return message
+
     def do_pause(self, kind):
         self.time += 200_000_000
         for side in self.sides:
@@ -193,6 +200,36 @@ def test_both_paths_close_the_loops_and_refuse_the_same_states(mode):
     assert dropped[CONTRADICTION] > 3
     python, native = (side.warnings for side in pair.sides)
     assert [reason for reason, _ in native] == [reason for reason, _ in python]
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_a_motion_begins_at_the_joints_that_follow(mode):
+    pair = Pair(mode, 3)
+    for _ in range(3):
+        pair.do_state('driven')
+    python, native = (side.path.desired(pair.time) for side in pair.sides)
+    assert native[0].shape == (len(DRIVEN),)
+    np.testing.assert_allclose(native, python, atol=1e-12)
+
+
+@pytest.mark.parametrize(('clock', 'moved', 'lost'), [(0, 0.0, False), (0, 1e-4, True),
+                                                      (-5 * NANO, 0.0, False),
+                                                      (-5 * NANO, 1e-4, True)])
+def test_states_without_time_between_them_are_of_a_fast_arm_if_they_differ(clock, moved, lost):
+    """A fast arm can be at a singular configuration soon, where its assembly mode is lost."""
+    pair = Pair('computed_torque', 3, values={'state_check.speed_factor': math.inf})
+
+    def send(shoulder):
+        pair.send(serialize_message(pair.stamped(DRIVEN, [0.0, shoulder, -0.1, 0.5])))
+        pair.compare('driven')
+    for _ in range(3):
+        pair.time += 5_000_000
+        send(0.2)
+    pair.time += clock
+    send(0.2 + moved)
+    pair.time += 1_000_000
+    send(SINGULAR_SHOULDER)
+    assert [side.loops.lost for side in pair.sides] == [lost, lost]
 
 
 def test_limits_of_the_modes_are_named():

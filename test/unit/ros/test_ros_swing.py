@@ -44,9 +44,11 @@ class Rig:
     def _timer(self, period, callback, clock):
         self.examine = callback
 
-    def states(self, period, count=30):
-        """Let the monitor observe states at a period, s, and examine one."""
-        for _ in range(count):
+    def states(self, period, count=30, pause=0.0, before=0):
+        """Let the monitor observe states at a period, s, with a pause, and examine one."""
+        for k in range(count):
+            if k == before:
+                self.stamp += round(pause * NANO)
             self.stamp += round(period * NANO)
             self.monitor.on_cycle(SimpleNamespace(stamp=self.stamp, state=SimpleNamespace(q=Q)))
         self.examine()
@@ -104,6 +106,16 @@ def test_spring_and_damper_are_those_of_the_law(mode):
                                    rtol=1e-5, atol=1e-4)
         damped = law.torque(Q, -h * e, target) - law.torque(Q, h * e, target)
         np.testing.assert_allclose(damped / (2 * h), spring.damping[:, k], rtol=1e-5, atol=1e-4)
+
+
+def test_a_pause_or_a_jump_of_the_clock_is_no_slower_rate_of_states():
+    rig = Rig(Mode.JOINT_IMPEDANCE, joint_impedance__stiffness=400.0)
+    rig.states(1e-3)
+    for pause in (0.5, -20.0, 3600.0):
+        for before in range(1, 11):
+            rig.states(1e-3, pause=pause, before=before)
+            assert rig.monitor.warning == ''
+    assert rig.log == []
 
 
 def test_few_states_and_modes_without_a_spring_give_no_warning():
