@@ -1,6 +1,6 @@
 """Checks of a robot model before it controls a real arm; the command `doctor` without ROS."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,6 +11,7 @@ from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.methods.configuration_methods import sampling_range
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.torque_bounds import torque_deviation, Uncertainty
 from kane_dynamics.urdf.notices import DEGREES, NO_INERTIAL
 import numpy as np
 from numpy.typing import NDArray
@@ -45,8 +46,9 @@ class Finding:
     words: str
 
 
-def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[Finding]:
-    """Return the findings about a robot model."""
+def examine_model(model: Model, robot: Robot, warnings: Sequence[str],
+                  uncertainty: Uncertainty | None = None) -> list[Finding]:
+    """Return the findings about a robot model; motors hold it with any uncertain parameters."""
     findings = []
     # From the file to the dynamics: each check may assume that those before found no
     # problem.
@@ -66,9 +68,9 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[F
                                 'the robot; expected a check of your own with wrenches '
                                 'at the contacts'))
     elif not robot.equations.in_joint_rates:
-        findings += _examine_holding_torques(robot)
+        findings += _examine_holding_torques(robot, uncertainty)
     else:
-        findings += _examine_weight(robot)
+        findings += _examine_weight(robot, uncertainty)
     findings += _examine_drives(model, robot)
     if model.drives and robot.equations.in_joint_rates:
         findings += _examine_stiffness(model, robot)
@@ -264,9 +266,9 @@ def examine_masses(robot: Robot) -> list[Finding]:
                     'an <inertial> on what they move, or an armature in the supplement')]
 
 
-def _examine_weight(robot: Robot) -> list[Finding]:
+def _examine_weight(robot: Robot, uncertainty: Uncertainty | None) -> list[Finding]:
     """Return whether the effort limits can hold the arm everywhere within its limits."""
-    weights = largest_gravity_forces(robot)
+    weights = largest_gravity_forces(robot, uncertainty)
     weak = [f"'{name}' (weight up to {weight:.5g}, effort {limit:.5g})"
             for name, weight, limit in zip(robot.joint_names, weights,
                                            robot.limits.effort)
@@ -284,11 +286,12 @@ def _examine_weight(robot: Robot) -> list[Finding]:
                     'search from there finds')]
 
 
-def _examine_holding_torques(robot: Robot) -> list[Finding]:
+def _examine_holding_torques(robot: Robot, uncertainty: Uncertainty | None
+                             ) -> list[Finding]:
     """Return whether the actuators can hold the arm in random closed configurations."""
     try:
         q = robot.random_configuration(0, CLOSED_SAMPLES)
-        torques = np.abs(robot.joint_torques(robot.gravity_force(q), q))
+        torques = _holding_sizes(robot, q, uncertainty)
     except ConstraintError as error:
         return [Finding('warning', 'holding torques: not examined in random closed '
                         f'configurations; {error}')]
@@ -308,7 +311,17 @@ def _examine_holding_torques(robot: Robot) -> list[Finding]:
                     f'{CLOSED_SAMPLES} random closed configurations within its limits')]
 
 
-def largest_gravity_forces(robot: Robot) -> Array:
+def _holding_sizes(robot: Robot, q: Array, uncertainty: Uncertainty | None) -> Array:
+    """Return the largest absolute torques that hold the robot, (N, n_q), N m or N."""
+    sizes = np.abs(robot.joint_torques(robot.gravity_force(q), q))
+    if uncertainty is not None:
+        at_rest = np.zeros((len(q), robot.n))
+        sizes = sizes + torque_deviation(robot, q, at_rest, at_rest, uncertainty,
+                                         of_joints=True)
+    return sizes
+
+
+def largest_gravity_forces(robot: Robot, uncertainty: Uncertainty | None = None) -> Array:
     """
     Return the largest gravity force that a search finds for each joint, (n,), N m or N.
 
@@ -319,11 +332,16 @@ def largest_gravity_forces(robot: Robot) -> Array:
     ----------
     robot : Robot
         The robot with its joint limits.
+    uncertainty : Uncertainty, optional
+        The forces are the largest ones of its box of parameters, with offsets of friction.
 
     """
     lower, upper = sampling_range(robot)
     q = np.random.default_rng(0).uniform(lower, upper, (SAMPLES, robot.n))
-    forces = np.abs(robot.gravity_force(q))
+
+    def sizes(q: Array) -> Array:
+        return _holding_sizes(robot, q, uncertainty)
+    forces = sizes(q)
     # Every joint has its own starts, the samples with its largest forces.
     starts = np.argsort(forces, axis=0)[-STARTS:].T.ravel()
     joint = np.repeat(np.arange(robot.n), STARTS)
@@ -331,7 +349,8 @@ def largest_gravity_forces(robot: Robot) -> Array:
     step = np.full(len(starts), 0.25)  # of the range of each coordinate
     while (active := np.flatnonzero(step > SMALLEST_STEP)).size:
         steps = step[active, None] * (upper - lower)
-        neighbours, force = _uphill(robot, q[active], joint[active], steps)
+        neighbours, force = _uphill(sizes, q[active], joint[active], steps,
+                                    (lower, upper))
         higher = force > largest[active] * (1.0 + ROUNDING)
         moved, stuck = active[higher], active[~higher]
         q[moved] = neighbours[higher]
@@ -340,22 +359,23 @@ def largest_gravity_forces(robot: Robot) -> Array:
     return np.asarray(largest.reshape(robot.n, STARTS).max(axis=1))
 
 
-def _uphill(robot: Robot,
-            q: Array, joint: NDArray[np.int_], step: Array) -> tuple[Array, Array]:
+def _uphill(sizes: Callable[[Array], Array], q: Array, joint: NDArray[np.int_], step: Array,
+            limits: tuple[Array, Array]) -> tuple[Array, Array]:
     """
     Return the neighbour with the largest gravity force, (k, n), and that force, (k,).
 
     A neighbour is a step away along one coordinate, or along all coordinates that
     increase it.
     """
-    lower, upper = sampling_range(robot)
+    lower, upper = limits
+    n = q.shape[1]
     rows = np.arange(len(q))
 
     def forces(q: Array) -> Array:
-        flat = np.abs(robot.gravity_force(q.reshape(-1, robot.n)))
+        flat = sizes(q.reshape(-1, n))
         return np.asarray(flat.reshape(q.shape)[rows, ..., joint])
     # Steps along one coordinate, forth and back: (k, 2, n) neighbours.
-    directions = np.stack([np.eye(robot.n), -np.eye(robot.n)])
+    directions = np.stack([np.eye(n), -np.eye(n)])
     single = np.clip(q[:, None, None] + step[:, None, None] * directions, lower, upper)
     by_single = forces(single)
     # One step along all coordinates that increase the force, each in its better
@@ -363,7 +383,7 @@ def _uphill(robot: Robot,
     better = np.where(by_single[:, 0] >= by_single[:, 1], step, -step)
     increases = by_single.max(axis=1) > forces(q)[:, None]
     combined = np.clip(q + np.where(increases, better, 0.0), lower, upper)[:, None]
-    neighbours = np.concatenate([single.reshape(len(q), -1, robot.n), combined], axis=1)
+    neighbours = np.concatenate([single.reshape(len(q), -1, n), combined], axis=1)
     force = np.concatenate([by_single.reshape(len(q), -1), forces(combined)], axis=1)
     highest = force.argmax(axis=1)
     return neighbours[rows, highest], force[rows, highest]

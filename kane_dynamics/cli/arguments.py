@@ -413,6 +413,7 @@ def _doctor(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_constraints(sub)
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')
+    _add_uncertainty(sub, 'the motors must hold the arm with all of them')
     _add_efforts(sub)
     sub.add_argument('--live', type=float, metavar='S',
                      help='examine the ROS graph for S seconds after its nodes are '

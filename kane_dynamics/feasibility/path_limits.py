@@ -11,7 +11,8 @@ joints.
 Friction is not linear in x = s'^2. It is replaced with its tangent at a profile x, which
 the next profile refines (sequential linear programming); the profile to which this
 converges satisfies the exact limits. A limit P of the power bounds the torque by
-P / |q_s s'|, which is replaced likewise.
+P / |q_s s'|, which is replaced likewise, as is the deviation of the torque for uncertain
+parameters (`path_uncertainty`).
 """
 
 from collections.abc import Sequence
@@ -20,6 +21,7 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags, Matrix, Vector
 from kane_dynamics.feasibility.path_geometry import Section
+from kane_dynamics.feasibility.path_uncertainty import PathUncertainty
 from kane_dynamics.feasibility.reachability import IntervalLimits
 from kane_dynamics.feasibility.segment_peaks import (ACTIVE, limited_quantities,
                                                      MARGIN)
@@ -33,6 +35,7 @@ from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 from kane_dynamics.native.runtime.loops import BAD_RESULT
 from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.torque_bounds import Uncertainty
 import numpy as np
 
 SIZES = 2  # numbers of a vertex that are results of `bounds_kernel`
@@ -76,6 +79,8 @@ class PathLimits:
         The limits of the joints.
     driving : list of int, optional
         With chosen speeds or constraints: the joints that determine the others.
+    uncertainty : Uncertainty, optional
+        Of the robot: limits of torque hold for all its parameters. Without limits of power.
 
     Attributes
     ----------
@@ -93,14 +98,19 @@ class PathLimits:
     """
 
     def __init__(self, robot: Robot, section: Section, bounds: Bounds,
-                 driving: list[int] | None = None) -> None:
+                 driving: list[int] | None = None,
+                 uncertainty: Uncertainty | None = None) -> None:
         q, first, second = (samples[::2] for samples in section[:3])
         count = len(q)
         self.robot, self.section, self.bounds = robot, section, bounds
         self._first, self._second, self._driving = first, second, driving
         self._rough = rough_coordinates(robot)
         self.powered = bool(np.isfinite(bounds.power).any())
-        self.linear = not self.powered and not self._rough
+        self._uncertain: PathUncertainty | None = None
+        if uncertainty is not None:
+            self._uncertain = PathUncertainty(robot, uncertainty, q, first, second, driving)
+        curved = self.powered or bool(self._rough) or self._uncertain is not None
+        self.linear = not curved
         # A row for each vertex: the results of `bounds_kernel`, and the limits on the
         # torque as lines of the passes, without friction and width.
         self._rows = np.empty((count, SIZES + 4 * robot.n_q))
@@ -192,6 +202,14 @@ class PathLimits:
         """Return the torques at rest, (N + 1, n)."""
         return self._lines[:, 2]
 
+    @property
+    def largest_at_rest(self) -> Array:
+        """Return the largest absolute torques at rest, of all parameters, (N + 1, n)."""
+        size = np.abs(self.constant)
+        if self._uncertain is not None:
+            size = size + self._uncertain.at_rest
+        return size
+
     def speed_squared(self, vertex: int) -> float:
         """Return the squared speed of the driving joints, per unit of x."""
         first = self._first[vertex]
@@ -249,6 +267,9 @@ class PathLimits:
         # One block of rows for each limited quantity, each as a x' + b x + c within its
         # width.
         torque = self._torque_lines(x)
+        deviation: Array | None = None
+        if self._uncertain is not None:
+            deviation = self._uncertain.lines(x, FLAT * self.size)
         most = np.minimum(self.most * self._tight_speed**2, self.free)
         rows: list[Array] = []
         middles: list[Array] = []
@@ -264,6 +285,10 @@ class PathLimits:
                 middles += lines.middles
                 if calm:
                     most = np.minimum(most, lines.steady)
+                continue
+            if quantity == EFFORT and deviation is not None:
+                rows += _one_sided(torque[:, :3, used], deviation[:, :, used],
+                                   width[:, used], 0.0)
                 continue
             block = torque if quantity == EFFORT else self._acceleration_lines()
             block[:, 3] = width
@@ -327,17 +352,18 @@ class PathLimits:
         if x is not None:
             at = self._from_rest(x)
         width = np.broadcast_to(width, self._first.shape)
-        alpha, beta, gamma = torque[:, 0], torque[:, 1], torque[:, 2]
+        lines = torque[:, :3]
         tangents = self._torque_of_power(width, at, self._first)
         rows = []
-        for block in _one_sided(alpha, beta, gamma, *tangents):
+        for block in _one_sided(lines, np.zeros_like(lines), *tangents):
             rows.append(block[:, :, used])
 
         # The limit at the middle counts too; the mean of those at both ends exceeds it.
+        lines = _middles(lines)
         first = self.section.first[1::2]
         tangents = self._torque_of_power(_middles(width), _middles(at), first)
         middles = []
-        for block in _one_sided(_middles(alpha), _middles(beta), _middles(gamma), *tangents):
+        for block in _one_sided(lines, np.zeros_like(lines), *tangents):
             middles.append(block[:, :, used])
 
         # The largest x at which the path is passed at a steady speed.
@@ -458,18 +484,21 @@ def _middles(values: Array) -> Array:
     return middles
 
 
-def _one_sided(alpha: Array, beta: Array, gamma: Array, width: Array, slope: Array
+def _one_sided(torque: Array, deviation: Array, width: Array, slope: Array | float
                ) -> list[Array]:
     """
-    Return |alpha v + beta x + gamma| <= width + slope x as two limits without slope.
+    Return |torque| + deviation <= width + slope x as two limits without slope.
 
-    The other side of each is out of reach.
+    Torque and deviation are lines alpha v + beta x + gamma, (N, 3, n). The other side of each
+    limit is out of reach.
     """
-    far = OUT_OF_REACH * (np.abs(gamma) + width)
+    far = OUT_OF_REACH * (np.abs(torque[:, 2]) + width)
+    added = deviation.copy()
+    added[:, 1] -= slope
+    added[:, 2] += far - width
     sides = []
     for sign in (1.0, -1.0):
-        numbers = [alpha, beta - sign * slope, gamma + sign * (far - width), far]
-        sides.append(np.stack(numbers, axis=1))
+        sides.append(np.concatenate([torque + sign * added, far[:, None]], axis=1))
     return sides
 
 

@@ -36,6 +36,7 @@ from kane_dynamics.motion.points import point_times
 from kane_dynamics.motion.rests import kernel as velocities_kernel
 from kane_dynamics.motion.uniform_spline import kernels as compile_spline
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.torque_bounds import torque_deviation, Uncertainty
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -54,7 +55,7 @@ class PathRobot:
         As in `time_optimal`.
     bounds : Bounds
         The limits of all joints.
-    rest : (n_q,) array_like, optional
+    rest, uncertainty
         As in `time_optimal`.
 
     Attributes
@@ -76,8 +77,10 @@ class PathRobot:
     """
 
     def __init__(self, robot: Robot, path: Motion | ArrayLike, bounds: Bounds,
-                 rest: ArrayLike | None = None) -> None:
+                 rest: ArrayLike | None = None,
+                 uncertainty: Uncertainty | None = None) -> None:
         self.robot, self.bounds = robot, bounds
+        self.uncertainty = uncertainty
         self.names = robot.joint_names
         self.driving: list[int] | None = None
         self._loops: DrivenLoops | None = None
@@ -164,7 +167,9 @@ class PathRobot:
     def states(self, q: Array, rates: Array, accelerations: Array, *,
                torques: bool = True) -> tuple[Array, Array, Array, Array]:
         """
-        Return q, q', q'' and torques of all joints, (K, n_q) each, of a mechanism.
+        Return q, q', q'' and torques of all joints, (K, n_q) each.
+
+        With uncertain parameters, the torques are the largest absolute ones.
 
         Parameters
         ----------
@@ -176,17 +181,37 @@ class PathRobot:
             Whether torques are needed.
 
         """
-        robot, driving = self.robot, self.driving or []
+        robot = self.robot
+        if self.driving is None:
+            return q, rates, accelerations, self._largest(q, rates, accelerations)
         if self._loops is not None:
             near = q
             q = self._loops.closed(near, np.zeros(len(q)),
                                    lambda k: f'path: {self._stated(near[k])}')
         t = np.zeros(len(q))
-        whole = motion_of_closed(robot, driving, t, q, rates, accelerations)
+        whole = motion_of_closed(robot, self.driving, t, q, rates, accelerations)
         tau = q
         if torques:
-            tau = robot.joint_torques(robot.inverse_dynamics(*whole), q)
+            tau = self._largest(*whole)
         return q, robot.joint_rates(q, whole.u), robot.joint_accelerations(*whole), tau
+
+    def _largest(self, q: Array, u: Array, udot: Array) -> Array:
+        """Return the torques of all joints; the largest absolute ones of a box, (K, n_q)."""
+        tau = self.robot.joint_torques(self.robot.inverse_dynamics(q, u, udot), q)
+        if self.uncertainty is None:
+            return tau
+        deviation = torque_deviation(self.robot, q, u, udot, self.uncertainty,
+                                     of_joints=True)
+        return np.asarray(np.abs(tau) + deviation)
+
+    def torques(self, points: ControllerPoints) -> Array:
+        """Return the torques of the model's parameters at points, (K, n_q)."""
+        q, u, udot = points.q, points.u, points.udot
+        if self.driving is not None:
+            q = np.ascontiguousarray(q)
+            q, u, udot = motion_of_closed(self.robot, self.driving, np.zeros(len(q)), q,
+                                          u[:, self.driving], udot[:, self.driving])
+        return self.robot.joint_torques(self.robot.inverse_dynamics(q, u, udot), q)
 
     def check(self, section: Section) -> None:
         """Raise InputError if a position limit or a limit of 0 forbids the path."""
@@ -228,15 +253,16 @@ class PathRobot:
 
     def limits(self, section: Section) -> PathLimits:
         """Return the limits at the vertices of a section."""
-        return PathLimits(self.robot, section, self.bounds, self.driving)
+        return PathLimits(self.robot, section, self.bounds, self.driving, self.uncertainty)
 
     def motion_along(self, section: Section) -> SectionMotion:
         """Return the motion along a section, for profiles to follow."""
         limits = np.array(self.bounds)
-        if self.driving is None:
+        if self.driving is None and self.uncertainty is None:
             peaks = SegmentPeaks(self.robot, limits)
         else:
-            peaks = SegmentPeaks(self.robot, limits, self.states, self.driving)
+            driving = self.driving or range(self.robot.n)
+            peaks = SegmentPeaks(self.robot, limits, self.states, driving)
         return SectionMotion(self.robot, section, peaks)
 
     def motion_of(self, points: ControllerPoints, coefficients: Callable[[], Array]

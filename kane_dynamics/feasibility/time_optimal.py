@@ -29,13 +29,14 @@ from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit
                                                     IntervalLimits)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
-from kane_dynamics.feasibility.torque_demand import limits_of_drives
+from kane_dynamics.feasibility.torque_demand import limits_of_drives, refuse_with_drives
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.friction import refuse_load_friction, stribeck_excess
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.torque_bounds import Uncertainty
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -65,7 +66,8 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
                  acceleration: ArrayLike = math.inf, jerk: ArrayLike = math.inf,
                  torque_rate: ArrayLike = math.inf, start_speed: float = 0.0,
                  end_speed: float = 0.0, points: int = POINTS,
-                 rest: ArrayLike | None = None) -> TimeOptimal:
+                 rest: ArrayLike | None = None,
+                 uncertainty: Uncertainty | None = None) -> TimeOptimal:
     """
     Return the fastest motion along a path within the joint limits of a robot.
 
@@ -110,6 +112,9 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
         the way from there to the start of the path and along it. Elastic joints take
         that of the robot's `configuration`. Default: that of the
         robot, or else the closure that is found from zeros, as in `demand`.
+    uncertainty : Uncertainty, optional
+        Box of uncertain parameters of the robot: limits of effort hold for all of them. Not
+        with limits of power, jerk or torque rate, nor with elastic joints.
 
     Raises
     ------
@@ -145,6 +150,7 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
     # Elastic joints have limits of motors, gears and links on a law of time of their
     # own.
     if robot.drives:
+        refuse_with_drives(None, uncertainty)
         if limits_rates:
             raise InputError('robot: elastic joints with a limit of jerk or torque rate; '
                              'expected neither')
@@ -158,7 +164,12 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
     if isinstance(path, SmoothMotion):
         raise InputError('path: a SmoothMotion for a robot with rigid joints; expected a '
                          'Motion or waypoints')
-    along = PathRobot(robot, path, bounds, rest)
+    if uncertainty is not None:
+        instance(uncertainty, Uncertainty, 'uncertainty')
+        if limits_rates or np.isfinite(bounds.power).any():
+            raise InputError('uncertainty: given with a limit of power, jerk or torque '
+                             'rate; expected limits of effort, velocity and acceleration')
+    along = PathRobot(robot, path, bounds, rest, uncertainty)
     if limits_rates:
         _require_linear_damping(robot, rates)
         return _rate_limited(along, rates, speeds, points)
@@ -173,8 +184,9 @@ def _with_drives(robot: Robot, path: Motion | SmoothMotion | ArrayLike, bounds: 
     power[[elastic.link for elastic in robot.drives]] = math.inf  # that of motors counts
     bounds = bounds._replace(effort=limits_of_drives(robot).effort, power=power)
     timing = elastic_timing(robot, path, bounds)
-    return TimeOptimal(timing.motion, timing.points, timing.tau, robot,
-                       robot.parameters.copy(), robot.limits, bounds, {})
+    return TimeOptimal(timing.motion, timing.points, timing.tau,
+                       np.zeros_like(timing.tau), robot, robot.parameters.copy(),
+                       robot.limits, bounds, {}, None)
 
 
 def _require_linear_damping(robot: Robot, rates: RateBounds) -> None:
@@ -222,10 +234,14 @@ def _result(along: PathRobot, parts: Sequence[Checked], rate_uses: dict[str, Arr
     tau = parts[0].tau
     if len(parts) > 1:
         tau = np.concatenate([part.tau for part in parts])
+    deviation = np.zeros_like(tau)
+    if along.uncertainty is not None:  # the parts have the largest torques of the box
+        largest_torque, tau = tau, along.torques(points)
+        deviation = np.maximum(largest_torque - np.abs(tau), 0.0)
     robot = along.robot
     parameters = robot.parameters.copy()  # the robot's may change later
-    timing = TimeOptimal(motion, points, tau, robot, parameters, robot.limits,
-                         along.bounds, rate_uses)
+    timing = TimeOptimal(motion, points, tau, deviation, robot, parameters, robot.limits,
+                         along.bounds, rate_uses, along.uncertainty)
     _require_resolution(timing)
     return timing
 
@@ -385,7 +401,12 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
                 raise _refusal(limits, limited, error.vertex, start, end) from None
             x = SLOW * limits.most if x is None else 0.25 * x
             continue
-        first = float(sets[0, 1]) if ends[0] is None else ends[0]
+        first = ends[0]
+        if first is None:
+            first = float(sets[0, 1])
+            if not limits.linear:
+                # One-sided limits are exact to this, and steep where q_s vanishes.
+                first *= 1.0 - ROUNDING
         if not sets[0, 0] * (1.0 - ROUNDING) <= first <= sets[0, 1] * (1.0 + ROUNDING):
             scale = start / math.sqrt(first)
             raise _Coarse(f'start_speed: {start:g}; expected '
@@ -437,17 +458,18 @@ def _refusal(limits: PathLimits, limited: IntervalLimits, vertex: int, start: fl
              end: float) -> Exception:
     """Return the reason why no timing satisfies the limits."""
     names, bound = limits.robot.joint_names, limits.bounds.effort
+    at_rest = limits.largest_at_rest
 
     # The reason in the order of certainty: torque at rest, an end speed, else a place on
     # the path.
     with np.errstate(divide='ignore', invalid='ignore'):
-        uses = np.nan_to_num(np.abs(limits.constant) / bound, posinf=math.inf)
+        uses = np.nan_to_num(at_rest / bound, posinf=math.inf)
     k, j = np.unravel_index(int(uses.argmax()), uses.shape)
     count = len(limits.constant) - 1
     if uses[k, j] > 1.0:
         q = limits.section.q[2 * k].round(4).tolist()
         return InputError(
-            f"path: joint '{names[int(j)]}': torque {abs(limits.constant[k, j]):.6g} at "
+            f"path: joint '{names[int(j)]}': torque {at_rest[k, j]:.6g} at "
             f'rest at {k / count:.3g} of the path, {q}; expected at most its effort '
             f'limit {bound[j]:.6g}')
     largest = _largest_end(limits, limited, start)

@@ -369,14 +369,14 @@ def _kernel(robot: Any, place: tuple[str, str]) -> Kernel:
     def bounds(q: Vector, u: Vector, udot: Vector, box: Vector, t: Scalar,
                parameters: Vector, limits: Vector) -> Matrix:
         torque = equations.inverse_dynamics(q, u, udot, None, parameters, t)
-        deviation = _deviation(equations, q, u, udot, box, parameters, t)
+        deviation = deviation_law(equations, q, u, udot, box, parameters, t)
         return guarded_result(np.stack([torque - deviation, torque + deviation]), q, t,
                               limits)
 
     def deviation(q: Vector, u: Vector, udot: Vector, box: Vector, t: Scalar,
                   parameters: Vector, limits: Vector) -> Vector:
-        result = _deviation(equations, q, u, udot, box, parameters, t,
-                            of_joints=place == JOINT_DEVIATION)
+        result = deviation_law(equations, q, u, udot, box, parameters, t,
+                               of_joints=place == JOINT_DEVIATION)
         return guarded_result(result, q, t, limits)
 
     def guarded_result(result: Array, q: Vector, t: Scalar, limits: Vector) -> Array:
@@ -401,9 +401,14 @@ def _kernel(robot: Any, place: tuple[str, str]) -> Kernel:
     return kernel
 
 
-def _deviation(equations: Equations, q: Vector, u: Vector, udot: Vector, box: Vector,
-               parameters: Vector, t: Scalar, *, of_joints: bool = False) -> Vector:
-    """Return |Y| delta, with the numbers of the box as delta."""
+def deviation_law(equations: Equations, q: Vector, u: Vector, udot: Vector, box: Vector,
+                  parameters: Vector, t: Scalar, *, of_joints: bool = False) -> Vector:
+    """
+    Return |Y| delta, with the numbers of the box as delta, over any scalar.
+
+    It is of the generalized forces, (n,), or with `of_joints` of the actuators' torques,
+    (n_q,).
+    """
     bodies = len(equations.model.bodies)
     inertial_size = 10 + 10 * bodies
     inertial = box[:inertial_size]

@@ -166,6 +166,15 @@ def test_uncertain_parameters_leave_less_of_the_limits(trajectory, capsys):
     assert speeds[1] <= speeds[0]
 
 
+def test_the_fastest_timing_of_uncertain_parameters_takes_longer(trajectory, capsys):
+    durations = []
+    for uncertain in ([], ['--uncertain', 'mass=0.2', 'offset=20']):
+        code, data = answer(capsys, '--trajectory', trajectory, '--time-optimal', *uncertain)
+        assert code == 0
+        durations.append(data['duration'])
+    assert durations[1] > 1.01 * durations[0]
+
+
 @pytest.mark.parametrize(('arguments', 'message'), [
     (['mas=0.1'], "--uncertain: 'mas=0.1'; expected NAME=X with a number X and a name of mass"),
     (['mass'], "--uncertain: 'mass'; expected NAME=X"),
@@ -173,7 +182,7 @@ def test_uncertain_parameters_leave_less_of_the_limits(trajectory, capsys):
     (['mass=0.1', 'mass=0.2'], '--uncertain: mass=0.1 mass=0.2; expected each name once'),
     (['mass=-0.1'], '--uncertain: mass: -0.1; expected a finite number >= 0'),
     (['mass=nan'], '--uncertain: mass: nan; expected a finite number >= 0'),
-    (['mass=0.1', '--time-optimal'], '--uncertain: given with --time-optimal; expected one'),
+    (['mass=0.1', '--time-optimal', '--jerk', '300'], 'uncertainty: given with a limit of'),
     (['mass=0.1', '--payload-frame', 'tool0'], '--uncertain: given with --payload-frame')])
 def test_a_wrong_statement_of_uncertain_parameters_is_refused(trajectory, capsys, arguments,
                                                               message):

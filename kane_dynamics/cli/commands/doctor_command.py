@@ -7,7 +7,7 @@ from pathlib import Path
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics.analysis.model_checks import examine_model, Finding, print_findings
 from kane_dynamics.cli.printing import brief, print_json
-from kane_dynamics.cli.robot_options import constraints_of, load, source_of
+from kane_dynamics.cli.robot_options import constraints_of, load, source_of, uncertainty_of
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.model.flexible_model import stiffened
@@ -39,7 +39,8 @@ def doctor(options: Namespace) -> int:
         # The tree would have other motors and loads.
         robot = node_robot
         model = node_robot.model
-    findings = [*examine_model(model, robot, model_texts), *of_configuration]
+    findings = [*examine_model(model, robot, model_texts, uncertainty_of(options, model)),
+                *of_configuration]
 
     # The running nodes, which may have prefixed names.
     if options.live:

@@ -21,6 +21,7 @@ from kane_dynamics.model.elastic_model import with_motors_at_links
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.torque_bounds import Uncertainty
 import numpy as np
 
 
@@ -31,14 +32,16 @@ def feasible(options: Namespace) -> int:
     motion = _motion(options, robot)
     power = _one_or_all(options.power)
     uncertainty = uncertainty_of(options, robot.model)
-    if uncertainty is not None:
-        _require_demand_alone(options)
+    if uncertainty is not None and options.payload_frame:
+        raise InputError('--uncertain: given with --payload-frame; expected --uncertain '
+                         'alone, because the largest payload takes the parameters of the '
+                         'model as exact')
     if options.time_optimal:
         if bending is not None:
             raise InputError('--time-optimal: given for an arm with beams, whose '
                              'deflection a path does not state; expected rigid links, '
                              'or the highest speed without --time-optimal')
-        return _time_path(options, robot, motion, plot, power)
+        return _time_path(options, robot, motion, plot, power, uncertainty)
     of_model: dict[str, Any] = {'bending': bending, 'step': options.step, 'power': power}
     conditions = {**of_model, 'uncertainty': uncertainty}
     needed = demand(robot, motion, speed=options.speed, **conditions)
@@ -82,16 +85,6 @@ def _motion(options: Namespace, robot: Robot) -> Motion | SmoothMotion:
     whole[:, [robot.joint_names.index(name) for name in links]] = positions
     warn_degrees(robot, with_motors_at_links(robot.model, whole), options.motion)
     return smooth
-
-
-def _require_demand_alone(options: Namespace) -> None:
-    """Raise InputError for results that are those of the model's parameters alone."""
-    for name in ('time_optimal', 'payload_frame'):
-        if getattr(options, name):
-            option = f'--{name.replace("_", "-")}'
-            raise InputError(f'--uncertain: given with {option}; expected --uncertain '
-                             f'alone, because {option} takes the parameters of the model '
-                             'as exact')
 
 
 def _one_or_all(values: list[float]) -> float | list[float]:
@@ -213,7 +206,7 @@ def _bound_in_words(bound: dict[str, Any], name: str, unit: str) -> str:
 # The fastest timing of a path.
 
 def _time_path(options: Namespace, robot: Robot, motion: Motion | SmoothMotion,
-               plot: Any, power: Any) -> int:
+               plot: Any, power: Any, uncertainty: Uncertainty | None) -> int:
     """Compute the fastest timing of the path of a motion; write, plot and print it."""
     if options.speed != 1.0:
         raise InputError('--speed: given with --time-optimal; expected one of them')
@@ -223,7 +216,8 @@ def _time_path(options: Namespace, robot: Robot, motion: Motion | SmoothMotion,
     timing = time_optimal(robot, motion, power=power,
                           acceleration=_one_or_all(options.acceleration),
                           jerk=_one_or_all(options.jerk),
-                          torque_rate=_one_or_all(options.torque_rate))
+                          torque_rate=_one_or_all(options.torque_rate),
+                          uncertainty=uncertainty)
     data = timing_data(timing, motion)
     if options.out:
         _write_timing(options.out, timing)

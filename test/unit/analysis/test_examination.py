@@ -3,7 +3,8 @@
 from functools import cache
 import math
 
-from kane_dynamics import Drive, ModelBuilder, point_mass, Robot, rod, StiffnessCurve, with_drives
+from kane_dynamics import (Drive, ModelBuilder, point_mass, Robot, rod, StiffnessCurve,
+                           Uncertainty, with_drives)
 from kane_dynamics.analysis.model_checks import examine_model, largest_gravity_forces
 from kane_dynamics.model.model import Limits
 import numpy as np
@@ -31,6 +32,18 @@ def test_a_motor_that_fails_in_one_configuration_of_many_is_found(share, level):
              if 'hold' in finding.words]
     assert [finding.level for finding in found] == [level]
     assert level == 'fine' or "'rod0' (weight up to 39.24, effort 39.236)" in found[0].words
+
+
+def test_a_motor_that_is_too_weak_for_some_robot_in_a_box_is_found():
+    robot = arm(1.15 * STRETCHED)
+    for mass, offset, level in ((0.1, 0.0, 'fine'), (0.1, 0.06 * STRETCHED, 'problem'),
+                                (0.2, 0.0, 'problem')):
+        box = Uncertainty.of(robot.model, mass=mass, offset=offset)
+        found = [finding.level for finding in examine_model(robot.model, robot, [], box)
+                 if 'hold' in finding.words]
+        assert found == [level]
+        np.testing.assert_allclose(largest_gravity_forces(robot, box)[0],
+                                   (1.0 + mass) * STRETCHED + offset, rtol=1e-6)
 
 
 @pytest.mark.parametrize(('limits', 'slide', 'expected'), [

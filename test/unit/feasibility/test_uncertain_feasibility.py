@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 
-from kane_dynamics import Inertial, InputError, Limits, Motion, Robot, Uncertainty
-from kane_dynamics.feasibility import demand, fastest
+from kane_dynamics import (Inertial, InputError, Limits, ModelBuilder, Motion, point_mass, Robot,
+                           Uncertainty)
+from kane_dynamics.feasibility import demand, fastest, time_optimal
 from kane_dynamics.mechanics.recursive.regressor import (inertial_parameters,
                                                          pseudo_inertia_of)
+from kane_dynamics.robot.parameters import JointLimits
 from linkages import at_angle, four_bar_model, PIN
 from mechanisms import random_model
 import numpy as np
@@ -94,3 +96,75 @@ def test_uncertainty_with_bending_is_refused():
     robot = arm()
     with pytest.raises(InputError, match='uncertainty: given with bending; expected one'):
         fastest(robot, course(robot), bending=object(), uncertainty=box(robot))
+
+
+def test_the_fastest_timing_of_an_uncertain_slide_is_that_of_the_heaviest_one():
+    builder = ModelBuilder('slide', gravity=(0, 0, 0))
+    builder.body('block', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(2.0),
+                 limits=Limits(effort=10.0))
+    robot = Robot(builder.model())
+    uncertain = Uncertainty.of(robot.model, mass=0.25)
+    timing = time_optimal(robot, [[0.0], [1.0]], uncertainty=uncertain)
+    # Full force of the heaviest block there, and as much back: s = F / (4 m) T^2.
+    assert timing.duration == pytest.approx(np.sqrt(4.0 * 2.5 / 10.0), rel=1e-3)
+    np.testing.assert_allclose(np.abs(timing.tau[5:20]), 8.0, rtol=2e-3)
+    np.testing.assert_allclose(timing.deviation[5:20], 2.0, rtol=2e-3)
+
+
+def test_the_fastest_timing_keeps_the_limits_of_every_robot_in_the_box():
+    robot = arm(effort=60.0)
+    path = course(robot)
+    uncertain = box(robot, share=0.02)
+    sure = time_optimal(robot, path)
+    timing = time_optimal(robot, path, uncertainty=uncertain)
+    scaled = fastest(robot, path, uncertainty=uncertain)
+    assert sure.duration < timing.duration < path.duration / scaled.speed
+    # Between the points too, by the definition of the bounds: as much as possible, no more.
+    needed = timing.demand
+    assert needed.deviation.any()
+    assert max(use.max() for use in needed.uses.values()) == pytest.approx(1.0, abs=1e-3)
+    within = np.abs(needed.tau) + needed.deviation
+    for other in other_robots(robot, uncertain, 3):
+        tau = other.inverse_dynamics(needed.q, needed.u, needed.udot)
+        assert (np.abs(tau) <= within + 1e-9).all()
+    # Nearly always one limit is used, as without uncertain parameters.
+    most = np.max([use.max(axis=1) for use in timing.uses.values()], axis=0)
+    assert (most > 0.99).mean() > 0.95
+
+
+def test_the_fastest_timing_of_a_loop_keeps_the_bounds_of_its_actuators():
+    robot = Robot(four_bar_model(), constraints=[PIN], configuration=at_angle(0.9))
+    largest = 1.3 * np.abs(demand(robot, slow_crank(robot)).tau).max(axis=0)
+    robot.limits = JointLimits(robot.limits.lower, robot.limits.upper,
+                               robot.limits.velocity, np.maximum(largest, 1e-3))
+    uncertain = box(robot, share=0.05)
+    timing = time_optimal(robot, slow_crank(robot), uncertainty=uncertain)
+    assert timing.duration > time_optimal(robot, slow_crank(robot)).duration
+    uses = timing.demand.uses['effort']
+    assert uses.max() == pytest.approx(1.0, abs=1e-3)
+
+
+def slow_crank(robot):
+    """Return a slow motion of a crank."""
+    return Motion.from_points([0.0, 30.0, 60.0], [[0.9], [1.2], [1.0]],
+                              joint_names=robot.joint_names[:1])
+
+
+def test_a_box_that_the_motors_cannot_hold_has_no_timing():
+    robot = arm(effort=60.0)
+    uncertain = box(robot, share=3.0)
+    with pytest.raises(InputError, match=r'torque .* at rest .* at most its effort limit 60'):
+        time_optimal(robot, course(robot), uncertainty=uncertain)
+
+
+@pytest.mark.parametrize('limit', ['jerk', 'torque_rate', 'power'])
+def test_limits_that_do_not_know_uncertain_parameters_are_refused(limit):
+    robot = arm()
+    with pytest.raises(InputError, match='uncertainty: given with a limit of power, jerk'):
+        time_optimal(robot, course(robot), uncertainty=box(robot), **{limit: 100.0})
+
+
+def test_an_uncertainty_is_a_box():
+    robot = arm()
+    with pytest.raises(InputError, match='uncertainty: a float; expected a'):
+        time_optimal(robot, course(robot), uncertainty=0.1)
