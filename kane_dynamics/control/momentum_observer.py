@@ -51,7 +51,8 @@ class MomentumObserver:
     exp(-K dt)``, which is stable for every step and does not drift. Its time constant is
     1/K: the estimate of a constant torque reaches 63 % after 1/K and 95 % after 3/K.
     Model errors count as external torque: unmodelled friction, and static friction at
-    rest.
+    rest. Of joints with presliding friction the observer carries the deflections of the
+    bristles, from zero after a reset: their friction is right once the joint has slid.
 
     Parameters
     ----------
@@ -97,13 +98,17 @@ class MomentumObserver:
         self.friction_error = friction_error
         kernel = _momentum_kernel(robot)
         self._momentum_terms = kernel.entry('', kernel)  # compiles
-        if robot.equations.carries_loads:
-            self._load_friction = _load_friction_kernel(robot)
+        tree = robot.equations.tree
+        self._further_friction: Kernel | None = None
+        if tree.carries_loads or tree.bristles:
+            self._further_friction = _further_friction_kernel(robot)
         self._q = np.zeros(robot.n_q)
         self._u = np.zeros(robot.n)
         self._t: float | None = None
         # Of the last sample.
         self._tau = np.zeros(robot.n)
+        self._friction = np.zeros(robot.n)  # that beta lacks
+        self._deflections = np.zeros(len(tree.bristles))
         self._momentum = np.zeros(robot.n)
         self._beta = np.zeros(robot.n)
         self.reset()
@@ -124,6 +129,7 @@ class MomentumObserver:
         """Reset; the estimate starts at zero with the next sample."""
         self._t = None
         self.torque = np.zeros(self.robot.n)
+        self._deflections = np.zeros_like(self._deflections)
         if self.friction_error is not None:
             self.friction_error.forget_motion()
 
@@ -170,17 +176,20 @@ class MomentumObserver:
         if elapsed is not None and not 0.0 < elapsed <= self._max_gap:
             self.reset()
             elapsed = None
+        last_u = self._u
         try:
-            torques = self._torques(q, u, tau, t)
+            torques = self._checked(q, u, tau)
+            friction = self._friction_beyond(torques, last_u, elapsed, t)
             momentum, beta = self._terms(t)
         except (InputError, ConstraintError):
             self.reset()
             raise
         # One step of the residual. tau of a held command acted since the last sample;
-        # measured torques and beta change linearly in between.
+        # measured torques, friction and beta change linearly in between.
         if elapsed is not None:
             forgotten = np.exp(-self._gain * elapsed)
             mean_torque = self._tau if self.held else 0.5 * (self._tau + torques)
+            mean_torque = mean_torque - 0.5 * (self._friction + friction)
             mean_beta = 0.5 * (self._beta + beta)
             self.torque = residual_step(self.torque, self._momentum, momentum,
                                         mean_torque, mean_beta, elapsed, forgotten)
@@ -188,6 +197,7 @@ class MomentumObserver:
                 self.friction_error.adapt(elapsed, forgotten, self._u, self.torque)
         self._t = t
         self._tau = torques
+        self._friction = friction
         self._momentum = momentum
         self._beta = beta
         return self.torque
@@ -205,21 +215,34 @@ class MomentumObserver:
                              'with held=True')
         self._tau = torques
 
-    def _torques(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, t: float) -> Array:
-        """Store a checked state; return tau less friction that beta lacks, (n,)."""
+    def _checked(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike) -> Array:
+        """Store a checked state and return the checked torques, (n,)."""
         robot = self.robot
         self._q = _row(q, 'q', robot.n_q)
         self._u = _row(u, 'u', robot.n)
         torques = _row(tau, 'tau', robot.n)
         if not np.isfinite(torques).all():
             raise InputError(f'tau: {torques.tolist()}; expected finite numbers')
-        # Both corrections are torques that beta, the observer's model, does not contain.
-        if self.friction_error is not None:
-            torques -= self.friction_error.torque(self._u)
-        if robot.equations.carries_loads:
-            time = (t,) if robot.equations.timed else ()
-            torques -= self._load_friction(self._q, self._u, torques, *time)
         return torques
+
+    def _friction_beyond(self, tau: Array, last_u: Array, elapsed: float | None, t: float
+                         ) -> Array:
+        """Return the friction that beta lacks at the stored state, (n,)."""
+        # Both are friction that beta, the observer's model, does not contain.
+        friction = np.zeros(self.robot.n)
+        if self.friction_error is not None:
+            friction = self.friction_error.torque(self._u)
+        if self._further_friction is None:
+            return friction
+        mean_u = self._u
+        if elapsed is not None:
+            mean_u = 0.5 * (last_u + self._u)
+        time = (t,) if self.robot.equations.timed else ()
+        results = self._further_friction(self._q, self._u, tau - friction, mean_u,
+                                         self._deflections, elapsed or 0.0, *time)
+        n = self.robot.n
+        self._deflections = results[n:]
+        return np.asarray(friction + results[:n])
 
     def _terms(self, t: float) -> tuple[Array, Array]:
         """Return p and beta, (n,) each, at the stored state and the time t, s."""
@@ -239,14 +262,31 @@ def _row(values: ArrayLike, name: str, count: int) -> Array:
     return array
 
 
-def _load_friction_kernel(robot: Robot) -> Kernel:
-    """Return the kernel of `Equations.load_friction`."""
-    equations = robot.equations
+def _further_friction_kernel(robot: Robot) -> Kernel:
+    """
+    Return the kernel of friction that depends on loads and on bristles.
 
-    def friction(q: Vector, u: Vector, tau: Vector, t: Scalar) -> Vector:
-        return equations.load_friction(q, u, tau, t)
-    return robot.compiled(friction, name='load_friction', q=(robot.n_q,), u=(robot.n,),
-                          tau=(robot.n,), shape=(robot.n,))
+    Its arguments are a state, the torques, the mean speeds since the last sample, the
+    deflections of the bristles then and the time since. It returns what the friction at the
+    state exceeds that of speeds alone by, (n,), and the deflections, (n_b,).
+    """
+    equations = robot.equations
+    bristles = len(equations.tree.bristles)
+
+    def friction(q: Vector, u: Vector, tau: Vector, mean_u: Vector, deflections: Vector,
+                 elapsed: Scalar, t: Scalar) -> Vector:
+        motion = equations.joint_motion(q, u, equations.zeros, t)
+        later = None
+        if bristles:
+            mean = equations.joint_motion(q, mean_u, equations.zeros, t)
+            later = equations.deflections_after(q, mean.qdot, deflections, tau, elapsed, t)
+        of_joints = equations.driven_friction(q, motion.qdot, tau, t, None, later)
+        beyond = of_joints - equations.tree.friction_force(motion.qdot)
+        return np.array([*motion.projected(beyond), *([] if later is None else later)])
+    row = (robot.n,)
+    return robot.compiled(friction, name='further_friction', q=(robot.n_q,), u=row, tau=row,
+                          mean_u=row, deflections=(bristles,), elapsed=(),
+                          shape=(robot.n + bristles,))
 
 
 def _momentum_kernel(robot: Robot) -> Kernel:

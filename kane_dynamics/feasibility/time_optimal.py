@@ -401,12 +401,7 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
                 raise _refusal(limits, limited, error.vertex, start, end) from None
             x = SLOW * limits.most if x is None else 0.25 * x
             continue
-        first = ends[0]
-        if first is None:
-            first = float(sets[0, 1])
-            if not limits.linear:
-                # One-sided limits are exact to this, and steep where q_s vanishes.
-                first *= 1.0 - ROUNDING
+        first = _free_start(limits, sets) if ends[0] is None else ends[0]
         if not sets[0, 0] * (1.0 - ROUNDING) <= first <= sets[0, 1] * (1.0 + ROUNDING):
             scale = start / math.sqrt(first)
             raise _Coarse(f'start_speed: {start:g}; expected '
@@ -435,6 +430,13 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
         raise InputError('robot: no limit bounds the motion; expected limits of effort '
                          'or acceleration, which bound it everywhere')
     return np.asarray(x)
+
+
+def _free_start(limits: PathLimits, sets: Array) -> float:
+    """Return the largest x with which the end can be reached from the start."""
+    largest = float(sets[0, HIGH])
+    # One-sided limits are exact to rounding only, and steep where q_s vanishes.
+    return largest if limits.linear else largest * (1.0 - ROUNDING)
 
 
 def _sets(limits: PathLimits, limited: IntervalLimits, end: float | None) -> Array:

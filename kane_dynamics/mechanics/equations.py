@@ -307,11 +307,26 @@ class Equations:
 
         Arguments as of `driven_friction`.
         """
-        loads = None
-        if self.tree.carries_loads:
-            torques = self.drive_torques(q, tau, t)
-            loads = self.tree.drive_loads(rates, torques, None, None, deflections)
+        loads = self._loads_of_bristles(q, rates, deflections, tau, t)
         return self.tree.deflection_rates(rates, deflections, loads)
+
+    def deflections_after(self, q: Vector, rates: Vector, deflections: Vector, tau: Vector,
+                          elapsed: Scalar, t: Scalar = 0.0) -> Vector:
+        """
+        Return the deflections of bristles, (n_b,), after a time, s, at constant rates.
+
+        Arguments as of `driven_friction`.
+        """
+        loads = self._loads_of_bristles(q, rates, deflections, tau, t)
+        return self.tree.deflections_after(rates, deflections, loads, elapsed)
+
+    def _loads_of_bristles(self, q: Vector, rates: Vector, deflections: Vector, tau: Vector,
+                           t: Scalar) -> Vector | None:
+        """Return the loads of the drives, (n_j,); None for friction without load."""
+        if not self.tree.carries_loads:
+            return None
+        torques = self.drive_torques(q, tau, t)
+        return self.tree.drive_loads(rates, torques, None, None, deflections)
 
     def load_friction(self, q: Vector, u: Vector, tau: Vector,
                       t: Scalar = 0.0) -> Vector:

@@ -333,6 +333,16 @@ def bristle_rate(joint: Joint, rate: Scalar, deflection: Scalar,
     return rate - bristle_decay(joint, rate, load) * deflection
 
 
+def deflection_after(joint: Joint, rate: Scalar, deflection: Scalar, load: Scalar,
+                     elapsed: Scalar) -> Scalar:
+    """Return the deflection after a time, s, at a constant rate and load, rad or m."""
+    direction = select(rate < 0.0, -1.0, 1.0)
+    g = sliding_friction(joint, rate, load)
+    sliding = direction * g / joint.presliding_stiffness
+    remaining = np.exp(-bristle_decay(joint, rate, load) * elapsed)
+    return sliding + (deflection - sliding) * remaining
+
+
 def bristle_torque(joint: Joint, rate: Scalar, deflection: Scalar,
                    load: Scalar = 0.0) -> Scalar:
     """Return the torque F that overcomes friction with bristles, N m or N."""

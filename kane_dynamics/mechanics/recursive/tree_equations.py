@@ -27,8 +27,8 @@ from kane_dynamics.mechanics.elastic_joints import (damping_slope, damping_torqu
                                                     spring_torque)
 from kane_dynamics.mechanics.friction import (bristle_energy, bristle_rate,
                                               bristle_torque, carries_load,
-                                              carries_loads, DESIRED_SPEED,
-                                              elastic_bristle_torque,
+                                              carries_loads, deflection_after,
+                                              DESIRED_SPEED, elastic_bristle_torque,
                                               feedforward_direction, friction_slope,
                                               friction_torque,
                                               has_bristles, load_of_drive, load_slope,
@@ -544,6 +544,17 @@ class TreeEquations:
             rate = joint.multiplier * u[k]
             rates.append(bristle_rate(joint, rate, deflection, loads[k]))
         return np.array(rates)
+
+    def deflections_after(self, u: Vector, deflections: Vector, load: Vector | None,
+                          elapsed: Scalar) -> Vector:
+        """Return the deflections of `bristles`, (n_b,), after a time, s, at constant rates."""
+        loads = self.zeros if load is None else load
+        later = []
+        for joint, deflection in zip(self.bristles, deflections):
+            k = joint.coordinate
+            rate = joint.multiplier * u[k]
+            later.append(deflection_after(joint, rate, deflection, loads[k], elapsed))
+        return np.array(later)
 
     def bristle_energy(self, deflections: Vector) -> Scalar:
         """Return the energy of all bristles, J."""

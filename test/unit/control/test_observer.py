@@ -1,10 +1,11 @@
 """The momentum observer: it is a low-pass of the true external torque, and alarms are earned."""
 
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 import math
 
-from kane_dynamics import Motion, Robot
+from kane_dynamics import absolute_rates, ModelBuilder, Motion, Robot, rod, simulate
 from kane_dynamics.analysis.power_balance import power_balance
 from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
 from kane_dynamics.control.momentum_observer import MomentumObserver
@@ -249,3 +250,39 @@ def test_power_balances_on_any_motion(seed):
     still = power_balance(rough, q, 0.0 * u, udot)
     assert still.joints == 0.0
     assert abs(still.residual) < 1e-9 * whole
+
+
+BRISTLES = {'friction': 2.0, 'presliding_stiffness': 200.0}
+LUGRE = {**BRISTLES, 'breakaway_friction': 3.0, 'stribeck_speed': 0.05, 'damping': 0.3,
+         'presliding_damping': 1.0}
+
+
+def hinges(law):
+    """Return two hinges in a vertical plane, whose friction has bristles."""
+    builder = ModelBuilder('hinges')
+    builder.body('upper', axis=(0, -1, 0), inertial=rod(2.0, (0, 0, 0), (0.5, 0, 0)), **law)
+    builder.body('fore', 'upper', axis=(0, -1, 0), at=(0.5, 0, 0),
+                 inertial=rod(1.0, (0, 0, 0), (0.4, 0, 0)), **law)
+    return builder.model()
+
+
+@pytest.mark.parametrize('law', [BRISTLES, LUGRE, {**BRISTLES, 'load_friction': 0.1}])
+@pytest.mark.parametrize('coupled', [False, True])
+def test_presliding_friction_is_no_external_torque(law, coupled):
+    options = {'speeds': absolute_rates(hinges(law))} if coupled else {}
+    arm = Robot(hinges(law), **options)
+
+    def torque(t, q, u):
+        pull = 4.0 * np.array([math.sin(3.0 * t), 0.6 * math.sin(5.0 * t)])
+        return arm.gravity_force(q) + (arm.generalized_force(pull, q) if coupled else pull)
+    run = simulate(arm, np.array([0.3, -0.5]), np.zeros(2), 3.0, torque=torque, step=1e-3)
+    observer = MomentumObserver(arm, gain=50.0)
+    estimates = np.array([observer.update(*row) for row in zip(run.t, run.q, run.u, run.tau)])
+    # Bristles begin without a deflection, as in the simulation.
+    stiff = replace(arm.model, bodies=tuple(
+        replace(body, joint=replace(body.joint, presliding_stiffness=0.0,
+                                    presliding_damping=0.0)) for body in arm.model.bodies))
+    memoryless = MomentumObserver(Robot(stiff, **options), gain=50.0)
+    wrong = np.array([memoryless.update(*row) for row in zip(run.t, run.q, run.u, run.tau)])
+    assert np.abs(wrong).max() > 1.0
+    assert np.abs(estimates).max() < 0.03 * np.abs(wrong).max()
