@@ -293,31 +293,42 @@ def own_columns(inertial: int, joint: int) -> slice:
 
 def _solved(system: JointEquations, fit: LawFit, prior: Prior) -> LawFit:
     """Return the minimum of the equations, joints weighted by the residuals of a fit."""
-    inertial, losses = fit.inertial, fit.losses
-    size = len(inertial)
     if np.isfinite(prior.weight):
-        A = triangle(np.vstack([R / deviation for R, deviation
-                                in zip(system.triangles, fit.sigma, strict=True)]))
-        # Columns of terms that no law has are left out.
-        present = np.append(A[:, :-1].any(axis=0), True)
-        present[:size] = True
-        bounds = np.tile(LOWEST_OF_ALL, len(fit.laws))[present[size:-1]]
-        A = A[:, present]
-        bodies = [body.inertial for body in prior.model.bodies]
-        x = np.zeros(len(present) - 1)
-        x[present[:-1]] = physical(A[:, :-1], A[:, -1], bodies, bounds, prior.weight)
-        inertial, losses = x[:size], x[size:].reshape(-1, COLUMNS)
+        inertial, losses = _with_bodies(system, fit, prior)
     else:
-        of_joints = []
-        for j, R in enumerate(system.triangles):
-            missing = R[:, -1] - R[:, :size] @ inertial
-            of_joints.append(_bounded(np.column_stack([R[:, own_columns(size, j)],
-                                                       missing])))
-        losses = np.array(of_joints)
+        inertial, losses = fit.inertial, _losses_of_given_bodies(system, fit.inertial)
     x = np.concatenate([inertial, losses.ravel()])
-    squares = [np.sum((R[:, -1] - R[:, :-1] @ x)**2) for R in system.triangles]
-    sigma = np.sqrt(np.maximum(np.array(squares) / system.counts, 1e-24))
+    squares = np.array([np.sum((R[:, -1] - R[:, :-1] @ x)**2) for R in system.triangles])
+    sigma = np.sqrt(np.maximum(squares / system.counts, 1e-24))
     return LawFit(fit.laws, inertial, losses, fit.shapes, sigma)
+
+
+def _with_bodies(system: JointEquations, fit: LawFit, prior: Prior) -> tuple[Array, Array]:
+    """Return inertial parameters and losses, (10 bodies,) and (n, 6), fitted together."""
+    weighted = [R / deviation
+                for R, deviation in zip(system.triangles, fit.sigma, strict=True)]
+    A = triangle(np.vstack(weighted))
+    size = len(fit.inertial)
+
+    # Losses that no law has are columns of zeros, and left out.
+    is_used: Flags = np.asarray(A[:, :-1].any(axis=0))
+    is_used[:size] = True
+    lowest = np.tile(LOWEST_OF_ALL, len(fit.laws))[is_used[size:]]
+    bodies = [body.inertial for body in prior.model.bodies]
+    x = np.zeros(len(is_used))
+    x[is_used] = physical(A[:, :-1][:, is_used], A[:, -1], bodies, lowest, prior.weight)
+    return x[:size], x[size:].reshape(-1, COLUMNS)
+
+
+def _losses_of_given_bodies(system: JointEquations, inertial: Array) -> Array:
+    """Return the losses of all joints, (n, 6), each fitted to what the bodies leave."""
+    size = len(inertial)
+    losses = []
+    for j, R in enumerate(system.triangles):
+        remaining_torque = R[:, -1] - R[:, :size] @ inertial
+        columns = R[:, own_columns(size, j)]
+        losses.append(_bounded(np.column_stack([columns, remaining_torque])))
+    return np.array(losses)
 
 
 def law_error(rows: LawRows, fit: LawFit) -> Array:
@@ -368,11 +379,11 @@ class Blocks:
 
 def _without(systems: Sequence[JointEquations], left_out: int) -> JointEquations:
     """Return the equations of all systems but one."""
-    kept = [system for k, system in enumerate(systems) if k != left_out]
-    triangles = []
-    for j in range(len(kept[0].triangles)):
-        triangles.append(triangle(np.vstack([system.triangles[j] for system in kept])))
-    return JointEquations(triangles, np.sum([system.counts for system in kept], axis=0))
+    kept = [*systems[:left_out], *systems[left_out + 1:]]
+    counts = np.sum([system.counts for system in kept], axis=0)
+    # The equations of a joint in all systems, as one triangle.
+    of_joints = zip(*(system.triangles for system in kept), strict=True)
+    return JointEquations([triangle(np.vstack(blocks)) for blocks in of_joints], counts)
 
 
 def largest_supported(errors: Sequence[Array], values: Sequence[float] | Array) -> float:

@@ -128,30 +128,34 @@ class PayloadRows:
         """Find the actuators; kernels compile on first use."""
         self.regressor = PayloadRegressor(model, frame)
         self.robot = self.regressor.robot
-        robot = self.robot
-        equations = robot.equations
-        self.names = actuators(robot)
-        self.shared = robot.n if len(self.names) > robot.n else 0
+        self.names = actuators(self.robot)
+        self.shared = self.robot.n if len(self.names) > self.robot.n else 0
 
-        # In joint rates the joints are the actuators.
-        joints = robot.model.coordinate_joints
+        # Friction of the joints, in the order of their coordinates.
+        joints = self.robot.model.coordinate_joints
         self._joint_friction = np.array([_holding_level(joint) for joint in joints])
         self._load_fraction = np.array([max(load_fractions(joint)) for joint in joints])
         self._joint_speed = np.array([joint.friction_speed for joint in joints])
+
+        # In joint rates the joints are the actuators.
         self.friction = self._joint_friction
         self.friction_speed = self._joint_speed
-        self._places = None
+        self._places: list[int] | None = None
         self._transmission: Kernel | None = None
-        if equations.in_joint_rates:
-            return
+        if not self.robot.equations.in_joint_rates:
+            self._through_mechanism()
 
-        # Friction of all joints may hold an actuator, through its mechanism.
+    def _through_mechanism(self) -> None:
+        """Find the actuators of chosen speeds or constraints, and their friction."""
+        robot = self.robot
+        # Friction of all joints may hold an actuator.
         self.friction = np.full(len(self.names), self._joint_friction.sum())
-        speeds = dict(zip(robot.joint_names, self._joint_speed, strict=True))
-        self.friction_speed = np.array([speeds.get(name, Joint.friction_speed)
+        speed_of = dict(zip(robot.joint_names, self._joint_speed, strict=True))
+        # An independent speed need not be the rate of a joint.
+        self.friction_speed = np.array([speed_of.get(name, Joint.friction_speed)
                                         for name in self.names])
-        self._places = equations.actuated
-        self._transmission = _transmission_kernel(robot, equations)
+        self._places = robot.equations.actuated
+        self._transmission = _transmission_kernel(robot, robot.equations)
 
     def __call__(self, q: Array, u: Array, udot: Array, tau: Array,
                  t: Any = 0.0) -> ActuatorRows:

@@ -466,19 +466,18 @@ class TreeEquations:
         loads = self.zeros if load is None else load
         deflection_of = {} if deflections is None else self._by_bristle(deflections)
 
-        def force(joint: Joint) -> Scalar:
-            rate = joint.multiplier * u[joint.coordinate]
-            direction = None
-            if directions is not None:
-                direction = _direction(directions, joint)
+        def torque(joint: Joint) -> Scalar:
+            """Return the friction of a joint along its own axis."""
+            k = joint.coordinate
+            rate = joint.multiplier * u[k]
             if joint.name in deflection_of:
-                deflection = deflection_of[joint.name]
-                torque = bristle_torque(joint, rate, deflection,
-                                        loads[joint.coordinate])
-            else:
-                torque = friction_torque(joint, rate, loads[joint.coordinate],
-                                         direction)
-            return joint.multiplier * torque
+                return bristle_torque(joint, rate, deflection_of[joint.name], loads[k])
+            if directions is None:
+                return friction_torque(joint, rate, loads[k])
+            return friction_torque(joint, rate, loads[k], _direction(directions, joint))
+
+        def force(joint: Joint) -> Scalar:
+            return joint.multiplier * torque(joint)
 
         # Damping of beams and drives has matrices of its own.
         friction = self._by_coordinate(force)

@@ -8,6 +8,7 @@ import math
 from kane_dynamics import absolute_rates, ModelBuilder, Motion, Robot, rod, simulate
 from kane_dynamics.analysis.power_balance import power_balance
 from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
+from kane_dynamics.control.friction_error import FrictionError
 from kane_dynamics.control.momentum_observer import MomentumObserver
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.inertial import Inertial
@@ -286,3 +287,20 @@ def test_presliding_friction_is_no_external_torque(law, coupled):
     wrong = np.array([memoryless.update(*row) for row in zip(run.t, run.q, run.u, run.tau)])
     assert np.abs(wrong).max() > 1.0
     assert np.abs(estimates).max() < 0.03 * np.abs(wrong).max()
+
+
+@pytest.mark.parametrize('held', [False, True])
+def test_load_friction_and_friction_beyond_the_model_are_no_part_of_a_held_command(held):
+    builder = ModelBuilder('lift')
+    builder.body('lift', kind='prismatic', axis=(0, 0, 1), inertial=rod(2.0, (0, 0, 0), (0, 0, 1)),
+                 friction=3.0, load_friction=0.1)
+    lift = Robot(builder.model())
+    beyond = FrictionError(['lift'], coulomb=1.5)
+    observer = MomentumObserver(lift, held=held, friction_error=beyond)
+    u = np.array([0.5])
+    for k in range(50):
+        t = 0.01 * k
+        tau = lift.inverse_dynamics(u * t, u, np.zeros(1)) + beyond.torque(u)
+        np.testing.assert_allclose(observer.update(t, u * t, u, tau), 0.0, atol=1e-9)
+        if held:
+            observer.hold(tau)

@@ -10,7 +10,7 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.definition import kane
-from kane_dynamics.mechanics.friction import held_forces
+from kane_dynamics.mechanics.friction import friction_torque, held_forces, holding_interval
 from kane_dynamics.simulation.sticking import sticking_steps
 from kinds_of_mechanism import case, elastic_case, torque_of
 from linkages import at_angle, four_bar_model, PIN, sleigh
@@ -110,14 +110,18 @@ def test_a_mass_on_a_belt_has_the_period_of_stick_slip(static):
     belt = PointVelocity('belt', (1, 0, 0), value=speed)
     robot = Robot(builder.model(), constraints=[belt], independent=['mass'])
     run = exact(robot, [static / k - 0.1 * speed, 0.0], [speed], 6.0, sample=STEP)
-    begins = run.t[1:][run.sticking[:-1, 1] & ~run.sticking[1:, 1]]
+    sticks = run.sticking[:, 1]
+    ends = np.flatnonzero(sticks[:-1] & ~sticks[1:])
     if static == kinetic:  # no excess: after the first slip the mass oscillates or rests
-        assert len(begins) == 1
+        assert len(ends) == 1
         return
+    # Times of breakaway: a mass that sticks moves with the belt to where it breaks away.
+    begins = run.t[ends] + (static / k - run.q[ends, 0]) / speed
+    assert len(begins) > 3 and (begins - run.t[ends] < STEP + 1e-9).all()
     w, excess = np.sqrt(k / m), (static - kinetic) / k
     slip = 2.0 / w * (np.pi - np.arctan(w * excess / speed))
     period = 2.0 * excess / speed + slip
-    np.testing.assert_allclose(np.diff(begins), period, atol=1.1 * STEP)
+    np.testing.assert_allclose(np.diff(begins), period, atol=1e-9)
     # The last state, many transitions later, is that of the closed form.
     phase = (run.t[-1] - 0.1) % period
     y = excess * np.cos(w * phase) + speed / w * np.sin(w * phase)
@@ -438,6 +442,26 @@ def test_a_self_locking_drive_stops_at_once_without_its_motor():
 def test_a_load_that_helps_the_motor_of_a_self_locking_drive_is_refused():
     with pytest.raises(InputError, match="self-locking joint 'bar' helps its motor"):
         simulate(worm(), [0.0], [0.0], 0.1, step=STEP, torque=[-3.0], sticking=True)
+
+
+def test_rigid_gears_that_lock_have_three_motions_where_the_load_helps_the_motor():
+    inertia, driving, backdriven = 1.0 / 3.0, 0.3, 1.4
+    joint = worm(driving, backdriven).model.bodies[0].joint
+    for motor in (0.1, 1.0, 1.9):  # below (1.4 - 1) WEIGHT = 1.96, with the load -WEIGHT
+        # Rest: friction carries load and motor, within what the drive holds.
+        least, largest = holding_interval(joint, -WEIGHT)
+        assert least < motor + WEIGHT < largest
+        # Forward accelerations a: the drive bears L = I a - WEIGHT, and motor = L + friction.
+        for load in (motor / (1.0 + driving), -motor / (backdriven - 1.0)):
+            assert (load + WEIGHT) / inertia > 0.0
+            friction = friction_torque(joint, 0.0, load, 1.0)
+            assert load + friction == pytest.approx(motor, rel=1e-12)
+        with pytest.raises(InputError, match="self-locking joint 'bar' helps its motor"):
+            exact(worm(driving, backdriven), [0.0], [0.0], 0.1, torque=[-motor])
+    # Beyond, neither rest nor a driving load is possible.
+    motor = 2.0
+    assert motor + WEIGHT > holding_interval(joint, -WEIGHT)[1]
+    assert -motor / (backdriven - 1.0) + WEIGHT < 0.0
 
 
 def test_nothing_sticks_without_friction():
