@@ -1,5 +1,5 @@
 """
-How far torques along a path may be from those of the model, for uncertain parameters.
+Deviations of the torques along a path from those of the model, for uncertain parameters.
 
 The torque is linear in the uncertain parameters: with their half-widths delta it lies within
 tau +- |Y| delta, exactly (`robot.torque_bounds`). Along q(s) the regressor Y is linear in x =

@@ -379,11 +379,13 @@ class Blocks:
 
 def _without(systems: Sequence[JointEquations], left_out: int) -> JointEquations:
     """Return the equations of all systems but one."""
-    kept = [*systems[:left_out], *systems[left_out + 1:]]
-    counts = np.sum([system.counts for system in kept], axis=0)
-    # The equations of a joint in all systems, as one triangle.
-    of_joints = zip(*(system.triangles for system in kept), strict=True)
-    return JointEquations([triangle(np.vstack(blocks)) for blocks in of_joints], counts)
+    others = [*systems[:left_out], *systems[left_out + 1:]]
+    counts = np.sum([system.counts for system in others], axis=0)
+    triangles = []
+    for joint in range(len(counts)):
+        of_joint = np.vstack([system.triangles[joint] for system in others])
+        triangles.append(triangle(of_joint))
+    return JointEquations(triangles, counts)
 
 
 def largest_supported(errors: Sequence[Array], values: Sequence[float] | Array) -> float:
