@@ -10,9 +10,10 @@ A program of one state may also compute with rows (`tracing.wide`): `LANES` doub
 SIMD registers, which `Rows` generates. `Function` generates everything else.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics.mechanics.algebra.lanes import LANES
 from kane_dynamics.native.backends.llvm_math import (constant_vector, DOUBLE,
@@ -22,6 +23,7 @@ from kane_dynamics.native.backends.llvm_math import (constant_vector, DOUBLE,
 from kane_dynamics.native.tracing.expression import Expr, operands
 from kane_dynamics.native.tracing.program import PLACING, Program, ROWS
 from kane_dynamics.native.tracing.subroutine import is_first
+import numpy as np
 
 # Structurally zero results from which memset is smaller than single stores.
 MEMSET_ZEROS = 16
@@ -32,6 +34,52 @@ TOGETHER = (('sc', ('sin', 'cos')), ('th', ('tanh',)), ('ex', ('exp',)),
 ELEMENTARY = frozenset(op for _, ops in TOGETHER for op in ops)
 ROW_TYPE = vector_type(LANES)
 ROW_ARITHMETIC = {'wide_add': 'fadd', 'wide_sub': 'fsub', 'wide_mul': 'fmul'}
+
+
+Destination = tuple[str, int]  # name of a pointer, and place from there on
+# Instead of the place of a result: it has none, or is read elsewhere too.
+NOWHERE, SEVERAL = -1, -2
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedProgram(Program):
+    """
+    The step of a loop whose last results are not stored after the others.
+
+    Attributes
+    ----------
+    kept : int
+        Number of results that are.
+    places : tuple of (int, int) or None
+        Of each other result: the number of its pointer among those after that of the
+        results, and its place from there on; None if it is not stored.
+
+    """
+
+    kept: int
+    places: tuple[tuple[int, int] | None, ...]
+
+    @property
+    def pointers(self) -> int:
+        """Return the number of pointers for results that are not kept."""
+        numbers = [place[0] for place in self.places if place is not None]
+        return max(numbers) + 1
+
+    def destinations(self) -> list[Destination | None]:
+        """Return where each result is stored."""
+        result: list[Destination | None] = _in_order(self.kept)
+        for place in self.places:
+            if place is None:
+                result.append(None)
+            else:
+                number, offset = place
+                result.append((f'%in.result{number}', offset))
+        return result
+
+
+def _in_order(count: int) -> list[Destination | None]:
+    """Return the destinations of results that are stored one after the other."""
+    return [('%in.result', k) for k in range(count)]
 
 
 class Rows:
@@ -46,6 +94,8 @@ class Rows:
         IR names of values by the index of their node.
     outputs : sequence of Expr or float
         The function's results.
+    destinations : sequence of (str, int) or None
+        Pointer and place at which each result is stored; None for those that are not.
 
     Attributes
     ----------
@@ -55,16 +105,17 @@ class Rows:
 
     """
 
-    def __init__(self, lines: list[str], names: dict[int, str],
-                 outputs: Sequence[Any]) -> None:
+    def __init__(self, lines: list[str], names: dict[int, str], outputs: Sequence[Any],
+                 destinations: Sequence[Destination | None]) -> None:
         """Generate into a function."""
         self.lines = lines
         self.names = names
+        self._destinations = destinations
         self._tiles: dict[int, list[str]] = {}
         self._runs: dict[int, list[tuple[int, int, int]]] = {}
         self.stored: set[int] = set()
         self._in_memory: set[int] = set()  # rows
-        for place, row, first, count in _runs(outputs):
+        for place, row, first, count in _runs(outputs, destinations):
             self._runs.setdefault(row.index, []).append((place, first, count))
             self.stored.update(range(place, place + count))
 
@@ -139,45 +190,176 @@ class Rows:
                 lanes = ', '.join(f'i32 {first + k}' for k in range(count))
                 part = v.new(f'shufflevector {ROW_TYPE} {name}, {ROW_TYPE} poison, '
                              f'<{count} x i32> <{lanes}>')
-            at = v.new(f'getelementptr double, ptr %in.result, i64 {place}')
+            destination = self._destinations[place]
+            assert destination is not None
+            pointer, offset = destination
+            at = v.new(f'getelementptr double, ptr {pointer}, i64 {offset}')
             self.lines.append(f'  store {kind} {part}, ptr {at}, align 8')
 
 
-def _runs(outputs: Sequence[Any]) -> Iterator[tuple[int, Expr, int, int]]:
+def _runs(outputs: Sequence[Any], destinations: Sequence[Destination | None]
+          ) -> Iterator[tuple[int, Expr, int, int]]:
     """
     Yield (place, row, first lane, length) of each run of outputs.
 
     A run is a sequence of outputs, from `place` on, that are consecutive lanes of one
-    row.
+    row and go to consecutive places in memory.
     """
     k = 0
     while k < len(outputs):
         # Count the outputs that are the next lanes of the same row.
         x = outputs[k]
+        destination = destinations[k]
         count = 1
-        if isinstance(x, Expr) and x.op == 'lane':
+        if isinstance(x, Expr) and x.op == 'lane' and destination is not None:
             row, lane = x.args
-            while k + count < len(outputs) and _is_lane(outputs[k + count], row,
-                                                        lane + count):
+            pointer, offset = destination
+            while (k + count < len(outputs)
+                   and _is_lane(outputs[k + count], row, lane + count)
+                   and destinations[k + count] == (pointer, offset + count)):
                 count += 1
             if count > 1:
                 yield k, row, lane, count
         k += count
 
 
-def _loop_runs(outputs: Sequence[Any]) -> Iterator[tuple[int, int]]:
+class Placement(NamedTuple):
+    """
+    Results of a loop that its step stores among those of the function.
+
+    Attributes
+    ----------
+    program : PlacedProgram
+        The step.
+    begins, strides : lists of int
+        Of each further pointer of the step: its place in the first row, and the
+        distance from row to row.
+    outputs : frozenset of int
+        Places of these results.
+
+    """
+
+    program: PlacedProgram
+    begins: list[int]
+    strides: list[int]
+    outputs: frozenset[int]
+
+
+def placements(program: Program, symbol: str) -> dict[int, Placement]:
+    """
+    Return which results of loops go straight to the results of a program, by loop.
+
+    These are results of all turns that nothing else reads, at places that are equally
+    far apart from turn to turn. Loops that read arguments in place, and those before
+    them, store none, since results may overlap arguments in memory.
+    """
+    loops: list[Expr] = []
+    read: set[int] = set()
+    for group in _levels(program.schedule()):
+        for node in group:
+            read.update(x.index for x in operands(node))
+            if node.op != 'loop':
+                continue
+            loops.append(node)
+            if any(isinstance(x, Expr) and x.op == 'input' for x in node.args[1:]):
+                loops = []
+
+    # Places among the results, by loop and result; those at several places are read.
+    places: dict[int, dict[int, int]] = {node.index: {} for node in loops}
+    for place, x in enumerate(program.outputs):
+        if isinstance(x, Expr) and x.op == 'output' and x.args[0].index in places:
+            source, k = x.args
+            if k in places[source.index] or x.index in read:
+                places[source.index][k] = SEVERAL
+            else:
+                places[source.index][k] = place
+    known: dict[tuple[Any, ...], PlacedProgram] = {}
+    result = {}
+    for node in loops:
+        loop = node.args[0]
+        placement = _placement(loop, places[node.index], known, symbol)
+        if loop.count > 1 and placement is not None:
+            result[node.index] = placement
+    return result
+
+
+def _regular_places(loop: Any, places: Mapping[int, int]
+                    ) -> tuple[int, dict[int, tuple[int, int] | None]]:
+    """
+    Return how many results of each turn stay with the loop, and where the others go.
+
+    This is the place of each result in the first turn and its distance to the next; None
+    of results that nothing needs.
+    """
+    size = len(loop.program.outputs)
+    kept = math.prod(loop.program.inputs[0][1])
+    regular: dict[int, tuple[int, int] | None] = {}
+    for k in range(kept, size):
+        of_turns = [places.get(turn * size + k, NOWHERE) for turn in range(loop.count)]
+        distances = set(np.diff(of_turns).tolist())
+        if all(place == NOWHERE for place in of_turns):
+            regular[k] = None
+        elif min(of_turns) < 0 or len(distances) != 1:
+            kept = k + 1
+        else:
+            regular[k] = of_turns[0], distances.pop()
+    return kept, regular
+
+
+def _placement(loop: Any, places: Mapping[int, int],
+               known: dict[tuple[Any, ...], PlacedProgram],
+               symbol: str) -> Placement | None:
+    """Return the placement of a loop's results; programs are shared by `known`."""
+    step = loop.program
+    size = len(step.outputs)
+    kept, regular = _regular_places(loop, places)
+
+    # One pointer for each distance.
+    begins: dict[int, int] = {}
+    stored = [regular[k] for k in range(kept, size)]
+    for entry in stored:
+        if entry is not None:
+            place, distance = entry
+            begins[distance] = min(place, begins.get(distance, place))
+    if not begins:
+        return None
+    numbers = {distance: number for number, distance in enumerate(begins)}
+    relative: list[tuple[int, int] | None] = []
+    for entry in stored:
+        if entry is None:
+            relative.append(None)
+        else:
+            place, distance = entry
+            relative.append((numbers[distance], place - begins[distance]))
+    key = step.name, kept, tuple(relative)
+    if key not in known:
+        name = f'{step.name}_in_{symbol}_{len(known)}'
+        known[key] = PlacedProgram(name, step.inputs, step.outputs, step.shape, kept,
+                                   tuple(relative))
+    outputs = set()
+    for turn in range(loop.count):
+        for k in range(kept, size):
+            if regular[k] is not None:
+                outputs.add(places[turn * size + k])
+    return Placement(known[key], list(begins.values()), list(begins), frozenset(outputs))
+
+
+def _loop_runs(outputs: Sequence[Any], stored: Container[int]
+               ) -> Iterator[tuple[int, int]]:
     """
     Yield (place, length) of each run of outputs that are consecutive results of a loop.
 
-    Runs have at most as many as a row of lanes.
+    Runs have at most as many as a row of lanes, and none of the results that are stored
+    already.
     """
     k = 0
     while k < len(outputs):
         x = outputs[k]
         count = 1
-        if isinstance(x, Expr) and x.op == 'output' and x.args[0].op == 'loop':
+        is_loops = isinstance(x, Expr) and x.op == 'output' and x.args[0].op == 'loop'
+        if is_loops and k not in stored:
             source, first = x.args
-            while (k + count < len(outputs) and count < LANES
+            while (k + count < len(outputs) and count < LANES and k + count not in stored
                    and _is_result(outputs[k + count], source, first + count)):
                 count += 1
             if count > 1:
@@ -244,17 +426,27 @@ class Function:
         self.tables: list[str] = []
         # Pointers to stored arguments, by their entries.
         self._stored: dict[tuple[object, ...], str] = {}
-        self._wide = Rows(self.lines, self.names, program.outputs)
+        self._destinations = _in_order(len(program.outputs))
+        if isinstance(program, PlacedProgram):
+            self._destinations = program.destinations()
+        self._wide = Rows(self.lines, self.names, program.outputs, self._destinations)
         schedule = program.schedule()
-        # Results of loops that are copied to the function's own, several at once.
-        self._copied = dict(_loop_runs(program.outputs)) if lanes == 1 else {}
-        copied: set[int] = set()
+        # Results of loops that are stored among the function's own, or copied there.
+        self._placements: dict[int, Placement] = {}
+        self._from_loops: set[int] = set()
+        self._copied: dict[int, int] = {}
+        self._cleared = False
+        if lanes == 1 and not isinstance(program, PlacedProgram):
+            self._placements = placements(program, symbol)
+            for placement in self._placements.values():
+                self._from_loops |= placement.outputs
+            self._copied = dict(_loop_runs(program.outputs, self._from_loops))
         for place, count in self._copied.items():
-            copied.update(range(place, place + count))
+            self._from_loops.update(range(place, place + count))
         # Values that other nodes than loops read; loops read results of loops in place.
         self._read: set[int] = set()
         for k, x in enumerate(program.outputs):
-            if isinstance(x, Expr) and k not in copied:
+            if isinstance(x, Expr) and k not in self._from_loops:
                 self._read.add(x.index)
         for node in schedule:
             if node.op != 'loop':
@@ -289,7 +481,10 @@ class Function:
 
     def _load_inputs(self, schedule: list[Expr]) -> None:
         """Load all inputs first: results may overlap arguments in memory."""
-        for k, (name, _) in enumerate([*self.program.inputs, ('result', ())]):
+        pointers = [name for name, _ in self.program.inputs] + ['result']
+        if isinstance(self.program, PlacedProgram):
+            pointers += [f'result{k}' for k in range(self.program.pointers)]
+        for k, name in enumerate(pointers):
             self.lines += [f'  %slot.{name} = getelementptr ptr, ptr %args, i64 {k}',
                            f'  %in.{name} = load ptr, ptr %slot.{name}']
         for node in schedule:
@@ -304,7 +499,10 @@ class Function:
     def _clear_results(self) -> None:
         """Set all results of a sparse matrix to zero at once, instead of one by one."""
         outputs = self.program.outputs
+        self._cleared = True
         self._zeros = set()
+        if isinstance(self.program, PlacedProgram):
+            return
         for k, x in enumerate(outputs):
             if not isinstance(x, Expr) and x == 0.0:
                 self._zeros.add(k)
@@ -316,25 +514,35 @@ class Function:
                           f'{size}, i1 false)')
 
     def _store_outputs(self) -> None:
-        if not self._wide.stored:
+        if not self._cleared:
             self._clear_results()
-        written = set(self._zeros) | self._wide.stored
+        written = set(self._zeros) | self._wide.stored | self._from_loops
         for place, count in self._copied.items():
             self._copy(place, count)
-            written.update(range(place, place + count))
         for k, x in enumerate(self.program.outputs):
-            if k in written:
+            destination = self._destinations[k]
+            if k in written or destination is None:
                 continue
-            row = 'ptr %in.result'
-            self.lines += [f'  %to.{k} = getelementptr {self.type}, {row}, i64 {k}',
+            pointer, offset = destination
+            row = f'ptr {pointer}'
+            self.lines += [f'  %to.{k} = getelementptr {self.type}, {row}, i64 {offset}',
                            f'  store {self.type} {self.value(x)}, ptr %to.{k}']
         self.lines += ['  ret void', '}']
+
+    def _place(self, source: Expr, k: int) -> int:
+        """Return where a result of a call or loop is in its memory."""
+        placement = self._placements.get(source.index)
+        if placement is None:
+            return k
+        turn, place = divmod(k, len(placement.program.outputs))
+        return turn * placement.program.kept + place
 
     def _copy(self, place: int, count: int) -> None:
         """Copy results of a loop to this place of the function's own."""
         output = self.program.outputs[place]
         assert isinstance(output, Expr)
         source, k = output.args
+        k = self._place(source, k)
         kind = vector_type(count)
         self.lines += [
             f'  %from.{place} = getelementptr {self.type}, ptr %ret{source.index}, i64 {k}',
@@ -357,6 +565,7 @@ class Function:
             if source.op == 'loop' and node.index not in self._read:
                 return  # a row of another loop, in place
             at = f'%got{node.index}'
+            k = self._place(source, k)
             row = f'ptr %ret{source.index}'
             self.lines += [f'  {at} = getelementptr {self.type}, {row}, i64 {k}',
                            f'  {name} = load {self.type}, ptr {at}']
@@ -414,15 +623,18 @@ class Function:
         """Call a subroutine for each row of tables; its results stay in memory."""
         loop, *flat = node.args
         callee = loop.program
+        size = len(callee.outputs)
+        placement = self._placements.get(node.index)
+        if placement is not None:
+            callee = placement.program
+            size = callee.kept
+            if not self._cleared:
+                self._clear_results()
         if callee not in self.callees:
             self.callees.append(callee)
         i = node.index
         inputs = callee.inputs
         results = f'%ret{i}'
-        size = len(callee.outputs)
-        self.reserved.append(f'  %ptrs{i} = alloca [{len(inputs) + 1} x ptr]')
-        self.reserved.append(f'  {results} = alloca [{loop.n_outputs} x {self.type}], '
-                             f'align {8 * LANES}')
 
         # Where each input begins and how far apart its rows are; then the result.
         n_carry = math.prod(inputs[0][1])
@@ -438,8 +650,19 @@ class Function:
             begin, stride = self._table(i, k, rows)
             begins.append(begin)
             strides.append(stride)
+        of_results = len(begins)
         begins.append(results)
         strides.append(size)
+        if placement is not None:
+            for place, stride in zip(placement.begins, placement.strides):
+                into = f'%into{i}.{len(begins)}'
+                self.lines.append(f'  {into} = getelementptr {self.type}, ptr '
+                                  f'%in.result, i64 {place}')
+                begins.append(into)
+                strides.append(stride)
+        self.reserved.append(f'  %ptrs{i} = alloca [{len(begins)} x ptr]')
+        self.reserved.append(f'  {results} = alloca [{loop.count * size} x {self.type}], '
+                             f'align {8 * LANES}')
         if loop.reverse:
             for k in range(1, len(begins)):
                 last = f'%last{i}.{k}'
@@ -453,19 +676,19 @@ class Function:
         self.lines += [f'  br label %before{i}', f'before{i}:',
                        f'  br label %{loop_label}', f'{loop_label}:',
                        f'  %k{i} = phi i64 [0, %before{i}], [%next{i}, %{loop_label}]']
-        places = []
+        turns = []
         for k, begin in enumerate(begins):
-            place = f'%turn{i}.{k}'
-            following = f'%turn{i}.{len(begins) - 1}' if k == 0 else f'%following{i}.{k}'
-            self.lines.append(f'  {place} = phi ptr [{begin}, %before{i}], '
+            turn = f'%turn{i}.{k}'
+            following = f'%turn{i}.{of_results}' if k == 0 else f'%following{i}.{k}'
+            self.lines.append(f'  {turn} = phi ptr [{begin}, %before{i}], '
                               f'[{following}, %{loop_label}]')
-            places.append(place)
-        for k, place in enumerate(places):
+            turns.append(turn)
+        for k, turn in enumerate(turns):
             self.lines += [f'  %slot{i}.{k} = getelementptr ptr, ptr %ptrs{i}, i64 {k}',
-                           f'  store ptr {place}, ptr %slot{i}.{k}']
+                           f'  store ptr {turn}, ptr %slot{i}.{k}']
             if k > 0:
                 self.lines.append(f'  %following{i}.{k} = getelementptr {self.type}, '
-                                  f'ptr {place}, i64 {strides[k]}')
+                                  f'ptr {turn}, i64 {strides[k]}')
         self.lines += [f'  call void @{callee.name}(ptr %ptrs{i})',
                        f'  %next{i} = add i64 %k{i}, 1',
                        f'  %more{i} = icmp ult i64 %next{i}, {loop.count}',
@@ -478,7 +701,7 @@ class Function:
         width = len(rows[0])
         if width == 0:
             return 'null', 0
-        stride = _stride(rows, self.in_place)
+        stride = self._stride(rows)
         # Rows at equal distances in an argument or result need no copy.
         if stride is not None:
             where = self._contiguous(i, k, list(rows[0]))
@@ -507,6 +730,23 @@ class Function:
             self.lines += [f'  {put} = getelementptr {self.type}, ptr {where}, i64 {j}',
                            f'  store {self.type} {self.value(x)}, ptr {put}']
         return where, width
+
+    def _stride(self, rows: Sequence[Sequence[Any]]) -> int | None:
+        """Return how far apart in memory the rows of a table are; None elsewhere."""
+        firsts = [row[0] for row in rows]
+        if not all(isinstance(x, Expr) and x.op in self.in_place for x in firsts):
+            return None
+        source, begin = firsts[0].args
+        stride: int = firsts[1].args[1] - begin if len(rows) > 1 else len(rows[0])
+        for k, row in enumerate(rows):
+            for j, x in enumerate(row):
+                if not (isinstance(x, Expr) and x.op == firsts[0].op):
+                    return None
+                if x.args[0] is not source or x.args[1] != begin + k * stride + j:
+                    return None
+        if firsts[0].op == 'input' or len(rows) == 1:
+            return stride
+        return self._place(source, begin + stride) - self._place(source, begin)
 
     def _argument(self, i: int, k: int, entries: list[Expr | float]) -> str:
         """Return a pointer to the entries; store them unless they are contiguous."""
@@ -543,7 +783,10 @@ class Function:
                 return None
             if x.args[0] is not source or x.args[1] != place + j:
                 return None
-        row = f'%in.{source}' if op == 'input' else f'%ret{source.index}'
+        row = f'%in.{source}'
+        if op != 'input':
+            row = f'%ret{source.index}'
+            place = self._place(source, place)
         if place == 0:
             return row
         self.lines.append(f'  %row{i}.{k} = getelementptr {self.type}, ptr {row}, i64 '
@@ -593,22 +836,6 @@ class Function:
         if self.lanes > 1 or self.abreast == 1:
             return packed
         return vector.new(f'extractelement {vector.type} {packed}, i32 {place}')
-
-
-def _stride(rows: Sequence[Sequence[Any]], in_place: Sequence[str]) -> int | None:
-    """Return how far apart in memory the rows of a table are; None elsewhere."""
-    firsts = [row[0] for row in rows]
-    if not all(isinstance(x, Expr) and x.op in in_place for x in firsts):
-        return None
-    source, begin = firsts[0].args
-    stride: int = firsts[1].args[1] - begin if len(rows) > 1 else len(rows[0])
-    for k, row in enumerate(rows):
-        for j, x in enumerate(row):
-            if not (isinstance(x, Expr) and x.op == firsts[0].op):
-                return None
-            if x.args[0] is not source or x.args[1] != begin + k * stride + j:
-                return None
-    return stride
 
 
 def module_text(program: Program, symbol: str) -> str:
