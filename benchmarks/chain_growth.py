@@ -1,12 +1,15 @@
 """
-Forward dynamics of chains of 10 to 200 joints: time, code, and Pinocchio's time beside them.
+Chains of 10 to 200 joints: time, code, and Pinocchio's time beside them.
 
-Prints a table and draws build/bench/chain_growth.png. Exits with 1 if the time of long chains
-does not grow linearly, or their code grows.
+Prints a table of forward dynamics, mass matrix and its inverse, and draws
+build/bench/chain_growth.png. Exits with 1 if the time of forward dynamics of long chains does not
+grow linearly, that of a matrix faster than its entries, or their code grows.
 """
 
+from collections.abc import Iterable
 from functools import partial
 import sys
+import time
 import warnings
 
 from big_robots import chain
@@ -17,51 +20,96 @@ from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.machine_code import llvm
 import matplotlib
 import matplotlib.pyplot as plt
-from native_loop import check, our_loop, random_states, STATES
+from native_loop import check, our_loop, random_states, RIVALS, STATES
 from pinocchio_native import library, Pinocchio, Unavailable
 from report import FOLDER
 
-WHAT = 'forward_dynamics'
+QUANTITIES = ('forward_dynamics', 'mass_matrix', 'inverse_mass_matrix')
 AXES = (10, 20, 30, 40, 50, 75, 100, 150, 200)
 SHORT, LONG = 50, 200  # axes between which growth is judged
-STEEPEST = 1.15  # growth of the time per joint
+STEEPEST = 1.15  # growth of the time per joint, or per entry of a matrix
 MOST_CODE = 1.1  # of the longer chain's code over that of the shorter one
+Row = dict[str, float]
 
 
-def measured(axes: int, against: bool) -> dict[str, float]:
-    """Return ns of one call, bytes of code, and Pinocchio's ns if it can be built."""
+def measured(axes: int, against: bool) -> dict[str, Row]:
+    """Return ns, bytes of code and, against Pinocchio, its ns, by quantity."""
     robot = Robot(chain(axes), friction=False)
     states = random_states(robot, STATES)
-    loops = {'ours': our_loop(robot, WHAT, states)}
+    peer = None
     if against:
         peer = Pinocchio(robot)
         peer.keep(*states)
-        check(robot, peer, WHAT, states)
-        for rival in (WHAT, f'{WHAT}/world'):
+    return {what: measured_quantity(robot, what, states, peer) for what in QUANTITIES}
+
+
+def measured_quantity(robot: Robot, what: str, states: Iterable, peer: Pinocchio | None) -> Row:
+    """Return the figures of a quantity; without Pinocchio, there is no 'peer' among them."""
+    loops = {'ours': our_loop(robot, what, states)}
+    if peer is not None:
+        check(robot, peer, what, states)
+        for rival in RIVALS[what]:
             loops[rival] = partial(peer.run, rival)
-    timing = interleaved(loops)
+    timing = interleaved(loops, clock=time.process_time)
+    program = robot.kernels.program(what, single=True)
+    row = {'ns': 1e9 * timing.median('ours') / STATES,
+           'bytes': llvm.code_size(module_text(program, 'kernel'))}
     rivals = [timing.median(name) for name in loops if name != 'ours']
-    program = robot.kernels.program(WHAT, single=True)
-    return {'ns': 1e9 * timing.median('ours') / STATES,
-            'bytes': llvm.code_size(module_text(program, 'kernel')),
-            'peer': 1e9 * min(rivals) / STATES if rivals else float('nan')}
+    if rivals:
+        row['peer'] = 1e9 * min(rivals) / STATES
+    return row
 
 
-def draw(rows: dict[int, dict[str, float]]) -> None:
+def line(axes: int, what: str, row: Row) -> str:
+    """Return the figures as text."""
+    peer = 'Pinocchio not measured'
+    if 'peer' in row:
+        peer = f'Pinocchio {row["peer"]:8.0f} ns, {row["peer"] / row["ns"]:.1f}'
+    return f'{axes:4} joints, {what:19}: {row["ns"]:8.0f} ns, {row["bytes"]:7.0f} bytes, {peer}'
+
+
+def draw(rows: dict[int, dict[str, Row]]) -> None:
     """Draw time and code over the number of joints."""
     matplotlib.use('Agg')
-    figure, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(7.0, 6.0))
+    figure, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(7.0, 7.0))
     axes = list(rows)
-    above.plot(axes, [1e-3 * rows[n]['ns'] for n in axes], 'o-', label='kane_dynamics')
-    above.plot(axes, [1e-3 * rows[n]['peer'] for n in axes], 's--', label='Pinocchio')
-    above.set_ylabel('forward dynamics, us')
+    for color, what in enumerate(QUANTITIES):
+        figures = [rows[n][what] for n in axes]
+        label = what.replace('_', ' ')
+        style = {'color': f'C{color}'}
+        above.plot(axes, [1e-3 * row['ns'] for row in figures], 'o-', label=label, **style)
+        below.plot(axes, [1e-3 * row['bytes'] for row in figures], 'o-', **style)
+        if all('peer' in row for row in figures):
+            above.plot(axes, [1e-3 * row['peer'] for row in figures], 's--',
+                       label=f'{label}, Pinocchio', **style)
+    above.set_ylabel('time of a call, us')
+    above.set_xscale('log')
+    above.set_yscale('log')
     above.legend()
-    below.plot(axes, [1e-3 * rows[n]['bytes'] for n in axes], 'o-')
     below.set_ylabel('code, kB')
     below.set_xlabel('joints of the chain')
     below.set_ylim(bottom=0.0)
+    below.set_xticks(axes, [str(n) for n in axes])
+    below.minorticks_off()
     FOLDER.mkdir(parents=True, exist_ok=True)
     figure.savefig(FOLDER / 'chain_growth.png', dpi=120)
+
+
+def judged(rows: dict[int, dict[str, Row]]) -> bool:
+    """Print how time and code grow from `SHORT` to `LONG`; return whether both may."""
+    all_met = True
+    for what in QUANTITIES:
+        short, long = rows[SHORT][what], rows[LONG][what]
+        power = 1 if what == 'forward_dynamics' else 2
+        growth = long['ns'] / short['ns'] / (LONG / SHORT)**power
+        code = long['bytes'] / short['bytes']
+        met = growth <= STEEPEST and code <= MOST_CODE
+        all_met = all_met and met
+        unit = 'joint' if power == 1 else 'entry'
+        print(f'{what} from {SHORT} to {LONG} joints: time per {unit} times {growth:.2f} '
+              f'(at most {STEEPEST}), code times {code:.2f} (at most {MOST_CODE}): '
+              f'{"met" if met else "NOT met"}')
+    return all_met
 
 
 def main() -> int:
@@ -75,17 +123,11 @@ def main() -> int:
         against = False
     rows = {}
     for axes in AXES:
-        rows[axes] = row = measured(axes, against)
-        print(f'{axes:4} joints: {row["ns"]:8.0f} ns, {row["bytes"]:7.0f} bytes, Pinocchio '
-              f'{row["peer"]:8.0f} ns, {row["peer"] / row["ns"]:.1f}', flush=True)
+        rows[axes] = measured(axes, against)
+        for what, row in rows[axes].items():
+            print(line(axes, what, row), flush=True)
     draw(rows)
-    growth = rows[LONG]['ns'] / rows[SHORT]['ns'] / (LONG / SHORT)
-    code = rows[LONG]['bytes'] / rows[SHORT]['bytes']
-    met = growth <= STEEPEST and code <= MOST_CODE
-    print(f'from {SHORT} to {LONG} joints: time per joint times {growth:.2f} (at most '
-          f'{STEEPEST}), code times {code:.2f} (at most {MOST_CODE}): '
-          f'{"met" if met else "NOT met"}')
-    return exit_status(met)
+    return exit_status(judged(rows))
 
 
 if __name__ == '__main__':

@@ -86,7 +86,8 @@ ARMS: dict[str, Callable[[], Model]] = {
 NOT_LARGE = ('gravity_force',)
 # Without the zeros of real robots' frames.
 CHAINS = (partial(chain, 32), partial(chain, 50), partial(chain, 200))
-OF_LONGEST = ('forward_dynamics',)  # quantities of a chain that compile in seconds
+# Quantities of a chain that compile in seconds.
+OF_LONGEST = ('forward_dynamics', 'mass_matrix', 'inverse_mass_matrix')
 LONGEST = 100  # axes from which only these are compared
 
 

@@ -84,10 +84,14 @@ def _compile(source: Path, path: Path) -> None:
     prefix = Path(sysconfig.get_path('purelib')) / 'cmeel.prefix'
     path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_suffix('.new')
-    done = subprocess.run(
-        ['g++', *FLAGS, f'-I{prefix}/include', f'-I{prefix}/include/eigen3', str(source), '-o',
-         str(new), f'-L{prefix}/lib', '-lboost_serialization', f'-Wl,-rpath,{prefix}/lib'],
-        capture_output=True, text=True, check=False, timeout=MOST_SECONDS)
+    try:
+        done = subprocess.run(
+            ['g++', *FLAGS, f'-I{prefix}/include', f'-I{prefix}/include/eigen3', str(source),
+             '-o', str(new), f'-L{prefix}/lib', '-lboost_serialization',
+             f'-Wl,-rpath,{prefix}/lib'],
+            capture_output=True, text=True, check=False, timeout=MOST_SECONDS)
+    except subprocess.TimeoutExpired:
+        raise Unavailable(f'g++ took more than {MOST_SECONDS} s for {source.name}') from None
     if done.returncode:
         raise Unavailable(f'g++ failed: {done.stderr[-2000:]}')
     new.replace(path)

@@ -78,6 +78,7 @@ def gates() -> list[Gate]:
         Gate(loop + 'forward_dynamics', CPP, 5.0, 8.0, LARGE),
         Gate(loop + 'forward_dynamics', CPP, 4.0, 6.0, CHAINS),
         Gate(loop + 'mass_matrix', CPP, 3.0, 5.0, CHAINS[:1]),
+        Gate(loop + 'inverse_mass_matrix', CPP, 4.0, 6.0, CHAINS[:1]),
         Gate(loop + 'forward_dynamics_derivatives', CPP, 8.0, 12.0, ('fr3',)),
         Gate(loop + 'inverse_dynamics', CPP, 8.0, 15.0, FREE),
         Gate(loop + 'forward_dynamics', CPP, 8.0, 15.0, FREE),

@@ -146,6 +146,7 @@ COMPARED = ('coriolis_matrix', *ANALYTIC)  # between: the shorter of the two pro
 COMPARED_LONGER = {'forward_dynamics': OUTLINED, 'mass_matrix': 64}
 # Quantities of long trees that are computed by loops over blocks of joints in series.
 BY_BLOCKS = ('mass_matrix', 'inverse_mass_matrix')
+FEWEST_BY_BLOCKS = 2 * LANES  # more coordinates: by blocks
 # Rows of lanes in forward dynamics by articulated inertias, for a block of joints.
 ROWS_OF_BLOCK = 2400
 NO_DIRECTION = 1e-16  # squared length of a quaternion that has no direction
@@ -586,6 +587,7 @@ def method_in_lanes(equations: Equations, name: str) -> Callable[..., Any] | Non
     n = equations.n
     suits = n > ALWAYS_IN_LANES or (n >= FEWEST_IN_LANES and name in COMPARED)
     suits = suits or (n > LANES and name == 'forward_dynamics')
+    suits = suits or computed_by_blocks(equations, name)
     if not (equations.in_joint_rates and suits):
         return None
     # Needed only where a program is traced.
@@ -607,7 +609,7 @@ def method_in_lanes(equations: Equations, name: str) -> Callable[..., Any] | Non
 
 def computed_by_blocks(equations: Equations, name: str) -> bool:
     """Return whether a quantity of one state is computed by loops over blocks."""
-    if name not in BY_BLOCKS or equations.n <= ALWAYS_IN_LANES:
+    if name not in BY_BLOCKS or equations.n <= FEWEST_BY_BLOCKS:
         return False
     if not equations.in_joint_rates:
         return False
