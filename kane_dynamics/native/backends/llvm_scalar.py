@@ -223,7 +223,7 @@ def _runs(outputs: Sequence[Any], destinations: Sequence[Destination | None]
         k += count
 
 
-class Placement(NamedTuple):
+class PlacedResults(NamedTuple):
     """
     Results of a loop that its step stores among those of the function.
 
@@ -245,7 +245,7 @@ class Placement(NamedTuple):
     outputs: frozenset[int]
 
 
-def placements(program: Program, symbol: str) -> dict[int, Placement]:
+def placements(program: Program, symbol: str) -> dict[int, PlacedResults]:
     """
     Return which results of loops go straight to the results of a program, by loop.
 
@@ -308,7 +308,7 @@ def _regular_places(loop: Any, places: Mapping[int, int]
 
 def _placement(loop: Any, places: Mapping[int, int],
                known: dict[tuple[Any, ...], PlacedProgram],
-               symbol: str) -> Placement | None:
+               symbol: str) -> PlacedResults | None:
     """Return the placement of a loop's results; programs are shared by `known`."""
     step = loop.program
     size = len(step.outputs)
@@ -341,7 +341,8 @@ def _placement(loop: Any, places: Mapping[int, int],
         for k in range(kept, size):
             if regular[k] is not None:
                 outputs.add(places[turn * size + k])
-    return Placement(known[key], list(begins.values()), list(begins), frozenset(outputs))
+    return PlacedResults(known[key], list(begins.values()), list(begins),
+                         frozenset(outputs))
 
 
 def _loop_runs(outputs: Sequence[Any], stored: Container[int]
@@ -432,7 +433,7 @@ class Function:
         self._wide = Rows(self.lines, self.names, program.outputs, self._destinations)
         schedule = program.schedule()
         # Results of loops that are stored among the function's own, or copied there.
-        self._placements: dict[int, Placement] = {}
+        self._placements: dict[int, PlacedResults] = {}
         self._from_loops: set[int] = set()
         self._copied: dict[int, int] = {}
         self._cleared = False
@@ -544,8 +545,9 @@ class Function:
         source, k = output.args
         k = self._place(source, k)
         kind = vector_type(count)
+        memory = f'ptr %ret{source.index}'
         self.lines += [
-            f'  %from.{place} = getelementptr {self.type}, ptr %ret{source.index}, i64 {k}',
+            f'  %from.{place} = getelementptr {self.type}, {memory}, i64 {k}',
             f'  %copied.{place} = load {kind}, ptr %from.{place}, align 8',
             f'  %to.{place} = getelementptr {self.type}, ptr %in.result, i64 {place}',
             f'  store {kind} %copied.{place}, ptr %to.{place}, align 8']
