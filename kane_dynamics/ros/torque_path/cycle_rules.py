@@ -26,7 +26,7 @@ from kane_dynamics.ros.torque_path.arbitration import (after_computing, Arbitrat
                                                        before_command, before_zeros,
                                                        heard, SIZE, UNGUARDED)
 from kane_dynamics.ros.torque_path.guard_messages import FIELDS, STOPPED
-from kane_dynamics.ros.torque_path.state_check import joint_bounds
+from kane_dynamics.ros.torque_path.state_check import state_fault
 import numpy as np
 
 NEVER = -2.0**62  # ns: before every stamp
@@ -221,7 +221,7 @@ class CycleSettings(NamedTuple):
     drops : Scalar
         `PathState.drops` when the motion was scheduled.
     bounds : (5 n,) array
-        Of `joint_bounds`.
+        Of `state_fault`.
     turning : (n,) array
         Whether a joint has no limits.
     effort, slope, free : (n,) arrays
@@ -567,32 +567,9 @@ def _kept(path: PathState, moment: Scalar, state: Vector) -> PathState:
 
 def _fault(state: Vector, last: Vector, elapsed: Scalar, settings: CycleSettings) -> Scalar:
     """Return `ACCEPTED`, or the first of the reasons why a state is impossible."""
-    n = len(last) // 2
-    inside: Scalar = 1.0
-    slow: Scalar = 1.0
-    near: Scalar = 1.0
-    for j in range(n):
-        bounds = joint_bounds(settings.bounds, n, j, elapsed)
-        position = state[j]
-        speed = state[n + j]
-        moved = position - last[j]
-        inside = inside * _between(bounds.lower, position, bounds.upper)
-        slow = slow * _between(-bounds.fastest, speed, bounds.fastest)
-        straight = _between(-bounds.change, moved, bounds.change)
-        # Modulo whole turns two angles are as near as their cosine says.
-        half_turn = np.pi
-        widest = select(bounds.change < half_turn, bounds.change, half_turn)
-        turned = flag(np.cos(widest) < np.cos(moved))
-        turned = turned * settings.turns * settings.turning[j]
-        near = near * select(straight > 0.5, 1.0, turned)
-    reason = select(near > 0.5, float(ACCEPTED), float(JUMP))
-    reason = select(slow > 0.5, reason, float(TOO_FAST))
-    reason = select(inside > 0.5, reason, float(OUTSIDE))
-    return select(finite(state) > 0.5, reason, float(NOT_FINITE))
-
-
-def _between(low: Scalar, x: Scalar, high: Scalar) -> Scalar:
-    return flag(low < x) * flag(x < high)
+    fault = state_fault(state, last, settings.bounds, settings.turns * settings.turning,
+                        elapsed)
+    return select(fault > 0.5, fault + float(NOT_FINITE - 1), float(ACCEPTED))
 
 
 # The command.

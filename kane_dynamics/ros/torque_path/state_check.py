@@ -9,12 +9,13 @@ for a state that is refused.
 
 from collections.abc import Mapping, Sequence
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.flags import finite, flag
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
@@ -24,6 +25,7 @@ import numpy as np
 
 JUMP, TOO_FAST, OUTSIDE = (
     'position jumped', 'velocity beyond its limit', 'position beyond its limits')
+FAULTS = None, NOT_FINITE, OUTSIDE, TOO_FAST, JUMP  # in the order in which they are named
 FIRST = 'first state'  # no fault: it is compared with the next one
 UNLIMITED = float(np.finfo(np.float64).max)  # stands for an infinite bound
 ROUNDING = 1e-9  # rad or m
@@ -82,10 +84,11 @@ class StateCheck:
         self._to = memoryview(self.accepted).cast('B')
         self.bounds = np.zeros((5, count))
         self._elapsed = np.zeros(())
-        self._possible = np.zeros(1)
+        self._turned = np.zeros(count)
+        self._fault_of_state = np.zeros(1)
         self._judge = state_kernel(robot, count).bind(
-            [state, self.accepted, self.bounds.ravel(), self._elapsed], self._possible,
-            'Judge a joint state.')
+            [state, self.accepted, self.bounds.ravel(), self._turned, self._elapsed],
+            self._fault_of_state, 'Judge a joint state.')
         self.detail = ''
         self.update(values)
         self.forget()
@@ -110,6 +113,7 @@ class StateCheck:
         unlimited = np.isinf(limits.lower[places]) & np.isinf(limits.upper[places])
         sliding = [name in self._robot.model.sliding for name in self._joints]
         self.turning = unlimited & ~np.array(sliding, dtype=bool)
+        self._turned[:] = self.turning * self.turns
         self.bounds[:] = np.clip([lower, upper, fastest, slope, step], -UNLIMITED,
                                  UNLIMITED)
         self.compares = bool(limited.any())
@@ -165,11 +169,10 @@ class StateCheck:
         # After `freeze` no more than the grace time counts.
         compared = min(stamp, self._latest) if self._latest else stamp
         self._elapsed[()] = max(compared - self._stamp, 0) / NANO
-        if self._is_possible():
+        reason = self._reason()
+        if reason is None:
             self._confirmed = True
-            return None
-        reason = self._explain()
-        if reason is not None and not self._confirmed and reason is JUMP:
+        elif not self._confirmed and reason is JUMP:
             # One of the two is false: compare the next one with this one
             self.accept(stamp)
         return reason
@@ -192,7 +195,7 @@ class StateCheck:
         `elapsed` is the time since the last accepted state, s.
         """
         self._elapsed[()] = elapsed
-        reason = self._explain()
+        reason = self._reason()
         if reason is None:  # the last accepted state was not reported
             return (JUMP if jumped else OUTSIDE), 'compared with an unknown state'
         return reason, self.detail
@@ -201,68 +204,53 @@ class StateCheck:
         """Judge a state without an earlier one."""
         self._to[:] = self._from
         self._elapsed[()] = 0.0
-        if not self._is_possible():
-            return self._explain()
+        reason = self._reason()
+        if reason is not None:
+            return reason
         self.accept(stamp)
         self._confirmed = not self.compares
         return None if self._confirmed else FIRST
 
-    def _is_possible(self) -> bool:
-        """Return whether the state is finite and within its bounds."""
+    def _reason(self) -> str | None:
+        """Return why the last state is impossible; None if it is possible."""
         try:
             self._judge()
         except InputError:  # not finite
-            return False
-        return bool(self._possible[0])
+            self._fault_of_state[0] = FAULTS.index(NOT_FINITE)
+        fault = FAULTS[int(self._fault_of_state[0])]
+        if fault is not None:
+            self.detail = self._explained(fault)
+        return fault
 
-    def _explain(self) -> str | None:
-        """
-        Return the reason why the last state is impossible, with details.
-
-        The result is None if it is possible.
-        """
+    def _explained(self, fault: str) -> str:
+        """Return the details of a fault of the last state."""
         q, u = np.split(self._state, 2)
         lower, upper, fastest, slope, step = self.bounds
-
-        # In the order of the kernel: finite, positions, speeds, then the change since
-        # the last state.
-        finite = np.isfinite(q) & np.isfinite(u)
-        if not finite.all():
-            self.detail = ', '.join(np.compress(~finite, self._joints))
-            return NOT_FINITE
-        outside = np.maximum(lower - q, q - upper)
-        if not (outside < 0.0).all():
-            j = int(np.argmax(outside))
+        if fault is NOT_FINITE:
+            finite = np.isfinite(q) & np.isfinite(u)
+            return ', '.join(np.compress(~finite, self._joints))
+        if fault is OUTSIDE:
+            j = int(np.argmax(np.maximum(lower - q, q - upper)))
             limits = self._robot.limits
             place = self._places[j]
-            self.detail = (f"'{self._joints[j]}' at {q[j]:.6g} rad or m; expected "
-                           f'{lower[j]:.4g} to {upper[j]:.4g}, its limits with '
-                           'state_check.position_margin'
-                           + looks_like_degrees(float(q[j]), float(limits.lower[place]),
-                                                float(limits.upper[place])))
-            return OUTSIDE
-        if not (np.abs(u) < fastest).all():
+            return (f"'{self._joints[j]}' at {q[j]:.6g} rad or m; expected "
+                    f'{lower[j]:.4g} to {upper[j]:.4g}, its limits with '
+                    'state_check.position_margin'
+                    + looks_like_degrees(float(q[j]), float(limits.lower[place]),
+                                         float(limits.upper[place])))
+        if fault is TOO_FAST:
             j = int(np.argmax(np.abs(u) / fastest))
-            self.detail = (f"'{self._joints[j]}' at {u[j]:.6g} rad/s or m/s; expected "
-                           f'at most {fastest[j]:.4g}, its limit times '
-                           'state_check.speed_factor')
-            return TOO_FAST
+            return (f"'{self._joints[j]}' at {u[j]:.6g} rad/s or m/s; expected at most "
+                    f'{fastest[j]:.4g}, its limit times state_check.speed_factor')
         moved = q - self.accepted[:len(q)]
-        # A driver may publish the angle of such a joint between -pi and pi
-        if self.turns:
-            moved = np.where(self.turning, np.remainder(moved + math.pi,
-                                                        WHOLE_TURN) - math.pi,
-                             moved)
+        # A driver may publish the angle of such a joint between -pi and pi.
+        wrapped = np.remainder(moved + math.pi, WHOLE_TURN) - math.pi
+        moved = np.where(self._turned > 0.0, wrapped, moved)
         allowed = step + slope * self._elapsed
-        if (np.abs(moved) < allowed).all():
-            self._confirmed = True
-            return None
         j = int(np.argmax(np.abs(moved) / allowed))
-        self.detail = (f"'{self._joints[j]}' moved by {moved[j]:.4g} rad or m in "
-                       f'{float(self._elapsed):.4f} s; expected at most '
-                       f'{allowed[j]:.4g}, as its speed limit, '
-                       'state_check.speed_factor, jitter and noise allow')
-        return JUMP
+        return (f"'{self._joints[j]}' moved by {moved[j]:.4g} rad or m in "
+                f'{float(self._elapsed):.4f} s; expected at most {allowed[j]:.4g}, as '
+                'its speed limit, state_check.speed_factor, jitter and noise allow')
 
 
 def speed_limits(robot: Robot, values: Mapping[str, Any]) -> Array:
@@ -285,46 +273,56 @@ def looks_like_degrees(value: float, lower: float, upper: float) -> str:
     return f' ({turned:.3g} rad, if these are degrees)' if within else ''
 
 
-class JointBounds(NamedTuple):
-    """Position limits, largest speed and largest change of the position of a joint."""
-
-    lower: Scalar
-    upper: Scalar
-    fastest: Scalar
-    change: Scalar
-
-
-def joint_bounds(bounds: Vector, n: int, j: int, elapsed: Scalar) -> JointBounds:
+def state_fault(state: Vector, last: Vector, bounds: Vector, turned: Vector,
+                elapsed: Scalar) -> Scalar:
     """
-    Return the bounds of joint j for the time since the last state, s.
+    Return the index in `FAULTS` of the first fault of a state, over any scalar.
 
-    `bounds`, (5 n,), are lower and upper positions, speeds, and the largest change of a
-    position as slope and constant.
+    Parameters
+    ----------
+    state, last : (2 n,) arrays
+        Positions and velocities of the state, and of the last accepted one.
+    bounds : (5 n,) array
+        Lower and upper positions, speeds, and the largest change of a position as slope
+        and constant.
+    turned : (n,) array
+        1 for joints that may jump by whole turns, else 0.
+    elapsed : Scalar
+        Time between both states, s.
+
     """
+    n = len(last) // 2
     lower, upper, fastest, slope, step = np.split(bounds, 5)
-    return JointBounds(lower[j], upper[j], fastest[j], step[j] + slope[j] * elapsed)
+    inside: Scalar = 1.0
+    slow: Scalar = 1.0
+    near: Scalar = 1.0
+    for j in range(n):
+        position = state[j]
+        speed = state[n + j]
+        moved = position - last[j]
+        change = step[j] + slope[j] * elapsed
+        inside = inside * between(lower[j], position, upper[j])
+        slow = slow * between(-fastest[j], speed, fastest[j])
+        # Modulo whole turns two angles are as near as their cosine says.
+        widest = select(change < math.pi, change, math.pi)
+        near_on_circle = turned[j] * flag(np.cos(widest) < np.cos(moved))
+        near = near * select(between(-change, moved, change) > 0.5, 1.0, near_on_circle)
+    fault = select(near > 0.5, 0.0, float(FAULTS.index(JUMP)))
+    fault = select(slow > 0.5, fault, float(FAULTS.index(TOO_FAST)))
+    fault = select(inside > 0.5, fault, float(FAULTS.index(OUTSIDE)))
+    return select(finite(state) > 0.5, fault, float(FAULTS.index(NOT_FINITE)))
+
+
+def between(low: Scalar, x: Scalar, high: Scalar) -> Scalar:
+    """Return 1 if a number lies between two others, else 0."""
+    return flag(low < x) * flag(x < high)
 
 
 def state_kernel(robot: Robot, count: int) -> Kernel:
-    """
-    Return the kernel that judges a state: 1 if every joint is within its bounds, else 0.
-
-    Its arguments are positions and velocities of the state and of the last one, (2 n,)
-    each; the bounds, (5 n,): lower and upper positions, speeds, and the largest change
-    of a position as slope and constant; and the time between the states, s.
-    """
-    def judged(state: Any, last: Any, bounds: Any, elapsed: Any) -> Any:
-        possible: Any = 1.0
-        for j in range(count):
-            bound = joint_bounds(bounds, count, j, elapsed)
-            position = state[j]
-            speed = state[count + j]
-            moved = position - last[j]
-            # NaN fails every comparison, so that it is impossible as well.
-            for small, large in ((bound.lower, position), (position, bound.upper),
-                                 (-bound.fastest, speed), (speed, bound.fastest),
-                                 (-bound.change, moved), (moved, bound.change)):
-                possible = select(small < large, possible, 0.0)
-        return [possible]
-    return robot.compiled(judged, name=f'state_check_{count}', state=(2 * count,),
-                          last=(2 * count,), bounds=(5 * count,), elapsed=(), shape=(1,))
+    """Return the kernel of `state_fault` for a number of joints, with a result (1,)."""
+    def judged(state: Vector, last: Vector, bounds: Vector, turned: Vector,
+               elapsed: Scalar) -> list[Scalar]:
+        return [state_fault(state, last, bounds, turned, elapsed)]
+    return robot.compiled(judged, name=f'state_fault_{count}', state=(2 * count,),
+                          last=(2 * count,), bounds=(5 * count,), turned=(count,),
+                          elapsed=(), shape=(1,))
