@@ -569,7 +569,8 @@ def _fault(state: Vector, last: Vector, elapsed: Scalar, settings: CycleSettings
     """Return `ACCEPTED`, or the first of the reasons why a state is impossible."""
     fault = state_fault(state, last, settings.bounds, settings.turns * settings.turning,
                         elapsed)
-    return select(fault > 0.5, fault + float(NOT_FINITE - 1), float(ACCEPTED))
+    reason = select(fault > 0.5, fault + float(NOT_FINITE - 1), float(ACCEPTED))
+    return select(finite(state) > 0.5, reason, float(NOT_FINITE))
 
 
 # The command.

@@ -15,7 +15,8 @@ from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.flags import finite, flag
+from kane_dynamics.mechanics.algebra.flags import flag
+from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
@@ -84,9 +85,14 @@ class StateCheck:
         self._to = memoryview(self.accepted).cast('B')
         self.bounds = np.zeros((5, count))
         self._elapsed = np.zeros(())
+        # Continuous joints, whose angle a driver may publish between -pi and pi.
+        lower = robot.limits.lower[self._places]
+        upper = robot.limits.upper[self._places]
+        sliding = [name in robot.model.sliding for name in joints]
+        self.turning = np.isinf(lower) & np.isinf(upper) & ~np.array(sliding, dtype=bool)
         self._turned = np.zeros(count)
         self._fault_of_state = np.zeros(1)
-        self._judge = state_kernel(robot, count).bind(
+        self._judge = state_kernel(robot, self.turning).bind(
             [state, self.accepted, self.bounds.ravel(), self._turned, self._elapsed],
             self._fault_of_state, 'Judge a joint state.')
         self.detail = ''
@@ -109,10 +115,6 @@ class StateCheck:
         margin += ROUNDING
         lower = limits.lower[places] - margin
         upper = limits.upper[places] + margin
-        # Continuous joints, whose angle a driver may publish between -pi and pi.
-        unlimited = np.isinf(limits.lower[places]) & np.isinf(limits.upper[places])
-        sliding = [name in self._robot.model.sliding for name in self._joints]
-        self.turning = unlimited & ~np.array(sliding, dtype=bool)
         self._turned[:] = self.turning * self.turns
         self.bounds[:] = np.clip([lower, upper, fastest, slope, step], -UNLIMITED,
                                  UNLIMITED)
@@ -276,7 +278,7 @@ def looks_like_degrees(value: float, lower: float, upper: float) -> str:
 def state_fault(state: Vector, last: Vector, bounds: Vector, turned: Vector,
                 elapsed: Scalar) -> Scalar:
     """
-    Return the index in `FAULTS` of the first fault of a state, over any scalar.
+    Return the index in `FAULTS` of the first fault of a finite state, over any scalar.
 
     Parameters
     ----------
@@ -301,28 +303,35 @@ def state_fault(state: Vector, last: Vector, bounds: Vector, turned: Vector,
         speed = state[n + j]
         moved = position - last[j]
         change = step[j] + slope[j] * elapsed
-        inside = inside * between(lower[j], position, upper[j])
-        slow = slow * between(-fastest[j], speed, fastest[j])
+        inside = select(between(lower[j], position, upper[j]) > 0.5, inside, 0.0)
+        slow = select(between(-fastest[j], speed, fastest[j]) > 0.5, slow, 0.0)
         # Modulo whole turns two angles are as near as their cosine says.
         widest = select(change < math.pi, change, math.pi)
-        near_on_circle = turned[j] * flag(np.cos(widest) < np.cos(moved))
-        near = near * select(between(-change, moved, change) > 0.5, 1.0, near_on_circle)
+        straight = between(-change, moved, change)
+        if not is_zero(turned[j]):
+            on_circle = turned[j] * flag(np.cos(widest) < np.cos(moved))
+            straight = select(straight > 0.5, 1.0, on_circle)
+        near = select(straight > 0.5, near, 0.0)
     fault = select(near > 0.5, 0.0, float(FAULTS.index(JUMP)))
     fault = select(slow > 0.5, fault, float(FAULTS.index(TOO_FAST)))
-    fault = select(inside > 0.5, fault, float(FAULTS.index(OUTSIDE)))
-    return select(finite(state) > 0.5, fault, float(FAULTS.index(NOT_FINITE)))
+    return select(inside > 0.5, fault, float(FAULTS.index(OUTSIDE)))
 
 
 def between(low: Scalar, x: Scalar, high: Scalar) -> Scalar:
     """Return 1 if a number lies between two others, else 0."""
-    return flag(low < x) * flag(x < high)
+    return select(low < x, flag(x < high), 0.0)
 
 
-def state_kernel(robot: Robot, count: int) -> Kernel:
-    """Return the kernel of `state_fault` for a number of joints, with a result (1,)."""
+def state_kernel(robot: Robot, turning: Array) -> Kernel:
+    """Return the kernel of `state_fault`, (1,); some of its joints may turn, (n,)."""
+    count = len(turning)
+
     def judged(state: Vector, last: Vector, bounds: Vector, turned: Vector,
                elapsed: Scalar) -> list[Scalar]:
-        return [state_fault(state, last, bounds, turned, elapsed)]
-    return robot.compiled(judged, name=f'state_fault_{count}', state=(2 * count,),
+        # Joints that have limits need no comparison on the circle.
+        can_turn = np.where(turning, turned, 0.0)
+        return [state_fault(state, last, bounds, can_turn, elapsed)]
+    joints = ''.join(str(int(turns)) for turns in turning)
+    return robot.compiled(judged, name=f'state_fault_{joints}', state=(2 * count,),
                           last=(2 * count,), bounds=(5 * count,), turned=(count,),
                           elapsed=(), shape=(1,))
