@@ -121,14 +121,18 @@ class EnergyBalance(Observer):
                                                         start)
         self._kernel = energy_kernel(robot, exact)
         self._parameters = robot.parameters.block.copy()
-        self._driven = driven_kernel(robot)
-        self._loaded = load_friction_kernel(robot, exact)
+        self._tree = robot.equations.in_joint_rates
+        self._driven = None
+        if not self._tree:  # in joint rates nothing prescribes a motion
+            self._driven = driven_kernel(robot)
+        self._loaded = None
+        if robot.equations.carries_loads:
+            self._loaded = load_friction_kernel(robot, exact)
         # An implicit step damps high frequencies by design.
         vibrates = bool(bristle_names(robot)) or any(
             body.beam is not None or body.joint.stiffness or body.joint.drive
             for body in robot.model.bodies)
         self._damped = integrator_of(integrator).damps and vibrates
-        self._tree = robot.equations.in_joint_rates
         N = len(states)
         self.began = np.full(N, np.inf)
         self.error, self.worst, self.expected, self._unresolved, self._worked = np.zeros((5, N))
@@ -387,9 +391,11 @@ def _differences(rows: Array, order: int) -> Array:
 def compile_balance(robot: Robot, exact: bool = False) -> None:
     """Compile the kernels of `EnergyBalance`."""
     energy_kernel(robot, exact).compile_lanes()
-    for kernel in (driven_kernel(robot), load_friction_kernel(robot, exact)):
-        if kernel is not None:
-            kernel.compile_lanes()
+    driven = driven_kernel(robot)
+    if driven is not None:
+        driven.compile_lanes()
+    if robot.equations.carries_loads:
+        load_friction_kernel(robot, exact).compile_lanes()
 
 
 @kernel_per_robot
@@ -453,12 +459,10 @@ def directions_of(rates: Vector) -> Vector:
     return np.array([select(v < 0.0, -1.0, 1.0) for v in rates])
 
 
-def load_friction_kernel(robot: Robot, exact: bool = False) -> Kernel | None:
-    """Return the kernel of the power of load friction, W; None without any."""
+def load_friction_kernel(robot: Robot, exact: bool = False) -> Kernel:
+    """Return the kernel of the power of load friction, W."""
     equations, n = robot.equations, robot.n
     tree = equations.tree
-    if not equations.carries_loads:
-        return None
 
     def power(state: Vector, tau: Vector) -> Scalar:
         q, u, time, deflections = _parts(robot, state)

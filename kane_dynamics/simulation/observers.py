@@ -92,25 +92,23 @@ class Chunk:
 
     @lazy_property
     def extremes(self) -> Extremes:
-        """Return the least and the largest value of each entry over the last K states."""
+        """Return least and largest value of each entry over the last K states; NaN if any is."""
         if self.known_extremes is not None:
             return self.known_extremes
-        return extremes_of(self.states[:, 1:])
-
-
-def extremes_of(states: Array) -> Extremes:
-    """Return least and largest value of each entry of states, (N, K, size); NaN if any is."""
-    N, count, size = states.shape
-    # Rows of many states: NumPy compares long rows several times faster than short ones.
-    rows, others = divmod(count, STATES_OF_ROW)
-    low, high = [], []
-    for first, number, length in ((0, rows, STATES_OF_ROW), (count - others, others, 1)):
-        if number:
-            part = states[:, first:first + number * length]
-            long_rows = part.reshape(N, number, length * size)
-            low.append(long_rows.min(axis=1).reshape(N, length, size).min(axis=1))
-            high.append(long_rows.max(axis=1).reshape(N, length, size).max(axis=1))
-    return np.minimum.reduce(low), np.maximum.reduce(high)
+        states = self.states[:, 1:]
+        N, count, size = states.shape
+        # Rows of many states: NumPy compares long rows several times faster than short
+        # ones. The states that fill no such row are compared one by one.
+        rows, others = divmod(count, STATES_OF_ROW)
+        low = []
+        high = []
+        for first, number, length in ((0, rows, STATES_OF_ROW), (count - others, others, 1)):
+            if number:
+                part = states[:, first:first + number * length]
+                long_rows = part.reshape(N, number, length * size)
+                low.append(long_rows.min(axis=1).reshape(N, length, size).min(axis=1))
+                high.append(long_rows.max(axis=1).reshape(N, length, size).max(axis=1))
+        return np.minimum.reduce(low), np.maximum.reduce(high)
 
 
 class Observer:

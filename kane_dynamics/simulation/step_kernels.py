@@ -52,6 +52,7 @@ class StepChoice(NamedTuple):
         return self._replace(dual_to=dual_to, followed=followed)
 
 
+@kernel_per_robot
 def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
                 dual_to: tuple[str, ...] | None = None,
                 followed: Sequence[int] = ()) -> Kernel:
@@ -78,13 +79,7 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
 
     """
     integrator_of(integrator)
-    choice = StepChoice(feedback, integrator, dual_to, tuple(followed))
-    return _step_kernel(robot, choice.needed(robot))
-
-
-@kernel_per_robot
-def _step_kernel(robot: Robot, choice: StepChoice) -> Kernel:
-    """Return the kernel of a step; the choice has nothing that its robot does not need."""
+    choice = StepChoice(feedback, integrator, dual_to, tuple(followed)).needed(robot)
     name, inputs, constants = step_signature(robot, choice)
     step = partial(traced_step, robot, choice)
     # Where the dynamics of one state have a program of their own, its steps have, too.

@@ -165,7 +165,6 @@ class TorqueInput:
     def _load_friction_power(self, states: Array, tau: Array) -> Array:
         """Return the power of load friction, (N, rows), W, at states, (N, rows, size)."""
         kernel = load_friction_kernel(self.robot)
-        assert kernel is not None
         size = kernel.arguments[0].shape[0]
         power: Array = kernel(states[..., :size].reshape(-1, size),
                               tau.reshape(-1, tau.shape[-1]))
