@@ -13,9 +13,9 @@ less than 2 % of the states. With the argument `realtime` the node runs with its
 (which need the rights). With the argument `palletizer` it is that of an arm of four motors with
 three closed loops, whose other six joints follow from loop closure; only the gates to the echo on
 the default executor hold there. With `native` the torque path does without the interpreter, also
-with `palletizer`, each with gates of its own. With the name of a mode, such as `cartesian_impedance`, the
-node runs in it; by default in computed_torque. With `--no-gates` missed gates are printed and no
-failure.
+with `palletizer`, each with gates of its own. With the name of a mode, such as
+`cartesian_impedance`, the node runs in it; by default in computed_torque. With `--no-gates` missed
+gates are printed and no failure.
 
 With `--tail N` the node and the echo in C alone are visited N times each under each load, one
 after the other without a pause, and all percentiles are printed up to the longest of N.
