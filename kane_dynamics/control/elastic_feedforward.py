@@ -12,9 +12,7 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.text import listing, SHORT
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.loop_tracking.driven_mechanism import (closed_configurations,
-                                                          DrivenLoops)
-from kane_dynamics.loop_tracking.loop_error import LoopError
+from kane_dynamics.loop_tracking.driven_mechanism import closed_configurations
 from kane_dynamics.mechanics.algebra.user_functions import NotFiniteError
 from kane_dynamics.mechanics.ball_joints import (joint_positions, moved, neutral,
                                                  require_angles)
@@ -63,6 +61,14 @@ class LinkSpeeds(NamedTuple):
     kept: tuple[int, ...]
     speeds: tuple[int, ...]
     actuators: tuple[tuple[int, float], ...] | None
+
+
+class ClosedPositions(NamedTuple):
+    """Coordinates of the links, (N, n), that close loops at positions of `joints`, (N, k)."""
+
+    joints: tuple[str, ...]
+    positions: Array
+    links: Array
 
 
 class ElasticMotion(NamedTuple):
@@ -163,9 +169,7 @@ class ElasticFeedforward:
         self._actuators = _actuators(robot, self.joint_names, self.speed_names, actuated)
         self._by_choice: dict[LinkSpeeds, ElasticLinks] = {}
         self._kernels: dict[tuple[LinkSpeeds, str], Kernel] = {}
-        self._last_closed = np.zeros((0, 0)), np.zeros((0, 0))  # positions, coordinates
-        self._last_joints: tuple[str, ...] = ()
-        self._loops: DrivenLoops | None = None  # of these joints
+        self._last_closed: ClosedPositions | None = None
         self.kernel = self._compiled(self._choice_of_speeds(), self._law,
                                      'elastic_feedforward')
         self._call: Callable[..., Array] = self.kernel.entry('', self.kernel)
@@ -301,11 +305,13 @@ class ElasticFeedforward:
         robot = self.robot
         if not robot.constraint_names:
             return positions
-        # At other speeds of a motion the configurations are the same.
-        known_positions, known = self._last_closed
-        is_known = not robot.equations.timed and np.array_equal(known_positions, positions)
-        if is_known and tuple(joints) == self._last_joints:
-            return known
+        # At other speeds of a motion the configurations are the same. Threads read and
+        # replace the record as a whole.
+        last = self._last_closed
+        if last is not None and last.joints == tuple(joints):
+            is_same = np.array_equal(last.positions, positions)
+            if is_same and not robot.equations.timed:
+                return last.links
         mechanism = robot.mechanism
         residuals = mechanism.rows(mechanism.state(neutral(robot.model))).residual
         of_velocities = [label for label, residual in zip(mechanism.labels, residuals)
@@ -320,26 +326,9 @@ class ElasticFeedforward:
         driving = [robot.coordinate_names.index(name) for name in fixed]
         places = [robot.coordinate_names.index(name) for name in self.joint_names]
         at_zero = np.zeros((len(times), len(motors)))
-        targets = np.hstack([positions, at_zero])
-        whole = None
-        if len(known) and not robot.equations.timed and tuple(joints) == self._last_joints:
-            # Near the last configurations all of them are closed at once.
-            nearest = _nearest(known_positions, positions)
-            near = np.zeros((len(times), robot.n_q))
-            near[:, places] = known[nearest]
-            near[:, driving] = targets
-            try:
-                if self._loops is None:
-                    self._loops = DrivenLoops(robot, fixed)
-                whole = self._loops.closed(near, times, lambda row: f'row {row}')
-            except LoopError:
-                pass  # they are farther: from one to the next
-        if whole is None:
-            whole = closed_configurations(robot, driving, times, targets)
+        whole = closed_configurations(robot, driving, times, np.hstack([positions, at_zero]))
         result = np.ascontiguousarray(whole[:, places])
-        if tuple(joints) != self._last_joints:
-            self._loops = None
-        self._last_closed, self._last_joints = (positions.copy(), result), tuple(joints)
+        self._last_closed = ClosedPositions(tuple(joints), positions.copy(), result)
         return result
 
     def _add_first(self, row: Array, link: Array, deflection: Any) -> None:
@@ -553,14 +542,6 @@ class ElasticFeedforward:
         motion = self._links(choice).motion(q, np.stack([u, udot]), t)
         # With two rates, the series ends with the values.
         return np.stack([joint_positions(self._tree.model, q), motion.qdot, motion.qddot])
-
-
-def _nearest(known: Array, positions: Array) -> Array:
-    """Return the index of the nearest known positions, (M, k), of each of (N, k)."""
-    distances = np.zeros((len(positions), len(known)))
-    for of_known, of_positions in zip(known.T, positions.T):
-        distances += np.abs(of_positions[:, None] - of_known)
-    return np.asarray(distances.argmin(axis=1))
 
 
 def _lags(drive: Drive) -> bool:

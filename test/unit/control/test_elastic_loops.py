@@ -391,3 +391,17 @@ def test_functions_may_be_defined_in_a_part_of_all_configurations():
     rates = np.random.default_rng(0).normal(size=(4, 1))
     rows = ElasticFeedforward(robot)([0.5, 0.1], *rates)
     assert_equations(robot, rows, np.array([0.5, 0.1]), rates[:2])
+
+
+def test_a_motion_has_the_same_rows_after_any_other_motion():
+    # The crank turns more than once, so that the same pose has coordinates of several turns.
+    robot = Robot(with_drives(four_bar_model(), {'crank': Drive(800.0, rotor_inertia=0.2)}),
+                  constraints=[PIN])
+
+    def motion(begin, end):
+        return SmoothMotion.from_points([0.0, 1.0], [[begin], [end]], joint_names=['crank'])
+    expected = ElasticFeedforward(robot).along(motion(6.8, 7.5), 0.1)
+    used = ElasticFeedforward(robot)
+    used.along(motion(-7.0, 8.0), 1e-3)
+    for after, before in zip(used.along(motion(6.8, 7.5), 0.1), expected):
+        assert_allclose(after, before, rtol=1e-9, atol=1e-9)
