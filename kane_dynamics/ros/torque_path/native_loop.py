@@ -535,6 +535,11 @@ class NativeLoop:
         return self._get('ENDED')
 
     @property
+    def has_reported(self) -> bool:
+        """Return whether the thread has reported a cycle since its start."""
+        return self._get('HEAD') > 0
+
+    @property
     def lost(self) -> int:
         """Return the number of reports that found the ring full."""
         return self._get('LOST')

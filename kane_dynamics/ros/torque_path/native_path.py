@@ -759,7 +759,9 @@ class NativeTorquePath(TorquePath):
         until = time.monotonic() + LONGEST_LAG
         while self.running and not self.timed_out and time.monotonic() < until:
             age = self.now - self._epoch - self._last.last_now
-            if age < self._timeout:
+            # The first command may be published before its report is read.
+            is_known = bool(self.last_update) or not self.native.has_reported
+            if age < self._timeout and is_known:
                 return
             time.sleep(LOOK_AGAIN)
             if is_reader:

@@ -1,6 +1,8 @@
 """Closed loops on the native torque path: its answers are those of the interpreter's."""
 
+from concurrent.futures import ThreadPoolExecutor
 import math
+import time
 
 import numpy as np
 import pytest
@@ -210,6 +212,22 @@ def test_a_motion_begins_at_the_joints_that_follow(mode):
     python, native = (side.path.desired(pair.time) for side in pair.sides)
     assert native[0].shape == (len(DRIVEN),)
     np.testing.assert_allclose(native, python, atol=1e-12)
+
+
+def test_a_motion_after_the_first_command_waits_for_its_report():
+    pair = Pair('computed_torque', 3)
+    _, side = pair.sides
+    path = side.path
+    pair.send(serialize_message(pair.stamped(DRIVEN, list(pair.driven))))
+    pair.time += 2_000_000
+    path.native.answer(serialize_message(pair.stamped(DRIVEN, list(pair.driven))))
+    assert len(side.commands.sent) == 1 and not path.last_update
+    with ThreadPoolExecutor(1) as services:
+        begin = services.submit(path.desired, pair.time)
+        time.sleep(0.02)
+        path.read_reports()
+        q, _, _ = begin.result(5.0)
+    np.testing.assert_allclose(q, pair.driven)
 
 
 @pytest.mark.parametrize(('clock', 'moved', 'lost'), [(0, 0.0, False), (0, 1e-4, True),
