@@ -167,10 +167,12 @@ def held_response(A: Matrix, conditions: list[Scalar], motion: Vector) -> Vector
     The others have none. Where the constraints couple joints, they share with the least
     sum of squares: A is made regular.
     """
-    # The trace over the held joints is the scale of their response.
+    # The trace over the held joints is the scale of their response. It is zero where
+    # constraints lock all of them: no force moves them, and none is needed.
     trace: Scalar = 0.0
     for condition, row, i in zip(conditions, A, range(len(conditions))):
         trace = trace + select(condition, row[i], 0.0)
+    trace = select(trace > 0.0, trace, 1.0)
     return masked_solution(A + REGULAR * trace * np.eye(len(conditions)), conditions,
                            motion)
 

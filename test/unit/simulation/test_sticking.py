@@ -4,8 +4,8 @@ from dataclasses import replace
 import itertools
 import json
 
-from kane_dynamics import (ComputedTorque, FlexibleLink, Limits, ModelBuilder, Motion, point_mass,
-                           PointVelocity, Robot, rod, simulate, Trajectory)
+from kane_dynamics import (Closure, ComputedTorque, FlexibleLink, Inertial, Limits, ModelBuilder,
+                           Motion, point_mass, PointVelocity, Robot, rod, simulate, Trajectory)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
 from kane_dynamics.errors import InputError
@@ -375,6 +375,19 @@ def test_joints_of_a_loop_reach_their_bounds_at_one_instant(integrator):
                      sticking=True)
         ends.append(run.q[-1])
     np.testing.assert_allclose(*ends, atol=1e-6)
+
+
+def test_joints_that_constraints_lock_need_no_friction():
+    # A wheel slides beside a bar whose end is pinned to the ground: 2 kg m^2, 3 N m.
+    b = ModelBuilder('wheel beside a locked bar')
+    b.body('wheel', inertial=Inertial(1.0, (0, 0, 0), np.diag([1.0, 1.0, 2.0])), friction=3.0)
+    b.body('bar', at=(1, 0, 0), inertial=rod(1.0, (0, 0, 0), (0.5, 0, 0)), friction=1.0)
+    b.frame('end', 'bar', at=(0.5, 0, 0))
+    b.frame('ground', 'world', at=(1.5, 0, 0))
+    robot = Robot(b.model(), constraints=[Closure('end', 'ground', 'spherical')])
+    run = simulate(robot, [0.0, 0.0], [2.0], 2.0, step=0.01, sticking=True)
+    np.testing.assert_allclose(run.u[:, 0], np.maximum(2.0 - 1.5 * run.t, 0.0), atol=1e-10)
+    np.testing.assert_array_equal(run.q[:, 1], 0.0)
 
 
 @pytest.mark.slow
