@@ -466,18 +466,17 @@ class TreeEquations:
         loads = self.zeros if load is None else load
         deflection_of = {} if deflections is None else self._by_bristle(deflections)
 
-        def torque(joint: Joint) -> Scalar:
-            """Return the friction of a joint along its own axis."""
+        def force(joint: Joint) -> Scalar:
             k = joint.coordinate
             rate = joint.multiplier * u[k]
             if joint.name in deflection_of:
-                return bristle_torque(joint, rate, deflection_of[joint.name], loads[k])
-            if directions is None:
-                return friction_torque(joint, rate, loads[k])
-            return friction_torque(joint, rate, loads[k], _direction(directions, joint))
-
-        def force(joint: Joint) -> Scalar:
-            return joint.multiplier * torque(joint)
+                torque = bristle_torque(joint, rate, deflection_of[joint.name], loads[k])
+            elif directions is None:
+                torque = friction_torque(joint, rate, loads[k])
+            else:
+                direction = _direction(directions, joint)
+                torque = friction_torque(joint, rate, loads[k], direction)
+            return joint.multiplier * torque
 
         # Damping of beams and drives has matrices of its own.
         friction = self._by_coordinate(force)

@@ -67,7 +67,8 @@ class PlacedProgram(Program):
 
     def destinations(self) -> list[Destination | None]:
         """Return where each result is stored."""
-        result: list[Destination | None] = _in_order(self.kept)
+        # What the loop keeps stands in its own memory, one after the other.
+        result: list[Destination | None] = [('%in.result', k) for k in range(self.kept)]
         for place in self.places:
             if place is None:
                 result.append(None)
@@ -75,11 +76,6 @@ class PlacedProgram(Program):
                 number, offset = place
                 result.append((f'%in.result{number}', offset))
         return result
-
-
-def _in_order(count: int) -> list[Destination | None]:
-    """Return the destinations of results that are stored one after the other."""
-    return [('%in.result', k) for k in range(count)]
 
 
 class Rows:
@@ -427,7 +423,9 @@ class Function:
         self.tables: list[str] = []
         # Pointers to stored arguments, by their entries.
         self._stored: dict[tuple[object, ...], str] = {}
-        self._destinations = _in_order(len(program.outputs))
+        # Where each result is stored: one after the other, or as its place says.
+        self._destinations: list[Destination | None]
+        self._destinations = [('%in.result', k) for k in range(len(program.outputs))]
         if isinstance(program, PlacedProgram):
             self._destinations = program.destinations()
         self._wide = Rows(self.lines, self.names, program.outputs, self._destinations)
@@ -437,7 +435,8 @@ class Function:
         self._from_loops: set[int] = set()
         self._copied: dict[int, int] = {}
         self._cleared = False
-        if lanes == 1 and not isinstance(program, PlacedProgram):
+        has_loops = any(node.op == 'loop' for node in schedule)
+        if has_loops and lanes == 1 and not isinstance(program, PlacedProgram):
             self._placements = placements(program, symbol)
             for placement in self._placements.values():
                 self._from_loops |= placement.outputs
