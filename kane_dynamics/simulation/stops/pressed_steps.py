@@ -104,7 +104,7 @@ def compile_pressed_steps(robot: Robot, integrator: str,
                           followed: Sequence[int] = ()) -> None:
     """Compile the kernels of `pressed_steps` with and without feedback, as `step_kernel`."""
     for feedback in (False, True):
-        compile_pressed_step(robot, StepChoice(feedback, integrator, None, followed))
+        compile_pressed_step(robot, StepChoice(feedback, integrator, None, tuple(followed)))
 
 
 def compile_pressed_step(robot: Robot, choice: StepChoice) -> None:
