@@ -78,8 +78,8 @@ def test_a_small_arm_far_from_the_origin_loses_no_digits(far):
     assert (error <= 2e-14 * np.abs(expected).max(axis=2)).all()
 
 
-@pytest.mark.parametrize('n', [4, 7, 9, *(pytest.param(n, marks=pytest.mark.slow)
-                                         for n in (8, 16))])
+@pytest.mark.parametrize('n', [4, 7, 9, pytest.param(8, marks=pytest.mark.slow),
+                               pytest.param(16, marks=pytest.mark.slow)])
 @pytest.mark.parametrize('name', COMPARED)
 def test_one_state_of_an_arm_is_a_state_of_a_batch(name, n):
     robot = Robot(shuffled(random_model(8, n, branching=0.3 * (n > 8)), 8), payload_frame='frame3')

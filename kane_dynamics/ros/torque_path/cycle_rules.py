@@ -649,8 +649,8 @@ def with_new_settings(path: PathState, settings: CycleSettings) -> PathState:
                          last=_within_effort(path.last, settings))
 
 
-def desired_motion(path: PathState, event: Event, row: Vector, settings: CycleSettings, q: Vector,
-             holds: bool) -> Desired:
+def desired_motion(path: PathState, event: Event, row: Vector, settings: CycleSettings,
+                   q: Vector, holds: bool) -> Desired:
     """Return the desired motion; that which was scheduled before a drop counts no more."""
     moving = event.moving * (1.0 - flag(settings.drops < path.drops))
     x = event.x

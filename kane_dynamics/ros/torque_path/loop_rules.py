@@ -279,5 +279,3 @@ def _reason(outcome: Scalar) -> Scalar:
     reason = either(flag(outcome > DEVIATING - 0.5), float(CONTRADICTORY), reason)
     reason = either(flag(outcome > UNKNOWN_MODE - 0.5), float(NO_MODE), reason)
     return either(flag(outcome < 0.5), float(ACCEPTED), reason)
-
-
