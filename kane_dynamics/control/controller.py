@@ -16,7 +16,7 @@ from kane_dynamics.control.computed_torque import (corrected_acceleration,
                                                    law_kernel, require_rigid)
 from kane_dynamics.control.followed_motion import FollowedMotion
 from kane_dynamics.control.quasi_static import QuasiStatic
-from kane_dynamics.control.stopping import reached_state
+from kane_dynamics.control.stopping import state_after
 from kane_dynamics.control.terms import EVERY_TERM, Mode, Terms
 from kane_dynamics.control.torque_blend import TorqueBlend
 from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
@@ -35,6 +35,7 @@ CORIOLIS = TORQUE_TERMS.index('coriolis')
 FRICTION = TORQUE_TERMS.index('friction')
 # Modes whose law is a method of `Controller`.
 OWN_MODES = (Mode.INVERSE_DYNAMICS, Mode.COMPUTED_TORQUE, Mode.GRAVITY_COMPENSATION)
+PREDICTION_STEP = 1e-3  # s
 
 
 class ModeLaw(Protocol):
@@ -450,10 +451,52 @@ class Controller:
             The arm reaches no finite state, or is singular at q.
 
         """
+        q_end, _, rates = self._state_after(q, u, tau, elapsed, t)
+        begin = q_end[list(self._motion.places)]
+        return self._stop_from(begin, rates, duration)
+
+    def predicted_state(self, q: Array, u: Array, tau: Array, duration: float,
+                        t: float = 0.0) -> tuple[Array, Array]:
+        """
+        Return the state, (n_q,) and (n,), that a constant torque reaches, by the model.
+
+        Steps of at most `PREDICTION_STEP`, of second order.
+
+        Parameters
+        ----------
+        q, u : (n_q,), (n,) arrays
+            The state at the begin, rad or m, and s.
+        tau : (n_q,) array
+            The torque of the joints, N m or N.
+        duration : float
+            s.
+        t : float
+            Time of the state, s.
+
+        Raises
+        ------
+        InputError, ConstraintError
+            The arm reaches no finite state, or is singular on its way.
+
+        """
+        steps = max(math.ceil(duration / PREDICTION_STEP), 1)
+        step = duration / steps
+        for k in range(steps):
+            q, u, _ = self._state_after(q, u, tau, step, t + k * step)
+        return q, u
+
+    def _state_after(self, q: Array, u: Array, tau: Array, duration: float, t: float
+                     ) -> tuple[Array, Array, Array]:
+        """
+        Return the state that a constant torque reaches in one step.
+
+        The rates of the joints that follow come after it.
+        """
         time = (t,) if self._timed else ()
-        reached = self._reached()
-        begin, speeds = np.split(reached(q, u, tau, elapsed, *time), 2)
-        return self._stop_from(begin, speeds, duration)
+        after = self._reached()(q, u, tau, duration, *time)
+        n_q = self.robot.n_q
+        q_end, u_end, rates = np.split(after, [n_q, n_q + self.robot.n])
+        return q_end, u_end, rates
 
     def limit(self, t: float, tau: Array) -> Command:
         """Return `tau`, (n,), within the limits, as the command at stamp `t`, s."""
@@ -528,7 +571,7 @@ class Controller:
         return kernel.entry('', lambda *arguments: kernel(*arguments, *no_wrench))
 
     def _reached(self) -> Callable[..., Array]:
-        """Return the entry point of `reached_state` for the joints that follow."""
+        """Return the entry point of `state_after`, with the joints that follow."""
         robot = self.robot
         places = tuple(self._motion.places)
         terms = self._compensate
@@ -538,12 +581,14 @@ class Controller:
         # The state that the torques reach, traced for these joints and terms.
         def reached(q: Array, u: Array, tau: Array, elapsed: float, parameters: Array,
                     t: float) -> Array:
-            return np.concatenate(reached_state(robot, terms, places, q, u, tau, elapsed,
-                                                parameters, t))
+            q_end, u_end, rates = state_after(robot, terms, q, u, tau, elapsed, parameters,
+                                              t)
+            return np.concatenate([q_end, u_end, rates[list(places)]])
         weights = ''.join(str(int(weight)) for weight in terms.weights)
-        name = f'reached_{weights}_{"_".join(map(str, places))}'
+        name = f'state_after_{weights}_{"_".join(map(str, places))}'
+        count = robot.n_q + robot.n + len(places)
         kernel = robot.compiled(reached, name=name, q=(robot.n_q,), u=(robot.n,),
-                                tau=(robot.n_q,), elapsed=(), shape=(2 * len(places),))
+                                tau=(robot.n_q,), elapsed=(), shape=(count,))
         self._reached_of[terms] = kernel.entry('', kernel)
         return self._reached_of[terms]
 

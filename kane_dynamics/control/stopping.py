@@ -19,9 +19,7 @@ def reached_state(robot: Robot, terms: Terms, places: Sequence[int], q: Vector, 
     """
     Return where joints are, and their rates, some time after they were measured last.
 
-    The torque has been constant since then. Two steps of the linearly implicit midpoint
-    method: friction brings a joint to rest, however light it is, and does not turn its
-    speed over.
+    The torque has been constant since then: `state_after` in one step.
 
     Parameters
     ----------
@@ -48,6 +46,20 @@ def reached_state(robot: Robot, terms: Terms, places: Sequence[int], q: Vector, 
         Positions and rates.
 
     """
+    q_end, _, rates = state_after(robot, terms, q, u, tau, elapsed, parameters, t)
+    return q_end[list(places)], rates[list(places)]
+
+
+def state_after(robot: Robot, terms: Terms, q: Vector, u: Vector, tau: Vector,
+                elapsed: Scalar, parameters: Vector, t: Scalar = 0.0
+                ) -> tuple[Vector, Vector, Vector]:
+    """
+    Return the state that a constant torque reaches in a short time, and the joints' rates.
+
+    One step of the linearly implicit midpoint method, of second order: friction brings a
+    joint to rest, however light it is, and does not turn its speed over. The arguments
+    are those of `reached_state`; the results are (n_q,), (n,) and (n_q,).
+    """
     equations = robot.equations
 
     def speeds_after(q_at: Vector, u_at: Vector, duration: Scalar) -> Vector:
@@ -69,7 +81,7 @@ def reached_state(robot: Robot, terms: Terms, places: Sequence[int], q: Vector, 
     mean_rates = equations.joint_rates(q_middle, 0.5 * (u + u_end), t)
     q_end = q + elapsed * mean_rates
     rates = equations.joint_rates(q_middle, u_end, t)
-    return q_end[list(places)], rates[list(places)]
+    return q_end, u_end, rates
 
 
 def friction_per_rate(robot: Robot, qdot: Vector) -> Vector:

@@ -6,6 +6,7 @@ busy the machine is changes no number: both runs are equal up to the fault, to t
 what differs afterwards is the fault's. The arm is that of `plant_node`, or in MuJoCo.
 """
 
+import signal
 import time
 
 from false_states import arm, FALSE, FAULT, MOST, NANO, PERIOD, SHORT, simulated_arm
@@ -86,7 +87,7 @@ class LostError(Exception):
 class Lockstep:
     """A node and a simulated arm in simulated time."""
 
-    def __init__(self, client, start, name, engine, torque_path):
+    def __init__(self, client, start, name, engine, torque_path, **parameters):
         self.client, self.name, self.arm = client, name, SIDES[engine](name)
         self.robot, self.home, self.motion = arm(name)
         self.time = 100 * NANO
@@ -98,7 +99,7 @@ class Lockstep:
                        'joints': f'[{",".join(self.robot.joint_names)}]'}
         self.node = start(real_states=True, use_sim_time='true', mode='computed_torque',
                           gains__kp=100.0, gains__kd=20.0, torque_path=torque_path,
-                          diagnostics_rate=20.0, **options)
+                          diagnostics_rate=20.0, **options, **parameters)
         client.joints = self.robot.joint_names
         self.node.wait_for('active, mode', 600.0)  # compiling, on a busy machine
         assert wait_until(lambda: self.clock.get_subscription_count() >= 1
@@ -227,6 +228,13 @@ class Lockstep:
             raise LostError(f'no command: {self.node.log[-1500:]}')
         return self.torque(commands[-1])
 
+    def after_silence(self, change, timeout):
+        """Publish a false state; return the torque that acts once it is answered or lost."""
+        count = len(self.client.commands)
+        self.publish(change)
+        wait_until(lambda: len(self.client.commands) > count, timeout)
+        return self.torque(self.client.commands[-1])
+
     def compared(self, reference, reason, change, count):
         """Return the distance from a run without false states, which are counted."""
         for _ in range(ATTEMPTS):
@@ -311,5 +319,50 @@ def test_a_fault_that_lasts_ends_as_configured(client, start, capsys, name, engi
             print(f'\n{name}, {engine}, {torque_path}: of {len(figures)} faults from up to '
                   f'{fastest:.2f} rad/s at most {rest:.4f} rad/s after the stop, moved '
                   f'{distance:.3f} rad ({case})')
+    finally:
+        lockstep.close()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize('action', ['hold', 'zero'])
+@pytest.mark.parametrize('before', [5, 60], ids=['in the grace time', 'in the stop'])
+def test_the_guard_stops_an_arm_whose_node_dies_in_a_fault(client, start, capsys, action, before):
+    """The states stay false, so that the guard knows the motion before the fault alone."""
+    lockstep = Lockstep(client, start, 'fr3', 'plant_node', 'python', guard__enabled='true',
+                        guard__lease=1.0, state_check__action=action)
+    _, change = FALSE['fr3']['jump']
+    try:
+        guard = start(module='kane_dynamics.ros.guard.main')
+        guard.wait_for('watching kane_dynamics', 300.0)
+        assert wait_until(lambda: lockstep.answers() and 'torque_guard watches'
+                          in lockstep.node.log, 60.0), lockstep.node.log
+        client.follow(list(zip(lockstep.motion.times, lockstep.motion.positions)),
+                      names=lockstep.motion.joint_names, start=lockstep.time + 10 * PERIOD)
+        time.sleep(0.3)
+        for _ in range(FAULT):
+            lockstep.arm.step(lockstep.state())
+        for _ in range(before):
+            lockstep.arm.step(lockstep.answer_to_false(change))
+        lockstep.node.end(signal.SIGKILL)
+        states, of_node = [], len(client.commands)
+        for _ in range(600):
+            # In the silence no command follows; then the guard answers each state.
+            acts = len(client.commands) > of_node and np.any(client.commands[-1])
+            lockstep.arm.step(lockstep.after_silence(change, 0.2 if acts else 0.004))
+            states.append((lockstep.arm.q, lockstep.arm.u))
+        q, u = np.array(states).swapaxes(0, 1)
+        moved = np.abs(q - q[0]).max()
+        fastest, rest = np.abs(u).max(), np.abs(u[-1]).max()
+        with capsys.disabled():
+            print(f'\n{action}, {before} states: at most {fastest:.3f} rad/s, after 1.2 s '
+                  f'{rest:.4f} rad/s, moved {moved:.3f} rad')
+        if action == 'zero':
+            assert not np.any(client.commands[-1])
+            return
+        guard.wait_for('stopping by the model and holding', 1.0)
+        assert rest < 0.05
+        # In the silence at its speed, and by half of the time of the stop.
+        assert moved < (0.2 + 0.125) * fastest
     finally:
         lockstep.close()

@@ -65,7 +65,8 @@ LEFT_OUT = frozenset((
     # Called by loops that have checked their arrays.
     'Controller.command_checked', 'Controller.torque', 'Controller.limit', 'Controller.resume',
     'Controller.gravity_torque', 'Controller.motion_torque', 'Controller.stopping_motion',
-    'Controller.interrupted', 'LoopTracker.update_checked', 'FrictionError.torque',
+    'Controller.interrupted', 'Controller.predicted_state', 'LoopTracker.update_checked',
+    'FrictionError.torque',
     'FrictionError.adapt', 'Motion.positions_at', 'Motion.velocities_at',
     'Motion.velocities_inside', 'CollisionDetector.update', 'MomentumObserver.hold',
     'QuasiStatic.require_drives', 'QuasiStatic.require_rigid_model', 'Model.path',

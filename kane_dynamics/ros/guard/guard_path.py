@@ -6,6 +6,7 @@ from typing import Any
 
 from kane_dynamics.control.controller import Controller, Mode
 from kane_dynamics.control.torque_limiter import Command
+from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
@@ -13,8 +14,9 @@ from kane_dynamics.ros.guard.node_watch import NodeWatch
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings, per_joint
 from kane_dynamics.ros.torque_path.cdr import joint_state_of_efforts, STAMP, STAMP_AT
 from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader
+from kane_dynamics.ros.torque_path.guard_messages import LOST
 from kane_dynamics.ros.torque_path.path_controller import rate_limit
-from kane_dynamics.ros.torque_path.torque_path import TorquePath
+from kane_dynamics.ros.torque_path.torque_path import FALSE, TorquePath
 import numpy as np
 from rclpy.publisher import Publisher
 
@@ -85,6 +87,10 @@ class GuardPath(TorquePath):
         # N m; s
         self._offset = np.zeros(controller.robot.n_q)
         self._ramp = 0.0
+        # Configuration, speeds and time, ns, of the arm by the model in a fault: since
+        # the last valid state, under the commands since then. None if it is unknown.
+        self._predicted: tuple[Array, Array, int] | None = None
+        self._last_command = 0  # stamp of the last torque of the node, ns
         self.update(values)
 
     def update(self, values: Mapping[str, Any]) -> None:
@@ -156,11 +162,12 @@ class GuardPath(TorquePath):
                        'parameters')
             return
         sec, nanosec = STAMP.unpack_from(data, STAMP_AT)
+        stamp = sec * NANO + nanosec
         torque = self._node_torques.numbers.copy()
         now = time.perf_counter()
         if self.watch.acting:
             # Computed before the node hung
-            if 0 < sec * NANO + nanosec <= self._took_over:
+            if 0 < stamp <= self._took_over:
                 return
             if not torque.any():
                 self.on_stopped()
@@ -172,6 +179,9 @@ class GuardPath(TorquePath):
             self._forget_states()  # the node was activated again and accepts the states
         if self.loops is not None and self.loops.lost:
             self.loops.restart()  # the node knows the assembly mode again
+        # It acts from its state on; a stamp ahead must not delay what follows.
+        self._last_command = min(stamp or self._now(), self._now())
+        self._predict(self._last_command)
         self.watch.note_node_command(torque, now)
 
     def on_stopped(self) -> None:
@@ -192,10 +202,13 @@ class GuardPath(TorquePath):
 
     def check_timeout(self) -> None:
         """Command if states are stale or impossible and the node does not react."""
+        now = time.perf_counter()
         if self.watch.acting:
             super().check_timeout()
+            # The loss of liveliness began a takeover, and no valid state came since.
+            if self.fault and self.watch.armed and not self.commanding:
+                self._take_over_in_fault(now)
             return
-        now = time.perf_counter()
         late = LATE * self._timeout
         # The node is silent, and the arm too, or its states are impossible: the guard
         # commands.
@@ -215,9 +228,100 @@ class GuardPath(TorquePath):
         self._took_over = self._now()
         self.resume(self.watch.torque)
         self.controller.resume(self._last_heard / NANO, self.messages.last)
+        # Another stop begins where the model says that the arm is at the next state.
+        self._stop = None
         self._report('error',
                      f'no command for {self.watch.silent_for * 1e3:.1f} ms, and joint '
                      f'states are impossible ({self.fault}): {self.reaction}')
+
+    # The motion that is not measured.
+
+    def _keep(self, stamp: int, now: int) -> None:
+        """Keep the state as the last accepted one, from which a prediction begins."""
+        super()._keep(stamp, now)
+        self._predicted = self._accepted(), self._accepted_speeds(), self.states.stamp
+
+    def _forget_states(self) -> None:
+        super()._forget_states()
+        self._predicted = None
+
+    def _refuse(self, reason: str, detail: str, now: int) -> None:
+        """Refuse a state; the model says where the arm is meanwhile."""
+        self._refused_since = self._refused_since or now
+        self._predict(self._last_heard)
+        super()._refuse(reason, detail, now)
+
+    def _predict(self, moment: int) -> None:
+        """
+        Predict the arm's motion in a fault up to a time, ns, under the last torque.
+
+        Called before each change of the torque, so that every torque counts for as long
+        as it acted.
+        """
+        if self._predicted is None or not self._refused_since:
+            return
+        q, u, since = self._predicted
+        if moment <= since:
+            return
+        # Brakes may act while no motor does, and a guard that was stopped has missed
+        # commands: the model knows neither.
+        if not self.watch.armed or moment - since > LOST * NANO:
+            self._predicted = None
+            return
+        # The node holds without feedback: the model's errors would grow without bound.
+        if self._node_has_stopped_it:
+            self._predicted = q, 0.0 * u, moment
+            return
+        try:
+            q, u = self.controller.predicted_state(q, u, self._acting(),
+                                                   (moment - since) / NANO, since / NANO)
+        except (InputError, ConstraintError):  # no finite state, or singular loops
+            self._predicted = None
+            return
+        self._predicted = q, u, moment
+
+    @property
+    def _node_has_stopped_it(self) -> bool:
+        """Return whether the node's stop was over when it commanded last."""
+        if self._stop is None or self.watch.commanded_last:
+            return False
+        _, began = self._stop
+        return self._last_command - began > self._stop_time * NANO
+
+    def _stopping_motion(self, moment: int) -> Motion:
+        """Return the stop from where the model says that the arm is, at a time, ns."""
+        self._predict(moment)
+        if self._predicted is None:
+            return self._rest()
+        q, u, _ = self._predicted
+        return self.controller.stopping_motion(q, u, self._acting(), 0.0, self._stop_time,
+                                               moment / NANO)
+
+    def _hold(self, moment: int) -> None:
+        """
+        Command the torque of the stop, which a takeover begins, at a time, ns.
+
+        The torque is that of the normal law at the predicted state: the prediction has
+        the limits of commands, and that they are constant between two states.
+        """
+        if self._stop is None and self.states.known:
+            self._begin_stop(self.fault in FALSE)
+        if self._stop is None or self._predicted is None:
+            super()._hold(moment)
+            return
+        stop, began = self._stop
+        q, u, _ = self._predicted
+        controller = self.controller
+        if controller.mode is not Mode.COMPUTED_TORQUE:
+            controller.update(mode=Mode.COMPUTED_TORQUE)
+        try:
+            tau = controller.torque(q, u, stop, max(moment - began, 0) / NANO, None,
+                                    moment / NANO)
+            command = controller.limit(moment / NANO, tau)
+        except (InputError, ConstraintError):  # along the stop alone
+            super()._hold(moment)
+            return
+        self._publish(command.tau, *divmod(moment, NANO))
 
     def _acting(self) -> Array:
         """Return the torques of all joints that act, (n_q,): those of the commander."""

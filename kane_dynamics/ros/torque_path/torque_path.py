@@ -172,6 +172,10 @@ class TorquePath:
             return self.loops.q.copy()
         return self.states.accepted[:len(self._reader.joints)].copy()
 
+    def _accepted_speeds(self) -> Array:
+        """Return a copy of the speeds of the last accepted state, (n,)."""
+        return self.states.speeds if self.loops is None else self.loops.u.copy()
+
     def take_foreign_joints(self) -> set[tuple[str, ...]]:
         """Return and clear the name lists of states that contained other joints only."""
         foreign = self._reader.foreign_joints
@@ -515,17 +519,20 @@ class TorquePath:
     def _begin_stop(self, false_states: bool) -> None:
         """Plan how the arm comes to rest, from where the model says that it is now."""
         moment = self._last_heard
-        elapsed = (moment - self.states.stamp) / NANO
-        q = self._accepted()
-        u = self.states.speeds if self.loops is None else self.loops.u
         try:
-            stop = self.controller.stopping_motion(q, u, self._acting(), elapsed,
-                                                   self._stop_time, moment / NANO)
+            stop = self._stopping_motion(moment)
         except (InputError, ConstraintError):  # no finite state, or singular loops
             stop = self._rest()
         self._stop = stop, moment
         if false_states:  # the next accepted state is near where the arm comes to rest
             self.states.expect(stop.positions[-1])
+
+    def _stopping_motion(self, moment: int) -> Motion:
+        """Return the stop from where the last torque has brought the arm by a time, ns."""
+        elapsed = (moment - self.states.stamp) / NANO
+        return self.controller.stopping_motion(self._accepted(), self._accepted_speeds(),
+                                               self._acting(), elapsed, self._stop_time,
+                                               moment / NANO)
 
     def _rest(self) -> Motion:
         """Return the motion that rests at the last accepted state."""

@@ -32,6 +32,30 @@ def test_the_stop_begins_where_a_simulation_is_and_ends_at_rest(kind):
     np.testing.assert_allclose(q, stop.positions[0] + 0.5 * DURATION * speeds, atol=1e-12)
 
 
+@pytest.mark.parametrize('kind', ['tree', 'chosen speeds', 'closed loop', 'time-dependent'])
+def test_a_prediction_follows_a_simulation_under_changing_torques(kind):
+    one = case(kind)
+    robot = one.robot
+    controller = Controller(robot, mode='computed_torque')
+    q, u = true_q, true_u = one.q, one.u
+    force = robot.inverse_dynamics(q, u, 0.3 * one.udot, **one.t)
+    for k in range(20):
+        t = one.time + 0.01 * k
+        force = 0.95 * force + 0.1
+        time = {'t': t} if one.t else {}
+        tau = robot.joint_torques(force, q, **time)
+        q, u = controller.predicted_state(q, u, tau, 0.01, t)
+        run = simulate(robot, true_q, true_u, 0.01, t0=t, step=1e-3,
+                       torque=lambda t, q, u, tau=tau, time=time: robot.generalized_force(
+                           tau, q, **time))
+        true_q, true_u = run.q[-1], run.u[-1]
+    moved = np.abs(true_q - one.q).max()
+    assert moved > 0.1
+    # Friction is of first order in the step of the prediction.
+    np.testing.assert_allclose(q, true_q, atol=0.01 * moved)
+    np.testing.assert_allclose(u, true_u, atol=0.01 * np.abs(true_u).max())
+
+
 def light_joint():
     """Return a robot with a wrist whose friction would stop it within a tenth of the time."""
     b = ModelBuilder('arm')

@@ -571,3 +571,108 @@ def test_the_guard_logs_a_return_and_then_a_takeover():
     node = SimpleNamespace(get_logger=lambda: logger)
     for level in ('info', 'error', 'info'):
         GuardNode._report(node, level, 'a report')
+
+
+class MovingArm:
+    """Two links without friction between the processes, moved by whichever commands."""
+
+    def __init__(self, both):
+        self.both, self.robot, self.q, self.u = both, Robot(MODEL), Q.copy(), np.zeros(2)
+        motion = Motion.from_points([0.0, 1.0], [Q, Q + [1.0, -1.0]],
+                                    joint_names=MODEL.joint_names)
+        both.path.active_motion.follow(motion, round(both.machine.now * NANO), 0,
+                                       both.path.active_motion.generation)
+
+    def run(self, seconds, false=False):
+        """Return the positions and speeds (K, 2) of all periods; states are false or true."""
+        rows = []
+        for _ in range(round(seconds / self.both.period)):
+            torque = self.both.machine.commands[-1][2]
+            self._move(torque)
+            self.both.q, self.both.u = np.full(2, np.nan) if false else self.q, self.u
+            self.both.step()
+            rows.append((self.q, self.u))
+        return np.array(rows).swapaxes(0, 1)
+
+    def _move(self, torque):
+        """Move for one period, in a step of Runge and Kutta, whose order is four."""
+        def rate(state):
+            q, u = state
+            return np.array([u, self.robot.forward_dynamics(q, u, torque)])
+        h, state = self.both.period, np.array([self.q, self.u])
+        k_1 = rate(state)
+        k_2 = rate(state + 0.5 * h * k_1)
+        k_3 = rate(state + 0.5 * h * k_2)
+        k_4 = rate(state + h * k_3)
+        self.q, self.u = state + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
+
+
+IN_FAULT = pytest.mark.parametrize('before', [0.02, 0.15, 0.28], ids=[
+    'in the grace time', 'in the stop', 'at the end of the stop'])
+
+
+@IN_FAULT
+def test_the_guard_stops_an_arm_whose_node_dies_while_states_are_false(pair, before):
+    both = pair(**{'limits.rate': np.array(np.inf), 'state_check.action': 'hold',
+                   'mode': 'computed_torque'})
+    arm = MovingArm(both)
+    arm.run(0.4)
+    assert np.abs(arm.u).max() > 1.0
+    arm.run(before, false=True)
+    both.node_process.dead = True
+    died = both.machine.now
+    # The last torque acts in the silence of 1.5 state_timeout.
+    arm.run(0.16, false=True)
+    begin, fastest = arm.q.copy(), np.abs(arm.u).max()
+    q, u = arm.run(0.84, false=True)
+    assert both.voices(died) == ['guard']
+    # The stop moves the arm by half its time, 0.25 s, times the speeds at its begin.
+    assert np.abs(q - begin).max() < 0.125 * fastest + 2e-3
+    assert np.abs(u[-1]).max() < 5e-3
+    np.testing.assert_allclose(both.machine.commands[-1][2], arm.robot.gravity_force(arm.q),
+                               atol=0.02)
+
+
+@IN_FAULT
+def test_the_guard_commands_zeros_in_a_fault_if_so_configured(pair, before):
+    both = pair(**{'limits.rate': np.array(np.inf), 'state_check.action': 'zero',
+                   'mode': 'computed_torque'})
+    arm = MovingArm(both)
+    arm.run(0.4)
+    arm.run(before, false=True)
+    both.node_process.dead = True
+    died = both.machine.now
+    arm.run(0.2, false=True)
+    # Zeros of the node leave nothing to take over.
+    assert both.voices(died) == (['guard'] if before < 0.05 else [])
+    assert not both.machine.commands[-1][2].any()
+
+
+def test_the_guard_returns_to_measured_states_after_a_stop_by_the_model(pair):
+    both = pair(**{'limits.rate': np.array(np.inf), 'state_check.action': 'hold',
+                   'mode': 'computed_torque'})
+    arm = MovingArm(both)
+    arm.run(0.4)
+    arm.run(0.02, false=True)
+    both.node_process.dead = True
+    arm.run(0.6, false=True)
+    assert both.guard.path.fault
+    arm.run(0.5)
+    assert not both.guard.path.fault
+    assert np.abs(arm.u).max() < 1e-3
+
+
+def test_the_guard_stops_an_arm_whose_states_become_false_right_after_its_node_died(pair):
+    """The loss of liveliness begins the takeover, but no valid state is there to answer."""
+    both = pair(**{'limits.rate': np.array(np.inf), 'state_check.action': 'hold',
+                   'mode': 'computed_torque'})
+    arm = MovingArm(both)
+    arm.run(0.4)
+    both.node_process.dead = True
+    arm.run(0.006)
+    arm.run(0.006, false=True)
+    both.guard._on_liveliness(SimpleNamespace(alive_count=0))
+    assert both.guard.path.watch.acting
+    arm.run(1.0, false=True)
+    assert both.machine.commands[-1][1] == 'guard'
+    assert np.abs(arm.u).max() < 5e-3
