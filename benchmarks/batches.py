@@ -15,25 +15,15 @@ import warnings
 
 from kane_dynamics import Robot
 from kane_dynamics.cli.commands.interleaved_timing import interleaved
-from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime.kernel import Kernel
 from native_loop import ARMS, Race, race, random_states, TOLERANCE
 import numpy as np
 from pinocchio_native import depth_first, library, Pinocchio, Unavailable
+from report import batch_name, ONE_THREAD, simd, STATES
 
 PEER = 'Pinocchio C++'
-ONE_THREAD = 'one thread'
 THREADS = 'KANE_DYNAMICS_THREADS'
-# States of each quantity; of matrices fewer, since they take more memory. Jacobians are those of
-# the last joint's frame.
-STATES = {'inverse_dynamics': 100_000, 'forward_dynamics': 100_000, 'partial_velocities': 100_000,
-          'inverse_dynamics_derivatives': 10_000}
 TURNS = 15
-
-
-def batch_name(what: str, threads: str = ONE_THREAD) -> str:
-    """Return the name of the race of a batch in the report."""
-    return f'batch of {STATES[what]}: {what}, {threads}'
 
 
 def peer_race(robot: Robot, what: str) -> Race:
@@ -97,15 +87,6 @@ def threads(count: int) -> Iterator[None]:
     """Let batches use a number of threads."""
     with patch.dict(os.environ, {THREADS: str(count)}):
         yield
-
-
-def simd() -> str:
-    """Return the widest SIMD extension that our code uses."""
-    features = llvm.features()
-    for name, feature in llvm.SIMD.items():
-        if features.get(feature):
-            return name
-    return 'none of x86'
 
 
 def races() -> list[Race]:

@@ -21,7 +21,6 @@ import subprocess
 import sys
 from typing import Any
 
-from batches import batch_name, ONE_THREAD, simd
 from kane_dynamics._util.resources import package_version, resource_path
 from kane_dynamics.native.machine_code import llvm
 
@@ -106,11 +105,30 @@ def gates() -> list[Gate]:
         Gate('a second simulated at 1 ms, implicit', CLOCK, 1000.0, 2000.0, BEAMS)]
 
 
+ONE_THREAD = 'one thread'
+# States of each quantity; of matrices fewer, since they take more memory. Jacobians are those of
+# the last joint's frame.
+STATES = {'inverse_dynamics': 100_000, 'forward_dynamics': 100_000, 'partial_velocities': 100_000,
+          'inverse_dynamics_derivatives': 10_000}
 # Least ratio and stretch of batches on one thread, with AVX-512 and without.
 BATCH_GATES = {'inverse_dynamics': ((40.0, 55.0), (25.0, 40.0)),
                'forward_dynamics': ((36.0, 40.0), (20.0, 28.0)),
                'partial_velocities': ((8.0, 12.0), (5.0, 8.0)),
                'inverse_dynamics_derivatives': ((8.0, 12.0), (5.0, 8.0))}
+
+
+def batch_name(what: str, threads: str = ONE_THREAD) -> str:
+    """Return the name of the race of a batch in the report."""
+    return f'batch of {STATES[what]}: {what}, {threads}'
+
+
+def simd() -> str:
+    """Return the widest SIMD extension that our code uses."""
+    features = llvm.features()
+    for name, feature in llvm.SIMD.items():
+        if features.get(feature):
+            return name
+    return 'none of x86'
 
 
 def batch_gates(wide: bool) -> list[Gate]:
