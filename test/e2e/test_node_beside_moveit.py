@@ -1,5 +1,7 @@
 """Frames of tf2 and attached objects of MoveIt: over DDS, with test-only message packages."""
 
+import os
+from pathlib import Path
 import time
 
 from geometry_msgs.msg import TransformStamped, WrenchStamped
@@ -159,7 +161,11 @@ def test_attached_objects_are_payload_until_they_are_detached(client, start):
 
 
 def test_without_the_packages_the_node_warns_and_works(start, monkeypatch):
-    monkeypatch.delenv('PYTHONPATH', raising=False)
+    # The packages for tests alone leave the path; others, such as of a workspace, stay.
+    folders = os.environ.get('PYTHONPATH', '').split(os.pathsep)
+    others = [folder for folder in folders
+              if not any((Path(folder) / name).exists() for name in ('tf2_msgs', 'moveit_msgs'))]
+    monkeypatch.setenv('PYTHONPATH', os.pathsep.join(others))
     node = start(tf__enabled='true', attached_objects__topic='/scene', payload__frame='c')
     node.wait_for('active, mode', 120.0)
     assert "parameter 'tf.enabled': true without tf2_msgs/TFMessage" in node.log
