@@ -196,3 +196,16 @@ def test_compiled_matrices_by_blocks_are_those_of_the_definition(branching):
     for name in ('mass_matrix', 'inverse_mass_matrix'):
         program = robot.kernels.program(name, single=True)
         assert any(node.op == 'loop' for node in program.schedule())
+
+
+@pytest.mark.parametrize('n', [32, 40])
+def test_compiled_matrices_of_whole_blocks_are_those_of_the_definition(n):
+    # Without joints that fill blocks, loops write the tiles of the matrices in place.
+    model = random_model(8, n, branching=0.0)
+    q = random_state(model, 5)[0]
+    robot = Robot(model)
+    expected = kane.mass_matrix(model, q)
+    assert relative_error(robot.mass_matrix(q), expected) < 20.0 * EPS
+    condition = np.linalg.cond(expected)
+    inverse = robot.inverse_mass_matrix(q)
+    assert relative_error(inverse, np.linalg.inv(expected)) < 10.0 * EPS * condition

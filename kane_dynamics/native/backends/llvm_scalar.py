@@ -250,25 +250,27 @@ def placements(program: Program, symbol: str) -> dict[int, PlacedResults]:
     them, store none, since results may overlap arguments in memory.
     """
     loops: list[Expr] = []
-    read: set[int] = set()
+    read: list[Expr] = []
     for group in _levels(program.schedule()):
         for node in group:
-            read.update(x.index for x in operands(node))
+            read += operands(node)
             if node.op != 'loop':
                 continue
             loops.append(node)
             if any(isinstance(x, Expr) and x.op == 'input' for x in node.args[1:]):
                 loops = []
 
-    # Places among the results, by loop and result; those at several places are read.
+    # Places among the results, by loop and result.
     places: dict[int, dict[int, int]] = {node.index: {} for node in loops}
-    for place, x in enumerate(program.outputs):
-        if isinstance(x, Expr) and x.op == 'output' and x.args[0].index in places:
+    for x in read:
+        if _of_loops(x, places):
             source, k = x.args
-            if k in places[source.index] or x.index in read:
-                places[source.index][k] = SEVERAL
-            else:
-                places[source.index][k] = place
+            places[source.index][k] = SEVERAL
+    for place, x in enumerate(program.outputs):
+        if _of_loops(x, places):
+            source, k = x.args
+            among = places[source.index]
+            among[k] = SEVERAL if k in among else place
     known: dict[tuple[Any, ...], PlacedProgram] = {}
     result = {}
     for node in loops:
@@ -277,6 +279,11 @@ def placements(program: Program, symbol: str) -> dict[int, PlacedResults]:
         if loop.count > 1 and placement is not None:
             result[node.index] = placement
     return result
+
+
+def _of_loops(x: Any, loops: Container[int]) -> bool:
+    """Return whether a scalar is a result of one of these loops."""
+    return isinstance(x, Expr) and x.op == 'output' and x.args[0].index in loops
 
 
 def _regular_places(loop: Any, places: Mapping[int, int]
