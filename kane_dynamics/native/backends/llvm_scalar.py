@@ -262,9 +262,9 @@ def placements(program: Program, symbol: str) -> dict[int, PlacedResults]:
 
     # Places among the results, by loop and result.
     places: dict[int, dict[int, int]] = {node.index: {} for node in loops}
-    for x in read:
-        if _of_loops(x, places):
-            source, k = x.args
+    for operand in read:
+        if _of_loops(operand, places):
+            source, k = operand.args
             places[source.index][k] = SEVERAL
     for place, x in enumerate(program.outputs):
         if _of_loops(x, places):
