@@ -267,7 +267,7 @@ def placements(program: Program, symbol: str) -> dict[int, PlacedResults]:
             source, k = operand.args
             places[source.index][k] = SEVERAL
     for place, x in enumerate(program.outputs):
-        if _of_loops(x, places):
+        if isinstance(x, Expr) and _of_loops(x, places):
             source, k = x.args
             among = places[source.index]
             among[k] = SEVERAL if k in among else place
@@ -281,9 +281,9 @@ def placements(program: Program, symbol: str) -> dict[int, PlacedResults]:
     return result
 
 
-def _of_loops(x: Any, loops: Container[int]) -> bool:
+def _of_loops(x: Expr, loops: Container[int]) -> bool:
     """Return whether a scalar is a result of one of these loops."""
-    return isinstance(x, Expr) and x.op == 'output' and x.args[0].index in loops
+    return x.op == 'output' and x.args[0].index in loops
 
 
 def _regular_places(loop: Any, places: Mapping[int, int]
