@@ -12,16 +12,20 @@ import time
 import warnings
 
 from ball_trees import peer_of, random_ball_tree
-from kane_dynamics import absolute_rates, Drive, Robot, simulate, StiffnessCurve, with_drives
+from kane_dynamics import (absolute_rates, Coupling, Drive, Robot, simulate, StiffnessCurve,
+                           with_drives)
 from kane_dynamics.errors import KaneError, ModelWarning
+from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.ball_joints import moved, neutral
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.definition import kane, nonholonomic
 from kane_dynamics.mechanics.friction import carries_loads
 from kane_dynamics.mechanics.integrators import INTEGRATORS
+from kane_dynamics.mechanics.recursive.regressor import parameters_of
 from kane_dynamics.model.ball_coordinates import is_ball_part
+from kane_dynamics.model.model import with_payload
 from kinds_of_mechanism import case, KINDS, PAIRS
-from mechanisms import random_model
+from mechanisms import random_inertial, random_model
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -36,6 +40,8 @@ MOST_FAILURES = 10
 NO_FRICTION = {'friction': 0.0, 'friction_offset': 0.0, 'quadratic_damping': 0.0,
                'friction_backward': None, 'breakaway_friction': None, 'load_friction': 0.0,
                'load_friction_backdriven': None}
+LONGEST = 64  # joints of a tree
+BATCHED = 24  # more joints: code for batches of most quantities takes long to compile
 REFUSED = 0.25  # largest share of mechanisms that may be refused: by chance nearly singular
 
 
@@ -85,7 +91,57 @@ def random_kinds(rng):
     return Robot(replace(model, bodies=bodies), **options), ' and '.join(kinds), one.q
 
 
-MAKERS = (random_tree, random_balls, random_linkage, random_linkage, random_kinds)
+def random_long_tree(rng):
+    """
+    Return a chain or a tree of many joints, now and then coupled or in absolute rates.
+
+    Branches consist of whole blocks of eight joints or of any number.
+    """
+    n = int(8.0 * (LONGEST / 8.0) ** rng.random())
+    if rng.random() < 0.5:
+        n = 8 * round(n / 8)
+    branching = rng.choice([0.0, 0.03, 0.1, 0.4])
+    prismatic = rng.choice([0.0, 0.2])
+    model = random_model(int(rng.integers(2**31)), n, prismatic=prismatic, branching=branching,
+                         passive=bool(rng.random() < 0.5))
+    if branching and rng.random() < 0.3:
+        model = in_blocks(model)
+    if rng.random() < 0.3:
+        model = shuffled(model, rng)
+    name, choice = f'long {n}', {}
+    if n <= 16 and rng.random() < 0.2:
+        name, choice['speeds'] = f'long-absolute {n}', absolute_rates
+    elif n <= 32 and rng.random() < 0.2:
+        name = f'long-coupled {n}'
+        names = model.coordinate_names
+        choice = {'constraints': [Coupling(names[-1], {names[0]: rng.uniform(0.5, 2.0)})],
+                  'configuration': np.zeros(n)}
+    robot = Robot(model, payload_frame=f'frame{n // 2}', **choice)
+    return robot, name, np.zeros(n) if 'constraints' in choice else None
+
+
+def in_blocks(model):
+    """Return a tree in which only every eighth body carries several others, or none."""
+    bodies = []
+    for k, body in enumerate(model.bodies):
+        parent = k - 1 if k % 8 else min(body.parent, k - 1)
+        if parent >= 0 and k % 8 == 0:
+            parent = parent // 8 * 8 + 7
+        bodies.append(replace(body, parent=parent))
+    return replace(model, bodies=tuple(bodies))
+
+
+def shuffled(model, rng):
+    """Return a model with its coordinates in another order than its bodies."""
+    order = rng.permutation(model.n)
+    bodies = tuple(replace(body, joint=replace(
+        body.joint, coordinate=int(order[body.joint.coordinate]))) for body in model.bodies)
+    names = [model.coordinate_names[k] for k in np.argsort(order)]
+    return replace(model, bodies=bodies, coordinate_names=tuple(names))
+
+
+MAKERS = (random_tree, random_tree, random_balls, random_balls, random_linkage, random_linkage,
+          random_linkage, random_linkage, random_kinds, random_kinds, random_long_tree)
 
 
 def with_other_friction(model, rng):
@@ -180,16 +236,120 @@ def compare_with_pinocchio(model, q, qdot, qddot):
     used = [body.joint.coordinate for body in model.bodies]
     if model.flexible or model.drives or len(set(used)) < len(used):
         return False
-    bodies = tuple(replace(body, joint=replace(
-        body.joint, damping=0.0, armature=0.0, stiffness=0.0, offset=0.0, **NO_FRICTION))
-        for body in model.bodies)
     if any(body.joint.offset for body in model.bodies):
         return False
-    rigid = replace(model, bodies=bodies)
+    rigid = without_passive_forces(model)
+    found = kane.inverse_dynamics(rigid, q, qdot, qddot)
     peer = peer_of(rigid)
+    if not model.balls:  # Pinocchio's coordinates have the order of the bodies
+        q, qdot, qddot = q[used], qdot[used], qddot[used]
     expected = pin.rnea(peer, peer.createData(), q, qdot, qddot)
-    near_to(kane.inverse_dynamics(rigid, q, qdot, qddot), expected, 1e-10)
+    if not model.balls:
+        expected = expected[np.argsort(used)]
+    near_to(found, expected, 1e-10)
     return True
+
+
+def matrices_of_trees(robot, q, u, udot, rng):
+    """
+    Yield names and checks of matrices of a tree in joint rates, with a payload if it may have one.
+
+    The references are Kane's sums, and their derivatives along a random motion by dual numbers.
+    """
+    model = robot.model
+    frame = robot.options.get('payload_frame')
+    if frame is not None:
+        payload = random_inertial(rng)
+        robot.parameters.payload = payload
+        model = with_payload(model, frame, payload)
+    M = kane.mass_matrix(model, q)
+    condition = np.linalg.cond(M)
+    inverse = np.linalg.inv(M)
+    accuracy = max(1e-10, 1e-14 * condition)
+    dq, du = rng.uniform(-1.0, 1.0, (2, robot.n))
+
+    def mass_matrix(compute):
+        near_to(compute(q), M, 1e-10)
+
+    def inverse_mass_matrix(compute):
+        near_to(compute(q), inverse, accuracy)
+
+    def coriolis_matrix(compute):
+        C = compute(q, u)
+        plain = without_passive_forces(model)
+        none = np.zeros(robot.n)
+        force = kane.inverse_dynamics(plain, q, u, none)
+        at_rest = kane.inverse_dynamics(plain, q, none, none)
+        size = np.abs(force).max() + np.abs(at_rest).max()
+        assert np.abs(C @ u - (force - at_rest)).max() <= 1e-10 * size
+        M_rate = rates(kane.mass_matrix(model, moving(q, u))).astype(float)
+        size = np.abs(C).max() * robot.n + np.abs(M_rate).max()
+        assert np.abs(C + C.T - M_rate).max() <= 1e-10 * size
+
+    def slope(accelerations):
+        along = kane.inverse_dynamics(model, moving(q, dq), moving(u, du), accelerations)
+        return rates(along).astype(float)
+
+    def inverse_dynamics_derivatives(compute):
+        by_q, by_u, by_udot = compute(q, u, udot)
+        near_to(by_q @ dq + by_u @ du, slope(udot), 1e-9)
+        near_to(by_udot, M, 1e-10)
+
+    def forward_dynamics_derivatives(compute):
+        tau = kane.inverse_dynamics(model, q, u, udot)
+        by_q, by_u, by_tau = compute(q, u, tau)
+        near_to(M @ (by_q @ dq + by_u @ du), -slope(udot), 100.0 * accuracy)
+        near_to(by_tau, inverse, accuracy)
+
+    def regressor(compute):
+        # With other inertias than the model's: all columns count.
+        inertials = [random_inertial(rng) for _ in model.bodies]
+        other = without_passive_forces(replace(model, bodies=tuple(
+            replace(body, inertial=inertial) for body, inertial in zip(model.bodies, inertials))))
+        parameters = np.concatenate([parameters_of(x.pseudo_inertia) for x in inertials])
+        near_to(compute(q, u, udot) @ parameters, kane.inverse_dynamics(other, q, u, udot), 1e-10)
+
+    def forward_dynamics(compute):
+        tau = kane.inverse_dynamics(model, q, u, udot)
+        missing = M @ (compute(q, u, tau) - udot)
+        assert np.abs(missing).max() <= TOLERANCE * max(1.0, np.abs(tau).max())
+
+    for law in (mass_matrix, inverse_mass_matrix, coriolis_matrix, inverse_dynamics_derivatives,
+                forward_dynamics_derivatives, regressor, forward_dynamics):
+        yield law.__name__, law
+
+
+def has_matrices_of_trees(robot):
+    """Return whether a robot is a rigid tree in joint rates, with a regressor."""
+    model = robot.model
+    return (robot.equations.in_joint_rates and not carries_loads(model)
+            and not (model.flexible or model.drives or model.balls))
+
+
+def without_passive_forces(model):
+    """Return a model whose joints have no friction, damping, springs or armature."""
+    return replace(model, bodies=tuple(replace(body, joint=replace(
+        body.joint, damping=0.0, armature=0.0, stiffness=0.0, offset=0.0, **NO_FRICTION))
+        for body in model.bodies))
+
+
+def check_matrices(robot, q, u, udot, rng):
+    """Fail unless some matrices of a tree are right, for one state and among those of a batch."""
+    laws = dict(matrices_of_trees(robot, q, u, udot, rng))
+    chosen = rng.choice(list(laws), 2 if robot.n > BATCHED else 4, replace=False)
+    for name in map(str, chosen):
+        compute = getattr(robot, name)
+        try:
+            laws[name](compute)
+            if robot.n <= BATCHED or name == 'forward_dynamics':
+                laws[name](lambda *state: compute(*in_a_batch(state))[1])
+        except AssertionError as error:
+            raise AssertionError(f'{name}: {error}') from None
+
+
+def in_a_batch(state):
+    """Return three states of a batch, the second of which is this one."""
+    return [np.stack([0.5 * x, x, -x]) for x in state]
 
 
 def check(robot, q, u, udot, t, rng):
@@ -268,6 +428,9 @@ def test_random_mechanisms_are_those_of_the_definition_and_of_pinocchio(capsys):
                     done['elastic'] += bool(robot.model.drives)
                 q, u, udot, t = random_state(robot, near, rng)
                 done['with Pinocchio'] += check(robot, q, u, udot, t, rng)
+                if has_matrices_of_trees(robot):
+                    check_matrices(robot, q, u, udot, rng)
+                    done['with matrices of trees'] += 1
                 done[name.split()[0]] += 1
         except KaneError as error:
             refused[f'{type(error).__name__}: {str(error)[:90]}'] += 1

@@ -247,17 +247,16 @@ def placements(program: Program, symbol: str) -> dict[int, PlacedResults]:
 
     These are results of all turns that nothing else reads, at places that are equally
     far apart from turn to turn. Loops that read arguments in place, and those before
-    them, store none, since results may overlap arguments in memory.
+    such a loop or call, store none, since results may overlap arguments in memory.
     """
     loops: list[Expr] = []
     read: list[Expr] = []
     for group in _levels(program.schedule()):
         for node in group:
             read += operands(node)
-            if node.op != 'loop':
-                continue
-            loops.append(node)
-            if any(isinstance(x, Expr) and x.op == 'input' for x in node.args[1:]):
+            if node.op == 'loop':
+                loops.append(node)
+            if _reads_arguments(node):
                 loops = []
 
     # Places among the results, by loop and result.
@@ -279,6 +278,11 @@ def placements(program: Program, symbol: str) -> dict[int, PlacedResults]:
         if loop.count > 1 and placement is not None:
             result[node.index] = placement
     return result
+
+
+def _reads_arguments(node: Expr) -> bool:
+    """Return whether a node is a call or loop that may read arguments in place."""
+    return node.op in ('call', 'loop') and any(x.op == 'input' for x in operands(node))
 
 
 def _of_loops(x: Expr, loops: Container[int]) -> bool:
@@ -334,7 +338,7 @@ def _placement(loop: Any, places: Mapping[int, int],
         else:
             place, distance = entry
             relative.append((numbers[distance], place - begins[distance]))
-    key = step.name, kept, tuple(relative)
+    key = step, kept, tuple(relative)
     if key not in known:
         name = f'{step.name}_in_{symbol}_{len(known)}'
         known[key] = PlacedProgram(name, step.inputs, step.outputs, step.shape, kept,
@@ -435,8 +439,13 @@ class Function:
         self._destinations = [('%in.result', k) for k in range(len(program.outputs))]
         if isinstance(program, PlacedProgram):
             self._destinations = program.destinations()
-        self._wide = Rows(self.lines, self.names, program.outputs, self._destinations)
         schedule = program.schedule()
+        # Rows are stored at once, unless an argument is read afterwards that the results
+        # may overlap in memory.
+        of_rows = self._destinations
+        if any(map(_reads_arguments, schedule)):
+            of_rows = [None] * len(program.outputs)
+        self._wide = Rows(self.lines, self.names, program.outputs, of_rows)
         # Results of loops that are stored among the function's own, or copied there.
         self._placements: dict[int, PlacedResults] = {}
         self._from_loops: set[int] = set()
@@ -542,6 +551,7 @@ class Function:
         if placement is None:
             return k
         turn, place = divmod(k, len(placement.program.outputs))
+        assert place < placement.program.kept  # others are not in this memory
         return turn * placement.program.kept + place
 
     def _copy(self, place: int, count: int) -> None:
@@ -741,20 +751,20 @@ class Function:
 
     def _stride(self, rows: Sequence[Sequence[Any]]) -> int | None:
         """Return how far apart in memory the rows of a table are; None elsewhere."""
-        firsts = [row[0] for row in rows]
-        if not all(isinstance(x, Expr) and x.op in self.in_place for x in firsts):
+        pointers = set()
+        places = []
+        for row in rows:
+            begin = self._begin(row)
+            if begin is None:
+                return None
+            pointer, place = begin
+            pointers.add(pointer)
+            places.append(place)
+        distances = set(np.diff(places).tolist()) if len(rows) > 1 else {len(rows[0])}
+        if len(pointers) > 1 or len(distances) > 1:
             return None
-        source, begin = firsts[0].args
-        stride: int = firsts[1].args[1] - begin if len(rows) > 1 else len(rows[0])
-        for k, row in enumerate(rows):
-            for j, x in enumerate(row):
-                if not (isinstance(x, Expr) and x.op == firsts[0].op):
-                    return None
-                if x.args[0] is not source or x.args[1] != begin + k * stride + j:
-                    return None
-        if firsts[0].op == 'input' or len(rows) == 1:
-            return stride
-        return self._place(source, begin + stride) - self._place(source, begin)
+        stride: int = distances.pop()
+        return stride
 
     def _argument(self, i: int, k: int, entries: list[Expr | float]) -> str:
         """Return a pointer to the entries; store them unless they are contiguous."""
@@ -778,28 +788,35 @@ class Function:
 
     def _contiguous(self, i: int, k: int, entries: list[Expr | float]) -> str | None:
         """Return a pointer into an argument or result with the entries, or None."""
-        if not entries:
+        begin = self._begin(entries) if entries else None
+        if begin is None:
             return None
-        first = entries[0]
-        if not (isinstance(first, Expr) and first.op in self.in_place):
-            return None
-        op = first.op
-        source, place = first.args
-        # The same source, and one place after the other.
-        for j, x in enumerate(entries):
-            if not (isinstance(x, Expr) and x.op == op):
-                return None
-            if x.args[0] is not source or x.args[1] != place + j:
-                return None
-        row = f'%in.{source}'
-        if op != 'input':
-            row = f'%ret{source.index}'
-            place = self._place(source, place)
+        pointer, place = begin
         if place == 0:
-            return row
-        self.lines.append(f'  %row{i}.{k} = getelementptr {self.type}, ptr {row}, i64 '
+            return pointer
+        self.lines.append(f'  %row{i}.{k} = getelementptr {self.type}, ptr {pointer}, i64 '
                           f'{place}')
         return f'%row{i}.{k}'
+
+    def _begin(self, entries: Sequence[Any]) -> tuple[str, int] | None:
+        """Return pointer and place of entries that follow one another in memory, or None."""
+        begin = self._memory(entries[0])
+        if begin is None:
+            return None
+        pointer, place = begin
+        for j, x in enumerate(entries):
+            if self._memory(x) != (pointer, place + j):
+                return None
+        return begin
+
+    def _memory(self, x: Any) -> tuple[str, int] | None:
+        """Return pointer and place of a scalar of an argument or result, or None."""
+        if not (isinstance(x, Expr) and x.op in self.in_place):
+            return None
+        source, k = x.args
+        if x.op == 'input':
+            return f'%in.{source}', k
+        return f'%ret{source.index}', self._place(source, k)
 
     def _functions(self, group: list[Expr]) -> None:
         """Evaluate the elementary functions of a group."""

@@ -43,17 +43,18 @@ class Loops:
     def __init__(self) -> None:
         """Create an empty registry."""
         self._subroutines = Subroutines()
-        self._programs: dict[str, Program] = {}
+        self._programs: dict[tuple[Any, ...], Program] = {}
 
     def __call__(self, name: str, step: Callable[..., Any], carry: Any, *tables: Any,
                  reverse: bool = False) -> Any:
         """Return the results of a step for each row of tables; see `one_by_one`."""
-        if name not in self._programs:
-            inputs = [('carry', np.shape(carry))]
-            for k, table in enumerate(tables):
-                inputs.append((f'row_{k}', np.shape(table)[1:]))
-            self._programs[name] = self._subroutines.trace(name, step, inputs)
-        program = self._programs[name]
+        inputs = [('carry', np.shape(carry))]
+        for k, table in enumerate(tables):
+            inputs.append((f'row_{k}', np.shape(table)[1:]))
+        key = name, *inputs
+        if key not in self._programs:
+            self._programs[key] = self._subroutines.trace(name, step, inputs)
+        program = self._programs[key]
         # The carry first, then the tables by columns of their rows.
         entries = list(carry)
         for table in tables:
