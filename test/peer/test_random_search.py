@@ -329,7 +329,7 @@ def has_matrices_of_trees(robot):
 def without_passive_forces(model):
     """Return a model whose joints have no friction, damping, springs or armature."""
     return replace(model, bodies=tuple(replace(body, joint=replace(
-        body.joint, damping=0.0, armature=0.0, stiffness=0.0, offset=0.0, **NO_FRICTION))
+        body.joint, damping=0.0, armature=0.0, stiffness=0.0, **NO_FRICTION))
         for body in model.bodies))
 
 
@@ -342,14 +342,17 @@ def check_matrices(robot, q, u, udot, rng):
         try:
             laws[name](compute)
             if robot.n <= BATCHED or name == 'forward_dynamics':
-                laws[name](lambda *state: compute(*in_a_batch(state))[1])
+                laws[name](in_a_batch(compute))
         except AssertionError as error:
             raise AssertionError(f'{name}: {error}') from None
 
 
-def in_a_batch(state):
-    """Return three states of a batch, the second of which is this one."""
-    return [np.stack([0.5 * x, x, -x]) for x in state]
+def in_a_batch(compute):
+    """Return a function of a state that computes it as the second one of a batch of three."""
+    def second(*state):
+        results = compute(*(np.stack([0.5 * x, x, -x]) for x in state))
+        return [x[1] for x in results] if isinstance(results, tuple) else results[1]
+    return second
 
 
 def check(robot, q, u, udot, t, rng):
