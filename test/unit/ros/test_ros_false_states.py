@@ -7,6 +7,8 @@ the fault.
 """
 
 from functools import cache
+import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +19,9 @@ from false_states import (arm, FALSE, FAULT, LONG, MOST, NANO, PERIOD,  # noqa: 
                           SHORT, simulated_arm)
 from kane_dynamics import Controller  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
 from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from node_values import node_values  # noqa: E402
@@ -31,7 +36,7 @@ SETTINGS = {'inverse_dynamics': {}, 'computed_torque': {'kp': 100.0, 'kd': 20.0}
 class Run:
     """The arm under the torque path, tick by tick."""
 
-    def __init__(self, name, mode, moving, **checks):
+    def __init__(self, name, mode, moving, torques=None, **checks):
         self.robot, _, motion = arm(name)
         self.arm = simulated_arm(name)
         controller = Controller(self.robot, mode=mode, **SETTINGS[mode])
@@ -39,7 +44,7 @@ class Run:
                              | {'mode': mode})
         self.time, self.torque, self.commands = 100 * NANO, None, 0
         self.statistics, self.warnings = Statistics(), []
-        self.path = TorquePath(controller, self, Unread(), lambda: self.time, values,
+        self.path = TorquePath(controller, self, torques or Unread(), lambda: self.time, values,
                                self.statistics, lambda *words: self.warnings.append(words),
                                loops=closed_loop_reader(controller, values))
         self.path.start()
@@ -66,7 +71,11 @@ class Run:
             message.position, message.velocity = q.tolist(), u.tolist()
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(self.time - age, NANO)
-        self.path.on_state(serialize_message(message))
+        self.receive(serialize_message(message))
+
+    def receive(self, data):
+        """Pass a serialized state to the torque path."""
+        self.path.on_state(data)
         self.path.check_timeout()
 
     def positions(self, change=None, first=FAULT, count=1, length=SHORT):
@@ -78,6 +87,43 @@ class Run:
                 self.arm.step(self.torque)
             rows.append(self.arm.q.copy())
         return np.array(rows)
+
+
+class GuardedRun(Run):
+    """The same with a guard, which receives the states and torques of a node that may die."""
+
+    def __init__(self, monkeypatch, name):
+        self.dead, self.guard = False, None
+        super().__init__(name, 'computed_torque', True, SimpleNamespace(publish=self.hear),
+                         action='hold')
+        monkeypatch.setattr(time, 'perf_counter', lambda: self.time / NANO)
+        values = {spec.name: read(spec, spec.default) for spec in SPECS}
+        values |= node_values({'state_check.action': 'hold', 'mode': 'computed_torque'})
+        self.reports = []
+        self.guard = GuardPath(Controller(self.robot), self, Unread(), lambda: self.time, values,
+                               Statistics(), lambda *words: None,
+                               lambda *words: self.reports.append(words))
+        self.guard.start()
+        self.guard.watch.known = True
+
+    def hear(self, data):
+        """Pass serialized torques of the node to the guard."""
+        if self.guard is not None:
+            self.guard.on_torques(data)
+
+    def receive(self, data):
+        """Pass a serialized state to the guard, and to the node if it lives."""
+        if self.guard is not None:
+            self.guard.watch.tick(self.time / NANO)
+            self.guard.on_state(data)
+            self.guard.check_timeout()
+        if not self.dead:
+            super().receive(data)
+
+    def rows(self, count, change=None):
+        """Return positions and largest speeds of the joints at some states, (K, n) and (K,)."""
+        q = self.positions(change, first=0, count=count, length=count)
+        return q, np.abs(np.diff(q, axis=0)).max(axis=1) * (NANO / PERIOD)
 
 
 class Unread:
@@ -166,3 +212,31 @@ def test_a_fault_that_lasts_ends_in_zeros_or_the_arm_is_held(name, fault, action
     again = run.positions(length=40)
     assert run.path.fault == '' and run.statistics.dropped.total() == dropped
     assert np.abs(again - rows[-1]).max() < MOST
+
+
+@pytest.mark.parametrize(('name', 'fault', 'before'), [
+    pytest.param('fr3', 'jump', 75, id='fr3, in the stop'),
+    pytest.param('palletizer', 'contradiction', 10, id='palletizer, in the grace time'),
+    pytest.param('palletizer', 'not finite', 75, id='palletizer, in the stop'),
+    pytest.param('palletizer', 'another assembly mode', 140,
+                 id='palletizer, at the end of the stop')])
+def test_the_guard_stops_an_arm_whose_node_dies_in_a_fault_that_lasts(monkeypatch, name, fault,
+                                                                     before):
+    reason, change = FALSE[name][fault]
+    run = GuardedRun(monkeypatch, name)
+    _, moving = run.rows(FAULT)
+    assert moving[-1] > 0.5
+    run.rows(before, change)
+    run.dead = True
+    # The last torque acts in the silence of 1.5 state_timeout.
+    begin, silent = run.rows(80, change)
+    stop, _ = run.rows(140, change)
+    assert run.guard.watch.acting and run.guard.fault == reason, run.reports
+    # The stop moves the arm by half its time, 0.25 s, times the speeds at its begin.
+    assert np.abs(stop - begin[-1]).max() < 0.125 * silent[-1] * 1.1 + MOST
+    rest, _ = run.rows(60, change)
+    assert np.abs(rest - stop[-1]).max() < MOST
+    # True states end the fault.
+    _, slow = run.rows(80)
+    assert run.guard.fault == ''
+    assert slow[-1] < 5e-3
