@@ -24,6 +24,7 @@ from kane_dynamics.simulation.sticking.friction_state import (driving_torques,
                                                               FrictionModes,
                                                               FrictionState,
                                                               of_all_joints)
+from kane_dynamics.simulation.stops.pressed_steps import corrected
 import numpy as np
 
 ROUNDING = 1e-12  # of a force that holds a joint, relative
@@ -70,7 +71,7 @@ def _traced_row(contact: FrictionState, choice: StepChoice, holds: bool, state: 
     after = traced_step(robot, choice, state, inputs, constants, motion)
 
     if holds and contact.constrained:
-        after = without_creep(contact, directions, after, constants)
+        after = without_drift(contact, modes, after, constants)
 
     begin_valid = _begin_valid(motions[0], directions, sides, holds)
     end_valid = _end_valid(contact, after, directions, sides, lower, upper)
@@ -133,8 +134,36 @@ def _end_valid(contact: FrictionState, after: Vector, directions: Vector, sides:
     return valid
 
 
-def without_creep(contact: FrictionState, directions: Vector, after: Vector,
+def without_drift(contact: FrictionState, modes: Matrix, after: Vector,
                   constants: Vector) -> Vector:
+    """Return a state without the motion of held joints, of the order of the step's error."""
+    if contact.stops:
+        after = _at_stops(contact, modes, after, constants)
+    return _without_creep(contact, modes[0], after, constants)
+
+
+def _at_stops(contact: FrictionState, modes: Matrix, after: Vector,
+              constants: Vector) -> Vector:
+    """Return a state in which joints that press against stops are at them."""
+    robot = contact.robot
+    equations: Any = robot.equations
+    q, u, time_and_margin = np.split(after, [robot.n_q, robot.n_q + robot.n])
+    time = list(time_and_margin[:int(equations.timed)])
+    parameters = constants[-len(robot.parameters.block):]
+    coordinates = []
+    touching = []
+    stops = []
+    for place, (_, side, lower, upper) in zip(contact.places.tolist(), modes.T):
+        if place >= 0:
+            coordinates.append(place)
+            touching.append(side * side > 0.5)
+            stops.append(select(side > 0.0, upper, lower))
+    q, u, _ = corrected(robot, coordinates, touching, stops, q, u, time, parameters)
+    return np.array([*q, *u, *time_and_margin])
+
+
+def _without_creep(contact: FrictionState, directions: Vector, after: Vector,
+                   constants: Vector) -> Vector:
     """Return a state in which the rates of held joints are zero, by impulses on them."""
     robot = contact.robot
     equations: Any = robot.equations

@@ -31,7 +31,7 @@ from kane_dynamics.simulation.sticking.friction_state import (FrictionState, NEG
                                                               of_all_joints, TOUCHING,
                                                               traced_forces)
 from kane_dynamics.simulation.sticking.sticking_kernel import (FrictionMotion,
-                                                               without_creep)
+                                                               without_drift)
 import numpy as np
 
 MOST = 200  # transitions in one step
@@ -293,7 +293,8 @@ def _after_part(contact: FrictionState, choice: StepChoice, search: Search,
         return motions[0]
     end = traced_step(robot, choice, search.state, inputs, constants, motion)
     if contact.constrained:
-        end = without_creep(contact, search.directions, end, constants)
+        modes = np.array([search.directions, search.sides, search.lower, search.upper])
+        end = without_drift(contact, modes, end, constants)
     moves = search.phase > 1.5
     state = [select(moves, x_end, x_begin) for x_end, x_begin in zip(end, search.state)]
     return np.array(state), motions[0]

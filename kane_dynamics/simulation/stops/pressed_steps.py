@@ -156,7 +156,7 @@ def _traced_row(robot: Robot, choice: StepChoice, stopped: list[int], state: Vec
         stops = [select(s > 0.0, high, low) for s, low, high in zip(side, lower, upper)]
         time = list(time_and_margin[:int(robot.equations.timed)])
         parameters = constants[-len(robot.parameters.block):]
-        q, u, away = _corrected(robot, stopped, touching, stops, q, u, time, parameters)
+        q, u, away = corrected(robot, stopped, touching, stops, q, u, time, parameters)
         units = coordinate_units(robot.model, robot.mechanism.constraints)
         slack = ROUNDING * units[stopped]
         for distance, limit in zip(away, slack):
@@ -249,10 +249,26 @@ def _pulls(stages: Sequence[Vector], side: Vector) -> list[Scalar]:
     return largest
 
 
-def _corrected(robot: Robot, stopped: list[int], touching: list[Scalar],
+def corrected(robot: Robot, stopped: list[int], touching: list[Scalar],
                stops: list[Scalar], q: Vector, u: Vector, time: list[Scalar],
                parameters: Vector) -> tuple[Vector, Vector, Vector]:
-    """Return q and u without the remaining motion of the held joints, and what is left of q."""
+    """
+    Return q and u without the remaining motion of joints at stops, and what is left of q.
+
+    Parameters
+    ----------
+    robot : Robot
+        In chosen speeds or with constraints.
+    stopped : list of int
+        The coordinates of k joints with stops.
+    touching : list of k conditions
+        Whether the joint presses against a stop.
+    stops : list of k scalars
+        The position of that stop, rad or m.
+    q, u, time, parameters
+        The state, the time if the equations depend on it, and the robot's parameters.
+
+    """
     system, closed = _system_of(robot, q, time, parameters)
 
     def away(q: Vector) -> Vector:

@@ -401,6 +401,30 @@ def test_a_closed_loop_stops_at_the_order_of_the_integrator_and_balances_forces(
     assert run.sticking[-1].sum() == 3 and run.drift < 1e-10
 
 
+@pytest.mark.parametrize('kinds, joint, integrator', [
+    (('chosen speeds', 'flexible'), 'fore', 'implicit'),
+    (('closed loop', 'flexible'), 'rocker', 'rk4')])
+def test_a_joint_that_presses_stays_at_its_stop_whatever_the_speeds(kinds, joint, integrator):
+    one = case(*kinds)
+    robot, q = one.robot.copy(), one.q
+    place = robot.coordinate_names.index(joint)
+    T = one.T[place]
+    along = np.linalg.solve(robot.mass_matrix(q), T) / (
+        T @ np.linalg.solve(robot.mass_matrix(q), T))
+    # At its lower stop, at rest, and driven into it; the other joints move.
+    lower = robot.limits.lower.copy()
+    lower[place] = q[place]
+    robot.limits = replace(robot.limits, lower=lower)
+    u = one.u - along * (T @ one.u)
+    torque = robot.inverse_dynamics(q, u, -20.0 * along)
+    run = simulate(robot, q, u, 0.05, step=1e-3, torque=torque, stops=True, sticking=True,
+                   integrator=integrator)
+    assert np.abs(run.u - run.u[0]).max() > 0.05
+    assert np.abs(run.q[:, place] - q[place]).max() < 1e-14
+    assert (run.stop_forces[:, robot.joint_names.index(joint)] > 0.0).all()
+    check_fields(robot, run, tolerance=1e-7, torque=torque, sticking=True)
+
+
 @pytest.mark.slow
 def test_a_sleigh_stops_on_its_slope():
     runner = sleigh().mechanism.constraints
