@@ -3,7 +3,6 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from itertools import pairwise
 from operator import itemgetter
 import os
 from threading import get_ident, Thread
@@ -17,7 +16,6 @@ THREAD_WORK = 3e-4  # s; least work per thread, several times the cost of starti
 LONGEST = 0.1  # s; a batch looks for interrupts at least about this often
 POLL = 1e-3  # s
 KEPT = 4096  # paces
-Range = tuple[int, int]
 
 
 def thread_count() -> int:
@@ -49,7 +47,7 @@ def _checked_setting() -> int | None:
     return int(setting)
 
 
-def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: int,
+def run_in_threads(work: Callable[[int, int, int], int], count: int, quantum: int,
                    probe: int, paces: dict[object, float] | None = None,
                    key: object = None) -> int:
     """
@@ -60,8 +58,8 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
     Parameters
     ----------
     work : callable
-        Takes ranges, runs each in a thread of its own, and returns flags when all have
-        ended.
+        ``work(begin, end, threads)`` runs a range in a number of threads, and returns
+        flags when all have ended.
     count : int
         Size of the range.
     quantum : int
@@ -86,34 +84,28 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
     quanta = -(-count // quantum)
     if paces is not None and paces.get(key, THREAD_WORK) * quanta < THREAD_WORK:
         probe = quanta
-    ranges = [(0, min(count, probe * quantum))]
+    end = min(count, probe * quantum)
+    threads = 1
     while begin < count:
         started = time.perf_counter()
-        flags |= work(ranges)
+        flags |= work(begin, end, threads)
         took = time.perf_counter() - started
-        done = ranges[-1][1]
-        if paces is not None and len(ranges) == 1:
+        per_quantum = took * threads * quantum / (end - begin)  # s
+        if paces is not None and threads == 1:
             if len(paces) >= KEPT:
                 paces.clear()
-            paces[key] = took * quantum / (done - begin)
-        if done == count:
-            break
+            paces[key] = per_quantum
+        begin = end
         # As many threads as the remaining work pays for.
-        blocks = -(-(count - done) // quantum)
-        per_quantum = took * len(ranges) * quantum / (done - begin)  # s
-        begin = done
-        worth = int(per_quantum * blocks / THREAD_WORK) + 1
-        threads = min(worth, blocks)
+        quanta = -(-(count - begin) // quantum)
+        worth = int(per_quantum * quanta / THREAD_WORK) + 1
+        threads = min(worth, quanta)
         if threads > 1:
             threads = min(threads, thread_count())
-        # As much work as lasts about `longest`, in equal parts.
+        # As much work as lasts about `longest`.
         per_thread = max(1, int(longest / max(per_quantum, 1e-12)))
-        blocks = min(blocks, per_thread * threads)
+        end = min(count, begin + quantum * per_thread * threads)
         longest = LONGEST  # the first time was that of one thread alone
-        cuts = []
-        for k in range(threads + 1):
-            cuts.append(min(count, done + quantum * (blocks * k // threads)))
-        ranges = [*pairwise(cuts)]
     return flags
 
 
