@@ -16,6 +16,7 @@ THREAD_WORK = 3e-4  # s; least work per thread, several times the cost of starti
 LONGEST = 0.1  # s; a batch looks for interrupts at least about this often
 POLL = 1e-3  # s
 KEPT = 4096  # paces
+SHORTEST = 1e-12  # s for a quantum
 
 
 def thread_count() -> int:
@@ -65,11 +66,10 @@ def run_in_threads(work: Callable[[int, int, int], int], count: int, quantum: in
     quantum : int
         Ranges begin at multiples of this.
     probe : int
-        Quanta of the first range, whose time per quantum determines the number of
-        threads.
+        Quanta of the first range if the pace is not known: their time determines the
+        number of threads. Fewer quanta show no pace.
     paces, key : dict and hashable, optional
-        Seconds for a quantum by key, as last measured in one thread: a range that is
-        known to be too short for a second thread is not divided.
+        Seconds of a thread for a quantum by key, as last measured.
 
     Returns
     -------
@@ -78,34 +78,35 @@ def run_in_threads(work: Callable[[int, int, int], int], count: int, quantum: in
 
     """
     _checked_setting()  # refused first
+    paces = {} if paces is None else paces
     flags = 0
     begin = 0
+    # At first less: threads that have no processor of their own take several times as long.
     longest = LONGEST / 8.0
-    quanta = -(-count // quantum)
-    if paces is not None and paces.get(key, THREAD_WORK) * quanta < THREAD_WORK:
-        probe = quanta
-    end = min(count, probe * quantum)
-    threads = 1
+    per_quantum = paces.get(key, 0.0)  # s
     while begin < count:
+        quanta = -(-(count - begin) // quantum)
+        threads = 1
+        if per_quantum:
+            # As many threads as the remaining work pays for, and as much as lasts about
+            # `longest`.
+            threads = min(int(per_quantum * quanta / THREAD_WORK) + 1, quanta)
+            if threads > 1:
+                threads = min(threads, thread_count())
+            quanta = min(quanta, max(1, int(longest / per_quantum)) * threads)
+            longest = LONGEST
+        else:
+            quanta = min(quanta, probe)
+        end = min(count, begin + quanta * quantum)
         started = time.perf_counter()
         flags |= work(begin, end, threads)
         took = time.perf_counter() - started
-        per_quantum = took * threads * quantum / (end - begin)  # s
-        if paces is not None and threads == 1:
+        per_quantum = max(took * threads / quanta, SHORTEST)
+        begin = end
+        if quanta >= probe:  # else it is mostly that of the call
             if len(paces) >= KEPT:
                 paces.clear()
             paces[key] = per_quantum
-        begin = end
-        # As many threads as the remaining work pays for.
-        quanta = -(-(count - begin) // quantum)
-        worth = int(per_quantum * quanta / THREAD_WORK) + 1
-        threads = min(worth, quanta)
-        if threads > 1:
-            threads = min(threads, thread_count())
-        # As much work as lasts about `longest`.
-        per_thread = max(1, int(longest / max(per_quantum, 1e-12)))
-        end = min(count, begin + quantum * per_thread * threads)
-        longest = LONGEST  # the first time was that of one thread alone
     return flags
 
 
