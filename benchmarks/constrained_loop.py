@@ -55,7 +55,11 @@ def costs(name: str) -> list[Race]:
 
 
 def unwatched(robot: Robot) -> Robot:
-    """Return a constrained robot whose kernels and steps leave out what is watched."""
+    """
+    Return a constrained robot whose kernels and steps leave out what is watched.
+
+    Steps close the loops as before: that is no watch.
+    """
     other = Robot(robot.model, constraints=robot.mechanism.constraints,
                   independent=robot.speed_names)
     equations = copy(other.equations)

@@ -238,7 +238,7 @@ class Equations:
 
     def keeps_positions(self, q: Vector, t: Scalar = 0.0) -> bool:
         """Return whether a constraint is one of positions, such as a closed loop."""
-        if not self.watched:
+        if not self.mechanism.labels:
             return False
         residual = self.constraint_rows(q, t).residual
         return any(x is not None for x in residual)

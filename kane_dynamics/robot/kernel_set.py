@@ -585,6 +585,11 @@ class KernelSet:
 def method_in_lanes(equations: Equations, name: str) -> Callable[..., Any] | None:
     """Return the function that computes several joints at once, or None."""
     n = equations.n
+    if name == 'forward_dynamics' and _has_similar_beams(equations):
+        # Needed only where a program is traced.
+        from kane_dynamics.native.tracing.wide import WideLanes
+        tree = equations.tree.with_beams_in_lanes(lambda q: WideLanes(q.trace))
+        return tree.forward_dynamics
     suits = n > ALWAYS_IN_LANES or (n >= FEWEST_IN_LANES and name in COMPARED)
     suits = suits or (n > LANES and name == 'forward_dynamics')
     suits = suits or computed_by_blocks(equations, name)
@@ -605,6 +610,11 @@ def method_in_lanes(equations: Equations, name: str) -> Callable[..., Any] | Non
     if computed_by_blocks(equations, name):
         name = f'{name}_by_blocks'
     return getattr(tree_in_lanes, name, None)
+
+
+def _has_similar_beams(equations: Equations) -> bool:
+    """Return whether a tree in joint rates has beams that are computed together."""
+    return equations.in_joint_rates and equations.tree.has_similar_beams
 
 
 def computed_by_blocks(equations: Equations, name: str) -> bool:

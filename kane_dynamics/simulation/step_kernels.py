@@ -344,7 +344,8 @@ def traced_step(robot: Robot, choice: StepChoice, state: Vector, inputs: Matrix,
         after[-1] = reduce(lambda x, y: select(x < y, x, y), motion.margins)
     elif keeps_positions:
         # No later step reads the margin, so it causes no latency.
-        after[-1] = equations.margin(q, t, constants[-LIMITS:])
+        if equations.watched:
+            after[-1] = equations.margin(q, t, constants[-LIMITS:])
         q = equations.closure_step(q, t)
     if robot.model.balls:
         q = on_unit_quaternions(robot.model, q)

@@ -12,7 +12,11 @@ from kane_dynamics.analysis.vibration import stiffness_matrix
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.mechanics.energy_form.lagrange_constrained import EnergyForm, PasserelloHuston
+from kane_dynamics.mechanics.joint_lanes.joint_blocks import plain_lanes
 from kane_dynamics.model.model import with_payload
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.robot.kernel_set import method_in_lanes
 from mechanisms import with_inertia_in
 import numpy as np
 import pytest
@@ -72,6 +76,52 @@ def test_three_formulations_give_one_torque(seed, twists):
     assert robot.kinetic_energy(q, u) == pytest.approx(energies.kinetic_energy(model, q, u))
     assert robot.potential_energy(q) == pytest.approx(energies.potential_energy(model, q))
     np.testing.assert_allclose(robot.forward_dynamics(q, u, tau, wrench=push), udot, atol=1e-8)
+
+
+def fork(twists=0):
+    """Return an arm that carries two beams; one has as many modes as that of the arm."""
+    b = ModelBuilder('fork')
+    torsion = Torsion(150.0, 0.002, twists) if twists else None
+    b.beam('arm', 'world', FlexibleLink(0.8, 1.5, (400.0, 600.0), (2, 1), torsion=torsion),
+           axis=Y)
+    b.beam('left', 'arm/tip', FlexibleLink(0.6, 1.0, 200.0, (1, 0), direction=(0, 1, 0.2),
+                                           up=(0, 0, 1), damping=0.01),
+           axis=(0, 0, 1), rpy=(0.2, 0, 0.4))
+    b.beam('right', 'arm/tip', FlexibleLink(0.7, 1.2, (300.0, 200.0), (2, 1), direction=(0, -1, 0),
+                                            up=(0, 0, 1), torsion=torsion), axis=(1, 0, 0))
+    b.load('right/tip', point_mass(0.4))
+    return b.model()
+
+
+@pytest.mark.parametrize('model', [arm(), arm((3, 0)), fork(), fork(2)],
+                         ids=['arm', 'in a plane', 'fork', 'fork with twists'])
+def test_beams_in_lanes_are_those_of_single_beams_and_of_the_definition(model):
+    robot = Robot(model)
+    q, u, tau = states(model, 7)
+    expected = kane.forward_dynamics(model, q, u, tau)
+    near = {'rtol': 0.0, 'atol': 1e-9 * np.abs(expected).max()}
+    tree, parameters = robot.equations.tree, robot.parameters.block
+    assert tree.has_similar_beams
+    single = tree.forward_dynamics(q, u, tau, None, parameters)
+    np.testing.assert_allclose(single, expected, **near)
+    # On numbers, and compiled, whether or not it is the shorter program here.
+    together = tree.with_beams_in_lanes(plain_lanes)
+    udot = together.forward_dynamics(q, u, tau, None, parameters)
+    np.testing.assert_allclose(udot.astype(float), expected, **near)
+    for quantity in ('mass_matrix', 'gravity_force'):
+        np.testing.assert_allclose(
+            getattr(together, quantity)(q, parameters).astype(float),
+            getattr(tree, quantity)(q, parameters).astype(float), rtol=0.0, atol=1e-12)
+    kernels = robot.kernels
+    plain = kernels.program('forward_dynamics')
+    method = method_in_lanes(robot.equations, 'forward_dynamics')
+    wide = trace_program('udot', lambda q, u, tau, parameters: method(
+        q, u, tau, None, parameters), plain.inputs)
+    assert 'wide_mul' in {node.op for node in wide.schedule()}
+    arguments, shape = kernels.signature('forward_dynamics')
+    kernel = Kernel('udot', lambda: wide, None, arguments, parameters, shape)
+    np.testing.assert_allclose(kernel(q, u, tau), expected, **near)
+    np.testing.assert_allclose(robot.forward_dynamics(q, u, tau), expected, **near)
 
 
 def test_the_torque_by_body_is_that_of_the_arm_in_which_only_this_body_has_inertia():

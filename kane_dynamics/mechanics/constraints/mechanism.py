@@ -408,7 +408,12 @@ class Mechanism:
         """Return the rows of all constraints, in the order of `labels`."""
         parts = []
         for constraint in self.constraints:
-            parts.append(constraint.rows(state))
+            part = constraint.rows(state)
+            if constraint in self._rolling:
+                # As `system` has them, so that a program computes the contact once.
+                residual = constraint.surface_rows(state)[0].residual
+                part = ConstraintRows(part.J, part.b, residual)
+            parts.append(part)
         return _stacked(parts, state.width)
 
     def functions(self, state: MechanismState,

@@ -24,30 +24,115 @@ With the weighted values g_a = int b_a g dm, the modes add::
 a is the acceleration of the link's origin and U its gradient. No term of these integrals
 is left out, so that M is a Gram matrix: positive definite. All quantities are in link
 axes. `definition.beams` has the reference formulation.
+
+Beams with equally many modes can be computed together, each in a lane (`Lanes`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.vector import cross, quadratic, symmetric
+from kane_dynamics.mechanics.algebra.lanes import LANES
+from kane_dynamics.mechanics.algebra.vector import cross, quadratic, rate_tensor, symmetric
 from kane_dynamics.mechanics.recursive.link import Link
 import numpy as np
 
 BASIS = (0, 1)  # indices a of b_a
 
 
-def bent(links: Sequence[Link], q: Vector) -> Sequence[Link]:
-    """Return the links with the modes and the pseudo-inertias of the bent beams at q."""
-    result = []
-    for link in links:
-        if link.beam is not None:
-            modes = Modes(link, q)
-            inertia = link.pseudo_inertia + modes.pseudo_inertia
-            link = replace(link, modes=modes, pseudo_inertia=inertia)
-        result.append(link)
+Motion = tuple[Vector, Vector, Vector, Matrix]  # omega, alpha, a, U
+BeamForces = tuple[Vector, Vector, list[Scalar]]  # force, moment, modal forces
+LanesOf = Callable[[Scalar], Any]  # the functions of `Lanes` for the type of a scalar
+
+
+def bent(links: Sequence[Link], q: Vector,
+         lanes: LanesOf | None = None) -> Sequence[Link]:
+    """
+    Return the links with the modes and the pseudo-inertias of the bent beams at q.
+
+    With `lanes`, beams with equally many modes are computed together: their modes are
+    `ModesInLane`.
+    """
+    beams = [k for k, link in enumerate(links) if link.beam is not None]
+    result = list(links)
+    for group in _groups(links, beams) if lanes else [[k] for k in beams]:
+        modes: list[Any]
+        if lanes is None or len(group) == 1:
+            integrals = beam_integrals(links[group[0]])
+            modes = [Modes(integrals, q[list(integrals.coordinates)])]
+        else:
+            together = BeamsInLanes([links[k] for k in group], q, lanes(q[0]))
+            modes = [ModesInLane(together, lane) for lane in range(len(group))]
+        for k, of_beam in zip(group, modes):
+            inertia = links[k].pseudo_inertia + of_beam.pseudo_inertia
+            result[k] = replace(links[k], modes=of_beam, pseudo_inertia=inertia)
     return result
+
+
+def _groups(links: Sequence[Link], beams: Sequence[int]) -> list[list[int]]:
+    """Return groups of at most `LANES` beams with equally many modes."""
+    by_count: dict[int, list[int]] = {}
+    for k in beams:
+        beam: Any = links[k].beam
+        by_count.setdefault(len(beam.coordinates), []).append(k)
+    groups = []
+    for members in by_count.values():
+        for first in range(0, len(members), LANES):
+            groups.append(members[first:first + LANES])
+    return groups
+
+
+class BeamIntegrals(NamedTuple):
+    """
+    Constants of a beam, in link axes or its own; letters as in the module.
+
+    Attributes
+    ----------
+    coordinates : tuple of int
+        Indices of eta in q.
+    t, e : (3,) arrays
+        Root, and direction of the beam.
+    shortening : (2, m, m) array
+        d^2 f_a / d eta_i d eta_j.
+    root_of_mass : float
+        int b_0 dm.
+    straight : (2,) array
+        f of the straight beam.
+    F, twist : (m, 2, 3), (m, 3) arrays
+        F_ia, and the angular momentum of the twist per unit modal speed.
+    products, mass : (m, m, 3, 3), (m, m) arrays
+        int phi_i phi_j^T dm, and int phi_i . phi_j dm.
+
+    """
+
+    coordinates: tuple[int, ...]
+    t: Vector
+    e: Vector
+    shortening: Any
+    root_of_mass: Scalar
+    straight: Vector
+    F: Any
+    twist: Matrix
+    products: Any
+    mass: Matrix
+
+
+def beam_integrals(link: Link) -> BeamIntegrals:
+    """Return the constants of the beam of a link in the link's axes."""
+    R, t = link.body[:3, :3], link.body[:3, 3]
+    own = own_integrals(link)
+    return own._replace(t=t, e=R @ own.e, F=own.F @ R.T, twist=own.twist @ R.T,
+                        products=R @ own.products @ R.T)
+
+
+def own_integrals(link: Link) -> BeamIntegrals:
+    """Return the constants of the beam of a link in the axes of its body."""
+    beam: Any = link.beam
+    root = link.body[:3, :3].T @ link.body[:3, 3]
+    return BeamIntegrals(tuple(beam.coordinates), root, beam.direction, beam.axial,
+                         beam.root_of_mass, beam.straight, beam.coupling,
+                         beam.twist_momentum, beam.products, beam.mass)
 
 
 class Modes:
@@ -67,26 +152,20 @@ class Modes:
 
     """
 
-    def __init__(self, link: Link, q: Vector) -> None:
-        """Evaluate the sums of the module at the coordinates q, (n,)."""
-        beam: Any = link.beam
+    def __init__(self, beam: BeamIntegrals, eta: Vector) -> None:
+        """Evaluate the sums of the module at the modal coordinates, (m,)."""
         self.coordinates = beam.coordinates
-        self._indices = list(beam.coordinates)
-        self._modes = range(len(self._indices))
-
-        # Constants, in link axes.
-        R = link.body[:3, :3]
-        self._t = link.body[:3, 3]
-        self._e = R @ beam.direction
-        self._shortening = beam.axial
-        self._root_of_mass = beam.root_of_mass  # int b_0 dm
-        self._F = beam.coupling @ R.T
-        self._products = R @ beam.products @ R.T  # int phi_i phi_j^T dm
-        self._twist = beam.twist_momentum @ R.T
-        self._deflection_mass = beam.mass  # int phi_i . phi_j dm
+        self._modes = range(len(eta))
+        self._t = beam.t
+        self._e = beam.e
+        self._shortening = beam.shortening
+        self._root_of_mass = beam.root_of_mass
+        self._F = beam.F
+        self._products = beam.products
+        self._twist = beam.twist
+        self._deflection_mass = beam.mass
 
         # Sums over the modes: the shape of the bent beam.
-        eta = q[self._indices]
         self._v = [_sum(self._shortening[:, i].T, eta) for i in self._modes]
         change_of_f = 0.5 * self._over_modes(self._v, eta)
         self._f = beam.straight + change_of_f
@@ -130,15 +209,13 @@ class Modes:
         return (cross(self._t, self.momentum[i]) + cross(self._e, across)
                 - _axial_vector(self._G[i]) + self._twist[i])
 
-    def inertia_force(self, motion: tuple[Vector, Vector, Vector, Matrix], u: Vector,
-                      udot: Vector) -> tuple[Vector, Vector, list[Scalar]]:
+    def inertia_force(self, motion: Motion, eta_rate: Vector,
+                      eta_acceleration: Vector) -> BeamForces:
         """Return force, moment about the link's origin, and modal forces."""
         omega, alpha, a, U = motion
         e, t, f, D = self._e, self._t, self._f, self._D
 
         # Rates of the shape.
-        eta_rate = u[self._indices]
-        eta_acceleration = udot[self._indices]
         f_rate = self._over_modes(self._v, eta_rate)
         D_rate = _sum(self._F, eta_rate)
         f_acceleration = (self._over_modes(self._v, eta_acceleration)
@@ -191,12 +268,112 @@ class Modes:
 
     def twice_energy(self, omega: Vector, v: Vector, u: Vector) -> Scalar:
         """Return twice the contribution of the modal speeds to the kinetic energy, J."""
-        eta_rate = u[self._indices]
+        eta_rate = u[list(self.coordinates)]
         momentum = self._over_modes(self.momentum, eta_rate)
         spin = self._over_modes(self.spin, eta_rate)
         f_rate = self._over_modes(self._v, eta_rate)
         return (2.0 * (v @ momentum + omega @ spin)
                 + eta_rate @ (self._deflection_mass @ eta_rate) + f_rate @ f_rate)
+
+
+class BeamsInLanes:
+    """
+    Beams with equally many modes at one configuration, each in a lane.
+
+    The rows are in the axes of the beams' bodies, where the constants of similar beams
+    are equal.
+
+    Parameters
+    ----------
+    links : sequence of Link
+    q : (n,) array
+        The coordinates.
+    lanes : Lanes
+        Its functions, for the type of these coordinates.
+
+    """
+
+    def __init__(self, links: Sequence[Link], q: Vector, lanes: Any) -> None:
+        """Evaluate the modes of all beams."""
+        integrals = [own_integrals(link) for link in links]
+        self.places = [list(beam.coordinates) for beam in integrals]
+        self.turns = [link.body[:3, :3] for link in links]  # to link axes
+        self.lanes = lanes
+        constants = [self._rows(parts) for parts in list(zip(*integrals))[1:]]
+        self.modes = Modes(BeamIntegrals((), *constants), self._modal(q))
+
+    def _modal(self, values: Vector) -> Vector:
+        """Return the entries of the modal coordinates of all beams as rows, (m,)."""
+        return self._rows([values[places] for places in self.places])
+
+    def _rows(self, arrays: Sequence[Any]) -> Any:
+        """Return the entries of arrays, one of each beam, as rows."""
+        stacked = np.stack([np.asarray(x, dtype=object) for x in arrays], axis=-1)
+        rows = np.empty(stacked.shape[:-1], dtype=object)
+        for place in np.ndindex(rows.shape):
+            rows[place] = self._row(stacked[place].tolist())
+        return rows if rows.shape else rows[()]
+
+    def _row(self, values: list[Scalar]) -> Any:
+        """Return a row; equal numbers are a scalar, also where lanes are left over."""
+        numbers = all(isinstance(x, (int, float)) for x in values)
+        if numbers and len(set(values)) == 1:
+            return values[0]
+        return self.lanes.pack(values)
+
+    def of_beam(self, rows: Any, lane: int) -> Any:
+        """Return the entries of an array that belong to one beam."""
+        entries = [self.lanes.lane(row, lane) for row in rows.ravel()]
+        return np.array(entries, dtype=object).reshape(rows.shape)
+
+    def in_link(self, vector: Vector, lane: int) -> Vector:
+        """Return the vector of one beam, (3,) rows, in the axes of its link."""
+        return self.turns[lane] @ self.of_beam(vector, lane)
+
+    def inertia_forces(self, motions: Sequence[Motion], u: Vector,
+                       udot: Vector) -> list[BeamForces]:
+        """Return `Modes.inertia_force` of each beam."""
+        own_axes = []
+        for R, (omega, alpha, a, _) in zip(self.turns, motions):
+            own_axes.append([R.T @ omega, R.T @ alpha, R.T @ a])
+        omega, alpha, a = (self._rows(vectors) for vectors in zip(*own_axes))
+        motion = (omega, alpha, a, rate_tensor(omega, alpha))
+        force, moment, modal_forces = self.modes.inertia_force(
+            motion, self._modal(u), self._modal(udot))
+        modal = np.array(modal_forces, dtype=object)
+        results = []
+        for lane in range(len(self.places)):
+            results.append((self.in_link(force, lane), self.in_link(moment, lane),
+                            self.of_beam(modal, lane).tolist()))
+        return results
+
+
+class ModesInLane:
+    """Modes of one of `BeamsInLanes`; attributes as of `Modes`."""
+
+    def __init__(self, beams: BeamsInLanes, lane: int) -> None:
+        """Take the values of a beam out of the rows, in the axes of its link."""
+        modes = beams.modes
+        self.beams = beams
+        self.coordinates = tuple(beams.places[lane])
+        turn = np.eye(4)
+        turn[:3, :3] = beams.turns[lane]
+        self.pseudo_inertia = turn @ beams.of_beam(modes.pseudo_inertia, lane) @ turn.T
+        self.momentum = [beams.in_link(p, lane) for p in modes.momentum]
+        self.spin = [beams.in_link(Q, lane) for Q in modes.spin]
+        self.mass = beams.of_beam(modes.mass, lane)
+
+
+def forces_in_lanes(links: Sequence[Link], motions: Sequence[Motion], u: Vector,
+                    udot: Vector) -> Iterator[tuple[int, BeamForces]]:
+    """Yield the inertia forces of each beam that is in a lane, with its link's index."""
+    members: dict[BeamsInLanes, list[int]] = {}
+    for k, link in enumerate(links):
+        if isinstance(link.modes, ModesInLane):
+            members.setdefault(link.modes.beams, []).append(k)
+    for beams, indices in members.items():
+        yield from zip(indices, beams.inertia_forces([motions[k] for k in indices],
+                                                     u, udot))
 
 
 def _axial_vector(A: Matrix) -> Vector:

@@ -20,6 +20,8 @@ from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import (cross, inertia_moment, is_zero,
                                                     rate_tensor, rotated_about_z,
                                                     sin_cos, symmetric)
+from kane_dynamics.mechanics.recursive.flexible_modes import (forces_in_lanes,
+                                                              ModesInLane)
 from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.model.model import WORLD
 import numpy as np
@@ -128,13 +130,18 @@ def inertia_wrench(link: Link, motion: LinkMotion) -> tuple[Vector, Vector]:
 
 def link_forces(link: Link, motion: LinkMotion, u: Vector,
                 udot: Vector) -> tuple[Vector, Vector, list[tuple[int, Scalar]]]:
-    """Return `inertia_wrench` of a link or beam, and modal forces with indices in q."""
+    """
+    Return `inertia_wrench` of a link or beam, and modal forces with indices in q.
+
+    Those of beams in lanes are computed together (`forces_in_lanes`).
+    """
     force, moment = inertia_wrench(link, motion)
-    if link.modes is None:
+    modes = link.modes
+    if modes is None or isinstance(modes, ModesInLane):
         return force, moment, []
-    bending_force, bending_moment, modal = link.modes.inertia_force(motion, u, udot)
-    return (force + bending_force, moment + bending_moment,
-            list(zip(link.modes.coordinates, modal)))
+    own = list(modes.coordinates)
+    bending_force, bending_moment, modal = modes.inertia_force(motion, u[own], udot[own])
+    return force + bending_force, moment + bending_moment, list(zip(own, modal))
 
 
 def inverse_dynamics(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
@@ -172,6 +179,10 @@ def inverse_dynamics(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
         force, moment, modal_forces = link_forces(link, motion, u, udot)
         wrenches.append((force, moment))
         for k, modal_force in modal_forces:
+            tau[k] = tau[k] + modal_force
+    for i, (force, moment, modal) in forces_in_lanes(links, motions, u, udot):
+        wrenches[i] = (wrenches[i][0] + force, wrenches[i][1] + moment)
+        for k, modal_force in zip(links[i].modes.coordinates, modal):
             tau[k] = tau[k] + modal_force
 
     # Inward pass: the wrench of a subtree, projected on the axis of the joint that

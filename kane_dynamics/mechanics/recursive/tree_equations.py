@@ -11,6 +11,7 @@ dual to both.
 """
 
 from collections.abc import Callable, Sequence
+from copy import copy
 import math
 from typing import Any
 
@@ -38,7 +39,7 @@ from kane_dynamics.mechanics.recursive import (center_of_mass as masses,
                                                inverse_dynamics, joint_reactions,
                                                regressor)
 from kane_dynamics.mechanics.recursive.derivatives import inverse_dynamics_derivatives
-from kane_dynamics.mechanics.recursive.flexible_modes import bent
+from kane_dynamics.mechanics.recursive.flexible_modes import bent, LanesOf
 from kane_dynamics.mechanics.recursive.link import (carrying, denavit_hartenberg,
                                                     homogeneous, Link, linkage, merged,
                                                     posed, regrouped)
@@ -99,6 +100,7 @@ class TreeEquations:
                               else model.frame(payload_frame))
         self.frame_reduction = frame_reduction
         self.flexible = model.flexible
+        self._beam_lanes: LanesOf | None = None
         self.drives = model.drives
         self.is_damped = bool(self.drives or self.flexible)  # beside the joints' friction
         # Quantities that are not available for beams.
@@ -152,8 +154,23 @@ class TreeEquations:
             links = posed(links, self.model, q)
             x = joint_positions(self.model, q)
         if self.flexible:
-            links = bent(links, x)
+            links = bent(links, x, self._beam_lanes)
         return links, x
+
+    def with_beams_in_lanes(self, lanes: LanesOf) -> 'TreeEquations':
+        """Return equations that compute beams with equally many modes together."""
+        result = copy(self)
+        result._beam_lanes = lanes
+        return result
+
+    @property
+    def has_similar_beams(self) -> bool:
+        """Return whether several beams have equally many modes."""
+        counts = []
+        for body in self.model.bodies:
+            if body.beam is not None:
+                counts.append(len(body.beam.coordinates))
+        return len(set(counts)) < len(counts)
 
     def _angle_accelerations(self, u: Vector, udot: Vector) -> Vector:
         """Return the accelerations of the local angles and of the other joints, (n,)."""

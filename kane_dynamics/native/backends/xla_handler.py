@@ -18,14 +18,13 @@ from kane_dynamics.native.machine_code.llvm import Address
 
 HANDLER = 'handler'
 MAJOR = 0  # of the version of XLA's interface whose layout is used
-MOST_THREADS = 64
 WORK = 2_000_000  # operations of a thread at least; some 0.3 ms
 
 HEAD = """
 define ptr @HANDLER(ptr %frame) {
 start:
   %table = alloca [SLOTS x [ROW x i64]]
-  %shares = alloca [WORDS x i64]
+  %job = alloca [WORDS x i64]
   %extension.at = getelementptr i8, ptr %frame, i64 8
   %extension = load ptr, ptr %extension.at
   %plain = icmp eq ptr %extension, null
@@ -114,33 +113,11 @@ RUN = """
   %whole = sdiv i64 %count, GRAIN
   %low = call i64 @llvm.smax.i64(i64 %whole, i64 1)
   %threads = call i64 @llvm.smin.i64(i64 %low, i64 THREADS)
-  br label %share
-share:
-  %s = phi i64 [0, %FROM], [%s.next, %share]
-  %s.next = add i64 %s, 1
-  %s.product = mul i64 %s, %count
-  %begin = sdiv i64 %s.product, %threads
-  %e.product = mul i64 %s.next, %count
-  %stop = sdiv i64 %e.product, %threads
-  %own = getelementptr [SHARE x i64], ptr %shares, i64 %s
   STORES
-  %s.more = icmp slt i64 %s.next, %threads
-  br i1 %s.more, label %share, label %run
-run:
-  call void inttoptr (i64 DRIVER to ptr)(ptr %shares, i64 %threads)
-  br label %flag
-flag:
-  %f = phi i64 [0, %run], [%f.next, %flag]
-  %flags = phi i64 [0, %run], [%flags.next, %flag]
-  %f.share = getelementptr [SHARE x i64], ptr %shares, i64 %f
-  %f.at = getelementptr i64, ptr %f.share, i64 FLAGS
-  %f.own = load i64, ptr %f.at
-  %flags.next = or i64 %flags, %f.own
-  %f.next = add i64 %f, 1
-  %f.more = icmp slt i64 %f.next, %threads
-  br i1 %f.more, label %flag, label %ran
-ran:
-  %good = icmp eq i64 %flags.next, 0
+  call void inttoptr (i64 DRIVER to ptr)(ptr %job, i64 %threads)
+  %flags.at = getelementptr i64, ptr %job, i64 FLAGS
+  %flags = load i64, ptr %flags.at
+  %good = icmp eq i64 %flags, 0
   br i1 %good, label %finish, label %repair
 repair:
   call void @spoil(ptr %table, i64 %count)
@@ -168,7 +145,7 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
     Parameters
     ----------
     kernel, driver : Address
-        The lane kernel, and `run_shares` of `runtime.loops`.
+        The lane kernel, and `run_job` of `runtime.loops`.
     sizes, limits : sequences
         Of each operand, the parameters included, and of the result: entries of a state,
         and the largest valid number.
@@ -181,7 +158,7 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
     row : int
         The words of a row of the table of `run_batch`.
     words, flags : int
-        The words of a share of `run_shares`, and the place of its flags among them.
+        The words of a job of `run_job`, and the place of its flags among them.
 
     """
     last = len(sizes) - 1
@@ -189,8 +166,7 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
     limit_list = ', '.join(f'double {literal(limit)}' for limit in limits)
     text = (f'@sizes = internal constant [{len(sizes)} x i64] [{size_list}]\n'
             f'@limits = internal constant [{len(limits)} x double] [{limit_list}]\n')
-    threads = min(threads, MOST_THREADS)
-    text += SUPPORT + HEAD.replace('WORDS', str(words * threads))
+    text += SUPPORT + HEAD.replace('WORDS', str(words))
     text += '  %before.0 = add i64 0, 0\n'
     # Operands: the arguments of the kernel, each with its number of entries.
     for k, size in enumerate(sizes[:-2]):
@@ -198,18 +174,17 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
         text += operand.replace('NEXT', str(k + 1)).replace('K', str(k))
     text += PARAMETERS.replace('K', str(last - 1)) + SCRATCH
     label = 'place'
-    # The table of addresses and strides, a row for each operand; then the shares.
+    # The table of addresses and strides, a row for each operand; then the job.
     for k in range(last - 1):
         text += PLACE.replace('FROM', label).replace('K', str(k))
         label = f'placed{k}'
-    # The words of a share; see `runtime.loops`.
+    # The words of a job; see `runtime.loops`.
     values = [f'i64 {kernel}', 'ptr %table', f'i64 {last + 1}', 'i64 0', 'i64 0',
               'i64 0',
-              'i64 %begin', 'i64 %stop', 'i64 1']
-    stores = '\n'.join(f'  %own{k} = getelementptr i64, ptr %own, i64 {k}\n'
+              'i64 0', 'i64 %count', 'i64 1']
+    stores = '\n'.join(f'  %own{k} = getelementptr i64, ptr %job, i64 {k}\n'
                        f'  store {value}, ptr %own{k}' for k, value in enumerate(values))
-    text += RUN.replace('STORES', stores.strip()).replace('SHARE', str(words)).replace(
-        'FROM', label)
+    text += RUN.replace('STORES', stores.strip())
     grain = max(1, WORK // max(operations, 1))
     for name, number in (('GRAIN', grain), ('THREADS', threads),
                          ('FLAGS', flags), ('DRIVER', driver), ('MAJOR', MAJOR),

@@ -17,8 +17,7 @@ its position.
 from array import array
 from collections.abc import Callable, Sequence
 import ctypes
-from functools import cache, reduce
-from operator import or_
+from functools import cache
 import sys
 from typing import Any, NamedTuple
 
@@ -26,7 +25,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import CompileError
 from kane_dynamics.native.backends import llvm_simd
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.runtime.threads import Range, run_in_threads
+from kane_dynamics.native.runtime.threads import run_in_threads
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,10 +38,17 @@ PACES: dict[object, float] = {}
 PROBE_CALLS = 64  # kernel calls timed to decide on the number of threads
 STACK = 2**23  # bytes of a thread's stack
 
-# Words of a share: the arguments of `run_batch` in order, then these.
-FLAGS, THREAD, FAILED = 9, 10, 11
-WORDS = 12
-NO_RESULT = (0,) * (WORDS - FLAGS)
+PIECES = 64  # of each share of a batch
+# Of the calling thread to join another before it sleeps: some 50 us, in which most end. A
+# processor that has slept takes longer than that to wake up.
+TRIES = 20_000
+
+# Words of a job: the arguments of `run_batch` in order, of which those two are named, then
+# the flags, which are the result, and what the threads need.
+BEGIN, END, FLAGS, PIECE, SHARES, COUNT = 6, 7, 9, 10, 11, 12
+WORDS = 13
+# Words of a share: begin of what is left, end, job, thread; a cache line.
+SHARE = 8
 
 SUPPORT = """
 ; Call a kernel N times and advance each pointer by its stride (bytes) after each call. If the
@@ -215,7 +221,7 @@ block:
   %b = phi i64 [%begin, %start], [%b.next, %block.done]
   %b.lane = insertelement <W x i64> poison, i64 %b, i32 0
   %b.lanes = shufflevector <W x i64> %b.lane, <W x i64> poison, <W x i32> zeroinitializer
-  %open = add <W x i64> %b.lanes, COUNTING
+  %open = add <W x i64> %b.lanes, LANE_NUMBERS
   %state = call <W x i64> @llvm.smin.vWi64(<W x i64> %open, <W x i64> %last.lanes)
   store <W x i64> %state, ptr %states
   ; The rows of a full block are as far from those of the block before in every lane.
@@ -335,48 +341,95 @@ declare i64 @llvm.vector.reduce.or.vWi64(<W x i64>)
 declare <W x i64> @llvm.masked.gather.vWi64.vWp0(<W x ptr>, i32, <W x i1>, <W x i64>)
 """
 
-RUN_SHARES = """
-; Run each share (WORDS words) in a thread of its own, the first in this one; return when all have
-; ended. A share whose thread does not start runs in this one.
-define void @run_shares(ptr %shares, i64 %count) {
+RUN_JOB = """
+; Run a job (words as `run_job` says) in `count` threads, one of which is this one; return when all
+; have ended. Each thread computes a share, piece by piece, then pieces that are left of the others'
+; shares: one that starts late, or whose processor has other work, delays nobody, and if threads do
+; not start, the others do their work.
+define void @run_job(ptr %job, i64 %count) {
 start:
   %attributes = alloca [32 x i64]
+  %shares = alloca [SHARE x i64], i64 %count, align 64
+  %begin.at = getelementptr i64, ptr %job, i64 BEGIN
+  %begin = load i64, ptr %begin.at
+  %end.at = getelementptr i64, ptr %job, i64 END
+  %end = load i64, ptr %end.at
+  %size = sub i64 %end, %begin
+  %pieces = mul i64 %count, PIECES
+  %piece.states = sdiv i64 %size, %pieces
+  %piece.blocks = sdiv i64 %piece.states, W
+  %piece.more = add i64 %piece.blocks, 1
+  %piece = mul i64 %piece.more, W
+  %piece.at = getelementptr i64, ptr %job, i64 PIECE
+  store i64 %piece, ptr %piece.at
+  %flags.at = getelementptr i64, ptr %job, i64 FLAGS
+  store i64 0, ptr %flags.at
+  %shares.at = getelementptr i64, ptr %job, i64 SHARES
+  store ptr %shares, ptr %shares.at
+  %count.at = getelementptr i64, ptr %job, i64 COUNT
+  store i64 %count, ptr %count.at
+  ; Shares of whole blocks of lanes.
+  %blocks.open = add i64 %size, LAST
+  %blocks = sdiv i64 %blocks.open, W
+  br label %divide
+divide:
+  %d = phi i64 [0, %start], [%d.next, %divide]
+  %d.begin = phi i64 [%begin, %start], [%d.end, %divide]
+  %d.next = add i64 %d, 1
+  %d.product = mul i64 %blocks, %d.next
+  %d.block = sdiv i64 %d.product, %count
+  %d.states = mul i64 %d.block, W
+  %d.open = add i64 %begin, %d.states
+  %d.end = call i64 @llvm.smin.i64(i64 %d.open, i64 %end)
+  %d.share = getelementptr [SHARE x i64], ptr %shares, i64 %d
+  store i64 %d.begin, ptr %d.share
+  %d.end.at = getelementptr i64, ptr %d.share, i64 1
+  store i64 %d.end, ptr %d.end.at
+  %d.job.at = getelementptr i64, ptr %d.share, i64 2
+  store ptr %job, ptr %d.job.at
+  %d.more = icmp slt i64 %d.next, %count
+  br i1 %d.more, label %divide, label %threads
+threads:
   %bare = call i32 @pthread_attr_init(ptr %attributes)
   %sized = call i32 @pthread_attr_setstacksize(ptr %attributes, i64 STACK)
   br label %create
 create:
-  %c = phi i64 [1, %start], [%c.next, %created]
+  %c = phi i64 [1, %threads], [%c.next, %created]
   %c.more = icmp slt i64 %c, %count
-  br i1 %c.more, label %created, label %first
+  br i1 %c.more, label %new, label %work
+new:
+  %c.share = getelementptr [SHARE x i64], ptr %shares, i64 %c
+  %c.at = getelementptr i64, ptr %c.share, i64 3
+  %c.error = call i32 @pthread_create(ptr %c.at, ptr %attributes, ptr @run_pieces, ptr %c.share)
+  %c.failed = icmp ne i32 %c.error, 0
+  br i1 %c.failed, label %work, label %created
 created:
-  %c.share = getelementptr [WORDS x i64], ptr %shares, i64 %c
-  %c.thread = getelementptr i64, ptr %c.share, i64 THREAD
-  %c.error = call i32 @pthread_create(ptr %c.thread, ptr %attributes, ptr @run_share, ptr %c.share)
-  %c.failed = sext i32 %c.error to i64
-  %c.failed.at = getelementptr i64, ptr %c.share, i64 FAILED
-  store i64 %c.failed, ptr %c.failed.at
   %c.next = add i64 %c, 1
   br label %create
-first:
-  %own = call ptr @run_share(ptr %shares)
+work:
+  %own = call ptr @run_pieces(ptr %shares)
   br label %join
 join:
-  %j = phi i64 [1, %first], [%j.next, %joined]
-  %j.more = icmp slt i64 %j, %count
-  br i1 %j.more, label %end, label %done
-end:
-  %j.share = getelementptr [WORDS x i64], ptr %shares, i64 %j
-  %j.failed.at = getelementptr i64, ptr %j.share, i64 FAILED
-  %j.failed = load i64, ptr %j.failed.at
-  %j.started = icmp eq i64 %j.failed, 0
-  br i1 %j.started, label %wait, label %instead
+  %j = phi i64 [1, %work], [%j.next, %joined]
+  %tries = phi i64 [TRIES, %work], [%tries.left, %joined]
+  %j.more = icmp slt i64 %j, %c
+  br i1 %j.more, label %other, label %done
+other:
+  %j.share = getelementptr [SHARE x i64], ptr %shares, i64 %j
+  %j.at = getelementptr i64, ptr %j.share, i64 3
+  %j.thread = load i64, ptr %j.at
+  br label %look
+look:
+  %tries.left = phi i64 [%tries, %other], [%tries.next, %again]
+  %j.running = call i32 @pthread_tryjoin_np(i64 %j.thread, ptr null)
+  %j.runs = icmp ne i32 %j.running, 0
+  br i1 %j.runs, label %again, label %joined
+again:
+  %tries.next = sub i64 %tries.left, 1
+  %patient = icmp sgt i64 %tries.left, 0
+  br i1 %patient, label %look, label %wait
 wait:
-  %j.thread.at = getelementptr i64, ptr %j.share, i64 THREAD
-  %j.thread = load i64, ptr %j.thread.at
   %j.error = call i32 @pthread_join(i64 %j.thread, ptr null)
-  br label %joined
-instead:
-  %j.own = call ptr @run_share(ptr %j.share)
   br label %joined
 joined:
   %j.next = add i64 %j, 1
@@ -386,33 +439,82 @@ done:
   ret void
 }
 
-define internal ptr @run_share(ptr %share) {
+; Take pieces of a thread's own share, then of those after it, around.
+define internal ptr @run_pieces(ptr %share) {
+start:
+  %job.at = getelementptr i64, ptr %share, i64 2
+  %job = load ptr, ptr %job.at
 ARGUMENTS
-  %flags = call i64 @run_batch(PASSED)
-  %flags.at = getelementptr i64, ptr %share, i64 FLAGS
-  store i64 %flags, ptr %flags.at
+  %piece.at = getelementptr i64, ptr %job, i64 PIECE
+  %piece = load i64, ptr %piece.at
+  %shares.at = getelementptr i64, ptr %job, i64 SHARES
+  %shares = load ptr, ptr %shares.at
+  %count.at = getelementptr i64, ptr %job, i64 COUNT
+  %count = load i64, ptr %count.at
+  %after = getelementptr [SHARE x i64], ptr %shares, i64 %count
+  br label %choose
+choose:
+  %k = phi i64 [0, %start], [%k.next, %next]
+  %chosen = phi ptr [%share, %start], [%chosen.next, %next]
+  %flags.before = phi i64 [0, %start], [%flags, %next]
+  %end.at = getelementptr i64, ptr %chosen, i64 1
+  %end = load i64, ptr %end.at
+  br label %take
+take:
+  %flags = phi i64 [%flags.before, %choose], [%flags.next, %run]
+  %begin = atomicrmw add ptr %chosen, i64 %piece monotonic
+  %stop.open = add i64 %begin, %piece
+  %stop = call i64 @llvm.smin.i64(i64 %stop.open, i64 %end)
+  %left = icmp slt i64 %begin, %end
+  br i1 %left, label %run, label %next
+run:
+  %flags.piece = call i64 @run_batch(PASSED)
+  %flags.next = or i64 %flags, %flags.piece
+  br label %take
+next:
+  %k.next = add i64 %k, 1
+  %following = getelementptr [SHARE x i64], ptr %chosen, i64 1
+  %around = icmp eq ptr %following, %after
+  %chosen.next = select i1 %around, ptr %shares, ptr %following
+  %k.more = icmp slt i64 %k.next, %count
+  br i1 %k.more, label %choose, label %done
+done:
+  %flags.at = getelementptr i64, ptr %job, i64 FLAGS
+  %flags.others = atomicrmw or ptr %flags.at, i64 %flags monotonic
   ret ptr null
 }
 
+declare i64 @llvm.smin.i64(i64, i64)
 declare i32 @pthread_attr_init(ptr)
 declare i32 @pthread_attr_setstacksize(ptr, i64)
 declare i32 @pthread_attr_destroy(ptr)
 declare i32 @pthread_create(ptr, ptr, ptr, ptr)
 declare i32 @pthread_join(i64, ptr)
+declare i32 @pthread_tryjoin_np(i64, ptr)
 """
 
 
-def run_shares() -> str:
-    # The words of a share are the arguments of `run_batch`, in order.
-    """Return `RUN_SHARES`, to be added to the module of `run_batch`."""
+def run_job(width: int) -> str:
+    """Return `RUN_JOB`, to be added to the module of `run_batch`."""
+    # The words of a job are the arguments of `run_batch`, in order.
     kinds = ['ptr', 'ptr', 'i64', 'i64', 'ptr', 'ptr', 'i64', 'i64', 'i64']
-    arguments = '\n'.join(line for k, kind in enumerate(kinds) for line in (
-        f'  %at{k} = getelementptr i64, ptr %share, i64 {k}',
-        f'  %given{k} = load {kind}, ptr %at{k}'))
-    passed = ', '.join(f'{kind} %given{k}' for k, kind in enumerate(kinds))
-    text = RUN_SHARES.replace('ARGUMENTS', arguments).replace('PASSED', passed)
-    for name, number in (('WORDS', WORDS), ('STACK', STACK), ('FLAGS', FLAGS),
-                         ('THREAD', THREAD), ('FAILED', FAILED)):
+    arguments = []
+    passed = []
+    for k, kind in enumerate(kinds):
+        if k in (BEGIN, END):
+            continue
+        arguments += [f'  %at{k} = getelementptr i64, ptr %job, i64 {k}',
+                      f'  %given{k} = load {kind}, ptr %at{k}']
+    for k, kind in enumerate(kinds):
+        passed.append(f'{kind} %given{k}')
+    passed[BEGIN] = 'i64 %begin'
+    passed[END] = 'i64 %stop'
+    text = RUN_JOB.replace('ARGUMENTS', '\n'.join(arguments))
+    text = text.replace('PASSED', ', '.join(passed))
+    for name, number in (('PIECES', PIECES), ('PIECE', PIECE), ('STACK', STACK),
+                         ('FLAGS', FLAGS), ('BEGIN', BEGIN), ('END', END),
+                         ('TRIES', TRIES), ('SHARES', SHARES), ('SHARE', SHARE), ('COUNT', COUNT),
+                         ('LAST', width - 1)):
         text = text.replace(name, str(number))
     return text
 
@@ -447,20 +549,20 @@ ROW = len(Strided._fields)  # words of a row of the table
 def driver(width: int) -> llvm.Code:
     """Return the machine code of `RUN_BATCH` and of its threads."""
     counting = '<' + ', '.join(f'i64 {lane}' for lane in range(width)) + '>'
-    text = RUN_BATCH.replace('COUNTING', counting)
+    text = RUN_BATCH.replace('LANE_NUMBERS', counting)
     text = text.replace('SLOTS', str(POINTER_SLOTS)).replace('ROW', str(ROW))
     text = text.replace('EVERY', '<' + ', '.join(['i1 true'] * width) + '>')
     for name in ('<W x', 'vWi64', 'vWp0'):
         text = text.replace(name, name.replace('W', str(width)))
-    text = text.replace(', W\n', f', {width}\n') + run_shares()
+    text = (text + run_job(width)).replace(', W\n', f', {width}\n')
     return llvm.library('run_batch', text)
 
 
 @cache
 def _driver_function(width: int) -> Callable[..., None]:
-    """Return `run_shares` as a function that releases the GIL."""
+    """Return `run_job` as a function that releases the GIL."""
     prototype = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64)
-    function: Callable[..., None] = driver(width).function('run_shares', prototype)
+    function: Callable[..., None] = driver(width).function('run_job', prototype)
     return function
 
 
@@ -507,14 +609,10 @@ def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]],
         high = highest.ctypes.data
         size = lowest.shape[1]
 
-    def work(ranges: Sequence[Range]) -> int:
-        # A row of words for each thread, which writes its flags there.
-        words: list[int] = []
-        for begin, end in ranges:
-            words += (kernel, address, len(rows), size, low, high, begin, end, steps)
-            words += NO_RESULT
-        shares = array('q', words)
-        function(shares.buffer_info()[0], len(ranges))
-        return reduce(or_, shares[FLAGS::WORDS])
+    def work(begin: int, end: int, threads: int) -> int:
+        job = array('q', (kernel, address, len(rows), size, low, high, begin, end, steps,
+                          *[0] * (WORDS - FLAGS)))
+        function(job.buffer_info()[0], threads)
+        return job[FLAGS]
     probe = max(1, PROBE_CALLS // steps)
     return run_in_threads(work, count, width, probe, PACES, (kernel, steps))

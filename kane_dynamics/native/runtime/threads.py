@@ -3,7 +3,6 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from itertools import pairwise
 from operator import itemgetter
 import os
 from threading import get_ident, Thread
@@ -17,7 +16,7 @@ THREAD_WORK = 3e-4  # s; least work per thread, several times the cost of starti
 LONGEST = 0.1  # s; a batch looks for interrupts at least about this often
 POLL = 1e-3  # s
 KEPT = 4096  # paces
-Range = tuple[int, int]
+SHORTEST = 1e-12  # s for a quantum
 
 
 def thread_count() -> int:
@@ -49,7 +48,7 @@ def _checked_setting() -> int | None:
     return int(setting)
 
 
-def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: int,
+def run_in_threads(work: Callable[[int, int, int], int], count: int, quantum: int,
                    probe: int, paces: dict[object, float] | None = None,
                    key: object = None) -> int:
     """
@@ -60,18 +59,17 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
     Parameters
     ----------
     work : callable
-        Takes ranges, runs each in a thread of its own, and returns flags when all have
-        ended.
+        ``work(begin, end, threads)`` runs a range in a number of threads, and returns
+        flags when all have ended.
     count : int
         Size of the range.
     quantum : int
         Ranges begin at multiples of this.
     probe : int
-        Quanta of the first range, whose time per quantum determines the number of
-        threads.
+        Quanta of the first range if the pace is not known: their time determines the
+        number of threads. Fewer quanta show no pace.
     paces, key : dict and hashable, optional
-        Seconds for a quantum by key, as last measured in one thread: a range that is
-        known to be too short for a second thread is not divided.
+        Seconds of a thread for a quantum by key, as last measured.
 
     Returns
     -------
@@ -80,40 +78,35 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
 
     """
     _checked_setting()  # refused first
+    paces = {} if paces is None else paces
     flags = 0
     begin = 0
+    # At first less: threads that have no processor of their own take several times as long.
     longest = LONGEST / 8.0
-    quanta = -(-count // quantum)
-    if paces is not None and paces.get(key, THREAD_WORK) * quanta < THREAD_WORK:
-        probe = quanta
-    ranges = [(0, min(count, probe * quantum))]
+    per_quantum = paces.get(key, 0.0)  # s
     while begin < count:
+        quanta = -(-(count - begin) // quantum)
+        threads = 1
+        if per_quantum:
+            # As many threads as the remaining work pays for, and as much as lasts about
+            # `longest`.
+            threads = min(int(per_quantum * quanta / THREAD_WORK) + 1, quanta)
+            if threads > 1:
+                threads = min(threads, thread_count())
+            quanta = min(quanta, max(1, int(longest / per_quantum)) * threads)
+            longest = LONGEST
+        else:
+            quanta = min(quanta, probe)
+        end = min(count, begin + quanta * quantum)
         started = time.perf_counter()
-        flags |= work(ranges)
+        flags |= work(begin, end, threads)
         took = time.perf_counter() - started
-        done = ranges[-1][1]
-        if paces is not None and len(ranges) == 1:
+        per_quantum = max(took * threads / quanta, SHORTEST)
+        begin = end
+        if quanta >= probe:  # else it is mostly that of the call
             if len(paces) >= KEPT:
                 paces.clear()
-            paces[key] = took * quantum / (done - begin)
-        if done == count:
-            break
-        # As many threads as the remaining work pays for.
-        blocks = -(-(count - done) // quantum)
-        per_quantum = took * len(ranges) * quantum / (done - begin)  # s
-        begin = done
-        worth = int(per_quantum * blocks / THREAD_WORK) + 1
-        threads = min(worth, blocks)
-        if threads > 1:
-            threads = min(threads, thread_count())
-        # As much work as lasts about `longest`, in equal parts.
-        per_thread = max(1, int(longest / max(per_quantum, 1e-12)))
-        blocks = min(blocks, per_thread * threads)
-        longest = LONGEST  # the first time was that of one thread alone
-        cuts = []
-        for k in range(threads + 1):
-            cuts.append(min(count, done + quantum * (blocks * k // threads)))
-        ranges = [*pairwise(cuts)]
+            paces[key] = per_quantum
     return flags
 
 

@@ -9,7 +9,7 @@ from kane_dynamics.native.backends import llvm_simd
 from kane_dynamics.native.backends.llvm_math import POSITION_LIMIT
 from kane_dynamics.native.backends.llvm_simd import lane_text
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.runtime import threads
+from kane_dynamics.native.runtime import loops, threads
 from kane_dynamics.native.runtime.kernel import Argument, batch_kernel, Kernel
 from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, BAD_RESULT,
                                                 run_batch, Strided)
@@ -285,39 +285,58 @@ def test_threads_process_every_state_once(monkeypatch):
     for count in (1, 8, 9, 63, 64, 65, 1000):
         ranges = []
 
-        def work(given, ranges=ranges):
-            assert len(given) <= 5
-            ranges.extend(given)
-            return sum({1 << (begin % 3) for begin, _ in given})
+        def work(begin, end, number, ranges=ranges):
+            assert number <= 5
+            ranges.append((begin, end))
+            return 1 << (begin % 3)
         flags = threads.run_in_threads(work, count, 8, 2)
-        assert [k for begin, end in sorted(ranges) for k in range(begin, end)] == [*range(count)]
+        assert [k for begin, end in ranges for k in range(begin, end)] == [*range(count)]
         assert all(begin % 8 == 0 and begin < end for begin, end in ranges)
         assert flags == np.bitwise_or.reduce([1 << (begin % 3) for begin, _ in ranges])
 
 
-def test_work_that_is_known_to_be_short_is_not_divided(monkeypatch):
+def test_work_is_divided_by_its_known_pace(monkeypatch):
     monkeypatch.setenv(threads.VARIABLE, '2')
     monkeypatch.setattr(threads, 'THREAD_WORK', 0.2)
     paces = {}
-    ranges = []
+    runs = []
 
-    def work(given):
-        ranges.append(given)
+    def work(begin, end, number):
+        runs.append((begin, end, number))
         time.sleep(pause)
         return 1
     pause = 0.0
     assert threads.run_in_threads(work, 1000, 8, 2, paces, 'kernel') == 1
-    assert ranges[0] == [(0, 16)]
-    ranges.clear()
+    assert runs[0] == (0, 16, 1)
+    runs.clear()
     threads.run_in_threads(work, 1000, 8, 2, paces, 'kernel')
-    assert ranges == [[(0, 1000)]]
-    # Where it took long, the next run is timed, and divided, again.
+    assert runs == [(0, 1000, 1)]
+    # Where it took long, the next run is divided.
     pause = 1.0
     threads.run_in_threads(work, 1000, 8, 2, paces, 'kernel')
-    ranges.clear()
+    runs.clear()
+    pause = 0.0
     threads.run_in_threads(work, 1000, 8, 2, paces, 'kernel')
-    assert ranges[0] == [(0, 16)]
-    assert len(ranges[1]) == 2
+    assert runs[0][2] == 2
+    # One that was slow for once is not divided for long.
+    runs.clear()
+    threads.run_in_threads(work, 1000, 8, 2, paces, 'kernel')
+    assert runs == [(0, 1000, 1)]
+
+
+def test_every_share_of_a_batch_is_computed_where_threads_do_not_start(robot, monkeypatch):
+    expected = robot.inverse_dynamics(*batch(5000))
+    monkeypatch.setenv(threads.VARIABLE, '8')
+    monkeypatch.setattr(threads, 'THREAD_WORK', 1e-9)
+    stack = 1 << 60  # more than any address space has
+    monkeypatch.setattr(loops, 'STACK', stack)
+    loops.driver.cache_clear()
+    loops._driver_function.cache_clear()
+    try:
+        assert np.array_equal(robot.inverse_dynamics(*batch(5000)), expected)
+    finally:
+        loops.driver.cache_clear()
+        loops._driver_function.cache_clear()
 
 
 def test_compile_includes_the_lane_kernels(monkeypatch):
