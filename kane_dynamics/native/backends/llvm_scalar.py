@@ -78,6 +78,47 @@ class PlacedProgram(Program):
         return result
 
 
+class Names(dict[int, str]):
+    """
+    IR names of values by the index of their node.
+
+    Results of loops have none: they stay in memory, and each use loads them. In
+    registers from the loop on, most of them would be spilled to other memory.
+
+    Parameters
+    ----------
+    lines : list of str
+        Instructions of the function, to which loads are appended.
+    real : Real
+        Type of numbers.
+
+    Attributes
+    ----------
+    in_memory : dict
+        Type, pointer and place in numbers of each such value by the index of its node.
+
+    """
+
+    def __init__(self, lines: list[str], real: Real) -> None:
+        """Begin without values."""
+        super().__init__()
+        self.lines = lines
+        self._real = real
+        self.in_memory: dict[int, tuple[str, str, int]] = {}
+        self._loads = 0
+
+    def __missing__(self, index: int) -> str:
+        """Load a value from memory and return its name."""
+        kind, pointer, place = self.in_memory[index]
+        name = f'%load{self._loads}'
+        self._loads += 1
+        self.lines += [f'  {name}.at = getelementptr {self._real.name}, ptr {pointer}, '
+                       f'i64 {place}',
+                       f'  {name} = load {kind}, ptr {name}.at, '
+                       f'align {self._real.bits // 8}']
+        return name
+
+
 class Rows:
     """
     Generates the nodes of `kane_dynamics.native.tracing.wide` for one function.
@@ -86,8 +127,7 @@ class Rows:
     ----------
     lines : list of str
         The function's instructions, to which those of each node are appended.
-    names : dict
-        IR names of values by the index of their node.
+    names : Names
     outputs : sequence of Expr or float
         The function's results.
     destinations : sequence of (str, int) or None
@@ -101,7 +141,7 @@ class Rows:
 
     """
 
-    def __init__(self, lines: list[str], names: dict[int, str], outputs: Sequence[Any],
+    def __init__(self, lines: list[str], names: Names, outputs: Sequence[Any],
                  destinations: Sequence[Destination | None]) -> None:
         """Generate into a function."""
         self.lines = lines
@@ -377,6 +417,26 @@ def _is_result(x: Any, source: Expr, place: int) -> bool:
             and bool(x.args[1] == place))
 
 
+def _is_row_of_loop(entries: Sequence[Any]) -> bool:
+    """Return whether scalars are consecutive results of a loop."""
+    first = entries[0]
+    if not (isinstance(first, Expr) and first.op == 'output'):
+        return False
+    source, place = first.args
+    if source.op != 'loop':
+        return False
+    return all(_is_result(x, source, place + k) for k, x in enumerate(entries))
+
+
+def _is_row(entries: Sequence[Any]) -> bool:
+    """Return whether scalars are all lanes of one row, in their order."""
+    first = entries[0]
+    if len(entries) != LANES or not (isinstance(first, Expr) and first.op == 'lane'):
+        return False
+    row = first.args[0]
+    return all(_is_lane(x, row, lane) for lane, x in enumerate(entries))
+
+
 def _is_lane(x: Any, row: Expr, lane: int) -> bool:
     """Return whether a scalar is this lane of a row."""
     if not (isinstance(x, Expr) and x.op == 'lane'):
@@ -422,8 +482,8 @@ class Function:
         self.abreast = abreast
         self.type = vector_type(lanes, real)
         self.width = abreast if lanes == 1 else lanes  # of elementary functions
-        self.names: dict[int, str] = {}
         self.lines: list[str] = []
+        self.names = Names(self.lines, real)
         self.callees: list[Program] = []
         # Memory of the function, reserved once before its loops; and constants.
         self.reserved: list[str] = []
@@ -566,12 +626,22 @@ class Function:
             self._call(node)
         elif node.op == 'loop':
             self._loop(node)
+        elif node.op == 'pack' and _is_row_of_loop(node.args):
+            source, k = node.args[0].args
+            memory = ROW_TYPE, f'%ret{source.index}', self._place(source, k)
+            self.names.in_memory[node.index] = memory
+            return
         elif node.op in PLACING or node.op in ROWS:
             name = self._wide.value(node)
         elif node.op == 'output':
             source, k = node.args
             if source.op == 'loop' and node.index not in self._read:
                 return  # a row of another loop, in place
+            if source.op == 'loop':
+                place = self.lanes * self._place(source, k)
+                memory = self.type, f'%ret{source.index}', place
+                self.names.in_memory[node.index] = memory
+                return
             at = f'%got{node.index}'
             k = self._place(source, k)
             row = f'ptr %ret{source.index}'
@@ -727,16 +797,29 @@ class Function:
                                f'[{len(entries)} x {self.type}] [{values}], align '
                                f'{8 * LANES}')
             return name, width
+        key = tuple(x.index if isinstance(x, Expr) else (x,) for x in entries)
+        if key in self._stored:  # an earlier loop reads the same table
+            return self._stored[key], width
         where = f'%table{i}.{k}'
+        self._stored[key] = where
         self.reserved.append(f'  {where} = alloca [{len(entries)} x {self.type}], align '
                              f'{8 * LANES}')
-        for j, x in enumerate(entries):
+        j = 0
+        while j < len(entries):
+            x = entries[j]
+            put = f'%put{i}.{k}.{j}'
+            self.lines.append(f'  {put} = getelementptr {self.type}, ptr {where}, i64 {j}')
+            if _is_row(entries[j:j + LANES]):
+                assert isinstance(x, Expr)
+                row = self.names[x.args[0].index]
+                self.lines.append(f'  store {ROW_TYPE} {row}, ptr {put}, align 8')
+                j += LANES
+                continue
             if isinstance(x, Expr) and x.index not in self.names:
                 self._read.add(x.index)
                 self._operation(x)
-            put = f'%put{i}.{k}.{j}'
-            self.lines += [f'  {put} = getelementptr {self.type}, ptr {where}, i64 {j}',
-                           f'  store {self.type} {self.value(x)}, ptr {put}']
+            self.lines.append(f'  store {self.type} {self.value(x)}, ptr {put}')
+            j += 1
         return where, width
 
     def _stride(self, rows: Sequence[Sequence[Any]]) -> int | None:
