@@ -23,7 +23,7 @@ from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
 
 
-FEW_PARTS = 2  # more parts of eight joints: derivatives by loops over them
+FEW_PARTS = 3  # more parts of eight joints: derivatives by loops over them
 
 
 class TreeInLanes:
@@ -162,10 +162,11 @@ class TreeInLanes:
         no_gravity = np.zeros(3).astype(object)
         links = self.equations.base_links(parameters)
         repeat = self._repeat if self._has_loops() else None
-        _, by_u, _ = inverse_dynamics_derivatives(links, q, u, self.equations.zeros,
+        # Half of dtau/du, which is linear in u.
+        _, by_u, _ = inverse_dynamics_derivatives(links, q, 0.5 * u, self.equations.zeros,
                                                   no_gravity, self._lanes, repeat,
                                                   OF_RATES)
-        return self._matrix(0.5 * by_u, q)
+        return self._matrix(by_u, q)
 
     def inverse_dynamics_derivatives(self, q: Vector, u: Vector, udot: Vector,
                                      parameters: Vector) -> Matrix:

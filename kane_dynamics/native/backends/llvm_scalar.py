@@ -33,6 +33,7 @@ TOGETHER = (('sc', ('sin', 'cos')), ('th', ('tanh',)), ('ex', ('exp',)),
             ('lg', ('log',)), ('at', ('arctan',)))
 ELEMENTARY = frozenset(op for _, ops in TOGETHER for op in ops)
 ROW_TYPE = vector_type(LANES)
+CHUNK = 256 * LANES  # numbers of a loop's results that one pointer reaches in few bytes
 ROW_ARITHMETIC = {'wide_add': 'fadd', 'wide_sub': 'fsub', 'wide_mul': 'fmul'}
 
 
@@ -488,6 +489,7 @@ class Function:
         # Memory of the function, reserved once before its loops; and constants.
         self.reserved: list[str] = []
         self.tables: list[str] = []
+        self._chunks: set[str] = set()  # pointers into results of loops
         # Pointers to stored arguments, by their entries.
         self._stored: dict[tuple[object, ...], str] = {}
         # Where each result is stored: one after the other, or as its place says.
@@ -596,6 +598,23 @@ class Function:
                            f'  store {self.type} {self.value(x)}, ptr %to.{k}']
         self.lines += ['  ret void', '}']
 
+    def _memory(self, source: Expr, k: int) -> tuple[str, int]:
+        """Return a pointer for a result of a loop, and its place from there in numbers."""
+        place = self.lanes * self._place(source, k)
+        chunk = place // CHUNK
+        pointer = f'%chunk{source.index}.{chunk}'
+        if pointer not in self._chunks:
+            # Loads near this pointer have displacements of one byte, others of four. The
+            # compiler would compute it from the stack pointer again if it knew it.
+            self._chunks.add(pointer)
+            middle = chunk * CHUNK + CHUNK // 2
+            self.reserved.append(f'  {pointer}.slot = alloca ptr')
+            self.lines += [f'  {pointer}.at = getelementptr {self.real.name}, '
+                           f'ptr %ret{source.index}, i64 {middle}',
+                           f'  store volatile ptr {pointer}.at, ptr {pointer}.slot',
+                           f'  {pointer} = load volatile ptr, ptr {pointer}.slot']
+        return pointer, place - chunk * CHUNK - CHUNK // 2
+
     def _place(self, source: Expr, k: int) -> int:
         """Return where a result of a call or loop is in its memory."""
         placement = self._placements.get(source.index)
@@ -628,8 +647,7 @@ class Function:
             self._loop(node)
         elif node.op == 'pack' and _is_row_of_loop(node.args):
             source, k = node.args[0].args
-            memory = ROW_TYPE, f'%ret{source.index}', self._place(source, k)
-            self.names.in_memory[node.index] = memory
+            self.names.in_memory[node.index] = ROW_TYPE, *self._memory(source, k)
             return
         elif node.op in PLACING or node.op in ROWS:
             name = self._wide.value(node)
@@ -638,9 +656,7 @@ class Function:
             if source.op == 'loop' and node.index not in self._read:
                 return  # a row of another loop, in place
             if source.op == 'loop':
-                place = self.lanes * self._place(source, k)
-                memory = self.type, f'%ret{source.index}', place
-                self.names.in_memory[node.index] = memory
+                self.names.in_memory[node.index] = self.type, *self._memory(source, k)
                 return
             at = f'%got{node.index}'
             k = self._place(source, k)
