@@ -84,12 +84,12 @@ def gates() -> list[Gate]:
         # its constraintDynamics, with a proximal solver
         Gate(loop + 'constraint dynamics', CPP, 12.0, 25.0, LOOPS),
         Gate('constraint dynamics', PYTHON, 20.0, 40.0, LOOPS),
-        *(Gate(loop + what, CPP, least, 8.0, LARGE) for what, least in (
-            ('inverse_mass_matrix', 5.0), ('coriolis_matrix', 7.0),
-            ('inverse_dynamics_derivatives', 6.0), ('regressor', 5.0))),
-        *(Gate(loop + what, CPP, 4.0, 8.0, LARGEST) for what in (
-            'inverse_mass_matrix', 'coriolis_matrix', 'inverse_dynamics_derivatives',
-            'regressor')),
+        *(Gate(loop + what, CPP, least, stretch, LARGE) for what, least, stretch in (
+            ('inverse_mass_matrix', 5.0, 8.0), ('coriolis_matrix', 7.0, 8.0),
+            ('inverse_dynamics_derivatives', 8.0, 10.0), ('regressor', 8.0, 10.0))),
+        *(Gate(loop + what, CPP, least, stretch, LARGEST) for what, least, stretch in (
+            ('inverse_mass_matrix', 4.0, 8.0), ('coriolis_matrix', 4.0, 8.0),
+            ('inverse_dynamics_derivatives', 6.0, 8.0), ('regressor', 8.0, 10.0))),
         *(Gate(f'forward dynamics under {what}', PLAIN, 1.0 / 3.0, 0.5) for what in UNDER),
         *(Gate(f'{what} {WATCHED}', UNWATCHED, 1.0 / 1.05, 1.0, WATCHED_ROBOTS)  # costs 5 %
           for what in ('step', 'calls')),

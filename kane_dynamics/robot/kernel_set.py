@@ -22,6 +22,7 @@ from kane_dynamics.mechanics.ball_joints import least_square, require_direction
 from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
+from kane_dynamics.model.model import WORLD
 from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.runtime.kernel import Argument, Kernel, ResultCheck
 from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
@@ -146,7 +147,12 @@ COMPARED = ('coriolis_matrix', *ANALYTIC)  # between: the shorter of the two pro
 COMPARED_LONGER = {'forward_dynamics': OUTLINED, 'mass_matrix': 64}
 # Quantities of long trees that are computed by loops over blocks of joints in series.
 BY_BLOCKS = ('mass_matrix', 'inverse_mass_matrix')
-FEWEST_BY_BLOCKS = 2 * LANES  # more coordinates: by blocks
+FEWEST_BY_BLOCKS = 2 * LANES  # more coordinates: by blocks, where they take less time
+# With a path of so many joints they do; on shorter ones, the programs are compared.
+LONG_PATH = 3 * LANES
+# An instruction of a loop takes less time than one of a program without loops, of which
+# most is fetched from beyond the first cache of instructions: measured 1.3 to 2.1 times.
+LOOP_GAIN = 1.7
 # Rows of lanes in forward dynamics by articulated inertias, for a block of joints.
 ROWS_OF_BLOCK = 2400
 NO_DIRECTION = 1e-16  # squared length of a quaternion that has no direction
@@ -520,15 +526,38 @@ class KernelSet:
         `single` selects the program of single states on this processor, which uses lanes
         where they save instructions.
         """
-        in_lanes = None
         if single and derivative is None:
-            in_lanes = method_in_lanes(self.equations, name)
+            return self._program_of_one(name, at)
+        return self._traced(self._method(name, at), name, at, derivative)
+
+    def _program_of_one(self, name: str, at: str) -> Program:
+        """Return the program of single states that takes less time."""
+        equations = self.equations
+        if not computed_by_blocks(equations, name):
+            return self._without_blocks(name, at)
+        in_blocks = method_in_lanes(equations, name, by_blocks=True)
+        assert in_blocks is not None
+        by_blocks = self._traced(in_blocks, name, at)
+        if longest_path(equations) >= LONG_PATH:
+            # Without loops it would be far longer.
+            return by_blocks
+        # Blocks fill short branches with joints that do not move, and compute with zeros
+        # that a program without loops leaves out.
+        others = self._without_blocks(name, at)
+        lanes = width()
+        if others.instruction_count(lanes) * LOOP_GAIN < by_blocks.instruction_count(lanes):
+            return others
+        return by_blocks
+
+    def _without_blocks(self, name: str, at: str) -> Program:
+        """Return the shorter program of single states: in rows of lanes, or plain."""
+        equations = self.equations
+        in_lanes = method_in_lanes(equations, name)
         if in_lanes is None:
-            return self._traced(self._method(name, at), name, at, derivative)
+            return self._traced(self._method(name, at), name, at)
         # For arms of common size, the program with fewer instructions on this processor.
         program_in_lanes = self._traced(in_lanes, name, at)
-        compared = self.equations.n <= COMPARED_LONGER.get(name, ALWAYS_IN_LANES)
-        if not compared or computed_by_blocks(self.equations, name):
+        if equations.n > COMPARED_LONGER.get(name, ALWAYS_IN_LANES):
             # Without lanes it would be far longer.
             return program_in_lanes
         plain = self._traced(self._method(name, at), name, at)
@@ -582,7 +611,8 @@ class KernelSet:
         return trace_program(name, function, inputs)
 
 
-def method_in_lanes(equations: Equations, name: str) -> Callable[..., Any] | None:
+def method_in_lanes(equations: Equations, name: str,
+                    by_blocks: bool = False) -> Callable[..., Any] | None:
     """Return the function that computes several joints at once, or None."""
     n = equations.n
     if name == 'forward_dynamics' and _has_similar_beams(equations):
@@ -592,7 +622,7 @@ def method_in_lanes(equations: Equations, name: str) -> Callable[..., Any] | Non
         return tree.forward_dynamics
     suits = n > ALWAYS_IN_LANES or (n >= FEWEST_IN_LANES and name in COMPARED)
     suits = suits or (n > LANES and name == 'forward_dynamics')
-    suits = suits or computed_by_blocks(equations, name)
+    suits = suits or by_blocks
     if not (equations.in_joint_rates and suits):
         return None
     # Needed only where a program is traced.
@@ -607,7 +637,7 @@ def method_in_lanes(equations: Equations, name: str) -> Callable[..., Any] | Non
         if not TreeInLanes.has_long_branches(tree, instructions):
             return None
     tree_in_lanes = TreeInLanes(tree, lambda q: WideLanes(q.trace), Loops())
-    if computed_by_blocks(equations, name):
+    if by_blocks:
         name = f'{name}_by_blocks'
     return getattr(tree_in_lanes, name, None)
 
@@ -618,7 +648,7 @@ def _has_similar_beams(equations: Equations) -> bool:
 
 
 def computed_by_blocks(equations: Equations, name: str) -> bool:
-    """Return whether a quantity of one state is computed by loops over blocks."""
+    """Return whether a quantity of one state can be computed by loops over blocks."""
     if name not in BY_BLOCKS or equations.n <= FEWEST_BY_BLOCKS:
         return False
     if not equations.in_joint_rates:
@@ -626,6 +656,15 @@ def computed_by_blocks(equations: Equations, name: str) -> bool:
     # Needed only where a program is traced.
     from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
     return TreeInLanes.fills_blocks(equations.tree)
+
+
+def longest_path(equations: Equations) -> int:
+    """Return the largest number of joints that carry a body of a tree."""
+    depths: list[int] = []
+    for link in equations.tree.geometry:
+        carriers = 0 if link.parent == WORLD else depths[link.parent]
+        depths.append(carriers + 1)
+    return max(depths)
 
 
 def kernel_per_robot(function: Callable[..., Kernel]) -> Callable[..., Kernel]:

@@ -7,7 +7,14 @@ from hypothesis import given, settings, strategies as st
 from kane_dynamics import box, Inertial, ModelBuilder, Robot
 from kane_dynamics.mechanics.algebra.hyperdual import seeded
 from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.mechanics.algebra.lanes import Lanes
+from kane_dynamics.mechanics.joint_lanes.block_rows import unpacked
+from kane_dynamics.mechanics.joint_lanes.derivatives import (
+    inverse_dynamics_derivatives as derivative_rows, OF_RATES)
 from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
+from kane_dynamics.mechanics.recursive.derivatives import (
+    inverse_dynamics_derivatives as recursive_derivatives)
+from kane_dynamics.mechanics.recursive.subroutines import one_by_one
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import with_payload
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -115,6 +122,54 @@ def test_derivatives_in_lanes_are_those_of_the_definition(n):
     forward = wide.forward_dynamics_derivatives(q, u, tau, parameters).astype(float)
     expected = np.linalg.solve(M, np.hstack([-slopes, np.eye(n)]))
     assert relative_error(np.hstack(forward), expected) < 1e-14 * np.linalg.cond(M)
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 19), st.sampled_from([0.0, 0.3, 1.0]),
+       st.sampled_from([0.0, 0.15, 0.6]))
+def test_loops_over_parts_of_a_tree_give_the_derivatives(seed, n, prismatic, branching):
+    model = shuffled(random_model(seed, n, prismatic=prismatic, branching=branching), seed)
+    equations, (q, u, udot) = TreeEquations(model), random_state(model, seed)
+    parameters = np.array([0.3, -0.2, -9.8])
+    links = equations.base_links(parameters)
+    rows = derivative_rows(links, q, u, udot, parameters, repeat=one_by_one)
+    by_u = derivative_rows(links, q, u, udot, parameters, repeat=one_by_one, names=OF_RATES)[1]
+    # The same by another formulation, of one joint at a time.
+    expected = recursive_derivatives(links, q, u, udot, parameters)
+    for found, matrix in zip((*rows, by_u), (*expected, expected[1])):
+        entries = np.array([unpacked(row, Lanes)[:n] for row in found]).astype(float)
+        scale = np.abs(np.array(matrix).astype(float)).max()
+        assert np.abs(entries - matrix).max() <= 1e-12 * scale + 1e-13
+
+
+@pytest.mark.parametrize('n, branching', [
+    (32, 0.0), (29, 0.6), pytest.param(45, 0.3, marks=pytest.mark.slow)])
+def test_compiled_loops_over_parts_give_the_derivatives_of_the_definition(n, branching):
+    model = shuffled(random_model(8, n, branching=branching), 8)
+    robot = Robot(model, payload_frame='frame3')
+    payload = Inertial(2.0, np.array([0.1, 0.0, 0.2]), 0.01 * np.eye(3))
+    robot.parameters.payload = payload
+    program = robot.kernels.program('inverse_dynamics_derivatives', single=True)
+    assert any(node.op == 'loop' for node in program.schedule())
+    loaded = with_payload(model, 'frame3', payload)
+    q, u, udot = random_state(model, 5)
+    none = np.zeros(n)
+    torque = kane.inverse_dynamics(loaded, seeded(q, none, 0, 2 * n), seeded(u, none, n, 2 * n),
+                                   udot)
+    slopes = np.array([x.gradient for x in torque])
+    found = robot.inverse_dynamics_derivatives(q, u, udot)
+    assert relative_error(np.hstack(found[:2]), slopes) < 1e-11
+    assert relative_error(found[2], kane.mass_matrix(loaded, q)) < 1e-13
+
+
+@pytest.mark.parametrize('n, branching', [(32, 0.0), (45, 0.3)])
+def test_compiled_loops_over_parts_give_the_coriolis_forces_of_the_definition(n, branching):
+    model = shuffled(random_model(8, n, branching=branching, passive=False), 8)
+    q, u, _ = random_state(model, 5)
+    without_gravity = replace(model, gravity=np.zeros(3))
+    expected = kane.inverse_dynamics(without_gravity, q, u, np.zeros(n))
+    # The matrix is not unique: its product with the rates is.
+    assert relative_error(Robot(model).coriolis_matrix(q, u) @ u, expected) < 1e-11
 
 
 def test_arms_compute_one_state_by_the_shorter_program(monkeypatch):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from definition import relative_error
 from hypothesis import given, settings, strategies as st
-from kane_dynamics import Inertial, InputError, Robot, simulate
+from kane_dynamics import box, Inertial, InputError, ModelBuilder, Robot, simulate
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.joint_lanes.branches import branches
 from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
@@ -82,6 +82,41 @@ def test_arithmetic_of_matrices_grows_as_they_do_and_code_hardly(name):
     arithmetic, code = growth(name)
     assert arithmetic < 4.0
     assert code < 1.15
+
+
+def limbs_on_a_trunk():
+    """Return a tree of two legs, and of two arms on a trunk, with principal axes."""
+    b = ModelBuilder('humanoid')
+
+    def limb(name, parent, joints):
+        """Add joints in series, and return the name of the last body."""
+        for k in range(joints):
+            axis = np.eye(3)[(2, 0, 1)[k % 3]]
+            b.body(f'{name}{k}', parent, axis=axis, at=(0.0, 0.02 * k, -0.2),
+                   inertial=box(1.0, (0.05, 0.06, 0.2), at=(0.0, 0.0, -0.1)))
+            parent = f'{name}{k}'
+        return parent
+    limb('left_leg', 'world', 6)
+    limb('right_leg', 'world', 6)
+    trunk = limb('trunk', 'world', 2)
+    limb('left_arm', trunk, 8)
+    limb('right_arm', trunk, 8)
+    return b.model()
+
+
+def test_matrices_of_short_branches_are_computed_without_blocks():
+    model = limbs_on_a_trunk()
+    robot = Robot(model)
+    assert TreeInLanes.fills_blocks(robot.equations.tree)
+    for name in ('mass_matrix', 'inverse_mass_matrix'):
+        program = robot.kernels.program(name, single=True)
+        assert not any(node.op == 'loop' for node in program.schedule())
+    q = random_state(model, 5)[0]
+    expected = kane.mass_matrix(model, q)
+    assert relative_error(robot.mass_matrix(q), expected) < 20.0 * EPS
+    condition = np.linalg.cond(expected)
+    inverse = robot.inverse_mass_matrix(q)
+    assert relative_error(inverse, np.linalg.inv(expected)) < 10.0 * EPS * condition
 
 
 def test_a_matrix_may_be_written_over_its_configuration():

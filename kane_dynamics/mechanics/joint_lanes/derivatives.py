@@ -21,16 +21,22 @@ from dataclasses import dataclass
 from typing import Any
 
 from kane_dynamics._util.typing import Matrix, Vector
-from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
+from kane_dynamics.mechanics.algebra.lanes import LANES
 from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.mechanics.joint_lanes.joint_blocks import LanesOf, plain_lanes
 from kane_dynamics.mechanics.joint_lanes.link_momenta import link_momenta
+from kane_dynamics.mechanics.joint_lanes.part_loops import (joint_by_joint, of_each_part,
+                                                            row_by_row, Rows)
 from kane_dynamics.mechanics.joint_lanes.tree_sums import TreeSums
 from kane_dynamics.mechanics.recursive.inverse_dynamics import JointStep
 from kane_dynamics.mechanics.recursive.link import Link
+from kane_dynamics.mechanics.recursive.subroutines import Repeat
 from kane_dynamics.model.model import WORLD
 import numpy as np
 
 UPPER = np.triu_indices(3)
+BODY_ROWS = 42  # of `LaneBodies`
+MOMENTS = 27  # of `_moments`
 
 
 @dataclass
@@ -52,78 +58,167 @@ class LaneMotion:
         return linear, cross(omega, self.s)
 
 
+@dataclass
+class LaneBodies:
+    """
+    The links of one part, and the masses that their joints carry.
+
+    Attributes
+    ----------
+    R, p : (3, 3), (3,) arrays of rows
+        Rotations and positions.
+    motion : LaneMotion
+    acceleration : (6,) array of rows
+        Linear and angular, minus gravity.
+    inertial : (10,) array of rows
+        Mass, first moment, and the upper triangle of the second one, in link axes.
+    carried_mass, multiplier : rows
+
+    """
+
+    R: Matrix
+    p: Vector
+    motion: LaneMotion
+    acceleration: Vector
+    inertial: Vector
+    carried_mass: Any
+    multiplier: Any
+
+    def rows(self) -> list[Any]:
+        """Return `BODY_ROWS` rows, one after the other."""
+        motion = self.motion
+        return [*self.R.ravel(), *self.p, *motion.sigma, *motion.s, *motion.v,
+                *motion.omega, *self.acceleration, *self.inertial, self.carried_mass,
+                self.multiplier]
+
+    @staticmethod
+    def of_rows(rows: Rows) -> 'LaneBodies':
+        """Return the links from the result of `rows`."""
+        rows = np.array(rows, dtype=object)
+        motion = LaneMotion(*np.split(rows[12:24], 4))
+        return LaneBodies(rows[:9].reshape(3, 3), rows[9:12], motion, rows[24:30],
+                          rows[30:40], rows[40], rows[41])
+
+
+# Vectors of joints, and their numbers of rows.
+SIZES = {'axis': 6, 'force': 9, 'by_q': 9, 'by_u': 9, 'wrench_by_q': 6, 'wrench_by_u': 6}
+OF_RATES = ('axis', 'force', 'by_u', 'wrench_by_u')  # those that dtau/du needs
+
+
+@dataclass
 class JointRows:
     """
     Vectors of the joints of one part: dot products are entries of the derivatives.
+
+    Those that are not computed are zero.
 
     Attributes
     ----------
     axis : (6,) array of rows
         S.
-    by_q, by_u : (9,) arrays of rows
-        da, chi and 2 delta for a unit displacement and for a unit rate.
     force : (9,) array of rows
         f, n and e.
+    by_q, by_u : (9,) arrays of rows
+        da, chi and 2 delta for a unit displacement and for a unit rate.
     wrench_by_q, wrench_by_u : (6,) arrays of rows
         F and N.
 
     """
 
-    def __init__(self, motion: LaneMotion, acceleration: Vector, mass: Any, sums: Vector,
-                 factor: Any) -> None:
-        """Compute the vectors from the sums of `_moments` over the subtrees."""
-        sigma = motion.sigma
-        s = motion.s
-        slide = motion.slide
-        turn = motion.turn
+    axis: Vector
+    force: Vector
+    by_q: Vector
+    by_u: Vector
+    wrench_by_q: Vector
+    wrench_by_u: Vector
 
-        # Moments of the bodies that the joint carries; I = trace(S) 1 - S, and the same
-        # of V = int v r^T dm.
-        h, p, force, moment, second, V = np.split(sums, [3, 6, 9, 12, 18])
-        xx, xy, xz, yy, yz, zz = second
-        inertia = np.array([[yy + zz, -xy, -xz],
-                            [-xy, xx + zz, -yz],
-                            [-xz, -yz, xx + yy]])
-        V = V.reshape(3, 3)
-        growth = np.array([[V[1, 1] + V[2, 2], -V[0, 1], -V[0, 2]],
-                           [-V[1, 0], V[0, 0] + V[2, 2], -V[1, 2]],
-                           [-V[2, 0], -V[2, 1], V[0, 0] + V[1, 1]]])
+    def rows(self, names: Sequence[str]) -> list[Any]:
+        """Return the rows of some vectors, one after the other."""
+        rows: list[Any] = []
+        for name in names:
+            rows.extend(getattr(self, name))
+        return rows
 
-        def wrench(da: Vector, chi: Vector, delta: Vector) -> Vector:
-            linear = mass * da + cross(chi, h) + cross(delta, p)
-            angular = cross(h, da) + inertia @ chi + growth @ delta
-            return np.concatenate([linear, angular])
+    @staticmethod
+    def of_rows(rows: Vector, names: Sequence[str]) -> 'JointRows':
+        """Return the vectors of these names from the result of `rows`."""
+        vectors = {name: np.zeros(size).astype(object) for name, size in SIZES.items()}
+        begin = 0
+        for name in names:
+            end = begin + SIZES[name]
+            vectors[name] = rows[begin:end]
+            begin = end
+        return JointRows(**vectors)
 
-        # Changes of the accelerations: the formulas of the module's text.
-        da, chi = motion.rate(acceleration[:3], acceleration[3:])
-        by_q = (da + cross(motion.omega, slide) + cross(motion.v, turn),
-                chi + cross(motion.omega, turn), turn + turn)
-        by_u = (slide + slide, turn + turn, s + s)
 
-        # A displacement also moves the bodies, and with them their wrench.
-        moved = np.concatenate([cross(s, force), cross(s, moment) + cross(sigma, force)])
-        self.axis = factor * np.concatenate([sigma, s])
-        self.by_q = factor * np.concatenate(by_q)
-        self.by_u = factor * np.concatenate(by_u)
-        f = mass * sigma + cross(s, h)
-        n = cross(h, sigma) + inertia @ s
-        e = cross(p, sigma) + growth.T @ s
-        self.force = factor * np.concatenate([f, n, e])
-        self.wrench_by_q = factor * (wrench(*by_q) + moved)
-        self.wrench_by_u = factor * wrench(*by_u)
+def joint_rows(body: LaneBodies, sums: Vector) -> JointRows:
+    """Return the vectors from the sums of `_moments` over the subtrees."""
+    motion = body.motion
+    acceleration = body.acceleration
+    mass = body.carried_mass
+    factor = body.multiplier
+    sigma = motion.sigma
+    s = motion.s
+    slide = motion.slide
+    turn = motion.turn
+
+    # Moments of the bodies that the joint carries; I = trace(S) 1 - S, and the same
+    # of V = int v r^T dm.
+    h, p, force, moment, second, V = np.split(sums, [3, 6, 9, 12, 18])
+    xx, xy, xz, yy, yz, zz = second
+    inertia = np.array([[yy + zz, -xy, -xz],
+                        [-xy, xx + zz, -yz],
+                        [-xz, -yz, xx + yy]])
+    V = V.reshape(3, 3)
+    growth = np.array([[V[1, 1] + V[2, 2], -V[0, 1], -V[0, 2]],
+                       [-V[1, 0], V[0, 0] + V[2, 2], -V[1, 2]],
+                       [-V[2, 0], -V[2, 1], V[0, 0] + V[1, 1]]])
+
+    def wrench(da: Vector, chi: Vector, delta: Vector) -> Vector:
+        linear = mass * da + cross(chi, h) + cross(delta, p)
+        angular = cross(h, da) + inertia @ chi + growth @ delta
+        return np.concatenate([linear, angular])
+
+    # Changes of the accelerations: the formulas of the module's text.
+    da, chi = motion.rate(acceleration[:3], acceleration[3:])
+    by_q = (da + cross(motion.omega, slide) + cross(motion.v, turn),
+            chi + cross(motion.omega, turn), turn + turn)
+    by_u = (slide + slide, turn + turn, s + s)
+
+    # A displacement also moves the bodies, and with them their wrench.
+    moved = np.concatenate([cross(s, force), cross(s, moment) + cross(sigma, force)])
+    f = mass * sigma + cross(s, h)
+    n = cross(h, sigma) + inertia @ s
+    e = cross(p, sigma) + growth.T @ s
+    return JointRows(axis=factor * np.concatenate([sigma, s]),
+                     force=factor * np.concatenate([f, n, e]),
+                     by_q=factor * np.concatenate(by_q),
+                     by_u=factor * np.concatenate(by_u),
+                     wrench_by_q=factor * (wrench(*by_q) + moved),
+                     wrench_by_u=factor * wrench(*by_u))
 
 
 def inverse_dynamics_derivatives(links: Sequence[Link], q: Vector, u: Vector,
                                  udot: Vector, gravity: Vector,
-                                 lanes: Any = Lanes) -> Any:
+                                 lanes_of: LanesOf = plain_lanes,
+                                 repeat: Repeat | None = None,
+                                 names: Sequence[str] = tuple(SIZES)) -> Any:
     """
     Return rows of dtau/dq, dtau/du and M of the links, (3, n, ceil(n / LANES)).
 
-    Arguments as `inverse_dynamics`, but each coordinate moves one link; `lanes` has the
-    functions of `Lanes`. Entry [m, r, g] holds row r of matrix m from column g LANES on.
+    Arguments as `inverse_dynamics`, but each coordinate moves one link; `lanes_of` as of
+    `JointBlocks`. With `repeat`, the vectors of joints are computed by loops over the
+    parts. `names` are those of the vectors that are needed. Entry [m, r, g] holds row r
+    of matrix m from column g LANES on.
     """
+    lanes = lanes_of(q[0])
     tree = TreeSums(links, lanes)
-    parts = _joint_rows(tree, links, q, u, udot, gravity)
+    bodies = _bodies(tree, links, q, u, udot, gravity)
+    if repeat is None:
+        sums = tree.over_subtrees([_moments(body) for body in bodies])
+        parts = list(map(joint_rows, bodies, sums))
+    else:
+        parts = _by_loops(tree, bodies, names, lanes_of, repeat)
     result = np.zeros((3, tree.n, len(parts)), dtype=object)
     for r in range(tree.n):
         # The vectors of joint r alone: the same value in all lanes.
@@ -155,9 +250,9 @@ def _blended(mask: Sequence[bool], rows: Sequence[Any], others: Sequence[Any],
     return [lanes.blend(mask, row, other) for row, other in zip(rows, others)]
 
 
-def _joint_rows(tree: TreeSums, links: Sequence[Link], q: Vector, u: Vector,
-                udot: Vector, gravity: Vector) -> list[JointRows]:
-    """Return the vectors of all joints."""
+def _bodies(tree: TreeSums, links: Sequence[Link], q: Vector, u: Vector,
+            udot: Vector, gravity: Vector) -> list[LaneBodies]:
+    """Return places, motion and inertia of the links, in parts."""
     def rates_of_joints(x: Vector) -> list[Any]:
         return tree.packed([link.multiplier * x[link.coordinate] for link in links])
 
@@ -179,15 +274,30 @@ def _joint_rows(tree: TreeSums, links: Sequence[Link], q: Vector, u: Vector,
     weight = np.array([*gravity, 0.0, 0.0, 0.0])
     accelerations = [x - weight for x in tree.toward_root(steps)]
 
-    # Moments of the links, and their sums over what each joint carries.
-    inertials = zip(tree.packed([link.mass for link in links]),
-                    tree.packed([link.first_moment for link in links]),
-                    tree.packed([link.second_moment for link in links]))
-    moments = map(_moments, rotations, positions, motions, accelerations, inertials)
-    sums = tree.over_subtrees(list(moments))
-    masses = _masses(tree, links)
-    multipliers = tree.packed([link.multiplier for link in links])
-    return list(map(JointRows, motions, accelerations, masses, sums, multipliers))
+    inertial = [[link.mass, *link.first_moment, *link.second_moment[UPPER]]
+                for link in links]
+    return list(map(LaneBodies, rotations, positions, motions, accelerations,
+                    tree.packed(inertial), _masses(tree, links),
+                    tree.packed([link.multiplier for link in links])))
+
+
+def _by_loops(tree: TreeSums, bodies: Sequence[LaneBodies], names: Sequence[str],
+              lanes_of: LanesOf, repeat: Repeat) -> list[JointRows]:
+    """Return the vectors of all joints by two loops over the parts."""
+    def moments_by_joint(lanes: Any, body: Rows) -> list[Any]:
+        return joint_by_joint(_moments(LaneBodies.of_rows(body)), lanes)
+
+    def vectors(lanes: Any, body: Rows, of_joints: Rows) -> list[Any]:
+        sums = row_by_row(of_joints, MOMENTS, lanes)
+        return joint_rows(LaneBodies.of_rows(body), sums).rows(names)
+
+    # Sums over subtrees add the moments of one joint at a time, which are in lanes.
+    lanes = tree.lanes
+    table = [body.rows() for body in bodies]
+    moments = of_each_part('moments', moments_by_joint, [table], lanes, lanes_of, repeat)
+    sums = tree.over_subtrees_by_joint(moments)
+    results = of_each_part('vectors', vectors, [table, sums], lanes, lanes_of, repeat)
+    return [JointRows.of_rows(rows, names) for rows in results]
 
 
 def _poses(tree: TreeSums, links: Sequence[Link],
@@ -234,20 +344,22 @@ def _masses(tree: TreeSums, links: Sequence[Link]) -> list[Any]:
     return tree.packed(masses)
 
 
-def _moments(R: Matrix, p: Vector, motion: LaneMotion, acceleration: Vector,
-             inertial: tuple[Any, Vector, Matrix]) -> Vector:
+def _moments(body: LaneBodies) -> Vector:
     """
     Return the moments of the links of one part about the origin, (27,).
 
     These are h = int r dm, P = int v dm, inertia force and moment, both negated, the
     upper triangle of S = int r r^T dm, and int v r^T dm.
     """
-    mass, first, second = inertial
-    v = motion.v
-    omega = motion.omega
-    a, alpha = np.split(acceleration, 2)
+    mass = body.inertial[0]
+    first = body.inertial[1:4]
+    xx, xy, xz, yy, yz, zz = body.inertial[4:]
+    second = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], dtype=object)
+    v = body.motion.v
+    omega = body.motion.omega
+    a, alpha = np.split(body.acceleration, 2)
 
-    h, S, P, force, moment = link_momenta(R, p, mass, first, second,
+    h, S, P, force, moment = link_momenta(body.R, body.p, mass, first, second,
                                           (v, omega, a, alpha))
 
     # v of a point at r is v + omega x r.

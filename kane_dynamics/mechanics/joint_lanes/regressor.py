@@ -46,7 +46,10 @@ def regressor(links: Sequence[Link], q: Vector, u: Vector, udot: Vector, gravity
         state = link_state(step, motion[k])
         for g, rows in enumerate(partials[k]):
             joints = paths[k][g * LANES:(g + 1) * LANES]
-            factor = lanes.pack([joint.multiplier for joint in joints])
+            # Nothing reads lanes without a joint: equal factors are one number.
+            factors = [joint.multiplier for joint in joints]
+            factors += factors[:1] * (LANES - len(factors))
+            factor = lanes.pack(factors)
             entries = factor * on_joint(link, rows, state)
             _place(Y[:, n_parameters * k:n_parameters * (k + 1)], entries, joints, lanes)
     return Y

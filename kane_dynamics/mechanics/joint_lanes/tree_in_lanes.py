@@ -10,7 +10,8 @@ from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.joint_lanes.block_matrices import BlockMatrices
 from kane_dynamics.mechanics.joint_lanes.branches import branches
-from kane_dynamics.mechanics.joint_lanes.derivatives import inverse_dynamics_derivatives
+from kane_dynamics.mechanics.joint_lanes.derivatives import (
+    inverse_dynamics_derivatives, OF_RATES)
 from kane_dynamics.mechanics.joint_lanes.forward_dynamics import forward_dynamics
 from kane_dynamics.mechanics.joint_lanes.inverse import factorize, inverse_mass_matrix
 from kane_dynamics.mechanics.joint_lanes.joint_blocks import (JointBlocks, LanesOf,
@@ -20,6 +21,9 @@ from kane_dynamics.mechanics.joint_lanes.tree_sums import TreeSums
 from kane_dynamics.mechanics.recursive.subroutines import one_by_one, Repeat
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
+
+
+FEW_PARTS = 3  # more parts of eight joints: derivatives by loops over them
 
 
 class TreeInLanes:
@@ -115,7 +119,8 @@ class TreeInLanes:
     def mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the mass matrix, (n, n), from the rows of the derivatives."""
         zeros = self.equations.zeros
-        _, _, M = self._derivative_rows(q, zeros, zeros, parameters)
+        # Without loops: terms of the velocities are zeros that a loop would compute.
+        _, _, M = self._derivative_rows(q, zeros, zeros, parameters, loops=False)
         return self._matrix(M, q)
 
     def mass_matrix_by_blocks(self, q: Vector, parameters: Vector) -> Matrix:
@@ -156,9 +161,12 @@ class TreeInLanes:
         """Return the Coriolis matrix, (n, n)."""
         no_gravity = np.zeros(3).astype(object)
         links = self.equations.base_links(parameters)
-        _, by_u, _ = inverse_dynamics_derivatives(links, q, u, self.equations.zeros,
-                                                  no_gravity, self._lanes(q[0]))
-        return self._matrix(0.5 * by_u, q)
+        repeat = self._repeat if self._has_loops() else None
+        # Half of dtau/du, which is linear in u.
+        _, by_u, _ = inverse_dynamics_derivatives(links, q, 0.5 * u, self.equations.zeros,
+                                                  no_gravity, self._lanes, repeat,
+                                                  OF_RATES)
+        return self._matrix(by_u, q)
 
     def inverse_dynamics_derivatives(self, q: Vector, u: Vector, udot: Vector,
                                      parameters: Vector) -> Matrix:
@@ -183,12 +191,18 @@ class TreeInLanes:
         results.append(self.inverse_mass_matrix(q, parameters))
         return np.array(results)
 
+    def _has_loops(self) -> bool:
+        """Return whether derivatives are computed by loops over parts of the tree."""
+        return self.equations.n > FEW_PARTS * LANES
+
     def _derivative_rows(self, q: Vector, u: Vector, udot: Vector,
-                         parameters: Vector) -> Any:
+                         parameters: Vector, loops: bool = True) -> Any:
         """Return rows of dtau/dq, dtau/du and M, with springs, friction and armature."""
         lanes = self._lanes(q[0])
         links = self.equations.base_links(parameters)
-        rows = inverse_dynamics_derivatives(links, q, u, udot, parameters[:3], lanes)
+        repeat = self._repeat if loops and self._has_loops() else None
+        rows = inverse_dynamics_derivatives(links, q, u, udot, parameters[:3],
+                                            self._lanes, repeat)
         # Springs, friction and armature are added by blocks of lanes; blocks of zeros
         # add nothing.
         for m, slopes in enumerate(self.equations.joint_slopes(q, u)):
