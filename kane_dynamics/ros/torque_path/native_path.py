@@ -185,7 +185,7 @@ class NativeTorquePath(TorquePath):
         self._message_fault: str | None = None  # of the last report, by the reader
         self._layouts: list[JointStateLayout] = []  # that the thread knows
         self.unobserved = 0
-        self._unsent = 0
+        self._unsent = self._not_taken = 0
         self._lost_states = LostMessages()
 
     def _kernels(self) -> CycleKernels:
@@ -428,6 +428,7 @@ class NativeTorquePath(TorquePath):
         self._replay = 0, b''
         self.unobserved = 0
         self._unsent = loop.unsent
+        self._not_taken = loop.not_taken
         self._applied_loads = None
         loop.begin(self._epoch, self._last)
         loop.simulate_time(self._hears_time)
@@ -475,8 +476,9 @@ class NativeTorquePath(TorquePath):
     def _end(self, reason: str) -> None:
         """Stop the path and report a fault, because the thread has ended by itself."""
         self.native.stop_thread()
-        self.ended = f'{ENDED}: {reason}'
-        super().stop(self.ended)
+        ended = f'{ENDED}: {reason}'
+        super().stop(ended)
+        self.ended = ended
         self._report_fault(ENDED, f'{reason}; commanding zeros; deactivate and activate '
                            'the node')
 
@@ -515,6 +517,11 @@ class NativeTorquePath(TorquePath):
         if unsent > self._unsent:
             self._warn('commands', f'{unsent - self._unsent} refused by the middleware')
             self._unsent = unsent
+        not_taken = self.native.not_taken
+        if not_taken > self._not_taken:
+            self._warn('messages', f'{not_taken - self._not_taken} not returned by the '
+                       'middleware')
+            self._not_taken = not_taken
         code = self.native.code_of_end
         if code:
             self._end(f'rcl returned {code}')

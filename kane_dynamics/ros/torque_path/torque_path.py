@@ -66,7 +66,7 @@ class TorquePath:
     fault : str
         Why states are refused, for longer than the grace time; empty if they are not.
     ended : str
-        Why the path stopped by itself; empty if it did not.
+        Why the path stopped by itself; empty if it did not, and after `stop`.
 
     """
 
@@ -219,6 +219,7 @@ class TorquePath:
     def stop(self, reason: str = 'the node was deactivated') -> None:
         """Command zeros and ignore further states, for a reason."""
         self.running = False
+        self.ended = ''
         self.active_motion.clear(reason)
         self.command_zeros()
         for observer in self._observers:

@@ -1,6 +1,7 @@
 """The rules of the native torque path are those of the interpreter's, on random states."""
 
 import ctypes
+from functools import partial
 import gc
 import math
 import mmap
@@ -17,7 +18,9 @@ from kane_dynamics import Controller, load_urdf, Motion, Robot, Terms  # noqa: E
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.control import traced_laws  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
-from kane_dynamics.native.runtime.message_loop import NOW, STAMP, STEADILY  # noqa: E402
+from kane_dynamics.native.runtime import message_loop  # noqa: E402
+from kane_dynamics.native.runtime.message_loop import (NOTHING_TAKEN, NOW, STAMP,  # noqa: E402
+                                                       STEADILY)
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.torque_path import cycle_rules, native_loop  # noqa: E402
 from kane_dynamics.ros.torque_path.cdr import (PreparedMessage,  # noqa: E402
@@ -25,11 +28,13 @@ from kane_dynamics.ros.torque_path.cdr import (PreparedMessage,  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.native_path import LEARNED, python_reason  # noqa: E402
 from kane_dynamics.ros.torque_path.rcl_functions import (handle_address,  # noqa: E402
+                                                         message_of, SerializedMessage,
                                                          UnsupportedError)
 from kane_dynamics.ros.torque_path.task_modes import (native_laws,  # noqa: E402
                                                       NATIVE_MODES, TaskModes)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput  # noqa: E402
+import native_rig  # noqa: E402
 from native_rig import native_path  # noqa: E402
 from node_values import node_values  # noqa: E402
 
@@ -43,6 +48,8 @@ MODES = (*map(str, traced_laws.MODES), *map(str, NATIVE_MODES))
 CHANGED = ('mode', 'modes', 'blend_time', 'target.timeout', 'state_check.grace',
            'state_check.action', 'state_timeout')
 NEAR = {'rtol': 1e-9, 'atol': 1e-9}
+TAKE = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 4)
+REST = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint)
 
 
 class Sink:
@@ -534,6 +541,78 @@ def test_a_thread_that_ends_by_itself_ends_the_path_until_it_is_started_again():
         pair.do_state('state')
     assert len(side.commands.sent) > count
     assert not path.ended
+
+
+class Middleware:
+    """Stands for rcl: each message is a code that it returns, or the bytes of a state."""
+
+    def __init__(self, loop, messages):
+        self.messages = list(messages)
+        self.rests = []
+        self._kept = (SerializedMessage * 2)()
+        self._functions = []
+        nothing = self._word(TAKE, lambda *words: 0)
+        loop._set(CLEAR=nothing, ADD_SUBSCRIPTION=nothing, ADD_GUARD=nothing, WAIT=nothing,
+                  TAKE=self._word(TAKE, self.take), TAKEN=ctypes.addressof(self._kept),
+                  REST_FOR=self._word(REST, self.rest))
+        self._stop = partial(loop._publish_word, 'STOP', 1)
+
+    def _word(self, kind, function):
+        """Return the address of a function, which is kept."""
+        self._functions.append(kind(function))
+        return native_rig.address(self._functions[-1])
+
+    def rest(self, microseconds):
+        self.rests.append(microseconds)
+        return 0
+
+    def take(self, subscription, taken, info, allocation):
+        if not self.messages:
+            self._stop()
+            return NOTHING_TAKEN
+        message = self.messages.pop(0)
+        if isinstance(message, int):
+            return message
+        self._bytes = np.frombuffer(message, dtype=np.uint8).copy()
+        self._kept[0] = message_of(self._bytes)
+        return 0
+
+
+def taken_in_a_thread(messages):
+    """Return the native side of a pair, and the middleware after it has no message left."""
+    pair = Pair('gravity_compensation', 1)
+    pair.do_state('state')
+    pair.do_state('state')
+    side = pair.sides[1]
+    loop = side.path.native
+    middleware = Middleware(loop, messages(message(pair.q, np.zeros(2), pair.time)))
+    loop._code.function('run', ctypes.CFUNCTYPE(None, ctypes.c_void_p))(loop.block.ctypes.data)
+    return side, middleware
+
+
+def test_a_failure_to_take_messages_is_reported_and_the_thread_rests():
+    failed = [1] * 7
+    side, middleware = taken_in_a_thread(lambda state: [*failed, state, *failed, NOTHING_TAKEN])
+    before = side.statistics.commands
+    side.path.read_reports()
+    assert side.statistics.commands == before + 1
+    assert middleware.rests == [message_loop.PAUSE] * 14
+    assert side.path.running
+    assert side.warnings[-1] == ('messages', '14 not returned by the middleware')
+
+
+def test_failures_to_take_messages_that_last_end_the_path():
+    count = message_loop.MOST_FAILURES
+    side, middleware = taken_in_a_thread(lambda state: [10] * (count - 1) + [state] + [10] * count
+                                         + [state])
+    assert len(middleware.messages) == 1, 'ended'
+    assert not numbers(side.commands.sent[-1]).any()
+    side.path.read_reports()
+    assert side.path.ended == 'the native torque path ended: rcl returned 10'
+    side.path.stop()
+    assert not side.path.ended
+    side.path.start()
+    assert side.path.native.code_of_end == 0
 
 
 def test_no_cycle_has_a_part_of_changes_that_belong_together():
