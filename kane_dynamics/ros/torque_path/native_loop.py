@@ -12,6 +12,7 @@ from weakref import finalize
 from kane_dynamics._util.typing import Vector
 from kane_dynamics.control.terms import Mode, Terms
 from kane_dynamics.control.traced_laws import TracedLaw
+from kane_dynamics.mechanics.algebra.flags import packed
 from kane_dynamics.motion.motion import Motion, segment_table
 from kane_dynamics.native.runtime import message_loop
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -22,7 +23,7 @@ from kane_dynamics.ros.torque_path.cdr import (float64_multi_array, joint_comman
                                                joint_state_of_efforts, PreparedMessage,
                                                STAMP_AT)
 from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, Event, EVENT_SIZE,
-                                                       packed, PathShape, PathState)
+                                                       PathShape, PathState)
 from kane_dynamics.ros.torque_path.guard_messages import FIELDS
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateLayout
 from kane_dynamics.ros.torque_path.loop_rules import LoopRules

@@ -33,8 +33,8 @@ from kane_dynamics.ros.torque_path.cycle_observer import Cycle
 from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, BY_CLOCK, BY_GUARD,
                                                        BY_LOOPS, BY_REFUSAL, BY_TIMEOUT,
                                                        CONTRADICTORY, CycleSettings,
-                                                       FIRST, initial_path, JUMP,
-                                                       NEAR_SINGULAR, NEVER,
+                                                       FIRST, initial_path,
+                                                       NEAR_SINGULAR,
                                                        NO_CLOCK as NO_CLOCK_RULE,
                                                        NO_MODE,
                                                        NO_TORQUE as NO_TORQUE_RULE,
@@ -54,6 +54,7 @@ from kane_dynamics.ros.torque_path.loop_rules import (initial_loops, LoopRules,
 from kane_dynamics.ros.torque_path.native_loop import (CycleKernels, CyclePlan, LARGEST,
                                                        NativeLoop, Report)
 from kane_dynamics.ros.torque_path.rcl_functions import handle_address, RclLoop
+from kane_dynamics.ros.torque_path.state_check import FAULTS, NEVER
 from kane_dynamics.ros.torque_path.task_modes import native_laws, NATIVE_MODES
 from kane_dynamics.ros.torque_path.torque_path import NO_TORQUE, REFUSED, TorquePath
 import numpy as np
@@ -582,7 +583,7 @@ class NativeTorquePath(TorquePath):
         self.timed_out = bool(path.timed_out)
         self.commanding = bool(path.commanding)
         self._last_heard = round(float(path.last_heard)) + self._epoch
-        self.states.mirror(path.accepted, bool(path.confirmed))
+        self.states.mirror(path.check)
         if not path.fault:
             self.fault = ''
 
@@ -698,7 +699,8 @@ class NativeTorquePath(TorquePath):
             error = refusal(self.loops.tracker)
             reason, detail = error.reason, error.detail
         else:
-            reason, detail = self.states.explain(float(path.elapsed), code == JUMP)
+            reason = FAULTS[code - FIRST_REFUSED + 1] or ''
+            detail = self.states.explain(reason, float(path.states.elapsed))
         self._drop(reason, detail)
         if self._begins_fault(path):
             self.fault = reason
