@@ -69,7 +69,7 @@ def took_over_in_time(reaction, far, step, voices):
 @pytest.mark.slow  # the arm, the node, the guard and the test share the processors in real time
 @pytest.mark.parametrize('number', [
     signal.SIGSTOP, signal.SIGKILL, pytest.param(None, marks=pytest.mark.skipif(
-        TORQUE_PATH == 'native', reason='a native path does not wait for the main thread'))],
+        TORQUE_PATH != 'python', reason='a native path does not wait for the main thread'))],
     ids=['stopped', 'killed', 'main thread blocked'])
 def test_a_node_that_fails_in_motion_is_replaced_within_20_ms_and_returns_without_step(
         rig, number):
@@ -82,7 +82,7 @@ def test_a_node_that_fails_in_motion_is_replaced_within_20_ms_and_returns_withou
     assert voices[1::2] == ['guard'] * len(voices[1::2])
 
 
-@pytest.mark.skipif(TORQUE_PATH != 'native', reason='the interpreter waits for its main thread')
+@pytest.mark.skipif(TORQUE_PATH == 'python', reason='the interpreter waits for its main thread')
 def test_a_native_node_whose_main_thread_is_blocked_commands_on_and_keeps_the_guard_away(rig):
     rig.move()
     assert 'torque path: native' in rig.node.log

@@ -17,7 +17,7 @@ from kane_dynamics.ros.torque_path.cartesian_cycle import (CartesianCycle, memor
                                                            ORDERS_SIZE, target_of,
                                                            unpacked_memory)
 from kane_dynamics.ros.torque_path.cartesian_target import CartesianTarget
-from kane_dynamics.ros.torque_path.native_law import NativeLaw
+from kane_dynamics.ros.torque_path.live_law import NativeLaw
 from kane_dynamics.ros.torque_path.state_check import NEVER
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.cartesian_impedance import (CartesianImpedance,

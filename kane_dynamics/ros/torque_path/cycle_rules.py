@@ -762,15 +762,20 @@ def _stopping(robot: Robot, terms: Terms, path: PathState, reason: Scalar,
 def _held(robot: Robot, terms: Terms, path: PathState, settings: CycleSettings,
           parameters: Vector) -> PathState:
     """Return the path that commands the torque that brings the arm to rest."""
+    torque = stopping_torque(robot, terms, *begun_stop(path, settings), parameters)
+    return torques_within_limits(path, torque, settings)
+
+
+def begun_stop(path: PathState, settings: CycleSettings
+               ) -> tuple[Vector, Vector, Scalar, Scalar]:
+    """Return the stop: positions and speeds at its begin, time since then, duration, s."""
     q, u = np.split(path.states.accepted, 2)
     begun, speeds = np.split(path.stop, 2)
     # Without a stop, as where the settings have changed since, the arm is at rest.
     is_stopping = flag(path.stop_began > NEVER)
     elapsed = (path.last_heard - path.stop_began) / NANO
-    torque = stopping_torque(
-        robot, terms, either(is_stopping, begun, q), either(is_stopping, speeds, 0.0 * u),
-        elapsed, settings.stop_time / NANO, parameters)
-    return torques_within_limits(path, torque, settings)
+    return (either(is_stopping, begun, q), either(is_stopping, speeds, 0.0 * u), elapsed,
+            settings.stop_time / NANO)
 
 
 def torques_within_limits(path: PathState, torque: Vector, settings: CycleSettings

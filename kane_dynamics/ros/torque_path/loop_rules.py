@@ -23,7 +23,7 @@ from kane_dynamics.mechanics.algebra.flags import branch, either, flag, packed
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.closed_loop_reader import may_be_singular
-from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, CONTRADICTORY,
+from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, begun_stop, CONTRADICTORY,
                                                        CycleSettings, desired_motion,
                                                        Event, LOOP_LIMITS,
                                                        NEAR_SINGULAR, NO_MODE,
@@ -261,14 +261,7 @@ class LoopRules:
 
     def _stop(self, path: PathState, settings: CycleSettings) -> Desired:
         """Return the motion of the stop at the time of the last state."""
-        q, u = np.split(path.states.accepted, 2)
-        begun, speeds = np.split(path.stop, 2)
-        # Without a stop, as where the settings have changed since, the arm is at rest.
-        is_stopping = flag(path.stop_began > NEVER)
-        elapsed = (path.last_heard - path.stop_began) / NANO
-        q_d, u_d, udot_d = stopping_motion(either(is_stopping, begun, q),
-                                           either(is_stopping, speeds, 0.0 * u), elapsed,
-                                           settings.stop_time / NANO)
+        q_d, u_d, udot_d = stopping_motion(*begun_stop(path, settings))
         return Desired(q_d, u_d, udot_d, 1.0)
 
 

@@ -25,29 +25,17 @@ from kane_dynamics.native.runtime.message_loop import (ELAPSED, HEARD, MOMENT, M
                                                        NOW, STAMP, UNKNOWN)
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.lost_messages import LostMessages
+from kane_dynamics.ros.torque_path import cycle_rules
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
 from kane_dynamics.ros.torque_path.arbitration import Arbitration, UNGUARDED
 from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
                                                               commanded_joints)
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
-from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, BY_CLOCK, BY_GUARD,
-                                                       BY_LOOPS, BY_REFUSAL, BY_TIMEOUT,
-                                                       CONTRADICTORY, CycleSettings,
-                                                       FIRST, initial_path,
-                                                       NEAR_SINGULAR,
-                                                       NO_CLOCK as NO_CLOCK_RULE,
-                                                       NO_MODE,
-                                                       NO_TORQUE as NO_TORQUE_RULE,
-                                                       NOT_FINITE as FIRST_REFUSED,
-                                                       OFF_BRANCH, OUT_OF_ORDER,
-                                                       PathState,
-                                                       REFUSED as REFUSED_RULE,
-                                                       WAITING, WRENCH)
+from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, initial_path,
+                                                       PathState)
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN,
-                                                              JointStateLayout,
+from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateLayout,
                                                               MALFORMED, MAX_LAYOUTS,
-                                                              MISSING, NO_CLOCK,
                                                               NOT_FINITE, time_fault)
 from kane_dynamics.ros.torque_path.loop_rules import (initial_loops, LoopRules,
                                                       unpacked_loops)
@@ -56,7 +44,8 @@ from kane_dynamics.ros.torque_path.native_loop import (CycleKernels, CyclePlan, 
 from kane_dynamics.ros.torque_path.rcl_functions import handle_address, RclLoop
 from kane_dynamics.ros.torque_path.state_check import FAULTS, NEVER
 from kane_dynamics.ros.torque_path.task_modes import native_laws, NATIVE_MODES
-from kane_dynamics.ros.torque_path.torque_path import NO_TORQUE, REFUSED, TorquePath
+from kane_dynamics.ros.torque_path.torque_path import (CLOCK_JUMPED, NO_TORQUE, REFUSED,
+                                                       TorquePath, WITHOUT_CLOCK)
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
@@ -68,7 +57,8 @@ LOOK_AGAIN = 0.001  # s
 ENDED = 'the native torque path ended'
 TOO_LARGE = (f'empty or more than {LARGEST} bytes; expected at most as many, or '
              'torque_path: python')
-OF_LOOPS = (CONTRADICTORY, OFF_BRANCH, NEAR_SINGULAR, NO_MODE)
+OF_LOOPS = (cycle_rules.CONTRADICTORY, cycle_rules.OFF_BRANCH,
+            cycle_rules.NEAR_SINGULAR, cycle_rules.NO_MODE)
 # A reason to drop a state.
 LEARNED = 'layout learned after newer states'
 
@@ -388,7 +378,7 @@ class NativeTorquePath(TorquePath):
     def _measured_wrenches(self) -> Array:
         """Return the latest wrench of each frame, as the rules use it."""
         frames = len(self.controller.robot.equations.wrench_frames)
-        rows = np.zeros((frames, WRENCH))
+        rows = np.zeros((frames, cycle_rules.WRENCH))
         rows[:, 0] = NEVER
         if self.wrenches is not None:
             # A copy, because the main thread may add a frame meanwhile.
@@ -553,11 +543,11 @@ class NativeTorquePath(TorquePath):
     def _note_state(self, report: Report, now: int) -> None:
         """Count and observe what followed a state."""
         reason = int(report.path.reason)
-        if reason == ACCEPTED:
+        if reason == cycle_rules.ACCEPTED:
             self._note_command(report, now)
-        elif reason == WAITING:
+        elif reason == cycle_rules.WAITING:
             self._last_good = round(float(report.path.last_stamp)) + self._epoch
-        elif reason != FIRST:
+        elif reason != cycle_rules.FIRST:
             self._note_dropped_state(report, reason, now)
 
     def _note_guard(self, guard: 'GuardSide', path: PathState, dropped: bool) -> None:
@@ -633,31 +623,29 @@ class NativeTorquePath(TorquePath):
         dropped = False
         if path.drops == before.drops or self._begins_fault(path):
             return dropped
-        if path.dropped_by == BY_CLOCK:
+        if path.dropped_by == cycle_rules.BY_CLOCK:
             dropped = self._clear_motion('the clock jumped backward or was replaced', path)
             if self.wrenches is not None:
                 self.wrenches.clear()
-            self._warn('clock', 'jumped backward or replaced; desired motion dropped')
-        elif path.dropped_by == BY_GUARD:
+            self._warn(*CLOCK_JUMPED)
+        elif path.dropped_by == cycle_rules.BY_GUARD:
             dropped = self._clear_motion('torque_guard held the arm', path)
-        elif path.dropped_by == BY_LOOPS:  # with the reason of the state
+        elif path.dropped_by == cycle_rules.BY_LOOPS:  # with the reason of the state
             return dropped
-        elif path.dropped_by == BY_REFUSAL:  # the report of the fault was lost
+        elif path.dropped_by == cycle_rules.BY_REFUSAL:  # the report of the fault was lost
             dropped = self._clear_motion('joint states were refused', path)
-        elif path.dropped_by == BY_TIMEOUT:
+        elif path.dropped_by == cycle_rules.BY_TIMEOUT:
             reason = f'none for {(now - self._last_heard) / NANO:.3f} s'
             if path.silences > before.silences:
                 reason = self._silence_reason
             dropped = self._clear_motion(f'joint states: {reason}', path)
             if before.commanding:
-                self.statistics.timeouts += 1
-                self._warn('no joint state', f'{reason}; commanding zeros until the next '
-                           'one' + ', desired motion dropped' * dropped)
+                self._report_timeout(reason, dropped)
         return dropped
 
     def _begins_fault(self, path: PathState) -> bool:
         """Return whether a report is of the state with which a lasting fault began."""
-        return bool(path.fault and not self.fault and path.reason >= FIRST_REFUSED)
+        return bool(path.fault and not self.fault and path.reason >= cycle_rules.NOT_FINITE)
 
     def _clear_motion(self, reason: str, path: PathState) -> bool:
         """Drop the desired motion, as the thread did; return whether there was one."""
@@ -671,46 +659,42 @@ class NativeTorquePath(TorquePath):
         """Count and explain a state that was not answered."""
         path = report.path
         stamp = round(float(report.event[STAMP])) + self._epoch
-        if code == NO_CLOCK_RULE:
-            self._drop(NO_CLOCK, 'use_sim_time is true and no time was received')
+        if code == cycle_rules.NO_CLOCK:
+            self._drop(*WITHOUT_CLOCK)
             return
-        if code == OUT_OF_ORDER and report.message == self._replay[1]:
+        if code == cycle_rules.OUT_OF_ORDER and report.message == self._replay[1]:
             # It came in order, but the thread answered other publishers meanwhile.
             self._drop(LEARNED, f'{len(report.message)} bytes; the next one of its '
                        'publisher is judged at once')
             return
-        if code < FIRST_REFUSED:
+        if code < cycle_rules.NOT_FINITE:
             last = round(float(path.last_stamp)) + self._epoch
             # state_timeout may have changed since the thread has compared the times.
-            exceeded = LONGEST_AGE if code == OUT_OF_ORDER else 0
+            exceeded = LONGEST_AGE if code == cycle_rules.OUT_OF_ORDER else 0
             fault = time_fault(stamp, now, last, exceeded)
             assert fault is not None
             self._drop(*fault)
             return
-        if code == NO_TORQUE_RULE:
+        if code == cycle_rules.NO_TORQUE:
             reason, detail = NO_TORQUE, ('torques: not finite; expected a state, a motion '
                                          'and gains in a physical range')
-        elif code == FIRST_REFUSED and self._message_fault is not None:
+        elif code == cycle_rules.NOT_FINITE and self._message_fault is not None:
             reason, detail = self._message_fault, self._reader.detail
-        elif code == REFUSED_RULE:
+        elif code == cycle_rules.REFUSED:
             reason, detail = self._refused_motion(path)
         elif code in OF_LOOPS:
             assert self.loops is not None
             error = refusal(self.loops.tracker)
             reason, detail = error.reason, error.detail
         else:
-            reason = FAULTS[code - FIRST_REFUSED + 1] or ''
+            reason = FAULTS[code - cycle_rules.NOT_FINITE + 1] or ''
             detail = self.states.explain(reason, float(path.states.elapsed))
         self._drop(reason, detail)
         if self._begins_fault(path):
             self.fault = reason
             dropped = self._clear_motion(f'joint states are refused: {reason}', path)
-            self.statistics.faults += 1
-            if self._last.commanding:
-                duration = (now - self._epoch - float(path.refused_since)) / NANO
-                self._report_fault('fault', f'{reason} for {duration:.3f} s; '
-                                   f'{self.reaction}'
-                                   + ', desired motion dropped' * dropped)
+            lasted = now - self._epoch - float(path.refused_since)
+            self._report_lasting_fault(lasted, bool(self._last.commanding), dropped)
 
     def _refused_motion(self, path: PathState) -> tuple[str, str]:
         """Return reason and details of a motion, or a pose, without a torque; drop it."""
@@ -733,10 +717,7 @@ class NativeTorquePath(TorquePath):
         fault = reader.read(data, self.need_velocity)
         self.statistics.full_parses = reader.full_parses
         if fault is not None and fault is not NOT_FINITE:
-            if fault is FOREIGN and not self.timed_out:
-                self.statistics.foreign_states += 1
-            else:
-                self._drop(MISSING if fault is FOREIGN else fault, reader.detail)
+            self._drop_message(fault)
             return
         if not any(layout.fits(data) for layout in reader.layouts):
             # Another encoding than plain little-endian CDR.
