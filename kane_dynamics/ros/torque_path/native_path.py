@@ -256,6 +256,13 @@ class NativeTorquePath(TorquePath):
             return None
         return Arbitration(*self._last.arbitration.tolist())
 
+    @property
+    def guard_seen(self) -> float:
+        """Return when the thread heard torque_guard last, whether or not it is reported."""
+        loop = self.native
+        known = cycle_rules.unpacked_path(loop.path, loop.shape).arbitration
+        return float(Arbitration(*known).seen)
+
     def close(self) -> None:
         """Free what rcl allocated."""
         self.native.stop_thread()

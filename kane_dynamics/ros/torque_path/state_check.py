@@ -10,7 +10,6 @@ a reason are found only for a state that is refused.
 """
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 import math
 from typing import Any, NamedTuple
 
@@ -164,13 +163,17 @@ class StateCheck:
         sliding = [name in robot.model.sliding for name in joints]
         self.turning = np.isinf(lower) & np.isinf(upper) & ~np.array(sliding, dtype=bool)
         self._turned = np.zeros(count)
-        self._result = np.zeros(1 + len(self._memory))
-        # The byte views are copied several times as fast as the arrays.
-        self._to = memoryview(self._memory).cast('B')
-        self._from = memoryview(self._result[1:]).cast('B')
+        result = np.zeros(1 + 2 * len(self._memory))
+        _, judged_memory, kept = np.split(result, [1, 1 + len(self._memory)])
+        # Views are read and copied several times as fast as the arrays.
+        self._outcome = memoryview(result)
+        self._moment = memoryview(self._numbers[2:])
+        self._entries = memoryview(self._memory)
+        self._judged = memoryview(judged_memory)
+        self._kept = memoryview(kept)
         self._judge = state_kernel(robot, self.turning).bind(
             [self._memory, self._numbers, state, self._turned, self.bounds.ravel()],
-            self._result, 'Judge a joint state.')
+            result, 'Judge a joint state.')
         self.detail = ''
         self.update(values)
         self.forget()
@@ -221,7 +224,7 @@ class StateCheck:
     @property
     def stamp(self) -> int:
         """Return the stamp of the last accepted state, ns."""
-        return self._epoch + int(self._memory[STAMP])
+        return self._epoch + int(self._entries[STAMP])
 
     @property
     def speeds(self) -> Array:
@@ -232,7 +235,7 @@ class StateCheck:
     @property
     def known(self) -> bool:
         """Return whether there is an accepted state."""
-        return bool(self._memory[CONFIRMED])
+        return bool(self._entries[CONFIRMED])
 
     def reason(self, stamp: int) -> str | None:
         """
@@ -240,26 +243,23 @@ class StateCheck:
 
         The result is None if it is possible.
         """
-        if not self._memory[KNOWN]:
+        if not self._entries[KNOWN]:
             self._epoch = stamp
-        self._numbers[2] = stamp - self._epoch
-        fault: str | None = NOT_FINITE
-        # Kernels do not accept numbers that are not finite.
-        with suppress(InputError):
+        self._moment[0] = stamp - self._epoch
+        try:
             self._judge()
-            self._to[:] = self._from
-            fault = FAULTS[int(self._result[0])]
+        except InputError:  # kernels do not accept numbers that are not finite
+            fault: str | None = NOT_FINITE
+        else:
+            self._entries[:] = self._judged
+            fault = FAULTS[int(self._outcome[0])]
         if fault is not None and fault is not FIRST:
-            self.detail = self._explained(fault, self._memory[ELAPSED])
+            self.detail = self._explained(fault, self._entries[ELAPSED])
         return fault
 
-    def accept(self, stamp: int) -> None:
-        """Keep the state as the last accepted one."""
-        memory = self._memory
-        memory[KNOWN] = 1.0
-        memory[STAMP] = stamp - self._epoch
-        memory[FROZEN_AT] = NEVER
-        self.accepted[:] = self._state
+    def accept(self) -> None:
+        """Keep the state that was judged last as the last accepted one."""
+        self._entries[:] = self._kept
 
     def mirror(self, memory: Vector) -> None:
         """Use the memory of the native thread."""
@@ -430,7 +430,8 @@ def state_kernel(robot: Robot, turning: Array) -> Kernel:
     """
     Return the kernel of `judged`; some of its joints may turn, (n,).
 
-    Its numbers are the timeout, whether a first state is compared, and the stamp.
+    Its numbers are the timeout, whether a first state is compared, and the stamp. Its
+    result is the outcome, the memory, and the memory where the state is kept.
     """
     count = len(turning)
     size = ACCEPTED_AT + 2 * count
@@ -442,8 +443,9 @@ def state_kernel(robot: Robot, turning: Array) -> Kernel:
         can_turn = np.where(turning, turned, 0.0)
         fault, then = judged(StateMemory.of(memory), moment, state,
                              CheckSettings(timeout, compares, can_turn, bounds))
-        return np.array([fault, *packed(then)])
+        kept = then.kept(moment, state)
+        return np.array([fault, *packed(then), *packed(kept)])
     joints = ''.join(str(int(turns)) for turns in turning)
     return robot.compiled(compiled, name=f'judged_state_{joints}', memory=(size,),
                           numbers=(3,), state=(2 * count,), turned=(count,),
-                          bounds=(5 * count,), shape=(1 + size,))
+                          bounds=(5 * count,), shape=(1 + 2 * size,))

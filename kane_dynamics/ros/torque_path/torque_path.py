@@ -260,6 +260,11 @@ class TorquePath:
         return None
 
     @property
+    def guard_seen(self) -> float:
+        """Return when such a thread heard torque_guard last, steady ns; 0: never."""
+        return 0.0
+
+    @property
     def need_velocity(self) -> bool:
         """Return whether states without velocities are dropped."""
         return self.controller.mode is not Mode.GRAVITY_COMPENSATION
@@ -378,7 +383,7 @@ class TorquePath:
         # A stamp ahead must not delay the next state
         self._last_good = moment = min(stamp, now)
         self._last_stamp = moment
-        self.states.accept(moment)
+        self.states.accept()
         if self._refused_since:
             self._refused_since = 0
             self.fault = ''
