@@ -209,8 +209,6 @@ class CycleSettings(NamedTuple):
         ns.
     holds, stop_time : Scalar
         Whether the arm is brought to rest in a lasting fault; in which time, ns.
-    turns : Scalar
-        Whether joints without limits may jump by whole turns.
     compares : Scalar
         Whether a first state needs a second one that agrees.
     blend_time : Scalar
@@ -223,8 +221,8 @@ class CycleSettings(NamedTuple):
         `PathState.drops` when the motion was scheduled.
     bounds : (5 n,) array
         Of `state_fault`.
-    turning : (n,) array
-        Whether a joint has no limits.
+    turned : (n,) array
+        Whether a joint may jump by whole turns.
     effort, slope, free : (n,) arrays
         Effort limits, rate limits where there are, and what else a torque may change
         by: infinity where there are none.
@@ -244,7 +242,6 @@ class CycleSettings(NamedTuple):
     grace: Scalar
     holds: Scalar
     stop_time: Scalar
-    turns: Scalar
     compares: Scalar
     blend_time: Scalar
     restarts: Scalar
@@ -254,7 +251,7 @@ class CycleSettings(NamedTuple):
     drops: Scalar
     wrench_timeout: Scalar
     bounds: Vector
-    turning: Vector
+    turned: Vector
     effort: Vector
     slope: Vector
     free: Vector
@@ -508,8 +505,8 @@ def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings)
     stamp = event.stamp
     path = at_time(path, now, settings)
     moment = select(now < stamp, now, stamp)
-    check = CheckSettings(settings.timeout, settings.compares,
-                          settings.turns * settings.turning, settings.bounds)
+    check = CheckSettings(settings.timeout, settings.compares, settings.turned,
+                          settings.bounds)
     outcome, states = judged(path.states, moment, state, check)
     heard = path.with_states(states)._replace(last_heard=moment, reason=_reason(outcome))
     # Faults of the stamp say nothing about the arm, not even that it is heard.

@@ -361,11 +361,10 @@ class NativeTorquePath(TorquePath):
         check = self.states
         return CycleSettings(
             float(self._timeout), float(self._grace), float(self._holds),
-            self._stop_time * NANO, float(check.turns), float(check.compares),
-            controller.blend_time * NANO,
+            self._stop_time * NANO, float(check.compares), controller.blend_time * NANO,
             float(self._changes[0]), float(self._changes[1]), float(self._asked[0]),
             float(self._asked[1]), float(self._last.drops), self._wrench_timeout,
-            check.bounds.ravel(), check.turning.astype(np.float64),
+            check.bounds.ravel(), check.turned.copy(),
             effort, np.where(is_limited, rate, 0.0),
             np.where(is_limited, 0.0, np.inf), self._measured_wrenches(),
             self._loop_limits(), law)

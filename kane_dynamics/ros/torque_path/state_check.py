@@ -135,10 +135,8 @@ class StateCheck:
     bounds : (5, n) array
         Lower and upper positions, speeds, and the largest change of a position as slope
         and constant.
-    turns : bool
-        Whether joints without limits may jump by whole turns.
-    turning : (n,) array of bool
-        The joints without limits.
+    turned : (n,) array
+        1 for joints without limits if they may jump by whole turns, else 0.
     compares : bool
         Whether a first state needs a second one that agrees.
 
@@ -161,8 +159,8 @@ class StateCheck:
         lower = robot.limits.lower[self._places]
         upper = robot.limits.upper[self._places]
         sliding = [name in robot.model.sliding for name in joints]
-        self.turning = np.isinf(lower) & np.isinf(upper) & ~np.array(sliding, dtype=bool)
-        self._turned = np.zeros(count)
+        self._turning = np.isinf(lower) & np.isinf(upper) & ~np.array(sliding, dtype=bool)
+        self.turned = np.zeros(count)
         result = np.zeros(1 + 2 * len(self._memory))
         _, judged_memory, kept = np.split(result, [1, 1 + len(self._memory)])
         # Views are read and copied several times as fast as the arrays.
@@ -171,8 +169,8 @@ class StateCheck:
         self._entries = memoryview(self._memory)
         self._judged = memoryview(judged_memory)
         self._kept = memoryview(kept)
-        self._judge = state_kernel(robot, self.turning).bind(
-            [self._memory, self._numbers, state, self._turned, self.bounds.ravel()],
+        self._judge = state_kernel(robot, self._turning).bind(
+            [self._memory, self._numbers, state, self.turned, self.bounds.ravel()],
             result, 'Judge a joint state.')
         self.detail = ''
         self.update(values)
@@ -187,14 +185,14 @@ class StateCheck:
         noise = values['state_check.noise']
         jitter = values['state_check.jitter']
         fastest = factor * speed_limits(self._robot, values)[places]
-        self.turns = not Mode(values['mode']).is_stiff
+        may_turn = not Mode(values['mode']).is_stiff
         limited = np.isfinite(fastest)
         slope = np.where(limited, fastest, 0.0)
         step = np.where(limited, noise + jitter * slope, UNLIMITED)
         margin += ROUNDING
         lower = limits.lower[places] - margin
         upper = limits.upper[places] + margin
-        self._turned[:] = self.turning * self.turns
+        self.turned[:] = self._turning * may_turn
         self.bounds[:] = np.clip([lower, upper, fastest, slope, step], -UNLIMITED,
                                  UNLIMITED)
         self.compares = bool(limited.any())
@@ -274,7 +272,7 @@ class StateCheck:
         found: str | None = fault
         if fault is not NOT_FINITE:
             found = FAULTS[int(state_fault(self._state, self.accepted, self.bounds.ravel(),
-                                           self._turned, elapsed))]
+                                           self.turned, elapsed))]
         if found is not fault:
             return 'compared with limits, or a state, that have changed since'
         return self._explained(fault, elapsed)
@@ -302,7 +300,7 @@ class StateCheck:
         moved = q - self.accepted[:len(q)]
         # A driver may publish the angle of such a joint between -pi and pi.
         wrapped = np.remainder(moved + math.pi, WHOLE_TURN) - math.pi
-        moved = np.where(self._turned > 0.0, wrapped, moved)
+        moved = np.where(self.turned > 0.0, wrapped, moved)
         allowed = step + slope * elapsed
         j = int(np.argmax(np.abs(moved) / allowed))
         return (f"'{self._joints[j]}' moved by {moved[j]:.4g} rad or m in "
