@@ -40,7 +40,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTION, LoopError,
                                                     SINGULAR, UNKNOWN)
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.flags import either, finite, flag
+from kane_dynamics.mechanics.algebra.flags import branch, either, finite, flag, packed
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import ROUNDED, squared_figure
@@ -319,16 +319,6 @@ def unpacked_search(array: Vector, n_q: int, n: int) -> LoopSearch:
     return LoopSearch(*[array[place] for place in search_places(n_q, n)])
 
 
-def packed_search(search: LoopSearch) -> Vector:
-    """Return a `LoopSearch` as an array."""
-    return np.concatenate([np.atleast_1d(np.asarray(field)) for field in search])
-
-
-def chosen_search(chosen: Scalar, x: LoopSearch, y: LoopSearch) -> LoopSearch:
-    """Return x where a flag is 1, else y."""
-    return LoopSearch(*[either(chosen, a, b) for a, b in zip(x, y)])
-
-
 class SearchRules:
     """
     The rules of a search for the configuration of a measurement.
@@ -379,8 +369,8 @@ class SearchRules:
         is_complete = flag(self.n_q - self.n - 0.5 < sum(measured.weights))
         can_begin = either(search.known, 1.0, is_complete)
         refused = search._replace(outcome=float(UNKNOWN_MODE), searching=0.0)
-        searching = chosen_search(can_begin, begun, refused)
-        return chosen_search(follows, followed, searching)
+        searching = branch(can_begin, begun, refused)
+        return branch(follows, followed, searching)
 
     def continued(self, search: LoopSearch, measured: MeasuredJoints, limits: Vector,
                   t: Scalar) -> LoopSearch:
@@ -417,14 +407,13 @@ class SearchRules:
 
         onward = self._towards(called._replace(steps=search.steps + 1.0),
                                measured.positions)
-        reached = chosen_search(arrives, self._accepted(called, result, compared),
-                                onward)
-        stepped = chosen_search(is_valid, reached, _refused(called, outcome))
-        after = chosen_search(iterates, called, stepped)
+        reached = branch(arrives, self._accepted(called, result, compared), onward)
+        stepped = branch(is_valid, reached, _refused(called, outcome))
+        after = branch(iterates, called, stepped)
         far = np.array([*search.figures], dtype=object)
         far[[RESIDUAL, CONDITIONING]] = FAR**2
         without_result = _refused(search._replace(figures=far), float(NOT_FINITE))
-        return chosen_search(is_finite, after, without_result)
+        return branch(is_finite, after, without_result)
 
     def _accepted(self, search: LoopSearch, result: Vector, figures: Vector
                   ) -> LoopSearch:
@@ -568,7 +557,7 @@ def search_kernels(robot: Robot, places: Sequence[int]) -> tuple[Kernel, Kernel]
         def called(search: Vector, positions: Vector, rates: Vector, seen: Vector,
                    weights: Vector, limits: Vector, t: Scalar) -> Vector:
             measured = MeasuredJoints(positions, rates, seen, weights)
-            return packed_search(rule(unpacked_search(search, n_q, n), measured, limits,
+            return packed(rule(unpacked_search(search, n_q, n), measured, limits,
                                       t))
         size = search_size(n_q, n)
         return robot.compiled(called, name=f'{name}_{_joined(places)}', search=(size,),

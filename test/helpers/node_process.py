@@ -74,7 +74,10 @@ class Process:
     A node in its own process; the dynamics node unless another module or program is given.
 
     The dynamics node checks joint states as it does by default if `real_states` is true.
+    `latest` is the one that was started last.
     """
+
+    latest = None
 
     def __init__(self, *arguments, module=DYNAMICS_NODE, program=None, environment=None,
                  real_states=False, **parameters):
@@ -95,6 +98,7 @@ class Process:
                 continue
             command += ['-p', f'{name.replace("__", ".")}:={value}']
         self.log = ''
+        Process.latest = self
         environment = os.environ | (environment or {}) | {
             'RCUTILS_LOGGING_BUFFERED_STREAM': '0', 'PYTHONPATH': os.pathsep.join(filter(None, [
                 str(Path(__file__).parents[2]), os.environ.get('PYTHONPATH', '')]))}
@@ -266,9 +270,8 @@ class Client(Node):
 
     def connect(self, timeout=60.0):
         """Wait until the node computes torques."""
-        process = getattr(self, 'process', None)
         assert wait_until(lambda: self.rest() is not None, timeout), (
-            f'the node publishes no torques; log: {process and process.log}')
+            f'the node publishes no torques; log: {Process.latest and Process.latest.log}')
 
     def _service_client(self, kind, name, timeout):
         if name not in self._service_clients:

@@ -1,12 +1,17 @@
-"""Flags over any scalar: 1 or 0, so that a rule needs no branch on a value."""
+"""
+Flags over any scalar: 1 or 0, so that a rule needs no branch on a value.
 
-from typing import Any
+The memory of a rule is a record (NamedTuple) of scalars and arrays.
+"""
 
-from kane_dynamics._util.typing import Scalar
+from typing import Any, NamedTuple, TypeVar
+
+from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
 import numpy as np
 
 LARGEST = float(np.finfo(np.float64).max)
+Record = TypeVar('Record', bound=NamedTuple)
 
 
 def flag(condition: Scalar) -> Scalar:
@@ -20,6 +25,16 @@ def either(chosen: Scalar, x: Any, y: Any) -> Any:
         entries = [either(chosen, a, b) for a, b in zip(x, y, strict=True)]
         return np.array(entries)
     return select(chosen > 0.5, x, y)
+
+
+def branch(chosen: Scalar, x: Record, y: Record) -> Record:
+    """Return the record x where a flag is 1, else y."""
+    return x._make([either(chosen, a, b) for a, b in zip(x, y, strict=True)])
+
+
+def packed(record: NamedTuple) -> Vector:
+    """Return a record as an array: all entries, field by field."""
+    return np.concatenate([np.ravel(np.asarray(field)) for field in record])
 
 
 def finite(numbers: Any) -> Scalar:

@@ -19,6 +19,10 @@ Memory that both sides use has the layouts below; each entry is a word of 8 byte
 - A motion: polynomials of its segments, with one constant segment before and one after.
 - An output: a publisher with its message, and where its numbers and its stamp are.
 - An input: a subscription beside that of the states, and what receives its messages.
+
+Where the middleware fails to return a message, the thread rests shortly, so that it does
+not spin, and counts the failure. After many of one subscription in a row it ends, as where
+it cannot wait: it publishes zeros and states the code in `ENDED`.
 """
 
 import ctypes
@@ -38,7 +42,10 @@ BLOCK = ('PLAN', 'IN_USE', 'STOP', 'ENDED', 'RING', 'SLOTS', 'SLOT_SIZE', 'HEAD'
          # Of the clock's messages, if it is simulated, and of those of torque_guard.
          'CLOCK_INPUT', 'SIMULATED', 'SIMULATED_TIME', 'GUARD_INPUT', 'GUARD_LENGTH',
          'GUARD_AT', 'GUARD_NUMBERS', 'GUARD_BYTES', 'REQUEST_TO', 'REQUEST_MESSAGE',
-         'REQUEST_NUMBER', 'KEPT', 'KEPT_LENGTH')
+         'REQUEST_NUMBER', 'KEPT', 'KEPT_LENGTH',
+         # Failures of the middleware to return a message: all, those of the states in a
+         # row, and the code with which the thread ends; how it rests.
+         'NOT_TAKEN', 'FAILURES', 'BROKEN', 'REST_FOR')
 # Words of a plan. `REPLAY` numbers a message that Python passes to the thread.
 PLAN = ('PERIOD', 'LAYOUTS', 'LAYOUT_COUNT', 'REPLAY', 'REPLAY_DATA', 'REPLAY_LENGTH',
         'JUDGE', 'JUDGE_TABLE', 'ANSWER', 'ANSWER_TABLE', 'REFUSE', 'REFUSE_TABLE',
@@ -49,7 +56,7 @@ PLAN = ('PERIOD', 'LAYOUTS', 'LAYOUT_COUNT', 'REPLAY', 'REPLAY_DATA', 'REPLAY_LE
         'ELAPSE', 'ELAPSE_TABLE', 'PERMIT', 'PERMIT_TABLE', 'CONFIRM', 'CONFIRM_TABLE',
         'HEAR', 'HEAR_TABLE', 'LONGEST', 'MOTION', 'NEXT_MOTION', 'REST')
 OUTPUT = ('PUBLISHER', 'BYTES', 'NUMBERS', 'STAMP_TO')
-INPUT = ('FROM', 'INTO', 'INFO_OF')
+INPUT = ('FROM', 'INTO', 'INFO_OF', 'FAILURES_OF')
 LAYOUT = ('LENGTH', 'MASK', 'EXPECTED', 'COUNT', 'OFFSETS', 'PLACES', 'CONSTANTS')
 MOTION = ('START', 'KNOTS', 'TIMES', 'ORIGINS', 'RATES', 'ROWS', 'ROW_SIZE')
 # Words of a slot of the ring, before the event, the state of the path and the message.
@@ -66,6 +73,9 @@ MESSAGE = 4  # bytes of encapsulation before the stamp of a message
 CLOCK_LENGTH = 12  # bytes of a message of /clock
 SEQUENCE_AT = 2  # word of the publisher's sequence number in the message info
 TAKE_LIMIT = 64  # messages in a row before the time is looked at
+NOTHING_TAKEN = 401  # the code of rcl if there is no message
+PAUSE = 1000  # us, after a failure to take a message
+MOST_FAILURES = 1000  # of a subscription in a row, after which the thread ends
 WORDS = {'block': BLOCK, 'plan': PLAN, 'layout': LAYOUT, 'motion': MOTION,
          'upcoming': MOTION, 'slot': SLOT, 'output': OUTPUT, 'input': INPUT}
 
@@ -659,6 +669,34 @@ done:
   ret void
 }
 
+; Return whether a message was taken. After a failure the thread rests; `failures` counts
+; those of a subscription in a row.
+define i1 @was_taken(ptr %block, i32 %code, ptr %failures) {
+start:
+  switch i32 %code, label %failed [i32 0, label %taken
+                                   i32 NOTHING_TAKEN, label %none]
+taken:
+  store i64 0, ptr %failures
+  ret i1 true
+none:
+  ret i1 false
+failed:
+  %all = number %block.NOT_TAKEN
+  %all.then = add i64 %all, 1
+  %all.then -> %block.NOT_TAKEN
+  %count = load i64, ptr %failures
+  %count.then = add i64 %count, 1
+  store i64 %count.then, ptr %failures
+  %rest = pointer %block.REST_FOR
+  %_ = call i32 %rest(i32 PAUSE)
+  %few = icmp slt i64 %count.then, MOST_FAILURES
+  br i1 %few, label %none, label %breaks
+breaks:
+  %broken = zext i32 %code to i64
+  %broken -> %block.BROKEN
+  ret i1 false
+}
+
 ; Take all messages of an input, if there is one, and pass each to a function.
 define void @take_all(ptr %block, ptr %plan, ptr %input, ptr %use) {
 start:
@@ -668,12 +706,13 @@ begin:
   %from = pointer %input.FROM
   %into = pointer %input.INTO
   %info = pointer %input.INFO_OF
+  %failures = pointer %input.FAILURES_OF
   %taker = pointer %block.TAKE
   br label %take
 take:
   %k = phi i64 [0, %begin], [%k.next, %taken]
   %code = call i32 %taker(ptr %from, ptr %into, ptr %info, ptr null)
-  %took = icmp eq i32 %code, 0
+  %took = call i1 @was_taken(ptr %block, i32 %code, ptr %failures)
   br i1 %took, label %taken, label %done
 taken:
   %data = load ptr, ptr %into
@@ -758,6 +797,7 @@ waits:
   %all.codes = or i32 %both.codes, %guard.code
   %bad.codes = or i32 %all.codes, %other.codes
   %bad = icmp ne i32 %bad.codes, 0
+  %bad.64 = zext i32 %bad.codes to i64
   br i1 %bad, label %fail, label %reads
 reads:
   ; The plan again, because it may have changed while the thread waited.
@@ -772,7 +812,8 @@ take:
   %message = pointer %block.TAKEN
   %info = pointer %block.INFO
   %take.code = call i32 %taker(ptr %subscription, ptr %message, ptr %info, ptr null)
-  %took = icmp eq i32 %take.code, 0
+  %failures = pointer %block.FAILURES
+  %took = call i1 @was_taken(ptr %block, i32 %take.code, ptr %failures)
   br i1 %took, label %answered, label %look
 answered:
   %data = load ptr, ptr %message
@@ -785,8 +826,11 @@ answered:
 look:
   call void @take_all(ptr %block, ptr %fresh, ptr %guard.input, ptr @hear)
   call void @look_at_time(ptr %block, ptr %fresh)
-  br label %turn
+  %broken = number %block.BROKEN
+  %breaks = icmp ne i64 %broken, 0
+  br i1 %breaks, label %fail, label %turn
 fail:  ; no state can come any more: zeros
+  %code = phi i64 [%bad.64, %waits], [%broken, %look]
   %path = pointer %block.PATH
   %tau.place = number %block.TAU
   %tau = getelementptr double, ptr %path, i64 %tau.place
@@ -798,8 +842,7 @@ fail:  ; no state can come any more: zeros
   %request.at = getelementptr double, ptr %path, i64 REQUEST
   store double 0.0, ptr %request.at
   call void @send(ptr %block)
-  %code.64 = zext i32 %bad.codes to i64
-  %code.64 -> %block.ENDED
+  %code -> %block.ENDED
   br label %end
 end:
   ret ptr null
@@ -912,7 +955,8 @@ def _numbers(drops: int) -> dict[str, int | float]:
         'ROW_PLACE': ROW_PLACE, 'UNKNOWN': UNKNOWN, 'ANSWERED': ANSWERED,
         'ELAPSED': ELAPSED, 'HEARD': HEARD, 'MESSAGE': MESSAGE, 'STEADILY': STEADILY,
         'CLOCK_LENGTH': CLOCK_LENGTH, 'TAKE_LIMIT': TAKE_LIMIT, 'REQUEST': REQUEST,
-        'RETRIES': RETRIES, 'SEARCHING': SEARCHING, 'WAITS': WAITS, 'OUTPUT_WORDS': len(OUTPUT)}
+        'RETRIES': RETRIES, 'SEARCHING': SEARCHING, 'WAITS': WAITS, 'OUTPUT_WORDS': len(OUTPUT),
+        'NOTHING_TAKEN': NOTHING_TAKEN, 'PAUSE': PAUSE, 'MOST_FAILURES': MOST_FAILURES}
 
 
 @cache

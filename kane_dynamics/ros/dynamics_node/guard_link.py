@@ -97,7 +97,8 @@ class GuardLink:
     @property
     def warning(self) -> str:
         """Return what is wrong with the guard, and what to do; empty if it lives."""
-        seen = self.arbitration.seen
+        # After a pause of the interpreter, its heartbeats have not been read yet.
+        seen = max(self.arbitration.seen, self._path.guard_seen)
         silent = (_now() - seen) / NANO if seen else None
         if silent is not None and silent < LOST:
             return ''

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.flags import either, flag
+from kane_dynamics.mechanics.algebra.flags import branch, either, flag
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
@@ -102,11 +102,6 @@ PERMITTED, SENDS, NUMBER, RETRIES = map(Arbitration._fields.index, (
 UNANSWERED = Arbitration._fields.index('unanswered')
 # Without a guard every command is permitted.
 UNGUARDED = Arbitration(1.0, *[0.0] * (SIZE - 1))
-
-
-def branch(chosen: Scalar, x: Arbitration, y: Arbitration) -> Arbitration:
-    """Return x where a flag is 1, else y."""
-    return Arbitration(*[either(chosen, a, b) for a, b in zip(x, y)])
 
 
 def begun(known: Arbitration, lease: float, now: float, number: float) -> Arbitration:

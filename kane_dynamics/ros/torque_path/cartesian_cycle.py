@@ -18,13 +18,13 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.flags import either, flag
+from kane_dynamics.mechanics.algebra.flags import branch, either, flag, packed
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.pose_functions import displaced, displacement
+from kane_dynamics.ros.torque_path.state_check import NEVER
 from kane_dynamics.task_space.pose_filter import smooth_step
 import numpy as np
 
-NEVER = -2.0**62  # ns
 LONGEST_PERIOD = 0.3  # s between two poses that belong together: of 5 Hz, with delays
 SMOOTHING = 0.03  # s: of the target, so that its acceleration has no steps
 FILTER_SIZE = 56  # of the state of `smooth_step`
@@ -136,11 +136,6 @@ def memory_size(n_q: int) -> int:
     return 2 * 16 + 6 + 5 + FILTER_SIZE + 6 + 2 + n_q
 
 
-def packed(record: TargetOrders | TargetMemory) -> Vector:
-    """Return a record as an array."""
-    return np.concatenate([np.ravel(np.asarray(field)) for field in record])
-
-
 def unpacked_orders(array: Vector) -> TargetOrders:
     """Return the `TargetOrders` of an array."""
     return TargetOrders(*_parts(array, ORDER_SHAPES))
@@ -248,7 +243,7 @@ def posed(memory: TargetMemory, orders: TargetOrders) -> TargetMemory:
         step=displacement(before.pose, orders.goal), began=at, duration=duration,
         count=orders.count, posed_at=at)
     is_new = flag(memory.count < orders.count)
-    return TargetMemory(*[either(is_new, x, y) for x, y in zip(changed, memory)])
+    return branch(is_new, changed, memory)
 
 
 # The cycle.
@@ -297,7 +292,7 @@ class CartesianCycle(NamedTuple):
         asked = unpacked_orders(orders)
         fresh = beginning(measured, q, asked)
         last = unpacked_memory(memory, len(q))
-        last = TargetMemory(*[either(begins, x, y) for x, y in zip(fresh, last)])
+        last = branch(begins, fresh, last)
 
         # 1. The target by the messages.
         posed_target = posed(last, asked)

@@ -5,6 +5,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.traced_laws import LawInput, TracedLaw
+from kane_dynamics.mechanics.algebra.flags import packed
 from kane_dynamics.model.model import WORLD
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
@@ -13,10 +14,11 @@ from kane_dynamics.ros.parameters.task_settings import (cartesian_settings,
                                                         controlled_frame, differ,
                                                         target_limits)
 from kane_dynamics.ros.torque_path.cartesian_cycle import (CartesianCycle, memory_size,
-                                                           NEVER, ORDERS_SIZE, packed,
-                                                           target_of, unpacked_memory)
+                                                           ORDERS_SIZE, target_of,
+                                                           unpacked_memory)
 from kane_dynamics.ros.torque_path.cartesian_target import CartesianTarget
-from kane_dynamics.ros.torque_path.native_law import NativeLaw
+from kane_dynamics.ros.torque_path.live_law import NativeLaw
+from kane_dynamics.ros.torque_path.state_check import NEVER
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.cartesian_impedance import (CartesianImpedance,
                                                           compile_state, impedance_law,

@@ -19,17 +19,17 @@ from kane_dynamics.control.torque_blend import share_left
 from kane_dynamics.control.torque_limiter import clipped, within_rate
 from kane_dynamics.control.traced_laws import Desired, LawInput, TracedLaw
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.flags import either, finite, flag
+from kane_dynamics.mechanics.algebra.flags import branch, either, finite, flag, packed
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.arbitration import (after_computing, Arbitration,
                                                        before_command, before_zeros,
                                                        heard, SIZE, UNGUARDED)
 from kane_dynamics.ros.torque_path.guard_messages import FIELDS, STOPPED
-from kane_dynamics.ros.torque_path.state_check import state_fault
+from kane_dynamics.ros.torque_path.state_check import (ACCEPTED_AT, CheckSettings,
+                                                       judged, NEVER, StateMemory)
 import numpy as np
 
-NEVER = -2.0**62  # ns: before every stamp
 NO_REQUEST = -1.0  # to torque_guard
 # Results of a cycle. From NOT_FINITE on, the arm is heard, and the state is refused; up to
 # OFF_BRANCH the state is false, from NO_TORQUE on the arm or the motion is the reason.
@@ -69,9 +69,6 @@ class PathState(NamedTuple):
         As attributes of `TorquePath`.
     drops, dropped_by : Scalar
         How often the path dropped the desired motion, and why the last time.
-    known, check_stamp, frozen_at, confirmed, elapsed : Scalar
-        Of the comparison with the last state, as in `StateCheck`; frozen_at is `NEVER`
-        while time passes.
     limit_known, limit_stamp : Scalar
         Of the last command of the rate limit.
     blending, blend_known, blend_began : Scalar
@@ -96,8 +93,8 @@ class PathState(NamedTuple):
         Last command of the rate limit, and difference of the blend.
     pose : (n,) array
         Pose that is held.
-    accepted : (2 n,) array
-        The last accepted state.
+    check : (k,) array
+        A `StateMemory` of `state_check`.
     stop : (2 n,) array
         Positions and speeds at which the stop in a fault began.
     arbitration : (k,) array
@@ -126,11 +123,6 @@ class PathState(NamedTuple):
     commanding: Scalar
     drops: Scalar
     dropped_by: Scalar
-    known: Scalar
-    check_stamp: Scalar
-    frozen_at: Scalar
-    confirmed: Scalar
-    elapsed: Scalar
     limit_known: Scalar
     limit_stamp: Scalar
     blending: Scalar
@@ -151,11 +143,20 @@ class PathState(NamedTuple):
     last: Vector
     difference: Vector
     pose: Vector
-    accepted: Vector
+    check: Vector
     stop: Vector
     arbitration: Vector
     loops: Vector
     memory: Vector
+
+    @property
+    def states(self) -> StateMemory:
+        """Return what states are compared with."""
+        return StateMemory.of(self.check)
+
+    def with_states(self, memory: StateMemory) -> 'PathState':
+        """Return the path that compares states with others."""
+        return self._replace(check=packed(memory))
 
 
 class PathShape(NamedTuple):
@@ -208,8 +209,6 @@ class CycleSettings(NamedTuple):
         ns.
     holds, stop_time : Scalar
         Whether the arm is brought to rest in a lasting fault; in which time, ns.
-    turns : Scalar
-        Whether joints without limits may jump by whole turns.
     compares : Scalar
         Whether a first state needs a second one that agrees.
     blend_time : Scalar
@@ -222,8 +221,8 @@ class CycleSettings(NamedTuple):
         `PathState.drops` when the motion was scheduled.
     bounds : (5 n,) array
         Of `state_fault`.
-    turning : (n,) array
-        Whether a joint has no limits.
+    turned : (n,) array
+        Whether a joint may jump by whole turns.
     effort, slope, free : (n,) arrays
         Effort limits, rate limits where there are, and what else a torque may change
         by: infinity where there are none.
@@ -243,7 +242,6 @@ class CycleSettings(NamedTuple):
     grace: Scalar
     holds: Scalar
     stop_time: Scalar
-    turns: Scalar
     compares: Scalar
     blend_time: Scalar
     restarts: Scalar
@@ -253,7 +251,7 @@ class CycleSettings(NamedTuple):
     drops: Scalar
     wrench_timeout: Scalar
     bounds: Vector
-    turning: Vector
+    turned: Vector
     effort: Vector
     slope: Vector
     free: Vector
@@ -339,14 +337,10 @@ def unpacked_settings(array: Vector, shape: PathShape) -> CycleSettings:
     return CycleSettings(*array[:SCALAR_SETTINGS], *parts)
 
 
-def packed(record: NamedTuple) -> Vector:
-    """Return a record as an array."""
-    return np.concatenate([np.atleast_1d(np.asarray(field)) for field in record])
-
-
 def _path_parts(shape: PathShape) -> list[int]:
     """Return the lengths of the arrays of a `PathState`, but the last one."""
-    return [shape.commanded] * 5 + [shape.n, 2 * shape.n, 2 * shape.n, SIZE, shape.loops]
+    check = ACCEPTED_AT + 2 * shape.n
+    return [shape.commanded] * 5 + [shape.n, check, 2 * shape.n, SIZE, shape.loops]
 
 
 def _settings_parts(shape: PathShape) -> list[int]:
@@ -364,24 +358,17 @@ def initial_path(shape: PathShape, now: float, arbitration: Arbitration = UNGUAR
                  loops: Vector | None = None) -> PathState:
     """Return the state of a path that starts."""
     zeros = np.zeros(shape.commanded)
-    both = np.zeros(2 * shape.n)
+    at_rest = np.zeros(2 * shape.n)
+    states = StateMemory(0.0, NEVER, NEVER, 0.0, 0.0, at_rest)
     scalars = dict.fromkeys(PathState._fields[:SCALARS], 0.0)
     scalars |= {'sent_at': now, 'last_now': now, 'last_heard': now, 'last_stamp': NEVER,
                 'request': NO_REQUEST, 'dropped_by': float(NOT_DROPPED),
-                'check_stamp': NEVER, 'frozen_at': NEVER, 'limit_stamp': NEVER,
-                'stop_began': NEVER}
+                'limit_stamp': NEVER, 'stop_began': NEVER}
     return PathState(**scalars, tau=zeros, clamped=zeros, rate_limited=zeros, last=zeros,
-                     difference=zeros, pose=np.zeros(shape.n), accepted=both, stop=both,
-                     arbitration=np.array(arbitration),
+                     difference=zeros, pose=np.zeros(shape.n), check=packed(states),
+                     stop=at_rest, arbitration=np.array(arbitration),
                      loops=np.zeros(0) if loops is None else loops,
                      memory=np.zeros(shape.memory))
-
-
-# Flags.
-
-def branch(chosen: Scalar, x: PathState, y: PathState) -> PathState:
-    """Return the state x where a flag is 1, else y."""
-    return PathState(*[either(chosen, a, b) for a, b in zip(x, y)])
 
 
 # The clock.
@@ -410,8 +397,8 @@ def dropped(path: PathState, reason: int) -> PathState:
 
 def forgotten(path: PathState) -> PathState:
     """Return the path that compares the next state with no earlier one."""
-    return path._replace(known=0.0, check_stamp=NEVER, frozen_at=NEVER, confirmed=0.0,
-                         refusing=0.0, fault=0.0, stop_began=NEVER)
+    path = path.with_states(path.states.forgotten())
+    return path._replace(refusing=0.0, fault=0.0, stop_began=NEVER)
 
 
 def restarted(path: PathState) -> PathState:
@@ -500,7 +487,8 @@ def _decided(path: PathState, decided: Arbitration) -> PathState:
 def _waiting(path: PathState, event: Event, state: Vector) -> PathState:
     """Return the path whose accepted state waits for torque_guard."""
     stamp = select(event.now < event.stamp, event.now, event.stamp)
-    return _kept(path, stamp, state)._replace(reason=float(WAITING), last_stamp=stamp,
+    path = _kept(path, stamp, state)
+    return path._replace(reason=float(WAITING), last_stamp=stamp,
                                               refusing=0.0, fault=0.0,
                                               stop_began=NEVER)
 
@@ -517,60 +505,34 @@ def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings)
     stamp = event.stamp
     path = at_time(path, now, settings)
     moment = select(now < stamp, now, stamp)
-    heard = path._replace(last_heard=moment)
-    # A state without an earlier one that is recent enough is the first.
-    recent = flag(moment - path.check_stamp < settings.timeout + 1.0)
-    compared = path.known * select(path.confirmed > 0.5, 1.0, recent)
-    judged = branch(compared, _compare(heard, moment, state, settings),
-                    _begin(heard, moment, state, settings))
+    check = CheckSettings(settings.timeout, settings.compares, settings.turned,
+                          settings.bounds)
+    outcome, states = judged(path.states, moment, state, check)
+    heard = path.with_states(states)._replace(last_heard=moment, reason=_reason(outcome))
     # Faults of the stamp say nothing about the arm, not even that it is heard.
     reason = select(stamp < path.last_stamp, float(OUT_OF_ORDER), float(ACCEPTED))
     reason = select(settings.timeout < stamp - now, float(FUTURE), reason)
     reason = select(settings.timeout < now - stamp, float(STALE), reason)
     reason = either(event.ticking, reason, float(NO_CLOCK))
     in_time = flag(reason < 0.5)
-    return branch(in_time, judged, path._replace(reason=reason))
+    return branch(in_time, heard, path._replace(reason=reason))
 
 
-def _begin(path: PathState, moment: Scalar, state: Vector,
-           settings: CycleSettings) -> PathState:
-    """Keep a possible first state, which the next one must confirm."""
-    fault = _fault(state, state[:len(path.accepted)], 0.0, settings)
-    kept = _kept(path, moment, state)._replace(confirmed=1.0 - settings.compares)
-    kept = kept._replace(reason=FIRST * settings.compares)
-    refused = path._replace(reason=fault, accepted=state[:len(path.accepted)])
-    return branch(flag(fault < 0.5), kept, refused)
-
-
-def _compare(path: PathState, moment: Scalar, state: Vector,
-             settings: CycleSettings) -> PathState:
-    """Compare a state with the last one."""
-    # After a lasting fault, no more than the grace time counts.
-    frozen = flag(path.frozen_at > NEVER)
-    until = select(path.frozen_at < moment, path.frozen_at, moment)
-    elapsed = (either(frozen, until, moment) - path.check_stamp) / NANO
-    elapsed = select(elapsed > 0.0, elapsed, 0.0)
-    fault = _fault(state, path.accepted, elapsed, settings)
-    path = path._replace(reason=fault, elapsed=elapsed)
-    # Before a state is confirmed, one of two that disagree is false: the next one is
-    # compared with this one.
-    jumped = flag(fault > JUMP - 0.5) * (1.0 - path.confirmed)
-    refused = branch(jumped, _kept(path, moment, state), path)
-    return branch(flag(fault < 0.5), path._replace(confirmed=1.0), refused)
+def _measured(path: PathState, state: Vector) -> Vector:
+    """Return positions and velocities of the measured joints."""
+    return state[:len(path.stop)]
 
 
 def _kept(path: PathState, moment: Scalar, state: Vector) -> PathState:
     """Return the path with a state to compare the next one with."""
-    return path._replace(known=1.0, check_stamp=moment, frozen_at=NEVER,
-                         accepted=state[:len(path.accepted)])
+    return path.with_states(path.states.kept(moment, _measured(path, state)))
 
 
-def _fault(state: Vector, last: Vector, elapsed: Scalar, settings: CycleSettings) -> Scalar:
-    """Return `ACCEPTED`, or the first of the reasons why a state is impossible."""
-    fault = state_fault(state, last, settings.bounds, settings.turns * settings.turning,
-                        elapsed)
-    reason = select(fault > 0.5, fault + float(NOT_FINITE - 1), float(ACCEPTED))
-    return select(finite(state) > 0.5, reason, float(NOT_FINITE))
+def _reason(outcome: Scalar) -> Scalar:
+    """Return the result of a cycle for an outcome of `judged`."""
+    # The faults are numbered in the same order.
+    reason = select(outcome > 0.5, outcome + float(NOT_FINITE - 1), float(ACCEPTED))
+    return select(outcome > JUMP - NOT_FINITE + 1.5, float(FIRST), reason)
 
 
 # The command.
@@ -586,7 +548,7 @@ def answer(robot: Robot, law: TracedLaw, path: PathState, event: Event, state: V
     closed loops do not determine it.
     """
     stamp = event.stamp
-    q, u = np.split(state[:len(path.accepted)], 2)
+    q, u = np.split(_measured(path, state), 2)
     path = with_new_settings(path, settings)
     desired = desired_motion(path, event, row, settings, q, law.holds)
     if loops is not None:
@@ -724,7 +686,8 @@ def refuse(robot: Robot, terms: Terms, path: PathState, event: Event, settings: 
     lasts = flag(settings.grace < now - since) * (1.0 - path.fault)
     given_up = _given_up(path_then, reason, settings)
     stopping = _stopping(robot, terms, given_up, reason, settings, parameters, loops)
-    stops = settings.holds * path_then.confirmed
+    confirmed = path_then.states.confirmed
+    stops = settings.holds * confirmed
     begun = branch(stops, stopping, given_up)
     if loops is not None:
         begun = loops.given_up(begun)
@@ -737,7 +700,7 @@ def refuse(robot: Robot, terms: Terms, path: PathState, event: Event, settings: 
         held = _held(robot, terms, repeated, settings, parameters)
     else:
         held = loops.begin_hold(repeated, settings)
-    held = branch(path_then.confirmed, held, repeated)
+    held = branch(confirmed, held, repeated)
     after_grace = branch(settings.holds, held, with_zeros(path_then, now))
     commanded = branch(path_then.fault, after_grace, repeated)
     # Without the guard's permission nothing is commanded; states that are no refusal
@@ -752,8 +715,9 @@ def _given_up(path: PathState, reason: Scalar, settings: CycleSettings) -> PathS
     faulty = dropped(path, BY_REFUSAL)._replace(fault=1.0)
     # A false state must not become possible because time passes.
     is_false = flag(reason < OFF_BRANCH + 0.5)
-    faulty = faulty._replace(frozen_at=either(
-        is_false, path.check_stamp + settings.grace, path.frozen_at))
+    states = path.states
+    faulty = faulty.with_states(states._replace(frozen_at=either(
+        is_false, states.stamp + settings.grace, states.frozen_at)))
     # The torque goes on, but the pose that was held is left: meanwhile the arm can have
     # moved, and the position gain would throw it back.
     holds = path.commanding * settings.holds
@@ -773,8 +737,9 @@ def _stopping(robot: Robot, terms: Terms, path: PathState, reason: Scalar,
               settings: CycleSettings, parameters: Vector, loops: ClosedLoopRules | None
               ) -> PathState:
     """Return the path whose arm begins to stop, from where the model says that it is."""
-    q, u = np.split(path.accepted, 2)
-    elapsed = (path.last_heard - path.check_stamp) / NANO
+    states = path.states
+    q, u = np.split(states.accepted, 2)
+    elapsed = (path.last_heard - states.stamp) / NANO
     if loops is None:
         reached = np.concatenate(reached_state(robot, terms, range(len(q)), q, u,
                                                path.tau, elapsed, parameters))
@@ -786,22 +751,28 @@ def _stopping(robot: Robot, terms: Terms, path: PathState, reason: Scalar,
     # The next accepted state is near where the arm comes to rest.
     end = began + 0.5 * settings.stop_time / NANO * speeds
     is_false = flag(reason < OFF_BRANCH + 0.5)
-    expected = either(is_false, np.concatenate([end, 0.0 * u]), path.accepted)
-    return path._replace(stop=stop, stop_began=path.last_heard, accepted=expected)
+    expected = either(is_false, np.concatenate([end, 0.0 * u]), states.accepted)
+    path = path.with_states(states._replace(accepted=expected))
+    return path._replace(stop=stop, stop_began=path.last_heard)
 
 
 def _held(robot: Robot, terms: Terms, path: PathState, settings: CycleSettings,
           parameters: Vector) -> PathState:
     """Return the path that commands the torque that brings the arm to rest."""
-    q, u = np.split(path.accepted, 2)
+    torque = stopping_torque(robot, terms, *begun_stop(path, settings), parameters)
+    return torques_within_limits(path, torque, settings)
+
+
+def begun_stop(path: PathState, settings: CycleSettings
+               ) -> tuple[Vector, Vector, Scalar, Scalar]:
+    """Return the stop: positions and speeds at its begin, time since then, duration, s."""
+    q, u = np.split(path.states.accepted, 2)
     begun, speeds = np.split(path.stop, 2)
     # Without a stop, as where the settings have changed since, the arm is at rest.
     is_stopping = flag(path.stop_began > NEVER)
     elapsed = (path.last_heard - path.stop_began) / NANO
-    torque = stopping_torque(
-        robot, terms, either(is_stopping, begun, q), either(is_stopping, speeds, 0.0 * u),
-        elapsed, settings.stop_time / NANO, parameters)
-    return torques_within_limits(path, torque, settings)
+    return (either(is_stopping, begun, q), either(is_stopping, speeds, 0.0 * u), elapsed,
+            settings.stop_time / NANO)
 
 
 def torques_within_limits(path: PathState, torque: Vector, settings: CycleSettings

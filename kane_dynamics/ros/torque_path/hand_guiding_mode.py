@@ -11,7 +11,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.parameters.parameter_checks import terms
 from kane_dynamics.ros.parameters.task_settings import (controlled_frame, differ,
                                                         guiding_settings)
-from kane_dynamics.ros.torque_path.native_law import NativeLaw
+from kane_dynamics.ros.torque_path.live_law import NativeLaw
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.hand_guiding import hand_guiding_law, HandGuiding
 from kane_dynamics.task_space.law_kernel import settings_of

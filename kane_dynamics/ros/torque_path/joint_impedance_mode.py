@@ -13,7 +13,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.parameters.parameter_checks import terms
 from kane_dynamics.ros.parameters.task_settings import (differ, joint_damping,
                                                         joint_stiffness)
-from kane_dynamics.ros.torque_path.native_law import NativeLaw
+from kane_dynamics.ros.torque_path.live_law import NativeLaw
 from kane_dynamics.task_space.joint_impedance import joint_impedance_law, JointImpedance
 from kane_dynamics.task_space.reference_dynamics import compensation_weights
 from kane_dynamics.task_space.sampled_spring import JointSpring

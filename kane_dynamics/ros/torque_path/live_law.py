@@ -1,12 +1,16 @@
-"""The interface of the laws of modes, with what most of them share."""
+"""The interfaces of the laws of modes, with what most of them share."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.controller import ModeLaw
+from kane_dynamics.control.traced_laws import TracedLaw
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.sampled_spring import JointSpring
+import numpy as np
+
+NOTHING = np.zeros(0)
 
 
 class LiveLaw(ModeLaw, Protocol):
@@ -43,3 +47,22 @@ class LiveLaw(ModeLaw, Protocol):
         Called in the services' thread, at a position (n_q,), with the target there.
         """
         return None
+
+
+class NativeLaw(LiveLaw):
+    """Base of the laws of modes that also run on the native torque path."""
+
+    def traced(self) -> TracedLaw:
+        """Return the law as a function over any scalar, for an arm in joint rates."""
+        raise NotImplementedError
+
+    def settings_numbers(self) -> Array:
+        """Return the numbers of the law's parameters, the first settings of `traced`."""
+        raise NotImplementedError
+
+    def order_numbers(self, epoch: int) -> Array:
+        """Return its further settings: what messages ask for; times are since epoch, ns."""
+        return NOTHING
+
+    def mirror(self, memory: Array, epoch: int) -> None:
+        """Keep the memory of a cycle of the native thread."""

@@ -15,21 +15,22 @@ from kane_dynamics.control.traced_laws import (Actuation, commanded_torques, Des
                                                followed_feedforward, TracedLaw)
 from kane_dynamics.loop_tracking.loop_tracker import (DEVIATING,
                                                       ILL_CONDITIONED, LoopSearch,
-                                                      MeasuredJoints, packed_search,
+                                                      MeasuredJoints,
                                                       search_places, search_size,
                                                       SearchRules, UNKNOWN_MODE,
                                                       unpacked_search)
-from kane_dynamics.mechanics.algebra.flags import either, flag
+from kane_dynamics.mechanics.algebra.flags import branch, either, flag, packed
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.closed_loop_reader import may_be_singular
-from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, branch, CONTRADICTORY,
+from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, begun_stop, CONTRADICTORY,
                                                        CycleSettings, desired_motion,
                                                        Event, LOOP_LIMITS,
-                                                       NEAR_SINGULAR, NEVER, NO_MODE,
-                                                       OFF_BRANCH, packed, PathState,
+                                                       NEAR_SINGULAR, NO_MODE,
+                                                       OFF_BRANCH, PathState,
                                                        REFUSED, torques_within_limits,
                                                        with_new_settings)
+from kane_dynamics.ros.torque_path.state_check import NEVER
 import numpy as np
 
 
@@ -155,7 +156,7 @@ class LoopRules:
         may_be = either(is_known, may_be, 1.0)
         after = after._replace(known=either(lost, 1.0 - may_be, after.known))
         kept = memory._replace(
-            measured=packed_search(after),
+            measured=packed(after),
             before=either(reached, before.q, memory.before),
             earlier=either(reached, memory.latest, memory.earlier),
             latest=either(reached, moment, memory.latest),
@@ -168,7 +169,7 @@ class LoopRules:
         memory = self.memory(path)
         measured = self.search(memory.measured)
         known = measured.known * (1.0 - memory.singular)
-        kept = memory._replace(measured=packed_search(measured._replace(known=known)))
+        kept = memory._replace(measured=packed(measured._replace(known=known)))
         return path._replace(loops=packed(kept))
 
     # The desired configuration.
@@ -214,7 +215,7 @@ class LoopRules:
         """Return the path after a call of the search for a desired configuration."""
         ended = 1.0 - after.searching
         refused = ended * flag(after.outcome > 0.5)
-        kept = memory._replace(desired=packed_search(after), tracking=1.0 - refused)
+        kept = memory._replace(desired=packed(after), tracking=1.0 - refused)
         # During a stop the reason is that of the refused state.
         reason = either(refused * (1.0 - path.stops), float(REFUSED), path.reason)
         return path._replace(loops=packed(kept), searching=after.searching, reason=reason)
@@ -260,14 +261,7 @@ class LoopRules:
 
     def _stop(self, path: PathState, settings: CycleSettings) -> Desired:
         """Return the motion of the stop at the time of the last state."""
-        q, u = np.split(path.accepted, 2)
-        begun, speeds = np.split(path.stop, 2)
-        # Without a stop, as where the settings have changed since, the arm is at rest.
-        is_stopping = flag(path.stop_began > NEVER)
-        elapsed = (path.last_heard - path.stop_began) / NANO
-        q_d, u_d, udot_d = stopping_motion(either(is_stopping, begun, q),
-                                           either(is_stopping, speeds, 0.0 * u), elapsed,
-                                           settings.stop_time / NANO)
+        q_d, u_d, udot_d = stopping_motion(*begun_stop(path, settings))
         return Desired(q_d, u_d, udot_d, 1.0)
 
 

@@ -12,6 +12,7 @@ from weakref import finalize
 from kane_dynamics._util.typing import Vector
 from kane_dynamics.control.terms import Mode, Terms
 from kane_dynamics.control.traced_laws import TracedLaw
+from kane_dynamics.mechanics.algebra.flags import packed
 from kane_dynamics.motion.motion import Motion, segment_table
 from kane_dynamics.native.runtime import message_loop
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -22,7 +23,7 @@ from kane_dynamics.ros.torque_path.cdr import (float64_multi_array, joint_comman
                                                joint_state_of_efforts, PreparedMessage,
                                                STAMP_AT)
 from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, Event, EVENT_SIZE,
-                                                       packed, PathShape, PathState)
+                                                       PathShape, PathState)
 from kane_dynamics.ros.torque_path.guard_messages import FIELDS
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateLayout
 from kane_dynamics.ros.torque_path.loop_rules import LoopRules
@@ -36,6 +37,7 @@ SLOTS = 1024  # cycles that Python may lag behind
 LARGEST = 8192  # bytes of a message
 NAME = b'torque_path'  # of the thread
 INFO_SIZE = 256  # bytes, more than a message info has
+INPUTS_AT_MOST = 3  # subscriptions: of states, of torque_guard, of /clock
 DROPS = PathState._fields.index('drops')
 # The arguments of the rules, by the name of their kernel.
 INPUTS = {
@@ -361,6 +363,7 @@ class NativeLoop:
         self._ring = np.zeros((SLOTS, head + LARGEST), dtype=np.uint8)
         self._info = np.zeros(INFO_SIZE, dtype=np.uint8)
         self._kept = np.zeros(LARGEST, dtype=np.uint8)  # a state that waits
+        self._failures: Words = np.zeros(INPUTS_AT_MOST, dtype=np.int64)
         self._used: list[Any] = []  # memory of words that are addresses
         self._plans: list[CyclePlan] = []
         self._end: Callable[[], object] = bool
@@ -380,14 +383,17 @@ class NativeLoop:
                   TAU_COUNT=self.shape.commanded)
         self._set(EVENT=self.event.ctypes.data, STATE=self.state.ctypes.data,
                   STATE_COUNT=len(self.state))
-        self._set(LARGEST=LARGEST, KEPT=self._kept.ctypes.data)
+        self._set(LARGEST=LARGEST, KEPT=self._kept.ctypes.data,
+                  FAILURES=self._failures.ctypes.data)
         self._set(GUARD_LENGTH=from_guard.bytes.size,
                   GUARD_AT=from_guard.bytes.size - from_guard.numbers.nbytes,
                   GUARD_NUMBERS=self.heard.ctypes.data, GUARD_BYTES=self.heard.nbytes)
         self._set(REQUEST_MESSAGE=self._message(self.request),
                   REQUEST_NUMBER=self.request.numbers.ctypes.data)
         steady = ctypes.cast(self._library.clock_gettime, ctypes.c_void_p).value
-        self._set(STEADY=steady, PUBLISH=self._code.address('publish_nothing'))
+        rest = ctypes.cast(self._library.usleep, ctypes.c_void_p).value
+        self._set(STEADY=steady, REST_FOR=rest,
+                  PUBLISH=self._code.address('publish_nothing'))
 
     def _message(self, message: PreparedMessage) -> int:
         """Return the address of the structure of a message, which is kept."""
@@ -452,8 +458,9 @@ class NativeLoop:
     def _input(self, rcl: RclLoop, place: int) -> int:
         """Return the address of the words of a subscription beside that of the states."""
         info = np.zeros(INFO_SIZE, dtype=np.uint8)
+        failures = self._failures[place:]
         words = np.array([rcl.subscriptions[place], ctypes.addressof(rcl.taken[place]),
-                          info.ctypes.data], dtype=np.int64)
+                          info.ctypes.data, failures.ctypes.data], dtype=np.int64)
         self._used += [info, words]
         return int(words.ctypes.data)
 
@@ -478,7 +485,9 @@ class NativeLoop:
         self.event[:] = 0.0
         self._plans = []
         self._set(EPOCH=epoch, STOP=0, ENDED=0, HEAD=0, TAIL=0, LOST=0, REPLAYED=0,
-                  PLAN=0, IN_USE=0, KEPT_LENGTH=0, SIMULATED_TIME=epoch)
+                  PLAN=0, IN_USE=0, KEPT_LENGTH=0, SIMULATED_TIME=epoch,
+                  BROKEN=0)
+        self._failures[:] = 0
 
     def use(self, plan: CyclePlan) -> None:
         """Use a plan from the next cycle on; free those that no cycle uses any more."""
@@ -548,6 +557,11 @@ class NativeLoop:
     def unsent(self) -> int:
         """Return the number of commands that the middleware refused."""
         return self._get('UNSENT')
+
+    @property
+    def not_taken(self) -> int:
+        """Return the number of failures of the middleware to return a message."""
+        return self._get('NOT_TAKEN')
 
     def reports(self) -> list[Report]:
         """Return the cycles since the last call, and free their slots."""

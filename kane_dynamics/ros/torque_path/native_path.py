@@ -25,37 +25,27 @@ from kane_dynamics.native.runtime.message_loop import (ELAPSED, HEARD, MOMENT, M
                                                        NOW, STAMP, UNKNOWN)
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.lost_messages import LostMessages
+from kane_dynamics.ros.torque_path import cycle_rules
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
 from kane_dynamics.ros.torque_path.arbitration import Arbitration, UNGUARDED
 from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
                                                               commanded_joints)
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
-from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, BY_CLOCK, BY_GUARD,
-                                                       BY_LOOPS, BY_REFUSAL, BY_TIMEOUT,
-                                                       CONTRADICTORY, CycleSettings,
-                                                       FIRST, initial_path, JUMP,
-                                                       NEAR_SINGULAR, NEVER,
-                                                       NO_CLOCK as NO_CLOCK_RULE,
-                                                       NO_MODE,
-                                                       NO_TORQUE as NO_TORQUE_RULE,
-                                                       NOT_FINITE as FIRST_REFUSED,
-                                                       OFF_BRANCH, OUT_OF_ORDER,
-                                                       PathState,
-                                                       REFUSED as REFUSED_RULE,
-                                                       WAITING, WRENCH)
+from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, initial_path,
+                                                       PathState)
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN,
-                                                              JointStateLayout,
+from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateLayout,
                                                               MALFORMED, MAX_LAYOUTS,
-                                                              MISSING, NO_CLOCK,
                                                               NOT_FINITE, time_fault)
 from kane_dynamics.ros.torque_path.loop_rules import (initial_loops, LoopRules,
                                                       unpacked_loops)
 from kane_dynamics.ros.torque_path.native_loop import (CycleKernels, CyclePlan, LARGEST,
                                                        NativeLoop, Report)
 from kane_dynamics.ros.torque_path.rcl_functions import handle_address, RclLoop
+from kane_dynamics.ros.torque_path.state_check import FAULTS, NEVER
 from kane_dynamics.ros.torque_path.task_modes import native_laws, NATIVE_MODES
-from kane_dynamics.ros.torque_path.torque_path import NO_TORQUE, REFUSED, TorquePath
+from kane_dynamics.ros.torque_path.torque_path import (CLOCK_JUMPED, NO_TORQUE, REFUSED,
+                                                       TorquePath, WITHOUT_CLOCK)
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
@@ -67,7 +57,8 @@ LOOK_AGAIN = 0.001  # s
 ENDED = 'the native torque path ended'
 TOO_LARGE = (f'empty or more than {LARGEST} bytes; expected at most as many, or '
              'torque_path: python')
-OF_LOOPS = (CONTRADICTORY, OFF_BRANCH, NEAR_SINGULAR, NO_MODE)
+OF_LOOPS = (cycle_rules.CONTRADICTORY, cycle_rules.OFF_BRANCH,
+            cycle_rules.NEAR_SINGULAR, cycle_rules.NO_MODE)
 # A reason to drop a state.
 LEARNED = 'layout learned after newer states'
 
@@ -185,7 +176,7 @@ class NativeTorquePath(TorquePath):
         self._message_fault: str | None = None  # of the last report, by the reader
         self._layouts: list[JointStateLayout] = []  # that the thread knows
         self.unobserved = 0
-        self._unsent = 0
+        self._unsent = self._not_taken = 0
         self._lost_states = LostMessages()
 
     def _kernels(self) -> CycleKernels:
@@ -264,6 +255,13 @@ class NativeTorquePath(TorquePath):
         if self._guard is None:
             return None
         return Arbitration(*self._last.arbitration.tolist())
+
+    @property
+    def guard_seen(self) -> float:
+        """Return when the thread heard torque_guard last, whether or not it is reported."""
+        loop = self.native
+        known = cycle_rules.unpacked_path(loop.path, loop.shape).arbitration
+        return float(Arbitration(*known).seen)
 
     def close(self) -> None:
         """Free what rcl allocated."""
@@ -363,11 +361,10 @@ class NativeTorquePath(TorquePath):
         check = self.states
         return CycleSettings(
             float(self._timeout), float(self._grace), float(self._holds),
-            self._stop_time * NANO, float(check.turns), float(check.compares),
-            controller.blend_time * NANO,
+            self._stop_time * NANO, float(check.compares), controller.blend_time * NANO,
             float(self._changes[0]), float(self._changes[1]), float(self._asked[0]),
             float(self._asked[1]), float(self._last.drops), self._wrench_timeout,
-            check.bounds.ravel(), check.turning.astype(np.float64),
+            check.bounds.ravel(), check.turned.copy(),
             effort, np.where(is_limited, rate, 0.0),
             np.where(is_limited, 0.0, np.inf), self._measured_wrenches(),
             self._loop_limits(), law)
@@ -387,7 +384,7 @@ class NativeTorquePath(TorquePath):
     def _measured_wrenches(self) -> Array:
         """Return the latest wrench of each frame, as the rules use it."""
         frames = len(self.controller.robot.equations.wrench_frames)
-        rows = np.zeros((frames, WRENCH))
+        rows = np.zeros((frames, cycle_rules.WRENCH))
         rows[:, 0] = NEVER
         if self.wrenches is not None:
             # A copy, because the main thread may add a frame meanwhile.
@@ -428,6 +425,7 @@ class NativeTorquePath(TorquePath):
         self._replay = 0, b''
         self.unobserved = 0
         self._unsent = loop.unsent
+        self._not_taken = loop.not_taken
         self._applied_loads = None
         loop.begin(self._epoch, self._last)
         loop.simulate_time(self._hears_time)
@@ -475,8 +473,9 @@ class NativeTorquePath(TorquePath):
     def _end(self, reason: str) -> None:
         """Stop the path and report a fault, because the thread has ended by itself."""
         self.native.stop_thread()
-        self.ended = f'{ENDED}: {reason}'
-        super().stop(self.ended)
+        ended = f'{ENDED}: {reason}'
+        super().stop(ended)
+        self.ended = ended
         self._report_fault(ENDED, f'{reason}; commanding zeros; deactivate and activate '
                            'the node')
 
@@ -515,6 +514,11 @@ class NativeTorquePath(TorquePath):
         if unsent > self._unsent:
             self._warn('commands', f'{unsent - self._unsent} refused by the middleware')
             self._unsent = unsent
+        not_taken = self.native.not_taken
+        if not_taken > self._not_taken:
+            self._warn('messages', f'{not_taken - self._not_taken} not returned by the '
+                       'middleware')
+            self._not_taken = not_taken
         code = self.native.code_of_end
         if code:
             self._end(f'rcl returned {code}')
@@ -545,11 +549,11 @@ class NativeTorquePath(TorquePath):
     def _note_state(self, report: Report, now: int) -> None:
         """Count and observe what followed a state."""
         reason = int(report.path.reason)
-        if reason == ACCEPTED:
+        if reason == cycle_rules.ACCEPTED:
             self._note_command(report, now)
-        elif reason == WAITING:
+        elif reason == cycle_rules.WAITING:
             self._last_good = round(float(report.path.last_stamp)) + self._epoch
-        elif reason != FIRST:
+        elif reason != cycle_rules.FIRST:
             self._note_dropped_state(report, reason, now)
 
     def _note_guard(self, guard: 'GuardSide', path: PathState, dropped: bool) -> None:
@@ -575,7 +579,7 @@ class NativeTorquePath(TorquePath):
         self.timed_out = bool(path.timed_out)
         self.commanding = bool(path.commanding)
         self._last_heard = round(float(path.last_heard)) + self._epoch
-        self.states.mirror(path.accepted, bool(path.confirmed))
+        self.states.mirror(path.check)
         if not path.fault:
             self.fault = ''
 
@@ -625,31 +629,29 @@ class NativeTorquePath(TorquePath):
         dropped = False
         if path.drops == before.drops or self._begins_fault(path):
             return dropped
-        if path.dropped_by == BY_CLOCK:
+        if path.dropped_by == cycle_rules.BY_CLOCK:
             dropped = self._clear_motion('the clock jumped backward or was replaced', path)
             if self.wrenches is not None:
                 self.wrenches.clear()
-            self._warn('clock', 'jumped backward or replaced; desired motion dropped')
-        elif path.dropped_by == BY_GUARD:
+            self._warn(*CLOCK_JUMPED)
+        elif path.dropped_by == cycle_rules.BY_GUARD:
             dropped = self._clear_motion('torque_guard held the arm', path)
-        elif path.dropped_by == BY_LOOPS:  # with the reason of the state
+        elif path.dropped_by == cycle_rules.BY_LOOPS:  # with the reason of the state
             return dropped
-        elif path.dropped_by == BY_REFUSAL:  # the report of the fault was lost
+        elif path.dropped_by == cycle_rules.BY_REFUSAL:  # the report of the fault was lost
             dropped = self._clear_motion('joint states were refused', path)
-        elif path.dropped_by == BY_TIMEOUT:
+        elif path.dropped_by == cycle_rules.BY_TIMEOUT:
             reason = f'none for {(now - self._last_heard) / NANO:.3f} s'
             if path.silences > before.silences:
                 reason = self._silence_reason
             dropped = self._clear_motion(f'joint states: {reason}', path)
             if before.commanding:
-                self.statistics.timeouts += 1
-                self._warn('no joint state', f'{reason}; commanding zeros until the next '
-                           'one' + ', desired motion dropped' * dropped)
+                self._report_timeout(reason, dropped)
         return dropped
 
     def _begins_fault(self, path: PathState) -> bool:
         """Return whether a report is of the state with which a lasting fault began."""
-        return bool(path.fault and not self.fault and path.reason >= FIRST_REFUSED)
+        return bool(path.fault and not self.fault and path.reason >= cycle_rules.NOT_FINITE)
 
     def _clear_motion(self, reason: str, path: PathState) -> bool:
         """Drop the desired motion, as the thread did; return whether there was one."""
@@ -663,45 +665,42 @@ class NativeTorquePath(TorquePath):
         """Count and explain a state that was not answered."""
         path = report.path
         stamp = round(float(report.event[STAMP])) + self._epoch
-        if code == NO_CLOCK_RULE:
-            self._drop(NO_CLOCK, 'use_sim_time is true and no time was received')
+        if code == cycle_rules.NO_CLOCK:
+            self._drop(*WITHOUT_CLOCK)
             return
-        if code == OUT_OF_ORDER and report.message == self._replay[1]:
+        if code == cycle_rules.OUT_OF_ORDER and report.message == self._replay[1]:
             # It came in order, but the thread answered other publishers meanwhile.
             self._drop(LEARNED, f'{len(report.message)} bytes; the next one of its '
                        'publisher is judged at once')
             return
-        if code < FIRST_REFUSED:
+        if code < cycle_rules.NOT_FINITE:
             last = round(float(path.last_stamp)) + self._epoch
             # state_timeout may have changed since the thread has compared the times.
-            exceeded = LONGEST_AGE if code == OUT_OF_ORDER else 0
+            exceeded = LONGEST_AGE if code == cycle_rules.OUT_OF_ORDER else 0
             fault = time_fault(stamp, now, last, exceeded)
             assert fault is not None
             self._drop(*fault)
             return
-        if code == NO_TORQUE_RULE:
+        if code == cycle_rules.NO_TORQUE:
             reason, detail = NO_TORQUE, ('torques: not finite; expected a state, a motion '
                                          'and gains in a physical range')
-        elif code == FIRST_REFUSED and self._message_fault is not None:
+        elif code == cycle_rules.NOT_FINITE and self._message_fault is not None:
             reason, detail = self._message_fault, self._reader.detail
-        elif code == REFUSED_RULE:
+        elif code == cycle_rules.REFUSED:
             reason, detail = self._refused_motion(path)
         elif code in OF_LOOPS:
             assert self.loops is not None
             error = refusal(self.loops.tracker)
             reason, detail = error.reason, error.detail
         else:
-            reason, detail = self.states.explain(float(path.elapsed), code == JUMP)
+            reason = FAULTS[code - cycle_rules.NOT_FINITE + 1] or ''
+            detail = self.states.explain(reason, float(path.states.elapsed))
         self._drop(reason, detail)
         if self._begins_fault(path):
             self.fault = reason
             dropped = self._clear_motion(f'joint states are refused: {reason}', path)
-            self.statistics.faults += 1
-            if self._last.commanding:
-                duration = (now - self._epoch - float(path.refused_since)) / NANO
-                self._report_fault('fault', f'{reason} for {duration:.3f} s; '
-                                   f'{self.reaction}'
-                                   + ', desired motion dropped' * dropped)
+            lasted = now - self._epoch - float(path.refused_since)
+            self._report_lasting_fault(lasted, bool(self._last.commanding), dropped)
 
     def _refused_motion(self, path: PathState) -> tuple[str, str]:
         """Return reason and details of a motion, or a pose, without a torque; drop it."""
@@ -724,10 +723,7 @@ class NativeTorquePath(TorquePath):
         fault = reader.read(data, self.need_velocity)
         self.statistics.full_parses = reader.full_parses
         if fault is not None and fault is not NOT_FINITE:
-            if fault is FOREIGN and not self.timed_out:
-                self.statistics.foreign_states += 1
-            else:
-                self._drop(MISSING if fault is FOREIGN else fault, reader.detail)
+            self._drop_message(fault)
             return
         if not any(layout.fits(data) for layout in reader.layouts):
             # Another encoding than plain little-endian CDR.

@@ -3,19 +3,21 @@ Judge joint states by what the arm can do: its limits, and its last state.
 
 A state is impossible if it is not finite, if a joint lies far outside its position
 limits, is faster than it can be, or is farther from its last accepted position than it
-can have moved since then. One native call compares all joints; the reason is found only
-for a state that is refused.
+can have moved since then.
+
+`judged` is the rule, a function over any scalar: both torque paths compile it. Details of
+a reason are found only for a state that is refused.
 """
 
 from collections.abc import Mapping, Sequence
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.flags import flag
+from kane_dynamics.mechanics.algebra.flags import branch, either, finite, flag, packed
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
@@ -26,21 +28,91 @@ import numpy as np
 
 JUMP, TOO_FAST, OUTSIDE = (
     'position jumped', 'velocity beyond its limit', 'position beyond its limits')
-FAULTS = None, NOT_FINITE, OUTSIDE, TOO_FAST, JUMP  # in the order in which they are named
 FIRST = 'first state'  # no fault: it is compared with the next one
+# Outcomes of `judged`; the faults in the order in which they are named.
+FAULTS = None, NOT_FINITE, OUTSIDE, TOO_FAST, JUMP, FIRST
+NEVER = -2.0**62  # ns: before every stamp
 UNLIMITED = float(np.finfo(np.float64).max)  # stands for an infinite bound
 ROUNDING = 1e-9  # rad or m
 WHOLE_TURN = 2.0 * math.pi
+
+
+class StateMemory(NamedTuple):
+    """
+    The memory of `judged`: the last accepted state, or a first one.
+
+    Attributes
+    ----------
+    known : Scalar
+        Whether there is a state to compare the next one with.
+    stamp : Scalar
+        Its stamp, ns.
+    frozen_at : Scalar
+        After a fault that lasts: the time up to which a joint can have moved, ns, because
+        a fault must not become possible as time passes; else `NEVER`.
+    confirmed : Scalar
+        Whether it is accepted; a first state is not.
+    elapsed : Scalar
+        Time in which the joints can have moved until the state judged last, s.
+    accepted : (2 n,) array
+        Its positions and velocities.
+
+    """
+
+    known: Scalar
+    stamp: Scalar
+    frozen_at: Scalar
+    confirmed: Scalar
+    elapsed: Scalar
+    accepted: Vector
+
+    @classmethod
+    def of(cls, array: Vector) -> 'StateMemory':
+        """Return the memory of an array, as `packed` makes it."""
+        known, stamp, frozen_at, confirmed, elapsed = array[:ACCEPTED_AT]
+        return cls(known, stamp, frozen_at, confirmed, elapsed, array[ACCEPTED_AT:])
+
+    def forgotten(self) -> 'StateMemory':
+        """Return the memory that compares the next state with no earlier one."""
+        return self._replace(known=0.0, stamp=NEVER, frozen_at=NEVER, confirmed=0.0)
+
+    def kept(self, moment: Scalar, state: Vector) -> 'StateMemory':
+        """Return the memory with a state, and its stamp, ns."""
+        return self._replace(known=1.0, stamp=moment, frozen_at=NEVER, accepted=state)
+
+
+ACCEPTED_AT = len(StateMemory._fields) - 1
+KNOWN, STAMP, FROZEN_AT, CONFIRMED, ELAPSED = range(ACCEPTED_AT)
+
+
+class CheckSettings(NamedTuple):
+    """
+    What the parameters of `StateCheck` say.
+
+    Attributes
+    ----------
+    timeout : Scalar
+        Age, ns, above which a first state confirms no other.
+    compares : Scalar
+        Whether a first state needs a second one that agrees.
+    turned : (n,) array
+        Whether a joint may jump by whole turns.
+    bounds : (5 n,) array
+        As of `state_fault`.
+
+    """
+
+    timeout: Scalar
+    compares: Scalar
+    turned: Vector
+    bounds: Vector
 
 
 class StateCheck:
     """
     Compares each joint state with the limits and with the last accepted state.
 
-    The first state after `forget` is compared with the next one: a command follows only
-    from two states that agree, so that a false first state is not answered. A first
-    state older than the timeout confirms no other: meanwhile the arm can have moved
-    anywhere.
+    The rules are those of `judged`.
 
     Parameters
     ----------
@@ -63,10 +135,8 @@ class StateCheck:
     bounds : (5, n) array
         Lower and upper positions, speeds, and the largest change of a position as slope
         and constant.
-    turns : bool
-        Whether joints without limits may jump by whole turns.
-    turning : (n,) array of bool
-        The joints without limits.
+    turned : (n,) array
+        1 for joints without limits if they may jump by whole turns, else 0.
     compares : bool
         Whether a first state needs a second one that agrees.
 
@@ -79,22 +149,29 @@ class StateCheck:
         self._places = [robot.coordinate_names.index(name) for name in joints]
         count = len(self._joints)
         self._state = state
-        self.accepted = np.zeros(2 * count)
-        # The byte views are copied several times as fast as the arrays.
-        self._from = memoryview(state).cast('B')
-        self._to = memoryview(self.accepted).cast('B')
+        self._memory = np.zeros(ACCEPTED_AT + 2 * count)
+        self.accepted = self._memory[ACCEPTED_AT:]
+        self._epoch = 0  # of the stamps in the memory, ns
         self.bounds = np.zeros((5, count))
-        self._elapsed = np.zeros(())
+        # Timeout, whether a first state is compared, and the stamp, ns.
+        self._numbers = np.zeros(3)
         # Continuous joints, whose angle a driver may publish between -pi and pi.
         lower = robot.limits.lower[self._places]
         upper = robot.limits.upper[self._places]
         sliding = [name in robot.model.sliding for name in joints]
-        self.turning = np.isinf(lower) & np.isinf(upper) & ~np.array(sliding, dtype=bool)
-        self._turned = np.zeros(count)
-        self._fault_of_state = np.zeros(1)
-        self._judge = state_kernel(robot, self.turning).bind(
-            [state, self.accepted, self.bounds.ravel(), self._turned, self._elapsed],
-            self._fault_of_state, 'Judge a joint state.')
+        self._turning = np.isinf(lower) & np.isinf(upper) & ~np.array(sliding, dtype=bool)
+        self.turned = np.zeros(count)
+        result = np.zeros(1 + 2 * len(self._memory))
+        _, judged_memory, kept = np.split(result, [1, 1 + len(self._memory)])
+        # Views are read and copied several times as fast as the arrays.
+        self._outcome = memoryview(result)
+        self._moment = memoryview(self._numbers[2:])
+        self._entries = memoryview(self._memory)
+        self._judged = memoryview(judged_memory)
+        self._kept = memoryview(kept)
+        self._judge = state_kernel(robot, self._turning).bind(
+            [self._memory, self._numbers, state, self.turned, self.bounds.ravel()],
+            result, 'Judge a joint state.')
         self.detail = ''
         self.update(values)
         self.forget()
@@ -108,34 +185,33 @@ class StateCheck:
         noise = values['state_check.noise']
         jitter = values['state_check.jitter']
         fastest = factor * speed_limits(self._robot, values)[places]
-        self.turns = not Mode(values['mode']).is_stiff
+        may_turn = not Mode(values['mode']).is_stiff
         limited = np.isfinite(fastest)
         slope = np.where(limited, fastest, 0.0)
         step = np.where(limited, noise + jitter * slope, UNLIMITED)
         margin += ROUNDING
         lower = limits.lower[places] - margin
         upper = limits.upper[places] + margin
-        self._turned[:] = self.turning * self.turns
+        self.turned[:] = self._turning * may_turn
         self.bounds[:] = np.clip([lower, upper, fastest, slope, step], -UNLIMITED,
                                  UNLIMITED)
         self.compares = bool(limited.any())
         self._grace = round(values['state_check.grace'] * NANO)
-        self._timeout = round(values['state_timeout'] * NANO)
+        self._numbers[:2] = round(values['state_timeout'] * NANO), self.compares
 
     def forget(self) -> None:
         """Compare the next state with no earlier one."""
-        self._stamp = self._latest = 0
-        self._confirmed = False
+        memory = self._memory
+        memory[KNOWN] = memory[CONFIRMED] = 0.0
+        memory[STAMP] = memory[FROZEN_AT] = NEVER
 
     def freeze(self) -> None:
         """
         Compare states as if no more than the grace time had passed.
 
         This ends with the next accepted state.
-
-        A fault that lasts must not become possible because time passes.
         """
-        self._latest = self._stamp + self._grace
+        self._memory[FROZEN_AT] = self._memory[STAMP] + self._grace
 
     def expect(self, positions: Array) -> None:
         """Compare the next states with a state at rest at these positions, (n,)."""
@@ -146,7 +222,7 @@ class StateCheck:
     @property
     def stamp(self) -> int:
         """Return the stamp of the last accepted state, ns."""
-        return self._stamp
+        return self._epoch + int(self._entries[STAMP])
 
     @property
     def speeds(self) -> Array:
@@ -157,7 +233,7 @@ class StateCheck:
     @property
     def known(self) -> bool:
         """Return whether there is an accepted state."""
-        return self._confirmed
+        return bool(self._entries[CONFIRMED])
 
     def reason(self, stamp: int) -> str | None:
         """
@@ -165,66 +241,43 @@ class StateCheck:
 
         The result is None if it is possible.
         """
-        confirms = self._confirmed or stamp - self._stamp <= self._timeout
-        if not self._stamp or not confirms:
-            return self._first(stamp)
-        # After `freeze` no more than the grace time counts.
-        compared = min(stamp, self._latest) if self._latest else stamp
-        self._elapsed[()] = max(compared - self._stamp, 0) / NANO
-        reason = self._reason()
-        if reason is None:
-            self._confirmed = True
-        elif not self._confirmed and reason is JUMP:
-            # One of the two is false: compare the next one with this one
-            self.accept(stamp)
-        return reason
+        if not self._entries[KNOWN]:
+            self._epoch = stamp
+        self._moment[0] = stamp - self._epoch
+        try:
+            self._judge()
+        except InputError:  # kernels do not accept numbers that are not finite
+            fault: str | None = NOT_FINITE
+        else:
+            self._entries[:] = self._judged
+            fault = FAULTS[int(self._outcome[0])]
+        if fault is not None and fault is not FIRST:
+            self.detail = self._explained(fault, self._entries[ELAPSED])
+        return fault
 
-    def accept(self, stamp: int) -> None:
-        """Keep the state as the last accepted one."""
-        self._to[:] = self._from
-        self._stamp = stamp
-        self._latest = 0
+    def accept(self) -> None:
+        """Keep the state that was judged last as the last accepted one."""
+        self._entries[:] = self._kept
 
-    def mirror(self, accepted: Array, known: bool) -> None:
-        """Use the last accepted state of another judge."""
-        self.accepted[:] = accepted
-        self._confirmed = known
+    def mirror(self, memory: Vector) -> None:
+        """Use the memory of the native thread."""
+        self._memory[:] = memory
 
-    def explain(self, elapsed: float, jumped: bool) -> tuple[str, str]:
+    def explain(self, fault: str, elapsed: float) -> str:
         """
-        Return the reason and the details for which another judge refused the state.
+        Return the details of a fault that the native thread has found.
 
         `elapsed` is the time since the last accepted state, s.
         """
-        self._elapsed[()] = elapsed
-        reason = self._reason()
-        if reason is None:  # the last accepted state was not reported
-            return (JUMP if jumped else OUTSIDE), 'compared with an unknown state'
-        return reason, self.detail
+        found: str | None = fault
+        if fault is not NOT_FINITE:
+            found = FAULTS[int(state_fault(self._state, self.accepted, self.bounds.ravel(),
+                                           self.turned, elapsed))]
+        if found is not fault:
+            return 'compared with limits, or a state, that have changed since'
+        return self._explained(fault, elapsed)
 
-    def _first(self, stamp: int) -> str | None:
-        """Judge a state without an earlier one."""
-        self._to[:] = self._from
-        self._elapsed[()] = 0.0
-        reason = self._reason()
-        if reason is not None:
-            return reason
-        self.accept(stamp)
-        self._confirmed = not self.compares
-        return None if self._confirmed else FIRST
-
-    def _reason(self) -> str | None:
-        """Return why the last state is impossible; None if it is possible."""
-        try:
-            self._judge()
-        except InputError:  # not finite
-            self._fault_of_state[0] = FAULTS.index(NOT_FINITE)
-        fault = FAULTS[int(self._fault_of_state[0])]
-        if fault is not None:
-            self.detail = self._explained(fault)
-        return fault
-
-    def _explained(self, fault: str) -> str:
+    def _explained(self, fault: str, elapsed: float) -> str:
         """Return the details of a fault of the last state."""
         q, u = np.split(self._state, 2)
         lower, upper, fastest, slope, step = self.bounds
@@ -247,11 +300,11 @@ class StateCheck:
         moved = q - self.accepted[:len(q)]
         # A driver may publish the angle of such a joint between -pi and pi.
         wrapped = np.remainder(moved + math.pi, WHOLE_TURN) - math.pi
-        moved = np.where(self._turned > 0.0, wrapped, moved)
-        allowed = step + slope * self._elapsed
+        moved = np.where(self.turned > 0.0, wrapped, moved)
+        allowed = step + slope * elapsed
         j = int(np.argmax(np.abs(moved) / allowed))
         return (f"'{self._joints[j]}' moved by {moved[j]:.4g} rad or m in "
-                f'{float(self._elapsed):.4f} s; expected at most {allowed[j]:.4g}, as '
+                f'{elapsed:.4f} s; expected at most {allowed[j]:.4g}, as '
                 'its speed limit, state_check.speed_factor, jitter and noise allow')
 
 
@@ -322,16 +375,75 @@ def between(low: Scalar, x: Scalar, high: Scalar) -> Scalar:
     return select(low < x, flag(x < high), 0.0)
 
 
-def state_kernel(robot: Robot, turning: Array) -> Kernel:
-    """Return the kernel of `state_fault`, (1,); some of its joints may turn, (n,)."""
-    count = len(turning)
+def judged(memory: StateMemory, moment: Scalar, state: Vector, settings: CheckSettings
+           ) -> tuple[Scalar, StateMemory]:
+    """
+    Judge a state; return the index of the outcome in `FAULTS`, and the next memory.
 
-    def judged(state: Vector, last: Vector, bounds: Vector, turned: Vector,
-               elapsed: Scalar) -> list[Scalar]:
+    The first state is compared with the next one: a command follows only from two states
+    that agree, so that a false first state is not answered. A first state older than the
+    timeout confirms no other: meanwhile the arm can have moved anywhere. `kept` makes a
+    possible state the last accepted one, after its command.
+
+    Parameters
+    ----------
+    memory : StateMemory
+    moment : Scalar
+        Stamp of the state, ns.
+    state : array
+        Positions and velocities, (2 n,), then numbers that are only to be finite.
+    settings : CheckSettings
+
+    """
+    # A state without an earlier one that is recent enough is the first.
+    recent = flag(moment - memory.stamp < settings.timeout + 1.0)
+    has_earlier = memory.known * either(memory.confirmed, 1.0, recent)
+    measured = state[:len(memory.accepted)]
+    last = either(has_earlier, memory.accepted, measured)
+    # After a lasting fault, no more than the grace time counts.
+    until = select(memory.frozen_at < moment, memory.frozen_at, moment)
+    until = either(flag(memory.frozen_at > NEVER), until, moment)
+    elapsed = (until - memory.stamp) / NANO
+    elapsed = has_earlier * select(elapsed > 0.0, elapsed, 0.0)
+    fault = state_fault(measured, last, settings.bounds, settings.turned, elapsed)
+    fault = either(finite(state), fault, float(FAULTS.index(NOT_FINITE)))
+    is_possible = flag(fault < 0.5)
+    judged_memory = memory._replace(elapsed=elapsed)
+    with_state = judged_memory.kept(moment, measured)
+
+    # The second of two states that agree confirms both. Of two that disagree one is
+    # false: the next one is compared with the later one.
+    disagrees = flag(fault > FAULTS.index(JUMP) - 0.5) * (1.0 - memory.confirmed)
+    refused = branch(disagrees, with_state, judged_memory)
+    compared = branch(is_possible, judged_memory._replace(confirmed=1.0), refused)
+    begun = with_state._replace(confirmed=1.0 - settings.compares)
+    first = branch(is_possible, begun, judged_memory)
+
+    waits = settings.compares * (1.0 - has_earlier)
+    outcome = either(is_possible, waits * float(FAULTS.index(FIRST)), fault)
+    return outcome, branch(has_earlier, compared, first)
+
+
+def state_kernel(robot: Robot, turning: Array) -> Kernel:
+    """
+    Return the kernel of `judged`; some of its joints may turn, (n,).
+
+    Its numbers are the timeout, whether a first state is compared, and the stamp. Its
+    result is the outcome, the memory, and the memory where the state is kept.
+    """
+    count = len(turning)
+    size = ACCEPTED_AT + 2 * count
+
+    def compiled(memory: Vector, numbers: Vector, state: Vector, turned: Vector,
+                 bounds: Vector) -> Vector:
+        timeout, compares, moment = numbers
         # Joints that have limits need no comparison on the circle.
         can_turn = np.where(turning, turned, 0.0)
-        return [state_fault(state, last, bounds, can_turn, elapsed)]
+        fault, then = judged(StateMemory.of(memory), moment, state,
+                             CheckSettings(timeout, compares, can_turn, bounds))
+        kept = then.kept(moment, state)
+        return np.array([fault, *packed(then), *packed(kept)])
     joints = ''.join(str(int(turns)) for turns in turning)
-    return robot.compiled(judged, name=f'state_fault_{joints}', state=(2 * count,),
-                          last=(2 * count,), bounds=(5 * count,), turned=(count,),
-                          elapsed=(), shape=(1,))
+    return robot.compiled(compiled, name=f'judged_state_{joints}', memory=(size,),
+                          numbers=(3,), state=(2 * count,), turned=(count,),
+                          bounds=(5 * count,), shape=(1 + 2 * size,))

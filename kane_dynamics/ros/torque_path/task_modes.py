@@ -13,9 +13,8 @@ from kane_dynamics.ros.torque_path.arm_coupling_mode import ArmCouplingMode
 from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode
 from kane_dynamics.ros.torque_path.hand_guiding_mode import HandGuidingMode
 from kane_dynamics.ros.torque_path.joint_impedance_mode import JointImpedanceMode
-from kane_dynamics.ros.torque_path.live_law import LiveLaw
+from kane_dynamics.ros.torque_path.live_law import LiveLaw, NativeLaw
 from kane_dynamics.ros.torque_path.motor_side_mode import MotorSideMode
-from kane_dynamics.ros.torque_path.native_law import NativeLaw
 
 LAWS: dict[Mode, Callable[[Robot, Mapping[str, Any]], LiveLaw]] = {
     Mode.JOINT_IMPEDANCE: JointImpedanceMode,

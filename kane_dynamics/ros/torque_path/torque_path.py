@@ -32,6 +32,9 @@ from kane_dynamics.ros.torque_path.wrench_input import WrenchInput
 from rclpy.publisher import Publisher
 
 NO_TORQUE, REFUSED = 'no finite torque', 'closed loop without a torque'
+# Reasons with their details
+WITHOUT_CLOCK = NO_CLOCK, 'use_sim_time is true and no time was received'
+CLOCK_JUMPED = 'clock', 'jumped backward or replaced; desired motion dropped'
 # Reasons that show a false state: after a fault that lasts, states must come back to the
 # last accepted one. Other reasons are of the arm or of the motion.
 FALSE = frozenset((NOT_FINITE, JUMP, TOO_FAST, OUTSIDE, CONTRADICTION, BRANCH))
@@ -66,7 +69,7 @@ class TorquePath:
     fault : str
         Why states are refused, for longer than the grace time; empty if they are not.
     ended : str
-        Why the path stopped by itself; empty if it did not.
+        Why the path stopped by itself; empty if it did not, and after `stop`.
 
     """
 
@@ -219,6 +222,7 @@ class TorquePath:
     def stop(self, reason: str = 'the node was deactivated') -> None:
         """Command zeros and ignore further states, for a reason."""
         self.running = False
+        self.ended = ''
         self.active_motion.clear(reason)
         self.command_zeros()
         for observer in self._observers:
@@ -248,14 +252,17 @@ class TorquePath:
         dropped = self.active_motion.clear(f'joint states: {reason}')
         if self.commanding:
             self.command_zeros()
-            self.statistics.timeouts += 1
-            self._warn('no joint state', f'{reason}; commanding zeros until the next one'
-                       + ', desired motion dropped' * dropped)
+            self._report_timeout(reason, dropped)
 
     @property
     def arbitration(self) -> Arbitration | None:
         """Return what a thread that follows the rules of the arbiter knows."""
         return None
+
+    @property
+    def guard_seen(self) -> float:
+        """Return when such a thread heard torque_guard last, steady ns; 0: never."""
+        return 0.0
 
     @property
     def need_velocity(self) -> bool:
@@ -344,13 +351,10 @@ class TorquePath:
         fault = reader.read(data, self.need_velocity)
         stamp = reader.stamp or now
         if fault is not None and fault is not NOT_FINITE:
-            if fault is FOREIGN and not self.timed_out:
-                self.statistics.foreign_states += 1
-            else:  # without other states, a state of other joints only is a fault
-                self._drop(MISSING if fault is FOREIGN else fault, reader.detail)
+            self._drop_message(fault)
             return None
         if not now:  # no timeout would ever expire
-            self._drop(NO_CLOCK, 'use_sim_time is true and no time was received')
+            self._drop(*WITHOUT_CLOCK)
             return None
         stamp_fault = time_fault(stamp, now, self._last_stamp, self._timeout)
         if stamp_fault is not None:
@@ -379,7 +383,7 @@ class TorquePath:
         # A stamp ahead must not delay the next state
         self._last_good = moment = min(stamp, now)
         self._last_stamp = moment
-        self.states.accept(moment)
+        self.states.accept()
         if self._refused_since:
             self._refused_since = 0
             self.fault = ''
@@ -439,7 +443,7 @@ class TorquePath:
         self.controller.resume(None, acting)
         if self.wrenches is not None:
             self.wrenches.clear()
-        self._warn('clock', 'jumped backward or replaced; desired motion dropped')
+        self._warn(*CLOCK_JUMPED)
 
     def on_clock_replaced(self) -> None:
         """Use another clock, whose stamps have nothing in common with those before."""
@@ -450,6 +454,27 @@ class TorquePath:
         """Count a dropped state and warn."""
         self.statistics.dropped[reason] += 1
         self._warn(reason, detail)
+
+    def _drop_message(self, fault: str) -> None:
+        """Count a message that says nothing about the arm, and warn."""
+        if fault is FOREIGN and not self.timed_out:
+            self.statistics.foreign_states += 1
+        else:  # without other states, a state of other joints only is a fault
+            self._drop(MISSING if fault is FOREIGN else fault, self._reader.detail)
+
+    def _report_timeout(self, reason: str, dropped: bool) -> None:
+        """Count a timeout of the states, and warn; a motion may have been dropped."""
+        self.statistics.timeouts += 1
+        self._warn('no joint state', f'{reason}; commanding zeros until the next one'
+                   + ', desired motion dropped' * dropped)
+
+    def _report_lasting_fault(self, lasted: float, commanding: bool, dropped: bool
+                              ) -> None:
+        """Count a fault that has lasted some time, ns; report it if it changes commands."""
+        self.statistics.faults += 1
+        if commanding:
+            self._report_fault('fault', f'{self.fault} for {lasted / NANO:.3f} s; '
+                               f'{self.reaction}' + ', desired motion dropped' * dropped)
 
     def _forget_states(self) -> None:
         """Compare the next state with none before it."""
@@ -496,11 +521,7 @@ class TorquePath:
             self._begin_stop(reason in FALSE)
         if self.loops is not None:
             self.loops.give_up()
-        self.statistics.faults += 1
-        if self.commanding:
-            duration = (now - self._refused_since) / NANO
-            self._report_fault('fault', f'{reason} for {duration:.3f} s; {self.reaction}'
-                               + ', desired motion dropped' * dropped)
+        self._report_lasting_fault(now - self._refused_since, self.commanding, dropped)
 
     def interrupt(self, stamp: int, reason: str) -> bool:
         """

@@ -26,6 +26,7 @@ from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink  # noqa: E402
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings  # noqa: E402
+from kane_dynamics.ros.torque_path.arbitration import Arbitration  # noqa: E402
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array, write_joint_state  # noqa: E402
 from kane_dynamics.ros.torque_path.cdr import PreparedMessage  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
@@ -394,6 +395,13 @@ def test_slow_states_neither_trigger_the_guard_nor_blind_it(pair):
     both.run(0.1)
     first = next(now for now, name, _ in both.machine.commands if name == 'guard')
     assert first - killed <= 2 * 0.02 + 1e-9
+
+
+def test_heartbeats_that_the_thread_has_heard_are_not_missed_by_a_paused_interpreter(pair):
+    both = pair()
+    both.run(0.3)
+    both.link._last[Arbitration._fields.index('seen')] -= 2.0 * NANO
+    assert ('silent for 2.' in both.link.warning) == (not both.native)
 
 
 def test_a_dead_guard_changes_nothing_but_the_warning(pair):

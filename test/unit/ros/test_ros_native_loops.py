@@ -12,88 +12,45 @@ pytest.importorskip('rclpy')
 from kane_dynamics import Controller, Motion  # noqa: E402, I100
 from kane_dynamics.control.traced_laws import MODES  # noqa: E402
 from kane_dynamics.loop_tracking.loop_error import CONTRADICTION  # noqa: E402
-from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.torque_path.closed_loop_reader import ClosedLoopReader  # noqa: E402
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.native_path import python_reason  # noqa: E402
-from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from native_rig import native_path  # noqa: E402
+from native_rig import BothPaths, Choices, NANO, Side  # noqa: E402
 from node_values import node_values  # noqa: E402
 from palletizer import (DRIVEN, palletizer, positions, SINGULAR_SHOULDER)  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 
-NANO = 10**9
-EPOCH = 1000 * NANO
-NEAR = {'rtol': 1e-7, 'atol': 1e-7}  # of torques of some 1000 N m
-KINDS = {'driven': 0.3, 'all': 0.2, 'some': 0.08, 'jump': 0.03, 'fast': 0.02, 'nan': 0.03,
+
+
+STEPS = {'driven': 0.3, 'all': 0.2, 'some': 0.08, 'jump': 0.03, 'fast': 0.02, 'nan': 0.03,
          'nan_other': 0.02, 'stale': 0.02, 'contradiction': 0.06, 'singular': 0.04,
          'pause': 0.02, 'back': 0.01, 'motion': 0.07, 'gains': 0.03, 'mode': 0.02,
          'loads': 0.02, 'effort': 0.03}
+# Torques are of some 1000 N m.
+CHOICES = Choices(STEPS, tuple(map(str, MODES)), efforts=(100.0, 5000.0), rate=2000.0, near=1e-7)
 
 
-class Sink:
-    """Keeps the bytes of the published messages."""
-
-    def __init__(self):
-        self.sent = []
-
-    def publish(self, data):
-        self.sent.append(data)
-
-
-class Side:
-    """One of the two paths, with what it published."""
-
-    def __init__(self, make, mode, values, clock, robot, **settings):
-        self.commands, self.torques, self.stamped = Sink(), Sink(), Sink()
-        self.statistics = Statistics()
-        self.warnings = []
-        controller = Controller(robot.copy(), mode=mode, blend_time=0.05, **settings)
-        self.loops = ClosedLoopReader(controller, values)
-        self.path = make(controller, self.commands, self.torques, clock, values,
-                         self.statistics, lambda *words: self.warnings.append(words),
-                         stamped=self.stamped, loops=self.loops)
-        self.path.start()
-
-    def outcome(self):
-        path = self.path
-        return {'dropped': dict(self.statistics.dropped), 'faults': self.statistics.faults,
-                'timeouts': self.statistics.timeouts, 'timed out': path.timed_out,
-                'commanding': path.commanding, 'fault': path.fault, 'lost': self.loops.lost,
-                'commands': len(self.commands.sent), 'counted': self.statistics.commands,
-                'clamped': self.statistics.clamped, 'known': path.states.known,
-                'motion': path.active_motion.scheduled[0] is not None}
-
-
-class Pair:
-    """Both paths of an arm with closed loops, with one clock; every step is compared."""
+class Pair(BothPaths):
+    """Both paths of an arm with closed loops."""
 
     def __init__(self, mode, seed, values=None, robot=None, **settings):
-        self.rng = np.random.default_rng(seed)
-        self.time = EPOCH
         self.robot = robot or palletizer()
-        self.values = node_values({
-            'mode': mode, 'state_check.grace': 0.02, 'state_timeout': 0.1,
-            'state_check.action': self.rng.choice(['zero', 'hold']),
-            'state_check.position_margin': 10.0, **(values or {})})
-        self.sides = [Side(make, mode, self.values, lambda: self.time, self.robot, **settings)
-                      for make in (TorquePath, native_path)]
+        super().__init__(CHOICES, mode, seed,
+                         {'state_check.position_margin': 10.0, **(values or {})}, **settings)
         self.driven = np.array([0.2, 0.3, -0.1, 0.5])
-        self.rates = np.zeros(4)
 
-    def step(self):
-        kind = self.rng.choice(list(KINDS), p=list(KINDS.values()))
-        getattr(self, f'do_{kind}', self.do_state)(kind)
-        self.compare(kind)
+    def side(self, make, mode, **settings):
+        controller = Controller(self.robot.copy(), mode=mode, blend_time=0.05, **settings)
+        return Side(make, controller, self.values, self.clock,
+                    ClosedLoopReader(controller, self.values))
 
     def do_state(self, kind):
         rng = self.rng
         period = int(rng.integers(1_000_000, 9_000_000))
         self.time += period
-        self.rates = rng.uniform(-0.5, 0.5, 4)
-        self.driven = np.clip(self.driven + 1e-9 * period * self.rates, -0.4, 0.6)
-        driven, rates = self.driven.copy(), self.rates.copy()
+        rates = rng.uniform(-0.5, 0.5, 4)
+        self.driven = np.clip(self.driven + 1e-9 * period * rates, -0.4, 0.6)
+        driven = self.driven.copy()
         whole = dict(zip(self.robot.joint_names, positions(self.robot, *driven)))
         if kind == 'singular':
             driven[1] = SINGULAR_SHOULDER + rng.uniform(-0.003, 0.003)
@@ -122,10 +79,6 @@ class Pair:
         stamp.sec, stamp.nanosec = divmod(self.time - age, NANO)
         self.send(serialize_message(message))
 
-    def send(self, data):
-        for side in self.sides:
-            side.path.on_state(data)
-
     def stamped(self, names, positions):
         """Return a joint state at rest with the present time as its stamp."""
         message = JointState(name=list(names), position=positions,
@@ -134,24 +87,11 @@ class Pair:
         stamp.sec, stamp.nanosec = divmod(self.time, NANO)
         return message
 
-    def do_pause(self, kind):
-        self.time += 200_000_000
-        for side in self.sides:
-            side.path.check_timeout()
-
-    def do_back(self, kind):
-        self.time -= 5_000_000_000
-        self.do_state('driven')
-
     def do_motion(self, kind):
-        self.follow(self.driven + self.rng.uniform(-0.1, 0.1, 4))
-
-    def follow(self, middle, duration=0.3):
-        motion = Motion.from_points([0.0, 0.3 * duration, duration],
-                                    [self.driven, middle, self.driven], joint_names=DRIVEN)
-        for side in self.sides:
-            active = side.path.active_motion
-            assert active.follow(motion, self.time + 5_000_000, self.time, active.generation)
+        middle = self.driven + self.rng.uniform(-0.1, 0.1, 4)
+        motion = Motion.from_points([0.0, 0.09, 0.3], [self.driven, middle, self.driven],
+                                    joint_names=DRIVEN)
+        self.follow(motion, 5_000_000)
 
     def do_gains(self, kind):
         kp = self.rng.uniform(1.0, 50.0)
@@ -159,34 +99,9 @@ class Pair:
             side.path.controller.update(kp=kp)
             side.path.set_limits(self.values)
 
-    def do_mode(self, kind):
-        mode = self.rng.choice(list(map(str, MODES)))
-        for side in self.sides:
-            side.path.active_motion.clear('mode')
-            side.path.controller.update(mode=mode)
-            side.path.set_limits(self.values | {'mode': mode})
-
-    def do_effort(self, kind):
-        effort = self.rng.choice([100.0, 5000.0])
-        rate = self.rng.choice([2000.0, math.inf])
-        for side in self.sides:
-            side.path.controller.update(effort_limit=effort, rate_limit=rate)
-            side.path.set_limits(self.values)
-
-    def do_loads(self, kind):
-        loads = GravityAndPayload(self.rng.uniform(-9.0, 9.0, 3))
-        for side in self.sides:
-            side.path.set_loads(loads)
-
     def compare(self, kind):
+        super().compare(kind)
         python, native = self.sides
-        assert native.outcome() == python.outcome(), kind
-        for name in ('commands', 'stamped', 'torques'):
-            ours, theirs = (getattr(side, name).sent[-1:] for side in (native, python))
-            for mine, expected in zip(ours, theirs, strict=True):
-                count = 8 * len(native.path.messages.joints)
-                np.testing.assert_allclose(np.frombuffer(mine[-count:]),
-                                           np.frombuffer(expected[-count:]), **NEAR)
         if not self.sides[0].loops.lost:
             np.testing.assert_allclose(native.loops.q, python.loops.q, atol=1e-9)
             np.testing.assert_allclose(native.loops.u, python.loops.u, atol=1e-8)

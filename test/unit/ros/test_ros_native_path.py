@@ -1,6 +1,7 @@
 """The rules of the native torque path are those of the interpreter's, on random states."""
 
 import ctypes
+from functools import partial
 import gc
 import math
 import mmap
@@ -17,81 +18,37 @@ from kane_dynamics import Controller, load_urdf, Motion, Robot, Terms  # noqa: E
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.control import traced_laws  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
-from kane_dynamics.native.runtime.message_loop import NOW, STAMP, STEADILY  # noqa: E402
-from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.native.runtime import message_loop  # noqa: E402
+from kane_dynamics.native.runtime.message_loop import (NOTHING_TAKEN, NOW, STAMP,  # noqa: E402
+                                                       STEADILY)
 from kane_dynamics.ros.torque_path import cycle_rules, native_loop  # noqa: E402
 from kane_dynamics.ros.torque_path.cdr import (PreparedMessage,  # noqa: E402
                                                wrench_stamped, write_joint_state)
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.native_path import LEARNED, python_reason  # noqa: E402
 from kane_dynamics.ros.torque_path.rcl_functions import (handle_address,  # noqa: E402
+                                                         message_of, SerializedMessage,
                                                          UnsupportedError)
 from kane_dynamics.ros.torque_path.task_modes import (native_laws,  # noqa: E402
                                                       NATIVE_MODES, TaskModes)
-from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput  # noqa: E402
-from native_rig import native_path  # noqa: E402
+import native_rig  # noqa: E402
+from native_rig import BothPaths, Choices, NANO, Side  # noqa: E402
 from node_values import node_values  # noqa: E402
 
 MODEL = load_urdf(resource_path('urdf', 'two_link.urdf'))
 ROBOT = Robot(MODEL)
 WITH_WRENCHES = Robot(MODEL, wrench_frames=tuple(body.name for body in MODEL.bodies))
 NAMES = ROBOT.joint_names
-NANO = 10**9
-EPOCH = 1000 * NANO  # small: `TorquePath` computes with stamps in s
 MODES = (*map(str, traced_laws.MODES), *map(str, NATIVE_MODES))
+STEPS = {'state': 0.55, 'jump': 0.05, 'far': 0.03, 'fast': 0.03, 'nan': 0.03, 'stale': 0.02,
+         'ahead': 0.02, 'order': 0.02, 'pause': 0.02, 'back': 0.01, 'motion': 0.04, 'gains': 0.03,
+         'mode': 0.02, 'loads': 0.02, 'effort': 0.03, 'turn': 0.03, 'target': 0.05}
+CHOICES = Choices(STEPS, MODES, efforts=(1.0, 10.0, 300.0), rate=20.0, near=1e-9)
 CHANGED = ('mode', 'modes', 'blend_time', 'target.timeout', 'state_check.grace',
            'state_check.action', 'state_timeout')
-NEAR = {'rtol': 1e-9, 'atol': 1e-9}
-
-
-class Sink:
-    """Keeps the bytes of the published messages."""
-
-    def __init__(self):
-        self.sent = []
-
-    def publish(self, data):
-        self.sent.append(data)
-
-
-class Side:
-    """One of the two paths, with what it published."""
-
-    def __init__(self, make, mode, values, clock, **settings):
-        self.commands = Sink()
-        self.torques = Sink()
-        self.statistics = Statistics()
-        self.warnings = []
-        robot = (WITH_WRENCHES if values['wrench.frames'] else ROBOT).copy()
-        self.modes = TaskModes(robot, values)
-        self.stamped = Sink()
-        self.path = make(
-            Controller(robot, mode=mode, blend_time=values['blend_time'],
-                       laws=self.modes.laws, **settings),
-            self.commands, self.torques, clock, values, self.statistics,
-            lambda reason, detail: self.warnings.append((reason, detail)),
-            stamped=self.stamped)
-        self.rejected = []
-        if values['wrench.frames']:
-            self.path.wrenches = WrenchInput(
-                robot, clock, values,
-                lambda reason, detail: self.rejected.append((reason, detail)))
-            self.path.wrenches.changed = self.path.law_changed
-        law = self.modes.laws.get(Mode.CARTESIAN_IMPEDANCE)
-        if law is not None:
-            self.target = law.target
-            self.target.changed = self.path.law_changed
-        self.path.start()
-
-    def outcome(self):
-        path = self.path
-        return {'dropped': dict(self.statistics.dropped), 'faults': self.statistics.faults,
-                'timeouts': self.statistics.timeouts, 'timed out': path.timed_out,
-                'commanding': path.commanding, 'fault': path.fault,
-                'commands': len(self.commands.sent), 'counted': self.statistics.commands,
-                'clamped': self.statistics.clamped, 'known': path.states.known,
-                'motion': path.active_motion.scheduled[0] is not None}
+TAKE = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 4)
+REST = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint)
 
 
 def numbers(data):
@@ -108,29 +65,33 @@ def message(q, u, stamp):
     return prepared.serialized()
 
 
-class Pair:
-    """Both paths with one clock; every step is compared."""
+class Pair(BothPaths):
+    """Both paths of an arm that is a tree, in all modes that are native."""
 
     def __init__(self, mode, seed, values=None, **settings):
-        self.rng = np.random.default_rng(seed)
-        self.time = EPOCH
-        self.values = node_values({
-            'mode': mode, 'modes': list(NATIVE_MODES), 'blend_time': 0.05,
-            'target.timeout': 0.03, 'state_check.grace': 0.02,
-            'state_check.action': self.rng.choice(['zero', 'hold']), 'state_timeout': 0.1,
-            **(values or {})})
-        self.sides = [Side(make, mode, self.values, lambda: self.time, **settings)
-                      for make in (TorquePath, native_path)]
+        super().__init__(CHOICES, mode, seed, {
+            'modes': list(NATIVE_MODES), 'blend_time': 0.05, 'target.timeout': 0.03,
+            **(values or {})}, **settings)
         self.q = np.array([0.3, -0.2])
 
-    def step(self):
-        kind = self.rng.choice(
-            ['state', 'jump', 'far', 'fast', 'nan', 'stale', 'ahead', 'order', 'pause', 'back',
-             'motion', 'gains', 'mode', 'loads', 'effort', 'turn', 'target'],
-            p=[0.55, 0.05, 0.03, 0.03, 0.03, 0.02, 0.02, 0.02, 0.02, 0.01, 0.04, 0.03, 0.02, 0.02,
-               0.03, 0.03, 0.05])
-        getattr(self, f'do_{kind}', self.do_state)(kind)
-        self.compare(kind)
+    def side(self, make, mode, **settings):
+        values = self.values
+        robot = (WITH_WRENCHES if values['wrench.frames'] else ROBOT).copy()
+        modes = TaskModes(robot, values)
+        controller = Controller(robot, mode=mode, blend_time=values['blend_time'],
+                                laws=modes.laws, **settings)
+        side = Side(make, controller, values, self.clock)
+        side.modes = modes
+        side.rejected = []
+        if values['wrench.frames']:
+            side.path.wrenches = WrenchInput(robot, self.clock, values,
+                                             lambda *words: side.rejected.append(words))
+            side.path.wrenches.changed = side.path.law_changed
+        law = modes.laws.get(Mode.CARTESIAN_IMPEDANCE)
+        if law is not None:
+            side.target = law.target
+            side.target.changed = side.path.law_changed
+        return side
 
     def do_state(self, kind):
         self.time += int(self.rng.integers(1_000_000, 9_000_000))
@@ -149,25 +110,12 @@ class Pair:
         elif kind == 'turn':
             q[0] += 2.0 * math.pi
         age = {'stale': 300_000_000, 'ahead': -300_000_000, 'order': 30_000_000}.get(kind, 0)
-        data = message(q, u, self.time - age)
-        for side in self.sides:
-            side.path.on_state(data)
-
-    def do_pause(self, kind):
-        self.time += 200_000_000
-        for side in self.sides:
-            side.path.check_timeout()
-
-    def do_back(self, kind):
-        self.time -= 5_000_000_000
-        self.do_state('state')
+        self.send(message(q, u, self.time - age))
 
     def do_motion(self, kind):
         motion = Motion.from_points([0.0, 0.1, 0.3], [self.q, self.q + 0.05, self.q],
                                     joint_names=NAMES)
-        for side in self.sides:
-            active = side.path.active_motion
-            assert active.follow(motion, self.time + 10_000_000, self.time, active.generation)
+        self.follow(motion, 10_000_000)
 
     def do_gains(self, kind):
         kp = self.rng.uniform(1.0, 50.0)
@@ -206,38 +154,10 @@ class Pair:
         for side in self.sides:
             side.path.wrenches.on_message(measured.serialized())
 
-    def do_mode(self, kind):
-        mode = self.rng.choice(MODES)
-        for side in self.sides:
-            side.path.active_motion.clear('mode')
-            side.path.controller.update(mode=mode)
-            side.path.set_limits(self.values | {'mode': mode})
-
-    def do_effort(self, kind):
-        effort = self.rng.choice([1.0, 10.0, 300.0])
-        rate = self.rng.choice([20.0, math.inf])
-        for side in self.sides:
-            side.path.controller.update(effort_limit=effort, rate_limit=rate)
-            side.path.set_limits(self.values)
-
-    def do_loads(self, kind):
-        loads = GravityAndPayload(self.rng.uniform(-9.0, 9.0, 3))
-        for side in self.sides:
-            side.path.set_loads(loads)
-
     def compare(self, kind):
-        ours, native = self.sides
-        assert native.outcome() == ours.outcome(), kind
-        if ours.commands.sent:
-            for expected, sink in ((ours.commands, native.commands),
-                                   (ours.stamped, native.stamped),
-                                   (ours.torques, native.torques)):
-                np.testing.assert_allclose(numbers(sink.sent[-1]), numbers(expected.sent[-1]),
-                                           **NEAR)
-            for expected, sink in ((ours.stamped, native.stamped),
-                                   (ours.torques, native.torques)):
-                assert sink.sent[-1][4:12] == expected.sent[-1][4:12], 'stamp'
-        assert native.rejected == ours.rejected
+        super().compare(kind)
+        python, native = self.sides
+        assert native.rejected == python.rejected
 
 
 @pytest.mark.parametrize('compensate', [
@@ -455,10 +375,7 @@ def in_motion():
     pair = Pair('computed_torque', 1, {'state_check.action': 'zero'})
     for _ in range(2):
         pair.do_state('state')
-    motion = Motion.from_points([0.0, 1.0], [pair.q, pair.q + 0.5], joint_names=NAMES)
-    for side in pair.sides:
-        active = side.path.active_motion
-        assert active.follow(motion, pair.time, pair.time, active.generation)
+    pair.follow(Motion.from_points([0.0, 1.0], [pair.q, pair.q + 0.5], joint_names=NAMES), 0)
     return pair
 
 
@@ -534,6 +451,78 @@ def test_a_thread_that_ends_by_itself_ends_the_path_until_it_is_started_again():
         pair.do_state('state')
     assert len(side.commands.sent) > count
     assert not path.ended
+
+
+class Middleware:
+    """Stands for rcl: each message is a code that it returns, or the bytes of a state."""
+
+    def __init__(self, loop, messages):
+        self.messages = list(messages)
+        self.rests = []
+        self._kept = (SerializedMessage * 2)()
+        self._functions = []
+        nothing = self._word(TAKE, lambda *words: 0)
+        loop._set(CLEAR=nothing, ADD_SUBSCRIPTION=nothing, ADD_GUARD=nothing, WAIT=nothing,
+                  TAKE=self._word(TAKE, self.take), TAKEN=ctypes.addressof(self._kept),
+                  REST_FOR=self._word(REST, self.rest))
+        self._stop = partial(loop._publish_word, 'STOP', 1)
+
+    def _word(self, kind, function):
+        """Return the address of a function, which is kept."""
+        self._functions.append(kind(function))
+        return native_rig.address(self._functions[-1])
+
+    def rest(self, microseconds):
+        self.rests.append(microseconds)
+        return 0
+
+    def take(self, subscription, taken, info, allocation):
+        if not self.messages:
+            self._stop()
+            return NOTHING_TAKEN
+        message = self.messages.pop(0)
+        if isinstance(message, int):
+            return message
+        self._bytes = np.frombuffer(message, dtype=np.uint8).copy()
+        self._kept[0] = message_of(self._bytes)
+        return 0
+
+
+def taken_in_a_thread(messages):
+    """Return the native side of a pair, and the middleware after it has no message left."""
+    pair = Pair('gravity_compensation', 1)
+    pair.do_state('state')
+    pair.do_state('state')
+    side = pair.sides[1]
+    loop = side.path.native
+    middleware = Middleware(loop, messages(message(pair.q, np.zeros(2), pair.time)))
+    loop._code.function('run', ctypes.CFUNCTYPE(None, ctypes.c_void_p))(loop.block.ctypes.data)
+    return side, middleware
+
+
+def test_a_failure_to_take_messages_is_reported_and_the_thread_rests():
+    failed = [1] * 7
+    side, middleware = taken_in_a_thread(lambda state: [*failed, state, *failed, NOTHING_TAKEN])
+    before = side.statistics.commands
+    side.path.read_reports()
+    assert side.statistics.commands == before + 1
+    assert middleware.rests == [message_loop.PAUSE] * 14
+    assert side.path.running
+    assert side.warnings[-1] == ('messages', '14 not returned by the middleware')
+
+
+def test_failures_to_take_messages_that_last_end_the_path():
+    count = message_loop.MOST_FAILURES
+    side, middleware = taken_in_a_thread(lambda state: [10] * (count - 1) + [state] + [10] * count
+                                         + [state])
+    assert len(middleware.messages) == 1, 'ended'
+    assert not numbers(side.commands.sent[-1]).any()
+    side.path.read_reports()
+    assert side.path.ended == 'the native torque path ended: rcl returned 10'
+    side.path.stop()
+    assert not side.path.ended
+    side.path.start()
+    assert side.path.native.code_of_end == 0
 
 
 def test_no_cycle_has_a_part_of_changes_that_belong_together():

@@ -334,7 +334,7 @@ def test_a_joint_that_moved_farther_than_it_can_is_refused(places, joint, elapse
     state[:7] = LIMITS.lower + 0.5 * (np.array(places) + 1.0) * (LIMITS.upper - LIMITS.lower)
     state_check.reason(NANO)
     state_check.reason(NANO)
-    state_check.accept(NANO)
+    state_check.accept()
     stamp = NANO + round(elapsed * NANO)
     allowed = 0.01 + 2.0 * LIMITS.velocity[joint] * (0.002 + (stamp - NANO) / NANO)
     state[joint] += sign * excess * allowed
@@ -375,7 +375,7 @@ def test_joints_without_limits_are_not_compared_with_them():
     for position, speed in ((0.0, 0.0), (1e6, 1e6), (-1e300, 0.0)):
         state[:] = position, speed
         assert state_check.reason(NANO) is None
-        state_check.accept(NANO)
+        state_check.accept()
     state_check.update(node_values({'limits.velocity': 2.0}))
     state[:] = 0.0, 0.0
     state_check.forget()
@@ -388,7 +388,7 @@ def test_joints_without_limits_are_not_compared_with_them():
     state[0] -= 2.0 * math.pi  # a driver that publishes the angle between -pi and pi
     assert state_check.reason(NANO) is None
     state_check.update(node_values({'limits.velocity': 2.0, 'mode': 'computed_torque'}))
-    state_check.accept(NANO)
+    state_check.accept()
     state[0] += 2.0 * math.pi
     assert state_check.reason(NANO) is JUMP  # a whole turn would be an error of the position
 
