@@ -173,6 +173,8 @@ class RobotMotion:
     """A robot during one traced step, in the interface of the integrators (`System`)."""
 
     single = False  # the step may be one of a batch
+    shares_middle = True
+    friction_factors = 1.0
 
     def __init__(self, robot: Robot, inputs: Matrix, gains: Vector | None,
                  parameters: Vector, dual_to: tuple[str, ...] | None, watched: bool,
@@ -302,6 +304,22 @@ class RobotMotion:
         rates = self.called(self._stage, q, u, tau, inputs, *first, np.array(g))
         n_j, n = self.robot.model.n, self.robot.n
         return StageRates(*np.split(np.array(rates), [n_j, n_j + n]))
+
+    def mass_matrix(self, q: Vector) -> Matrix:
+        """Return M, (n, n), of a tree."""
+        M: Matrix = self.equations.tree.mass_matrix(q, self._physical)
+        return M
+
+    def body_forces(self, q: Vector, u: Vector) -> Vector:
+        """Return the forces of the bodies of a tree, (n,)."""
+        tree = self.equations.tree
+        wrench = self._wrench[0] if self._wrench else None
+        forces: Vector = tree.body_forces(q, u, tree.zeros, wrench, self._physical)
+        return forces
+
+    @property
+    def _physical(self) -> Vector:
+        return self._parameters[:self.robot.parameters.physical]
 
     def quadratures(self, q: Vector, u: Vector, moment: int) -> Vector:
         """Return the rates of time and margin."""
