@@ -16,6 +16,7 @@ from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution,
                                                              linear_system)
 from kane_dynamics.mechanics.integrators.interface import StageRates
+from kane_dynamics.mechanics.integrators.linear_step import tree_terms, TreeTerms
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -173,8 +174,6 @@ class RobotMotion:
     """A robot during one traced step, in the interface of the integrators (`System`)."""
 
     single = False  # the step may be one of a batch
-    shares_middle = True
-    friction_factors = 1.0
 
     def __init__(self, robot: Robot, inputs: Matrix, gains: Vector | None,
                  parameters: Vector, dual_to: tuple[str, ...] | None, watched: bool,
@@ -305,21 +304,12 @@ class RobotMotion:
         n_j, n = self.robot.model.n, self.robot.n
         return StageRates(*np.split(np.array(rates), [n_j, n_j + n]))
 
-    def mass_matrix(self, q: Vector) -> Matrix:
-        """Return M, (n, n), of a tree."""
-        M: Matrix = self.equations.tree.mass_matrix(q, self._physical)
-        return M
-
-    def body_forces(self, q: Vector, u: Vector) -> Vector:
-        """Return the forces of the bodies of a tree, (n,)."""
-        tree = self.equations.tree
+    @lazy_property
+    def tree_terms(self) -> TreeTerms | None:
+        """Return mass matrix and forces of a tree with linear springs and dampers."""
         wrench = self._wrench[0] if self._wrench else None
-        forces: Vector = tree.body_forces(q, u, tree.zeros, wrench, self._physical)
-        return forces
-
-    @property
-    def _physical(self) -> Vector:
-        return self._parameters[:self.robot.parameters.physical]
+        physical = self._parameters[:self.robot.parameters.physical]
+        return tree_terms(self.equations, wrench, physical)
 
     def quadratures(self, q: Vector, u: Vector, moment: int) -> Vector:
         """Return the rates of time and margin."""

@@ -31,6 +31,7 @@ from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths
                                                               WELL_CHOSEN)
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.interface import StageRates
+from kane_dynamics.mechanics.integrators.linear_step import tree_terms, TreeTerms
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -289,14 +290,13 @@ class TrialMotion:
     """
 
     bristles = 0  # sweeps have the law of friction without presliding
-    shares_middle = True
 
     def __init__(self, trial: Trial, controller: str, desired: Matrix, plant: Vector,
                  shared: Vector, start: Vector) -> None:
         """Split the arguments of the step."""
         self._trial, self._desired, self.equations = trial, desired, trial.equations
         self._start, self._h = start, shared[0]
-        _, _, self.friction_factors, gains = np.split(
+        _, _, self._factors, gains = np.split(
             plant, [PAYLOAD, PAYLOAD + 1, PAYLOAD + 1 + trial.robot.model.n])
         self._carried, assumed = trial.parameters(plant, shared)
         self.law = trial.law(controller, gains, assumed)
@@ -308,7 +308,7 @@ class TrialMotion:
     def _rates(self, q: Vector, u: Vector, moment: int, time: Vector) -> list[Scalar]:
         """Return q', udot and the power."""
         tau = self.law(q, u, self._desired[moment], time)
-        rates: list[Scalar] = call(self._trial.motion_program, q, u, tau, self.friction_factors,
+        rates: list[Scalar] = call(self._trial.motion_program, q, u, tau, self._factors,
                                    *time,
                                    self._carried)
         return rates
@@ -336,10 +336,10 @@ class TrialMotion:
         if tree.carries_loads:
             # The torque that gives the drives their loads with the model's friction.
             torques = self.equations.drive_torques(q, tau, time_of(time))
-            loads = tree.drive_loads(motion.qdot, torques, self.friction_factors)
+            loads = tree.drive_loads(motion.qdot, torques, self._factors)
             return motion.projected(loads + tree.friction_force(motion.qdot, loads))
         deviation = (tree.friction_force(motion.qdot)
-                     - tree.scaled_friction(motion.qdot, self.friction_factors))
+                     - tree.scaled_friction(motion.qdot, self._factors))
         return tau + motion.projected(deviation)
 
     @lazy_property
@@ -352,21 +352,15 @@ class TrialMotion:
                        deflections: Vector) -> StageRates:
         """Return the rates of a stage of the linearly implicit equations."""
         robot = self._trial.robot
-        rates: Any = call(self._stage, q, u, tau, *before[:2], np.array(g), self.friction_factors,
+        rates: Any = call(self._stage, q, u, tau, *before[:2], np.array(g), self._factors,
                           *self._time(moment), padded(robot, self._carried))
         n_j = robot.model.n
         return StageRates(np.array(rates[:n_j]), np.array(rates[n_j:]))
 
-    def mass_matrix(self, q: Vector) -> Matrix:
-        """Return M, (n, n), of a tree."""
-        M: Matrix = self.equations.tree.mass_matrix(q, self._carried)
-        return M
-
-    def body_forces(self, q: Vector, u: Vector) -> Vector:
-        """Return the forces of the bodies of a tree, (n,)."""
-        tree = self.equations.tree
-        forces: Vector = tree.body_forces(q, u, tree.zeros, None, self._carried)
-        return forces
+    @lazy_property
+    def tree_terms(self) -> TreeTerms | None:
+        """Return mass matrix and forces of a tree with linear springs and dampers."""
+        return tree_terms(self.equations, None, self._carried, self._factors)
 
     def quadratures(self, q: Vector, u: Vector, moment: int) -> Vector:
         """Return the rates of time, work, squared errors and margin."""

@@ -2,7 +2,8 @@
 
 from typing import Any, NamedTuple, Protocol
 
-from kane_dynamics._util.typing import Matrix, Scalar, Vector
+from kane_dynamics._util.typing import Scalar, Vector
+from kane_dynamics.mechanics.integrators.linear_step import TreeTerms
 
 
 class StageRates(NamedTuple):
@@ -38,12 +39,8 @@ class System(Protocol):
         """Return the number of joints whose friction has a state of its own."""
 
     @property
-    def shares_middle(self) -> bool:
-        """Return whether both stages of a linear step may have one configuration."""
-
-    @property
-    def friction_factors(self) -> Any:
-        """Return factors on the friction of the joints, (n_j,) or a scalar."""
+    def tree_terms(self) -> TreeTerms | None:
+        """Return what `linear_step` needs; None if stages are those of `implicit_stage`."""
 
     def rates(self, state: Vector, moment: int) -> Vector:
         """Return the time derivative of the whole state."""
@@ -55,12 +52,6 @@ class System(Protocol):
                        first: StageRates, g: Scalar, moment: int,
                        deflections: Vector) -> StageRates:
         """Return the rates of a stage, as `rosenbrock.ImplicitStep.stage`."""
-
-    def mass_matrix(self, q: Vector) -> Matrix:
-        """Return M, (n, n), of a tree."""
-
-    def body_forces(self, q: Vector, u: Vector) -> Vector:
-        """Return the forces of the bodies of a tree, (n,), as `TreeEquations.body_forces`."""
 
     def quadratures(self, q: Vector, u: Vector, moment: int) -> Vector:
         """Return the time derivative of what is integrated beside q, u and deflections."""

@@ -1,5 +1,5 @@
 """
-The linearly implicit step of trees whose springs and dampers are linear.
+The linearly implicit step of arms with elastic joints whose springs and dampers are linear.
 
 It is the method of `rosenbrock` with less arithmetic: stiffness K and damping D are the
 same in both stages, and all that depends on the configuration, the mass matrix M and the
@@ -15,24 +15,24 @@ with g = gamma h and u_1 = u + h a. K and D are those of the stages of `rosenbro
 collected, so that the damping of stiff springs is that of the method. The bodies' part
 is of second order, because the mean of both stages has the middle of the step in q and
 in u. Without springs and dampers, and with forces that do not depend on u, it is the
-leapfrog method, which conserves energy.
+leapfrog method.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
-from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.elastic_joints import linear_drives
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.friction import is_nonlinear
-from kane_dynamics.mechanics.integrators.interface import System
 from kane_dynamics.model.drive import StiffnessCurve
 import numpy as np
 
 
 class StageWeights(NamedTuple):
     """
-    Where a stage has its springs and dampers, as weights of the rates u and of a.
+    Positions of springs and rates of dampers in a stage, as weights of u and of a.
 
     Springs are at q + `u_of_springs` u + `a_of_springs` a, dampers at u + `a_of_dampers` a.
     """
@@ -49,16 +49,44 @@ class StageWeights(NamedTuple):
         return stiffness * q + of_u * u + of_a * a
 
 
-def is_linear(equations: Equations) -> bool:
-    """Return whether a robot is a tree of rigid links with linear springs and dampers."""
+class TreeTerms(NamedTuple):
+    """
+    Mass matrix and forces of the bodies of a tree, in one step.
+
+    `mass_matrix(q)` is (n, n); `body_forces(q, u)`, (n,), are without springs and
+    friction; `friction_factors` are factors on the joints' friction, (n,) or a scalar.
+    """
+
+    mass_matrix: Callable[[Vector], Matrix]
+    body_forces: Callable[[Vector, Vector], Vector]
+    friction_factors: Any
+
+
+def tree_terms(equations: Equations, wrench: Matrix | None, parameters: Vector,
+               friction_factors: Any = 1.0) -> TreeTerms | None:
+    """Return the terms for `LinearStep`; None for robots that it does not serve."""
     tree = equations.tree
-    if not equations.in_joint_rates or equations.timed or tree.flexible or tree.bristles:
-        return False
+    if not equations.model.drives:
+        return None
+    if not equations.in_joint_rates or equations.timed:
+        return None
+    if tree.flexible or tree.bristles:
+        return None
     if any(isinstance(elastic.drive.stiffness, StiffnessCurve)
            for elastic in equations.model.drives):
-        return False
+        return None
     joints = [body.joint for body in equations.model.bodies]
-    return not (tree.friction and any(map(is_nonlinear, joints)))
+    if tree.friction and any(map(is_nonlinear, joints)):
+        return None
+
+    def mass_matrix(q: Vector) -> Matrix:
+        M: Matrix = tree.mass_matrix(q, parameters)
+        return M
+
+    def body_forces(q: Vector, u: Vector) -> Vector:
+        forces: Vector = tree.body_forces(q, u, tree.zeros, wrench, parameters)
+        return forces
+    return TreeTerms(mass_matrix, body_forces, friction_factors)
 
 
 class LinearStep:
@@ -68,7 +96,7 @@ class LinearStep:
     Parameters
     ----------
     equations : Equations
-        Equations of motion, for which `is_linear`.
+        Equations of motion, which have `tree_terms`.
     gamma : float
         Of the method; g is gamma times the step.
 
@@ -96,19 +124,23 @@ class LinearStep:
         # Only rates of joints with springs are implicit.
         self._sprung = (self._K + np.diag(self._drive_K) != 0.0).astype(float)
 
-    def step(self, system: System, q: Vector, u: Vector, h: Scalar
-             ) -> tuple[Vector, Vector]:
-        """Return q and u after a step of length h, s."""
+    def step(self, terms: TreeTerms, torque: Callable[[Vector, Vector, int], Vector],
+             q: Vector, u: Vector, h: Scalar) -> tuple[Vector, Vector]:
+        """
+        Return q and u after a step of length h, s.
+
+        ``torque(q, u, moment)``, (n,), is that at the beginning, 0, and at the end, 2.
+        """
         tree = self._tree
         order = tree.order
         g = self._gamma * h
         middle = q + (0.5 * h) * u
-        factors = factorize(self._matrix(system, middle, g), order)
 
         # First stage, with the torque at the step's beginning.
         at_beginning = StageWeights(g, 0.0, 0.0)
         forces = self._forces(q, u, tree.zeros, at_beginning, tree.zeros)
-        net = system.torque(q, u, 0) - system.body_forces(middle, u) - forces
+        net = torque(q, u, 0) - terms.body_forces(middle, u) - forces
+        factors = factorize(self._matrix(terms, middle, g), order)
         a = solve(factors, order, net)
 
         # Second stage, with the torque at the end of an Euler step. Factors on friction
@@ -116,9 +148,9 @@ class LinearStep:
         u_1 = u + h * a
         q_1 = q + h * (u + (g * self._sprung) * a)
         at_end = StageWeights(h - g, 2.0 * g * (h - 2.0 * g), h - 2.0 * g)
-        of_dampers = h - 2.0 * g * (system.friction_factors * np.ones(tree.n))
+        of_dampers = h - 2.0 * g * (terms.friction_factors * np.ones(tree.n))
         forces = self._forces(q, u, a, at_end, of_dampers)
-        net = system.torque(q_1, u_1, 2) - system.body_forces(middle, u_1) - forces
+        net = torque(q_1, u_1, 2) - terms.body_forces(middle, u_1) - forces
         w = solve(factors, order, net)
 
         # The mean of both stages' rates; those of the positions are u + g a and
@@ -127,12 +159,12 @@ class LinearStep:
         rates = u + u_1 + (g * self._sprung) * change
         return q + (0.5 * h) * rates, u_1 + (0.5 * h) * change
 
-    def _matrix(self, system: System, q: Vector, g: Scalar) -> Matrix:
+    def _matrix(self, terms: TreeTerms, q: Vector, g: Scalar) -> Matrix:
         """Return M + g D + g^2 K, (n, n); entries that are zero cause no arithmetic."""
-        M = system.mass_matrix(q)
-        D = np.diag(system.friction_factors * self._D) + self._drive_D
+        M = terms.mass_matrix(q)
+        D = np.diag(terms.friction_factors * self._D) + self._drive_D
         K = np.diag(self._K) + self._drive_K
-        result = M.copy()
+        result = M.astype(object)
         for i, j in zip(*np.nonzero((D != 0.0) | (K != 0.0))):
             result[i, j] = result[i, j] + g * (D[i, j] + g * K[i, j])
         return result
@@ -152,7 +184,7 @@ class LinearStep:
         for _, drive, link, motor in self._tree.model.drives:
             deflection, rate, change = (x[motor] - x[link] for x in (q, u, a))
             damping = drive.damping if self._tree.friction else 0.0
-            torque = weights.force(drive.stiffness, damping, deflection, rate, change)
+            torque = weights.force(drive.stiffness_at_rest, damping, deflection, rate, change)
             forces[motor] = forces[motor] + torque
             forces[link] = forces[link] - torque
         return np.array(forces)

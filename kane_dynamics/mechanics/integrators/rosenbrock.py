@@ -37,7 +37,7 @@ from kane_dynamics.mechanics.friction import (bristle_decay, bristle_rate, brist
 from kane_dynamics.mechanics.integrators.held_joints import (
     Held, held_solution, linear_system, Solution)
 from kane_dynamics.mechanics.integrators.interface import StageRates, System
-from kane_dynamics.mechanics.integrators.linear_step import is_linear, LinearStep
+from kane_dynamics.mechanics.integrators.linear_step import LinearStep, TreeTerms
 import numpy as np
 
 GAMMA = 1.0 - math.sqrt(0.5)  # the smaller of the two values for L-stability
@@ -304,8 +304,8 @@ class Rosenbrock:
     def step(self, system: System, state: Vector, h: Scalar) -> Vector:
         """Return the state after a step of h, s; quadratures by the trapezoidal rule."""
         equations = system.equations
-        if system.shares_middle and is_linear(equations):
-            return self._linear(system, state, h)
+        if system.tree_terms is not None:
+            return self._linear(system, system.tree_terms, state, h)
         # The state is q, u, the time where it counts, bristles, then quadratures.
         timed = int(equations.timed)
         ends = np.cumsum([equations.n_q, equations.n, timed, system.bristles])
@@ -317,11 +317,11 @@ class Rosenbrock:
         return np.concatenate([q_1, u_1, quadratures[:timed], z_1, quadratures[timed:]])
 
     @staticmethod
-    def _linear(system: System, state: Vector, h: Scalar) -> Vector:
+    def _linear(system: System, terms: TreeTerms, state: Vector, h: Scalar) -> Vector:
         """Return the state after a step of a tree with linear springs and dampers."""
         equations = system.equations
         q, u, others = np.split(state, [equations.n_q, equations.n_q + equations.n])
-        q_1, u_1 = LinearStep(equations, GAMMA).step(system, q, u, h)
+        q_1, u_1 = LinearStep(equations, GAMMA).step(terms, system.torque, q, u, h)
         quadratures = _integrated(system, (q, u), (q_1, u_1), others, h)
         return np.concatenate([q_1, u_1, quadratures])
 
