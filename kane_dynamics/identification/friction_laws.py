@@ -25,13 +25,15 @@ of each joint's (empirical Bayes; Efron & Morris, JASA 70 (1975)).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.identification.physical_consistency import physical
 from kane_dynamics.identification.presliding import dahl_friction
 from kane_dynamics.identification.recordings.recording import Recording
-from kane_dynamics.identification.regression import (LOWEST, RegressionRows, rms, SPEEDS,
+from kane_dynamics.identification.regression import (least_between, LOWEST,
+                                                     RegressionRows, rms, SPEEDS,
                                                      triangle)
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.friction import coulomb
@@ -39,7 +41,8 @@ from kane_dynamics.model.model import Model
 import numpy as np
 
 LENGTHS = np.geomspace(3e-4, 0.03, 15)  # candidates of the travel l, rad or m
-NEAR = np.geomspace(0.5, 2.0, 13)  # candidates of a friction speed, relative to the last
+NEAR = np.geomspace(0.5, 2.0, 7)  # candidates of a friction speed, relative to the last
+SETTLED = 1e-3  # relative change of a friction speed that is fitted
 COLUMNS = 6  # damping, friction, armature, offset, quadratic damping, load friction
 LOWEST_OF_ALL = np.concatenate([LOWEST, [0.0, 0.0]])
 BLOCKS = 6  # of rows that are left out in turn
@@ -236,19 +239,25 @@ def _best_shapes(rows: LawRows, laws: Sequence[FrictionLaw], fit: LawFit, load: 
     shapes = np.zeros(len(laws))
     for j, law in enumerate(laws):
         used = rows.used(j, law)
-        candidates = LENGTHS
-        if not law.presliding:
-            candidates = SPEEDS
-            if not fit.laws[j].presliding:  # near those of the fit before
-                candidates = fit.shapes[j] * NEAR
-        errors = []
-        for shape in candidates:
-            columns = rows.columns(j, law, float(shape), load[:, j])[used]
-            R = triangle(np.column_stack([columns, missing[used, j]]))
-            losses = _bounded(R)
-            errors.append(float(np.sum((R[:, -1] - R[:, :-1] @ losses)**2)))
-        shapes[j] = candidates[int(np.argmin(errors))]
+        missed = partial(_missed, rows, j, law, load[:, j], used, missing[used, j])
+        if law.presliding:
+            errors = [missed(float(length)) for length in LENGTHS]
+            shapes[j] = LENGTHS[int(np.argmin(errors))]
+            continue
+        candidates = SPEEDS
+        if not fit.laws[j].presliding:  # near that of the fit before
+            candidates = fit.shapes[j] * NEAR
+        shapes[j] = least_between(missed, candidates, SETTLED)
     return shapes
+
+
+def _missed(rows: LawRows, joint: int, law: FrictionLaw, load: Array, used: Flags,
+            missing: Array, shape: float) -> float:
+    """Return the sum of squares that the losses of a joint leave of the torque `missing`."""
+    columns = rows.columns(joint, law, shape, load)[used]
+    R = triangle(np.column_stack([columns, missing]))
+    losses = _bounded(R)
+    return float(np.sum((R[:, -1] - R[:, :-1] @ losses)**2))
 
 
 def _bounded(R: Array) -> Array:

@@ -214,14 +214,27 @@ def _friction_speed(data: RegressionRows, joint: int, lowest: Array) -> float:
 
     def missed(speed: float) -> float:
         return _fitted_friction(factor, speed, lowest)[1]
-    losses = [missed(float(speed)) for speed in SPEEDS]
-    best = int(np.argmin(losses))
-    speed = float(SPEEDS[best])
-    ratios = SPEEDS[[max(best - 1, 0), min(best + 1, len(SPEEDS) - 1)]] / speed
-    found = scientific('scipy.optimize').minimize_scalar(
-        lambda ratio: missed(speed * ratio), bounds=ratios, method='bounded',
-        options={'xatol': 1e-6})
-    return speed * float(found.x) if found.fun < losses[best] else speed
+    return least_between(missed, SPEEDS, 1e-6)
+
+
+def least_between(function: Callable[[float], float], candidates: Array,
+                  tolerance: float) -> float:
+    """
+    Return the argument of the smallest value of a function.
+
+    It is searched among increasing, positive candidates, then between the neighbors of
+    the best one, to a relative tolerance.
+    """
+    values = [function(float(candidate)) for candidate in candidates]
+    best = int(np.argmin(values))
+    at_best = float(candidates[best])
+    neighbors = candidates[[max(best - 1, 0), min(best + 1, len(candidates) - 1)]]
+    refined = scientific('scipy.optimize').minimize_scalar(
+        lambda ratio: function(at_best * ratio), bounds=neighbors / at_best,
+        method='bounded', options={'xatol': tolerance})
+    if refined.fun < values[best]:
+        return at_best * float(refined.x)
+    return at_best
 
 
 def settled_speeds(data: RegressionRows, speeds: Array, rigid: Callable[[Array], Array],

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.loop_tracking.loop_error import BRANCH, LoopError, SINGULAR
 from kane_dynamics.loop_tracking.loop_tracker import (CONDITIONING, FIGURES,
                                                       INDEPENDENT_RESIDUAL, LoopTracker,
@@ -209,7 +209,7 @@ def closed_configurations(robot: Robot, driving: list[int], t: Array, q: Array) 
     # predecessor.
     joints = [robot.coordinate_names[k] for k in driving]
     loops = DrivenLoops(robot, joints)
-    start = robot.closed_configuration(Q[0], t=float(t[0]), fixed=joints)
+    start = _first_closed(robot, Q[0], float(t[0]), joints)
     # A far step could end on another branch.
     moves = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1, initial=0.0)
     k = int(moves.argmax())
@@ -218,6 +218,25 @@ def closed_configurations(robot: Robot, driving: list[int], t: Array, q: Array) 
                          f'interval that ends at {t[k]:.4g} s; expected at most '
                          f'{FARTHEST:g} between two times')
     return loops.followed(start, Q, t, lambda row: f'motion: at {t[row]:.4g} s')
+
+
+def _first_closed(robot: Robot, q: Array, t: float, joints: Sequence[str]) -> Array:
+    """
+    Return a closed configuration, (n_q,), with the driving joints as in q.
+
+    It closes from q itself. Where other joints are too far away for that, the driving
+    joints move to q from the closed configuration near zero.
+    """
+    try:
+        return robot.closed_configuration(q, t=t, fixed=joints)
+    except ConstraintError as error:
+        if robot.configuration is not None:  # it moved from there already
+            raise
+        try:
+            near_zero = robot.closed_configuration(robot.neutral(), t=t)
+            return robot.closed_configuration(q, t=t, fixed=joints, start=near_zero)
+        except ConstraintError:
+            raise error from None
 
 
 def motion_of_closed(robot: Robot, driving: Sequence[int], t: Array, Q: Array,

@@ -52,6 +52,7 @@ class HeldMotion(RobotMotion):
     """
 
     dynamics_name: ClassVar[str]  # of the subroutine
+    tree_terms = None  # held joints have stages of their own
 
     def __init__(self, joints: list[int], modes: Vector, *arguments: Any) -> None:
         """Store the joints and their modes."""

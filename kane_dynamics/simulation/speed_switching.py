@@ -534,6 +534,8 @@ def residual_error(mechanism: Mechanism, stack: Stack, kept: bool, q: Array, t: 
 class _StagesInNumbers:
     """A robot during one step in NumPy, in the interface of the integrators (`System`)."""
 
+    tree_terms = None  # robots whose speeds change have constraints
+
     def __init__(self, robot: Robot, state: Array, tau: Array, dual_to: tuple[str, ...],
                  step: float) -> None:
         """Store the arguments of `watched_configurations`."""

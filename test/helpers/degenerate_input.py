@@ -18,7 +18,7 @@ from kane_dynamics import (box, CollisionDetector, Controller, Drive, FlexibleLi
                            HandGuiding, JointImpedance, KaneError, LinkDistances, LinkShape,
                            load_urdf, LoopError, LoopTracker, ModelBuilder, ModelWarning,
                            MomentumObserver, Motion, PoseFilter, PoseMotion, PosePath, QuasiStatic,
-                           Robot, with_drives)
+                           Robot, Uncertainty, with_drives)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.identification import (DriveRecording, Efforts, PayloadEstimator, Recording,
                                           rows)
@@ -264,7 +264,8 @@ def stated():
         'identification.excite': {'duration': 4.0, 'harmonics': 2, 'starts': 1},
         'closed_forms.closed_form': {}, 'ModelBuilder': {'name': 'a'},
         'simulate': {'duration': 0.01, 'torque': (1.0, 2.0)},
-        'feasibility.time_optimal': {'acceleration': 5.0},
+        'feasibility.time_optimal': {'acceleration': 5.0,
+                                     'uncertainty': Uncertainty.of(model, mass=0.1)},
         'feasibility.largest_payload': {'robot': Robot(model, payload_frame='tip')},
         'natural_vibration': {'robot': Robot(beam()), 'q': np.zeros(2)},
         'LoopTracker.update': {'measured': (0.8,)}, 'Controller.command': {'u': U},

@@ -187,13 +187,19 @@ class TreeEquations:
     def rigid_dynamics(self, q: Vector, u: Vector, udot: Vector, wrench: Any,
                        parameters: Vector) -> Vector:
         """Return inverse dynamics without friction, (n,)."""
+        x = joint_positions(self.model, q) if self.model.balls else q
+        forces = self.body_forces(q, u, udot, wrench, parameters)
+        return forces + self.spring_force(x)
+
+    def body_forces(self, q: Vector, u: Vector, udot: Vector, wrench: Any,
+                    parameters: Vector) -> Vector:
+        """Return inverse dynamics without friction and springs, (n,)."""
         links, x = self._at(q, self.base_links(parameters))
-        # RNEA of the bodies, then what acts along joints alone. External wrenches
-        # relieve the actuators.
+        # RNEA of the bodies and rotors. External wrenches relieve the actuators.
         acceleration = self._angle_accelerations(u, udot)
         rigid = inverse_dynamics.inverse_dynamics(links, x, u, acceleration,
                                                   parameters[:3])
-        force = rigid + self.rotor_inertia * acceleration + self.spring_force(x)
+        force = rigid + self.rotor_inertia * acceleration
         return force if wrench is None else force - self.external_force(q, wrench)
 
     def reference_dynamics(self, q: Vector, u: Vector, reference: Vector, udot: Vector,

@@ -108,6 +108,23 @@ def test_gears_of_a_loop_have_the_differentiated_torques_of_the_rigid_one(seed):
     assert_allclose(rows[3:6, 2:], expected[:, 2:], rtol=0, atol=1e-8)
 
 
+@pytest.mark.parametrize('positions', [(-3.0, -2.0), (3.0, 4.5)])
+def test_a_motion_of_a_loop_may_begin_far_from_zero(positions):
+    model = with_drives(four_bar_model(), {'crank': Drive(700.0, rotor_inertia=0.1)})
+    robot = Robot(model, constraints=[PIN])
+    feedforward = ElasticFeedforward(robot, actuated=['crank'])
+    motion = SmoothMotion.from_points([0.0, 1.0], np.transpose([positions]),
+                                      joint_names=['crank'])
+    links = feedforward.along(motion, 0.05).link_position
+    assert_allclose(links[[0, -1], 0], positions, rtol=0, atol=1e-9)
+    # The crank turns there in the assembly mode of the configuration near zero.
+    rigid = Robot(four_bar_model(), constraints=[PIN], independent=('crank',))
+    q = rigid.neutral()
+    for crank in np.linspace(q[0], positions[0], 400):
+        q = rigid.closed_configuration([crank, *q[1:]], fixed=('crank',))
+    assert_allclose(links[0], q, rtol=0, atol=1e-8)
+
+
 @pytest.mark.parametrize('weights', [slow(('crank', 'rocker')), {'crank': 1.0, 'rocker': 4.0}])
 def test_redundant_drives_share_the_load_as_rigid_ones(weights):
     drives = {'crank': Drive(700.0, rotor_inertia=0.1), 'rocker': Drive(500.0, rotor_inertia=0.2)}

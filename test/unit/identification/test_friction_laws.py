@@ -64,6 +64,19 @@ def test_the_law_of_the_arm_is_chosen_and_predicts_other_motion(law):
         np.testing.assert_allclose(tau, found.torque(recording), atol=1e-9)
 
 
+def test_friction_speeds_of_laws_are_fitted_between_the_candidates():
+    # Without noise the true speed leaves nothing, wherever it lies between candidates.
+    _, recording = recording_of('load')
+    model = load_urdf(URDF)
+    for speed in (0.0274, 0.0431):
+        losses = {**LOSSES, 'friction_speed': speed, 'load_friction': 0.15}
+        arm = load_urdf(URDF, supplement={'joints': {'joint1': losses, 'joint2': losses}})
+        tau = Robot(arm).inverse_dynamics(recording.q, recording.u, recording.udot)
+        exact = replace(recording, tau=tau)
+        found = identify(model, exact, friction='load', diagnosed=True)
+        np.testing.assert_allclose(found.friction_speed, speed, rtol=0.005)
+
+
 def test_a_stated_law_is_that_of_all_joints_and_its_error_is_larger_where_it_is_wrong():
     _, recording = recording_of('load')
     stated = identify(load_urdf(URDF), recording, friction='coulomb', diagnosed=True)
