@@ -2,12 +2,14 @@
 Chains of 10 to 200 joints: time, code, and Pinocchio's time beside them.
 
 Prints a table of forward dynamics, mass matrix and its inverse, and draws
-build/bench/chain_growth.png. Exits with 1 if the time of forward dynamics of long chains does not
-grow linearly, that of a matrix faster than its entries, or their code grows.
+build/bench/chain_growth.png; with `--record` the picture of the documentation. Exits with 1 if the
+time of forward dynamics of long chains does not grow linearly, that of a matrix faster than its
+entries, or their code grows.
 """
 
 from collections.abc import Iterable
 from functools import partial
+from pathlib import Path
 import sys
 import time
 import warnings
@@ -24,6 +26,8 @@ from native_loop import check, our_loop, random_states, RIVALS, STATES
 from pinocchio_native import library, Pinocchio, Unavailable
 from report import FOLDER
 
+PICTURE = FOLDER / 'chain_growth.png'
+RECORDED = Path(__file__).resolve().parents[1] / 'docs' / 'pictures' / 'chain_growth.png'
 QUANTITIES = ('forward_dynamics', 'mass_matrix', 'inverse_mass_matrix')
 AXES = (10, 20, 30, 40, 50, 75, 100, 150, 200)
 SHORT, LONG = 50, 200  # axes between which growth is judged
@@ -68,10 +72,11 @@ def line(axes: int, what: str, row: Row) -> str:
     return f'{axes:4} joints, {what:19}: {row["ns"]:8.0f} ns, {row["bytes"]:7.0f} bytes, {peer}'
 
 
-def draw(rows: dict[int, dict[str, Row]]) -> None:
-    """Draw time and code over the number of joints."""
+def draw(rows: dict[int, dict[str, Row]], path: Path) -> None:
+    """Draw time and code over the number of joints, and print where."""
     matplotlib.use('Agg')
-    figure, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(7.0, 7.0))
+    figure, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(7.0, 7.0),
+                                          layout='constrained')
     axes = list(rows)
     for color, what in enumerate(QUANTITIES):
         figures = [rows[n][what] for n in axes]
@@ -85,14 +90,15 @@ def draw(rows: dict[int, dict[str, Row]]) -> None:
     above.set_ylabel('time of a call, us')
     above.set_xscale('log')
     above.set_yscale('log')
-    above.legend()
+    figure.legend(loc='outside upper center', ncols=2)  # of the axes it would hide times
     below.set_ylabel('code, kB')
     below.set_xlabel('joints of the chain')
     below.set_ylim(bottom=0.0)
     below.set_xticks(axes, [str(n) for n in axes])
     below.minorticks_off()
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    figure.savefig(FOLDER / 'chain_growth.png', dpi=120)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=100)
+    print(f'picture: {path}')
 
 
 def judged(rows: dict[int, dict[str, Row]]) -> bool:
@@ -112,7 +118,7 @@ def judged(rows: dict[int, dict[str, Row]]) -> bool:
     return all_met
 
 
-def main() -> int:
+def main(*arguments: str) -> int:
     """Measure, print and draw; return 1 if time or code of long chains grow too fast."""
     warnings.simplefilter('ignore')
     against = True
@@ -126,9 +132,9 @@ def main() -> int:
         rows[axes] = measured(axes, against)
         for what, row in rows[axes].items():
             print(line(axes, what, row), flush=True)
-    draw(rows)
+    draw(rows, RECORDED if '--record' in arguments else PICTURE)
     return exit_status(judged(rows))
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(main(*sys.argv[1:]))

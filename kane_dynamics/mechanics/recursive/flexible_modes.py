@@ -352,7 +352,7 @@ class ModesInLane:
     """Modes of one of `BeamsInLanes`; attributes as of `Modes`."""
 
     def __init__(self, beams: BeamsInLanes, lane: int) -> None:
-        """Take the values of a beam out of the rows, in the axes of its link."""
+        """Store the values of one beam, in the axes of its link."""
         modes = beams.modes
         self.beams = beams
         self.coordinates = tuple(beams.places[lane])

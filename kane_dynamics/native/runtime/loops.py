@@ -343,9 +343,9 @@ declare <W x i64> @llvm.masked.gather.vWi64.vWp0(<W x ptr>, i32, <W x i1>, <W x 
 
 RUN_JOB = """
 ; Run a job (words as `run_job` says) in `count` threads, one of which is this one; return when all
-; have ended. Each thread computes a share, piece by piece, then pieces that are left of the others'
-; shares: one that starts late, or whose processor has other work, delays nobody, and if threads do
-; not start, the others do their work.
+; have ended. Each thread computes a share, piece by piece, then pieces that are left of the shares
+; of others: a thread that starts late, or whose processor has other work, delays no other, and if
+; threads do not start, the others do their work.
 define void @run_job(ptr %job, i64 %count) {
 start:
   %attributes = alloca [32 x i64]
