@@ -54,28 +54,32 @@ def bent(links: Sequence[Link], q: Vector,
     With `lanes`, beams with equally many modes are computed together: their modes are
     `ModesInLane`.
     """
-    beams = [k for k, link in enumerate(links) if link.beam is not None]
+    groups = _groups(links)
+    if lanes is None:
+        groups = [[k] for group in groups for k in group]
     result = list(links)
-    for group in _groups(links, beams) if lanes else [[k] for k in beams]:
-        modes: list[Any]
-        if lanes is None or len(group) == 1:
-            integrals = beam_integrals(links[group[0]])
-            modes = [Modes(integrals, q[list(integrals.coordinates)])]
-        else:
-            together = BeamsInLanes([links[k] for k in group], q, lanes(q[0]))
-            modes = [ModesInLane(together, lane) for lane in range(len(group))]
-        for k, of_beam in zip(group, modes):
-            inertia = links[k].pseudo_inertia + of_beam.pseudo_inertia
-            result[k] = replace(links[k], modes=of_beam, pseudo_inertia=inertia)
+    for group in groups:
+        for k, modes in zip(group, _modes_of([links[k] for k in group], q, lanes)):
+            inertia = links[k].pseudo_inertia + modes.pseudo_inertia
+            result[k] = replace(links[k], modes=modes, pseudo_inertia=inertia)
     return result
 
 
-def _groups(links: Sequence[Link], beams: Sequence[int]) -> list[list[int]]:
-    """Return groups of at most `LANES` beams with equally many modes."""
+def _modes_of(links: Sequence[Link], q: Vector, lanes: LanesOf | None) -> list[Any]:
+    """Return `Modes` of one beam, or `ModesInLane` of several."""
+    if lanes is None or len(links) == 1:
+        beam = beam_integrals(links[0])
+        return [Modes(beam, q[list(beam.coordinates)])]
+    beams = BeamsInLanes(links, q, lanes(q[0]))
+    return [ModesInLane(beams, lane) for lane in range(len(links))]
+
+
+def _groups(links: Sequence[Link]) -> list[list[int]]:
+    """Return groups of at most `LANES` beams with equally many modes, as indices."""
     by_count: dict[int, list[int]] = {}
-    for k in beams:
-        beam: Any = links[k].beam
-        by_count.setdefault(len(beam.coordinates), []).append(k)
+    for k, link in enumerate(links):
+        if link.beam is not None:
+            by_count.setdefault(len(link.beam.coordinates), []).append(k)
     groups = []
     for members in by_count.values():
         for first in range(0, len(members), LANES):
