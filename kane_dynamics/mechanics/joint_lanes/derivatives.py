@@ -95,10 +95,10 @@ class LaneBodies:
     @staticmethod
     def of_rows(rows: Rows) -> 'LaneBodies':
         """Return the links from the result of `rows`."""
-        rows = np.array(rows, dtype=object)
-        motion = LaneMotion(*np.split(rows[12:24], 4))
-        return LaneBodies(rows[:9].reshape(3, 3), rows[9:12], motion, rows[24:30],
-                          rows[30:40], rows[40], rows[41])
+        x = np.array(rows, dtype=object)
+        motion = LaneMotion(*np.split(x[12:24], 4))
+        return LaneBodies(x[:9].reshape(3, 3), x[9:12], motion, x[24:30], x[30:40], x[40],
+                          x[41])
 
 
 # Vectors of joints, and their numbers of rows.
