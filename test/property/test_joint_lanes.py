@@ -6,8 +6,8 @@ from definition import relative_error
 from hypothesis import given, settings, strategies as st
 from kane_dynamics import box, Inertial, ModelBuilder, Robot
 from kane_dynamics.mechanics.algebra.hyperdual import seeded
-from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.algebra.lanes import Lanes
+from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.joint_lanes.block_rows import unpacked
 from kane_dynamics.mechanics.joint_lanes.derivatives import (
     inverse_dynamics_derivatives as derivative_rows, OF_RATES)

@@ -17,7 +17,7 @@ delta, that of a joint j by S_j . (F, N) with the wrench (F, N) that joint i cha
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from kane_dynamics._util.typing import Matrix, Vector
@@ -37,6 +37,7 @@ import numpy as np
 UPPER = np.triu_indices(3)
 BODY_ROWS = 42  # of `LaneBodies`
 MOMENTS = 27  # of `_moments`
+INERTIA_FORCES = range(6, 12)  # among them
 
 
 @dataclass
@@ -94,10 +95,10 @@ class LaneBodies:
     @staticmethod
     def of_rows(rows: Rows) -> 'LaneBodies':
         """Return the links from the result of `rows`."""
-        rows = np.array(rows, dtype=object)
-        motion = LaneMotion(*np.split(rows[12:24], 4))
-        return LaneBodies(rows[:9].reshape(3, 3), rows[9:12], motion, rows[24:30],
-                          rows[30:40], rows[40], rows[41])
+        x = np.array(rows, dtype=object)
+        motion = LaneMotion(*np.split(x[12:24], 4))
+        return LaneBodies(x[:9].reshape(3, 3), x[9:12], motion, x[24:30], x[30:40], x[40],
+                          x[41])
 
 
 # Vectors of joints, and their numbers of rows.
@@ -284,11 +285,19 @@ def _bodies(tree: TreeSums, links: Sequence[Link], q: Vector, u: Vector,
 def _by_loops(tree: TreeSums, bodies: Sequence[LaneBodies], names: Sequence[str],
               lanes_of: LanesOf, repeat: Repeat) -> list[JointRows]:
     """Return the vectors of all joints by two loops over the parts."""
+    needed = list(range(MOMENTS))
+    if 'by_q' not in names:
+        # Only dtau/dq depends on accelerations and on inertia forces.
+        needed = [k for k in needed if k not in INERTIA_FORCES]
+        at_rest = np.zeros(6).astype(object)
+        bodies = [replace(body, acceleration=at_rest) for body in bodies]
+
     def moments_by_joint(lanes: Any, body: Rows) -> list[Any]:
-        return joint_by_joint(_moments(LaneBodies.of_rows(body)), lanes)
+        return joint_by_joint(_moments(LaneBodies.of_rows(body))[needed], lanes)
 
     def vectors(lanes: Any, body: Rows, of_joints: Rows) -> list[Any]:
-        sums = row_by_row(of_joints, MOMENTS, lanes)
+        sums = np.zeros(MOMENTS).astype(object)
+        sums[needed] = row_by_row(of_joints, len(needed), lanes)
         return joint_rows(LaneBodies.of_rows(body), sums).rows(names)
 
     # Sums over subtrees add the moments of one joint at a time, which are in lanes.

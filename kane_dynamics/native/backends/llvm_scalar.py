@@ -114,10 +114,11 @@ class Names(dict[int, str]):
         kind, pointer, place = self.in_memory[index]
         name = f'%load{self._loads}'
         self._loads += 1
-        self.lines += [f'  {name}.at = getelementptr {self._real.name}, ptr {pointer}, '
-                       f'i64 {place}',
-                       f'  {name} = load {kind}, ptr {name}.at, '
-                       f'align {self._real.bits // 8}']
+        element = self._real.name
+        align = self._real.bits // 8
+        at = f'{name}.at'
+        self.lines += [f'  {at} = getelementptr {element}, ptr {pointer}, i64 {place}',
+                       f'  {name} = load {kind}, ptr {at}, align {align}']
         return name
 
 
@@ -447,13 +448,20 @@ def _is_row_of_loop(entries: Sequence[Any]) -> bool:
     return all(_is_result(x, source, place + k) for k, x in enumerate(entries))
 
 
-def _is_row(entries: Sequence[Any]) -> bool:
-    """Return whether scalars are all lanes of one row, in their order."""
+def _row_of_lanes(entries: Sequence[Any]) -> Expr | None:
+    """Return the row whose lanes the scalars are, all of them in order, or None."""
     first = entries[0]
     if len(entries) != LANES or not (isinstance(first, Expr) and first.op == 'lane'):
-        return False
-    row = first.args[0]
-    return all(_is_lane(x, row, lane) for lane, x in enumerate(entries))
+        return None
+    row: Expr = first.args[0]
+    if all(_is_lane(x, row, lane) for lane, x in enumerate(entries)):
+        return row
+    return None
+
+
+def _entries_key(entries: Sequence[Expr | float]) -> tuple[object, ...]:
+    """Return what tells a list of scalars from others of the same function."""
+    return tuple([x.index if isinstance(x, Expr) else (x,) for x in entries])
 
 
 def _is_lane(x: Any, row: Expr, lane: int) -> bool:
@@ -624,20 +632,21 @@ class Function:
                        f'  %clear.last = sub i64 %clear.end, {turn}',
                        '  br label %clear.before', 'clear.before:',
                        '  br label %clear', 'clear:',
-                       '  %clear.at = phi ptr [%clear.begin, %clear.before], '
-                       '[%clear.next, %clear]']
+                       ('  %clear.at = phi ptr [%clear.begin, %clear.before], '
+                        '[%clear.next, %clear]')]
         for k in range(4):
-            self.lines += [f'  %clear.at{k} = getelementptr i8, ptr %clear.at, i64 '
-                           f'{k * row}',
-                           f'  {zero} %clear.at{k}, align {row}']
+            at = f'%clear.at{k}'
+            self.lines += [f'  {at} = getelementptr i8, ptr %clear.at, i64 {k * row}',
+                           f'  {zero} {at}, align {row}']
         self.lines += [f'  %clear.next = getelementptr i8, ptr %clear.at, i64 {turn}',
                        '  %clear.next.number = ptrtoint ptr %clear.next to i64',
                        '  %clear.more = icmp ule i64 %clear.next.number, %clear.last',
                        '  br i1 %clear.more, label %clear, label %cleared', 'cleared:']
         for k in range(4):
-            self.lines += [f'  %clear.tail{k} = getelementptr i8, ptr %in.result, i64 '
-                           f'{size - turn + k * row}',
-                           f'  {zero} %clear.tail{k}, align 8']
+            at = f'%clear.tail{k}'
+            place = size - turn + k * row
+            self.lines += [f'  {at} = getelementptr i8, ptr %in.result, i64 {place}',
+                           f'  {zero} {at}, align 8']
 
     def _store_outputs(self) -> None:
         if not self._cleared:
@@ -666,8 +675,9 @@ class Function:
             self._chunks.add(pointer)
             middle = chunk * CHUNK + CHUNK // 2
             self.reserved.append(f'  {pointer}.slot = alloca ptr')
-            self.lines += [f'  {pointer}.at = getelementptr {self.real.name}, '
-                           f'ptr %ret{source.index}, i64 {middle}',
+            memory = f'ptr %ret{source.index}'
+            number = self.real.name
+            self.lines += [f'  {pointer}.at = getelementptr {number}, {memory}, i64 {middle}',
                            f'  store volatile ptr {pointer}.at, ptr {pointer}.slot',
                            f'  {pointer} = load volatile ptr, ptr {pointer}.slot']
         return pointer, place - chunk * CHUNK - CHUNK // 2
@@ -871,7 +881,7 @@ class Function:
                                f'[{len(entries)} x {self.type}] [{values}], align '
                                f'{8 * LANES}')
             return name, width
-        key = tuple(x.index if isinstance(x, Expr) else (x,) for x in entries)
+        key = _entries_key(entries)
         if key in self._stored:  # an earlier loop reads the same table
             return self._stored[key], width
         where = f'%table{i}.{k}'
@@ -883,10 +893,11 @@ class Function:
             x = entries[j]
             put = f'%put{i}.{k}.{j}'
             self.lines.append(f'  {put} = getelementptr {self.type}, ptr {where}, i64 {j}')
-            if _is_row(entries[j:j + LANES]):
-                assert isinstance(x, Expr)
-                row = self.names[x.args[0].index]
-                self.lines.append(f'  store {ROW_TYPE} {row}, ptr {put}, align 8')
+            # A whole row is stored at once.
+            row = _row_of_lanes(entries[j:j + LANES])
+            if row is not None:
+                self.lines.append(f'  store {ROW_TYPE} {self.names[row.index]}, '
+                                  f'ptr {put}, align 8')
                 j += LANES
                 continue
             if isinstance(x, Expr) and x.index not in self.names:
@@ -918,9 +929,7 @@ class Function:
         where = self._contiguous(i, k, entries)
         if where is not None:
             return where
-        key: tuple[object, ...] = ()
-        for x in entries:
-            key += (x.index,) if isinstance(x, Expr) else ((x,),)
+        key = _entries_key(entries)
         where = self._stored.get(key)
         if where is not None:  # an earlier call has the same argument
             return where
