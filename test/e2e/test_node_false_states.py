@@ -82,13 +82,24 @@ class Arm:
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
         self.false.publish(message)
 
-    def check_each(self, faults):
-        """Publish each false state once; the arm stays, and the reason is counted."""
-        for reason, fault in faults:
-            before, held, count = self.drops(reason), self.place(), len(self.states)
+    def check_refused(self, reason, **fault):
+        """
+        Publish a false state; its reason is counted.
+
+        It is published again after 2 s: on a busy machine a state may be lost (best effort).
+        """
+        before = self.drops(reason)
+
+        def is_counted():
             self.publish(**fault)
-            assert wait_until(lambda r=reason, n=before: self.drops(r) == n + 1), (
-                reason, fault, self.node.log[-2000:])
+            return wait_until(lambda: self.drops(reason) > before, 2.0)
+        assert wait_until(is_counted), (reason, fault, self.node.log[-2000:])
+
+    def check_each(self, faults):
+        """Publish each false state; the arm stays, and the reason is counted."""
+        for reason, fault in faults:
+            held, count = self.place(), len(self.states)
+            self.check_refused(reason, **fault)
             moved = np.abs([q - held for _, q, _ in self.states[count:]]).max()
             assert moved < MOST, (reason, fault, moved)
 
@@ -131,10 +142,11 @@ def test_the_arm_moves_neither_by_false_states_nor_by_impossible_motions(two_lin
     assert np.abs(arm.place() - q).max() < MOST
     arm.client.follow([(0.0, q), (2.0, q + 0.2)])
     assert wait_until(lambda: np.abs(arm.place() - q).max() > 0.05, 5.0)
-    arm.publish(first, by=1.0)
+    arm.check_refused(JUMP, joint=first, by=1.0)
+    jumps = arm.drops(JUMP)
     assert wait_until(lambda: np.abs(arm.place() - q - 0.2).max() < 5e-3, 5.0)
     assert wait_until(lambda: rests(arm), 10.0)  # a moving arm would be stopped elsewhere
-    assert arm.drops(JUMP) == 2
+    assert arm.drops(JUMP) == jumps
     # An encoder breaks, and stays broken.
     assert arm.client.adjust(state_check__action='hold').successful
     assert arm.client.call(SetBool, '/plant/pause', data=True).success

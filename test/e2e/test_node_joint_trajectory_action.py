@@ -10,7 +10,7 @@ from control_messages import imported_control_messages
 from geometry_msgs.msg import WrenchStamped
 from kane_dynamics import Motion, Robot
 from lifecycle_msgs.msg import Transition
-from node_process import DEEP, JOINTS, model, NAME, Process, URDF, wait_until
+from node_process import DEEP, JOINTS, model, NAME, prefer, Process, URDF, wait_until
 import numpy as np
 from palletizer import DRIVEN, LOOPS, palletizer, URDF as URDF_OF_LOOPS
 import pytest
@@ -107,6 +107,9 @@ def node(participant):
                        modes='[joint_impedance, hand_guiding]', **common)
         try:
             node.wait_for('active, mode computed_torque', 120.0)
+            # The arm follows in real time, also beside other work.
+            for process, priority in ((plant, 25), (node, 18)):
+                prefer(process.pid, priority)
             yield node
         finally:
             for process in (node, plant):
@@ -369,6 +372,8 @@ def test_the_driven_joints_of_an_arm_with_closed_loops_follow_and_stop(client):
         arm = Arm(client, '/loops')
         try:
             node.wait_for('active, mode', 120.0)
+            for process, priority in ((plant, 25), (node, 18)):
+                prefer(process.pid, priority)
             assert wait_until(lambda: len(arm.states) > 10, 60.0)
             status, code, text = arm.ask(times, [goal_end], DRIVEN)
             assert (status, code) == (SUCCEEDED, 0), text

@@ -3,7 +3,7 @@
 import time
 
 from kane_dynamics import Motion
-from node_process import DEEP, Process, wait_until
+from node_process import DEEP, prefer, Process, wait_until
 import numpy as np
 from palletizer import DRIVEN
 from sensor_msgs.msg import JointState
@@ -34,6 +34,9 @@ def tracking_errors(client, start, files, ready, end, gains, **plant_options):
         node = start(real_states=True, mode='computed_torque', gains__kp=kp, gains__kd=kd,
                      state_timeout=1.0, **files)
         node.wait_for('active, mode', PATIENCE)
+        # The arm follows in real time, also beside other work.
+        for process, priority in ((plant, 25), (node, 18)):
+            prefer(process.pid, priority)
         assert wait_until(lambda: client.motions.get_subscription_count() > 0 and states
                           and client.commands)
         assert len(states[0][1]) == 4 and len(client.commands[-1]) == 4

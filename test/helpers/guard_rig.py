@@ -11,7 +11,7 @@ from kane_dynamics import Controller, load_urdf, Robot
 from kane_dynamics.demo.demo_settings import FR3
 from kane_dynamics.ros.common.transport import without_shared_memory
 from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
-from node_process import DEEP, JOINTS, NAME, Process, TORQUE_PATH, URDF
+from node_process import DEEP, JOINTS, NAME, prefer, Process, TORQUE_PATH, URDF
 import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -97,16 +97,6 @@ class Recorder(Node):
 
 def _stamp(message):
     return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
-def prefer(pid, priority):
-    """Schedule all threads of a process before those of other programs, where that is allowed."""
-    for task in os.listdir(f'/proc/{pid}/task'):
-        try:
-            if os.sched_getscheduler(int(task)) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER:
-                os.sched_setscheduler(int(task), os.SCHED_FIFO, os.sched_param(priority))
-        except OSError:
-            break
 
 
 class Arm(NamedTuple):

@@ -544,9 +544,14 @@ class NativeLoop:
         return self._get('ENDED')
 
     @property
+    def written(self) -> int:
+        """Return the number of reports since the start of the thread."""
+        return self._get('HEAD')
+
+    @property
     def has_reported(self) -> bool:
         """Return whether the thread has reported a cycle since its start."""
-        return self._get('HEAD') > 0
+        return self.written > 0
 
     @property
     def lost(self) -> int:

@@ -177,6 +177,7 @@ class NativeTorquePath(TorquePath):
         self._layouts: list[JointStateLayout] = []  # that the thread knows
         self.unobserved = 0
         self._unsent = self._not_taken = 0
+        self._noted = 0  # reports that were read since the start
         self._lost_states = LostMessages()
 
     def _kernels(self) -> CycleKernels:
@@ -425,6 +426,7 @@ class NativeTorquePath(TorquePath):
         self._replay = 0, b''
         self.unobserved = 0
         self._unsent = loop.unsent
+        self._noted = 0
         self._not_taken = loop.not_taken
         self._applied_loads = None
         loop.begin(self._epoch, self._last)
@@ -503,6 +505,7 @@ class NativeTorquePath(TorquePath):
         while reports := self.native.reports():
             for report in reports:
                 self._read(report)
+            self._noted += len(reports)
         # Cycles that no report describes any more were answered nevertheless.
         missing = self.native.lost - self.unobserved
         if missing:
@@ -742,7 +745,7 @@ class NativeTorquePath(TorquePath):
         if self._rcl is None:  # there is no thread
             self.native.answer(data)
 
-    def _catch_up(self) -> None:
+    def catch_up(self) -> None:
         """
         Wait for the report of a cycle of now, if the interpreter lagged behind.
 
@@ -753,11 +756,15 @@ class NativeTorquePath(TorquePath):
         if is_reader:
             self.read_reports()
         until = time.monotonic() + LONGEST_LAG
-        while self.running and not self.timed_out and time.monotonic() < until:
+        written = self.native.written
+        while self.running and time.monotonic() < until:
+            # After a timeout, the next report may be that of the first state.
+            if self.timed_out and self._noted >= written:
+                return
             age = self.now - self._epoch - self._last.last_now
             # The first command may be published before its report is read.
             is_known = bool(self.last_update) or not self.native.has_reported
-            if age < self._timeout and is_known:
+            if not self.timed_out and age < self._timeout and is_known:
                 return
             time.sleep(LOOK_AGAIN)
             if is_reader:
@@ -765,7 +772,7 @@ class NativeTorquePath(TorquePath):
 
     def desired(self, stamp: int) -> State | None:
         """Return the initial q, u and udot of a new motion, as `TorquePath`."""
-        self._catch_up()
+        self.catch_up()
         return super().desired(stamp)
 
     @property

@@ -87,7 +87,7 @@ KNOWN, STAMP, FROZEN_AT, CONFIRMED, ELAPSED = range(ACCEPTED_AT)
 
 class CheckSettings(NamedTuple):
     """
-    What the parameters of `StateCheck` say.
+    The settings of `judged`.
 
     Attributes
     ----------
@@ -388,11 +388,13 @@ def judged(memory: StateMemory, moment: Scalar, state: Vector, settings: CheckSe
     Parameters
     ----------
     memory : StateMemory
+        Of the states before.
     moment : Scalar
         Stamp of the state, ns.
     state : array
         Positions and velocities, (2 n,), then numbers that are only to be finite.
     settings : CheckSettings
+        Of the parameters.
 
     """
     # A state without an earlier one that is recent enough is the first.

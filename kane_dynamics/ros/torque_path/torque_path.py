@@ -140,6 +140,9 @@ class TorquePath:
         """Call `observer` no more; callable from the thread that added it."""
         self._observers = [other for other in self._observers if other is not observer]
 
+    def catch_up(self) -> None:
+        """Do nothing: what this path knows is of now."""
+
     def desired(self, stamp: int) -> State | None:
         """
         Return the initial q, u and udot of a new motion.

@@ -184,6 +184,7 @@ def schedule_motion(path: TorquePath, message: ReceivedTrajectory, now: int,
     if not path.controller.mode.follows_motions:
         raise InputError(f'mode: {path.controller.mode}; expected a mode that follows '
                          'motions')
+    path.catch_up()
     if path.timed_out:
         raise InputError(f'joint states: none for {path.state_age:.3f} s; expected one '
                          'within state_timeout')

@@ -145,6 +145,24 @@ def test_a_motion_after_the_first_command_waits_for_its_report():
     np.testing.assert_allclose(q, pair.driven)
 
 
+def test_what_refuses_a_motion_after_a_timeout_waits_for_the_reports_of_new_states():
+    pair = Pair('computed_torque', 3)
+    path = pair.sides[1].path
+    pair.do_state('driven')
+    pair.do_pause('pause')
+    assert path.timed_out
+    for _ in range(2):
+        pair.time += 2_000_000
+        path.native.answer(serialize_message(pair.stamped(DRIVEN, list(pair.driven))))
+    assert path.timed_out, 'not reported'
+    with ThreadPoolExecutor(1) as services:
+        caught_up = services.submit(path.catch_up)
+        time.sleep(0.02)
+        path.read_reports()
+        caught_up.result(5.0)
+    assert not path.timed_out
+
+
 @pytest.mark.parametrize(('clock', 'moved', 'lost'), [(0, 0.0, False), (0, 1e-4, True),
                                                       (-5 * NANO, 0.0, False),
                                                       (-5 * NANO, 1e-4, True)])
