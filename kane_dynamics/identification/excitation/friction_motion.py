@@ -33,6 +33,7 @@ from numpy.typing import ArrayLike
 CANDIDATES = 400  # configurations about which strokes are tried
 DRAWS = 8000  # random configurations, of which the clear ones are candidates
 MOST_LOADS, MOST_STROKES = 20, 100
+LEAST = 1e-6  # share of limits; reach, rad or m
 PEAK = 1.875  # largest speed of a quintic between rests, over the mean speed
 ON_THE_WAY = 0.3  # speed between configurations, relative to the limits
 SAMPLES = 25  # of a stroke, at which limits and distances are checked
@@ -134,9 +135,10 @@ def friction_motion(model: Model, *, loads: int = 3, strokes: int = 2,
     loads = integer(loads, 'loads', 1, MOST_LOADS)
     strokes = integer(strokes, 'strokes', 1, MOST_STROKES)
     shares = _speeds(speeds)
-    reach = number(reach, 'reach', 'a positive, finite number, rad or m',
-                   lambda x: 0.0 < x < math.inf)
-    share = number(share, 'share', 'a number above 0, up to 1', lambda x: 0.0 < x <= 1.0)
+    reach = number(reach, 'reach', f'a finite number of at least {LEAST:g}, rad or m',
+                   lambda x: LEAST <= x < math.inf)
+    share = number(share, 'share', f'a number from {LEAST:g} to 1',
+                   lambda x: LEAST <= x <= 1.0)
     rng = np.random.default_rng(integer(seed, 'seed', 0))
     clearance = _clearance(model, shapes, floor, distance)
     robot = Robot(model)
@@ -174,8 +176,9 @@ def _speeds(speeds: ArrayLike) -> Array:
         shares: Array = real_numbers(speeds)
     except (TypeError, ValueError):
         shares = np.empty(0)
-    if shares.ndim != 1 or not len(shares) or not ((shares > 0.0) & (shares <= 1.0)).all():
-        raise InputError(f'speeds: {speeds!r}; expected numbers above 0, up to 1')
+    within = (shares >= LEAST) & (shares <= 1.0)
+    if shares.ndim != 1 or not len(shares) or not within.all():
+        raise InputError(f'speeds: {speeds!r}; expected numbers from {LEAST:g} to 1')
     return shares
 
 
