@@ -187,8 +187,9 @@ def against_mujoco(robot: Robot, duration: float, hold: float) -> list[float]:
 
     def error_of(end: np.ndarray) -> float:
         return float(np.abs(end - reference).max())
+    from_limit = error_of(moved(robot, tau, FINEST, hold))
     print(f'{duration:g} s, torques every {hold:g} s: simulate with a step of {FINEST:g} s '
-          f'is {error_of(moved(robot, tau, FINEST, hold)):.1e} rad from MuJoCo\'s limit')
+          f'is {from_limit:.1e} rad from the limit of MuJoCo')
     our_steps = hold * np.array(OUR_STEPS)
     errors = np.array([error_of(moved(robot, tau, length, hold)) for length in our_steps])
     ratios = []

@@ -278,6 +278,13 @@ def _excite(sub: ArgumentParser) -> None:
         sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf],
                          metavar='X',
                          help=f'further limit, one value or one per joint, {unit}')
+    sub.add_argument('--friction', action='store_true',
+                     help='slow reversals under several loads, to identify friction with '
+                          'known inertias; of the options above it uses --share, --seed '
+                          'and --rate')
+    sub.add_argument('--loads', type=int, default=3, metavar='N',
+                     help='with --friction: number of configurations with different '
+                          'loads; default: %(default)s')
     sub.add_argument('--floor', type=_length_or_none, default=0.0, metavar='X',
                      help='lowest height of any link, m, or none; default: %(default)g')
     sub.add_argument('--distance', type=_length_or_none, default=SUPPRESS, metavar='X',

@@ -131,11 +131,13 @@ file: ros2 run kane_dynamics dynamics_node --ros-args --params-file thresholds.y
 examples:
   kane-dynamics excite arm.urdf --out motion.csv
   kane-dynamics excite arm.urdf --out motion.csv --duration 20 --periods 2 --share 0.6 --floor 0.1
+  kane-dynamics excite arm.urdf --out slow.csv --friction --loads 4
 
 Optimizes sums of sines within the limits of the URDF for the identification of inertial parameters
 and friction. Move the arm to the start, run the motion, record q and tau, and pass the recording
 to identify. The motion keeps above the floor, and its links apart; links that are near each other
-at rest keep half of that distance. Exits with 1 if that is less than --distance.""",
+at rest keep half of that distance. Exits with 1 if that is less than --distance. With --friction
+the motion is slow reversals under several loads, for identify --friction-only.""",
     'replay': """
 examples:
   kane-dynamics replay arm.urdf recording.csv --plot torques.png

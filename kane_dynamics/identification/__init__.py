@@ -10,6 +10,7 @@ from kane_dynamics.identification.drives.drive_recording import (DriveRecording,
 from kane_dynamics.identification.drives.identify_drives import (DriveIdentification,
                                                                  identify_drives)
 from kane_dynamics.identification.efforts import Efforts
+from kane_dynamics.identification.excitation.friction_motion import friction_motion
 from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.friction_laws import CandidateErrors
@@ -27,6 +28,6 @@ __all__ = ['BaseFit', 'BaseParameters', 'CandidateErrors', 'CollisionCalibration
            'Identification', 'ModelChange', 'ModelWatch', 'Payload', 'PayloadEstimator',
            'Recording', 'RecordingFault', 'TorqueDelays', 'WatchReport',
            'base_parameters', 'base_speeds',
-           'calibrate_collision', 'diagnose', 'excite', 'fit_base', 'friction_speeds',
-           'identify', 'identify_drives', 'identify_payload', 'read_drive_recording',
-           'read_recording', 'rows', 'torque_delays']
+           'calibrate_collision', 'diagnose', 'excite', 'fit_base', 'friction_motion',
+           'friction_speeds', 'identify', 'identify_drives', 'identify_payload',
+           'read_drive_recording', 'read_recording', 'rows', 'torque_delays']

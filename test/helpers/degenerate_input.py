@@ -262,6 +262,7 @@ def stated():
         'sweep.Sweep': {'samples': 2}, 'QuasiStatic': {'robot': Robot(beam())},
         'inverse_kinematics': {'target': (0.5, 0.3, 0.0), 'starts': 2},
         'identification.excite': {'duration': 4.0, 'harmonics': 2, 'starts': 1},
+        'identification.friction_motion': {'loads': 2, 'distance': None},
         'closed_forms.closed_form': {}, 'ModelBuilder': {'name': 'a'},
         'simulate': {'duration': 0.01, 'torque': (1.0, 2.0)},
         'feasibility.time_optimal': {'acceleration': 5.0,

@@ -1,6 +1,7 @@
 """The command `excite`: a motion to record for `identify`."""
 
 from argparse import Namespace
+from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
@@ -10,7 +11,10 @@ from kane_dynamics.cli.robot_options import load, source_of
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.excitation.clearance import DISTANCE
+from kane_dynamics.identification.excitation.friction_motion import friction_motion
 from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite
+from kane_dynamics.model.link_shapes import LinkShape
+from kane_dynamics.model.model import Model
 from kane_dynamics.urdf.link_shapes import load_collision_shapes
 import numpy as np
 
@@ -27,6 +31,8 @@ def excitation(options: Namespace) -> int:
         shapes = load_collision_shapes(source_of(options))
     distance_stated = 'distance' in options
     distance = options.distance if distance_stated else DISTANCE
+    if options.friction:
+        return _friction(options, model, shapes, distance)
     with progress_bar('searching', 1.0) as progress:
         motion = excite(
             model, duration=options.duration, harmonics=options.harmonics,
@@ -48,6 +54,31 @@ def excitation(options: Namespace) -> int:
     else:
         _print_data(data)
     return 0 if too_near is None else 1
+
+
+def _friction(options: Namespace, model: Model, shapes: Sequence[LinkShape],
+              distance: float | None) -> int:
+    """Write a motion of slow reversals for `identify --friction-only`."""
+    motion = friction_motion(model, loads=options.loads, share=options.share,
+                             seed=options.seed, floor=options.floor, shapes=shapes,
+                             distance=distance)
+    rows = int(np.ceil(motion.duration * options.rate - 1e-9)) + 1
+    t = np.linspace(0.0, motion.duration, rows)
+    states = dict(zip(('q', 'u', 'udot'), motion.sample(t), strict=True))
+    with whole_file(options.out) as stream:
+        write_states(stream, t, states, motion.joint_names)
+    start = motion.sample(np.zeros(1))[0][0]
+    data = {'joint_names': list(motion.joint_names), 'duration': motion.duration,
+            'start': start, 'loads': options.loads, 'files': [options.out]}
+    if options.json:
+        print_json(data)
+        return 0
+    print(f'slow reversals under {options.loads} loads, {motion.duration:.0f} s; at rest '
+          'at each reversal, at the start and the end:')
+    print_table(['joint', 'starts at'],
+                [[name, x] for name, x in zip(motion.joint_names, start)])
+    print(f'wrote {options.out}')
+    return 0
 
 
 def missed_distance(motion: Excitation, distance: float | None) -> str | None:
