@@ -30,6 +30,7 @@ from kane_dynamics._util.checks import finite_row, instance, number, per_joint
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.terms import EVERY_TERM, Terms
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.lane_products import product, transpose
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
@@ -37,11 +38,11 @@ from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.task_space.effort_limits import clamped, within_limits
+from kane_dynamics.task_space.effort_limits import clamped, plus_scaled, within_limits
 from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task,
                                                  FrameMobility, FrameTask, in_axes,
                                                  singular_mass as checked_mass,
-                                                 symmetric_product, TaskInertia)
+                                                 TaskInertia)
 from kane_dynamics.task_space.joint_speed_limits import (brake_torques, checked_speeds,
                                                          slowdown, speeds_towards_stops)
 from kane_dynamics.task_space.joint_walls import JointWalls
@@ -331,7 +332,7 @@ def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,
         desired = TargetMotion(task.in_world(target[:3, :3]), twist, acceleration)
         forces = impedance_forces(robot, task, walls, (q, u, t, parameters), target,
                                   desired, values, lanes_of(q[0]))
-        exerted = forces.mobility.J.T @ in_axes(desired.axes, wrench)
+        exerted = forces.mobility.force(in_axes(desired.axes, wrench))
         tau, scale, brakes = forces.torques(equations, exerted, values['effort'])
         if with_state:
             numbers = np.array([scale, forces.inertia.mass,
@@ -404,18 +405,19 @@ class ImpedanceForces(NamedTuple):
         all torques. Then joints about to exceed their speeds are braked, each by itself.
         """
         q, u, t, parameters = self.at
+        lanes = self.mobility.lanes
         tau = equations.shared_torques(q, self.held, t)
         force = self.held
         scale: Scalar = 1.0
         for part in (self.walls, self.drag, self.feedforward, self.pull + exerted):
-            tau, scale = within_limits(tau, equations.shared_torques(q, part, t), effort)
-            force = force + scale * part
+            tau, scale = within_limits(tau, equations.shared_torques(q, part, t), effort,
+                                       lanes)
+            force = plus_scaled(force, scale, part, lanes)
         # Friction that the arm compensates itself does not slow its joints down.
         bias = resisting_force(equations, q, u, self.weights, parameters, t)
-        brakes = brake_torques(equations, q, u, self.motion, force, bias, self.speeds,
-                               parameters, t)
+        brakes = brake_torques(self.motion, self.mobility, force - bias, self.speeds)
         braking = equations.shared_torques(q, self.motion.projected(brakes), t)
-        return clamped(tau, braking, effort), scale, brakes
+        return clamped(tau, braking, effort, lanes), scale, brakes
 
 
 def impedance_forces(robot: Robot, task: FrameTask, walls: JointWalls, at: StateAt,
@@ -427,36 +429,38 @@ def impedance_forces(robot: Robot, task: FrameTask, walls: JointWalls, at: State
     axes = desired.axes
     motion = equations.joint_motion(q, u, equations.zeros, t)
     J = in_axes(axes, equations.partial_velocities(task.frame, q, t))
-    mobility = frame_mobility(equations, J, q, parameters, t)
+    mobility = frame_mobility(equations, J, q, parameters, t, lanes)
     inertia = TaskInertia(task, mobility, values['singular_mass'])
 
     # Feedforward of the reference motion, which is slowed down to the speed limits.
     u_r, udot_r = reference_motion(equations, task, inertia, q, u, desired, t)
     reference_rates = motion.T @ u_r
     speed_scale = slowdown(reference_rates, speeds_towards_stops(
-        robot, q, reference_rates, values['speed']))
+        robot, q, reference_rates, values['speed'], lanes), lanes)
     u_r = speed_scale * u_r
     at_rest = equations.zeros
     held = reference_dynamics(equations, q, at_rest, at_rest, at_rest,
                               values['weights'], parameters, t)
     compensation = reference_dynamics(equations, q, u, u_r, speed_scale * udot_r,
                                       values['weights'], parameters, t)
-    at_walls = motion.projected(walls.force(q, motion.qdot, values))
+    at_walls = motion.projected(walls.force(q, motion.qdot, values, lanes))
 
     # Spring and damper, on the motion relative to the reference.
     s = u - u_r
-    velocity = J @ s
-    spring = Spring(equations.frame_pose(task.frame, q, t), target, axes, values)
+    velocity = product(s, transpose(J, lanes), lanes)
+    spring = Spring(equations.frame_pose(task.frame, q, t), target, axes, values, lanes)
     damping = damping_wrench(mobility.W, velocity, values, lanes)
 
     # Posture and damping, where they do not accelerate the frame.
     momentum = equations.mass_matrix(q, parameters, t) @ s
-    drag = null_damping(inertia, momentum, s, values['null_damping'])
+    drag = null_damping(inertia, momentum, velocity, values['null_damping'])
     posture = posture_force(walls, inertia, q, motion, values)
     return ImpedanceForces(at, motion, held, at_walls, compensation - held,
-                           drag - J.T @ damping, J.T @ spring.wrench + posture, spring,
+                           drag - mobility.force(damping),
+                           mobility.force(spring.wrench) + posture, spring,
                            damping, velocity, mobility, inertia, values['weights'],
-                           speeds_towards_stops(robot, q, motion.qdot, values['speed']),
+                           speeds_towards_stops(robot, q, motion.qdot, values['speed'],
+                                                lanes),
                            speed_scale)
 
 
@@ -464,6 +468,7 @@ def damping_wrench(W: Matrix, velocity: Vector, values: Mapping[str, Any],
                    lanes: Any) -> Vector:
     """Return D times a velocity, (6,): the damping by ratio and the stated one."""
     F = np.triu(values['factor'])
-    modes = symmetric_product(F @ W, F.T)
-    by_ratio = F.T @ inverse_root_times(modes, F @ (values['root'] * velocity), lanes)
-    return values['root'] * by_ratio + values['damping'] @ velocity
+    modes = product(F, transpose(product(F, W, lanes), lanes), lanes)
+    in_modes = product(values['root'] * velocity, transpose(F, lanes), lanes)
+    by_ratio = product(inverse_root_times(modes, in_modes, lanes), F, lanes)
+    return values['root'] * by_ratio + product(velocity, values['damping'], lanes)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import magnitude, select, smallest
-import numpy as np
+from kane_dynamics.mechanics.algebra.lane_products import by_entries
+from kane_dynamics.mechanics.algebra.lanes import Lanes
 
 TINY = 1e-300
 
 
-def within_limits(compensation: Vector, task: Vector, limits: Vector
+def within_limits(compensation: Vector, task: Vector, limits: Vector, lanes: Any = Lanes
                   ) -> tuple[Vector, Scalar]:
     """
     Return compensation + s task with the largest s up to 1 within limits, and s.
@@ -24,30 +27,43 @@ def within_limits(compensation: Vector, task: Vector, limits: Vector
         Torques of the joints, N m or N.
     limits : (n,) array of scalars
         N m or N.
+    lanes : class or object
+        The functions of `Lanes`.
 
     """
-    shares: list[Scalar] = [1.0]
-    for held, torque, limit in zip(compensation, task, limits):
-        is_negative = torque < 0.0
-        size = select(is_negative, -torque, torque)
-        room = limit - select(is_negative, -held, held)
-        room = select(room < 0.0, 0.0, room)
-        shares.append(room / select(size < TINY, TINY, size))
-    scale = smallest(shares)
-    return compensation + scale * np.asarray(task), scale
+    shares = by_entries(_share_within, lanes, compensation, task, limits)
+    scale = smallest([1.0, *shares])
+    return plus_scaled(compensation, scale, task, lanes), scale
 
 
-def clamped(held: Vector, added: Vector, limits: Vector) -> Vector:
+def _share_within(held: Scalar, torque: Scalar, limit: Scalar) -> Scalar:
+    """Return the largest factor of a torque, perhaps above 1, within a limit."""
+    sign = select(torque < 0.0, -1.0, 1.0)
+    size = sign * torque
+    # The reciprocal does not wait for what is held.
+    reciprocal = 1.0 / select(size < TINY, TINY, size)
+    room = limit - sign * held
+    return select(room < 0.0, 0.0, room) * reciprocal
+
+
+def plus_scaled(a: Vector, scale: Scalar, b: Vector, lanes: Any) -> Vector:
+    """Return a + scale b, (n,)."""
+    return by_entries(lambda x, y: x + scale * y, lanes, a, b)
+
+
+def clamped(held: Vector, added: Vector, limits: Vector, lanes: Any = Lanes) -> Vector:
     """
     Return held + added, (n,), where each added torque ends at the limit of its joint.
 
     A held torque beyond its limit stays.
     """
-    result = []
-    for torque, change, limit in zip(held, added, limits):
-        size = magnitude(torque)
-        bound = select(size < limit, limit, size)
-        total = torque + change
-        total = select(total < -bound, -bound, total)
-        result.append(select(bound < total, bound, total))
-    return np.array(result)
+    return by_entries(_clamped, lanes, held, added, limits)
+
+
+def _clamped(torque: Scalar, change: Scalar, limit: Scalar) -> Scalar:
+    """Return the entry of `clamped` for one joint."""
+    size = magnitude(torque)
+    bound = select(size < limit, limit, size)
+    total = torque + change
+    total = select(total < -bound, -bound, total)
+    return select(bound < total, bound, total)

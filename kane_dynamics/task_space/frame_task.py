@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.text import SHORT
@@ -12,7 +12,9 @@ from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.computed_torque import require_rigid
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.ltdl import factorize, Factors, inverse, solve
+from kane_dynamics.mechanics.algebra.lane_products import product, solutions, transpose
+from kane_dynamics.mechanics.algebra.lanes import Lanes
+from kane_dynamics.mechanics.algebra.ltdl import factorize, Factors
 from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.model.model import Frame, WORLD
@@ -67,13 +69,6 @@ class FrameTask:
         """Return the rows of the task, angular ones times `length`, of six rows."""
         scales = self.scales
         return np.array([scales[k] * six[row] for k, row in enumerate(self.rows)])
-
-    def unscaled_wrench(self, force: Vector) -> Vector:
-        """Return the six components of a wrench from a force dual to `scaled` ones."""
-        wrench = np.zeros(6).astype(object)
-        for k, row in enumerate(self.rows):
-            wrench[row] = self.scales[k] * force[k]
-        return wrench
 
     @property
     def scales(self) -> tuple[float, ...]:
@@ -167,26 +162,37 @@ class FrameMobility(NamedTuple):
 
     Attributes
     ----------
+    inverse_mass : (n, n) array
+        M^-1.
     J : (6, n) array
-        The Jacobian, linear then angular.
+        The Jacobian, linear then angular; or some of its rows, as in P and W.
     P : (n, 6) array
         M^-1 J^T.
     W : (6, 6) array
-        J M^-1 J^T, the inverse of Lambda where that exists.
+        J M^-1 J^T, the inverse of Lambda where that exists; symmetric to rounding.
+    lanes : class or object
+        The functions of `Lanes` for products of these.
 
     """
 
+    inverse_mass: Matrix
     J: Matrix
     P: Matrix
     W: Matrix
+    lanes: Any
+
+    def force(self, wrench: Vector) -> Vector:
+        """Return J^T times a wrench on the frame, (n,)."""
+        return product(wrench, self.J, self.lanes)
 
 
 def frame_mobility(equations: Equations, J: Matrix, q: Vector, parameters: Vector,
-                   t: Scalar) -> FrameMobility:
+                   t: Scalar, lanes: Any = Lanes) -> FrameMobility:
     """Return the mobility of a frame with the Jacobian J, (6, n)."""
     factors, order = equations.mass_factors(q, parameters, t)
-    P = np.stack([solve(factors, order, row) for row in J], axis=1)
-    return FrameMobility(J, P, symmetric_product(J, P))
+    inverse_mass = solutions(factors, order, np.eye(len(order)), lanes)
+    P = transpose(product(J, inverse_mass, lanes), lanes)
+    return FrameMobility(inverse_mass, J, P, product(J, P, lanes), lanes)
 
 
 class TaskInertia:
@@ -198,7 +204,8 @@ class TaskInertia:
     its heaviest direction, is below `heaviest` m_s; above it grows smoothly to 1 / m_s,
     so that Lambda is at most 4/3 m_s. It is the variable damping of Y. Nakamura and H.
     Hanafusa, "Inverse kinematic solutions with singularity robustness for robot
-    manipulator control", J. Dyn. Sys. Meas. Control 108, 1986, with a measure in kg.
+    manipulator control", J. Dyn. Sys. Meas. Control 108, 1986, with a measure in kg:
+    W and Lambda of the regularization are those of angles times the task's length.
 
     Parameters
     ----------
@@ -210,8 +217,8 @@ class TaskInertia:
 
     Attributes
     ----------
-    J, P : (k, n), (n, k) arrays
-        Of the rows of the task, angular ones times its length.
+    Lambda : (6, 6) array
+        In units of six directions; zero for those that are not of the task.
     mass, regularization : scalars
         trace(W^-1), kg; lambda^2, 1/kg.
 
@@ -219,17 +226,18 @@ class TaskInertia:
 
     def __init__(self, task: FrameTask, mobility: FrameMobility,
                  heaviest: Scalar) -> None:
-        self.J = task.scaled(mobility.J)
-        self.P = task.scaled(mobility.P.T).T
-        self.W = task.scaled(task.scaled(mobility.W).T)
-        count = len(task.rows)
-        self._order = list(range(count))
+        self._mobility = mobility
+        scales = np.array(task.scales)
+        rows = list(task.rows)
+        count = len(rows)
+        order = list(range(count))
+        W = scales[:, None] * mobility.W[np.ix_(rows, rows)] * scales
 
         # The trace of W^-1, finite where W is singular.
         least = 1.0 / heaviest
-        trace = sum(self.W[k, k] for k in range(count))
+        trace = sum(W[k, k] for k in range(count))
         shift = LEAST * least + ROUNDING * trace
-        self.mass = inverse_trace(factorize(self._shifted(shift), self._order))
+        self.mass = inverse_trace(factorize(W + np.diag([shift] * count), order))
 
         # lambda^2 = (1 - m_s / mass)^2 / m_s above m_s, else 0. The shift keeps the
         # factorization finite at the edge of rounding.
@@ -238,27 +246,32 @@ class TaskInertia:
         excess = select(is_singular, 1.0 - share, 0.0)
         self.regularization = least * excess * excess
         added = self.regularization + select(is_singular, shift, 0.0)
-        self._factors = factorize(self._shifted(added), self._order)
+        factors = factorize(W + np.diag([added] * count), order)
 
-    def _shifted(self, shift: Scalar) -> Matrix:
-        """Return W + shift."""
-        return self.W + np.diag([shift] * len(self.W))
+        # Lambda = S (W + lambda^2)^-1 S with the scales S of the task's rows.
+        S = np.zeros((count, 6))
+        S[order, rows] = scales
+        scaled = solutions(factors, order, S, mobility.lanes)
+        self.Lambda = product(S.T, scaled, mobility.lanes)
 
-    def force(self, acceleration: Vector) -> Vector:
-        """Return Lambda times an acceleration of the task, (k,)."""
-        return solve(self._factors, self._order, acceleration)
+    def wrench(self, acceleration: Vector) -> Vector:
+        """Return Lambda times an acceleration of the frame, (6,)."""
+        return product(acceleration, self.Lambda, self._mobility.lanes)
 
-    def inertia(self) -> Matrix:
-        """Return Lambda, (k, k), exactly symmetric."""
-        return inverse(self._factors, self._order)
+    def momentum(self, v: Vector) -> Vector:
+        """Return J^T Lambda v, (n,): the momentum of `speeds`."""
+        return self._mobility.force(self.wrench(v))
 
     def speeds(self, v: Vector) -> Vector:
-        """Return the speeds of least kinetic energy, (n,), for a velocity of the task."""
-        return self.P @ self.force(v)
+        """Return the speeds of least kinetic energy, (n,), for a velocity, (6,)."""
+        mobility = self._mobility
+        return product(self.momentum(v), mobility.inverse_mass, mobility.lanes)
 
     def null_force(self, tau: Vector) -> Vector:
         """Return N^T tau, (n,), which does not accelerate the task."""
-        return tau - self.J.T @ self.force(self.P.T @ tau)
+        mobility = self._mobility
+        acceleration = product(tau, mobility.P, mobility.lanes)
+        return tau - self.momentum(acceleration)
 
 
 def inverse_trace(factors: Factors) -> Scalar:
@@ -273,18 +286,6 @@ def inverse_trace(factors: Factors) -> Scalar:
             column.append(-sum(L[i][j + k] * x for k, x in enumerate(column)))
         total = total + reciprocal[j] * sum(x * x for x in column)
     return total
-
-
-def symmetric_product(A: Matrix, B: Matrix) -> Matrix:
-    """Return the symmetric matrix A B, each entry computed once."""
-    k = len(A)
-    result = np.zeros((k, k)).astype(object)
-    for r in range(k):
-        for s in range(r, k):
-            entry = A[r] @ B[:, s]
-            result[r, s] = entry
-            result[s, r] = entry
-    return result
 
 
 def independent_directions(robot: Robot, frame: str, axes: str) -> tuple[str, ...]:

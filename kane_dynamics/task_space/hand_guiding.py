@@ -29,9 +29,9 @@ from kane_dynamics.model.model import Frame, WORLD
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.frame_task import frame_mobility
 from kane_dynamics.task_space.joint_walls import DAMPING, JointWalls
-from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, LanesOf,
-                                                 Law, law_kernel, RunTimeSettings,
-                                                 Settings)
+from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, lanes_of_scalars,
+                                                 LanesOf, Law, law_kernel,
+                                                 RunTimeSettings, Settings)
 from kane_dynamics.task_space.reference_dynamics import rated_friction
 import numpy as np
 from numpy.typing import ArrayLike
@@ -194,8 +194,8 @@ class HandGuiding(RunTimeSettings):
         walls = self._walls
         shapes = self._shapes
 
-        def law_of(choice: Robot, _: LanesOf) -> Law:
-            return _law(choice, frame, walls, shapes)
+        def law_of(choice: Robot, lanes_of: LanesOf) -> Law:
+            return _law(choice, frame, walls, shapes, lanes_of)
         words = ['hand_guiding', str(self._planes)]
         if frame is not None:
             words.append(frame.name)
@@ -207,7 +207,7 @@ class HandGuiding(RunTimeSettings):
 
 def hand_guiding_law(law: HandGuiding) -> Law:
     """Return the law of an object as a function of q, u and settings, over any scalar."""
-    return _law(law.robot, law._frame, law._walls, law._shapes)
+    return _law(law.robot, law._frame, law._walls, law._shapes, lanes_of_scalars)
 
 
 def _checked_planes(planes: ArrayLike) -> Array:
@@ -228,7 +228,8 @@ def _checked_planes(planes: ArrayLike) -> Array:
     return array
 
 
-def _law(robot: Robot, frame: Frame | None, walls: JointWalls, shapes: Settings) -> Law:
+def _law(robot: Robot, frame: Frame | None, walls: JointWalls, shapes: Settings,
+         lanes_of: LanesOf) -> Law:
     """Return the law as a function over any scalar; see the module."""
     equations = robot.equations
     tree = equations.tree
@@ -255,10 +256,10 @@ def _law(robot: Robot, frame: Frame | None, walls: JointWalls, shapes: Settings)
                  + walls.force(q, rates, values))
         total = motion.projected(force)
         if frame is not None:
-            J = equations.partial_velocities(frame, q, t)
-            W = frame_mobility(equations, J, q, parameters, t).W[:3, :3]
+            J = equations.partial_velocities(frame, q, t)[:3]
+            mobility = frame_mobility(equations, J, q, parameters, t, lanes_of(q[0]))
             position = equations.frame_pose(frame, q, t)[:3, 3]
-            total = total + J[:3].T @ _frame_force(position, J[:3] @ u, W, values)
+            total = total + J.T @ _frame_force(position, J @ u, mobility.W, values)
         tau = _clamped(equations.shared_torques(q, total, t), values['effort'])
         if equations.actuated is not None:
             tau = nan_unless(tau, transmission_margin(equations.mechanism, motion.T,

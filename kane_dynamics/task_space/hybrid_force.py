@@ -91,16 +91,17 @@ class HybridForce(CartesianImpedance):
         # A number is written to it faster than to the array.
         self._step_entry: Any = memoryview(self._step)
         super().__init__(robot, frame, stiffness=stiffness, **impedance)
-        self._integral = [np.zeros(6)]  # replaced by each call
+        # The result of the last call: the torques, then the integral.
+        self._last = [np.zeros(len(robot.joint_names) + 6)]
 
     @property
     def integral(self) -> Array:
         """Return the integral of the force's error."""
-        return self._integral[0].copy()
+        return self._last[0][-6:].copy()
 
     def reset(self) -> None:
         """Set the integral of the force's error to zero."""
-        self._integral[0] = np.zeros(6)
+        self._last[0] = np.zeros(len(self._last[0]))
 
     def _layout(self) -> dict[str, Shape]:
         """Return the names and shapes of the kernel's settings."""
@@ -168,10 +169,9 @@ class HybridForce(CartesianImpedance):
         if type(elapsed) is not float or not 0.0 <= elapsed < math.inf:
             elapsed = number(elapsed, 'elapsed', 'a finite time in s, not negative',
                              lambda x: 0.0 <= x < math.inf)
-        # Each attribute of a class with hints takes as long to read as ten of these.
-        fields = self.__dict__
-        fields['_step_entry'][0] = elapsed
-        zero = fields['_zero']
+        call = self.__dict__['_call'] or self._call_fields()
+        law, block, zero, timed, step, step_entry, last = call
+        step_entry[0] = elapsed
         if twist is None:
             twist = zero
         if acceleration is None:
@@ -179,17 +179,21 @@ class HybridForce(CartesianImpedance):
         desired = zero if wrench is None else wrench
         if measured is None:  # as if the force were exactly the desired one
             measured = -finite_row(desired, 'wrench', DIRECTIONS, part='direction')
-        integral = fields['_integral']
-        law = fields.get('_law') or self._law
-        step, block = fields['_step'], fields['_block']
-        if fields['_timed']:
-            row = law(q, u, pose, twist, acceleration, desired, measured, integral[0],
-                      step, block, t)
+        if timed:
+            row = law(q, u, pose, twist, acceleration, desired, measured, last[0], step,
+                      block, t)
         else:
-            row = law(q, u, pose, twist, acceleration, desired, measured, integral[0],
-                      step, block)
-        integral[0] = row[-6:]
-        return row[:-6]
+            row = law(q, u, pose, twist, acceleration, desired, measured, last[0], step,
+                      block)
+        last[0] = row
+        torques: Array = row[:-6]
+        return torques
+
+    def _call_fields(self) -> tuple[Any, ...]:
+        """Return and keep what a call reads."""
+        common = super()._call_fields()
+        self._call = *common, self._step, self._step_entry, self._last
+        return self._call
 
     def _compiled(self, with_state: bool = False) -> Callable[..., Array]:
         """Return the entry point of the torques, or of the impedance's state."""
@@ -206,7 +210,8 @@ class HybridForce(CartesianImpedance):
         size = len(robot.joint_names) + 6
         inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'pose': (4, 4), 'twist': (6,),
                   'acceleration': (6,), 'desired_wrench': (6,), 'measured': (6,),
-                  'integral': (6,), 'elapsed': (1,), 'settings': (shapes.size,)}
+                  'last_torques_and_integral': (size,), 'elapsed': (1,),
+                  'settings': (shapes.size,)}
         name = identifier('hybrid_force', task.words, *map(str, forced))
         kernel = law_kernel(robot, law_of, name, inputs, (size,))
         return kernel.entry('', kernel)
@@ -220,9 +225,10 @@ def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls
     moving[list(forced)] = 0.0
 
     def law(q: Vector, u: Vector, target: Matrix, twist: Vector, acceleration: Vector,
-            wrench: Vector, measured: Vector, integral: Vector, elapsed: Vector,
+            wrench: Vector, measured: Vector, last: Vector, elapsed: Vector,
             settings: Vector, *, t: Scalar, parameters: Vector) -> Vector:
         values = shapes.unpacked(settings)
+        integral = last[-6:]
         axes = task.in_world(target[:3, :3])
 
         # The motion of the target without its part along the force directions.
@@ -248,7 +254,7 @@ def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls
             damping = (magnitude(pushed) / values['approach_speed'][i]
                        + DRAG / mobility)
             command[i] = pushed - damping * forces.velocity[i]
-        tau, _, _ = forces.torques(equations, forces.mobility.J.T @ command,
+        tau, _, _ = forces.torques(equations, forces.mobility.force(command),
                                    values['effort'])
         if equations.actuated is not None:
             tau = nan_unless(tau, transmission_margin(equations.mechanism,

@@ -12,16 +12,18 @@ to their stops slowly.
 
 from __future__ import annotations
 
+from typing import Any
+
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import magnitude, select, smallest
-from kane_dynamics.mechanics.algebra.ltdl import solve
+from kane_dynamics.mechanics.algebra.lane_products import by_entries, product
+from kane_dynamics.mechanics.algebra.lanes import Lanes
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion
-from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.task_space.frame_task import symmetric_product
+from kane_dynamics.task_space.frame_task import FrameMobility
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -45,8 +47,8 @@ def checked_speeds(robot: Robot, stated: ArrayLike | None) -> Array:
     return speeds
 
 
-def speeds_towards_stops(robot: Robot, q: Vector, rates: Vector, speeds: Vector
-                         ) -> Vector:
+def speeds_towards_stops(robot: Robot, q: Vector, rates: Vector, speeds: Vector,
+                         lanes: Any = Lanes) -> Vector:
     """
     Return the speed limits in the direction of motion, (n_j,): less next to joint limits.
 
@@ -60,35 +62,49 @@ def speeds_towards_stops(robot: Robot, q: Vector, rates: Vector, speeds: Vector
         Whose signs are the directions.
     speeds : (n_j,) array
         The limits far from the joint limits.
+    lanes : class or object
+        The functions of `Lanes`.
 
     """
-    limits = list(speeds)
+    # Joints with a limit; ball joints have none.
+    joints = []
+    places = []
     for r, place in enumerate(robot.model.places):
-        if place is None:  # a ball joint has no limits
-            continue
-        lower, upper = robot.limits.lower[place], robot.limits.upper[place]
-        if not np.isfinite(lower) and not np.isfinite(upper):
-            continue
-        way = select(rates[r] < 0.0, q[place] - lower, upper - q[place])
-        least = CREEPING * speeds[r]
-        slow = way * (1.0 / STOPPING)
-        slow = select(slow < least, least, slow)
-        limits[r] = select(slow < speeds[r], slow, speeds[r])
-    return np.array(limits)
+        if place is not None and np.isfinite([robot.limits.lower[place],
+                                              robot.limits.upper[place]]).any():
+            joints.append(r)
+            places.append(place)
+    limits = np.array(speeds, dtype=object)
+    if joints:
+        limits[joints] = by_entries(
+            _speed_towards_stop, lanes, q[places], rates[joints], limits[joints],
+            robot.limits.lower[places], robot.limits.upper[places])
+    return np.array(limits.tolist())
 
 
-def slowdown(rates: Vector, limits: Vector) -> Scalar:
+def _speed_towards_stop(position: Scalar, rate: Scalar, speed: Scalar, lower: Scalar,
+                        upper: Scalar) -> Scalar:
+    """Return the speed limit of one joint in the direction of its rate."""
+    way = select(rate < 0.0, position - lower, upper - position)
+    least = CREEPING * speed
+    slow = way * (1.0 / STOPPING)
+    slow = select(slow < least, least, slow)
+    return select(slow < speed, slow, speed)
+
+
+def slowdown(rates: Vector, limits: Vector, lanes: Any = Lanes) -> Scalar:
     """Return the factor, at most 1, at which no rate exceeds `FREE` of its limit."""
-    shares: list[Scalar] = [1.0]
-    for rate, limit in zip(rates, limits):
-        size = magnitude(rate)
-        shares.append(FREE * limit / select(size < TINY, TINY, size))
-    return smallest(shares)
+    return smallest([1.0, *by_entries(_share_of_rate, lanes, rates, limits)])
 
 
-def brake_torques(equations: Equations, q: Vector, u: Vector, motion: JointMotion,
-                  force: Vector, bias: Vector, limits: Vector, parameters: Vector,
-                  t: Scalar) -> Vector:
+def _share_of_rate(rate: Scalar, limit: Scalar) -> Scalar:
+    """Return the factor at which a rate is `FREE` of its limit."""
+    size = magnitude(rate)
+    return FREE * limit * (1.0 / select(size < TINY, TINY, size))
+
+
+def brake_torques(motion: JointMotion, mobility: FrameMobility, force: Vector,
+                  limits: Vector) -> Vector:
     """
     Return the torques, (n_j,), that keep joints within their speed limits.
 
@@ -97,56 +113,67 @@ def brake_torques(equations: Equations, q: Vector, u: Vector, motion: JointMotio
 
     Parameters
     ----------
-    equations : Equations
-        Of the robot.
-    q, u : (n_q,), (n,) arrays
-        The state.
     motion : JointMotion
         At u, with udot = 0.
+    mobility : FrameMobility
+        Has the inverse of the mass matrix.
     force : (n,) array
-        The generalized force that acts.
-    bias : (n,) array
-        That which leaves u as it is, of what resists the joints: not of what the arm
-        compensates itself.
+        The generalized force that acts, less the bias force of what resists the joints:
+        not of what the arm compensates itself.
     limits : (n_j,) array
         Of the joint speeds, rad/s; infinite for none.
-    parameters, t
-        Of the robot; time, s.
 
     """
     T = motion.T
-    factors, order = equations.mass_factors(q, parameters, t)
-    udot = solve(factors, order, force - bias)
+    lanes = mobility.lanes
+    udot = product(force, mobility.inverse_mass, lanes)
 
-    # In the directions of motion: what the joints gain in speed, and lose per torque.
-    signs = [select(rate < 0.0, -1.0, 1.0) for rate in motion.qdot]
-    gained = np.array(signs) * (motion.qddot + T @ udot)
-    accelerations = np.stack([solve(factors, order, row) for row in T], axis=1)
-    responses = symmetric_product(T, accelerations)
+    # By how much the accelerations, in the direction of motion, are too large.
+    accelerations = motion.qddot + T @ udot
+    signs = by_entries(_sign, lanes, motion.qdot)
+    shares = by_entries(_braked_share, lanes, motion.qdot, limits)
+    excesses = by_entries(_excess, lanes, motion.qdot, accelerations, limits)
+
+    # Accelerations by torques, and the torque by which a joint alone loses one.
+    responses = mobility.inverse_mass
+    if not motion.unit:
+        responses = product(T, product(responses, T.T, lanes), lanes)
     inertias: list[Scalar] = []
     for k, response in enumerate(responses):
         if is_zero(response[k]):  # its motion is prescribed: no torque brakes it
             inertias.append(0.0)
         else:
-            inertias.append(1.0 / response[k])
-
-    shares = []
-    excesses = []
-    for sign, rate, gain, limit in zip(signs, motion.qdot, gained, limits):
-        speed = sign * rate
-        share = (speed / limit - SLOW) * (1.0 / (RISING - SLOW))
-        shares.append(select(share < 0.0, 0.0, select(share > 1.0, 1.0, share)))
-        excesses.append(gain - (FREE * limit - speed) * (1.0 / HORIZON))
+            inertias.append(signs[k] / response[k])
 
     # Torques that brake only, with the accelerations that they cause at other joints, by
-    # projected Gauss-Seidel sweeps.
-    braking: list[Scalar] = [0.0] * len(shares)
+    # projected Gauss-Seidel sweeps. Joint k gets its share of the torque that it wants.
+    by_torques = product(np.diag(signs * shares), responses, lanes)
+    wanted: list[Scalar] = [0.0] * len(shares)
     for _ in range(SWEEPS):
-        for k, response in enumerate(responses):
-            torque = braking[k] + excesses[k] * inertias[k]
-            torque = shares[k] * select(torque < 0.0, 0.0, torque)
-            change = signs[k] * (torque - braking[k])
-            braking[k] = torque
-            for j, sign in enumerate(signs):
-                excesses[j] = excesses[j] - sign * response[j] * change
-    return -np.array(signs) * np.array(braking)
+        for k, by_torque in enumerate(by_torques):
+            torque = shares[k] * wanted[k] + inertias[k] * excesses[k]
+            torque = select(torque < 0.0, 0.0, torque)
+            change = torque - wanted[k]
+            wanted[k] = torque
+            for j, acceleration in enumerate(by_torque):
+                excesses[j] = excesses[j] - acceleration * change
+    return by_entries(lambda sign, share, torque: -(sign * share * torque), lanes, signs,
+                      shares, np.array(wanted))
+
+
+def _sign(rate: Scalar) -> Scalar:
+    """Return the direction of a rate."""
+    return select(rate < 0.0, -1.0, 1.0)
+
+
+def _braked_share(rate: Scalar, limit: Scalar) -> Scalar:
+    """Return the share of its full torque with which a joint of this rate is braked."""
+    share = (magnitude(rate) * (1.0 / limit) - SLOW) * (1.0 / (RISING - SLOW))
+    return select(share < 0.0, 0.0, select(share > 1.0, 1.0, share))
+
+
+def _excess(rate: Scalar, acceleration: Scalar, limit: Scalar) -> Scalar:
+    """Return the acceleration in the direction of motion that is too large, signed."""
+    sign = _sign(rate)
+    allowed = (FREE * limit - sign * rate) * (1.0 / HORIZON)
+    return acceleration - sign * allowed

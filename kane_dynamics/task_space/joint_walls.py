@@ -9,12 +9,15 @@ from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
+from kane_dynamics.mechanics.algebra.lane_products import by_entries
+from kane_dynamics.mechanics.algebra.lanes import Lanes
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
 MARGIN = 0.1  # rad or m: the default, at most SHARE of a joint's range
 SHARE = 0.05
+WALL = ('wall_stiffness', 'wall_lower', 'wall_upper', 'wall_damping')  # settings
 DAMPING = 0.01  # s: damping of a wall over its stiffness, at the joint limit and beyond
 
 
@@ -63,28 +66,36 @@ class JointWalls:
                 'wall_upper': self._upper - margins,
                 'wall_damping': DAMPING / np.where(margins > 0.0, margins, 1.0)}
 
-    def force(self, q: Vector, joint_rates: Vector, settings: Mapping[str, Any]
-              ) -> Vector:
+    def force(self, q: Vector, joint_rates: Vector, settings: Mapping[str, Any],
+              lanes: Any = Lanes) -> Vector:
         """Return the joint forces of the walls, (n_j,), over any scalar."""
         force = np.zeros(len(joint_rates)).astype(object)
-        for k, (r, place) in enumerate(zip(self.joints, self.places)):
-            depth = self._depth(k, q[place], settings)
-            # The damping, s, is DAMPING from the joint limit on.
-            growing = settings['wall_damping'][k] * magnitude(depth)
-            damping = select(growing > DAMPING, DAMPING, growing)
-            force[r] = -settings['wall_stiffness'][k] * (depth + damping * joint_rates[r])
+        parts = [settings[name] for name in WALL]
+        force[self.joints] = by_entries(_wall_force, lanes, q[self.places],
+                                        joint_rates[self.joints], *parts)
         return force
 
     def energy(self, q: Vector, settings: Mapping[str, Any]) -> Scalar:
         """Return the energy that the walls store, J."""
         total: Scalar = 0.0
         for k, place in enumerate(self.places):
-            depth = self._depth(k, q[place], settings)
+            depth = _depth(q[place], settings['wall_lower'][k], settings['wall_upper'][k])
             total = total + 0.5 * settings['wall_stiffness'][k] * depth * depth
         return total
 
-    def _depth(self, k: int, position: Scalar, settings: Mapping[str, Any]) -> Scalar:
-        """Return how far a position is beyond the upper wall, or minus the lower one."""
-        above = position - settings['wall_upper'][k]
-        below = position - settings['wall_lower'][k]
-        return select(above > 0.0, above, select(below < 0.0, below, 0.0))
+
+def _wall_force(position: Scalar, rate: Scalar, stiffness: Scalar, lower: Scalar,
+                upper: Scalar, slope: Scalar) -> Scalar:
+    """Return the force of the walls of one joint."""
+    depth = _depth(position, lower, upper)
+    # The damping, s, is DAMPING from the joint limit on.
+    growing = slope * magnitude(depth)
+    damping = select(growing > DAMPING, DAMPING, growing)
+    return -(stiffness * (depth + damping * rate))
+
+
+def _depth(position: Scalar, lower: Scalar, upper: Scalar) -> Scalar:
+    """Return how far a position is beyond the upper wall, or minus the lower one."""
+    above = position - upper
+    below = position - lower
+    return select(above > 0.0, above, select(below < 0.0, below, 0.0))

@@ -124,6 +124,9 @@ class PoseLaw(RunTimeSettings):
     def __init__(self, robot: Robot, shapes: Settings) -> None:
         super().__init__(shapes)
         self.robot = robot
+        # What a call reads, at once: each attribute of a class with hints takes as long
+        # to read as ten entries of a tuple.
+        self._call: tuple[Any, ...] | None = None
         self._timed = robot.equations.timed
         self._zero = np.zeros(6)
 
@@ -131,6 +134,20 @@ class PoseLaw(RunTimeSettings):
     def _law(self) -> Callable[..., Array]:
         """Return the entry point of the torques, compiled at the first use."""
         return self._compiled()
+
+    def update(self, **settings: Any) -> None:
+        """
+        Change settings of the constructor between two calls; the others stay.
+
+        On an InputError no setting changes.
+        """
+        super().update(**settings)
+        self._call = None
+
+    def _call_fields(self) -> tuple[Any, ...]:
+        """Return and keep what a call reads."""
+        self._call = self._law, self._block, self._zero, self._timed
+        return self._call
 
     def _compiled(self) -> Callable[..., Array]:
         """Compile the torques and return their entry point."""
@@ -165,20 +182,20 @@ class PoseLaw(RunTimeSettings):
             The configuration is open or singular.
 
         """
-        # Each attribute of a class with hints takes as long to read as ten of these.
-        fields = self.__dict__
-        zero = fields['_zero']
+        call = self.__dict__['_call'] or self._call_fields()
+        law, block, zero, timed = call
         if twist is None:
             twist = zero
         if acceleration is None:
             acceleration = zero
         if wrench is None:
             wrench = zero
-        law: Callable[..., Array] = fields.get('_law') or self._law
-        block = fields['_block']
-        if fields['_timed']:
-            return law(q, u, pose, twist, acceleration, wrench, block, t)
-        return law(q, u, pose, twist, acceleration, wrench, block)
+        torques: Array
+        if timed:
+            torques = law(q, u, pose, twist, acceleration, wrench, block, t)
+        else:
+            torques = law(q, u, pose, twist, acceleration, wrench, block)
+        return torques
 
 
 def checked_terms(value: Any) -> Terms:

@@ -139,8 +139,8 @@ class OperationalSpace(PoseLaw):
         walls = self._walls
         shapes = self._shapes
 
-        def law_of(choice: Robot, _: LanesOf) -> Law:
-            return _law(choice, task, walls, shapes)
+        def law_of(choice: Robot, lanes_of: LanesOf) -> Law:
+            return _law(choice, task, walls, shapes, lanes_of)
         inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'pose': (4, 4), 'twist': (6,),
                   'acceleration': (6,), 'desired_wrench': (6,),
                   'settings': (shapes.size,)}
@@ -149,7 +149,8 @@ class OperationalSpace(PoseLaw):
         return kernel.entry('', kernel)
 
 
-def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings) -> Law:
+def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,
+         lanes_of: LanesOf) -> Law:
     """Return the law as a function over any scalar; see the module."""
     equations = robot.equations
     tree = equations.tree
@@ -159,11 +160,12 @@ def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings) -> 
             wrench: Vector, settings: Vector, *, t: Scalar, parameters: Vector
             ) -> Vector:
         values = shapes.unpacked(settings)
+        lanes = lanes_of(q[0])
         axes = task.in_world(target[:3, :3])
         motion = equations.joint_motion(q, u, equations.zeros, t)
         J = in_axes(axes, equations.partial_velocities(frame, q, t))
-        inertia = TaskInertia(task, frame_mobility(equations, J, q, parameters, t),
-                              values['singular_mass'])
+        mobility = frame_mobility(equations, J, q, parameters, t, lanes)
+        inertia = TaskInertia(task, mobility, values['singular_mass'])
 
         # The acceleration of the frame, in the axes.
         measured = equations.frame_pose(frame, q, t)
@@ -173,8 +175,8 @@ def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings) -> 
         drift = equations.frame_acceleration(frame, q, u, equations.zeros, t)
         corrected = (in_axes(axes, acceleration - drift) + values['kd'] * lag
                      - values['kp'] * error)
-        force = inertia.J.T @ inertia.force(task.scaled(corrected))
-        force = force + J.T @ in_axes(axes, wrench)
+        force = inertia.momentum(corrected)
+        force = force + mobility.force(in_axes(axes, wrench))
 
         # The posture, by accelerations of the joints.
         stretch = np.zeros(len(motion.qdot)).astype(object)
@@ -191,10 +193,12 @@ def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings) -> 
         drift = motion.qddot + motion.T_rate @ (u_r - u)
         friction = reference_friction(equations, q, motion.T @ u_r,
                                       drift + motion.T @ udot_r, rigid, t)
-        held = rigid + motion.projected(friction + walls.force(q, motion.qdot, values))
+        at_walls = walls.force(q, motion.qdot, values, lanes)
+        held = rigid + motion.projected(friction + at_walls)
 
         tau, _ = within_limits(equations.shared_torques(q, held, t),
-                               equations.shared_torques(q, force, t), values['effort'])
+                               equations.shared_torques(q, force, t), values['effort'],
+                               lanes)
         if equations.actuated is not None:
             tau = nan_unless(tau, transmission_margin(equations.mechanism, motion.T,
                                                       equations.actuated))

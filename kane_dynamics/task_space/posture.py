@@ -49,8 +49,19 @@ def posture_force(walls: JointWalls, inertia: TaskInertia, q: Vector,
     return inertia.null_force(motion.projected(springs))
 
 
-def null_damping(inertia: TaskInertia, momentum: Vector, speeds: Vector,
+def null_damping(inertia: TaskInertia, momentum: Vector, velocity: Vector,
                  rate: Scalar) -> Vector:
-    """Return -rate S s, (n,), for the speeds s with the momentum M s."""
-    seen = inertia.J.T @ inertia.force(inertia.J @ speeds)
-    return -rate * (momentum - seen)
+    """
+    Return -rate S s, (n,), for speeds s.
+
+    Parameters
+    ----------
+    inertia : TaskInertia
+        Of the task.
+    momentum, velocity : (n,), (6,) arrays
+        M s, and the velocity J s of the frame.
+    rate : scalar
+        1/s.
+
+    """
+    return -rate * (momentum - inertia.momentum(velocity))

@@ -46,7 +46,7 @@ def reference_motion(equations: Equations, task: FrameTask, inertia: TaskInertia
         twist = twist - (equations.frame_velocity(task.frame, q, u, t) - J @ u)
         total = equations.frame_acceleration(task.frame, q, u, equations.zeros, t)
         forced_acceleration = total - J_rate @ u
-    u_r = inertia.speeds(task.scaled(in_axes(desired.axes, twist)))
+    u_r = inertia.speeds(in_axes(desired.axes, twist))
 
     # J udot_r = the desired acceleration - J' u_r.
     missing = desired.acceleration - forced_acceleration - J_rate @ u_r
@@ -56,5 +56,5 @@ def reference_motion(equations: Equations, task: FrameTask, inertia: TaskInertia
         omega = desired.twist[3:]
         missing = missing - np.concatenate([cross(omega, lag[:3]),
                                             cross(omega, lag[3:])])
-    udot_r = inertia.speeds(task.scaled(in_axes(desired.axes, missing)))
+    udot_r = inertia.speeds(in_axes(desired.axes, missing))
     return u_r, udot_r

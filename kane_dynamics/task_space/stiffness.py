@@ -10,6 +10,8 @@ from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array, Matrix, Scalar
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.lane_products import product
+from kane_dynamics.mechanics.algebra.lanes import Lanes
 from kane_dynamics.task_space.orientation_error import pose_difference
 import numpy as np
 from numpy.typing import ArrayLike
@@ -108,6 +110,8 @@ class Spring:
         Columns are the axes of the task in the world.
     settings : mapping
         `stiffness` (6, 6) and `bounds` (2,), J.
+    lanes : class or object
+        The functions of `Lanes`.
 
     Attributes
     ----------
@@ -121,10 +125,10 @@ class Spring:
     """
 
     def __init__(self, pose: Matrix, target: Matrix, axes: Matrix,
-                 settings: Mapping[str, Any]) -> None:
+                 settings: Mapping[str, Any], lanes: Any = Lanes) -> None:
         displacement, orientation = pose_difference(pose, target, axes)
         self.error = np.concatenate([displacement, orientation.vector])
-        pull = settings['stiffness'] @ self.error
+        pull = product(self.error, settings['stiffness'], lanes)
 
         # Twice the energies of translation and rotation decide on the saturation.
         force_scale = _saturation(0.5 * (displacement @ pull[:3]), settings['bounds'][0])

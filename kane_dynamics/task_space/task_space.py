@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import instance
 from kane_dynamics._util.fork_safety import lazy_property
-from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
@@ -181,10 +181,8 @@ def _quantities(robot: Robot, task: FrameTask) -> Law:
         mobility = frame_mobility(equations, J, q, parameters, t)
         inertia = TaskInertia(task, mobility, mass[0])
 
-        # Without the scales of angles: a force is dual to a velocity.
-        S = np.diag(task.scales)
-        Lambda = S @ inertia.inertia() @ S
         rows = list(task.rows)
+        Lambda = mirrored(inertia.Lambda[np.ix_(rows, rows)])
         inverse = mobility.P[:, rows] @ Lambda
 
         drift = equations.frame_acceleration(frame, q, u, equations.zeros, t)
@@ -192,7 +190,13 @@ def _quantities(robot: Robot, task: FrameTask) -> Law:
         mu = inverse.T @ bias - Lambda @ in_axes(axes, drift)[rows]
         gravity = inverse.T @ equations.gravity_force(q, parameters, t)
         N = np.eye(len(u)) - inverse @ J[rows]
-        parts = [J[rows], mobility.W[rows][:, rows], Lambda, mu, gravity, inverse, N]
+        W = mirrored(mobility.W[np.ix_(rows, rows)])
+        parts = [J[rows], W, Lambda, mu, gravity, inverse, N]
         flat = [np.asarray(part, dtype=object).ravel() for part in parts]
         return np.concatenate([*flat, np.array([inertia.mass, inertia.regularization])])
     return law
+
+
+def mirrored(A: Matrix) -> Matrix:
+    """Return a symmetric matrix without the rounding of its upper triangle."""
+    return np.tril(A) + np.tril(A, -1).T

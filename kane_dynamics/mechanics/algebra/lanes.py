@@ -12,6 +12,7 @@ import operator
 from typing import Any
 
 from kane_dynamics._util.typing import Scalar
+from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import is_zero
 import numpy as np
 
@@ -34,6 +35,12 @@ class Lanes:
         if all(x is row[0] or _same(x, row[0]) for x in row):
             return row[0]
         return Lanes(row)
+
+    @staticmethod
+    def beginning(values: Sequence[Scalar]) -> Any:
+        """Return a row of at most `LANES` values, anything after them."""
+        # Repeated values take no more operations, and are as good a divisor.
+        return Lanes.pack([*values, *[values[-1]] * (LANES - len(values))])
 
     @staticmethod
     def lane(row: Any, k: int) -> Scalar:
@@ -87,6 +94,22 @@ class Lanes:
         if is_zero(other):
             return 0.0
         return self._by_lane(operator.mul, other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._by_lane(lambda x, y: y / x, other)
+
+    def __lt__(self, other: Any) -> Any:
+        return self._by_lane(operator.lt, other)
+
+    def __gt__(self, other: Any) -> Any:
+        return self._by_lane(operator.gt, other)
+
+    def select(self, a: Any, b: Any) -> Any:
+        """Return `a` in the lanes where this comparison holds, else `b`."""
+        values = []
+        for k, holds in enumerate(self.values):
+            values.append(select(holds, Lanes.lane(a, k), Lanes.lane(b, k)))
+        return Lanes.pack(values)
 
     def __neg__(self) -> Any:
         return Lanes.pack([-x for x in self.values])

@@ -35,7 +35,8 @@ TOGETHER = (('sc', ('sin', 'cos')), ('th', ('tanh',)), ('ex', ('exp',)),
 ELEMENTARY = frozenset(op for _, ops in TOGETHER for op in ops)
 ROW_TYPE = vector_type(LANES)
 CHUNK = 256 * LANES  # numbers of a loop's results that one pointer reaches in few bytes
-ROW_ARITHMETIC = {'wide_add': 'fadd', 'wide_sub': 'fsub', 'wide_mul': 'fmul'}
+ROW_ARITHMETIC = {'wide_add': 'fadd', 'wide_sub': 'fsub', 'wide_mul': 'fmul',
+                  'wide_div': 'fdiv'}
 
 
 Destination = tuple[str, int]  # name of a pointer, and place from there on
@@ -187,6 +188,11 @@ class Rows:
             return v.shuffle(rows[0], 'zeroinitializer', list(args[1]))
         if node.op == 'wide_neg':
             return v.new(f'fneg {ROW_TYPE} {rows[0]}')
+        if node.op == 'wide_less':  # used by selections alone
+            return v.new(f'fcmp olt {ROW_TYPE} {rows[0]}, {rows[1]}')
+        if node.op == 'wide_select':
+            return v.new(f'select <{LANES} x i1> {rows[0]}, {ROW_TYPE} {rows[1]}, '
+                         f'{ROW_TYPE} {rows[2]}')
         return v.new(f'{ROW_ARITHMETIC[node.op]} contract {ROW_TYPE} {rows[0]}, '
                      f'{rows[1]}')
 

@@ -39,6 +39,9 @@ WIDER: dict[str, tuple[str, ...]] = {
     'avx512': (), 'avx2': ('avx512', 'avx10', 'evex512'),
     'sse2': ('avx', 'fma', 'f16c', 'xop', 'vaes', 'vpclmulqdq', 'evex512', 'sha512', 'sm3',
              'sm4')}
+# Of the instruction scheduler, for long straight-line programs: loads pass stores to other
+# memory, and loads of neighbors do not have to be neighbors. Fewer values are spilled.
+SCHEDULER = ('-enable-aa-sched-mi', '-misched-cluster=false')
 LONG = 10_000  # lines of IR: without instruction scheduling
 PIECE = 400  # instructions of a basic block of a long program
 _own = local()  # of each thread: code generators, each for one module at a time
@@ -53,6 +56,8 @@ def _initialized() -> None:
     """Register the code generator of this processor."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
+    for option in SCHEDULER:
+        llvm.set_option('', option)
 
 
 def _context_of_opaque_pointers() -> Any:

@@ -16,6 +16,7 @@ import numpy as np
 Shape = tuple[int, ...]
 STRUCTURE = ('input', 'output', 'call', 'loop')  # nodes that are not operations
 ROWS = {'wide_mul': 'multiplications', 'wide_add': 'additions', 'wide_sub': 'additions',
+        'wide_div': 'divisions', 'wide_less': 'functions', 'wide_select': 'functions',
         'wide_neg': 'negations'}  # operations on the rows of `wide`
 # Nodes that place scalars in rows.
 PLACING = ('pack', 'lane', 'blend', 'gather', 'transposed', 'column')

@@ -36,6 +36,15 @@ class WideLanes:
             return Wide(first.args[0])  # the values of one row in their places
         return Wide(self.trace.node('pack', *row))
 
+    def beginning(self, values: Sequence[Any]) -> Any:
+        """Return a row of at most `LANES` values, anything after them."""
+        first = values[0]
+        if isinstance(first, Expr) and first.op == 'lane' and all(
+                isinstance(x, Expr) and x.op == 'lane' and x.args == (first.args[0], k)
+                for k, x in enumerate(values)):
+            return Wide(first.args[0])
+        return self.pack(values)
+
     def lane(self, row: Any, k: int) -> Any:
         """Return one value of a row."""
         if not isinstance(row, Wide):
@@ -104,6 +113,21 @@ class Wide:
         if isinstance(other, (int, float)) and other in (0.0, 1.0):
             return self if other else 0.0
         return self._with('mul', other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._with('div', other, reverse=True)
+
+    def __lt__(self, other: Any) -> Any:
+        return self._with('less', other)
+
+    def __gt__(self, other: Any) -> Any:
+        return self._with('less', other, reverse=True)
+
+    def select(self, a: Any, b: Any) -> Any:
+        """Return `a` in the lanes where this comparison holds, else `b`."""
+        trace = self.node.trace
+        return Wide(trace.node('wide_select', self.node, row_of(trace, a),
+                               row_of(trace, b)))
 
     def __neg__(self) -> 'Wide':
         return Wide(self.node.trace.node('wide_neg', self.node))

@@ -1,5 +1,6 @@
 """Traced lanes compute what the same operations on numbers give."""
 
+from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import trace_program
@@ -33,6 +34,14 @@ CASES = {
         lanes, lanes.pack([x[3]] * LANES), lanes.pack([1.0, x[0], 2.0]),
         lanes.pack([1.0, 2.0]) * a,
         lanes.pack([3.0] * LANES)),
+    'quotients': lambda x, lanes, a, b: entries(lanes, 1.0 / a, 2.0 / (a * b)),
+    'selections': lambda x, lanes, a, b: entries(
+        lanes, select(a < b, a, b), select(a < 0.0, -a, a), select(a > 0.5, 1.0, b),
+        select(b > 0.5, x[3], a)),
+    'beginnings': lambda x, lanes, a, b: np.array([
+        lanes.lane(row, k) for row in (lanes.beginning(list(x[1:4])),
+                                       lanes.beginning(list(entries(lanes, a * b)[:3])))
+        for k in range(3)]),
     'blend': lambda x, lanes, a, b: entries(
         lanes, lanes.blend([k % 3 == 0 for k in range(LANES)], a * b, 0.0),
         lanes.blend([True] * LANES, a, b), lanes.blend([False] * LANES, a, b)),
