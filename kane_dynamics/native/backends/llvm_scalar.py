@@ -947,16 +947,16 @@ class Function:
 
     def _begin(self, entries: Sequence[Any]) -> tuple[str, int] | None:
         """Return pointer and place of entries that follow one another in memory, or None."""
-        begin = self._memory(entries[0])
+        begin = self._in_place(entries[0])
         if begin is None:
             return None
         pointer, place = begin
         for j, x in enumerate(entries):
-            if self._memory(x) != (pointer, place + j):
+            if self._in_place(x) != (pointer, place + j):
                 return None
         return begin
 
-    def _memory(self, x: Any) -> tuple[str, int] | None:
+    def _in_place(self, x: Any) -> tuple[str, int] | None:
         """Return pointer and place of a scalar of an argument or result, or None."""
         if not (isinstance(x, Expr) and x.op in self.in_place):
             return None
