@@ -34,7 +34,8 @@ from kane_dynamics.motion.free_spline import kernels as compile_free_spline
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.points import point_times
 from kane_dynamics.motion.rests import kernel as velocities_kernel
-from kane_dynamics.motion.uniform_spline import kernels as compile_spline
+from kane_dynamics.motion.uniform_spline import kernels as compile_uniform_spline
+from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.torque_bounds import torque_deviation, Uncertainty
 import numpy as np
@@ -284,8 +285,7 @@ def compile_timing(robot: Robot) -> None:
     if robot.model.balls or robot.model.flexible or (
             robot.constraint_names and velocity_rows(robot)):
         return  # refused
-    compile_spline(robot.n)
-    compile_free_spline(robot.n)
+    compile_splines(robot.n)
     kernels = [*path_kernels(robot.n), velocities_kernel(robot.n)]
     limited = np.isfinite(robot.limits.effort)
     unlimited = np.full((len(Bounds._fields), robot.n_q), np.inf)
@@ -305,6 +305,11 @@ def compile_timing(robot: Robot) -> None:
                       'joint_accelerations', 'joint_torques', batches=True)
         with suppress(KaneError):  # zeros are not closed, but compile the kernels
             unit_torques(robot, np.zeros((1, robot.n_q)), [0])
-    for kernel in kernels:
-        kernel.compile_lanes()
+    run_concurrently([kernel.compile_lanes for kernel in kernels])
     compile_passes(int(limited.sum()) or 1)
+
+
+def compile_splines(n: int) -> None:
+    """Compile the splines of motions of `n` joints that state positions alone."""
+    compile_uniform_spline(n)
+    compile_free_spline(n)

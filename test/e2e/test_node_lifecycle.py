@@ -11,6 +11,7 @@ import pytest
 from std_msgs.msg import String
 
 POSE = [0.3, -0.4, 0.2]
+READY = 'kernels of simulations and time-optimal timings ready'
 NOT_CONFIGURED = 'node: not configured; expected a configured node'
 
 
@@ -51,6 +52,32 @@ def test_without_autostart_the_node_waits_for_transitions(client, start):
     assert client.transition(Transition.TRANSITION_ACTIVE_SHUTDOWN)
     assert wait_until(lambda: client.commands[-1] == [0.0, 0.0, 0.0])
     assert client.state() == 'finalized'
+
+
+@pytest.fixture
+def cold(start, tmp_path):
+    """Return a node that has just begun to command, of a model without kernels in a cache."""
+    node = start(urdf=resource_path('urdf', 'fr3.urdf'),
+                 environment={'KANE_DYNAMICS_CACHE': str(tmp_path / 'cache')})
+    node.wait_for('active, mode')
+    assert READY not in node.log
+    return node
+
+
+def test_a_request_that_comes_before_its_kernels_waits_for_them(client, cold):
+    q = np.zeros(8).tolist()
+    assert client.call(GetDynamics, 'get_dynamics', position=q).success
+    answer = client.call(Simulate, 'simulate', timeout=100.0, position=q, duration=0.1)
+    assert answer.success, answer.message
+    cold.wait_for(READY)
+
+
+def test_a_node_is_cleaned_up_configured_and_ended_while_kernels_compile(client, cold):
+    for transition in ('DEACTIVATE', 'CLEANUP', 'CONFIGURE', 'ACTIVATE'):
+        assert client.transition(getattr(Transition, f'TRANSITION_{transition}')), transition
+    code, _ = cold.end()
+    assert code == 0, cold.log
+    assert 'Traceback' not in cold.log
 
 
 @pytest.fixture

@@ -12,13 +12,21 @@ import pytest
 EPS = np.finfo(float).eps
 ROBOTS = [path for path in urdf_files() if path.name not in REFUSED and loaded(path).n]
 STATES = {Definition: range(N_STATES)[::10], Robot: range(N_STATES)}
-LARGEST = 'tiago_dual'  # in a slow test: its kernels take half a minute
+LARGEST = 'tiago_dual'  # its kernels take half a minute
+# In slow tests: variants of another robot of the list, with other hands or none, limits,
+# boxes for meshes, inertias.
+VARIANTS = (
+    'alex_sake_hands', 'allegro_right_hand', 'double_pendulum_simple',
+    'g1_29dof_with_hand_rev_1_0', 'icub_reduced', 'romeo', 'romeo_laas_small',
+    'simple_humanoid_classical', 'so100', 'talos_full_v2_box', 'talos_reduced_box',
+    'talos_reduced_corrected', 'tiago_no_hand', 'ur3_gripper', 'ur3_joint_limited_robot',
+    'ur3_robot', 'ur5_gripper', 'ur5_joint_limited_robot', 'ur10_joint_limited_robot')
 
 
 @pytest.fixture(
     scope='module',
-    params=[pytest.param(path, marks=pytest.mark.slow) if path.stem == LARGEST else path
-            for path in ROBOTS],
+    params=[pytest.param(path, marks=pytest.mark.slow) if path.stem in (LARGEST, *VARIANTS)
+            else path for path in ROBOTS],
     ids=[f'{path.parts[-3]}-{path.stem}' for path in ROBOTS])
 def peer(request):
     """Pinocchio's model of one robot."""
@@ -32,7 +40,9 @@ def robot(request, peer):
 
 
 def test_there_are_enough_robots():
-    assert len(ROBOTS) >= 40
+    assert len(ROBOTS) >= 60
+    assert set(VARIANTS) <= {path.stem for path in ROBOTS}
+    assert len(ROBOTS) - len(VARIANTS) >= 40
 
 
 def test_urdfs_that_are_left_out_are_refused_with_a_reason():

@@ -404,7 +404,7 @@ def _placement(loop: Any, places: Mapping[int, int],
     if key not in known:
         name = f'{step.name}_in_{symbol}_{len(known)}'
         known[key] = PlacedProgram(name, step.inputs, step.outputs, step.shape, kept,
-                                   tuple(relative))
+                                   tuple(relative), nodes=step.nodes)
     outputs = set()
     for turn in range(loop.count):
         for k in range(kept, size):

@@ -1,11 +1,11 @@
 """Threads for native code that runs without the GIL, and for compiling."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from operator import itemgetter
 import os
-from threading import get_ident, Thread
+from threading import get_ident, local, Thread
 import time
 
 from kane_dynamics.errors import InputError
@@ -17,6 +17,7 @@ LONGEST = 0.1  # s; a batch looks for interrupts at least about this often
 POLL = 1e-3  # s
 KEPT = 4096  # paces
 SHORTEST = 1e-12  # s for a quantum
+_own = local()  # of each thread: what `one_by_one` asks for
 
 
 def thread_count() -> int:
@@ -116,8 +117,15 @@ def run_concurrently(jobs: Sequence[Callable[[], object]]) -> None:
 
     While LLVM works on one, without the GIL, another is traced. An interrupt is raised
     when the running jobs have ended; the others do not start. Where no thread can start,
-    as at the exit of the interpreter, the calling thread runs all jobs.
+    as at the exit of the interpreter, the calling thread runs all jobs. So it does inside
+    `one_by_one`.
     """
+    before_each = getattr(_own, 'before_each', None)
+    if before_each is not None:
+        for job in jobs:
+            before_each()
+            job()
+        return
     waiting = deque(enumerate(jobs))
     running: set[int] = set()  # threads
     errors: list[tuple[int, BaseException]] = []
@@ -158,6 +166,27 @@ def run_concurrently(jobs: Sequence[Callable[[], object]]) -> None:
         raise
     if errors:
         raise min(errors, key=itemgetter(0))[1]
+
+
+@contextmanager
+def one_by_one(before_each: Callable[[], object]) -> Iterator[None]:
+    """
+    Let `run_concurrently` use the calling thread alone, inside the block.
+
+    Work in the background then takes the interpreter from a control loop no more often
+    than one thread does.
+
+    Parameters
+    ----------
+    before_each : callable
+        Called before each job; an exception that it raises ends the series.
+
+    """
+    _own.before_each = before_each
+    try:
+        yield
+    finally:
+        _own.before_each = None
 
 
 def uninterrupted(wait: Callable[[], object]) -> None:

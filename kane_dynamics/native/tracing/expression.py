@@ -38,6 +38,18 @@ class Trace:
             self.nodes.append(node)
         return node
 
+    def close(self) -> list['Expr']:
+        """
+        Return the nodes and release them; none can be created from here on.
+
+        Nodes refer to their trace. If it referred to them, too, a finished program would be
+        freed by the garbage collector alone, which would hold the interpreter for the time
+        that it takes to search tens of thousands of nodes.
+        """
+        nodes = self.nodes
+        del self.nodes, self._table
+        return nodes
+
     def has(self, op: str, *args: 'Expr') -> bool:
         """Return whether the node that applies `op` to `args` exists."""
         return (op, *args) in self._table

@@ -1,7 +1,7 @@
 """Traced programs: inputs, outputs and the live operations between them, in order."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import compress
 import math
@@ -73,6 +73,9 @@ class Program:
         Entries of the result, in C order.
     shape : tuple of int
         Shape of the result.
+    nodes : list of Expr, optional
+        All nodes of a finished trace, in order of creation; by default those of the trace
+        of the outputs, which is still open.
 
     """
 
@@ -80,6 +83,7 @@ class Program:
     inputs: tuple[tuple[str, Shape], ...]
     outputs: tuple[Scalar, ...]
     shape: Shape
+    nodes: list[Expr] | None = field(default=None, kw_only=True)
 
     def schedule(self) -> list[Expr]:
         """Return the nodes that the outputs depend on, in order of creation."""
@@ -88,7 +92,7 @@ class Program:
         for x in self.outputs:
             if isinstance(x, Expr):
                 if not nodes:
-                    nodes = x.trace.nodes
+                    nodes = x.trace.nodes if self.nodes is None else self.nodes
                     needed = bytearray(len(nodes))
                 needed[x.index] = 1
 
@@ -171,7 +175,9 @@ def trace_program(name: str, function: Callable[..., Any],
     outputs = []
     for x in result.ravel():
         outputs.append(x if isinstance(x, Expr) else float(x))
-    return factored(Program(name, tuple(inputs), tuple(outputs), result.shape))
+    program = factored(Program(name, tuple(inputs), tuple(outputs), result.shape))
+    trace.close()
+    return program
 
 
 def origin(program: Callable[..., Any]) -> str:
@@ -237,7 +243,8 @@ def factored(program: Program) -> Program:
         else:
             rewritten[node.index] = applied(node.op, args)
     outputs = tuple(map(value_of, program.outputs))
-    return Program(program.name, program.inputs, outputs, program.shape)
+    return Program(program.name, program.inputs, outputs, program.shape,
+                   nodes=trace.close())
 
 
 def _number_of_uses(users: Sequence[Sequence[Any]]) -> dict[int, int]:

@@ -1,6 +1,6 @@
 """The robots, the torque path and the topics of a configured node."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -9,11 +9,9 @@ import time
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.control.controller import Controller, ModeLaw
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import Mode
-from kane_dynamics.control.trajectory_joints import compile_trajectories
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.path_robot import compile_timing
 from kane_dynamics.mechanics.friction import is_self_locking
@@ -42,6 +40,10 @@ from kane_dynamics.ros.monitors.swing_monitor import SwingMonitor
 from kane_dynamics.ros.monitors.task_state_topic import TaskStateTopic
 from kane_dynamics.ros.parameters.parameter_checks import integrator_of_simulations
 from kane_dynamics.ros.parameters.task_settings import controlled_frame
+from kane_dynamics.ros.services.request_kernels import (compile_answers,
+                                                        compile_simulations,
+                                                        LaterKernels, SIMULATIONS,
+                                                        TIMINGS)
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
@@ -66,11 +68,7 @@ from kane_dynamics.ros.torque_path.target_input import (POSE, TargetInput, TWIST
 from kane_dynamics.ros.torque_path.task_modes import TaskModes
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
-from kane_dynamics.simulation.simulate import compile_simulation
-from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.step_size import possible_integrators
-from kane_dynamics.simulation.sticking.sticking_steps import compile_sticking_steps
-from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
 from kane_dynamics_interfaces.msg import TaskState
 import numpy as np
 from rclpy.clock import Clock, ClockType
@@ -115,6 +113,8 @@ class ConfiguredRobot:
     ----------
     fault : str
         Why this arm cannot be commanded; empty if it can.
+    later_kernels : LaterKernels
+        Those of simulations and path timing, once they are started.
     torque_path : str
         What computes the commands: native, or python with the reason.
     swing : SwingMonitor or None
@@ -179,10 +179,15 @@ class ConfiguredRobot:
         robots = [self.robot]
         if bending is not None:
             robots.append(bending.robot)
-        self._compile(robots)
+        locks = self._require_sticking(self.robot)
+        compile_answers(robots, locks)
         # Each of the three threads has its own robots, whose kernels are shared.
         self._for_requests = self.robot.copy()
         self._for_simulations = self.robot.copy()
+        self.later_kernels = LaterKernels(
+            {SIMULATIONS: partial(self._simulation_kernels, locks),
+             TIMINGS: partial(compile_timing, self._for_simulations)},
+            node.get_logger().info, node.get_logger().error)
         self._request_frames = WrenchFrames(self._for_requests, self._transforms)
         self._bending_for_requests = bending and QuasiStatic(bending.robot.copy())
         self.verified = max(robot.verify() for robot in robots)
@@ -215,34 +220,14 @@ class ConfiguredRobot:
         self.modes = TaskModes(robot, self.values, self._elastic)
         return self.modes.laws
 
-    def _compile(self, robots: Sequence[Robot]) -> None:
-        """Compile what requests need: simulations, filled trajectories, path timing."""
-        robot = self.robot
-        # Everything that a request could need, so that none compiles.
+    def _simulation_kernels(self, locks: bool) -> None:
+        """Compile what simulations need, so that none compiles itself."""
+        values = self.values
         integrators = possible_integrators(
-            robot, integrator_of_simulations(self.values, 'simulation.integrator'))
-        follow = joints_that_follow(robot)
-        locks = self._require_sticking(robot)
-        for integrator in integrators:
-            if locks:  # its motion follows from the torque with exact friction alone
-                robot.compile()
-            else:
-                compile_simulation(robot, integrator, 'external_force', 'body_torques')
-            if self.values['simulation.sticking']:
-                compile_sticking_steps(robot, integrator, follow,
-                                       self.values['simulation.stops'])
-            elif self.values['simulation.stops']:
-                compile_pressed_steps(robot, integrator, follow)
-        compile_timing(robot)
-        # Robots with loops simulate computed torque and fill trajectories with kernels
-        # of their own.
-        if robot.constraint_names:
-            for integrator in integrators:
-                step_kernel(robot, True, integrator, None, follow)
-            compile_trajectories(robot)
-            return
-        for tree in robots:
-            tree.compile('inverse_dynamics', 'torque_terms', batches=True)
+            self.robot, integrator_of_simulations(values, 'simulation.integrator'))
+        compile_simulations(self._for_simulations, integrators,
+                            values['simulation.sticking'], values['simulation.stops'],
+                            locks)
 
     def _require_sticking(self, robot: Robot) -> bool:
         """Return whether drives lock themselves; InputError if they cannot be simulated."""
@@ -522,6 +507,7 @@ class ConfiguredRobot:
     def close(self) -> None:
         """Close the topics; services then answer that the node is not configured."""
         self._server.served = None
+        self.later_kernels.close()
         self._opened.close()
 
     def check(self, values: Mapping[str, Any], changed: Collection[str]) -> None:
@@ -661,4 +647,5 @@ class ConfiguredRobot:
         self._server.max_waiting = self.values['simulation.max_waiting']
         self._server.served = ServedRobot(self._for_requests, self._for_simulations,
                                           self.loads, self.values, self._request_frames,
-                                          self._bending_for_requests, self.path.measured)
+                                          self._bending_for_requests, self.path.measured,
+                                          self.later_kernels.require)

@@ -63,6 +63,7 @@ def spin_node(stop: Any) -> None:
     finally:
         # Zeros first, then goals and services end.
         node.halt()
+        node.stop_compiling()
         node.end_goals()
         node.server.stop()
         services.join(timeout=1.0)

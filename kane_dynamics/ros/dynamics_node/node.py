@@ -332,6 +332,11 @@ class DynamicsNode(LifecycleNode):
             self.get_logger().error('commands: zeros not acknowledged by a subscriber '
                                     f'within {ACKNOWLEDGE_TIMEOUT} s')
 
+    def stop_compiling(self) -> None:
+        """End requests that wait for kernels, and the compiler after the present one."""
+        if self.arm is not None:
+            self.arm.later_kernels.close()
+
     def end_goals(self) -> None:
         """End the goal of a node that has halted, before the services stop."""
         if self.trajectory_action is not None:
@@ -366,7 +371,7 @@ class DynamicsNode(LifecycleNode):
                      'other services and ~/torque_by_source treat flexible links as '
                      'rigid')
         log.info(f'{model.name}: {len(joints)} joints ({", ".join(joints)}), kernels '
-                 f'ready in {time.perf_counter() - began:.2f} s, verified to '
+                 f'of commands ready in {time.perf_counter() - began:.2f} s, verified to '
                  f'{self.arm.verified:.1e}')
         log.info(f'torque path: {self.arm.torque_path}')
         added = words(self.values['arm_compensates'])
@@ -382,6 +387,8 @@ class DynamicsNode(LifecycleNode):
                 log.info(contradiction)
         if fault := self._activation_fault():
             log.info(f'the node remains inactive: {fault}')
+        # Last, since the compiler suspends the collector, whose state the settings choose.
+        self.arm.later_kernels.start()
 
     def _open_bond(self) -> None:
         """Prepare the bond with a lifecycle manager; warn where its package is missing."""

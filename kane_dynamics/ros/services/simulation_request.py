@@ -16,6 +16,7 @@ from kane_dynamics.ros.common.conversion import (Array, doubles, Index,
 from kane_dynamics.ros.parameters.parameter_checks import (integrator_of_simulations,
                                                            per_joint)
 from kane_dynamics.ros.services.joint_order import close_loops, JointOrder
+from kane_dynamics.ros.services.request_kernels import SIMULATIONS
 from kane_dynamics.ros.services.served_robot import RIGID, ServedRobot
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.simulation.simulate import simulate
@@ -44,6 +45,7 @@ class SimulationRequest:
     stops: bool
     sticking: bool
     assumption: str
+    require_kernels: Callable[[str], None]
 
     @classmethod
     def from_request(cls, request: Any, served: ServedRobot) -> 'SimulationRequest':
@@ -83,14 +85,16 @@ class SimulationRequest:
                    sample, torque,
                    integrator_of_simulations(values, 'simulation.integrator'),
                    values['simulation.stops'], values['simulation.sticking'],
-                   RIGID * (served.bending is not None))
+                   RIGID * (served.bending is not None), served.require_kernels)
 
     def run(self, response: Any, proceed: Callable[[float], bool]) -> None:
         """
         Simulate and fill in the response.
 
-        End early when `proceed(t)` returns False.
+        Wait for the kernels, if they are not compiled yet. End early when `proceed(t)`
+        returns False.
         """
+        self.require_kernels(SIMULATIONS)
         # The payload and gravity of the node at the time of the request.
         self.loads.apply(self.robot)
         began = time.perf_counter()

@@ -12,6 +12,7 @@ from kane_dynamics.feasibility.path_geometry import path_of
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.conversion import check_points, doubles, message_of_points
 from kane_dynamics.ros.services.motion_check import check_positions
+from kane_dynamics.ros.services.request_kernels import TIMINGS
 from kane_dynamics.ros.services.served_robot import RIGID, ServedRobot
 from kane_dynamics.ros.services.trajectory_filling import assembly_mode, FIELDS, table
 import numpy as np
@@ -56,6 +57,7 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
         limits[quantity] = _limit(request, quantity, order, places, len(every_joint))
 
     def compute(response: Any) -> None:
+        served.require_kernels(TIMINGS)
         served.loads.apply(robot)
         response.message = RIGID * (served.bending is not None)
         path = path_of(columns[0], joints)

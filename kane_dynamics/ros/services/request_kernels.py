@@ -1,0 +1,175 @@
+"""
+The kernels of requests: which ones are ready before the node commands, and which follow.
+
+Commands, desired motions and requests that are answered at once need their kernels when
+the node is configured (`compile_answers`). Simulations and path timing, which a worker
+computes, need more code than all others together. A thread compiles it afterwards
+(`LaterKernels`), and the worker waits for what a request needs.
+"""
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+import threading
+import time
+
+from kane_dynamics.control.computed_torque import joints_that_follow
+from kane_dynamics.control.trajectory_joints import compile_trajectories
+from kane_dynamics.errors import CompileError, InputError
+from kane_dynamics.feasibility.path_robot import compile_splines
+from kane_dynamics.native.backends.llvm_simd import width
+from kane_dynamics.native.machine_code.compiling import reported_to
+from kane_dynamics.native.runtime.loops import driver, support
+from kane_dynamics.native.runtime.threads import one_by_one
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.simulate import compile_simulation, loop_kernels
+from kane_dynamics.simulation.step_kernels import step_kernel
+from kane_dynamics.simulation.sticking.sticking_steps import compile_sticking_steps
+from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
+
+SIMULATIONS = 'simulations'
+TIMINGS = 'time-optimal timings'
+
+
+def compile_answers(robots: Sequence[Robot], locks: bool) -> None:
+    """
+    Compile what commands, desired motions and requests that are answered at once need.
+
+    Parameters
+    ----------
+    robots : sequence of Robot
+        The robot, and the flexible one whose rigid model it is, if it has beams.
+    locks : bool
+        Whether drives lock themselves, so that forward dynamics may not exist.
+
+    """
+    robot = robots[0]
+    support()  # loops over states, which every kernel shares
+    driver(width())
+    if locks:
+        robot.compile()
+    else:
+        robot.compile(*loop_kernels(robot), 'external_force', 'body_torques')
+    compile_splines(robot.n)
+    # Robots with loops fill trajectories with kernels of their own.
+    if robot.constraint_names:
+        compile_trajectories(robot)
+        return
+    for tree in robots:
+        tree.compile('inverse_dynamics', 'torque_terms', batches=True)
+
+
+def compile_simulations(robot: Robot, integrators: Sequence[str], sticking: bool,
+                        stops: bool, locks: bool) -> None:
+    """Compile every kernel of simulations by one of some integrators."""
+    follow = joints_that_follow(robot)
+    for integrator in integrators:
+        if not locks:  # else the motion follows from the torque with exact friction alone
+            compile_simulation(robot, integrator)
+        if sticking:
+            compile_sticking_steps(robot, integrator, follow, stops)
+        elif stops:
+            compile_pressed_steps(robot, integrator, follow)
+        # Robots with loops simulate computed torque with kernels of their own.
+        if robot.constraint_names:
+            step_kernel(robot, True, integrator, None, follow)
+
+
+class _ClosedError(Exception):
+    """Ends the thread between two kernels."""
+
+
+class LaterKernels:
+    """
+    Kernels that a thread compiles while the node commands already.
+
+    The thread has the priority of the others: one of lower priority, interrupted while it
+    has the interpreter, would delay the torque path. LLVM, most of the work, runs without
+    the interpreter.
+
+    Parameters
+    ----------
+    groups : mapping of str to callable
+        What compiles the kernels of each kind of request, in the order of use.
+    log, log_error : callable
+        Receive lines on progress, and on kernels that cannot be compiled.
+
+    """
+
+    def __init__(self, groups: Mapping[str, Callable[[], object]],
+                 log: Callable[[str], object], log_error: Callable[[str], object]) -> None:
+        self._groups = dict(groups)
+        self._log = log
+        self._log_error = log_error
+        self._waiting = deque(groups)
+        self._done: dict[str, str] = {}  # why a group cannot be used; empty if it can
+        self._closed = False
+        self._changed = threading.Condition()
+
+    def start(self) -> None:
+        """
+        Compile in a thread.
+
+        The interpreter waits for it when it exits, since LLVM must not outlive it.
+        """
+        threading.Thread(target=self._run, name='kernels').start()
+
+    def close(self) -> None:
+        """Let the thread end after the present kernel, and requests that wait for it."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def require(self, group: str) -> None:
+        """
+        Wait until the kernels of a group are compiled; they are the next ones.
+
+        Raises
+        ------
+        CompileError
+            They cannot be compiled.
+        InputError
+            The node was cleaned up.
+
+        """
+        with self._changed:
+            if group in self._waiting:
+                self._waiting.remove(group)
+                self._waiting.appendleft(group)
+            self._changed.wait_for(lambda: self._closed or group in self._done)
+            if group not in self._done:
+                raise InputError('node: not configured; expected a configured node')
+            if fault := self._done[group]:
+                raise CompileError(f'kernels of {group}: {fault}; expected kernels that '
+                                   'compile')
+
+    def _run(self) -> None:
+        """Compile all groups, unless `close` ends it."""
+        began = time.perf_counter()
+        try:
+            with reported_to(self._log), one_by_one(self._require_open):
+                while self._waiting:
+                    self._compile_next()
+        except _ClosedError:
+            return
+        self._log(f'kernels of {" and ".join(self._groups)} ready after '
+                  f'{time.perf_counter() - began:.2f} s')
+
+    def _compile_next(self) -> None:
+        with self._changed:
+            self._require_open()
+            group = self._waiting.popleft()
+        fault = ''
+        try:
+            self._groups[group]()
+        except Exception as error:
+            if isinstance(error, _ClosedError):
+                raise
+            fault = f'{type(error).__name__}: {error}'
+            self._log_error(f'kernels of {group}: {fault}')
+        with self._changed:
+            self._done[group] = fault
+            self._changed.notify_all()
+
+    def _require_open(self) -> None:
+        if self._closed:
+            raise _ClosedError
