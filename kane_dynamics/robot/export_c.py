@@ -118,6 +118,7 @@ def _checked_names(robot: Any, kernels: Sequence[Any]) -> list[str]:
     names = list(dict.fromkeys(kernels))
     refused = None if names else 'kernels: none'
     for name in names:
+        # A quantity of a frame is written as quantity:frame.
         quantity, _, frame = name.partition(':')
         if name not in robot.kernels.names and quantity not in FRAME_NAMES:
             refused = f"no kernel '{name}'"

@@ -207,6 +207,7 @@ class KernelSet:
         """
         copied = KernelSet(self.equations, self.key, parameters, instead)
         copied._same = dict(self._same)
+        # The machine code is shared; only the block that it reads is another.
         for place, kernel in self._made.items():
             if place in self._explained:
                 continue

@@ -80,6 +80,7 @@ def _riders(model: Model, link: str, tree: UrdfTree, selection: Selection,
     riders: list[tuple[str, Inertial]] = []
     if link not in names:
         return riders  # `with_beam` refuses it
+    # The links that were merged into this one are frames of its body.
     for frame in model.frames:
         if frame.body != names.index(link) or frame.name not in tree.links:
             continue

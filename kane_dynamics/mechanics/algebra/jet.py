@@ -87,6 +87,7 @@ class Jet:
             return self
         # y = x^p: x y' = p x' y.
         power = float(exponent)
+        # By coefficients: k x_0 y_k = sum over i of (p i - (k - i)) x_i y_(k-i).
         x = self.c
         y = [x[0] ** exponent]
         for k in range(1, len(x)):

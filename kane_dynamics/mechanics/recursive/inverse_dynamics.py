@@ -220,6 +220,7 @@ def velocities(links: Sequence[Link], q: Vector,
         if link.parent != WORLD:
             omega, v = result[link.parent]
             v = v + cross(omega, step.offset)
+        # In the axes of the link, where the joint adds its rate along z.
         omega = step.outward(omega)
         v = step.outward(v)
         if link.kind == 'revolute':
