@@ -119,7 +119,7 @@ class DrivenLoops:
         rates = np.zeros(robot.n)
         seen = np.zeros(robot.n_q)
         weights = np.zeros(robot.n_q)
-        time = [np.ascontiguousarray(t)] if robot.equations.timed else []
+        time = robot.equations.time_inputs(np.ascontiguousarray(t))
         rows = np.empty((len(q), *kernel.shape))
         for _ in range(CALLS):
             kernel.run([np.ascontiguousarray(q), T, target, rates, seen, weights, *time],

@@ -619,7 +619,7 @@ class LoopStep:
         self._others: tuple[int, ...] = ()
         self._rows = np.zeros(0, dtype=int)
         further = [self._seen, self._weights]
-        time = [self.time] if robot.equations.timed else []
+        time = robot.equations.time_inputs(self.time)
         self._inputs = [self.measured, self.rates, *further, self.limits, *time]
 
         # The search begins with what `follow` reads and writes: q, T, u and the square

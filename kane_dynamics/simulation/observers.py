@@ -50,17 +50,34 @@ class Impact(NamedTuple):
     unresolved: Any
 
 
+class Exchange(NamedTuple):
+    """
+    The exchange of energy between the robot and its surroundings in the steps of a chunk.
+
+    Attributes
+    ----------
+    states : (N, K + 1, size) array
+        In the user's speeds.
+    torques : (1 or N, 1 or K, n) array, or callable
+        Torques held during each step, or the power of a continuous law.
+    impacts : sequence of Impact
+        Effects of stops.
+
+    """
+
+    states: Array
+    torques: Array | Power
+    impacts: Sequence[Impact]
+
+
 class Energetics(Protocol):
-    """The steps of a chunk as the energy balance sees them."""
+    """The steps of a chunk as observers see them; states are those of the chunk."""
 
     def in_user_speeds(self, states: Array, done: int) -> Array:
         """Return states after `done` steps, and after each of the next ones, in user speeds."""
 
-    def acting(self, states: Array, done: int) -> Array | Power:
-        """Return held torques, (1 or N, 1 or K, n), or the power of a continuous law."""
-
-    def impacts(self, done: int) -> Sequence[Impact]:
-        """Return the effects of stops on the energy in the steps after `done`."""
+    def exchange(self, states: Array, done: int) -> Exchange:
+        """Return what exchanges energy in the steps after `done`; called once a chunk."""
 
 
 @dataclass(frozen=True, eq=False)

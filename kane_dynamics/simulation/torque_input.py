@@ -195,12 +195,9 @@ class TorqueInput:
         arguments = [x.reshape(-1, x.shape[-1]) for x in (q, u, *desired)]
         arguments.append(np.tile(gains, (len(arguments[0]), 1)))
         kernel = law_kernel(self.robot, torque.followed)
-        options: list[Any] = []
-        if len(self.robot.kernels.no_wrench):
-            options.append(None)
-        if self.robot.equations.timed:
-            options.append(np.tile(moments, len(q)))
-        tau: Array = kernel(*arguments, *options)
+        no_wrench = (None,) if len(self.robot.kernels.no_wrench) else ()
+        times = self.robot.equations.time_inputs(np.tile(moments, len(q)))
+        tau: Array = kernel(*arguments, *no_wrench, *times)
         return tau.reshape(u.shape)
 
 

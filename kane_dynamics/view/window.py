@@ -285,9 +285,7 @@ def _turned_joints(robot: Robot) -> tuple[int, ...]:
     """Return the indices of the joints with sliders: all, or the independent ones."""
     names = robot.joint_names
     speeds = robot.speed_names
-    only_velocities = True
-    if robot.constraint_names:
-        only_velocities = len(velocity_rows(robot)) == len(robot.constraint_names)
+    only_velocities = len(velocity_rows(robot)) == len(robot.constraint_names)
     if only_velocities:  # no constraint on positions
         return tuple(range(len(names)))
     if set(speeds) <= set(names):

@@ -436,10 +436,8 @@ def _fit_payload(options: Namespace, robot: Robot) -> Outcome:
             'rows': len(recording), 'files': [options.out] if options.out else []}
     carrying = robot.with_payload(options.payload, payload.inertial)
     q, u, udot, _, _ = recorded_motion(carrying, names, recording)
-    computed = carrying.inverse_dynamics(q, u, udot)
-    if robot.constraint_names:
-        of_joints = carrying.joint_torques(computed, q)
-        computed = of_joints[:, [robot.joint_names.index(name) for name in names]]
+    of_joints = carrying.joint_torques(carrying.inverse_dynamics(q, u, udot), q)
+    computed = of_joints[:, [robot.joint_names.index(name) for name in names]]
     return Outcome(data, recording.t, recording.tau, computed)
 
 

@@ -183,7 +183,7 @@ class PayloadRows:
             return ActuatorRows(Y, u, residual, self._slack(u, tau))
 
         # One result holds T, (n_j, n), and, as its last column, the rates of all joints.
-        times = [np.broadcast_to(t, np.shape(q)[:-1])] if robot.equations.timed else []
+        times = robot.equations.time_inputs(np.broadcast_to(t, np.shape(q)[:-1]))
         transmission = self._transmission(q, u, *times)
         T = transmission[..., :-1]
         joint_rates = transmission[..., -1]
