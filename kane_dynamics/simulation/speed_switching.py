@@ -351,6 +351,13 @@ class SwitchingSteps(Steps):
             torques = partial(law_power, self._history, self.source, states, done)
         return exchange._replace(states=self.in_user_speeds(states, done), torques=torques)
 
+    def results(self, samples: Samples, tau: Array | None = None) -> dict[str, Array]:
+        """Return quantities of samples; torques of a law are those of each phase."""
+        if tau is None and self._law is not None:
+            tau = self._user.law_torques(self._history, self.source, samples.steps,
+                                         samples.states)
+        return super().results(samples, tau)
+
     def derived(self, samples: Samples, tau: Array) -> dict[str, Array]:
         """Return derived quantities of samples, in the user's speeds; see `UserSpeeds`."""
         times = self.start + samples.steps * np.float64(self.step)

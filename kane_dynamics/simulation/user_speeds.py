@@ -14,6 +14,7 @@ from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import tau_from
+from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import constraint_residuals, sampled_quantities
 import numpy as np
 
@@ -73,6 +74,38 @@ class UserSpeeds:
             return tau_from(equations, names, q, tau, t)
         shapes = {'q': (robot.n_q,), 'tau': (len(names),)}
         return self._called(robot, 'tau_from', shapes, (robot.n,), torques, (q, tau), t)
+
+    def dual_forces(self, robot: Robot, q: Array, forces: Array, t: Array) -> Array:
+        """Convert generalized forces to those dual to the user's speeds, (K, n)."""
+        # The inverse of `torques`, whose columns are its values for unit forces.
+        columns = []
+        for unit in np.eye(forces.shape[1]):
+            columns.append(self.torques(robot, q, np.tile(unit, (len(q), 1)), t))
+        dual = np.linalg.solve(np.stack(columns, axis=-1), forces[..., None])
+        return np.asarray(dual[..., 0], dtype=np.float64)
+
+    def law_torques(self, history: History, source: TorqueInput, sampled: Array,
+                    states: Array) -> Array:
+        """
+        Return the torques of a law at sampled states, (N, K, n), dual to the user's speeds.
+
+        Each phase computes the law in its own speeds. Arguments as of `results`.
+        """
+        n_q, n = self._user_robot.n_q, self._user_robot.n
+        tau = np.empty((*states.shape[:2], n))
+        for robot, parts in _parts_by_robot(history, sampled):
+            of_phase = replace(source, robot=robot)
+            for part in parts:
+                rows = states[part]
+                steps = sampled[part.samples]
+                q = np.ascontiguousarray(rows[:, :n_q])
+                u = np.ascontiguousarray(rows[:, n_q:n_q + n])
+                forces = of_phase.torques(steps, q[None], u[None])[0]
+                if robot.speed_names != self._user_robot.speed_names:
+                    times = source.start + steps * np.float64(source.step)
+                    forces = self.dual_forces(robot, q, forces, times)
+                tau[part] = forces
+        return tau
 
     def _called(self, robot: Robot, name: str, shapes: Mapping[str, Shape], shape: Shape,
                 function: Any, inputs: tuple[Array, ...], t: Any) -> Array:
