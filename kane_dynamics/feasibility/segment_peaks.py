@@ -157,7 +157,7 @@ class SegmentPeaks:
         return tau
 
     def middles(self, states: MotionStates, segments: Segments | None = None) -> Peaks:
-        """Return the shares at both ends and in the middle of segments."""
+        """Return the shares of the limits at both ends and in the middle of segments."""
         return self._peaks(states, np.array(0.5), segments)
 
     def inside(self, states: MotionStates, segments: Segments, places: Segments,

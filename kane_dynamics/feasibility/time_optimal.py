@@ -387,7 +387,7 @@ def _solve(along: PathRobot, section: Section, start: float, end: float, excess:
 
 
 def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> Array:
-    """Return the fastest profile, from a guess x; None for that without friction."""
+    """Return the fastest profile of x = s'^2, from a guess; None starts without friction."""
     ends = [speed**2 / limits.speed_squared(k) if speed else None
             for speed, k in ((start, 0), (end, -1))]
     slower, calm = 0, limits.powered

@@ -286,9 +286,7 @@ class _Follower:
 
     def _motion(self, times: Array, states: Sequence[_State]) -> Motion:
         """Return the motion of all coordinates."""
-        q = np.array([state.q for state in states])
-        rates = np.array([state.rates for state in states])
-        accelerations = np.array([state.accelerations for state in states])
+        q, rates, accelerations, _ = map(np.array, zip(*states))
         return Motion.from_points(times, q, rates, accelerations,
                                   joint_names=self.robot.coordinate_names)
 
@@ -336,7 +334,7 @@ class _Follower:
         return largest
 
     def _divided_at(self, times: Array, k: int, failure: InputError) -> Array:
-        """Return times that divide the interval before one that is not reached."""
+        """Return the times and one more: halfway to time k, whose pose is not reached."""
         if k == 0 or times[k] - times[k - 1] < CLOSE * self.desired.duration:
             raise failure
         return np.insert(times, k, 0.5 * (times[k - 1] + times[k]))

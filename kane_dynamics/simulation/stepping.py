@@ -60,12 +60,18 @@ class Steps:
     def __init__(self, source: TorqueInput,
                  stops: JointStops | Sticking | None = None) -> None:
         """Store the native step and the stops."""
-        self.source, self.stops = source, stops
-        self.robot, self.step, self.start = source.robot, source.step, source.start
+        self.source = source
+        self.stops = stops
+        self.robot = source.robot
+        self.step = source.step
+        self.start = source.start
         # Computes the states of a native step, with the stops.
         self._advance = TorqueInput.advance if stops is None else stops.advance
+        # Set-valued friction has the stops with it, if there are any.
         self._sticks = isinstance(stops, Sticking)
-        self._with_stops = stops.stops if isinstance(stops, Sticking) else stops is not None
+        self._with_stops = stops is not None
+        if isinstance(stops, Sticking):
+            self._with_stops = stops.stops
         self.changes: list[SpeedChange] = []
 
     def compute(self, starts: Array, done: int, count: int) -> Chunk:

@@ -154,6 +154,7 @@ class Window:
                 self._show_at(moment)
                 serializer.insert_sleep(1.0 / _RATE)
             self._show_at(end)
+        # The panel shows the numbers of the moment that the page shows.
         page = add_panel(serializer.as_html(), self.robot, self._legend(_SHOWN), t,
                          loads.q[rows], loads.tau[rows], 1.0 / _RATE)
         with whole_file(path) as file:

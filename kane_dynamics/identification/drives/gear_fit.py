@@ -246,13 +246,17 @@ class GearEquations:
         It stays in a fit: the residuals would be smallest for a friction of infinite noise.
         """
         value: dict[str, float] = dict(zip(self.names, x.tolist(), strict=True))
-        slip = float(np.exp(value.get('log_slip', float(np.log(FIRST_SLIP)))))
-        signals = self._signals
-        self.varying = np.zeros(2)
-        for k, (name, speed) in enumerate((('motor_friction', signals.speed),
-                                           ('link_friction', signals.link_speed))):
+        slip = FIRST_SLIP
+        if 'log_slip' in value:
+            slip = float(np.exp(value['log_slip']))
+        speeds = {'motor_friction': self._signals.speed,
+                  'link_friction': self._signals.link_speed}
+        # Friction of a slope that varies makes noise of the speed's noise.
+        noise = []
+        for name, speed in speeds.items():
             spread = friction_slope(speed.values, slip).spread
-            self.varying[k] = value.get(name, 0.0) * np.sqrt(spread * speed.density)
+            noise.append(value.get(name, 0.0) * np.sqrt(spread * speed.density))
+        self.varying = np.array(noise)
 
     def _of_links(self, skew: float, slip: float) -> tuple[Array, Array, Array, Array]:
         """Return the spectra of q, q', Coulomb friction and torque at the motors' times."""

@@ -188,7 +188,7 @@ def series_array(terms: Sequence[Any]) -> Any:
 
 
 def term(array: Any, order: int) -> Any:
-    """Return the Taylor coefficients of an order of an array of scalars, as jets or not."""
+    """Return the Taylor coefficients of one order, of an array of jets or numbers."""
     source = np.asarray(array, dtype=object)
     result = np.empty(source.shape, dtype=object)
     for k in np.ndindex(source.shape):

@@ -74,7 +74,7 @@ class MechanismState:
         return frame_kinematics.LinkPoses(self._links or (), self._positions, self._axes)
 
     def in_axes_of(self, frame: str | Frame) -> 'MechanismState':
-        """Return this state in the axes of a frame's body; the definition's as it is."""
+        """Return this state in the axes of a frame's body, where links were stated."""
         body = self._frame(frame).body
         if self._links is None or body == self._axes:
             return self

@@ -339,5 +339,8 @@ def _scaled(A: Matrix, factor: Scalar) -> Matrix:
     """Return a matrix times a scalar; zero entries cause no arithmetic."""
     rows = []
     for row in A.tolist():
-        rows.append([0.0 if is_zero(x) else factor * x for x in row])
+        scaled = []
+        for x in row:
+            scaled.append(x if is_zero(x) else factor * x)
+        rows.append(scaled)
     return np.array(rows)

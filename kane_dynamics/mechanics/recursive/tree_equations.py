@@ -94,12 +94,14 @@ class TreeEquations:
         # Whether friction depends on the torques that the drives transmit.
         self.carries_loads = friction and carries_loads(model)
         # The joints whose friction has a state of its own in simulations.
-        self.bristles = [joint for joint in self.joints
-                         if friction and has_bristles(joint)]
+        self.bristles: list[Joint] = []
+        if friction:
+            self.bristles = list(filter(has_bristles, self.joints))
         self.bristle_names = tuple(joint.name for joint in self.bristles)
         self.wrench_frames = tuple(model.frame(name) for name in wrench_frames)
-        self.payload_frame = (None if payload_frame is None
-                              else model.frame(payload_frame))
+        self.payload_frame: Frame | None = None
+        if payload_frame is not None:
+            self.payload_frame = model.frame(payload_frame)
         self.frame_reduction = frame_reduction
         self.flexible = model.flexible
         self._beam_lanes: LanesOf | None = None
@@ -387,9 +389,11 @@ class TreeEquations:
     def _free_order(self) -> list[int]:
         """Return `order`, but slides last if the free body carries one chain."""
         parents = [body.parent for body in self.model.bodies]
-        # Bodies with several children, and what carries them.
-        branching = {k for k in parents if parents.count(k) > 1 and k != WORLD}
-        carriers = {j for k in branching for j in self.model.path(k)}
+        # Bodies with several children, and the bodies that carry them.
+        carriers: set[int] = set()
+        for body in set(parents) - {WORLD}:
+            if parents.count(body) > 1:
+                carriers.update(self.model.path(body))
         slides: list[int] = []
         for ball in self._free_balls:
             if ball.body not in carriers:

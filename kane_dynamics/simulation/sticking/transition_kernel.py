@@ -202,7 +202,7 @@ def search_places(size: int, k: int) -> Search:
 
 
 def loop_places(places: Search) -> SearchPlaces:
-    """Return the places of a search for the native loop."""
+    """Return where in its row the native loop finds the parts of a search."""
     modes = slice(places.directions.start, places.upper.stop)
     return SearchPlaces(places.phase, places.passed, places.transitions, places.power,
                         places.holds, places.end, modes, places.state)

@@ -46,7 +46,7 @@ class Contact(NamedTuple):
 
 
 class _Pressure(NamedTuple):
-    """Numbers of pressed steps, (K,), with loss, balance and uncertainty, (K, 3), J."""
+    """Steps in which stops press: their numbers, (K,); loss, balance, uncertainty, (K, 3), J."""
 
     steps: Any
     energies: Array
