@@ -234,7 +234,7 @@ class Simulator:
                   ('u', results.ends[:, at.u], robot.speed_names),
                   ('peak_torque', peak, robot.speed_names),
                   ('rms_error', rms, self.sweep.joints.tracked_names))
-        # A column a joint of each quantity.
+        # A column for each joint of each quantity.
         columns: Columns = {}
         for name, values, joints in tables:
             for joint, column in zip(joints, values.T):

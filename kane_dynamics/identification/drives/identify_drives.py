@@ -447,7 +447,7 @@ def _identification(names: tuple[str, ...], source: str,
         for name, value in of_joint.items():
             if value.reason:
                 undetermined[f'{joint} {name}'] = value.reason
-    # One array a quantity, with an entry for each joint.
+    # One array for each quantity, with an entry for each joint.
     columns: dict[str, Any] = {}
     for name in ('stiffness', 'damping', 'rotor inertia', 'skew'):
         key = name.replace(' ', '_')
