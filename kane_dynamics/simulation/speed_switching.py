@@ -352,17 +352,17 @@ class SwitchingSteps(Steps):
         return exchange._replace(states=self.in_user_speeds(states, done), torques=torques)
 
     def results(self, samples: Samples, tau: Array | None = None) -> dict[str, Array]:
-        """Return quantities of samples; torques of a law are those of each phase."""
-        if tau is None and self._law is not None:
+        """Return quantities of samples, in the user's speeds; see `UserSpeeds`."""
+        parts = [np.ascontiguousarray(part) for part in self._parts(samples.states)]
+        if tau is None and self._law is None:
+            tau = self.source.torques(samples.steps, *parts)
+        elif tau is None:  # of each phase
             tau = self._user.law_torques(self._history, self.source, samples.steps,
                                          samples.states)
-        return super().results(samples, tau)
-
-    def derived(self, samples: Samples, tau: Array) -> dict[str, Array]:
-        """Return derived quantities of samples, in the user's speeds; see `UserSpeeds`."""
         times = self.start + samples.steps * np.float64(self.step)
-        return self._user.results(self._history, samples.steps, times, samples.states,
-                                  tau)
+        derived = self._user.results(self._history, samples.steps, times, samples.states,
+                                     tau)
+        return {'q': parts[0], 'tau': tau, **derived}
 
     def _look_closely(self, i: int, rows: Array, done: int) -> None:
         """Raise ConstraintError where a singularity lies between two rows of states."""

@@ -342,8 +342,13 @@ def traced_step(robot: Robot, choice: StepChoice, state: Vector, inputs: Matrix,
     start = state[layout.time]
     gain_count = 2 * n if feedback else 0
     gains, h, parameters = np.split(constants, [gain_count, gain_count + 1])
-    keeps_positions = equations.keeps_positions(state[layout.q], *start)
-    watches_stages = equations.watched and not keeps_positions
+    # With constraints, the margin is that of the stages or of the end; see
+    # `watches_stages`.
+    keeps_positions = False
+    watches_stages = False
+    if equations.watched:
+        keeps_positions = equations.keeps_positions(state[layout.q], *start)
+        watches_stages = not keeps_positions
     motion = system(robot, inputs, gains if feedback else None, parameters, dual_to,
                     watches_stages, followed, start, h[0])
     after: Vector = integrator_of(integrator).step(motion, state, h[0])

@@ -112,10 +112,6 @@ class Steps:
         u = np.ascontiguousarray(samples.states[..., n_q:n_q + n])
         if tau is None:
             tau = self.source.torques(samples.steps, q, u)
-        return {'q': q, 'tau': tau, **self.derived(samples, tau)}
-
-    def derived(self, samples: Samples, tau: Array) -> dict[str, Array]:
-        """Return u and derived quantities of samples under torques, (N, K, n)."""
         # The quantities of all samples of all simulations are computed as one batch.
         shape = samples.states.shape[:2]
         times = np.tile(self.start + samples.steps * np.float64(self.step), shape[0])
@@ -123,7 +119,10 @@ class Steps:
         rows = sampled_quantities(self.robot, states, tau.reshape(-1, self.robot.n), times,
                                   self._with_stops, self._sticks)
         rows.pop('friction', None)  # only constraint forces depend on it
-        return {name: x.reshape(*shape, *x.shape[1:]) for name, x in rows.items()}
+        results = {'q': q, 'tau': tau}
+        for name, quantity in rows.items():
+            results[name] = quantity.reshape(*shape, *quantity.shape[1:])
+        return results
 
 
 def run(steps: Steps, starts: Array, count: int, every: int,

@@ -107,6 +107,10 @@ class TreeEquations:
         self._beam_lanes: LanesOf | None = None
         self.drives = model.drives
         self.is_damped = bool(self.drives or self.flexible)  # beside the joints' friction
+        # Whether several beams have equally many modes.
+        counts = [len(body.beam.coordinates) for body in model.bodies
+                  if body.beam is not None]
+        self.has_similar_beams = len(set(counts)) < len(counts)
         # Quantities that are not available for beams.
         self.unsupported = RIGID_ONLY if self.flexible else ()
         # A joint that mimics another one turns its rotor by its multiplier.
@@ -167,15 +171,6 @@ class TreeEquations:
         result = copy(self)
         result._beam_lanes = lanes
         return result
-
-    @property
-    def has_similar_beams(self) -> bool:
-        """Return whether several beams have equally many modes."""
-        counts = []
-        for body in self.model.bodies:
-            if body.beam is not None:
-                counts.append(len(body.beam.coordinates))
-        return len(set(counts)) < len(counts)
 
     def _angle_accelerations(self, u: Vector, udot: Vector) -> Vector:
         """Return the accelerations of the local angles and of the other joints, (n,)."""
