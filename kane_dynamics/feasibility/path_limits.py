@@ -139,7 +139,10 @@ class PathLimits:
         # Factors that make the largest of |a|, |q_s| and |q_s| its share of the limits.
         factors = np.divide(1.0, limits, out=np.zeros_like(limits), where=limits > 0.0)
         first = self.section.first
-        before, following = _middles_beside(count)
+        # The samples of the middles before and after each vertex; at the ends the only one.
+        vertices = 2 * np.arange(count)
+        before = np.maximum(vertices - 1, 1)
+        following = np.minimum(vertices + 1, 2 * count - 3)
         inputs = [*inputs, first, first, factors]
         numbers = {'before': before, 'following': following}
         if kernel.run(inputs, self._rows, count, numbers) & BAD_RESULT:
@@ -412,12 +415,6 @@ def rough_coordinates(robot: Robot) -> list[int]:
 
 
 @lru_cache(maxsize=8)  # most paths have a grid of the same size
-def _middles_beside(count: int) -> tuple[Segments, Segments]:
-    """Return the samples of the middles before and after each vertex."""
-    vertices = 2 * np.arange(count)
-    return np.maximum(vertices - 1, 1), np.minimum(vertices + 1, 2 * count - 3)
-
-
 @kernel_per_robot
 def vertex_kernel(robot: Robot) -> Kernel:
     """

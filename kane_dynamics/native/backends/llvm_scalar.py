@@ -331,19 +331,6 @@ def _reads_arguments(node: Expr) -> bool:
     return node.op in ('call', 'loop') and any(x.op == 'input' for x in operands(node))
 
 
-def _stored_at_once(destinations: list[Destination | None],
-                    schedule: list[Expr]) -> list[Destination | None]:
-    """
-    Return where results are stored as soon as their row is computed.
-
-    They are stored nowhere at once if a call or loop may read arguments after that, since
-    results may overlap arguments in memory.
-    """
-    if any(map(_reads_arguments, schedule)):
-        return [None] * len(destinations)
-    return destinations
-
-
 def _of_loops(x: Expr, loops: Container[int]) -> bool:
     """Return whether a scalar is a result of one of these loops."""
     return x.op == 'output' and x.args[0].index in loops
@@ -523,8 +510,11 @@ class Function:
         if isinstance(program, PlacedProgram):
             self._destinations = program.destinations()
         schedule = program.schedule()
-        self._wide = Rows(self.lines, self.names, program.outputs,
-                          _stored_at_once(self._destinations, schedule))
+        # Rows store their results as soon as they are computed, unless a call or loop may
+        # read arguments after that: results may overlap arguments in memory.
+        later = any(map(_reads_arguments, schedule))
+        at_once = [None] * len(self._destinations) if later else self._destinations
+        self._wide = Rows(self.lines, self.names, program.outputs, at_once)
         # Results of loops that are stored among the function's own, or copied there.
         self._placements: dict[int, PlacedResults] = {}
         self._from_loops: set[int] = set()
