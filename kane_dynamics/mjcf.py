@@ -126,6 +126,7 @@ def _compiled(mujoco: Any, source: str | os.PathLike[str]) -> Any:
     if not isinstance(source, str | os.PathLike):
         raise InputError(f'source: {type(source).__name__}; expected a path, or the XML '
                          'as str')
+    # A text begins with a tag; anything else is a path.
     is_text = isinstance(source, str) and source.lstrip('\ufeff \t\r\n').startswith('<')
     if not is_text and not Path(source).is_file():
         raise InputError(f"no such file: '{os.fspath(source)}'; expected the path of an "
@@ -171,6 +172,7 @@ class _Reader:
         unused = self._unused()
         actuated = self._actuated_joints()
         speeds = model.n
+        # Fewer actuators than independent speeds cannot determine tau.
         if constraints and actuated:
             start = coordinates_by_name(model, options['configuration'])
             speeds = len(choose_independent(model, None, constraints,
@@ -266,6 +268,7 @@ class _Reader:
             self.builder.body(body, on, word, **place)
             self._set_damping_of_ball(name, joint, word)
             return
+        # A joint of one degree of freedom.
         axis = np.array(compiled.jnt_axis[joint])
         reference = float(compiled.qpos0[compiled.jnt_qposadr[joint]])
         sliding = kind == types.mjJNT_SLIDE
@@ -283,6 +286,7 @@ class _Reader:
         compiled = self.compiled
         dof = int(compiled.jnt_dofadr[joint])
         limits = Limits(effort=self._effort_limit(joint))
+        # Without a range the joint moves without end.
         if compiled.jnt_limited[joint]:
             lower, upper = compiled.jnt_range[joint]
             limits = replace(limits, lower=float(lower), upper=float(upper))
@@ -433,6 +437,8 @@ class _Reader:
         values: dict[str, float] = {}
         for joint, name in enumerate(self.joints):
             start = int(self.compiled.jnt_qposadr[joint])
+            # A free joint has position and quaternion, a ball joint a quaternion; MuJoCo
+            # has the scalar part first.
             kind = int(self.compiled.jnt_type[joint])
             if kind == self.mujoco.mjtJoint.mjJNT_FREE:
                 position = self.compiled.qpos0[start:start + 7]
@@ -475,6 +481,7 @@ class _Reader:
             unused.append(f'control laws of actuators: {listing(servos)}')
         if compiled.opt.density or compiled.opt.viscosity:
             unused.append('forces of a fluid')
+        # Compensation of single bodies by MuJoCo would make them weightless.
         lifted = [self.bodies[k] for k in np.flatnonzero(compiled.body_gravcomp)]
         if lifted:
             unused.append(f'gravity compensation of {listing(lifted)}')

@@ -15,11 +15,16 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]])
     from html import escape  # only notebooks need it
 
     def row(tag: str, cells: Sequence[Any]) -> str:
-        return ''.join(f'<{tag}>{escape(_text(cell))}</{tag}>' for cell in cells)
+        """Return a row, whose cells are of the tag td or th."""
+        html = ''
+        for cell in cells:
+            text = escape(_text(cell))
+            html += f'<{tag}>{text}</{tag}>'
+        return f'<tr>{html}</tr>'
     lines = list(rows)
-    body = ''.join(f'<tr>{row("td", line)}</tr>' for line in lines[:MOST_ROWS])
-    table = (f'<table><thead><tr>{row("th", header)}</tr></thead>'
-             f'<tbody>{body}</tbody></table>')
+    body = ''.join(row('td', line) for line in lines[:MOST_ROWS])
+    head = row('th', header)
+    table = f'<table><thead>{head}</thead><tbody>{body}</tbody></table>'
     others = len(lines) - MOST_ROWS
     if others > 0:
         table += f'<p>and {others} more rows</p>'

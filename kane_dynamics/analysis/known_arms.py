@@ -138,6 +138,7 @@ def contradiction(rows: Sequence[KnownArm], compensates: Collection[str]) -> str
     listed = {row: frozenset(row.compensates) for row in rows if row.compensates is not None}
     if not listed or stated in listed.values():
         return ''
+    # No row of the table has these terms: what do the rows have?
     expected = '; or '.join(f'{", ".join(row.compensates or ())} for {row}' for row in listed)
     # Gravity is what throws or drops an arm.
     by_arm = ['gravity' in terms for terms in listed.values()]
@@ -187,6 +188,8 @@ def _row(data: Any, number: int) -> KnownArm:
                          f'{", ".join(_KEYS)}')
     if not row['sources']:
         raise InputError(f'{what}: no sources; expected where it is said')
+    # The columns of names are patterns that are compared with names of models and
+    # joints.
     for key in ('name', 'joints'):
         try:
             re.compile(row.get(key, ''))

@@ -125,6 +125,7 @@ def _examine_drives(model: Model, robot: Robot) -> list[Finding]:
     """Return warnings of joints whose friction or rotor inertia is not known."""
     driven = _driven_joints(model, robot)
     frictionless, without_rotor = [], []
+    # Every real drive has friction and a rotor; many URDFs state neither.
     for joint in model.coordinate_joints:
         if joint.name not in model.floating_base and not resists(joint):
             frictionless.append(joint.name)
@@ -150,6 +151,7 @@ def _examine_stiffness(model: Model, robot: Robot) -> list[Finding]:
     Gravity deflects a spring by its torque over the stiffness. With its motor locked, and
     the other joints too, a link vibrates with the frequency sqrt(K / M_jj) / (2 pi).
     """
+    # The largest weight and inertia on each drive, over random configurations.
     q = robot.random_configuration(0, SAMPLES)
     gravity = np.abs(robot.gravity_force(q)).max(axis=0)
     inertia = robot.mass_matrix(q).diagonal(axis1=1, axis2=2)
@@ -199,6 +201,8 @@ def examine_units(model: Model) -> list[Finding]:
                for body in model.bodies}
     # The longest distance between joints, if all were in one line.
     reach = sum(lengths.values())
+    # A link that is far too long says most; the inertias are only compared if lengths
+    # are plausible.
     too_long = [f'{name} ({length:.4g} m)' for name, length in lengths.items()
                 if length > LONGEST_LINK]
     if too_long:

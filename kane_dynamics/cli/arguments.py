@@ -48,10 +48,12 @@ def _simulate(sub: ArgumentParser) -> None:
                      help='joints hit rigid, inelastic stops at their position limits')
     sub.add_argument('--sticking', action='store_true',
                      help='joints stick below breakaway friction (exact Coulomb friction)')
+    # What drives the motion: one of these at most.
     source = sub.add_mutually_exclusive_group()
     _add_motion(source, 'CSV or YAML file; followed by computed torque')
     source.add_argument('--torque', nargs='+', metavar='X',
                         help='constant torques, or a CSV file')
+    # Gains of computed torque, which only --motion has.
     sub.add_argument('--kp', type=float, nargs='+', default=[100.0], metavar='X',
                      help='for --motion, one value or one per joint, 1/s^2; default: '
                           '100')
@@ -120,6 +122,7 @@ def _cartesian(sub: ArgumentParser) -> None:
                      help='a frame, such as a link of the URDF')
     sub.add_argument('--q', nargs='+', metavar='X',
                      help=f'positions at the start, rad or m (default: {WITHIN})')
+    # Both append to one list, so that their order on the command line counts.
     for option, text in (
             ('to', 'next position, m, or pose: position, roll, pitch, yaw, rad'),
             ('via', 'position on an arc to the next --to, m')):
@@ -132,6 +135,7 @@ def _cartesian(sub: ArgumentParser) -> None:
                           'a rest at each corner')
     sub.add_argument('--blend-angle', type=float, default=0.05, metavar='X',
                      help='largest angle there, rad; default: %(default)g')
+    # Limits of the frame's motion: speed, acceleration and jerk.
     for name, default, unit in (('linear', (0.25, 1.0, 10.0), 'm'),
                                 ('angular', (1.0, 4.0, 40.0), 'rad')):
         stated = ' '.join(f'{value:g}' for value in default)
@@ -233,6 +237,7 @@ def _identify(sub: ArgumentParser) -> None:
                           'cross-validation)')
     sub.add_argument('--base-parameters', action='store_true',
                      help='estimate base parameters only, by weighted least squares')
+    # Other kinds of fits, each with options of its own.
     sub.add_argument('--payload', metavar='LINK',
                      help='identify the payload of this link; the arm is known')
     sub.add_argument('--drives', action='store_true',
@@ -273,6 +278,7 @@ def _excite(sub: ArgumentParser) -> None:
             ('rate', float, 100.0, 'rows per second')):
         sub.add_argument(f'--{name}', type=kind, default=default, metavar='X',
                          help=f'{text}; default: %(default)s')
+    # Limits beside those of the model.
     for name, unit in (('velocity', 'rad/s or m/s'),
                        ('acceleration', 'rad/s^2 or m/s^2')):
         sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf],
@@ -349,6 +355,7 @@ def _feasible(sub: ArgumentParser) -> None:
                      help='largest mechanical power, one value or one per joint '
                           '(default: none)')
     _add_uncertainty(sub, 'the torques are within the limits for all of them')
+    # Further questions about the same motion.
     sub.add_argument('--time-optimal', action='store_true',
                      help='compute the fastest timing of the path of the motion')
     for name, what, unit in (('acceleration', 'acceleration', 'rad/s^2 or m/s^2'),
@@ -502,6 +509,7 @@ def _add_model(sub: ArgumentParser) -> None:
     sub.add_argument('--xacro', nargs='+', metavar='NAME:=VALUE',
                      help='arguments of a .xacro file')
     from kane_dynamics.model.model import GRAVITY
+    # The part of the URDF that moves, and what belongs to it.
     group = sub.add_argument_group('robot')
     group.add_argument('--joints', nargs='+', metavar='NAME',
                        help='moving joints; fixes the order of all values')

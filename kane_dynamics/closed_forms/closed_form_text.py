@@ -21,6 +21,7 @@ def as_text(form: ClosedForm, compiled: dict[str, OperationCount]) -> str:
     lines = [f'{form.model.name}: M(q) udot + bias(q, u) = tau, u = qdot', '']
     for symbol, value, meaning in legend(form):
         lines.append(f'{symbol:6}{value:12}{meaning}')
+    # The upper triangle is enough of a symmetric matrix.
     lines += ['', f'M, symmetric, {n} x {n}']
     for r in range(n):
         for s in range(r, n):
@@ -32,6 +33,7 @@ def as_text(form: ClosedForm, compiled: dict[str, OperationCount]) -> str:
         for r in range(n):
             for symbol, rows in VECTORS.items():
                 lines.append(f'{symbol}{r + 1} of {body} = {_vector(table[rows, r])}')
+    # What one evaluation costs, by the expressions and by the compiled kernels.
     lines += ['', f'operations: {", ".join(OperationCount.__dataclass_fields__)}']
     for name, count in form.operations().items():
         lines.append(f'{name}, closed form: {_counts(count)}')
@@ -62,12 +64,16 @@ def as_markdown(form: ClosedForm) -> str:
     """Return the table of partial velocities: a row per speed, two columns per body."""
     header = ['r']
     for body in form.partials:
-        header += [f'{symbol} of {body}' for symbol in VECTORS]
+        for symbol in VECTORS:
+            header.append(f'{symbol} of {body}')
     lines = [header, ['---'] * len(header)]
+
+    # A row for each speed, with the partial velocities of all bodies.
     for r in range(len(form.q)):
         row = [f'{r + 1}']
         for table in form.partials.values():
-            row += [_vector(table[rows, r]) for rows in VECTORS.values()]
+            for part in VECTORS.values():
+                row.append(_vector(table[part, r]))
         lines.append(row)
     return ''.join(f'| {" | ".join(line)} |\n' for line in lines)
 
@@ -99,6 +105,7 @@ def as_data(form: ClosedForm, compiled: dict[str, OperationCount]) -> dict[str, 
         operations[name] = {'closed_form': asdict(count),
                             'compiled': asdict(compiled[name])}
     partial_velocities = {body: _rows(table) for body, table in form.partials.items()}
+    # Expressions as texts that SymPy reads back.
     return {'joint_names': form.model.joint_names,
             'q': list(map(str, form.q)),
             'u': list(map(str, form.u)),

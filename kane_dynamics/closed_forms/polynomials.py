@@ -77,6 +77,8 @@ class Polynomials:
 
     def _expanded(self, expression: Any) -> Any:
         expression = self.plain.form(expression)
+        # By the form of the expression: a number, a generator, a sum, a power or a
+        # product.
         if expression.is_Rational:
             return self.ring.one * sp.QQ(expression.p, expression.q)
         if expression in self.generators:

@@ -238,14 +238,14 @@ def exact_model(model: Model) -> Any:
             return np.array(entries, dtype=object).reshape(value.shape)
         return value
 
-    # All constants of the bodies and joints, and gravity.
+    # All constants of the bodies, joints and drives, and gravity.
+    parts = [elastic.drive for elastic in view.drives]
     for body in view.bodies:
-        for part in (body.inertial, body.joint):
-            fields = vars(part)
-            fields.update({name: numbers_of(value) for name, value in fields.items()})
-    for elastic in view.drives:
-        fields = vars(elastic.drive)
-        fields.update({name: numbers_of(value) for name, value in fields.items()})
+        parts += [body.inertial, body.joint]
+    for part in parts:
+        fields = vars(part)
+        for name, value in list(fields.items()):
+            fields[name] = numbers_of(value)
     view.gravity = numbers_of(view.gravity)
     return view
 

@@ -148,6 +148,7 @@ def require_closed(robot: Robot, positions: Array, times: Array) -> None:
     """
     if not robot.constraint_names or positions.shape[1] != robot.n_q:
         return
+    # The tolerance that calls of the robot have, unless the user switched it off.
     limits = robot.parameters.closure_tolerance
     if limits is None:
         return
@@ -410,6 +411,7 @@ class ComputedTorque:
         columns = places
         if simulated is not None:
             places, columns = _followed(simulated, motion, followed)
+        # The record is frozen: its fields are set once, after their checks.
         freeze(self, 'robot', simulated)
         freeze(self, 'motion', motion)
         freeze(self, 'followed', tuple(places))
@@ -442,6 +444,7 @@ def _followed(robot: Robot, motion: Motion, followed: Sequence[str] | None
         followed = motion.joint_names
     places = followed_joints(robot, followed)
     columns = motion_columns(robot, places, motion.joint_names)
+    # A motion of all joints is redundant: its configurations must be closed.
     if motion.n == robot.n_q:
         warn_of_degrees(robot, motion.positions, 'motion', stacklevel=5)
         require_closed(robot, motion.positions, motion.times)

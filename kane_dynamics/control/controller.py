@@ -342,6 +342,7 @@ class Controller:
         else:
             raise InputError('u: missing; expected the measured speeds, which '
                              f'{self._mode} needs')
+        # A motion is checked once, not in every cycle.
         if motion is not None and motion is not self._fitting:
             self._motion.check(motion)
             if motion.n == len(self._names):

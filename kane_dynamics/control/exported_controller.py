@@ -69,6 +69,7 @@ def controller_kernels(robot: Robot, *, followed: Sequence[str] | None = None
     """
     instance(robot, Robot, 'robot')
     require_rigid_joints(robot.model)
+    # In joint rates all joints follow; elsewhere some of them determine the others.
     if robot.equations.in_joint_rates:
         if followed is not None:
             raise InputError(f'followed: {list(followed)}; expected None, because all '

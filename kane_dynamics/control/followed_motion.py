@@ -143,9 +143,7 @@ class FollowedMotion:
         """Return the result of a traced function of arrays and the time."""
         if name not in self._functions:
             self._functions[name] = self._compiled(name, function, state)
-        if self._equations.timed:
-            return self._functions[name](*state, t)
-        return self._functions[name](*state)
+        return self._functions[name](*state, *self._equations.time_inputs(t))
 
     def _compiled(self, name: str, function: Callable[..., Vector],
                   state: tuple[Array, ...]) -> Callable[..., Array]:

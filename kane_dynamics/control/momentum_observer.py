@@ -234,10 +234,11 @@ class MomentumObserver:
             friction = self.friction_error.torque(self._u)
         if self._further_friction is None:
             return friction
+        # Bristles deflect with the mean rate since the last update.
         mean_u = self._u
         if elapsed is not None:
             mean_u = 0.5 * (last_u + self._u)
-        time = (t,) if self.robot.equations.timed else ()
+        time = self.robot.equations.time_inputs(t)
         results = self._further_friction(self._q, self._u, tau - friction, mean_u,
                                          self._deflections, elapsed or 0.0, *time)
         n = self.robot.n
@@ -246,7 +247,7 @@ class MomentumObserver:
 
     def _terms(self, t: float) -> tuple[Array, Array]:
         """Return p and beta, (n,) each, at the stored state and the time t, s."""
-        time = (t,) if self.robot.equations.timed else ()
+        time = self.robot.equations.time_inputs(t)
         momentum, beta = self._momentum_terms(self._q, self._u, *time)
         return momentum, beta
 
@@ -277,10 +278,12 @@ def _further_friction_kernel(robot: Robot) -> Kernel:
                  elapsed: Scalar, t: Scalar) -> Vector:
         motion = equations.joint_motion(q, u, equations.zeros, t)
         later = None
+        # The deflections after the time since the last update, by the law of bristles.
         if bristles:
             mean = equations.joint_motion(q, mean_u, equations.zeros, t)
             later = equations.deflections_after(q, mean.qdot, deflections, tau, elapsed, t)
         of_joints = equations.driven_friction(q, motion.qdot, tau, t, None, later)
+        # Beta has the smooth law without loads: what is beyond it is added.
         beyond = of_joints - equations.tree.friction_force(motion.qdot)
         return np.array([*motion.projected(beyond), *([] if later is None else later)])
     row = (robot.n,)
@@ -300,6 +303,7 @@ def _momentum_kernel(robot: Robot) -> Kernel:
             return result
         return nan_unless(result, equations.margin(q, t, limits))
 
+    # In a state that is singular for these speeds, another choice answers.
     def reason(state: dict[str, Array]) -> Kernel | None:
         """Return the kernel in speeds that are regular at a state, or None."""
         regular = in_regular_speeds(robot, state)

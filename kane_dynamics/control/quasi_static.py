@@ -152,6 +152,7 @@ class QuasiStatic:
     def _state(self, q: Any, u: Any, udot: Any) -> tuple[Array, Array, Array]:
         """Return q with the deflection, u and udot of the whole robot."""
         n = self.robot.n
+        # The modes have no columns in the arguments: they follow from the load.
         Q = self._whole('q', q, self.joint_names, self._joints, self.robot.n_q)
         U = self._whole('u', u, self.speed_names, self._speeds, n)
         A = self._whole('udot', udot, self.speed_names, self._speeds, n)

@@ -65,6 +65,8 @@ def state_after(robot: Robot, terms: Terms, q: Vector, u: Vector, tau: Vector,
     def speeds_after(q_at: Vector, u_at: Vector, duration: Scalar) -> Vector:
         """Return the speeds after a duration, with the forces at another state."""
         motion = equations.joint_motion(q_at, u_at, equations.zeros, t)
+        # M u_after = M u + duration force, with the slope of friction implicit: stiff
+        # friction brings joints to rest instead of reversing them.
         force = motion.projected(tau) - _held(robot, terms, q_at, u_at, parameters, t)
         M = equations.mass_matrix(q_at, parameters, t)
         damped = M

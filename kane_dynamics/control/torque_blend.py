@@ -56,11 +56,13 @@ class TorqueBlend:
         if last is None:
             self.stop()
             return tau
+        # The first torque of the new law fixes the step that is blended out.
         if self._difference is None:
             if not np.isfinite(tau).all():  # of a state that is refused
                 return tau
             self._difference = last - tau
             self._began = t
+        # A stamp before the begin (a clock that was reset) begins again.
         self._began = min(self._began, t)
         x = (t - self._began) / self.duration
         if x >= 1.0:

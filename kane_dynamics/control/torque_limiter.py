@@ -98,6 +98,7 @@ class TorqueLimiter:
 
         """
         torques = tau.tolist()
+        # The rate limit needs the time since the last command; it has none at the first.
         elapsed = 0.0 if self._stamp is None else max(t - self._stamp, 0.0)
         if self._is_within(torques, elapsed):
             self._last = torques
@@ -115,6 +116,7 @@ class TorqueLimiter:
         self._stamp = t
         if limited == torques:
             return Command(tau, self._none, self._none, False)
+        # What the magnitude limited, and what the rate did.
         after_clamp = np.array(clamped)
         result = np.array(limited)
         return Command(result, after_clamp != tau, result != after_clamp, True)

@@ -134,6 +134,7 @@ def mode_torque(robot: Robot, mode: Mode, terms: Terms, q: Vector, u: Vector,
 
     """
     equations = robot.equations
+    # The terms of the model that the caller left out are zero.
     gravity = equations.zeros
     if terms.gravity:
         gravity = equations.gravity_force(q, parameters)
@@ -141,6 +142,7 @@ def mode_torque(robot: Robot, mode: Mode, terms: Terms, q: Vector, u: Vector,
         return gravity
     if mode is Mode.COMPUTED_TORQUE:
         return _computed_torque(robot, terms, q, u, desired, gains, parameters, limits)
+    # Feedforward alone while a motion runs; gravity compensation before and after.
     feedforward = motion_torque(robot, terms, desired.q, desired.u, desired.udot,
                                 parameters)
     return either(desired.moving, feedforward, gravity)
@@ -168,6 +170,8 @@ def _computed_torque(robot: Robot, terms: Terms, q: Vector, u: Vector, desired: 
         law = law_of(robot)
         return law(q, u, desired.q, desired.u, desired.udot, gains, None, 0.0,
                    parameters, limits)
+    # With some terms left out: feedback through the inertia, and the stated terms beside
+    # it.
     feedforward = desired.udot if terms.inertia else equations.zeros
     kp, kd = np.split(gains, 2)
     corrected = corrected_acceleration(q, u, desired.q, desired.u, feedforward, kp, kd)
@@ -218,6 +222,7 @@ def followed_torque(robot: Robot, mode: Mode, terms: Terms, joints: Actuation,
     external = equations.zeros
     if at.external is not None and mode is not Mode.GRAVITY_COMPENSATION:
         external = at.external
+    # At rest gravity alone is compensated.
     holding = equations.zeros
     if terms.gravity:
         holding = equations.gravity_force(at.q, at.parameters)

@@ -110,6 +110,7 @@ class Waiting:
             if (code := child.process.poll()) is not None:
                 raise DemoError(f'{self._what}: {child.name} ended with exit code {code}'
                                 + self._last_lines(child))
+        # Progress is new output or processor time: a stage without either is stuck.
         now = time.monotonic()
         state = self._state()
         if self._has_progress(state):

@@ -65,9 +65,11 @@ def report_deflections(robot: DemoRobot, run: DeflectionLog, folder: Path) -> in
     ends = [first for first, _ in forces[1:]] + [len(run.t)]
     for (first, last), end in zip(forces, ends, strict=True):
         force = run.wrench[first, :3]
+        # Means over the end of each phase, when the arm rests.
         at_rest, pushed, recovered = (place[row - count:row].mean(axis=0)
                                       for row in (first, last, end))
         magnitude = float(np.linalg.norm(force))
+        # The deflection along the force.
         deflection = float((pushed - at_rest) @ force) / magnitude
         expected = magnitude / STIFFNESS[0]
         remaining = float(np.linalg.norm(recovered - at_rest))

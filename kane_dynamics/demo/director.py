@@ -168,6 +168,7 @@ class Director(Node):
         self.ask(SetBool, f'{PLANT}/servo', data=False)
         duration = REST + len(FORCES) * (PUSHED + REST)
         began = self._simulated_time()
+        # Rest, then each force for a while with a rest behind it.
         with progress_bar('Forces              ', duration) as progress:
             def wait(end: float) -> None:
                 while (now := self._simulated_time() - began) < end:
@@ -362,6 +363,7 @@ def run(arguments: Sequence[str] = ()) -> int:
     finally:
         director.destroy_node()
         rclpy.try_shutdown()
+    # Files between the processes, which the user has no use for.
     for file in (record, record.parent / SUPPLEMENT):
         file.unlink(missing_ok=True)
     if options.mode == ELASTIC:

@@ -203,6 +203,7 @@ class Part:
         self.motion, self.begin, self.end, self.rests = motion, begin, end, at_rests
         self.span = end - begin
         self.coefficients = np.ascontiguousarray(motion.coefficients)
+        # The segments of the motion that the part touches, cut at its begin and end.
         first = int(np.searchsorted(motion.times, begin, 'right')) - 1
         last = int(np.searchsorted(motion.times, end))
         knots = motion.times[first:last + 1]
@@ -213,9 +214,12 @@ class Part:
         varied = np.empty(last - first)
         by_segment, by_interval, _ = kernels(motion.n)
         by_segment.run([self.coefficients[first:last]], varied, len(varied))
+        # More intervals where a segment is long or its speed varies.
         counts = FINER + (MESH / self.span * lengths + VARIED * varied).astype(np.intp)
         number = np.arange(len(counts)).repeat(counts)
         self.segment = number + first
+        # For each segment: begin, interval length, number of earlier intervals, offset
+        # of the begin within the segment, and 1 / duration.
         segments = np.empty((len(counts), 5))
         segments[:, 0] = ends[:-1] - begin
         segments[:, 1] = lengths / counts
@@ -226,28 +230,34 @@ class Part:
         inputs = [np.arange(float(len(number))), segments, self.coefficients]
         numbers = {'segment': number, 'coefficients': self.segment}
         by_interval.run(inputs, self.intervals, len(number), numbers)
+        # The length of arc at each interval's end, as parameter of the path.
         self.arc = np.zeros(len(number) + 1)
         self.intervals[:, LENGTH].cumsum(out=self.arc[1:])
         self.length = float(self.arc[-1])
 
     def sampled(self, intervals: int, first: int, last: int) -> Section:
         """Return the section with orders `first` and `last` at its ends."""
+        # Places at the ends of the intervals and in their middle.
         s = np.arange(2 * intervals + 1) / (2 * intervals)
         before_end = math.nextafter(self.end, -math.inf)
         first_speed = self.intervals[0, FIRST_SPEED]
         last_speed = self.intervals[-1, LAST_SPEED]
         begin_power = self._power(self.begin, first_speed, self.rests[0])
         end_power = self._power(before_end, last_speed, self.rests[1])
+        # s^a / (s^a + (1 - s)^b) is 0 and 1 at the ends, and of the stated orders there.
         left = s**(first / begin_power)
         right = (1.0 - s)**(last / end_power)
         q = self._positions(left / (left + right))
         columns = q.T.copy()  # whose rows are reduced ten times as fast
         lowest = columns.min(axis=1)
         highest = columns.max(axis=1)
+        # Joints that move by rounding alone stand still, so that they limit nothing.
         ranges = highest - lowest
         still = ranges <= STILL * ranges.max()
         if still.any():
             q[:, still] = q[0, still]
+        # Derivatives with respect to s by a spline, with one-sided differences at both
+        # ends.
         begin_slope = _end_slope(q[:4], STEP, first, still)
         end_slope = _end_slope(q[:-5:-1], -STEP, last, still)
         derivatives = spline_derivatives(q, STEP, begin_slope, end_slope)
@@ -305,6 +315,7 @@ def kernels(n: int) -> tuple[Kernel, Kernel, Kernel]:
     """
     def speed(coefficients: Matrix, x: Scalar) -> Scalar:
         """Return the speed at the fraction x of a segment, times its duration."""
+        # Horner's scheme of the derivative of the quintic.
         u = 5.0 * coefficients[5]
         for k in (4, 3, 2, 1):
             u = k * coefficients[k] + x * u

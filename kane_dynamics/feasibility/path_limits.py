@@ -139,7 +139,10 @@ class PathLimits:
         # Factors that make the largest of |a|, |q_s| and |q_s| its share of the limits.
         factors = np.divide(1.0, limits, out=np.zeros_like(limits), where=limits > 0.0)
         first = self.section.first
-        before, following = _middles_beside(count)
+        # The samples of the middles before and after each vertex; at the ends the only one.
+        vertices = 2 * np.arange(count)
+        before = np.maximum(vertices - 1, 1)
+        following = np.minimum(vertices + 1, 2 * count - 3)
         inputs = [*inputs, first, first, factors]
         numbers = {'before': before, 'following': following}
         if kernel.run(inputs, self._rows, count, numbers) & BAD_RESULT:
@@ -153,9 +156,12 @@ class PathLimits:
         t = np.zeros(len(q))
         whole = motion_of_closed(robot, driving, t, q, rates, accelerations)
         # u is linear in the rates, and multiplies s''; udot multiplies s'^2.
+        # Along the path u = r s' and udot = r s'' + b s'^2, so that the torque is
+        # inertia s'' + (change + coriolis) s'^2 + gravity + spring + friction.
         inertia, *_ = np.moveaxis(robot.torque_terms(q, 0.0 * whole.u, whole.u), 1, 0)
         terms = np.moveaxis(robot.torque_terms(*whole), 1, 0)
         change, coriolis, gravity, _, spring = terms
+        # In the torques of the actuators, which have the limits.
         for k, force in enumerate((inertia, change + coriolis, gravity + spring)):
             self._lines[:, k] = robot.joint_torques(np.ascontiguousarray(force), q)
         offset = np.broadcast_to(friction(robot, np.zeros((1, robot.n_q)))[0], q.shape)
@@ -242,8 +248,11 @@ class PathLimits:
         tight[1:-1] |= beside
         near = tight.nonzero()[0]
         inner = (near > 0) & (near < len(shares) - 1)
+        # The largest use at a vertex and its two neighbors.
         worst = np.maximum(shares[near - inner], shares[near + inner])
         worst = np.maximum(worst, shares[near])
+        # The excess is corrected in part, since tighter limits at one vertex relieve the
+        # others.
         target = np.where(worst > 1.0, 1.0 + factor * (worst - 1.0), worst)
         tighter = np.where(worst > ACTIVE, target / (1.0 - MARGIN), 1.0)
         tight_limits = self._tight[near] / tighter
@@ -406,12 +415,6 @@ def rough_coordinates(robot: Robot) -> list[int]:
 
 
 @lru_cache(maxsize=8)  # most paths have a grid of the same size
-def _middles_beside(count: int) -> tuple[Segments, Segments]:
-    """Return the samples of the middles before and after each vertex."""
-    vertices = 2 * np.arange(count)
-    return np.maximum(vertices - 1, 1), np.minimum(vertices + 1, 2 * count - 3)
-
-
 @kernel_per_robot
 def vertex_kernel(robot: Robot) -> Kernel:
     """

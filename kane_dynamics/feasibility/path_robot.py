@@ -185,10 +185,12 @@ class PathRobot:
         robot = self.robot
         if self.driving is None:
             return q, rates, accelerations, self._largest(q, rates, accelerations)
+        # The path states the driving joints; loops decide where the others are.
         if self._loops is not None:
             near = q
             q = self._loops.closed(near, np.zeros(len(q)),
                                    lambda k: f'path: {self._stated(near[k])}')
+        # At time zero: nothing here depends on time (`require_scalable`).
         t = np.zeros(len(q))
         whole = motion_of_closed(robot, self.driving, t, q, rates, accelerations)
         tau = q
@@ -241,6 +243,7 @@ class PathRobot:
         for side, bound, sign, extremes in (
                 ('lower', limits.lower, -1.0, section.lowest),
                 ('upper', limits.upper, 1.0, section.highest)):
+            # Extremes first, which decide for nearly all paths.
             if (sign * extremes <= sign * bound).all():
                 continue
             # Interpolation may leave the bound by rounding.
@@ -285,6 +288,7 @@ def compile_timing(robot: Robot) -> None:
     if robot.model.balls or robot.model.flexible or (
             robot.constraint_names and velocity_rows(robot)):
         return  # refused
+    # Kernels of the path and its profile, of trees or of mechanisms.
     compile_splines(robot.n)
     kernels = [*path_kernels(robot.n), velocities_kernel(robot.n)]
     limited = np.isfinite(robot.limits.effort)

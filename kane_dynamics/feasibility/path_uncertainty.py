@@ -98,10 +98,12 @@ def tangent_kernel(robot: Robot) -> Kernel:
 
     def tangent(q: Vector, rates: Vector, bend: Vector, x: Scalar, v: Scalar, box: Vector,
                 parameters: Vector) -> Matrix:
+        # With x = s'^2 and v = s'': u = sqrt(x) r, udot = v r + x b.
         u = np.sqrt(x) * rates
         udot = v * rates + x * bend
         value = deviation_law(equations, q, u, udot, box, parameters, 0.0,
                               of_joints=not equations.in_joint_rates)
+        # The tangent in v and x, by forward differentiation of the law.
         by_v = np.array(forward(value, [x, v], [0.0, 1.0], Subroutines()), dtype=object)
         by_x = np.array(forward(value, [x, v], [1.0, 0.0], Subroutines()), dtype=object)
         return np.stack([by_v, by_x, value - by_v * v - by_x * x, value])

@@ -115,6 +115,7 @@ def largest_payload(robot: Robot, motion: Motion | SmoothMotion, *,
     carrier = copy(robot)
     loaded = carrier if bending is None else bending.robot
     loaded.parameters.payload = None
+    # The motion must be feasible without a payload; otherwise no mass is.
     empty = demand(carrier, motion, speed=speed, step=step, power=power, bending=bending)
     if not empty.fits:
         raise InputError(f'motion without a payload: {empty.excesses[0]}; expected a '
@@ -126,6 +127,7 @@ def largest_payload(robot: Robot, motion: Motion | SmoothMotion, *,
             payload = Inertial(mass, per_mass.com, mass * per_mass.inertia)
         loaded.parameters.payload = payload
 
+    # Elastic joints: the demand is not linear in the mass.
     if robot.drives:
         drives = DrivesAlong(carrier, motion, step, power)
 
@@ -165,11 +167,13 @@ def _inertial_per_mass(com: ArrayLike, inertia: ArrayLike | None) -> Inertial:
 
 def _searched_bound(demand_with: Callable[[float], Demand]) -> PayloadBound:
     """Return the largest payload by bisection between one that fits and one that does not."""
+    # Double the mass until a limit is exceeded.
     low, high = 0.0, SMALL
     while not (excessive := demand_with(high).excesses):
         low, high = high, 2.0 * high
         if high > HEAVIEST:
             return PayloadBound(math.inf)
+    # Bisect between the last mass that fits and the first that does not.
     while high - low > SETTLED * high:
         middle = 0.5 * (low + high)
         if beyond := demand_with(middle).excesses:

@@ -233,6 +233,8 @@ def controllable(following: Vector, row: Vector) -> Vector:
     is empty, else 0). `row` is what the limits allow: no lower bound of the x at the end
     may exceed the largest x there, and no upper one be below the least.
     """
+    # A line of the limits, with an end of the next set, bounds x from one side: from
+    # above or below by the sign of its rate.
     upper, lower, _, rates = _groups(row)
     lows, highs = [row[LOW]], [row[HIGH]]
     for lines, end, rising, falling in ((upper, following[LOW], lows, highs),
@@ -242,6 +244,7 @@ def controllable(following: Vector, row: Vector) -> Vector:
             up = rate > 0.0
             rising.append(select(up, x, rising[0]))
             falling.append(select(up, falling[0], x))
+    # The narrowest bounds; the set is empty if they cross beyond rounding.
     low, high = _extreme_value(lows, -1.0), _extreme_value(highs, 1.0)
     error = row[ERROR]
     # Both are at least 0 in a set that is not empty, and no numbers where one is none.
@@ -334,6 +337,8 @@ def controllable_sets(limits: IntervalLimits, last: tuple[float, float],
         If a set is empty.
 
     """
+    # From the sets of an earlier call, only vertices whose limits changed are computed
+    # again, before the pass.
     if known is not None:
         sets, vertices = known
         _update_allowed(sets, limits, vertices)

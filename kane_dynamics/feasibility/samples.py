@@ -49,6 +49,7 @@ def sampled(robot: Robot, motion: Motion, step: float, additional: Array = NONE
                          f'{list(robot.joint_names)}')
     t = sample_times(motion.times, step, additional)
     q, u, udot = motion.sample(t)
+    # At the ends the motion has an acceleration, and outside none: both are sampled.
     # The motion rests before and after.
     at_rest = np.zeros((1, motion.n))
     t = np.concatenate([motion.times[:1], t, motion.times[-1:]])
@@ -77,6 +78,8 @@ def sample_times(points: Array, step: float, additional: Array = NONE) -> Array:
         raise InputError(f'step: {step:g} s, {intervals.sum():.3g} samples of a motion '
                          f'of {points[-1]:g} s; expected a larger step, at most '
                          f'{MOST_SAMPLES} samples')
+    # Each segment has whole intervals of at most a step, and samples at both of its
+    # ends.
     counts = np.maximum(intervals, 1.0).astype(int) + 1
     segment = np.repeat(np.arange(len(h)), counts)
     first = np.cumsum(counts) - counts

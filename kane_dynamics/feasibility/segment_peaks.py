@@ -157,7 +157,7 @@ class SegmentPeaks:
         return tau
 
     def middles(self, states: MotionStates, segments: Segments | None = None) -> Peaks:
-        """Return the shares at both ends and in the middle of segments."""
+        """Return the shares of the limits at both ends and in the middle of segments."""
         return self._peaks(states, np.array(0.5), segments)
 
     def inside(self, states: MotionStates, segments: Segments, places: Segments,
@@ -188,11 +188,13 @@ class SegmentPeaks:
         """
         ends = places.cumsum()
         begins = ends - places
+        # All places of all segments are rows of one batch.
         # A place for each row: the places of a segment are at equal distances.
         first = (begins - 1.0).repeat(places)
         step = (1.0 / (1.0 + places)).repeat(places)
         x = (np.arange(ends[-1]) - first) * step
         peaks = self._peaks(states, x, segments.repeat(places))
+        # The largest share of each segment; details only of those that may decide.
         worst = np.maximum.reduceat(peaks.largest, begins)
         is_needed = worst >= least
         needed = is_needed.nonzero()[0]
@@ -295,6 +297,8 @@ def largest_shares_of(quantities: Sequence[int], begin: Sequence[Vector],
     between. The array has the k n shares, the largest one, the number of places and the
     largest estimate, in this order.
     """
+    # The share of a limit is the magnitude times the factor 1 / limit, at both ends and
+    # in the middle.
     shares = []
     for _, u, udot, tau in (begin, end, inside):
         values = tau, u, tau * u, udot  # in the order of `QUANTITIES`
@@ -304,6 +308,8 @@ def largest_shares_of(quantities: Sequence[int], begin: Sequence[Vector],
     for first, last, middle in zip(*shares):
         high = largest([first, last, middle])
         low = -largest([-first, -last, -middle])
+        # Three values bound the peak between them only if they are nearly on a line: a
+        # change or a bend adds to the estimate.
         peak = largest([high, -low])
         change = high - low
         bend = first + last - 2.0 * middle
@@ -312,6 +318,7 @@ def largest_shares_of(quantities: Sequence[int], begin: Sequence[Vector],
         peaks.append(peak)
         changes.append(select(estimate > 1.0, change, 0.0))
         estimates.append(estimate)
+    # More places where the shares change more, since the error falls with their square.
     places = 1.0 + SMOOTH * np.sqrt(largest(changes))
     places = select(places < DENSE, places, DENSE)
     return np.array([*peaks, largest(peaks), places, largest(estimates)])
@@ -326,12 +333,14 @@ def quintic(begin: Sequence[Vector], end: Sequence[Vector], h: Scalar, x: Scalar
     rise = end[0] - begin[0] - u - 0.5 * udot
     slope = h * end[1] - u - udot
     bend = h * h * end[2] - udot
+    # Coefficients of x^3, x^4 and x^5 that meet all three conditions at x = 1.
     a = 10.0 * rise - 4.0 * slope + 0.5 * bend
     b = -15.0 * rise + 7.0 * slope - bend
     c = 6.0 * rise - 3.0 * slope + 0.5 * bend
     q = begin[0] + x * (u + x * (0.5 * udot + x * (a + x * (b + x * c))))
     rate = u + x * (udot + x * (3.0 * a + x * (4.0 * b + x * (5.0 * c))))
     change = udot + x * (6.0 * a + x * (12.0 * b + x * (20.0 * c)))
+    # From the fraction x of the segment back to seconds.
     r = 1.0 / h
     return q, rate * r, change * (r * r)
 

@@ -161,6 +161,7 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
             raise InputError('rest: given for elastic joints; expected None, and the '
                              'configuration of the robot, Robot(..., configuration=)')
         return _with_drives(robot, path, bounds)
+    # A path is one of positions alone: the timing of a SmoothMotion would be ignored.
     if isinstance(path, SmoothMotion):
         raise InputError('path: a SmoothMotion for a robot with rigid joints; expected a '
                          'Motion or waypoints')
@@ -169,6 +170,7 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
         if limits_rates or np.isfinite(bounds.power).any():
             raise InputError('uncertainty: given with a limit of power, jerk or torque '
                              'rate; expected limits of effort, velocity and acceleration')
+    # The path with the dynamics of the robot along it, then the profile of its speed.
     along = PathRobot(robot, path, bounds, rest, uncertainty)
     if limits_rates:
         _require_linear_damping(robot, rates)
@@ -385,7 +387,7 @@ def _solve(along: PathRobot, section: Section, start: float, end: float, excess:
 
 
 def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> Array:
-    """Return the fastest profile, from a guess x; None for that without friction."""
+    """Return the fastest profile of x = s'^2, from a guess; None starts without friction."""
     ends = [speed**2 / limits.speed_squared(k) if speed else None
             for speed, k in ((start, 0), (end, -1))]
     slower, calm = 0, limits.powered

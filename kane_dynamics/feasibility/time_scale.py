@@ -206,6 +206,8 @@ def _fastest_of_drives(drives: DrivesAlong, most: float) -> TimeScale | None:
 
     def highest(additional: Array) -> float | None:
         """Return the highest speed that fits at the samples."""
+        # A position limit that the links exceed even at the slowest speed is exceeded at
+        # any.
         slowest = demanded(additional, LOWEST)
         for excess in slowest.excesses:
             is_position = excess.limit in ('lower', 'upper')
@@ -227,6 +229,8 @@ def _highest_tried(at_samples: Callable[[float], Demand], top: float) -> float |
         return None
     too_fast, speed = top, top
     demanded = at_samples(speed)
+    # Slower in wide steps while the demand is far above the limits, in small ones near
+    # them.
     while not demanded.fits:
         too_fast = speed
         largest = max(float(uses.max()) for uses in demanded.uses.values())
@@ -235,6 +239,7 @@ def _highest_tried(at_samples: Callable[[float], Demand], top: float) -> float |
             return None
         demanded = at_samples(speed)
     # The demand fits at `speed`, and no longer at the next faster one.
+    # Bisect between a speed that fits and one that does not.
     while too_fast - speed > PRECISION * speed:
         middle = 0.5 * (speed + too_fast)
         if at_samples(middle).fits:
@@ -292,6 +297,7 @@ class SampledPath:
             rows = [robot.joint_torques(np.ascontiguousarray(term), q)
                     for term in np.moveaxis(robot.torque_terms(*whole), 1, 0)]
             terms = np.stack(rows)
+        # At the speed s the torque is square s^2 + linear s + constant, by actuator.
         inertia, coriolis, gravity, _, spring = terms
         self.offset = self.friction(np.zeros(robot.n_q))
         self.damping = _damping(robot)
@@ -302,9 +308,11 @@ class SampledPath:
         self.effort = limits.effort
         self.margin = np.zeros_like(self.u)  # of effort, for uncertain parameters
         self.power = per_joint(power, 'power', robot.joint_names, finite=False)
+        # Positions do not depend on the speed: outside their limits no speed fits.
         above = q >= limits.lower - ROUNDING * np.maximum(1.0, np.abs(limits.lower))
         below = q <= limits.upper + ROUNDING * np.maximum(1.0, np.abs(limits.upper))
         self.inside = bool((above & below).all())
+        # The speed at which the first joint reaches its limit of velocity.
         with np.errstate(divide='ignore', invalid='ignore'):
             bound = limits.velocity / np.abs(self.u).max(axis=0)
         self.speed_bound = float(np.fmin.reduce(bound, initial=math.inf))

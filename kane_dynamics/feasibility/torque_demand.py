@@ -292,6 +292,7 @@ class DrivesAlong:
         self.feedforward = ElasticFeedforward(robot)
         self.feedforward.check_joints(motion.joint_names)
         names = self.feedforward.joint_names
+        # The motion of the motors takes four derivatives of that of the links.
         if isinstance(motion, Motion):
             motion = SmoothMotion.from_motion(motion)
         self.motion = motion
@@ -301,6 +302,7 @@ class DrivesAlong:
 
         # The links of elastic joints have the gears' limits, and no motor of their own.
         self.limits = limits_of_drives(robot)
+        # The power of an elastic joint is that of its motor.
         self.power = per_joint(power, 'power', robot.joint_names, finite=False).copy()
         self.power[[elastic.link for elastic in robot.drives]] = math.inf
 
@@ -311,6 +313,7 @@ class DrivesAlong:
     def demand_of(self, t: Array, sampled_state: SmoothState, speed: float) -> Demand:
         """Return the demand of a motion of the links at times, (N,), and its states."""
         robot = self.robot
+        # At the speed s the derivative of order k is s^k times as large.
         state = SmoothState(*[speed**order * derivative
                               for order, derivative in enumerate(sampled_state)])
         rows, links = self.feedforward.rows_along(t / speed, state, self.motion.joint_names)
@@ -415,8 +418,12 @@ def whole_motion(robot: Robot, motion: Motion, t: Array, q: Array, rates: Array,
 
 def require_scalable(robot: Robot, q: Array) -> None:
     """Raise InputError if speeds or constraints prescribe velocities."""
-    if robot.equations.timed or (len(q) and np.abs(robot.joint_rates(
-            q, np.zeros((len(q), robot.n)))).max() > 0.0):
+    # Joints that move at u = 0 have a velocity that the speed of the motion does not scale.
+    prescribed = robot.equations.timed
+    if len(q) and not prescribed:
+        at_rest = robot.joint_rates(q, np.zeros((len(q), robot.n)))
+        prescribed = bool(np.abs(at_rest).max() > 0.0)
+    if prescribed:
         raise InputError('robot: speeds or constraints that prescribe velocities or are '
                          'functions of time; expected those of a motion that can be '
                          'scaled')

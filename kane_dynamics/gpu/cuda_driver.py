@@ -115,6 +115,8 @@ class Driver:
         with self._lock.held():
             context = self._contexts.get(device)
             if context is None:
+                # The primary context is that of PyTorch, JAX and CuPy, so that their
+                # memory is valid.
                 context = c_void_p()
                 self.call('cuDevicePrimaryCtxRetain', byref(context),
                           self._handle(device))

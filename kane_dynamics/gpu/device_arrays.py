@@ -56,12 +56,18 @@ class DeviceArray:
     @property
     def extent(self) -> tuple[int, int]:
         """Return the first address and the one after the last."""
-        reach = [(size - 1) * stride for size, stride in zip(self.shape, self.strides)]
         if 0 in self.shape:
             return self.pointer, self.pointer
+        # The last entry of an axis lies above the first one, or below: strides may be
+        # negative.
+        lowest = 0
+        highest = 0
+        for size, stride in zip(self.shape, self.strides):
+            reach = (size - 1) * stride
+            lowest += min(reach, 0)
+            highest += max(reach, 0)
         item = ITEM[self.dtype]
-        return (self.pointer + item * sum(min(x, 0) for x in reach),
-                self.pointer + item * (1 + sum(max(x, 0) for x in reach)))
+        return self.pointer + item * lowest, self.pointer + item * (highest + 1)
 
 
 def view(name: str, x: Any, driver: Driver, stream: int) -> DeviceArray:

@@ -75,16 +75,22 @@ class KernelCall:
         self.name = name
         self.dtype = dtype
         self._first = arrays[0]
+        # The caller's stream, else the first one of the arrays' libraries.
         self._chosen = stream is not None
-        streams = [stream] if self._chosen else [current_stream(x) for x in arrays]
+        streams = [stream]
+        if not self._chosen:
+            streams = list(map(current_stream, arrays))
         self._stream = next((x for x in streams if x is not None), 0)
         self._waits = None in streams  # for libraries that do not know of the kernel
         self.views: list[DeviceArray] = []
         for (key, _), x in zip(arguments, arrays, strict=True):
             self.views.append(self._view(key, x))
         # An array without entries has no memory, hence no device.
-        devices = [x.device for x in self.views if 0 not in x.shape]
-        self.device = devices[0] if devices else 0
+        self.device = 0
+        for array in self.views:
+            if 0 not in array.shape:
+                self.device = array.device
+                break
 
     def _view(self, name: str, x: Any) -> DeviceArray:
         """Return a view of an array of the type of the kernel."""
@@ -104,12 +110,15 @@ class KernelCall:
             if x.device != self.device and 0 not in x.shape:
                 raise InputError(f'{x.name}: on device {x.device}; expected device '
                                  f"{self.device}, that of '{self.views[0].name}'")
-        several = dict.fromkeys(axes for axes in batches if math.prod(axes) != 1)
+        # Batches of one state fit all others; of the others there may be one shape.
+        several = {axes for axes in batches if math.prod(axes) != 1}
         if len(several) > 1:
             shapes = ', '.join(f'{x.name} {x.shape}' for x in self.views)
             raise InputError(f'{self.name}: arguments {shapes}; expected the same batch '
                              'axes, or one state for all')
-        batch = next(iter(several)) if several else max(batches, key=len)
+        batch = max(batches, key=len)
+        if several:
+            batch = several.pop()
         self._like = self.views[list(batches).index(batch)]
         return batch
 

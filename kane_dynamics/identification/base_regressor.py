@@ -193,6 +193,8 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
     # Weighted least squares; the weights are the deviations of the last residuals.
     sigma = np.ones(len(equations))
     for _ in range(ROUNDS if weighted else 1):
+        # Columns of unit length, so that singular values compare combinations, not
+        # units.
         A, b = stacked(equations, sigma)
         scale = np.linalg.norm(A, axis=0)
         if not scale.all():
@@ -208,6 +210,7 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
         values = np.linalg.lstsq(A / scale, b, rcond=None)[0] / scale
         residual = weights(equations, floor, counts, values)
         sigma = residual if weighted else sigma
+    # Residuals of a fit with few rows are smaller than the noise.
     freedom = counts.sum() / (counts.sum() - len(values))
     noise = 1.0 if weighted else float(residual @ residual) / len(residual)
     return BaseFit(base, values, base_deviations(A) * np.sqrt(noise * freedom),

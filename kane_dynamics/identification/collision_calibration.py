@@ -213,11 +213,14 @@ def _estimates(robot: Robot, motion: tuple[Array, ...], gain: float,
     q, u, _, tau, t = motion
     longest = STEPS * float(np.diff(t).mean())
     observer = MomentumObserver(robot, gain=gain, max_gap=longest, held=held)
+    # The estimate of the external torque, which should be zero: what remains is error.
     torque = np.array([observer.update(*row) for row in zip(t, q, u, tau)])
     shapes = np.stack([coulomb_shape(u, speed) for speed in SPEEDS])
     regressors = np.concatenate([shapes, [u, np.ones_like(u)]])
     filtered = np.zeros_like(regressors)
     settled, start = np.zeros(len(t), dtype=bool), t[0]
+    # The observer is a low-pass of its gain; regressors pass the same one to fit its
+    # output.
     for k, elapsed in enumerate(np.diff(t), start=1):
         if elapsed > longest:  # the observer restarts, and so does the low-pass
             start = t[k]
@@ -225,6 +228,7 @@ def _estimates(robot: Robot, motion: tuple[Array, ...], gain: float,
         forgotten = np.exp(-gain * elapsed)
         mean = 0.5 * (regressors[:, k - 1] + regressors[:, k])
         filtered[:, k] = forgotten * filtered[:, k - 1] + (1.0 - forgotten) * mean
+        # After a restart the estimate begins at zero and settles with time.
         settled[k] = t[k] - start > SETTLED / gain
     count = len(SPEEDS)
     return _Estimates(t, u, torque, filtered[:count], filtered[count],

@@ -132,6 +132,7 @@ class Efforts:
                 joint = names[int(np.argmin(constants))]
                 raise InputError(f"constants of joint '{joint}': 0; expected a positive "
                                  'number, N m/A or N/A')
+            # Currents times constants; then what each kind of effort lacks.
             tau = tau * constants
 
         # The efforts lack all that moves the arm by itself.
@@ -147,8 +148,8 @@ class Efforts:
             # Between the motor and the sensor: friction, and the inertia of the rotor.
             u = checked(Argument('u', (robot.n,), robot.speed_names), u)
             rates = np.zeros_like(u) if udot is None else udot
-            arguments = (q, u, rates, t) if robot.equations.timed else (q, u, rates)
-            friction, rotor = np.moveaxis(_losses_kernel(robot)(*arguments), -2, 0)
+            losses = _losses_kernel(robot)(q, u, rates, *robot.equations.time_inputs(t))
+            friction, rotor = np.moveaxis(losses, -2, 0)
             tau = tau + friction
             if udot is not None:
                 tau = tau + rotor
@@ -204,6 +205,8 @@ class Efforts:
             Of the joints with actuators, N m, N or A.
 
         """
+        # The share of the weight that the efforts hold: 1 if they are torques of the
+        # actuators.
         share = self.share_of_weight(robot, q, effort)
         if share is None or not np.asarray(effort).any():  # brakes hold the arm
             return ''
@@ -212,6 +215,7 @@ class Efforts:
         if not weighty:
             return '' if share < MOST else (
                 f'{words}none of {self}: do they contain gravity (efforts.gravity)?')
+        # Each wrong meaning has a share of its own.
         if share < -MOST:
             return f'{words}about 100% of {self}: their sign is reversed'
         if share < LITTLE:

@@ -139,6 +139,7 @@ def cartesian_motion(robot: Robot, frame: str, q: ArrayLike,
     if robot.model.flexible:
         raise InputError('robot: with beams; expected a rigid robot, as a path does not '
                          'state their deflections')
+    # Below this, rounding decides which points are needed.
     tolerance = number(tolerance, 'tolerance', f'a number from {FINEST:g}, m and rad',
                        lambda x: FINEST <= x < np.inf)
     if robot.model.frame(frame).body == WORLD:
@@ -219,6 +220,7 @@ class _Follower:
         states: list[_State] = []
         q = start
         for k, t in enumerate(times):
+            # Predict from the last state, then close the remaining error of the pose.
             if k:
                 q = self._predicted(states[-1], times[k] - times[k - 1])
             twist = desired.twist[k]
@@ -284,9 +286,7 @@ class _Follower:
 
     def _motion(self, times: Array, states: Sequence[_State]) -> Motion:
         """Return the motion of all coordinates."""
-        q = np.array([state.q for state in states])
-        rates = np.array([state.rates for state in states])
-        accelerations = np.array([state.accelerations for state in states])
+        q, rates, accelerations, _ = map(np.array, zip(*states))
         return Motion.from_points(times, q, rates, accelerations,
                                   joint_names=self.robot.coordinate_names)
 
@@ -300,6 +300,7 @@ class _Follower:
 
     def _errors(self, whole: Motion) -> tuple[Array, Array]:
         """Return distances and angles from the path between the points, (K - 1, 3)."""
+        # Between the points, where the joints follow their own curves and not the path.
         intervals = np.diff(whole.times)
         t = (whole.times[:-1, None] + intervals[:, None] * FRACTIONS).ravel()
         q = whole.positions_at(t)
@@ -333,7 +334,7 @@ class _Follower:
         return largest
 
     def _divided_at(self, times: Array, k: int, failure: InputError) -> Array:
-        """Return times that divide the interval before one that is not reached."""
+        """Return the times and one more: halfway to time k, whose pose is not reached."""
         if k == 0 or times[k] - times[k - 1] < CLOSE * self.desired.duration:
             raise failure
         return np.insert(times, k, 0.5 * (times[k - 1] + times[k]))
@@ -356,6 +357,7 @@ class _Follower:
 
     def _obstacle(self, solution: InverseKinematics) -> str:
         """Return why a pose is not reached."""
+        # A joint at its limit is the most likely reason.
         robot = self.robot
         at_lower = solution.q <= robot.limits.lower + AT_LIMIT
         at_upper = solution.q >= robot.limits.upper - AT_LIMIT
@@ -378,6 +380,8 @@ class _Follower:
         last = self.rank - 1  # of the directions in which the frame moves elsewhere
         if state.singular_values[last] > NEAR_SINGULAR:
             return ''
+        # The left singular vector is the motion that the frame lost; the right one moves
+        # the joints without it.
         J = robot.jacobian(self.frame, state.q)[:self.rows]
         left, singular_values, right = np.linalg.svd(J)
         lost = left[:, last]
@@ -436,6 +440,7 @@ def _desired(robot: Robot, frame: str, start: Array,
             raise InputError(f'path: a {type(path).__name__} of shape {target.shape}; '
                              'expected a PosePath, a PoseMotion, a pose (4, 4) or a '
                              'position (3,)')
+        # A pose or position is the end of a straight line from where the frame is.
         pose = robot.frame_pose(frame, start)
         first = pose if target.ndim == 2 else pose[:3, 3]
         path = PosePath.through([first, target])

@@ -113,6 +113,7 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike,
     search = _Search(robot, frame, goal, tolerance, joints)
     best: InverseKinematics | None = None
     count = 0
+    # From the stated start first, then from random ones, until one converges.
     for start in range(starts):
         q = search.first_start(q0) if start == 0 else search.random_start(rng)
         result = search.run(q, iterations)
@@ -126,7 +127,7 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike,
         _warn_of_millimeters(robot, frame, goal, best.q)
     # Motors of elastic joints move no frame: they are put where no spring is deflected.
     q = with_motors_at_links(robot.model, best.q)
-    if robot.model.drives and robot.constraint_names:  # which may hold motors
+    if robot.model.drives:  # constraints may hold motors
         q = robot.closed_configuration(q)
     return best._replace(q=q, iterations=count)
 
@@ -289,6 +290,8 @@ class _Search:
         positions = joint_positions(self.robot.model, q)
         at_lower = positions <= self.lower + AT_LIMIT
         at_upper = positions >= self.upper - AT_LIMIT
+        # Damping falls with the error: far away short steps, near the solution those of
+        # Gauss-Newton.
         damping = min(float(error @ error), LARGEST_DAMPING) + BIAS
         # The active set: joints that would leave their limits are held, until none does.
         held = self.fixed.copy()
@@ -297,6 +300,7 @@ class _Search:
             if not free.shape[1]:
                 return None
             A = J @ free
+            # (A^T A + damping 1) x = A^T error in the motions that are left.
             normal = A.T @ A + damping * np.eye(A.shape[1])
             step = rates @ (free @ np.linalg.solve(normal, A.T @ error))
             beyond = (at_lower & (step < -1e-14)) | (at_upper & (step > 1e-14))
@@ -307,6 +311,8 @@ class _Search:
         longest = float(np.abs(step).max(initial=0.0))
         if longest == 0.0:
             return None
+        # No joint passes its limit, and no angle changes so much that the Jacobian is
+        # another.
         # The part of the step that reaches a limit, and the longest step.
         with np.errstate(divide='ignore', invalid='ignore'):
             to_limit = np.where(step < 0.0, (self.lower - positions) / step,

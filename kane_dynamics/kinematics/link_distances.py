@@ -107,6 +107,8 @@ class LinkDistances:
         self.left_out = self._named(self._shape_pairs[overlapping])
         self._shape_pairs = self._shape_pairs[~overlapping]
         self.pairs = self._named(self._shape_pairs)
+        # Several shapes of one link are compared with those of another: one distance a
+        # pair of links.
         numbers = {pair: k for k, pair in enumerate(self.pairs)}
         self._pair_numbers = []
         for i, j in self._shape_pairs:
@@ -243,6 +245,7 @@ class LinkDistances:
     def _shape_poses(self, q: Array) -> Array:
         """Return the poses of all shapes, (N, k, 4, 4)."""
         of_bodies = {WORLD: np.broadcast_to(np.eye(4), (len(q), 4, 4))}
+        # A body's pose follows from that of one of its frames.
         for body in set(self._bodies) - {WORLD}:
             frame = self._frames[body]
             on_body = np.eye(4)

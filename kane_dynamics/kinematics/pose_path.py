@@ -315,6 +315,7 @@ class PosePath:
         if len(stated) < 2:
             raise InputError('poses: one; expected two or more')
         pieces = []
+        # A line in space, and one rotation about a fixed axis, at constant rates.
         for k, (start, end) in enumerate(pairwise(stated)):
             error = pose_error(start, end)
             names = f'poses {k} and {k + 1}'
@@ -500,6 +501,8 @@ class PosePath:
         if stated.ndim > 1 or not np.isfinite(stated).all():
             raise InputError(f's: {s!r}; expected (N,) finite parameters')
         parameters: Array = np.clip(stated, 0.0, self.length)
+        # The section in which each parameter lies; the end of the path belongs to the
+        # last one.
         sections = np.searchsorted(self._starts, parameters, side='right') - 1
         last = len(self._sections) - 1
         inside: NDArray[np.intp] = np.minimum(sections, last)

@@ -81,6 +81,8 @@ class ClosedPath:
             A configuration does not follow; names the time and the reason.
 
         """
+        # Long segments are followed in steps, since loops close from the last
+        # configuration.
         segments = np.arange(len(points.t) - 1)
         inner = np.zeros((len(INNER), 0, 0))
         is_long: list[bool] = []

@@ -119,7 +119,7 @@ class DrivenLoops:
         rates = np.zeros(robot.n)
         seen = np.zeros(robot.n_q)
         weights = np.zeros(robot.n_q)
-        time = [np.ascontiguousarray(t)] if robot.equations.timed else []
+        time = robot.equations.time_inputs(np.ascontiguousarray(t))
         rows = np.empty((len(q), *kernel.shape))
         for _ in range(CALLS):
             kernel.run([np.ascontiguousarray(q), T, target, rates, seen, weights, *time],
@@ -258,6 +258,7 @@ def motion_of_closed(robot: Robot, driving: Sequence[int], t: Array, Q: Array,
         names = [robot.coordinate_names[k] for k in driving]
         raise InputError(f'motion: at {t[singular[0]]:.4g} s the joints {names} do not '
                          'determine the motion; expected others there')
+    # T u = rates - x in the rows of the driving joints, and the same for udot.
     u = _solved(T, rates - drift[:, driving])
     without_udot = robot.joint_accelerations(Q, u, at_rest, t=t)[:, driving]
     return MechanismMotion(Q, u, _solved(T, accelerations - without_udot))

@@ -199,12 +199,14 @@ def valid(figures: Vector, last_figure: Scalar, limits: Vector, timed: bool) -> 
         Whether constraints depend on time.
 
     """
+    # All figures are squares, so that no roots are needed.
     motion, independent_residual, residual, conditioning, step, deviation = figures
     if timed:
         longest_motion = TIMED**2
     else:
         no_jump = select(step > ROUNDING**2, step, ROUNDING**2)
         longest_motion = LEAP**2 * conditioning * no_jump
+    # Each figure and its bound, all of which must hold.
     bounds = ((independent_residual, CLOSED**2),
               (residual, limits[0]),
               (deviation, limits[1]),
@@ -357,6 +359,8 @@ class SearchRules:
                                        self._timed)
         followed = self._accepted(search, result, result[-FIGURES:])
 
+        # Else the search sets out from the last configuration, or from all joints if
+        # none is known.
         all_joints = np.array(measured.seen, dtype=object)
         all_joints[self._places] = measured.positions
         last = either(search.known, search.q, all_joints)
@@ -553,6 +557,7 @@ def search_kernels(robot: Robot, places: Sequence[int]) -> tuple[Kernel, Kernel]
     n_q, n = robot.n_q, robot.n
     rules = SearchRules(robot, places)
 
+    # Both rules have the same inputs; searches are arrays in native code.
     def kernel_of(rule: Callable[..., LoopSearch], name: str) -> Kernel:
         def called(search: Vector, positions: Vector, rates: Vector, seen: Vector,
                    weights: Vector, limits: Vector, t: Scalar) -> Vector:
@@ -619,7 +624,7 @@ class LoopStep:
         self._others: tuple[int, ...] = ()
         self._rows = np.zeros(0, dtype=int)
         further = [self._seen, self._weights]
-        time = [self.time] if robot.equations.timed else []
+        time = robot.equations.time_inputs(self.time)
         self._inputs = [self.measured, self.rates, *further, self.limits, *time]
 
         # The search begins with what `follow` reads and writes: q, T, u and the square

@@ -121,6 +121,8 @@ class Equations:
 
     def _require_drives(self) -> None:
         """Raise ConstraintError unless the motors' torques determine the loads of drives."""
+        # The load of a drive is its motor's torque less its friction, so that every such
+        # joint needs a motor of known torque.
         drives = self.actuated or []
         names = [self.model.joint_names[k] for k in drives]
         for joint in self.model.coordinate_joints:
@@ -152,6 +154,19 @@ class Equations:
                 f'actuated: {len(places)} joints; expected at least {self.n}, the '
                 f'number of independent speeds ({", ".join(self.speed_names)})')
         return places
+
+    def time_inputs(self, t: Any, batch: tuple[int, ...] = ()) -> tuple[Any, ...]:
+        """
+        Return the time as the last input of a kernel, or nothing where it has none.
+
+        Callers always pass the time; only kernels of `timed` equations have it as an
+        input. A single time stands for all states of a batch of this shape.
+        """
+        if not self.timed:
+            return ()
+        if batch and np.ndim(t) == 0:
+            return (np.full(batch, t),)
+        return (t,)
 
     # Kinematics: the motion of joints and frames for independent speeds.
 

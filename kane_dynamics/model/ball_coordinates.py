@@ -67,6 +67,7 @@ def check_ball_property(joint: str, properties: dict[str, Any]) -> None:
 
 def check_balls(bodies: Sequence[Any], balls: Sequence[int]) -> None:
     """Raise ModelError unless the bodies of ball joints are as `Model.balls` says."""
+    # Bodies that use each coordinate: two uses are a joint and its mimic.
     uses = [body.joint.coordinate for body in bodies]
     for first in balls:
         parts = bodies[first:first + 3]

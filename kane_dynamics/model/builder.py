@@ -108,6 +108,7 @@ class ModelBuilder:
         builder._bodies = list(model.bodies)
         builder._coordinates = list(model.joint_names)
         builder._balls = list(model.balls)
+        # Every frame of the model is a place to attach to.
         builder._placements = {model.base_name: Placement(WORLD)}
         for frame in model.frames:
             builder._placements[frame.name] = Placement(frame.body, frame.rotation,
@@ -332,6 +333,7 @@ class ModelBuilder:
             if self.strict:
                 raise
             self._impossible.append(on)
+        # In the axes of the body, where inertias add up.
         moved = inertial.moved(placement.rotation, placement.translation)
         # Elsewhere on the body, its frame was warned of.
         if inertial.mass and not placement.translation.any():
@@ -439,6 +441,7 @@ class ModelBuilder:
             names = ', '.join(dict.fromkeys(self._impossible))
             warnings.warn('inertias that no rigid body can have, accepted by '
                           f'strict=False: {names}', ModelWarning, stacklevel=2)
+        # Placements and frames are the same, by name.
         frames = [Frame(name, placement.body, placement.rotation, placement.translation)
                   for name, placement in self._placements.items()]
         coordinates = quaternion_names(self._coordinates, self._bodies, self._balls)
@@ -493,6 +496,8 @@ class ModelBuilder:
         if kind not in ('revolute', 'prismatic'):
             raise ModelError(f'{what}: a {kind} joint mimics {mimic!r}; expected kind '
                              'revolute or prismatic')
+        # Joints that others can follow: no joints of beams, none that are fixed, no
+        # parts of balls.
         masters = {body.joint.name: body.joint for index, body in enumerate(self._bodies)
                    if body.joint.deflection is None and body.joint.multiplier
                    and not is_ball_part(index, self._balls)}
@@ -521,6 +526,8 @@ class ModelBuilder:
             if index is None or not follows or joint.name in masters:
                 continue
             master = bodies[index].joint
+            # The position of the master is within both limits: its own, and those of its
+            # follower through q_follower = multiplier q + offset.
             limits = master.limits.with_follower(joint.limits, joint.multiplier,
                                                  joint.offset)
             if limits is None:
@@ -588,6 +595,7 @@ def _check_properties(joint: str, properties: dict[str, Any],
         raise ModelError(f"joint '{joint}': {', '.join(properties)} of "
                          f'{len(single_names)} degrees of freedom; expected joint() for '
                          f'one of {", ".join(single_names)}')
+    # A misspelled name is answered with the one that was meant.
     unknown = sorted(set(properties) - set(PROPERTIES))
     if unknown:
         meant = meant_keyword(unknown[0], (*arguments, *PROPERTIES))

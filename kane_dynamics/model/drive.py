@@ -75,6 +75,7 @@ class StiffnessCurve:
         """Check the points."""
         what = 'stiffness curve'
         shapes = (shape_of(self.deflection, f'{what}: deflection'),
+                  # As many torques as deflections, at least the two ends of a segment.
                   shape_of(self.torque, f'{what}: torque'))
         if len(shapes[0]) != 1 or shapes[0] != shapes[1] or shapes[0][0] < 2:
             raise ModelError(f'{what}: deflection of shape {shapes[0]}, torque of shape '
@@ -190,6 +191,7 @@ class Drive:
         if damping < 0.0:
             raise ModelError(f'drive: damping {damping}; expected a nonnegative number')
         freeze(self, 'damping', damping)
+        # The motor turns ratio times as far as the joint.
         ratio = float(constant(self.ratio, (), 'drive: ratio'))
         if ratio == 0.0:
             raise ModelError('drive: ratio 0; expected a nonzero number')

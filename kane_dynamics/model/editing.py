@@ -75,6 +75,8 @@ def with_tool(model: Model, on: str, name: str, inertial: Inertial, *,
     """
     origins = {} if frames is None else frames
     _require_mapping(origins, 'frames', 'frame names to positions')
+    # The model's own frames and joints stay; the tool is one more body, merged with its
+    # parent.
     builder = ModelBuilder.from_model(model)
     builder.body(name, on, 'fixed',
                            at=at, rpy=rpy, quaternion=quaternion, inertial=inertial)

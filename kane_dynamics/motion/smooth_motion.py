@@ -150,6 +150,7 @@ class SmoothMotion:
             ends = _polynomials(self._coefficients, lengths, order)
             # Left and right of every point; it rests outside.
             jumps = np.abs(np.vstack([begins, rest]) - np.vstack([rest, ends]))
+            # A jump counts relative to the largest value of its order.
             size = max(np.abs(begins).max(), np.abs(ends).max())
             point, joint = np.unravel_index(int(jumps.argmax()), jumps.shape)
             if jumps[point, joint] > JUMP * size:

@@ -157,6 +157,7 @@ def _phases(section: SectionLimits, first: float, last: float
 def _largest(section: SectionLimits, low: float, distance: Callable[[float], float]
              ) -> float:
     """Return the largest speed from `low` on whose distance fits into a section."""
+    # A bound from above: the stated speed, or one found by doubling.
     high = section.speed
     if math.isinf(high):
         high = max(low, 1e-300)

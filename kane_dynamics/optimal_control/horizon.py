@@ -123,6 +123,8 @@ def speed_excess(rates: Vector, limits: HorizonLimits) -> tuple[Matrix, Matrix]:
     slope = []
     for side in (1.0, -1.0):
         for rate, limit in zip(rates, limits.speed):
+            # A smooth max(v, 0): (v + sqrt(v^2 + width^2)) / 2, whose slope is defined
+            # everywhere.
             v = side * rate - limit
             width = WIDTH * limit
             root = np.sqrt(v * v + width * width + LEAST_WIDTH**2)
@@ -234,6 +236,7 @@ class MechanismHorizon:
         # The step, its cost, and what makes it invalid: open or singular loops.
         q, u, multipliers = self._step.step(q, u, tau, t, constants.h, parameters)
         error, rates = self._error(q, u, tau, end_time, target)
+        # An invalid state has NaN as its cost, which the line search rejects.
         cost = stage_cost(error, rates, weight, constants.limits)
         if self._step.held:
             residual = self._step.residual(q, end_time) / self._step.residual_units

@@ -1,6 +1,5 @@
 """Model predictive control: a horizon optimized again from every state."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 from kane_dynamics._util.attribute_hints import hinting
@@ -211,7 +210,7 @@ class PredictiveController:
         if not np.isfinite(external).all():  # speeds whose squares overflow
             observer.reset()
             external = none
-        torques = self._at_time(robot.joint_torques, external, q)
+        torques = robot.joint_torques(external, q, t=self._t)
         self.disturbance = torques[self._actuators]
         self.optimizer.set_disturbance(self.disturbance)
 
@@ -220,14 +219,7 @@ class PredictiveController:
         robot = self.optimizer.robot
         torques = np.zeros(len(robot.joint_names))
         torques[self._actuators] = tau
-        return self._at_time(robot.generalized_force, torques, q)
-
-    def _at_time(self, function: Callable[..., Array], force: Array,
-                 q: ArrayLike) -> Array:
-        """Return a function of a force at a configuration and, if it counts, the time."""
-        if self.optimizer.robot.equations.timed:
-            return function(force, q, t=self._t)
-        return function(force, q)
+        return robot.generalized_force(torques, q, t=self._t)
 
 
 def _moved(plan: OptimizedMotion, intervals: float) -> OptimizedMotion:

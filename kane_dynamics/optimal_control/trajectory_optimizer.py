@@ -354,7 +354,7 @@ class TrajectoryOptimizer:
         speeds = finite_row(u, 'u', robot.speed_names)
         configuration = self._target.configuration(q, 'q')
         if not robot.equations.in_joint_rates:  # closed, and not singular
-            robot.joint_rates(configuration, speeds, **self._target.keywords(self._t))
+            robot.joint_rates(configuration, speeds, t=self._t)
         state = np.concatenate([configuration, speeds, [self._t]])
         return state[:self._arrays.sizes.state]
 
@@ -496,11 +496,11 @@ class Target:
         # speeds.
         if not robot.equations.in_joint_rates:
             q, u, udot = mechanism_motion(robot, motion.joint_names, t, q, u, udot)
-            rates = robot.joint_rates(q, u, **self.keywords(t))
+            rates = robot.joint_rates(q, u, t=t)
         elif motion.joint_names != robot.joint_names:
             raise InputError(f'target: a motion of {", ".join(motion.joint_names)}; '
                              f'expected {", ".join(robot.joint_names)}')
-        tau = robot.inverse_dynamics(q, u, udot, **self.keywords(t))
+        tau = robot.inverse_dynamics(q, u, udot, t=t)
         return np.concatenate([q, rates, self._of_actuators(tau, q, t)], axis=-1)
 
     def configuration(self, q: ArrayLike, what: str) -> Array:
@@ -511,14 +511,10 @@ class Target:
 
     def holding(self, q: Array, t: Any) -> Array:
         """Return the torques of the actuators that hold gravity, (m,) or (N, m)."""
-        force = self._robot.gravity_force(q, **self.keywords(t))
+        force = self._robot.gravity_force(q, t=t)
         return self._of_actuators(force, q, t)
 
     def _of_actuators(self, tau: Array, q: Array, t: Any) -> Array:
         """Return the torques of the actuators for a generalized force."""
-        torques: Array = self._robot.joint_torques(tau, q, **self.keywords(t))
+        torques: Array = self._robot.joint_torques(tau, q, t=t)
         return torques[..., self._actuators]
-
-    def keywords(self, t: Any) -> dict[str, Any]:
-        """Return the keyword of time, if the robot depends on it."""
-        return {'t': t} if self._robot.equations.timed else {}

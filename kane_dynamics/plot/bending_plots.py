@@ -63,6 +63,7 @@ def plot_bending(model: Model, q: Any, t: Sequence[float] | None = None,
     # Later shapes are darker, with their times beside the picture.
     if t is not None:
         labels = [f'{time:.3g} s' for time in t]
+    # All shapes have one scale, so that the plane of view fits all.
     view = _View(plane, drawn)
     colors = _AGES(np.linspace(0.0, 1.0, len(drawn)))
     if exaggeration != 1.0:

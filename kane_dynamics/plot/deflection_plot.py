@@ -40,6 +40,7 @@ def plot_deflection(t: Array, deflection: Array, force: Array,
             panels[0].plot(t, force[:, k], color=color, label=name)
         panels[0].set_ylabel('Force\n[N]')
         above(panels[0], 3)
+        # Force over stiffness is the deflection that is expected.
         _plot_deflections(panels[1], t, deflection, force / np.asarray(stiffness))
         # The torques change from the moment at which the force begins.
         first = int(np.argmax(force.any(axis=1)))

@@ -36,6 +36,7 @@ def plot_demand(demand: Demand, path: Path | None = None, *,
                ('Power', demand.power, demand.power_limit))
     with styled(12.0, 1.3 + 1.55 * len(names), title, path) as figure:
         panels = figure.subplots(len(names), 3, sharex=True, squeeze=False)
+        # A row for each joint, a column for each quantity.
         for j, (name, row) in enumerate(zip(names, panels, strict=True)):
             for axes, (what, values, bounds) in zip(row, columns, strict=True):
                 axes.plot(demand.t, values[:, j], color=BLUE)

@@ -32,6 +32,7 @@ def plot_reactions(robot: Robot, trajectory: Trajectory, path: Path | None = Non
     joints = [body.joint.name for body in robot.model.bodies]
     with styled(11.0, 1.3 + 1.55 * len(joints), title, path) as figure:
         panels = figure.subplots(len(joints), 2, sharex=True, squeeze=False)
+        # Force on the left, moment about the joint on the right.
         for i, name in enumerate(joints):
             force_panel, moment_panel = panels[i]
             _plot_vector(force_panel, trajectory.t, reactions[:, i, :3], 'N', least)

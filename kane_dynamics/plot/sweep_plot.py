@@ -51,6 +51,7 @@ def plot_sweep(table: Mapping[str, Sequence[Any]], path: Path | None = None, *,
     with styled(1.0 + 3.2 * len(names), 1.0 + 3.0 * len(results), title, path) as figure:
         panels = figure.subplots(len(results), len(names), sharex='col', sharey='row',
                                  squeeze=False)
+        # A panel for each result over each value that varies.
         for row, (prefix, result) in zip(panels, results.items(), strict=True):
             for axes, name in zip(row, names, strict=True):
                 values = varied[name]

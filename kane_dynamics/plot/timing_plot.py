@@ -32,6 +32,7 @@ def plot_timing(timing: TimeOptimal, path: Path | None = None, *,
     with styled(12.0, 1.3 + 1.2 * len(names), title, path) as figure:
         panels = figure.subplots(len(names), len(limits), sharex=True, sharey=True,
                                  squeeze=False)
+        # A panel for each limit of each joint, in percent of the limit.
         for j, (name, row) in enumerate(zip(names, panels, strict=True)):
             for axes, limit in zip(row, limits, strict=True):
                 use = 100.0 * timing.uses[limit][:, j]

@@ -188,6 +188,7 @@ def _conventions(robot: Any, prefix: str) -> list[str]:
         f'checked: call {prefix}_check_state before.', '']
 
     # The further arguments, in the order of the prototypes.
+    # Parameters first, which every function has; time and wrench only where they count.
     lines += _parameter_block(robot)
     if robot.equations.timed:
         lines.append('t: pointer to the time, s')

@@ -118,6 +118,7 @@ def _checked_names(robot: Any, kernels: Sequence[Any]) -> list[str]:
     names = list(dict.fromkeys(kernels))
     refused = None if names else 'kernels: none'
     for name in names:
+        # A quantity of a frame is written as quantity:frame.
         quantity, _, frame = name.partition(':')
         if name not in robot.kernels.names and quantity not in FRAME_NAMES:
             refused = f"no kernel '{name}'"
@@ -315,9 +316,12 @@ def _joint_data(robot: Any, prefix: str, precision: Precision) -> list[str]:
 def _array(name: str, values: Array, precision: Precision) -> str:
     """Return the definition of a constant array, of at least one entry as C requires."""
     flat = [constant(x, precision) for x in np.ravel(values)] or ['0']
-    text = f'static const {precision.c} {name}[{len(flat)}] = {{\n'
-    rows = [', '.join(flat[k:k + 4]) for k in range(0, len(flat), 4)]
-    return text + ''.join(f'    {row},\n' for row in rows).removesuffix(',\n') + '\n};'
+    # Four entries a line.
+    rows = []
+    for k in range(0, len(flat), 4):
+        rows.append('    ' + ', '.join(flat[k:k + 4]))
+    entries = ',\n'.join(rows)
+    return f'static const {precision.c} {name}[{len(flat)}] = {{\n{entries}\n}};'
 
 
 def _self_test(prefix: str, kernels: Sequence[CKernel], precision: Precision) -> list[str]:

@@ -34,11 +34,8 @@ def feedforward_change(robot: Robot, q: ArrayLike, u: ArrayLike, udot: ArrayLike
 
     """
     kernel = change_kernel(robot)
-    if not robot.equations.timed:
-        return np.asarray(kernel(q, u, udot))
-    count = np.shape(q)[:-1]
-    times = np.full(count, t) if np.ndim(t) == 0 and count else t
-    return np.asarray(kernel(q, u, udot, times))
+    time = robot.equations.time_inputs(t, np.shape(q)[:-1])
+    return np.asarray(kernel(q, u, udot, *time))
 
 
 def change_kernel(robot: Robot) -> Kernel:

@@ -207,6 +207,7 @@ class KernelSet:
         """
         copied = KernelSet(self.equations, self.key, parameters, instead)
         copied._same = dict(self._same)
+        # The machine code is shared; only the block that it reads is another.
         for place, kernel in self._made.items():
             if place in self._explained:
                 continue
@@ -526,12 +527,10 @@ class KernelSet:
         `single` selects the program of single states on this processor, which uses lanes
         where they save instructions.
         """
-        if single and derivative is None:
-            return self._program_of_one(name, at)
-        return self._traced(self._method(name, at), name, at, derivative)
+        if not single or derivative is not None:
+            return self._traced(self._method(name, at), name, at, derivative)
 
-    def _program_of_one(self, name: str, at: str) -> Program:
-        """Return the program of single states that takes less time."""
+        # For single states the program that takes less time.
         equations = self.equations
         if not computed_by_blocks(equations, name):
             return self._without_blocks(name, at)
@@ -615,7 +614,8 @@ def method_in_lanes(equations: Equations, name: str,
                     by_blocks: bool = False) -> Callable[..., Any] | None:
     """Return the function that computes several joints at once, or None."""
     n = equations.n
-    if name == 'forward_dynamics' and _has_similar_beams(equations):
+    similar_beams = equations.in_joint_rates and equations.tree.has_similar_beams
+    if name == 'forward_dynamics' and similar_beams:
         # Needed only where a program is traced.
         from kane_dynamics.native.tracing.wide import WideLanes
         tree = equations.tree.with_beams_in_lanes(lambda q: WideLanes(q.trace))
@@ -640,11 +640,6 @@ def method_in_lanes(equations: Equations, name: str,
     if by_blocks:
         name = f'{name}_by_blocks'
     return getattr(tree_in_lanes, name, None)
-
-
-def _has_similar_beams(equations: Equations) -> bool:
-    """Return whether a tree in joint rates has beams that are computed together."""
-    return equations.in_joint_rates and equations.tree.has_similar_beams
 
 
 def computed_by_blocks(equations: Equations, name: str) -> bool:

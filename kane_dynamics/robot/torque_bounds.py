@@ -330,10 +330,7 @@ def _of_box(robot: Any, place: tuple[str, str], state: tuple[ArrayLike, ...],
     count = np.shape(state[0])[:-1]
     if len(count) == 1:
         box = np.broadcast_to(box, (*count, len(box)))
-    if not equations.timed:
-        return np.asarray(kernel(*state, box))
-    times = np.full(count, t) if np.ndim(t) == 0 and count else t
-    return np.asarray(kernel(*state, box, times))
+    return np.asarray(kernel(*state, box, *equations.time_inputs(t, count)))
 
 
 def _refuse(robot: Any, uncertainty: Uncertainty) -> NoReturn:

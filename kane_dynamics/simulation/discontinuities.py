@@ -197,6 +197,7 @@ class _Parts(NamedTuple):
 
 def _parts(functions: dict[tuple[str, str], Any]) -> _Parts:
     """Return the parts of functions that are dual numbers."""
+    # All entries of all functions in one row.
     entries: list[Any] = []
     for function in functions.values():
         entries += np.asarray(function, dtype=object).ravel().tolist()

@@ -27,7 +27,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Chunk, Impact, Observer, Power
 from kane_dynamics.simulation.presliding import (bristle_energies, bristle_friction,
                                                  BristleFriction)
-from kane_dynamics.simulation.step_kernels import bristle_names, state_layout
+from kane_dynamics.simulation.step_kernels import state_layout, times_of
 from kane_dynamics.simulation.step_size import bristle_frequency
 from kane_dynamics.simulation.sticking.friction_state import FrictionState
 import numpy as np
@@ -115,7 +115,7 @@ class EnergyBalance(Observer):
         exact = friction is not None
         self._friction: FrictionState | BristleFriction | None = friction
         self._bristle_frequency = 0.0  # rad/s, of the stiffest bristles
-        if bristle_names(robot):
+        if robot.equations.tree.bristles:
             self._friction = bristle_friction(robot, False)
             self._bristle_frequency = bristle_frequency(robot, states[0, :robot.n_q],
                                                         start)
@@ -129,9 +129,10 @@ class EnergyBalance(Observer):
         if robot.equations.carries_loads:
             self._loaded = load_friction_kernel(robot, exact)
         # An implicit step damps high frequencies by design.
-        vibrates = bool(bristle_names(robot)) or any(
-            body.beam is not None or body.joint.stiffness or body.joint.drive
-            for body in robot.model.bodies)
+        vibrates = bool(robot.equations.tree.bristles)
+        for body in robot.model.bodies:
+            if body.beam is not None or body.joint.stiffness or body.joint.drive:
+                vibrates = True
         self._damped = integrator_of(integrator).damps and vibrates
         N = len(states)
         self.began = np.full(N, np.inf)
@@ -142,9 +143,8 @@ class EnergyBalance(Observer):
 
     def look(self, chunk: Chunk) -> None:
         """Update the balance with the steps of a chunk."""
-        steps, done = chunk.energetics, chunk.done
-        states = steps.in_user_speeds(chunk.states, done)
-        self.update(states, done, steps.acting(chunk.states, done), steps.impacts(done))
+        states, torques, impacts = chunk.energetics.exchange(chunk.states, chunk.done)
+        self.update(states, chunk.done, torques, impacts)
 
     def update(self, states: Array, done: int, tau: Array | Power,
                impacts: Sequence[Impact] = ()) -> None:
@@ -169,30 +169,30 @@ class EnergyBalance(Observer):
         """
         count = states.shape[1] - 1
         changing = not callable(tau) and tau.shape[1] > 1
+        # Impacts, and moving constraints under changing torques, need every row. Else a
+        # few rows are tried first, then more of them.
+        skips = []
+        if not impacts and not (changing and (self._driven or self._loaded)):
+            rows = FEW_ROWS if len(states) > 1 else MANY_ROWS
+            skips = sorted({-(-count // rows), min(SKIP, count)}, reverse=True)
         with np.errstate(over='ignore', invalid='ignore'):
-            # Impacts, and moving constraints under changing torques, need every row.
-            if not impacts and not (changing and (self._driven or self._loaded)):
-                rows = FEW_ROWS if len(states) > 1 else MANY_ROWS
-                for skip in sorted({-(-count // rows), min(SKIP, count)}, reverse=True):
-                    terms = self._balance(states,
-                                          np.append(np.arange(0, count, skip), count),
-                                          tau)
-                    if (np.abs(terms.error) <= 0.5 * terms.allowed).all():
-                        self._store(terms)
-                        return
-            terms = self._balance(states, np.arange(count + 1), tau, unresolved=True)
-            if impacts:
-                terms = _with_impacts(terms, impacts)
-            too_large = ~(np.abs(terms.error) <= terms.allowed)
-        # The first row of each simulation that fails for the first time.
-        new = np.flatnonzero(np.isinf(self.began) & too_large.any(axis=0))
-        first = np.argmax(too_large[:, new], axis=0)
-        self.began[new] = self._start + (done + 1 + first) * self._step
-        self.expected[new] = terms.allowed[first, new]
-        self._store(terms)
+            for skip in skips:
+                tried = np.append(np.arange(0, count, skip), count)
+                terms = self._balance(states, tried, tau)
+                if (np.abs(terms.error) <= 0.5 * terms.allowed).all():
+                    break
+            else:
+                terms = self._balance(states, np.arange(count + 1), tau, unresolved=True)
+                if impacts:
+                    terms = _with_impacts(terms, impacts)
+                # The first row of each simulation that fails for the first time.
+                too_large = ~(np.abs(terms.error) <= terms.allowed)
+                new = np.flatnonzero(np.isinf(self.began) & too_large.any(axis=0))
+                first = np.argmax(too_large[:, new], axis=0)
+                self.began[new] = self._start + (done + 1 + first) * self._step
+                self.expected[new] = terms.allowed[first, new]
 
-    def _store(self, terms: BalanceTerms) -> None:
-        """Store the last row as the current balance."""
+        # The last row is the balance with which the next chunk goes on.
         self.worst = np.maximum(self.worst, np.abs(terms.error).max(axis=0))
         last = BalanceTerms(*(term[-1] for term in terms))
         self.error, self._unresolved, self._worked = last.error, last.unresolved, last.worked
@@ -320,8 +320,7 @@ class EnergyBalance(Observer):
         # constraints.
         for ends, power in zip((states[:, :-1], states[:, 1:]), powers):
             rows = np.ascontiguousarray(ends).reshape(-1, states.shape[2])
-            times = rows[:, n_q + n] if robot.equations.timed else np.zeros(len(rows))
-            acting = friction.at_samples(rows, torques, times)
+            acting = friction.at_samples(rows, torques, times_of(robot, rows))
             joint_power = kernel(rows[:, :size], acting.udot, acting.friction)
             of_motors = np.sum(torques * rows[:, n_q:n_q + n], axis=1)
             power[:] = (joint_power - of_motors).reshape(shape)
@@ -416,6 +415,7 @@ def energy_kernel(robot: Robot, exact: bool = False) -> Kernel:
         directions = directions_of(rates) if exact else None
         friction = tree.friction_force(rates, None, directions, deflections)
         potential = tree.potential_energy(q, parameters)
+        # Friction takes the power f . q'; what bends bristles is stored instead.
         loss = friction @ rates
         if deflections is not None:
             potential = potential + tree.bristle_energy(deflections)
@@ -425,17 +425,6 @@ def energy_kernel(robot: Robot, exact: bool = False) -> Kernel:
     name = 'energy_terms_of_sticking' if exact else 'energy_terms'
     state = {'state': (state_layout(robot).without_margin,)}
     return robot.kernels.compiled(terms, name, state, (TERMS,), ahead=False)
-
-
-def energies(robot: Robot, states: Array, exact: bool) -> Array:
-    """
-    Return the kinetic and the potential energy of states, (K, size), as (K, 2), J.
-
-    `exact` selects the kernel that the balance of the same simulation has compiled.
-    """
-    terms = np.empty((len(states), TERMS))
-    energy_kernel(robot, exact).run([np.ascontiguousarray(states)], terms, len(terms))
-    return terms[:, :2]
 
 
 def driven_kernel(robot: Robot) -> Kernel | None:
@@ -469,6 +458,8 @@ def load_friction_kernel(robot: Robot, exact: bool = False) -> Kernel:
         motion = equations.joint_motion(q, u, equations.zeros, *time)
         directions = directions_of(motion.qdot) if exact else None
         t = time[0] if len(time) else 0.0
+        # The friction under the loads of these torques, less that without loads, which
+        # the energy kernel has.
         friction = equations.driven_friction(q, motion.qdot, tau, t, directions,
                                              deflections)
         unloaded = tree.friction_force(motion.qdot, None, directions, deflections)

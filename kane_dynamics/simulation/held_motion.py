@@ -103,8 +103,10 @@ class HeldMotion(RobotMotion):
             if self._dual_to is not None:
                 tau = tau_from(equations, self._dual_to, q, tau, t)
 
+            # Which joints are held, and the directions of those that slide.
             held = self.held(modes)
             directions = self.directions(modes)
+            # Explicit methods: udot and the forces that hold joints, from M udot = net.
             if method is None:
                 system = linear_system(equations, q, u, tau, wrench, physical, t,
                                        directions, deflections)
@@ -116,6 +118,8 @@ class HeldMotion(RobotMotion):
                 if deflections is not None:
                     bent = equations.deflection_rates(q, system.v, deflections, tau, t)
             else:
+                # The linearly implicit method solves its own system, held in the same
+                # way.
                 *first, g = inputs[:len(first_stage)]
                 of_stage, solution = method.held_stage(
                     held, q, u, tau, StageRates(*first), g[()], wrench, physical, t,

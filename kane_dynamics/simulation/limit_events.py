@@ -10,7 +10,7 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.observers import Chunk, Extremes, Observer
+from kane_dynamics.simulation.observers import Chunk, Observer
 from kane_dynamics.simulation.trajectory import LimitEvent
 import numpy as np
 
@@ -113,10 +113,8 @@ class LimitWatch(Observer):
     Parameters
     ----------
     robot : Robot
-    states : (N, size) array
-        Initial states; values beyond a limit are events.
-    start : float
-        Their time, s.
+    count : int
+        Number of simulations.
     single : bool
         Leave out the number of the simulation in events.
     stops : bool
@@ -124,9 +122,8 @@ class LimitWatch(Observer):
 
     """
 
-    def __init__(self, robot: Robot, states: Array, start: float, single: bool,
-                 stops: bool) -> None:
-        """Look at the initial states."""
+    def __init__(self, robot: Robot, count: int, single: bool, stops: bool) -> None:
+        """Begin without events."""
         n_q = robot.n_q
         coordinates = robot.coordinate_names
         self._names = {'lower': coordinates, 'upper': coordinates,
@@ -143,13 +140,11 @@ class LimitWatch(Observer):
         if robot.equations.speed_names == robot.joint_names:
             bounds['velocity'] = _Bound(slice(n_q, n_q + robot.n), limits.velocity, 0.0)
 
-        # Only what has a finite limit is looked at, and of it what began beyond the
-        # limit.
+        # Only what has a finite limit is looked at.
         self._bounds = {limit: bound for limit, bound in bounds.items()
                         if np.isfinite(bound.bound).any()}
-        self._beyond = {limit: np.zeros((len(states), len(bound.bound)), dtype=bool)
+        self._beyond = {limit: np.zeros((count, len(bound.bound)), dtype=bool)
                         for limit, bound in self._bounds.items()}
-        self._look(states[:, None], np.array([start]), (states, states))
 
     @property
     def events(self) -> LimitEvents:
@@ -158,7 +153,7 @@ class LimitWatch(Observer):
 
     def look(self, chunk: Chunk) -> None:
         """
-        Add the crossings among further states.
+        Add the crossings among the states after each step, and initial ones beyond a limit.
 
         Raises
         ------
@@ -166,13 +161,17 @@ class LimitWatch(Observer):
             There are more than a million crossings.
 
         """
-        if self._bounds:
-            self._look(chunk.states[:, 1:], chunk.times[1:], chunk.extremes)
-
-    def _look(self, states: Array, t: Array, extremes: Extremes) -> None:
-        """Add the crossings among states, (N, K, size), at times t, (K,)."""
-        rows = np.moveaxis(states, 2, 1)  # one row for each entry of a state
-        low, high = extremes
+        if not self._bounds:
+            return
+        low, high = chunk.extremes
+        # The first state of a chunk is the last one of the chunk before, if there is one.
+        begin = 1
+        if chunk.done == 0:
+            begin = 0
+            initial = chunk.states[:, 0]
+            low, high = np.minimum(low, initial), np.maximum(high, initial)
+        t = chunk.times[begin:]
+        rows = np.moveaxis(chunk.states[:, begin:], 2, 1)  # one row for each entry
         for limit, bound in self._bounds.items():
             x, was_beyond = rows[:, bound.part], self._beyond[limit]
             i, j = np.nonzero(bound.may_pass(low[:, bound.part], high[:, bound.part],

@@ -50,17 +50,34 @@ class Impact(NamedTuple):
     unresolved: Any
 
 
+class Exchange(NamedTuple):
+    """
+    The exchange of energy between the robot and its surroundings in the steps of a chunk.
+
+    Attributes
+    ----------
+    states : (N, K + 1, size) array
+        In the user's speeds.
+    torques : (1 or N, 1 or K, n) array, or callable
+        Torques held during each step, or the power of a continuous law.
+    impacts : sequence of Impact
+        Effects of stops.
+
+    """
+
+    states: Array
+    torques: Array | Power
+    impacts: Sequence[Impact]
+
+
 class Energetics(Protocol):
-    """The steps of a chunk as the energy balance sees them."""
+    """The steps of a chunk as observers see them; states are those of the chunk."""
 
     def in_user_speeds(self, states: Array, done: int) -> Array:
         """Return states after `done` steps, and after each of the next ones, in user speeds."""
 
-    def acting(self, states: Array, done: int) -> Array | Power:
-        """Return held torques, (1 or N, 1 or K, n), or the power of a continuous law."""
-
-    def impacts(self, done: int) -> Sequence[Impact]:
-        """Return the effects of stops on the energy in the steps after `done`."""
+    def exchange(self, states: Array, done: int) -> Exchange:
+        """Return what exchanges energy in the steps after `done`; called once a chunk."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,10 +168,13 @@ class DivergenceWatch(Observer):
         """Raise InputError if states diverged, which remain so until the end of the chunk."""
         if not diverged(self._robot, chunk.states[:, -1]).any():
             return
+        # The first row with such an entry, and its first simulation and entry there.
         entries = diverged(self._robot, chunk.states)
         k = int(np.argmax(entries.any(axis=(0, 2))))
-        i, j = (int(index) for index in np.argwhere(entries[:, k])[0])
-        reason = None if self._earlier is None else self._earlier.warning()
+        i, j = np.argwhere(entries[:, k])[0].tolist()
+        reason = None
+        if self._earlier is not None:
+            reason = self._earlier.warning()
         which = 'the simulation' if self._single else f'simulation {i}'
         raise diverged_error(which, chunk.times[k], self._step,
                              state_names(self._robot)[j],
@@ -175,9 +195,15 @@ def diverged_error(which: str, t: float, step: float, entry: str = '',
 
     `earlier` is an earlier warning of the simulation.
     """
-    entry_text = f" ('{entry}' first)" if entry else ''
-    state_text = f'is {value:.3g}' if math.isfinite(value) else 'is not finite'
-    earlier_text = f'. Earlier, {earlier}' if earlier else ''
+    entry_text = ''
+    if entry:
+        entry_text = f" ('{entry}' first)"
+    state_text = 'is not finite'
+    if math.isfinite(value):
+        state_text = f'is {value:.3g}'
+    earlier_text = ''
+    if earlier:
+        earlier_text = f'. Earlier, {earlier}'
     return InputError(f'{which}: the state diverged ({state_text}) at {t:.6g} '
                       f's{entry_text} with a step of {step} s; expected a regular mass '
                       "matrix and a shorter step, or integrator='implicit' if friction, "

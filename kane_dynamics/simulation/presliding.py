@@ -16,7 +16,7 @@ from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Chunk, Observer
-from kane_dynamics.simulation.step_kernels import bristle_names, deflections_of
+from kane_dynamics.simulation.step_kernels import deflections_of
 from kane_dynamics.simulation.step_size import REAL_RADIUS, settling_rates
 from kane_dynamics.simulation.sticking.friction_state import FrictionSamples
 from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
@@ -48,6 +48,7 @@ class BristleFriction:
 
         def forces(q: Vector, u: Vector, tau: Vector, deflections: Vector, t: Scalar,
                    parameters: Vector) -> Vector:
+            # The deflections decide the friction, and with it udot: M udot = net.
             system = linear_system(equations, q, u, tau, None, parameters, t, None,
                                    deflections)
             solution = held_solution(system, system.M, system.net, Held([], []))
@@ -63,9 +64,8 @@ class BristleFriction:
         """Return the results of the kernel at K states, (K, size)."""
         n_q, n = self.robot.n_q, self.robot.n
         inputs = [states[:, :n_q], states[:, n_q:n_q + n], tau,
-                  deflections_of(self.robot, states)]
-        if self.robot.equations.timed:
-            inputs.append(times)
+                  deflections_of(self.robot, states),
+                  *self.robot.equations.time_inputs(times)]
         rows = np.empty((len(states), *self.kernel.shape))
         self.kernel.run([np.ascontiguousarray(x, dtype=np.float64) for x in inputs], rows,
                         len(rows))
@@ -78,12 +78,12 @@ class BristleFriction:
         rows = self.rows_at(states, tau, times)
         udot = np.ascontiguousarray(rows[:, :n])
         stop_forces = np.zeros((len(states), n_j))
+        # Joints that press against stops have their forces too.
         if self._stops:
-            at: dict[str, Any] = {'t': times} if robot.equations.timed else {}
             q = np.ascontiguousarray(states[:, :n_q])
             u = np.ascontiguousarray(states[:, n_q:n_q + n])
             udot, stop_forces = with_stop_forces(robot, q, u, udot, robot.limits.lower,
-                                                 robot.limits.upper, **at)
+                                                 robot.limits.upper, t=times)
         held = np.zeros((len(states), n_j), dtype=bool)
         return FrictionSamples(udot, stop_forces, held, rows[:, n:n + n_j])
 
@@ -135,6 +135,8 @@ class SettlingWatch(Observer):
             q = np.ascontiguousarray(rows[:, :n_q])
             u = np.ascontiguousarray(rows[:, n_q:n_q + n])
             decays = settling_rates(self._robot, q, u, chunk.times)
+            # A bristle settles like x' = -decay x, which the method follows up to this
+            # product.
             too_fast = decays * self._step > REAL_RADIUS
             if too_fast.any():
                 k, j = np.argwhere(too_fast)[0]
@@ -144,7 +146,7 @@ class SettlingWatch(Observer):
     def _note(self, simulation: int, t: float, joint: int, decay: float) -> None:
         """Store the text of the warning."""
         which = '' if self._single else f'simulation {simulation}: '
-        name = bristle_names(self._robot)[joint]
+        name = self._robot.equations.tree.bristle_names[joint]
         # The first step that is too long is so by little: with all digits that differ.
         longest = f'{REAL_RADIUS / decay:.2g}'
         if float(longest) >= self._step:

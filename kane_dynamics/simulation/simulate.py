@@ -34,6 +34,7 @@ from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.kernel_set import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.callable_steps import CallableSteps
 from kane_dynamics.simulation.deflection_watch import DeflectionWatch
 from kane_dynamics.simulation.discontinuities import JumpWatch
 from kane_dynamics.simulation.energy_balance import compile_balance, EnergyBalance
@@ -41,10 +42,9 @@ from kane_dynamics.simulation.limit_events import LimitWatch
 from kane_dynamics.simulation.observers import DivergenceWatch, Observer
 from kane_dynamics.simulation.presliding import require_no_bristles, SettlingWatch
 from kane_dynamics.simulation.speed_switching import SwitchingSteps
-from kane_dynamics.simulation.step_kernels import (bristle_names, deflections_of,
-                                                   step_kernel)
+from kane_dynamics.simulation.step_kernels import deflections_of, state_layout, step_kernel
 from kane_dynamics.simulation.step_size import stable_integrator, without_coulomb
-from kane_dynamics.simulation.stepping import CallableSteps, Progress, run, Steps
+from kane_dynamics.simulation.stepping import Progress, run, Steps
 from kane_dynamics.simulation.sticking.friction_state import (friction_state,
                                                               FrictionState)
 from kane_dynamics.simulation.sticking.sticking_steps import Sticking
@@ -159,14 +159,12 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         deflection and the admissible one. All three are in `Trajectory.warnings` too.
 
     """
-    _require_arguments(robot, t0, progress, integrator, stops, sticking)
-    start = float(constant(t0, (), 't0 (s)', InputError))
+    _require_arguments(robot, progress, integrator, stops, sticking)
+    start, step = _checked_times(t0, step)
     states = initial_states(robot, q0, u0, start, bristles0)
     single = states.ndim == 1
     states = np.atleast_2d(states)
-    step = positive_time(step, 'step')
     count = whole_steps('duration', positive_time(duration, 'duration'), step)
-    _require_distinct_times(start, step)
     every = steps_per_sample(count, step, sample, len(states), single)
     warn_of_degrees(robot, states[:, :robot.n_q], 'q0', stacklevel=4)
 
@@ -196,11 +194,11 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
 
     # With the Runge-Kutta method, a step that is too long explains errors of the energy.
     cause = step_text if integrator == 'rk4' else None
-    limits = LimitWatch(robot, states, start, single, stops)
+    limits = LimitWatch(robot, len(states), single, stops)
     balance = EnergyBalance(robot, step, states, integrator, start, single=single,
                             cause=cause, friction=friction)
     observers += [limits, balance]
-    if bristle_names(robot) and integrator == 'rk4':
+    if robot.equations.tree.bristles and integrator == 'rk4':
         observers.append(SettlingWatch(robot, step, single))
 
     # Compute the states.
@@ -216,11 +214,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
             texts.append(text)
 
     # The quantities of the result, at the sampled states.
-    q = np.ascontiguousarray(samples.states[..., :robot.n_q])
-    u = np.ascontiguousarray(samples.states[..., robot.n_q:robot.n_q + robot.n])
-    tau = steps.torques(samples, q, u)
-    arrays: dict[str, Any] = {'q': q, 'tau': tau, **steps.results(samples, tau)}
-    if bristle_names(robot):
+    arrays = steps.results(samples)
+    if robot.equations.tree.bristles:
         arrays['bristles'] = np.ascontiguousarray(deflections_of(robot, samples.states))
     if single:
         arrays = {name: x[0] for name, x in arrays.items()}
@@ -231,7 +226,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     return Trajectory(start + samples.steps * np.float64(step), **arrays,
                       joint_names=robot.joint_names, limit_events=limits.events,
                       coordinate_names=robot.coordinate_names,
-                      speed_names=robot.equations.speed_names, bristle_names=bristle_names(robot),
+                      speed_names=robot.equations.speed_names,
+                      bristle_names=robot.equations.tree.bristle_names,
                       constraint_names=robot.equations.mechanism.labels,
                       warnings=tuple(texts),
                       speed_changes=tuple(speed_changes), stop_events=stop_events)
@@ -271,12 +267,10 @@ def _steps(robot: Robot, states: Array, single: bool, step: float, count: int,
     return steps
 
 
-def _require_arguments(robot: Any, t0: Any, progress: Any, integrator: Any,
-                       stops: Any, sticking: Any) -> None:
+def _require_arguments(robot: Any, progress: Any, integrator: Any, stops: Any,
+                       sticking: Any) -> None:
     """Raise InputError for arguments of `simulate` of a wrong kind and limits that are NaN."""
     instance(robot, Robot, 'robot')
-    if isinstance(t0, bool | np.bool_):
-        raise InputError(f't0: {t0!r}; expected a finite number, s')
     if not (progress is None or callable(progress)):
         raise InputError(f'progress: {progress!r}; expected None or a function of the '
                          'time')
@@ -294,13 +288,18 @@ def _require_arguments(robot: Any, t0: Any, progress: Any, integrator: Any,
                              'numbers, infinite where there is no limit')
 
 
-def _require_distinct_times(start: float, step: float) -> None:
-    """Raise InputError for an initial time whose rounding is no small part of a step."""
+def _checked_times(t0: Any, step: Any) -> tuple[float, float]:
+    """Return the initial time and the step, s; InputError if times of steps would round."""
+    if isinstance(t0, bool | np.bool_):
+        raise InputError(f't0: {t0!r}; expected a finite number, s')
+    start = float(constant(t0, (), 't0 (s)', InputError))
+    step = positive_time(step, 'step')
     spacing = float(np.spacing(abs(start)))
     if spacing > TIME_ROUNDING * step:
         raise InputError(f't0: {start:g} s, where floating-point times are {spacing:.2g} s '
                          f'apart; expected at most {TIME_ROUNDING:g} of the step of '
                          f'{step:g} s')
+    return start, step
 
 
 def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,
@@ -318,9 +317,9 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,
     # Loops must be closed at the start, since the steps only keep them closed.
     if robot.equations.watched and q.size:
         rows = np.atleast_2d(q)
-        timed = [np.full(len(rows), t0)] if robot.equations.timed else []
+        time = robot.equations.time_inputs(np.full(len(rows), t0))
         kernel = robot.kernels.kernel('constraint_residual')
-        residual = np.abs(kernel(rows, *timed))
+        residual = np.abs(kernel(rows, *time))
         in_units = residual / robot.mechanism.row_units
         i, k = np.unravel_index(np.argmax(in_units), residual.shape)
         if in_units[i, k] > loosened(robot.mechanism, CLOSED):
@@ -330,17 +329,21 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,
                              'configuration, as robot.closed_configuration(q0)')
 
     # The entries of a state, of which some are absent: time, bristles, margin.
-    time = np.full((*q.shape[:-1], int(robot.equations.timed)), t0)
-    margins = np.ones((*q.shape[:-1], int(robot.equations.watched)))
-    deflections = np.zeros((*q.shape[:-1], len(bristle_names(robot))))
+    layout = state_layout(robot)
+    states = np.zeros((*q.shape[:-1], layout.size))
+    states[..., layout.q] = q
+    states[..., layout.u] = u
+    states[..., layout.time] = t0
     if bristles0 is not None:
-        deflections = _stated_deflections(robot, bristles0, deflections.shape)
-    return np.concatenate([q, u, time, deflections, margins], axis=-1)
+        shape = states[..., layout.deflections].shape
+        states[..., layout.deflections] = _stated_deflections(robot, bristles0, shape)
+    states[..., layout.without_margin:] = 1.0
+    return states
 
 
 def _stated_deflections(robot: Robot, bristles0: Any, shape: tuple[int, ...]) -> Array:
     """Return stated deflections of bristles in a shape; InputError for another one."""
-    names = bristle_names(robot)
+    names = robot.equations.tree.bristle_names
     # A robot without bristles has nothing to start.
     if not names:
         raise InputError('bristles0: deflections for a robot without presliding_stiffness; '

@@ -35,10 +35,10 @@ from kane_dynamics.native.backends.llvm_math import size_limit
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import in_choice, Robot
 from kane_dynamics.robot.speed_sets import left_out_error
-from kane_dynamics.simulation.observers import diverged_error, Extremes
+from kane_dynamics.simulation.observers import diverged_error, Exchange, Extremes
 from kane_dynamics.simulation.step_kernels import (deflections_of, presliding_rates,
-                                                   step_kernel, StepChoice, tau_from,
-                                                   watches_stages)
+                                                   state_layout, step_kernel, StepChoice,
+                                                   tau_from, watches_stages)
 from kane_dynamics.simulation.stepping import Samples, Steps
 from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops
@@ -96,17 +96,18 @@ class SwitchingSteps(Steps):
         self._law: ComputedTorque | None = source.torque if source.follows else None
         self._single = source.single
         mechanism = source.robot.mechanism
+        # Limits of the margin: residuals after a step, excess of rows left out,
+        # conditioning.
         self._open = loosened(mechanism, STEP_RESIDUAL)
         self._excess = loosened(mechanism, EXCESS)
         self._usual = WELL_CHOSEN * float(np.sqrt(mechanism.model.n))
+        # All simulations begin in the user's speeds; those that change have a history.
         self._phases = [Phase(source.robot, self._usual)] * count
         self._switched: set[int] = set()  # simulations that left their first phase
         self._sources: dict[tuple[int, float], TorqueInput] = {}
         self._history: list[list[tuple[int, Robot]]] = [[(-1, source.robot)]
                                                         for _ in range(count)]
-        sticking = isinstance(stops, Sticking)
-        with_stops = stops.stops if isinstance(stops, Sticking) else stops is not None
-        self._user = UserSpeeds(source.robot, with_stops, sticking)
+        self._user = UserSpeeds(source.robot, self._with_stops, self._sticks)
         self._watch = SingularityWatch(source.robot, source.step)
 
     def advance(self, buffer: Array, done: int) -> Extremes | None:
@@ -255,9 +256,8 @@ class SwitchingSteps(Steps):
     def _require_short_step(self, robot: Robot, q: Array, u: Array, t: float,
                             where: str) -> None:
         """Raise InputError if a joint moves so far in one step that the step cannot be right."""
-        at: dict[str, Any] = {'t': t} if robot.equations.timed else {}
         try:
-            speeds = joint_speeds(robot.model, q, robot.joint_rates(q, u, **at))
+            speeds = joint_speeds(robot.model, q, robot.joint_rates(q, u, t=t))
         except (ConstraintError, InputError):
             return  # singular, which is another reason
         moved = np.abs(speeds) * self.step
@@ -287,11 +287,11 @@ class SwitchingSteps(Steps):
         q, u = self._parts(state)
 
         # The joint rates in the old speeds give the new ones: u = Y q' + Z.
-        at: dict[str, Any] = {'t': t} if old.equations.timed else {}
-        rates = joint_speeds(old.model, q, old.joint_rates(q, u, **at))
+        rates = joint_speeds(old.model, q, old.joint_rates(q, u, t=t))
         Y, Z = new.mechanism.state(q, t).speed_rows(new.speed_names)
         state = state.copy()
         state[old.n_q:old.n_q + old.n] = np.asarray(Y @ rates + Z, dtype=np.float64)
+        # A new choice gets the usual limit, or room above its own figure.
         self._enter(i, Phase(new, max(self._usual, ROOM * choice.figure)))
         self._history[i].append((done, new))
         if new.speed_names != old.speed_names:
@@ -342,17 +342,27 @@ class SwitchingSteps(Steps):
         """Return a chunk's states in the user's own speeds."""
         return self._user.states(self._history, states, self.start, self.step, done)
 
-    def acting(self, states: Array, done: int) -> Any:
-        """Return the torques of the steps of a chunk; as `TorqueInput.acting`."""
-        if self._law is None:
-            return self.source.acting(states, done)
-        return partial(law_power, self._history, self.source, states, done)
+    def exchange(self, states: Array, done: int) -> Exchange:
+        """Return what exchanges energy in the steps of a chunk, in the user's own speeds."""
+        exchange = super().exchange(states, done)
+        torques = exchange.torques
+        if self._law is not None:
+            # The law computes forces dual to the speeds of each phase.
+            torques = partial(law_power, self._history, self.source, states, done)
+        return exchange._replace(states=self.in_user_speeds(states, done), torques=torques)
 
-    def results(self, samples: Samples, tau: Array) -> dict[str, Array]:
-        """Return derived quantities of samples, in the user's speeds; see `UserSpeeds`."""
+    def results(self, samples: Samples, tau: Array | None = None) -> dict[str, Array]:
+        """Return quantities of samples, in the user's speeds; see `UserSpeeds`."""
+        parts = [np.ascontiguousarray(part) for part in self._parts(samples.states)]
+        if tau is None and self._law is None:
+            tau = self.source.torques(samples.steps, *parts)
+        elif tau is None:  # of each phase
+            tau = self._user.law_torques(self._history, self.source, samples.steps,
+                                         samples.states)
         times = self.start + samples.steps * np.float64(self.step)
-        return self._user.results(self._history, samples.steps, times, samples.states,
-                                  tau)
+        derived = self._user.results(self._history, samples.steps, times, samples.states,
+                                     tau)
+        return {'q': parts[0], 'tau': tau, **derived}
 
     def _look_closely(self, i: int, rows: Array, done: int) -> None:
         """Raise ConstraintError where a singularity lies between two rows of states."""
@@ -429,7 +439,7 @@ class SingularityWatch:
         if len(q) < 2 or not (near or fixed):
             return
         # The rows of all speeds and constraints, of which a choice of speeds has some.
-        time = [times] if self._user_robot.equations.timed else []
+        time = self._user_robot.equations.time_inputs(times)
         rows = self._rows()(np.ascontiguousarray(q), *time)
         n = len(mechanism.speeds.names)
         constraint_rows = [n + k for k in mechanism.kept]
@@ -545,7 +555,7 @@ class _StagesInNumbers:
         self._split = [robot.n_q, robot.n_q + robot.n]
         self.bristles = len(robot.equations.tree.bristles)
         self._robot = robot
-        self._time = state[self._split[1]:][:int(robot.equations.timed)]
+        self._time = state[state_layout(robot).time]
         self.start = self._time[0] if len(self._time) else 0.0
         self._block = robot.parameters.block[:robot.parameters.physical]
         no_wrench = robot.kernels.no_wrench

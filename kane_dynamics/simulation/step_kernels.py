@@ -105,6 +105,7 @@ def step_signature(robot: Robot, choice: StepChoice) -> tuple[str, dict[str, Sha
         name = f'{name}_dual_to_{"_".join(map(str, places))}'
     if followed:
         name = f'{name}_{"_".join(map(str, followed))}'
+    # The constants are the gains of feedback, the step, and the robot's parameters.
     n = robot.n
     parameters = len(robot.parameters.block)
     state = (state_layout(robot).size,)
@@ -119,15 +120,10 @@ def state_names(robot: Robot) -> tuple[str, ...]:
 
     They are q, u, and if needed the time, the deflections of bristles and the margin.
     """
-    time = ('time',) if robot.equations.timed else ()
+    time = robot.equations.time_inputs('time')
     margin = ('margin',) if robot.equations.watched else ()
-    bristles = [f'{name}/deflection' for name in bristle_names(robot)]
+    bristles = [f'{name}/deflection' for name in robot.equations.tree.bristle_names]
     return (*robot.coordinate_names, *robot.speed_names, *time, *bristles, *margin)
-
-
-def bristle_names(robot: Robot) -> tuple[str, ...]:
-    """Return the names of the joints whose friction has a state of its own in simulations."""
-    return tuple(joint.name for joint in robot.equations.tree.bristles)
 
 
 class StateLayout(NamedTuple):
@@ -146,10 +142,16 @@ def state_layout(robot: Robot) -> StateLayout:
     equations = robot.equations
     n_q = equations.n_q
     time = n_q + equations.n
-    deflections = time + int(equations.timed)
+    deflections = time + len(equations.time_inputs('time'))
     end = deflections + len(equations.tree.bristles)
     return StateLayout(slice(0, n_q), slice(n_q, time), slice(time, deflections),
                        slice(deflections, end), end, end + int(equations.watched))
+
+
+def times_of(robot: Robot, states: Array) -> Array:
+    """Return the times in states, (K, size), as (K,); zeros where the equations have none."""
+    part = states[:, state_layout(robot).time]
+    return part[:, 0] if part.shape[1] else np.zeros(len(states))
 
 
 def deflections_of(robot: Robot, states: Array) -> Array:
@@ -340,14 +342,19 @@ def traced_step(robot: Robot, choice: StepChoice, state: Vector, inputs: Matrix,
     start = state[layout.time]
     gain_count = 2 * n if feedback else 0
     gains, h, parameters = np.split(constants, [gain_count, gain_count + 1])
-    keeps_positions = equations.keeps_positions(state[layout.q], *start)
-    watches_stages = equations.watched and not keeps_positions
+    # With constraints, the margin is that of the stages or of the end; see
+    # `watches_stages`.
+    keeps_positions = False
+    watches_stages = False
+    if equations.watched:
+        keeps_positions = equations.keeps_positions(state[layout.q], *start)
+        watches_stages = not keeps_positions
     motion = system(robot, inputs, gains if feedback else None, parameters, dual_to,
                     watches_stages, followed, start, h[0])
     after: Vector = integrator_of(integrator).step(motion, state, h[0])
     # The margin, then one Newton step on the loops and unit quaternions.
     q = after[layout.q]
-    t = after[layout.time][0] if equations.timed else 0.0
+    t = after[layout.time][0] if len(start) else 0.0
     if watches_stages:
         after[-1] = reduce(lambda x, y: select(x < y, x, y), motion.margins)
     elif keeps_positions:
@@ -366,17 +373,6 @@ def traced_step(robot: Robot, choice: StepChoice, state: Vector, inputs: Matrix,
     return after
 
 
-def accelerations(robot: Robot, q: Array, u: Array, tau: Array, times: Array) -> Array:
-    """Return udot, (K, n), at K states and times under torques, without wrenches."""
-    inputs: list[Any] = [q, u, tau]
-    if len(robot.kernels.no_wrench):
-        inputs.append(None)
-    if robot.equations.timed:
-        inputs.append(times)
-    udot: Array = robot.kernels.kernel('forward_dynamics')(*inputs)
-    return udot
-
-
 def wrench_input(robot: Robot) -> list[tuple[str, Shape]]:
     """Return the input of wrenches, if the robot declares frames for them."""
     no_wrench = robot.kernels.no_wrench
@@ -385,7 +381,7 @@ def wrench_input(robot: Robot) -> list[tuple[str, Shape]]:
 
 def time_input(robot: Robot) -> list[tuple[str, Shape]]:
     """Return the input of time, if the equations depend on it."""
-    return [('t', ())] if robot.equations.timed else []
+    return list(robot.equations.time_inputs(('t', ())))
 
 
 def deflection_input(robot: Robot) -> list[tuple[str, Shape]]:
@@ -454,6 +450,7 @@ def implicit_stage(robot: Robot, method: ImplicitStep,
             factors = others[0]
             others = others[1:]
         wrench, t, parameters, deflections = optional_inputs(robot, others)
+        # Torques may be dual to other speeds than those of the robot.
         if dual_to is not None:
             tau = tau_from(equations, dual_to, q, tau, t)
         rates = method.stage(q, u, tau, StageRates(*first), g[()], wrench,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 import math
@@ -16,7 +17,7 @@ from kane_dynamics.mechanics.elastic_joints import steepest_slope
 from kane_dynamics.mechanics.friction import bristle_decay, has_bristles, resists
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.model.drive import StiffnessCurve
-from kane_dynamics.model.model import Model
+from kane_dynamics.model.model import Joint, Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -128,8 +129,7 @@ def settling_rates(robot: Robot, q: Array, u: Array, times: Array) -> Array:
                          for joint in joints])
     kernel = robot.compiled(rates, name='settling_rates', q=(robot.n_q,), u=(robot.n,),
                             shape=(len(joints),))
-    inputs = [q, u, times] if equations.timed else [q, u]
-    result: Array = kernel(*inputs)
+    result: Array = kernel(q, u, *equations.time_inputs(times))
     return result
 
 
@@ -207,32 +207,41 @@ def possible_integrators(robot: Robot, integrator: str | None) -> tuple[str, ...
     return ('rk4',)
 
 
-_STEEPEST: WeakKeyDictionary[Robot, Robot] = WeakKeyDictionary()
+_CHANGED: WeakKeyDictionary[Robot, dict[str, Robot]] = WeakKeyDictionary()
+
+
+def _with_changed_joints(robot: Robot, name: str,
+                         changed: Callable[[Joint], Joint]) -> Robot:
+    """
+    Return a robot with changed joints, in its present gravity and with its payload.
+
+    It is compiled once for each robot and `name` of a change.
+    """
+    others = _CHANGED.setdefault(robot, {})
+    if name not in others:
+        bodies = []
+        for body in robot.model.bodies:
+            bodies.append(replace(body, joint=changed(body.joint)))
+        others[name] = Robot(replace(robot.model, bodies=tuple(bodies)), **robot.options)
+    other = others[name]
+    other.parameters.block[:] = robot.parameters.block
+    return other
 
 
 def _steepest(robot: Robot) -> Robot:
     """Return a robot whose drives have the steepest stiffness of their curves."""
-    # The slope of a curve varies; the steepest segment bounds the frequency.
-    curves = [elastic.name for elastic in robot.model.drives
+    curves = [elastic for elastic in robot.model.drives
               if isinstance(elastic.drive.stiffness, StiffnessCurve)]
     if not curves:
         return robot
-    other = _STEEPEST.get(robot)
-    # The changed robot is compiled once for each robot, and follows its payload and
-    # gravity.
-    if other is None:
-        bodies = []
-        for body in robot.model.bodies:
-            joint = body.joint
-            if joint.name in curves:
-                assert joint.drive is not None
-                drive = replace(joint.drive, stiffness=steepest_slope(joint.drive))
-                body = replace(body, joint=replace(joint, drive=drive))
-            bodies.append(body)
-        other = Robot(replace(robot.model, bodies=tuple(bodies)), **robot.options)
-        _STEEPEST[robot] = other
-    other.parameters.block[:] = robot.parameters.block
-    return other
+
+    # The slope of a curve varies; the steepest segment bounds the frequency.
+    def changed(joint: Joint) -> Joint:
+        drive = joint.drive
+        if drive is None or not isinstance(drive.stiffness, StiffnessCurve):
+            return joint
+        return replace(joint, drive=replace(drive, stiffness=steepest_slope(drive)))
+    return _with_changed_joints(robot, 'steepest', changed)
 
 
 def _bristle_stiffness(robot: Robot, q: Array, t: float) -> Any:
@@ -249,8 +258,7 @@ def _bristle_stiffness(robot: Robot, q: Array, t: float) -> Any:
     T = np.eye(robot.n)
     if not equations.in_joint_rates:
         T = np.array(equations.at_rest(q, t).T, dtype=float)
-    at: dict[str, Any] = {'t': t} if equations.timed else {}
-    return robot.inverse_mass_matrix(q, **at) @ T.T @ S @ T
+    return robot.inverse_mass_matrix(q, t=t) @ T.T @ S @ T
 
 
 def bristle_frequency(robot: Robot, q: Array, t: float) -> float:
@@ -259,48 +267,24 @@ def bristle_frequency(robot: Robot, q: Array, t: float) -> float:
     return float(np.sqrt(np.abs(values).max(initial=0.0)))
 
 
-_WITHOUT_COULOMB: WeakKeyDictionary[Robot, Robot] = WeakKeyDictionary()
-
-
-_BOUND: WeakKeyDictionary[Robot, Robot] = WeakKeyDictionary()
-
-
 def _with_bound_bristles(robot: Robot) -> Robot:
     """Return a robot with the dampers of bristles that do not slide, without friction."""
     if not robot.equations.tree.bristles:
         return robot
-    other = _BOUND.get(robot)
-    # As `_steepest`: one changed robot for each robot.
-    if other is None:
-        bodies = []
-        for body in robot.model.bodies:
-            joint = body.joint
-            # A bristle that does not slide is a spring with its damper between link and
-            # joint.
-            if has_bristles(joint):
-                damping = joint.damping + joint.presliding_damping
-                joint = replace(joint, damping=damping, **SLIDELESS)
-                body = replace(body, joint=joint)
-            bodies.append(body)
-        other = Robot(replace(robot.model, bodies=tuple(bodies)), **robot.options)
-        _BOUND[robot] = other
-    other.parameters.block[:] = robot.parameters.block
-    return other
+
+    # A bristle that does not slide is a spring with its damper between link and joint.
+    def changed(joint: Joint) -> Joint:
+        if not has_bristles(joint):
+            return joint
+        damping = joint.damping + joint.presliding_damping
+        return replace(joint, damping=damping, **SLIDELESS)
+    return _with_changed_joints(robot, 'bound bristles', changed)
 
 
 def without_coulomb(robot: Robot) -> Robot:
     """Return a robot whose friction does not depend on the direction of motion."""
-    if robot in _WITHOUT_COULOMB:
-        other = _WITHOUT_COULOMB[robot]
-        other.parameters.block[:] = robot.parameters.block
-        return other
-    bodies = []
-    for body in robot.model.bodies:
-        bodies.append(replace(body, joint=replace(body.joint, **SLIDELESS)))
-    other = Robot(replace(robot.model, bodies=tuple(bodies)), **robot.options)
-    other.parameters.block[:] = robot.parameters.block
-    _WITHOUT_COULOMB[robot] = other
-    return other
+    return _with_changed_joints(robot, 'without Coulomb friction',
+                                lambda joint: replace(joint, **SLIDELESS))
 
 
 def _may_limit_step(model: Model, friction: bool) -> bool:

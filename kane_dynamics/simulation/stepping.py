@@ -5,10 +5,10 @@ The stepping loop of a simulation, and the steps that it computes.
 code computes a chunk in a few milliseconds without the GIL, so progress is reported in
 time.
 
-Each kind of `Steps` computes states in its own way: `Steps` in native code with the
-impulses of joint stops, `speed_switching.SwitchingSteps` with a change of independent
-speeds before a singularity, and `CallableSteps` with a torque function in Python before
-every step of these.
+`Steps` computes states in native code, with the impulses of joint stops. Two kinds of
+steps extend it: `speed_switching.SwitchingSteps` changes the independent speeds before a
+singularity, and `callable_steps.CallableSteps` calls a torque function in Python before
+every step.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,17 +16,11 @@ import time
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.simulation.energy_balance import energies
-from kane_dynamics.simulation.observers import (Chunk, diverged, Extremes, Impact,
-                                                Observer, Power)
-from kane_dynamics.simulation.presliding import bristle_friction
-from kane_dynamics.simulation.step_kernels import accelerations
+from kane_dynamics.simulation.observers import Chunk, Exchange, Extremes, Observer
 from kane_dynamics.simulation.sticking.sticking_steps import Sticking
-from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
 from kane_dynamics.simulation.stops.joint_stops import JointStops
-from kane_dynamics.simulation.torque_input import (evaluated_torque, TorqueFunction,
-                                                   TorqueInput)
-from kane_dynamics.simulation.trajectory import SpeedChange
+from kane_dynamics.simulation.torque_input import TorqueInput
+from kane_dynamics.simulation.trajectory import sampled_quantities, SpeedChange
 import numpy as np
 
 CHUNK_SECONDS = 0.01  # of steps between two progress reports: half of the documented bound
@@ -66,10 +60,18 @@ class Steps:
     def __init__(self, source: TorqueInput,
                  stops: JointStops | Sticking | None = None) -> None:
         """Store the native step and the stops."""
-        self.source, self.stops = source, stops
-        self.robot, self.step, self.start = source.robot, source.step, source.start
+        self.source = source
+        self.stops = stops
+        self.robot = source.robot
+        self.step = source.step
+        self.start = source.start
         # Computes the states of a native step, with the stops.
         self._advance = TorqueInput.advance if stops is None else stops.advance
+        # Set-valued friction has the stops with it, if there are any.
+        self._sticks = isinstance(stops, Sticking)
+        self._with_stops = stops is not None
+        if isinstance(stops, Sticking):
+            self._with_stops = stops.stops
         self.changes: list[SpeedChange] = []
 
     def compute(self, starts: Array, done: int, count: int) -> Chunk:
@@ -94,119 +96,33 @@ class Steps:
         """Return states of a chunk, (N, K + 1, size), in the user's speeds."""
         return states
 
-    def acting(self, states: Array, done: int) -> Array | Power:
-        """Return the torques that act in the steps of a chunk; see `TorqueInput.acting`."""
-        return self.source.acting(states, done)
+    def exchange(self, states: Array, done: int) -> Exchange:
+        """Return what exchanges energy in the steps of a chunk, all of them computed."""
+        impacts = () if self.stops is None else self.stops.settle(done)
+        return Exchange(states, self.source.acting(states, done), impacts)
 
-    def impacts(self, done: int) -> Sequence[Impact]:
-        """Return the energies that the stops took in the steps after `done`, all computed."""
-        return () if self.stops is None else self.stops.settle(done)
+    def results(self, samples: Samples, tau: Array | None = None) -> dict[str, Array]:
+        """
+        Return q, u, tau and derived quantities of samples, (N, K, ...) arrays.
 
-    def torques(self, samples: Samples, q: Array, u: Array) -> Array:
-        """Return the torques that acted at samples, with q, (N, K, n_q), and u, (N, K, n)."""
-        return self.source.torques(samples.steps, q, u)
-
-    def results(self, samples: Samples, tau: Array) -> dict[str, Array]:
-        """Return u and derived quantities of samples under torques, (N, K, n)."""
-        robot, shape = self.robot, samples.states.shape[:2]
-        n_q, n = robot.n_q, robot.n
-        q = np.ascontiguousarray(samples.states[..., :n_q]).reshape(-1, n_q)
-        u = np.ascontiguousarray(samples.states[..., n_q:n_q + n]).reshape(-1, n)
+        `tau`, (N, K, n), are the torques that acted; by default those of the source.
+        """
+        n_q, n = self.robot.n_q, self.robot.n
+        q = np.ascontiguousarray(samples.states[..., :n_q])
+        u = np.ascontiguousarray(samples.states[..., n_q:n_q + n])
+        if tau is None:
+            tau = self.source.torques(samples.steps, q, u)
         # The quantities of all samples of all simulations are computed as one batch.
+        shape = samples.states.shape[:2]
         times = np.tile(self.start + samples.steps * np.float64(self.step), shape[0])
         states = samples.states.reshape(-1, samples.states.shape[2])
-        torques = tau.reshape(u.shape)
-        sticks = isinstance(self.stops, Sticking)
-        rows: dict[str, Array] = {'u': u, 'energy': energies(robot, states, sticks)}
-        if isinstance(self.stops, Sticking):
-            at_samples = self.stops.state_of(self.source).at_samples(states, torques,
-                                                                     times)
-            rows |= at_samples._asdict()
-            del rows['friction']  # of the constraint forces of other robots
-        elif robot.equations.tree.bristles:
-            friction = bristle_friction(robot, self.stops is not None)
-            at_samples = friction.at_samples(states, torques, times)
-            rows['udot'], rows['stop_forces'] = at_samples[:2]
-        else:
-            rows['udot'] = accelerations(robot, q, u, torques, times)
-            rows['stop_forces'] = np.zeros((len(q), robot.equations.tree.n))
-            if self.stops is not None:
-                at = {'t': times} if robot.equations.timed else {}
-                rows['udot'], rows['stop_forces'] = with_stop_forces(
-                    robot, q, u, rows['udot'], robot.limits.lower, robot.limits.upper,
-                    **at)
-        return {name: x.reshape(*shape, *x.shape[1:]) for name, x in rows.items()}
-
-
-class CallableSteps(Steps):
-    """
-    The steps of one simulation with a torque function, whose value is held during each step.
-
-    Parameters
-    ----------
-    steps : Steps
-        The steps under held torques; with a table of one row, which is written to.
-    torque : callable
-    every : int
-        Number of steps between two samples.
-    in_time : bool
-        End a chunk early for a report of progress.
-
-    """
-
-    def __init__(self, steps: Steps, torque: TorqueFunction, every: int,
-                 in_time: bool) -> None:
-        """Begin without samples."""
-        super().__init__(steps.source, steps.stops)
-        self.changes = steps.changes
-        self._steps, self._torque = steps, torque
-        self._every, self._in_time = every, in_time
-        self._samples: list[Array] = []
-
-    def compute(self, starts: Array, done: int, count: int) -> Chunk:
-        """Return the next steps; fewer if time is up or the motion diverges."""
-        count = min(count, FIRST_CHUNK)
-        buffer = np.empty((1, count + 1, starts.shape[1]))
-        buffer[:, 0] = starts
-        self._held = np.empty((1, count, self.robot.n))
-        began = time.perf_counter()
-        for k in range(count):
-            tau = self._evaluated(buffer[0, k], done + k)
-            self._held[0, k] = tau
-            if (done + k) % self._every == 0:
-                self._samples.append(tau.copy())
-            self.source.torque[0, 0] = tau
-            self._steps.advance(buffer[:, k:k + 2], done + k)
-            # A torque function need not expect a state that is not finite.
-            if diverged(self.robot, buffer[:, k + 1]).any():
-                break
-            if self._in_time and time.perf_counter() - began > CHUNK_SECONDS:
-                break
-        times = self.start + (done + np.arange(k + 2)) * np.float64(self.step)
-        return Chunk(done, times, buffer[:, :k + 2], None, self)
-
-    def _evaluated(self, state: Array, done: int) -> Array:
-        """Return the torque at a state after `done` steps."""
-        q, u = self._steps.user_state(0, state, done)
-        return evaluated_torque(self.robot, self._torque, self.start + done * self.step,
-                                q.copy(), u.copy())
-
-    def in_user_speeds(self, states: Array, done: int) -> Array:
-        """Return states of a chunk in the user's speeds."""
-        return self._steps.in_user_speeds(states, done)
-
-    def acting(self, states: Array, done: int) -> Array | Power:
-        """Return the torques held during each step of the last chunk, (1, K, n)."""
-        return self._held[:, :states.shape[1] - 1]
-
-    def torques(self, samples: Samples, q: Array, u: Array) -> Array:
-        """Return the torques at the samples; that of the last state is evaluated now."""
-        last = self._evaluated(samples.states[0, -1], int(samples.steps[-1]))
-        return np.array([[*self._samples, last]])
-
-    def results(self, samples: Samples, tau: Array) -> dict[str, Array]:
-        """Return u and derived quantities of samples."""
-        return self._steps.results(samples, tau)
+        rows = sampled_quantities(self.robot, states, tau.reshape(-1, self.robot.n), times,
+                                  self._with_stops, self._sticks)
+        rows.pop('friction', None)  # only constraint forces depend on it
+        results = {'q': q, 'tau': tau}
+        for name, quantity in rows.items():
+            results[name] = quantity.reshape(*shape, *quantity.shape[1:])
+        return results
 
 
 def run(steps: Steps, starts: Array, count: int, every: int,

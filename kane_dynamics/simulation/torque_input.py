@@ -186,21 +186,22 @@ class TorqueInput:
         if not isinstance(torque, ComputedTorque):
             rows = torque[:, np.minimum(sampled, torque.shape[1] - 1)]
             return np.ascontiguousarray(np.broadcast_to(rows, u.shape))
+        # The law at the samples of all simulations, as rows of one batch.
         moments = self.start + sampled * np.float64(self.step)
-        t, end = moments.copy(), torque.motion.duration
+        t = moments.copy()
+        end = torque.motion.duration
         if abs(t[-1] - end) <= 1e-6 * self.step:
             t[-1] = np.nextafter(end, -np.inf)  # the torque that acted until the end
+        arguments = [q.reshape(-1, q.shape[-1]), u.reshape(-1, u.shape[-1])]
+        for desired in torque.desired(t):
+            of_all = np.broadcast_to(desired, u.shape)
+            arguments.append(of_all.reshape(-1, u.shape[-1]))
         gains = np.concatenate([torque.kp, torque.kd])
-        desired = [np.broadcast_to(x, u.shape) for x in torque.desired(t)]
-        arguments = [x.reshape(-1, x.shape[-1]) for x in (q, u, *desired)]
         arguments.append(np.tile(gains, (len(arguments[0]), 1)))
         kernel = law_kernel(self.robot, torque.followed)
-        options: list[Any] = []
-        if len(self.robot.kernels.no_wrench):
-            options.append(None)
-        if self.robot.equations.timed:
-            options.append(np.tile(moments, len(q)))
-        tau: Array = kernel(*arguments, *options)
+        no_wrench = (None,) if len(self.robot.kernels.no_wrench) else ()
+        times = self.robot.equations.time_inputs(np.tile(moments, len(q)))
+        tau: Array = kernel(*arguments, *no_wrench, *times)
         return tau.reshape(u.shape)
 
 

@@ -19,7 +19,10 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.user_speeds import constraint_residuals
+from kane_dynamics.simulation.energy_balance import energy_kernel, TERMS
+from kane_dynamics.simulation.presliding import bristle_friction
+from kane_dynamics.simulation.sticking.friction_state import friction_state
+from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
 import numpy as np
 
 Path = str | os.PathLike[str]
@@ -406,3 +409,57 @@ def _events(name: str, table: Any) -> tuple[Any, ...]:
                 fields.append(float(cell))
         events.append(kind(*fields, int(state) if state else None))
     return tuple(events)
+
+
+def constraint_residuals(robot: Robot, q: Array, u: Array,
+                         times: Array) -> dict[str, Array]:
+    """Return the residuals of the constraints along a motion, (K, m) arrays."""
+    kernel = robot.kernels.kernel
+    time = robot.equations.time_inputs(times)
+    residual = kernel('constraint_residual')(q, *time)
+    of_velocities = kernel('constraint_velocity_residual')(q, u, *time)
+    return {'constraint_residual': residual, 'constraint_velocity_residual': of_velocities}
+
+
+def sampled_quantities(robot: Robot, states: Array, tau: Array, times: Array, stops: bool,
+                       sticking: bool) -> dict[str, Array]:
+    """
+    Return u, udot, energy, forces of stops and sticking joints at K states of a simulation.
+
+    Where friction does not follow the smooth law, it is added, (K, n_j).
+
+    Parameters
+    ----------
+    robot : Robot
+        In the speeds of the states.
+    states : (K, size) array
+        Entries as `step_kernels.state_names`.
+    tau, times : (K, n), (K,) arrays
+        Torques dual to the speeds, and times, s.
+    stops, sticking : bool
+        Whether there are stops at the position limits, and set-valued friction.
+
+    """
+    n_q, n = robot.n_q, robot.n
+    q = np.ascontiguousarray(states[:, :n_q])
+    u = np.ascontiguousarray(states[:, n_q:n_q + n])
+    # Kinetic and potential energy, by the kernel of the simulation's energy balance.
+    terms = np.empty((len(states), TERMS))
+    energy_kernel(robot, sticking).run([np.ascontiguousarray(states)], terms, len(terms))
+    quantities = {'u': u, 'energy': terms[:, :2]}
+    # Set-valued friction and that of bristles decide the accelerations with the stops.
+    if sticking:
+        friction = friction_state(robot, stops)
+        return quantities | friction.at_samples(states, tau, times)._asdict()
+    if robot.equations.tree.bristles:
+        bristles = bristle_friction(robot, stops)
+        return quantities | bristles.at_samples(states, tau, times)._asdict()
+    # Else they are those of forward dynamics, without wrenches, and of stops.
+    no_wrench = (None,) if len(robot.kernels.no_wrench) else ()
+    forward_dynamics = robot.kernels.kernel('forward_dynamics')
+    udot = forward_dynamics(q, u, tau, *no_wrench, *robot.equations.time_inputs(times))
+    stop_forces = np.zeros((len(q), robot.equations.tree.n))
+    if stops:
+        udot, stop_forces = with_stop_forces(robot, q, u, udot, robot.limits.lower,
+                                             robot.limits.upper, t=times)
+    return quantities | {'udot': udot, 'stop_forces': stop_forces}

@@ -13,11 +13,9 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.energy_balance import energies
-from kane_dynamics.simulation.presliding import bristle_friction
-from kane_dynamics.simulation.step_kernels import accelerations, tau_from
-from kane_dynamics.simulation.sticking.friction_state import friction_state
-from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
+from kane_dynamics.simulation.step_kernels import tau_from
+from kane_dynamics.simulation.torque_input import TorqueInput
+from kane_dynamics.simulation.trajectory import constraint_residuals, sampled_quantities
 import numpy as np
 
 # For each simulation, the numbers of steps after which its choices of speeds begin, and
@@ -77,6 +75,38 @@ class UserSpeeds:
         shapes = {'q': (robot.n_q,), 'tau': (len(names),)}
         return self._called(robot, 'tau_from', shapes, (robot.n,), torques, (q, tau), t)
 
+    def dual_forces(self, robot: Robot, q: Array, forces: Array, t: Array) -> Array:
+        """Convert generalized forces to those dual to the user's speeds, (K, n)."""
+        # The inverse of `torques`, whose columns are its values for unit forces.
+        columns = []
+        for unit in np.eye(forces.shape[1]):
+            columns.append(self.torques(robot, q, np.tile(unit, (len(q), 1)), t))
+        dual = np.linalg.solve(np.stack(columns, axis=-1), forces[..., None])
+        return np.asarray(dual[..., 0], dtype=np.float64)
+
+    def law_torques(self, history: History, source: TorqueInput, sampled: Array,
+                    states: Array) -> Array:
+        """
+        Return the torques of a law at sampled states, (N, K, n), dual to the user's speeds.
+
+        Each phase computes the law in its own speeds. Arguments as of `results`.
+        """
+        n_q, n = self._user_robot.n_q, self._user_robot.n
+        tau = np.empty((*states.shape[:2], n))
+        for robot, parts in _parts_by_robot(history, sampled):
+            of_phase = replace(source, robot=robot)
+            for part in parts:
+                rows = states[part]
+                steps = sampled[part.samples]
+                q = np.ascontiguousarray(rows[:, :n_q])
+                u = np.ascontiguousarray(rows[:, n_q:n_q + n])
+                forces = of_phase.torques(steps, q[None], u[None])[0]
+                if robot.speed_names != self._user_robot.speed_names:
+                    times = source.start + steps * np.float64(source.step)
+                    forces = self.dual_forces(robot, q, forces, times)
+                tau[part] = forces
+        return tau
+
     def _called(self, robot: Robot, name: str, shapes: Mapping[str, Shape], shape: Shape,
                 function: Any, inputs: tuple[Array, ...], t: Any) -> Array:
         """Call the kernel of a function of arrays and of what the robot supplies."""
@@ -88,9 +118,7 @@ class UserSpeeds:
             kernels[key] = robot.kernels.compiled(function, f'{name}_{places}', shapes,
                                                   shape, ahead=False)
         kernel = kernels[key]
-        if robot.equations.timed:
-            inputs = (*inputs, t)
-        result: Array = kernel(*inputs)
+        result: Array = kernel(*inputs, *robot.equations.time_inputs(t))
         return result
 
     def states(self, history: History, buffer: Array, start: float, step: float,
@@ -157,41 +185,24 @@ class UserSpeeds:
                  times: Array) -> dict[str, Array]:
         """Return the quantities of `results` for states, (K, size), in one choice of speeds."""
         # States and torques in the speeds of `robot`, which may not be the user's.
-        at: dict[str, Any] = {'t': times} if robot.equations.timed else {}
-        q = np.ascontiguousarray(rows[:, :robot.n_q])
-        u = np.ascontiguousarray(rows[:, robot.n_q:robot.n_q + robot.n])
         in_user_speeds = robot.speed_names == self._user_robot.speed_names
+        q = np.ascontiguousarray(rows[:, :robot.n_q])
         generalized = tau if in_user_speeds else self.torques(robot, q, tau, times)
-        sticking: dict[str, Any] = {}
-        friction: Array | None = None
-        if self._sticking:
-            acting = friction_state(robot, self._stops).at_samples(rows, generalized, times)
-            udot, stop_forces, held, friction = acting
-            sticking['sticking'] = held
-        elif robot.equations.tree.bristles:
-            acting = bristle_friction(robot, self._stops).at_samples(rows, generalized,
-                                                                     times)
-            udot, stop_forces, _, friction = acting
-        else:
-            udot = accelerations(robot, q, u, generalized, times)
-            stop_forces = np.zeros((len(q), robot.equations.tree.n))
-            if self._stops:
-                udot, stop_forces = with_stop_forces(robot, q, u, udot,
-                                                     robot.limits.lower,
-                                                     robot.limits.upper, **at)
+        results = sampled_quantities(robot, rows, generalized, times, self._stops,
+                                     self._sticking)
+        u, udot = results['u'], results['udot']
+        friction = results.pop('friction', None)
         # What acts on the joints beside friction: actuators and stops.
         motors = self._actuator_torques(robot, q, generalized, tau, times)
-        applied = stop_forces + motors
-        energy = energies(robot, rows, self._sticking)
-        forces = self._constraint_forces(robot, q, u, udot, applied, motors, times,
-                                         friction)
-        residuals = constraint_residuals(robot, q, u, times)
+        applied = results['stop_forces'] + motors
+        results['constraint_forces'] = self._constraint_forces(
+            robot, q, u, udot, applied, motors, times, friction)
+        results |= constraint_residuals(robot, q, u, times)
         # Back to the user's speeds.
         if not in_user_speeds:
             converted = self.speeds(robot, q, u, udot, times)
-            u, udot = converted[:, 0], converted[:, 1]
-        return {'u': u, 'udot': udot, 'energy': energy, 'stop_forces': stop_forces,
-                'constraint_forces': forces, **sticking, **residuals}
+            results['u'], results['udot'] = converted[:, 0], converted[:, 1]
+        return results
 
     def _actuator_torques(self, robot: Robot, q: Array, generalized: Array, tau: Array,
                           times: Array) -> Array:
@@ -248,16 +259,6 @@ def _parts_by_robot(history: History, sampled: Array) -> list[tuple[Robot, list[
                 _, parts = groups.setdefault(id(robot), (robot, []))
                 parts.append(_Part(i, slice(begin, end)))
     return list(groups.values())
-
-
-def constraint_residuals(robot: Robot, q: Array, u: Array,
-                         times: Array) -> dict[str, Array]:
-    """Return the residuals of the constraints along a motion, (K, m) arrays."""
-    kernel = robot.kernels.kernel
-    timed = [times] if robot.equations.timed else []
-    residual = kernel('constraint_residual')(q, *timed)
-    of_velocities = kernel('constraint_velocity_residual')(q, u, *timed)
-    return {'constraint_residual': residual, 'constraint_velocity_residual': of_velocities}
 
 
 def actuator_torques(equations: Equations, names: Sequence[str], q: Any, tau: Any,

@@ -124,6 +124,7 @@ class Sweep:
                              f'{self.step} s; expected a whole number of steps, at most '
                              f'{MOST_STEPS}')
         if self.integrator is not None:
+            # Methods are named as in `simulate`.
             integrator_of(self.integrator)
         freeze(self, 't0', number_of('t0', self.t0, signed=True))
         if not isinstance(self.model, Model | Robot):
@@ -133,6 +134,7 @@ class Sweep:
             raise InputError('model: a robot that carries a payload; expected one '
                              'without, and the payload of the sweep')
         self.joints.check_motion(self.motion)
+        # Values that vary are collected last, when all else is valid.
         freeze(self, 'values', self._values())
 
     def __getstate__(self) -> dict[str, Any]:
@@ -256,6 +258,7 @@ class Sweep:
         com = entries.get('com', (0.0, 0.0, 0.0))
         if not isinstance(com, Sequence) or isinstance(com, str) or len(com) != 3:
             raise InputError(f'payload.com: {SHORT.repr(com)}; expected three values, m')
+        # In the order of the columns: mass, center of mass, radius of gyration.
         values = [value_of('payload.mass', entries['mass'])]
         for axis, x in zip('xyz', com):
             values.append(value_of(f'payload.com_{axis}', x, signed=True))

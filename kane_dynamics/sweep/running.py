@@ -81,6 +81,7 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *,
     table, work = SweepTable(sweep, folder), task(sweep)
     computed = failed = 0
     with table.opened() as finished:
+        # Chunks of an earlier run are there already; their trials are the same.
         chunks = [chunk for chunk in range(sweep.chunks) if chunk not in finished]
         present = sum(len(sweep.rows(chunk)) for chunk in finished)
         if chunks:
@@ -92,6 +93,8 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *,
         with (progress_bar('simulating', sweep.samples) as progress,
               closing(_computed(sweep, work, chunks, workers or thread_count(), dask))
               as results):
+            # Each chunk is written when it is complete, so that an interrupted sweep
+            # goes on from there.
             for chunk, columns in results:
                 table.write(chunk, columns)
                 computed += len(columns['ok'])

@@ -72,6 +72,7 @@ def plant(values: Values, joints: Sequence[str],
         # J = m k^2 1 about the center of mass is the second moment 1/2 m k^2 1.
         of_shape = 0.5 * (gyration**2)[:, None, None] * np.eye(3)
         second_moments = com[:, :, None] * com[:, None] + of_shape
+        # The six distinct entries of the symmetric matrix.
         rows, columns = np.triu_indices(3)
         payload[:, 4:] = mass[:, None] * second_moments[:, rows, columns]
         known[:, 0] = values.get('known_payload', 0.0)

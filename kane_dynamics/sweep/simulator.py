@@ -77,6 +77,7 @@ class Simulator:
     def __init__(self, sweep: Sweep) -> None:
         """Choose the integrator; kernels compile at the first use."""
         self.sweep = sweep
+        # Stability is judged at the first trial that closes.
         q0, errors = self._closed(drawn(sweep, range(1)))
         first = q0[:1] if errors[0] is None else q0[:0]
         self.integrator, self.step_text = stable_integrator(
@@ -226,12 +227,14 @@ class Simulator:
     def _outcomes(self, results: Results) -> Columns:
         """Return the outcome columns of all trials."""
         at, robot = self.trial.parts, self.sweep.robot
+        # The largest torque in either direction, from extremes over all steps.
         peak = np.maximum(-results.low[:, at.tau], results.high[:, at.tau])
         rms = np.sqrt(results.ends[:, at.squared_error] / self.sweep.duration)
         tables = (('q', results.ends[:, at.q], robot.coordinate_names),
                   ('u', results.ends[:, at.u], robot.speed_names),
                   ('peak_torque', peak, robot.speed_names),
                   ('rms_error', rms, self.sweep.joints.tracked_names))
+        # A column for each joint of each quantity.
         columns: Columns = {}
         for name, values, joints in tables:
             for joint, column in zip(joints, values.T):

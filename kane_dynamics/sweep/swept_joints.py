@@ -114,6 +114,8 @@ class SweptJoints:
             try:
                 closed[rows] = self._closed_near(guess, t0)
             except ConstraintError as error:
+                # A trial that cannot begin is a row with its reason, and the others go
+                # on.
                 closed[rows] = np.nan
                 for i in rows.tolist():
                     errors[i] = f'q0: {error}'

@@ -87,6 +87,7 @@ class SweepTable:
         metadata = {KEY: self._metadata(chunk)}
         rows = arrow.table(arrays).replace_schema_metadata(metadata)
 
+        # A reader never sees a part of a file: it is written beside, then renamed.
         def content(file: Any) -> None:
             self._parquet.write_table(rows, file, write_page_checksum=True)
         _write(self.folder / self._name(chunk), content)
@@ -119,6 +120,7 @@ class SweepTable:
         stored = _described(path)
         if stored.get('digest') == self.digest:
             return
+        # As read from a file: lists for tuples, numbers as JSON writes them.
         described = json.loads(json.dumps(self.sweep.description))
         differing = [key for key in described if stored.get(key) != described[key]]
         # Of the values, those that differ.

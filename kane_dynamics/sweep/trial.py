@@ -67,7 +67,7 @@ class TrialParts(NamedTuple):
 def parts_of(robot: Robot, tracked: int) -> TrialParts:
     """Return the slices of a trial's state for a number of tracked joints."""
     equations = robot.equations
-    sizes = [robot.n_q, robot.n, int(equations.timed), 1, tracked,
+    sizes = [robot.n_q, robot.n, len(time_input(robot)), 1, tracked,
              int(equations.watched), robot.n]
     ends = np.cumsum(sizes).tolist()
     begins = [0, *ends[:-1]]
@@ -138,6 +138,8 @@ class Trial:
         self.integrator = integrator_of(integrator)
         self.equations: Any = self.robot.equations
         self.n = self.robot.n
+        # The layout of a trial's state, and the limits within which its speeds count as
+        # regular.
         self.parts = parts_of(self.robot, len(self.tracked))
         self._gravity = robot.parameters.gravity
         self._carries = payload_frame is not None
@@ -217,6 +219,7 @@ class Trial:
             gravity = self.robot.kernels.program('gravity_force')
             return lambda q, u, desired, time: np.array(
                 call(gravity, q, *time, parameters))
+        # Computed torque follows some of the tracked joints.
         program = law_program(self.robot, self.followed)
         columns = [self.tracked.index(k) for k in self.followed]
 

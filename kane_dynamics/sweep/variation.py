@@ -68,6 +68,7 @@ class Value:
             Index of each trial in the list of a grid.
 
         """
+        # The bounds, or mean and deviation.
         first, last = self.numbers[0], self.numbers[-1]
         if self.kind == 'uniform':
             return first + (last - first) * uniform
@@ -78,6 +79,7 @@ class Value:
             return first + last * normal
         if len(self.numbers) == 1:
             return np.full(len(uniform), first)
+        # An index for each trial; a list of values is one each in order.
         if self.kind == 'choice':
             place = (uniform * len(self.numbers)).astype(np.int64)
         chosen: Array = np.array(self.numbers)[place]

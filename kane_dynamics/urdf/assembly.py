@@ -112,14 +112,18 @@ def _placements(selection: Selection) -> tuple[dict[str, Placement], Moving]:
             moves = single.name in selection.free or single.name in selection.followers
             heapq.heappush(ready, (moves, order[single.name], single))
 
+    # From the base outward: a link is placed once its parent is.
     reach(selection.base)
     while ready:
         moves, _, single = heapq.heappop(ready)
+        # The joint's origin, in the axes of the body that carries it.
         placement = placements[single.parent].frame(single.rotation, single.translation)
         if moves:
             moving.append((single, placement))
             placements[single.child] = Placement(len(moving) - 1)
         else:
+            # A locked joint moves its child by its position, and merges it with the
+            # parent.
             position = selection.positions.get(single.name, 0.0)
             displacement = _displacement(single, position)
             placements[single.child] = placement.frame(*displacement)
@@ -150,6 +154,7 @@ def _riders(tree: UrdfTree, selection: Selection, supplement: Supplement,
             inertial = inertial.moved(placement.rotation, placement.translation)
         riders[placement.body].append(inertial)  # the index of WORLD is -1
 
+    # Links that are dropped have no inertia, but their frames stay.
     links = [name for name in placements if name in tree.links]
     for name in links:
         inertial = tree.links[name]
@@ -265,6 +270,7 @@ def _limits(single: StatedJoint, notices: Notices) -> Limits:
 def _sensible(single: StatedJoint, stated: StatedLimits, notices: Notices) -> Limits:
     """Return the stated limits, infinite where invalid, with notices."""
     name = single.name
+    # A limit of 0 would forbid all motion; URDF exporters write it for "not known".
     zero = [key for key in ('velocity', 'effort') if getattr(stated, key) == 0.0]
     if zero:
         notices.zero_limit.append(f'{name} ({", ".join(zero)})')

@@ -105,6 +105,7 @@ def parse(text: str, *, depth: int = DEPTH, unread: Sequence[str] = UNREAD) -> E
     level = 0
     skipped = 0  # open elements below the depth, or in one that is not read
 
+    # Elements below the depth are counted, not kept, so that huge files stay cheap.
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal level, skipped
         level += 1

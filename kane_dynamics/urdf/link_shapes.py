@@ -178,6 +178,7 @@ def _mesh_file(name: str, folders: list[Path]) -> Path | None:
         candidates.append(Path(path))
     for folder in folders:
         candidates += [folder / package / path, folder / path]
+    # Installed packages, by the prefixes of ament and catkin.
     for variable in _SHARES:
         for prefix in os.environ.get(variable, '').split(os.pathsep):
             if prefix:

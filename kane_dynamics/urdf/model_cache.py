@@ -79,6 +79,7 @@ def _comparable(value: Any) -> Any:
         return [_comparable(item) for item in value]
     if value is None or type(value) in (str, int, float, bool):
         return value
+    # Anything else (a function, an object) has no repr that identifies it.
     raise TypeError
 
 

@@ -80,6 +80,7 @@ def _riders(model: Model, link: str, tree: UrdfTree, selection: Selection,
     riders: list[tuple[str, Inertial]] = []
     if link not in names:
         return riders  # `with_beam` refuses it
+    # The links that were merged into this one are frames of its body.
     for frame in model.frames:
         if frame.body != names.index(link) or frame.name not in tree.links:
             continue
@@ -95,8 +96,12 @@ def _tree(root: Element, notices: Notices) -> UrdfTree:
     """Convert checked XML to a tree of records."""
     robot = read_robot(root, CHILDREN)
     stated = {joint.attributes['name']: joint for joint in root.find_all('joint')}
-    links = [(link.name, _inertial(link)) for link in robot.links]
-    joints = [_joint(joint, stated[joint.name], notices) for joint in robot.joints]
+    links = []
+    for link in robot.links:
+        links.append((link.name, _inertial(link)))
+    joints = []
+    for joint in robot.joints:
+        joints.append(_joint(joint, stated[joint.name], notices))
     return build_tree(robot.name, links, joints)
 
 

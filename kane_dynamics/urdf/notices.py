@@ -56,6 +56,7 @@ class Notices:
         """Return one warning text for each kind with names."""
         of_mechanism = []
         of_actuators = []
+        # Entries that describe the mechanism, and entries that other programs use.
         for what, names in self.unused.items():
             text = f'{what}: {", ".join(dict.fromkeys(names))}'
             if what.startswith(OTHERS):

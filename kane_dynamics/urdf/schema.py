@@ -102,6 +102,7 @@ def _check(element: Element, owner: str, notices: Notices) -> None:
         what = f'{owner}: <{element.tag}>'
     _check_attributes(element, owner, what, notices)
     if element.tag == 'origin':
+        # Angles of more than a turn are most likely degrees.
         angles = element.attributes.get('rpy', '').split()
         if any(abs(float(angle)) > FULL_TURN for angle in angles):
             notices.degree_rpy.append(f"{owner} ({element.attributes['rpy']})")

@@ -104,7 +104,11 @@ def _check_balls(tree: UrdfTree, free: frozenset[str],
         if joint.kind != 'free':
             continue
         turns = [f'{joint.name}/w{letter}' for letter in 'xyz']
-        locked = {name: positions.get(name, 0.0) for name in turns if name not in free}
+        locked = {}
+        for name in turns:
+            if name not in free:
+                locked[name] = positions.get(name, 0.0)
+        # Three rotations are one joint: free, or locked where they do not turn.
         in_part = 0 < len(locked) < 3
         if in_part or any(locked.values()):
             at = ', '.join(f'{name} {position:g}' for name, position in locked.items())

@@ -46,6 +46,7 @@ def load_rows(robot: Robot, q: Array, tau: Array) -> Iterator[JointRow]:
             position = f'{q[place].round(3) + 0.0:.3f}'  # + 0.0 turns -0.0 into 0.0
             inside = limits.lower[place] <= q[place] <= limits.upper[place]
             beyond_range = not inside
+        # The share of the effort limit, where there is one.
         effort = limits.effort[i]
         share = ''
         if np.isfinite(effort):

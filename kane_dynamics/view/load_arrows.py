@@ -66,6 +66,7 @@ class LoadArrows:
         """
         names = self.robot.joint_names
         sliding = np.array([name in self.robot.model.sliding for name in names])
+        # Each kind of arrow has its own scale.
         forces = np.linalg.norm(self.reactions[..., :3], axis=-1)
         moments = np.linalg.norm(self.reactions[..., 3:], axis=-1)
         # The actuator of a prismatic joint exerts a force.
@@ -75,6 +76,7 @@ class LoadArrows:
                    'forces': float(max(forces.max(initial=0.0), actuator_force)),
                    'moments': float(moments.max(initial=0.0))}
         rounding = _ROUNDING * max(largest.values())
+        # Arrows of rounding errors would be as long as those of real loads.
         for kind, magnitude in largest.items():
             if magnitude <= rounding:
                 largest[kind] = 0.0

@@ -118,6 +118,7 @@ class Scene:
         scene = self.server.scene
         color = _rgb(LINK_COLOR if shape.color is None else shape.color)
         place = _place(shape)
+        # Primitive shapes have no file.
         if shape.kind == 'box':
             handle: Any = scene.add_box(name, dimensions=tuple(shape.size), color=color,
                                         **place)

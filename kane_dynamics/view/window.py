@@ -154,6 +154,7 @@ class Window:
                 self._show_at(moment)
                 serializer.insert_sleep(1.0 / _RATE)
             self._show_at(end)
+        # The panel shows the numbers of the moment that the page shows.
         page = add_panel(serializer.as_html(), self.robot, self._legend(_SHOWN), t,
                          loads.q[rows], loads.tau[rows], 1.0 / _RATE)
         with whole_file(path) as file:
@@ -285,9 +286,7 @@ def _turned_joints(robot: Robot) -> tuple[int, ...]:
     """Return the indices of the joints with sliders: all, or the independent ones."""
     names = robot.joint_names
     speeds = robot.speed_names
-    only_velocities = True
-    if robot.constraint_names:
-        only_velocities = len(velocity_rows(robot)) == len(robot.constraint_names)
+    only_velocities = len(velocity_rows(robot)) == len(robot.constraint_names)
     if only_velocities:  # no constraint on positions
         return tuple(range(len(names)))
     if set(speeds) <= set(names):

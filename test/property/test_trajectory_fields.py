@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from kane_dynamics import absolute_rates, longest_step, Robot, simulate
+from kane_dynamics import absolute_rates, ComputedTorque, longest_step, Motion, Robot, simulate
 from kinds_of_mechanism import case, elastic_case, KINDS, PAIRS, torque_of
 from linkages import five_bar, five_bar_at, four_bar_model, PIN, sleigh
 import numpy as np
@@ -124,6 +124,24 @@ def test_fields_stay_those_of_the_users_speeds_after_speed_changes(name):
     run = simulate(robot, q, [1.0], 1.5, torque=torque, sample=0.01)
     assert run.speed_changes
     check_fields(robot, run, samples=40, torque=torque)
+
+
+def test_torques_and_accelerations_of_a_law_are_right_after_speed_changes():
+    robot = Robot(four_bar_model(bars=(0.5, 0.9, 0.5)), constraints=[PIN])
+    q = robot.closed_configuration((0.8, 0.0, -1.5))
+    free = simulate(robot, q, [1.0], 0.35, torque=np.array([2.0]), sample=0.05)
+    motion = Motion.from_points(free.t, free.q[:, :1], joint_names=['crank'])
+    law = ComputedTorque(robot, motion, 100.0, 20.0, followed=['crank'])
+    run = simulate(robot, q, [1.0], 0.31, torque=law, sample=1e-3)
+    assert run.speed_changes and run.t[-1] > run.speed_changes[0].t + 0.02
+    # By differences, and from these by the user's robot alone; not at the points of the
+    # motion, where the desired jerk jumps.
+    udot = np.gradient(run.u[:, 0], run.t)[:, None]
+    tau = robot.inverse_dynamics(run.q, run.u, udot)
+    smooth = np.abs(run.t[:, None] - motion.times).min(axis=1) > 1.5e-3
+    smooth[-1] = False
+    for value, expected in ((run.udot, udot), (run.tau, tau)):
+        np.testing.assert_allclose(value[smooth], expected[smooth], rtol=0.01, atol=0.01)
 
 
 def test_fields_of_a_nonholonomic_body_are_right_after_speed_changes():

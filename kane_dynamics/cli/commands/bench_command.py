@@ -32,6 +32,7 @@ def bench(options: Namespace) -> None:
     """Time calls of this robot, alternating with Pinocchio's if it is installed."""
     model, robot = load(options)
     peer = reason = None
+    # Without a peer the own times are printed alone.
     try:
         peer = peer_of(source_of(options), robot)
     except InputError as error:
@@ -85,11 +86,13 @@ def peer_of(source: str | bytes, robot: Robot) -> Any:
     full = pinocchio_model(source, robot.model)
     import pinocchio as pin
     names = robot.joint_names
+    # Pinocchio has all joints of the URDF; those that the robot lacks are locked.
     locked = [full.getJointId(name) for name in full.names[1:] if name not in names]
     peer = pin.buildReducedModel(full, locked, pin.neutral(full)) if locked else full
     if tuple(peer.names[1:]) != names or peer.nq != robot.n:
         raise InputError(f'Pinocchio: coordinates {", ".join(peer.names[1:])}; expected '
                          f'{", ".join(names)}')
+    # Times are compared only if both compute the same torque.
     q, u, udot = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.n))
     ours = Robot(robot.model, friction=False).inverse_dynamics(q, u, udot)
     theirs = pin.rnea(peer, peer.createData(), q, u, udot)
@@ -107,6 +110,7 @@ def call_timings(robot: Robot, peer: Any = None) -> dict[str, Timing]:
     bound.q[:] = q
     bound.u[:] = u
     bound.udot[:] = x
+    # The statements are timed with these names as their globals.
     names: dict[str, Any] = {'robot': robot, 'bound': bound, 'q': q, 'u': u, 'x': x,
                              'bound_inverse_dynamics': bound.inverse_dynamics}
     if peer is not None:

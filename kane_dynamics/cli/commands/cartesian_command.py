@@ -25,6 +25,7 @@ def cartesian(options: Namespace) -> None:
                          'Hz')
     q = positions(options, 'q', robot)
     path = _path(options, robot.frame_pose(options.frame, q))
+    # A stated duration replaces the limits of the frame.
     limits = None
     if options.duration is None:
         limits = PoseLimits(options.linear, options.angular)

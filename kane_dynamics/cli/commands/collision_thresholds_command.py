@@ -20,8 +20,8 @@ CURVES = ('coulomb', 'damping', 'offset')
 def collision_thresholds(options: Namespace) -> None:
     """Calibrate collision detection; print the parameters of the node, or write them."""
     model, robot = load(options)
-    joints = recorded_joints(robot) if robot.constraint_names else None
-    recording = stated_efforts(options).applied(robot, recorded(options, model, joints))
+    states = recorded(options, model, recorded_joints(robot))
+    recording = stated_efforts(options).applied(robot, states)
     calibration = calibrate_collision(robot, recording, gain=options.gain,
                                       margin=options.margin, drift=options.drift,
                                       held=options.commands,

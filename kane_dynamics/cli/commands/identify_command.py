@@ -58,6 +58,7 @@ def identification(options: Namespace) -> None:
         return
     if options.ratio is not None or options.skew is not None:
         raise InputError('--ratio or --skew: given without --drives; expected both')
+    # A missing library is an error before the fit, which may take minutes.
     plot = pictures.plotter(options)  # errors early
     model, robot = load(options)
     if options.payload and not options.base_parameters:
@@ -70,6 +71,7 @@ def identification(options: Namespace) -> None:
         else:
             fit_model, printed, title = _fit_model, print_model, 'of the identified model'
         outcome = fit_model(options, model)
+    # All kinds of fits have the measured and the computed torque for the picture.
     data = outcome.data
     if plot is not None:
         names = data['joint_names']
@@ -188,6 +190,7 @@ def model_data(result: Identification, recording: Recording) -> dict[str, Any]:
     friction['friction_speed'] = result.friction_speed.tolist()
     for name in FURTHER:
         friction[name] = getattr(result, name).tolist()
+    # The errors of all laws of friction that were tried, on rows in motion and on all.
     candidates = {}
     for law, errors in result.candidates.items():
         candidates[law] = {'rms': errors.every, 'rms_moving': errors.moving}
@@ -232,6 +235,7 @@ def print_model(data: dict[str, Any]) -> None:
     print()
     _print_laws(data)
     _print_friction(data)
+    # Parameters that the motion determines alone, not only in combinations.
     identifiable = []
     for body, row in data['inertials'].items():
         for name, pair in row.items():
@@ -258,6 +262,7 @@ def _print_laws(data: dict[str, Any]) -> None:
             table.append([joint, *errors, data['laws'][k]])
         print_table(['joint', *data['candidates'], 'chosen'], table)
         print()
+    # What the chosen law adds to Coulomb and viscous friction.
     further = []
     for k, (joint, law) in enumerate(zip(data['joint_names'], data['laws'], strict=True)):
         if law != COULOMB.name:
@@ -312,6 +317,7 @@ def _fit_base(options: Namespace, model: Model) -> Outcome:
                          'neither, since base parameters are no model')
     model, recording = _without_doubtful_gravity(options, model)
     data = rows(model, recording, options.standstill)
+    # Fitted to the first half, judged by the second.
     first, second = data.half(second=False), data.half(second=True)
     speeds = base_speeds(first, model)
     fit = fit_base(first, model, speeds)
@@ -436,10 +442,8 @@ def _fit_payload(options: Namespace, robot: Robot) -> Outcome:
             'rows': len(recording), 'files': [options.out] if options.out else []}
     carrying = robot.with_payload(options.payload, payload.inertial)
     q, u, udot, _, _ = recorded_motion(carrying, names, recording)
-    computed = carrying.inverse_dynamics(q, u, udot)
-    if robot.constraint_names:
-        of_joints = carrying.joint_torques(computed, q)
-        computed = of_joints[:, [robot.joint_names.index(name) for name in names]]
+    of_joints = carrying.joint_torques(carrying.inverse_dynamics(q, u, udot), q)
+    computed = of_joints[:, [robot.joint_names.index(name) for name in names]]
     return Outcome(data, recording.t, recording.tau, computed)
 
 

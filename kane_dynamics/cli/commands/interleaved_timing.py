@@ -42,15 +42,16 @@ def interleaved(contenders: Mapping[str, Contender], turns: int = TURNS,
     contenders whose small difference matters.
     """
     counts = {name: _calls_a_turn(call, clock) for name, call in contenders.items()}
-    seconds: dict[str, list[float]] = {name: [] for name in contenders}
+    seconds = {name: np.empty(turns) for name in contenders}
     order = list(contenders)
     shuffle = random.Random(0).shuffle
-    for _ in range(turns):
+    # In each turn all contenders meet the same load of the machine, in any order.
+    for turn in range(turns):
         shuffle(order)
         for name in order:
-            seconds[name].append(_time(contenders[name], counts[name],
-                                       clock) / counts[name])
-    return Timing({name: np.array(values) for name, values in seconds.items()})
+            count = counts[name]
+            seconds[name][turn] = _time(contenders[name], count, clock) / count
+    return Timing(seconds)
 
 
 def _time(call: Contender, count: int, clock: Clock) -> float:

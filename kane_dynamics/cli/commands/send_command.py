@@ -56,7 +56,7 @@ def send(options: Namespace) -> int:
 
 
 def did_not_follow(travel: Array, largest_error: Array) -> Array:
-    """Return which joints, of a travel each, did not follow; arguments in rad or m."""
+    """Return which joints had too large errors for their travel; arguments in rad or m."""
     return np.asarray(largest_error > np.where(travel > STILL, FOLLOWED * travel, STILL))
 
 

@@ -71,6 +71,8 @@ def banded_system_solution(diagonals: Array, right: Array) -> Array:
         rows[:k, k] = 0.0
     forward, back = _kernels()
     inner = factors[3:m + 3]
+    # Elimination from the first row to the last, each by the three rows before it; then
+    # substitution back, each by the three rows after it.
     forward.scan([factors[:m], factors[1:m + 1], factors[2:m + 2], rows], inner)
     back.scan([factors[6:], factors[5:m + 5], factors[4:m + 4], inner], inner,
               reverse=True)

@@ -78,14 +78,15 @@ def smooth_sections(motion: Motion, points: int) -> list[SmoothSection]:
     """
     parts = [_Part(motion, begin, end) for begin, end in pairwise(rests(motion))]
     total = sum(part.length for part in parts)
-    parts = [part for part in parts if part.length > 1e-12 * total]
-    if not parts:
+    if not total > 0.0:
         raise InputError(f'path: rests at {motion.positions[0].tolist()}; expected a '
                          'path that moves')
+    # Each part gets its share of the points; a dwell has no length.
     smooth = []
     for part in parts:
-        intervals = max(FEWEST, round(points * part.length / total))
-        smooth.append(part.sampled(intervals))
+        if part.length > 1e-12 * total:
+            intervals = max(FEWEST, round(points * part.length / total))
+            smooth.append(part.sampled(intervals))
     return smooth
 
 

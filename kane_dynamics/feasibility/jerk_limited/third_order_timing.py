@@ -78,7 +78,7 @@ class ThirdOrderTiming(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Return how much longer it is than without tighter limits, relative."""
+        """Return the relative increase of the duration by the tighter limits."""
         return self.duration / self.least - 1.0
 
 

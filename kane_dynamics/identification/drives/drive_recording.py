@@ -64,6 +64,7 @@ class DriveRecording:
         if self.t.ndim != 1 or self.theta.ndim != 2 or not self.theta.shape[1]:
             raise InputError(f'drive recording: t and theta of shapes {self.t.shape} and '
                              f'{self.theta.shape}; expected (N,) and (N, n)')
+        # All signals have a row for each time and a column for each joint.
         expected = len(self.t), self.theta.shape[1]
         for name in self.signals:
             value = getattr(self, name)
@@ -165,6 +166,7 @@ class DriveRecording:
         on_time = np.empty_like(self.q)
         for joint, delay in enumerate(late):
             on_time[:, joint] = spline(self.t, self.q[:, joint])(self.t + delay)
+        # Times whose positions of all links lie within the recording.
         recorded = self.t + late.max() <= self.t[-1]
         recorded &= self.t + late.min() >= self.t[0]
         columns = {name: getattr(self, name)[recorded] for name in self.signals}

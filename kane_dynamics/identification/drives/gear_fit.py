@@ -104,6 +104,8 @@ def mean_coulomb(speed: Array, slip: float, noise: float) -> Array:
     x = speed / slip
     middle = 0.5 * (x[:-1] + x[1:])
     before, after = np.append(x[0], middle), np.append(middle, x[-1])
+    # The mean of tanh over each half of the step, by its integral log cosh, is exact for
+    # a speed that is linear in time.
     halves = []
     for begin, end in ((before, x), (x, after)):
         change = end - begin
@@ -111,6 +113,8 @@ def mean_coulomb(speed: Array, slip: float, noise: float) -> Array:
         integral = np.logaddexp(end, -end) - np.logaddexp(begin, -begin)
         halves.append(np.where(small, np.tanh(0.5 * (begin + end)),
                                integral / np.where(small, 1.0, change)))
+    # Noise of the speed flattens the transition: half its variance times the second
+    # derivative.
     slipping = np.tanh(x)
     bend = -2.0 * slipping * (1.0 - slipping**2)
     flattened = 0.5 * (noise / slip)**2 * bend
@@ -216,13 +220,17 @@ class GearEquations:
         if 'log_slip' in self.names:
             slip = float(np.exp(value['log_slip']))
         q, q_rate, sliding, rigid = self._of_links(value['skew'], slip)
+        # The gear carries the link: its rigid dynamics and the friction of the link.
         gear = rigid
         if signals.link is not None:
             gear = (rigid + value['link_damping'] * q_rate
                     + value['link_friction'] * sliding)
+        # First equation, the spring: compliance times gear torque is the deflection.
         spring = (value['compliance'] * gear - (self._theta - q)
                   - value['eta'] * (self._theta_rate - q_rate)
                   - value['deflection_offset'] * self._constant)
+        # Second equation, the rotor: motor torque less inertia, losses and gear torque
+        # is zero.
         rows = [spring]
         if signals.motor_torque is not None:
             losses = (value['motor_damping'] * self._theta_rate
@@ -238,13 +246,17 @@ class GearEquations:
         It stays in a fit: the residuals would be smallest for a friction of infinite noise.
         """
         value: dict[str, float] = dict(zip(self.names, x.tolist(), strict=True))
-        slip = float(np.exp(value.get('log_slip', float(np.log(FIRST_SLIP)))))
-        signals = self._signals
-        self.varying = np.zeros(2)
-        for k, (name, speed) in enumerate((('motor_friction', signals.speed),
-                                           ('link_friction', signals.link_speed))):
+        slip = FIRST_SLIP
+        if 'log_slip' in value:
+            slip = float(np.exp(value['log_slip']))
+        speeds = {'motor_friction': self._signals.speed,
+                  'link_friction': self._signals.link_speed}
+        # Friction of a slope that varies makes noise of the speed's noise.
+        noise = []
+        for name, speed in speeds.items():
             spread = friction_slope(speed.values, slip).spread
-            self.varying[k] = value.get(name, 0.0) * np.sqrt(spread * speed.density)
+            noise.append(value.get(name, 0.0) * np.sqrt(spread * speed.density))
+        self.varying = np.array(noise)
 
     def _of_links(self, skew: float, slip: float) -> tuple[Array, Array, Array, Array]:
         """Return the spectra of q, q', Coulomb friction and torque at the motors' times."""

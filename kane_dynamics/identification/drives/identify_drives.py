@@ -197,11 +197,13 @@ def identify_drives(model: Model, recording: DriveRecording, *,
     if recording.q is None and recording.motor_torque is None:
         raise InputError('recording: neither positions of the links nor motor torques; '
                          'expected one of them beside the torques of the gears')
+    # Spectra need equal times between rows.
     even = recording.resampled()
     moving = np.ptp(even.theta, axis=0) > MOVES
     if not moving.any():
         raise InputError(f'recording: no motor moves more than {MOVES:g} rad; expected '
                          'motors in motion')
+    # Without encoders at the links, their motion is a part of the unknowns.
     if even.q is None:
         result = _motor_side(model, even)
     else:
@@ -245,6 +247,7 @@ def _with_encoders(model: Model, recording: DriveRecording, skew: float | None
     numbers = []
     misfits, shares = [], []
     for name, signal in zip(model.joint_names, signals, strict=True):
+        # A motor at rest says nothing of its drive.
         if np.ptp(signal.theta) <= MOVES:
             numbers.append(_at_rest(name))
             misfits.append(1.0)
@@ -253,6 +256,7 @@ def _with_encoders(model: Model, recording: DriveRecording, skew: float | None
         fit = fitted(GearEquations(signal, of, skew))
         numbers.append(_joint_numbers(name, fit, skew, signal))
         misfits.append(fit.misfit)
+        # How much of the deflection the skew makes: a large share is a warning.
         late = fit.value('skew') if skew is None else skew
         deflection = signal.theta - signal.q
         shares.append(abs(late) * float(np.std(signal.link_speed.values)
@@ -267,6 +271,7 @@ def _joint_signals(model: Model, recording: DriveRecording
     step = float(np.diff(recording.t).mean())
     noise = {name: _noise(getattr(recording, name), step) for name in recording.signals}
     assert recording.q is not None
+    # Frequencies at which the deflection is above its noise.
     band = audible_band(recording.theta - recording.q,
                         np.hypot(noise['theta'], noise['q']), step)
     of = spectra(len(recording), step, band)
@@ -347,6 +352,7 @@ def _stiffness_reason(fit: GearFit, signal: JointSignals) -> str:
             return ('not separable from the skew of the encoders (correlation '
                     f'{together:.3f}): the torque follows the speed; expected holds in '
                     'several configurations or reversals without stopping, or a known skew')
+    # Even the softest compliance within its deviation leaves this stiffness.
     stiffest = 1.0 / max(abs(compliance) + SURE * deviation, 1e-300)
     noise = np.hypot(signal.noise['theta'], signal.noise['q'])
     return (f'compliance {compliance:.3g} +- {deviation:.1g} rad/(N m), stiffer than about '
@@ -404,6 +410,7 @@ def _motor_side(model: Model, recording: DriveRecording) -> DriveIdentification:
     signals = MotorSignals(recording.t, recording.theta, recording.motor_torque, speeds,
                            noise)
     equations = MotorEquations(links_alone(model), signals, of)
+    # One fit of all joints, because each motor moves the links of the others.
     fit = motor_side_fit(equations)
     numbers = []
     for j, name in enumerate(model.joint_names):
@@ -440,6 +447,7 @@ def _identification(names: tuple[str, ...], source: str,
         for name, value in of_joint.items():
             if value.reason:
                 undetermined[f'{joint} {name}'] = value.reason
+    # One array for each quantity, with an entry for each joint.
     columns: dict[str, Any] = {}
     for name in ('stiffness', 'damping', 'rotor inertia', 'skew'):
         key = name.replace(' ', '_')

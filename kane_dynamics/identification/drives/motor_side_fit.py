@@ -133,11 +133,14 @@ class MotorEquations:
         n = self._robot.n
         own_inertia = np.diag(self.inertia)
         x = np.zeros((len(NAMES), n))
+        # Springs that vibrate at 15 Hz with the link's own inertia.
         x[0] = 1.0 / (own_inertia * (2.0 * np.pi * 15.0)**2)
         for _ in range(SWEEPS):
             for j in range(n):
                 costs = []
                 trials = []
+                # The cost has many minima along the frequency: a grid finds the deepest
+                # one.
                 for frequency in FREQUENCIES:
                     trial = x.copy()
                     omega = 2.0 * np.pi * frequency
@@ -153,10 +156,13 @@ class MotorEquations:
     def _with_linear(self, x: Array) -> Array:
         """Return parameters with the static start and the motors that fit a simulation best."""
         x = x.copy()
+        # At rest the springs carry the weight.
         weight = self._robot.gravity_force(self._signals.theta[0])
         x[4] = self._signals.theta[0] - x[0] * weight
         x[5] = self._rate[0]
         gear = self._spectra(self.gear_torque(x[:4], x[4:6]))
+        # Inertia and friction of each motor are linear in what the gear leaves
+        # unexplained.
         for j in range(self._robot.n):
             columns = self._columns[:, j].T
             missing = self._motor[j] - gear[j]
@@ -174,6 +180,8 @@ class MotorEquations:
         """Return the residuals, (n, F), over the root of their covariance, real."""
         omega = self._of.omega[:, None, None]
         n = len(missing)
+        # How noise of the motor's position passes the springs and the links into the
+        # equation.
         elastic = np.eye(n) * (1.0 + 1j * omega * spring[1]) / spring[0]
         slope = np.array([of_motor.mean for of_motor in self._slopes])
         spread = np.array([of_motor.spread * speed.density for of_motor, speed
@@ -188,6 +196,7 @@ class MotorEquations:
         of_friction = self.varying**2 * spread
         covariance = covariance + np.diag(noise['motor_torque']**2 + of_friction)
         covariance = self._of.gain * covariance
+        # L^-1 r of the covariance L L^T has independent entries of variance 1.
         root = np.linalg.cholesky(covariance)
         white = np.linalg.solve(root, missing.T[:, :, None])[:, :, 0].ravel()
         return np.asarray(np.sqrt(2.0) * np.concatenate([white.real, white.imag]))
@@ -199,12 +208,15 @@ def motor_side_fit(equations: MotorEquations) -> MotorSideFit:
     lowest[0] = 1e-12
     x = equations.start()
     for _ in range(ROUNDS):
+        # The covariance depends on the friction: it is fixed during a fit, then computed
+        # again.
         equations.varying = x.reshape(len(NAMES), -1)[NAMES.index('motor_friction')]
         solution = scientific('scipy.optimize').least_squares(
             equations.weighted, x, bounds=(lowest.ravel(), np.inf), x_scale='jac',
             max_nfev=MOST_EVALUATIONS)
         x = solution.x
     residual = solution.fun
+    # The deviations grow where residuals are larger than the noise.
     freedom = max(len(residual) - len(solution.x), 1)
     misfit = max(float(residual @ residual) / freedom, 1.0)
     values = dict(zip(NAMES, solution.x.reshape(len(NAMES), -1), strict=True))

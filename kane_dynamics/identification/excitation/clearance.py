@@ -154,6 +154,7 @@ class Clearance:
             pose = poses[shape.body]
             R = pose[:, :3, :3] @ shape.rotation
             down = -R[:, 2, :]  # the world's down in the shape's axes
+            # The support point of a convex shape in the direction down.
             if shape.kind == 'box':
                 point = 0.5 * np.sign(down) * shape.size
             elif shape.kind == 'cylinder':

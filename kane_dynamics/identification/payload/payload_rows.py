@@ -133,9 +133,13 @@ class PayloadRows:
 
         # Friction of the joints, in the order of their coordinates.
         joints = self.robot.model.coordinate_joints
-        self._joint_friction = np.array([_holding_level(joint) for joint in joints])
-        self._load_fraction = np.array([max(load_fractions(joint)) for joint in joints])
-        self._joint_speed = np.array([joint.friction_speed for joint in joints])
+        self._joint_friction = np.empty(len(joints))  # N m or N
+        self._load_fraction = np.empty(len(joints))
+        self._joint_speed = np.empty(len(joints))  # at which friction sets in
+        for k, joint in enumerate(joints):
+            self._joint_friction[k] = _holding_level(joint)
+            self._load_fraction[k] = max(load_fractions(joint))
+            self._joint_speed[k] = joint.friction_speed
 
         # In joint rates the joints are the actuators.
         self.friction = self._joint_friction
@@ -183,7 +187,7 @@ class PayloadRows:
             return ActuatorRows(Y, u, residual, self._slack(u, tau))
 
         # One result holds T, (n_j, n), and, as its last column, the rates of all joints.
-        times = [np.broadcast_to(t, np.shape(q)[:-1])] if robot.equations.timed else []
+        times = robot.equations.time_inputs(np.broadcast_to(t, np.shape(q)[:-1]))
         transmission = self._transmission(q, u, *times)
         T = transmission[..., :-1]
         joint_rates = transmission[..., -1]

@@ -155,6 +155,7 @@ def _connections(connections: Sequence[Any], path: Path, kind: str,
 
 def _of_joints(message: Any, joint_names: Sequence[str], path: Path) -> list[Any]:
     """Return position, velocity and effort in the order of the joints; None if empty."""
+    # Messages may have the joints in any order, and further ones.
     places = {name: k for k, name in enumerate(message.name)}
     missing = [name for name in joint_names if name not in places]
     if missing:

@@ -154,10 +154,12 @@ def refuse_faulty(model: Model, recording: Recording,
 
 def _named(model: Model, joints: Sequence[int] | NDArray[np.intp]) -> str:
     """Return names of joints as text."""
-    if len(joints) == model.n:
-        return 'all joints' if model.n > 1 else f"joint '{model.joint_names[0]}'"
-    names = [f"'{model.joint_names[j]}'" for j in joints]
-    return f'joint{"s" if len(names) > 1 else ""} {", ".join(names)}'
+    if len(joints) == model.n > 1:
+        return 'all joints'
+    names = ', '.join(f"'{model.joint_names[j]}'" for j in joints)
+    if len(joints) == 1:
+        return f'joint {names}'
+    return f'joints {names}'
 
 
 def _motion(model: Model, recording: Recording) -> Iterator[str]:
@@ -225,7 +227,7 @@ def _displacements(recording: Recording) -> tuple[Array, Array]:
 
 
 def _speed_fault(model: Model, j: int, cosines: Array, factor: float) -> str | None:
-    """Return what the speeds of a joint are, instead of derivatives of its positions."""
+    """Return how speeds of a joint differ from derivatives of its positions; None if not."""
     if cosines[j] > LIKE and 0.6 < factor < 1.6:
         return None
     # The right direction with a wrong size: a unit that differs by a known factor.
@@ -254,6 +256,7 @@ def _is_interruption(recording: Recording) -> Array:
 
 def _interruptions(recording: Recording) -> Iterator[RecordingFault]:
     """Yield the interruptions of the times."""
+    # Filters and differences assume rows in even steps.
     rows = interruptions(recording)
     if not len(rows):
         return
@@ -312,6 +315,7 @@ def _torques(model: Model, recording: Recording, gravity_added: bool, *,
     """
     robot = Robot(model, friction=False)
     smooth = smoothed(recording)
+    # A part of the rows shows faults as well as all of them.
     step = max(1, len(smooth) // MOST_ROWS)
     corrected, scaled = _within_limits(robot, smooth.rows(slice(None, None, step)))
     joints_by_fault: dict[str, list[int]] = {}
@@ -338,6 +342,7 @@ def _best_repair(robot: Robot, recording: Recording, errors: Array, gravity_adde
     """Return the correction that reduces the residuals most, and what it leaves of them."""
     best: tuple[_Repair, Array] | None = None
     largest_fall = -math.inf
+    # Corrections are compared by the product of the ratios by which errors fall.
     for repair in _repairs(robot, recording, errors, gravity_added):
         joints = list(repair.joints)
         remaining = _errors(robot, repair.recording)
@@ -346,6 +351,7 @@ def _best_repair(robot: Robot, recording: Recording, errors: Array, gravity_adde
         comparable[joints] *= repair.factor
         fall = float(np.log(errors / comparable).sum())
         reduces_all = (comparable[joints] <= 1.01 * errors[joints]).all()
+        # More joints need more evidence, and no joint may become worse.
         if fall > repair.needed and reduces_all and fall > largest_fall + 1e-3:
             best = repair, remaining
             largest_fall = fall
@@ -450,6 +456,7 @@ def _sign_and_gravity_repairs(robot: Robot, r: Recording,
                               joint_sets: Sequence[tuple[int, ...]],
                               gravity_added: bool) -> Iterator[_Repair]:
     """Yield recordings with torques of the other sign, with gravity, or without it."""
+    # A joint without weight (a vertical axis) shows nothing about gravity.
     gravity = robot.gravity_force(r.q)
     is_loaded = np.abs(gravity).max(axis=0) > 1e-6
     for joints in joint_sets:

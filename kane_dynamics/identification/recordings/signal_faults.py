@@ -95,7 +95,7 @@ def frozen_rows(recording: Recording) -> Flags:
 
 
 def beyond_limits(recording: Recording, limits: Array) -> Flags:
-    """Return whose efforts exceed the effort limits by far and not only for moments, (n,)."""
+    """Return for which joints efforts are far beyond their limits for long, (n,)."""
     usual = np.quantile(np.abs(recording.tau), 0.9, axis=0)
     beyond: Flags = usual > BEYOND * limits
     return beyond

@@ -87,6 +87,7 @@ class Jet:
             return self
         # y = x^p: x y' = p x' y.
         power = float(exponent)
+        # By coefficients: k x_0 y_k = sum over i of (p i - (k - i)) x_i y_(k-i).
         x = self.c
         y = [x[0] ** exponent]
         for k in range(1, len(x)):
@@ -187,7 +188,7 @@ def series_array(terms: Sequence[Any]) -> Any:
 
 
 def term(array: Any, order: int) -> Any:
-    """Return the Taylor coefficients of an order of an array of scalars, as jets or not."""
+    """Return the Taylor coefficients of one order, of an array of jets or numbers."""
     source = np.asarray(array, dtype=object)
     result = np.empty(source.shape, dtype=object)
     for k in np.ndindex(source.shape):

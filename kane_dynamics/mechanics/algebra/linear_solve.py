@@ -69,6 +69,7 @@ def solution(A: Any, B: Any) -> Any:
 
 def _eliminate_constants(left: Matrix, right: Matrix) -> dict[int, int]:
     """Eliminate by Gauss-Jordan, in place; return the pivot rows of solved columns."""
+    # Constants up to rounding of the row's largest one are no pivots.
     smallest = []
     for row_of_left in left:
         constants = filter(_is_constant, row_of_left)
@@ -107,6 +108,7 @@ def _solve_blocks(left: Matrix, right: Matrix,
             if not all(map(is_zero, chain(*column))):
                 earlier.append(c)
                 known.append(X[c])
+        # A y = b - C x: what the earlier unknowns x contribute goes to the right side.
         coupling = _part(left, rows, earlier)
         unknowns = _block_unknowns(diagonal, right_of_block, coupling, known)
         X.update(zip(columns, unknowns))
@@ -158,6 +160,7 @@ def _constant_pivot(A: Matrix, pivot_rows: dict[int, int],
             else:
                 has_traced = True
         largest = max(sizes.values(), default=0.0)
+        # A traced entry may turn out much larger, and the pivot then loses digits.
         if has_traced and largest < ALONE:
             continue
         # Of large enough entries, one in a row with few entries, then a large one.
@@ -229,6 +232,8 @@ def _components(needs: dict[int, list[int]]) -> list[list[int]]:
     Tarjan's algorithm: `lowest` is the smallest number of an open node that a node
     reaches.
     """
+    # Tarjan's algorithm: `number` counts nodes in the order of the visit, `lowest` is
+    # the earliest open node that a node reaches.
     number: dict[int, int] = {}
     lowest: dict[int, int] = {}
     open_nodes: list[int] = []
@@ -311,6 +316,8 @@ def _block_solution(A: Matrix, B: Matrix) -> Matrix:
         for r in range(n):
             for c in range(n):
                 adjugate[c, r] = _cofactor(A, r, c)
+    # Cramer's rule: A^-1 is the adjugate over the determinant, here expanded by the
+    # first row.
     scale = 1.0 / dot(A[0], adjugate[:, 0])
     X = []
     for row in adjugate.tolist():

@@ -32,6 +32,7 @@ def rotation_matrix(p: Vector) -> Matrix:
     wx = sx * w
     wy = sy * w
     wz = sz * w
+    # R = 1 + 2 w [v] + 2 [v]^2 with v = (x, y, z), for a unit quaternion.
     return np.array([[1.0 - (yy + zz), xy - wz, xz + wy],
                      [xy + wz, 1.0 - (xx + zz), yz - wx],
                      [xz - wy, yz + wx, 1.0 - (xx + yy)]])

@@ -71,6 +71,7 @@ def _nearly_closed(mechanism: Mechanism, q: Array) -> list[Array]:
     steps = rng.uniform(-np.pi, np.pi, (STARTS, model.n)) * mechanism.units
     starts = [q, *(moved(model, q, step) for step in steps)]
     nearly_closed = []
+    # A random start finds configurations that the stated one does not lead to.
     for start in starts:
         result = closing_iterations(loose, start, moves, 0.0, ITERATIONS)
         if result.converged:
@@ -100,6 +101,8 @@ def _kinds(mechanism: Mechanism, q: Array) -> str:
         for kind in get_args(Kind):
             if kind in ('distance', closure.kind):
                 continue
+            # The same closure with fewer rows: what it leaves free tells whether it was
+            # too strict.
             constraints = list(mechanism.constraints)
             constraints[k] = replace(closure, kind=kind, second_axis=None, length=None)
             freedom = _freedom_near(mechanism, constraints, q)

@@ -79,6 +79,7 @@ def margin(mechanism: Mechanism, q: Vector, t: Scalar, limits: Vector,
         Use the kinematics of these links, which are compiled.
 
     """
+    # S q' = [u; 0] + s: rows of the independent speeds, then of the constraints.
     state = mechanism.state(q, t, links)
     S, s = mechanism.system(state)
     inverse = mechanism.solved(S, np.eye(len(S)))
@@ -95,6 +96,7 @@ def margin(mechanism: Mechanism, q: Vector, t: Scalar, limits: Vector,
         else:
             length_2 = length_2 + residual * residual
 
+    # Each figure, divided by its limit, uses a part of the margin 1.
     return 1.0 - (limits[0] * squared_figure(mechanism, S, inverse)
                   + limits[1] * length_2 + limits[2] * angle_2
                   + limits[3] * squared_excess(mechanism, S, s, inverse, rows))

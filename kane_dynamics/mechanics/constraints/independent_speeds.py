@@ -171,6 +171,7 @@ def _require_rows(mechanism: Mechanism, start: Array, elsewhere: bool) -> None:
     starts = [start]
     if elsewhere:
         starts += _starts(mechanism)
+    # One configuration with values is enough: constraints may have singular points.
     for q in starts:
         state = mechanism.state(q)
         try:
@@ -199,6 +200,7 @@ def _finite_places(mechanism: Mechanism, places: list[Array]) -> list[Array]:
             regular.append(q)
     if regular:
         return regular
+    # Nowhere finite: the error names the constraints whose rows have no value.
     names: dict[str, None] = {}  # in order, without repetition
     for owner, row_is_finite in zip(mechanism.owners, finite):
         if not row_is_finite:

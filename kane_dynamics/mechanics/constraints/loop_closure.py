@@ -95,6 +95,8 @@ def closed_configuration(mechanism: Mechanism, q: Any, *, t: float = 0.0,
     """
     model = mechanism.model
     start = _checked(mechanism, q, t)
+    # Directions of quaternions are unknown at zero; elsewhere only their length is
+    # corrected.
     for ball in balls(model):
         if not ball.quaternion(start).any():
             raise InputError(f'q: {start.tolist()}; expected nonzero quaternions')
@@ -103,6 +105,7 @@ def closed_configuration(mechanism: Mechanism, q: Any, *, t: float = 0.0,
     moves = np.ones(model.n, dtype=bool)
     moves[list(fixed_joints)] = False
 
+    # Newton steps on the residuals; the fixed joints keep their values.
     result = closing_iterations(mechanism, start, moves, t, rows=rows)
     if result.converged:
         return result.q
@@ -242,6 +245,8 @@ def followed_configuration(mechanism: Mechanism, start: Any, q: Any, *, t: float
     fixed_rows = np.eye(model.n)[joints]
     last_sign = 0.0
     for share in np.arange(1, count + 1) / count:
+        # The fixed coordinates move on, all others start from the last closed
+        # configuration.
         guess = closed.copy()
         guess[places] = first + share * (last - first)
         next_closed = closed_configuration(mechanism, guess, t=t, fixed=fixed, rows=rows)

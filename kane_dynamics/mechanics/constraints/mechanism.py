@@ -74,7 +74,7 @@ class MechanismState:
         return frame_kinematics.LinkPoses(self._links or (), self._positions, self._axes)
 
     def in_axes_of(self, frame: str | Frame) -> 'MechanismState':
-        """Return this state in the axes of a frame's body; the definition's as it is."""
+        """Return this state in the axes of a frame's body, where links were stated."""
         body = self._frame(frame).body
         if self._links is None or body == self._axes:
             return self
@@ -559,6 +559,7 @@ class Mechanism:
         """
         n = self.n
         count = len(rates)
+        # Taylor coefficients: u = sum of u_k t^k with u_k the k-th rate over k!.
         speeds = [rate * (1.0 / math.factorial(k)) for k, rate in enumerate(rates)]
         coordinates = [q]
         joint_rates: list[Vector] = []
@@ -566,6 +567,8 @@ class Mechanism:
         S_inverse = np.eye(n)
         no_speeds = np.zeros(len(self.kept)).astype(object)
         for order in range(count):
+            # The coefficients of S and s of this order need those of q up to it, which
+            # are known.
             moving_q = series_array(coordinates)
             if self.in_joint_speeds:
                 joint_rates.append(speeds[order])
@@ -575,6 +578,8 @@ class Mechanism:
                 if order == 0:
                     S_inverse = self.solved(S, np.eye(len(S)))
                 S_terms.append(term(S, order))
+                # S q' = [u; 0] + s: S_0 v_k = [u_k; 0] + s_k - sum over i >= 1 of S_i
+                # v_(k-i).
                 right = np.concatenate([speeds[order], no_speeds]) + term(s, order)
                 for i in range(1, order + 1):
                     right = right - S_terms[i] @ joint_rates[order - i]
@@ -587,6 +592,8 @@ class Mechanism:
         T_terms = [S_inverse[:, :n]]
         if not self.in_joint_speeds:
             for order in range(1, count - 1):
+                # S T = [1; 0], of which only the constant term is not zero: S_0 T_k =
+                # -sum of S_i T_(k-i).
                 change = np.zeros((self.model.n, n)).astype(object)
                 for i in range(1, order + 1):
                     change = change + S_terms[i] @ T_terms[order - i]

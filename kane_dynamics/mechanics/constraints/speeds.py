@@ -69,6 +69,7 @@ class Speeds:
             Z = np.zeros(n)
         else:
             Z = np.asarray(self._evaluated(self.Z, 'Z', q, t))
+        # User-defined functions may return anything that converts to an array.
         for name, value, shape in (('Y', Y, (n, n)), ('Z', Z, (n,))):
             if value.shape != shape:
                 raise ConstraintError(f'{name}(q, t) returns shape {value.shape}; '
@@ -161,6 +162,7 @@ def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
                 rows[r] = row
             return np.array(rows)
 
+        # The three speeds have the places of the angle rates that they replace.
         speed_names = list(model.joint_names)
         for r, part in zip(angles, ('x', 'y', 'z')):
             speed_names[r] = f'{frame}/omega_{part}'

@@ -56,6 +56,7 @@ def transmission_margin(mechanism: Mechanism, T: Matrix,
         raise ConstraintError(
             f'{_names(mechanism, places)}: these joints do not determine the motion in '
             'any configuration; expected others') from None
+    # Entry k of the diagonal needs only column k of T^T T.
     ratio_2 = sum(solve(factors, order, whole[:, k])[k] for k in order)
     return 1.0 - ratio_2 * LARGEST_RATIO**-2
 

@@ -85,6 +85,7 @@ def load_constraints(source: str | os.PathLike[str] | Mapping[str, Any], *,
     else:
         data = read_yaml(source, 'constraints', ConstraintError)
         file = f"constraints file '{os.fspath(source)}'"
+    # Only known keys: a misspelled one must not be ignored.
     top = mapping(data, file, ('constraints', 'independent', *OPTIONAL), ConstraintError)
     entries = mapping(top.get('constraints', {}), f'{file}: constraints', None,
                       ConstraintError)

@@ -44,7 +44,7 @@ class Reduction:
 
 
 def reduction(mechanism: 'Mechanism', q: Array, t: float = 0.0) -> Reduction:
-    """Return W, X, A and B as numbers."""
+    """Return W, X of q' = W u + X, and A, B of u_D = A u_I + B, at a configuration."""
     dependent = dependent_places(mechanism)
 
     # u = Y q' + Z gives q' = W u + X.

@@ -197,7 +197,9 @@ def potential_energy(model: Model, q: Vector, *,
         stretch = joint.multiplier * q[joint.coordinate] + joint.offset - joint.rest
         total = total + 0.5 * joint.stiffness * (stretch * stretch)
         if body.beam is not None:
+            # Beams bend: the strain energy, and the weight at the deflected places.
             total = total + _beam_energy(body.beam, T, q, g)
+    # Springs between motor and link of elastic joints.
     for _, drive, link, motor in model.drives:
         total = total + spring_energy(drive, q[motor] - q[link])
     return total

@@ -82,6 +82,8 @@ class HamiltonByVariations:
         model = motion.state.model
         force = np.zeros(variations.shape[1])
         for k, body in enumerate(model.bodies):
+            # The virtual work of the weight is m g . (virtual displacement of the center
+            # of mass).
             com = motion.state.center_of_mass(k).along(variations)
             joint = body.joint
             position = joint.multiplier * motion.q[joint.coordinate] + joint.offset

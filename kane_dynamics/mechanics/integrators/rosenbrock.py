@@ -307,7 +307,7 @@ class Rosenbrock:
         if system.tree_terms is not None:
             return self._linear(system, system.tree_terms, state, h)
         # The state is q, u, the time where it counts, bristles, then quadratures.
-        timed = int(equations.timed)
+        timed = len(equations.time_inputs('t'))
         ends = np.cumsum([equations.n_q, equations.n, timed, system.bristles])
         q, u, time, z, others = np.split(state, ends)
         implicit = ImplicitStep(equations)
@@ -339,5 +339,8 @@ def _scaled(A: Matrix, factor: Scalar) -> Matrix:
     """Return a matrix times a scalar; zero entries cause no arithmetic."""
     rows = []
     for row in A.tolist():
-        rows.append([0.0 if is_zero(x) else factor * x for x in row])
+        scaled = []
+        for x in row:
+            scaled.append(x if is_zero(x) else factor * x)
+        rows.append(scaled)
     return np.array(rows)

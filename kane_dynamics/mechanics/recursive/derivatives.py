@@ -201,6 +201,8 @@ def _add_row(states: Sequence[LinkState], body: CompositeBody, i: int,
     row = joint.coordinate
     M = results[2]
     carried = row_vectors(joint.kind, body)
+    # The composite body of joint i is carried from joint to joint toward the root; its
+    # projections there are the entries of the row.
     j = i
     while j != WORLD:
         link = states[j].link
@@ -233,6 +235,7 @@ def _add_column(states: Sequence[LinkState], body: CompositeBody, i: int,
     joint = states[i].link
     column = joint.coordinate
     wrenches = column_wrenches(joint.kind, states[i].motion, body)
+    # The changes of the wrench by q_i and by u_i, carried toward the root.
     j = i
     while states[j].link.parent != WORLD:
         wrenches = share(f'column_{j}', states[j].columns, wrenches, states[j].state)

@@ -136,6 +136,8 @@ def partial_velocities(links: Sequence[Link], frame: Frame, q: Vector,
     while k != WORLD:
         link = links[k]
         R, p = poses[k]
+        # The axis s of the joint: v^r = s x (p_f - p), omega^r = s; sliding: v^r = s,
+        # omega^r = 0.
         s = R @ Z
         if link.kind == 'revolute':
             column = np.concatenate([cross(s, p_f - p), s])
@@ -168,6 +170,7 @@ def partial_velocity_rates(links: Sequence[Link], frame: Frame, q: Vector,
         link = links[k]
         R, p = poses[k]
         motion = motions[k]
+        # Axes turn with their links, s' = omega x s, and both ends of the lever move.
         s = R @ Z
         s_rate = cross(motion.omega, s)
         if link.kind == 'revolute':

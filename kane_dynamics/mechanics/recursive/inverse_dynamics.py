@@ -180,10 +180,11 @@ def inverse_dynamics(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
         wrenches.append((force, moment))
         for k, modal_force in modal_forces:
             tau[k] = tau[k] + modal_force
-    for i, (force, moment, modal) in forces_in_lanes(links, motions, u, udot):
-        wrenches[i] = (wrenches[i][0] + force, wrenches[i][1] + moment)
-        for k, modal_force in zip(links[i].modes.coordinates, modal):
-            tau[k] = tau[k] + modal_force
+    if any(isinstance(link.modes, ModesInLane) for link in links):
+        for i, (force, moment, modal) in forces_in_lanes(links, motions, u, udot):
+            wrenches[i] = (wrenches[i][0] + force, wrenches[i][1] + moment)
+            for k, modal_force in zip(links[i].modes.coordinates, modal):
+                tau[k] = tau[k] + modal_force
 
     # Inward pass: the wrench of a subtree, projected on the axis of the joint that
     # carries it, is the joint's torque. Then it is added to the wrench of the parent.
@@ -220,6 +221,7 @@ def velocities(links: Sequence[Link], q: Vector,
         if link.parent != WORLD:
             omega, v = result[link.parent]
             v = v + cross(omega, step.offset)
+        # In the axes of the link, where the joint adds its rate along z.
         omega = step.outward(omega)
         v = step.outward(v)
         if link.kind == 'revolute':

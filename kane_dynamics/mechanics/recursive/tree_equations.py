@@ -88,25 +88,34 @@ class TreeEquations:
         """Resolve the frames; raise InputError for an unknown one."""
         self.model = model
         self.n, self.n_q = model.n, len(model.coordinate_names)
+        self.joints = [body.joint for body in model.bodies]
         self.friction = friction
         self.feedforward_choice = feedforward_friction
         # Whether friction depends on the torques that the drives transmit.
         self.carries_loads = friction and carries_loads(model)
         # The joints whose friction has a state of its own in simulations.
-        self.bristles = [body.joint for body in model.bodies
-                         if friction and has_bristles(body.joint)]
+        self.bristles: list[Joint] = []
+        if friction:
+            self.bristles = list(filter(has_bristles, self.joints))
+        self.bristle_names = tuple(joint.name for joint in self.bristles)
         self.wrench_frames = tuple(model.frame(name) for name in wrench_frames)
-        self.payload_frame = (None if payload_frame is None
-                              else model.frame(payload_frame))
+        self.payload_frame: Frame | None = None
+        if payload_frame is not None:
+            self.payload_frame = model.frame(payload_frame)
         self.frame_reduction = frame_reduction
         self.flexible = model.flexible
         self._beam_lanes: LanesOf | None = None
         self.drives = model.drives
         self.is_damped = bool(self.drives or self.flexible)  # beside the joints' friction
+        # Whether several beams have equally many modes.
+        counts = [len(body.beam.coordinates) for body in model.bodies
+                  if body.beam is not None]
+        self.has_similar_beams = len(set(counts)) < len(counts)
         # Quantities that are not available for beams.
         self.unsupported = RIGID_ONLY if self.flexible else ()
-        self.rotor_inertia = self._by_coordinate(
-            lambda joint: joint.multiplier**2 * joint.armature)
+        # A joint that mimics another one turns its rotor by its multiplier.
+        rotors = [joint.multiplier**2 * joint.armature for joint in self.joints]
+        self.rotor_inertia = self._by_coordinate(rotors)
         self.order = _parents_first(model)
         free_balls = free_bodies(model) if model.balls else []
         self.without_own_inertia = _without_own_inertia(model, free_balls)
@@ -162,15 +171,6 @@ class TreeEquations:
         result = copy(self)
         result._beam_lanes = lanes
         return result
-
-    @property
-    def has_similar_beams(self) -> bool:
-        """Return whether several beams have equally many modes."""
-        counts = []
-        for body in self.model.bodies:
-            if body.beam is not None:
-                counts.append(len(body.beam.coordinates))
-        return len(set(counts)) < len(counts)
 
     def _angle_accelerations(self, u: Vector, udot: Vector) -> Vector:
         """Return the accelerations of the local angles and of the other joints, (n,)."""
@@ -384,9 +384,11 @@ class TreeEquations:
     def _free_order(self) -> list[int]:
         """Return `order`, but slides last if the free body carries one chain."""
         parents = [body.parent for body in self.model.bodies]
-        # Bodies with several children, and what carries them.
-        branching = {k for k in parents if parents.count(k) > 1 and k != WORLD}
-        carriers = {j for k in branching for j in self.model.path(k)}
+        # Bodies with several children, and the bodies that carry them.
+        carriers: set[int] = set()
+        for body in set(parents) - {WORLD}:
+            if parents.count(body) > 1:
+                carriers.update(self.model.path(body))
         slides: list[int] = []
         for ball in self._free_balls:
             if ball.body not in carriers:
@@ -448,8 +450,8 @@ class TreeEquations:
 
         Diagonal, but for the springs and dampers of drives.
         """
-        stiffness = np.diag(self._by_coordinate(
-            lambda joint: joint.multiplier**2 * joint.stiffness))
+        springs = [joint.multiplier**2 * joint.stiffness for joint in self.joints]
+        stiffness = np.diag(self._by_coordinate(springs))
         friction = np.diag(self.friction_slope(u, load))
         if self.drives:
             stiffness = stiffness + drive_matrix(self.model, spring_slope, q)
@@ -489,7 +491,10 @@ class TreeEquations:
         loads = self.zeros if load is None else load
         deflection_of = {} if deflections is None else self._by_bristle(deflections)
 
-        def force(joint: Joint) -> Scalar:
+        # The law of each joint, at the rate of the joint itself (a mimic joint:
+        # multiplier times).
+        forces = []
+        for joint in self.joints:
             k = joint.coordinate
             rate = joint.multiplier * u[k]
             if joint.name in deflection_of:
@@ -499,10 +504,10 @@ class TreeEquations:
             else:
                 direction = _direction(directions, joint)
                 torque = friction_torque(joint, rate, loads[k], direction)
-            return joint.multiplier * torque
+            forces.append(joint.multiplier * torque)
 
         # Damping of beams and drives has matrices of its own.
-        friction = self._by_coordinate(force)
+        friction = self._by_coordinate(forces)
         return self._with_damping(friction, u) if self.is_damped else friction
 
     def scaled_friction(self, u: Vector, factors: Vector | None = None,
@@ -537,13 +542,15 @@ class TreeEquations:
 
         # By joint: the direction comes from the desired motion instead of the speed
         # alone.
-        def force(joint: Joint) -> Scalar:
-            rate = joint.multiplier * u[joint.coordinate]
-            acceleration = joint.multiplier * udot[joint.coordinate]
-            y = feedforward_direction(joint, rate, acceleration, choice)
-            load_of_joint = loads[joint.coordinate]
-            return joint.multiplier * friction_torque(joint, rate, load_of_joint, y)
-        friction = self._by_coordinate(force)
+        forces = []
+        for joint in self.joints:
+            k = joint.coordinate
+            rate = joint.multiplier * u[k]
+            acceleration = joint.multiplier * udot[k]
+            direction = feedforward_direction(joint, rate, acceleration, choice)
+            torque = friction_torque(joint, rate, loads[k], direction)
+            forces.append(joint.multiplier * torque)
+        friction = self._by_coordinate(forces)
         return self._with_damping(friction, u) if self.is_damped else friction
 
     def _with_damping(self, friction: Vector, u: Vector) -> Vector:
@@ -597,18 +604,21 @@ class TreeEquations:
             return self.zeros
         loads = self.zeros if load is None else load
 
-        def slope(joint: Joint) -> Scalar:
+        slopes = []
+        for joint in self.joints:
             k = joint.coordinate
-            rate = joint.multiplier * u[k]
-            return joint.multiplier**2 * friction_slope(joint, rate, loads[k])
-        return self._by_coordinate(slope)
+            slope = friction_slope(joint, joint.multiplier * u[k], loads[k])
+            slopes.append(joint.multiplier**2 * slope)
+        return self._by_coordinate(slopes)
 
     def load_slope(self, u: Vector, load: Vector) -> Vector:
         """Return d friction_force / d load, (n,)."""
-        def slope(joint: Joint) -> Scalar:
-            # No joint that mimics another has load friction.
-            return load_slope(joint, u[joint.coordinate], load[joint.coordinate])
-        return self._by_coordinate(slope)
+        # No joint that mimics another has load friction.
+        slopes = []
+        for joint in self.joints:
+            k = joint.coordinate
+            slopes.append(load_slope(joint, u[k], load[k]))
+        return self._by_coordinate(slopes)
 
     def drive_loads(self, u: Vector, tau: Vector,
                     factors: Vector | None = None,
@@ -646,9 +656,12 @@ class TreeEquations:
 
     def spring_force(self, x: Vector) -> Vector:
         """Return the torque of springs, of drives and of beams K eta, (n,)."""
-        def force(joint: Joint) -> Scalar:
-            return joint.multiplier * joint.stiffness * (position(joint, x) - joint.rest)
-        springs = self._by_coordinate(force)
+        forces = []
+        for joint in self.joints:
+            stretch = position(joint, x) - joint.rest
+            forces.append(joint.multiplier * joint.stiffness * stretch)
+        springs = self._by_coordinate(forces)
+        # Springs of drives act between two coordinates, those of beams on their modes.
         if self.drives:
             springs = springs + drive_forces(self.model, x, spring_torque)
         if self.flexible:
@@ -673,15 +686,13 @@ class TreeEquations:
 
     def _by_bristle(self, deflections: Vector) -> dict[str, Scalar]:
         """Return the deflections by the names of their joints."""
-        names = [joint.name for joint in self.bristles]
-        return dict(zip(names, deflections, strict=True))
+        return dict(zip(self.bristle_names, deflections, strict=True))
 
-    def _by_coordinate(self, force: Callable[[Joint], Scalar]) -> Vector:
-        """Sum a force of every joint on its coordinate, (n,)."""
-        total = [0.0] * self.n
-        for body in self.model.bodies:
-            joint = body.joint
-            total[joint.coordinate] = total[joint.coordinate] + force(joint)
+    def _by_coordinate(self, values: Sequence[Scalar]) -> Vector:
+        """Sum a value of every joint on its coordinate, (n,)."""
+        total: list[Scalar] = [0.0] * self.n
+        for joint, value in zip(self.joints, values):
+            total[joint.coordinate] = total[joint.coordinate] + value
         return np.array(total)
 
     # Energies, center of mass and frames.

@@ -171,6 +171,7 @@ class _Function:
 
     def _call(self, node: Expr) -> None:
         """Store the arguments in arrays and call the subroutine."""
+        # Subroutines are emitted once, before the functions that call them.
         callee, *flat = node.args
         if callee not in self.callees:
             self.callees.append(callee)

@@ -53,6 +53,7 @@ def _evaluation(function: MatrixFunction) -> list[str]:
              f'declare void {COPY}(ptr, ptr, i64, i1)',
              f'define i32 @{function.name}({signature}) {{',
              f'  %args = alloca [{len(read) + 1} x ptr]']
+    # The pointers to the arguments that the program reads, with zeros in place of null.
     for place, k in enumerate(read):
         lines += [f'  %from{k} = getelementptr ptr, ptr %arg, i64 {k}',
                   f'  %given{k} = load ptr, ptr %from{k}',

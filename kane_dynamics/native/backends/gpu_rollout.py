@@ -168,11 +168,13 @@ class _Rollout:
         self.lines += ['  br label %loop', 'loop:',
                        '  %s = phi i64 [0, %state], [%next, %loop]',
                        f'  %bad = phi {v.integer} {incoming}']
+        # One step: torques in, the program, and the state as its own next argument.
         self._copy('tau', layout.n, '%f', 0, '%s')
         self.lines.append(f'  call void @{STEP}(ptr %args)')
         flags = self._flags()
         self.lines.append(f'  %bad.next = or {v.integer} %bad, {flags}')
         invalid = v.new(f'icmp ne {v.integer} %bad.next, 0')
+        # The row of this step; a state that is not valid is written as NaN.
         row = row_address(v, 'result', '%s')
         for k in range(layout.n_q + layout.n):
             x = v.new(f'load {self._type}, ptr {self._at("%x", k)}')

@@ -167,6 +167,7 @@ class Rows:
 
     def _value(self, node: Expr) -> str:
         v = Vector(self.lines, f'w{node.index}', LANES)
+        # Between scalars and rows: packing, and columns of a tile that was transposed.
         args = node.args
         if node.op == 'pack':
             return self._packed(v, args)
@@ -300,6 +301,8 @@ def placements(program: Program, symbol: str) -> dict[int, PlacedResults]:
     """
     loops: list[Expr] = []
     read: list[Expr] = []
+    # Results may overlap arguments: a loop may write in place only if no later loop
+    # reads inputs.
     for group in _levels(program.schedule()):
         for node in group:
             read += operands(node)
@@ -310,6 +313,7 @@ def placements(program: Program, symbol: str) -> dict[int, PlacedResults]:
 
     # Places among the results, by loop and result.
     places: dict[int, dict[int, int]] = {node.index: {} for node in loops}
+    # A result that an operation reads must stay in the memory of its loop.
     for operand in read:
         if _of_loops(operand, places):
             source, k = operand.args
@@ -334,19 +338,6 @@ def _reads_arguments(node: Expr) -> bool:
     return node.op in ('call', 'loop') and any(x.op == 'input' for x in operands(node))
 
 
-def _stored_at_once(destinations: list[Destination | None],
-                    schedule: list[Expr]) -> list[Destination | None]:
-    """
-    Return where results are stored as soon as their row is computed.
-
-    They are stored nowhere at once if a call or loop may read arguments after that, since
-    results may overlap arguments in memory.
-    """
-    if any(map(_reads_arguments, schedule)):
-        return [None] * len(destinations)
-    return destinations
-
-
 def _of_loops(x: Expr, loops: Container[int]) -> bool:
     """Return whether a scalar is a result of one of these loops."""
     return x.op == 'output' and x.args[0].index in loops
@@ -364,6 +355,7 @@ def _regular_places(loop: Any, places: Mapping[int, int]
     kept = math.prod(loop.program.inputs[0][1])
     regular: dict[int, tuple[int, int] | None] = {}
     for k in range(kept, size):
+        # Where this result goes in each turn: nowhere, at equal distances, or anywhere.
         of_turns = [places.get(turn * size + k, NOWHERE) for turn in range(loop.count)]
         distances = set(np.diff(of_turns).tolist())
         if all(place == NOWHERE for place in of_turns):
@@ -392,6 +384,7 @@ def _placement(loop: Any, places: Mapping[int, int],
             begins[distance] = min(place, begins.get(distance, place))
     if not begins:
         return None
+    # Each result is a pointer, by number, and an offset from it.
     numbers = {distance: number for number, distance in enumerate(begins)}
     relative: list[tuple[int, int] | None] = []
     for entry in stored:
@@ -400,6 +393,7 @@ def _placement(loop: Any, places: Mapping[int, int],
         else:
             place, distance = entry
             relative.append((numbers[distance], place - begins[distance]))
+    # Loops of one program with the same layout share its code.
     key = step, kept, tuple(relative)
     if key not in known:
         name = f'{step.name}_in_{symbol}_{len(known)}'
@@ -530,8 +524,11 @@ class Function:
         if isinstance(program, PlacedProgram):
             self._destinations = program.destinations()
         schedule = program.schedule()
-        self._wide = Rows(self.lines, self.names, program.outputs,
-                          _stored_at_once(self._destinations, schedule))
+        # Rows store their results as soon as they are computed, unless a call or loop may
+        # read arguments after that: results may overlap arguments in memory.
+        later = any(map(_reads_arguments, schedule))
+        at_once = [None] * len(self._destinations) if later else self._destinations
+        self._wide = Rows(self.lines, self.names, program.outputs, at_once)
         # Results of loops that are stored among the function's own, or copied there.
         self._placements: dict[int, PlacedResults] = {}
         self._from_loops: set[int] = set()
@@ -586,6 +583,7 @@ class Function:
         pointers = [name for name, _ in self.program.inputs] + ['result']
         if isinstance(self.program, PlacedProgram):
             pointers += [f'result{k}' for k in range(self.program.pointers)]
+        # The table of arguments holds a pointer for each input, then for each result.
         for k, name in enumerate(pointers):
             self.lines += [f'  %slot.{name} = getelementptr ptr, ptr %args, i64 {k}',
                            f'  %in.{name} = load ptr, ptr %slot.{name}']
@@ -608,6 +606,7 @@ class Function:
         for k, x in enumerate(outputs):
             if not isinstance(x, Expr) and x == 0.0:
                 self._zeros.add(k)
+        # A few zeros are stored one by one, which is faster than a call.
         if len(self._zeros) < MEMSET_ZEROS:
             self._zeros = set()
             return
@@ -657,6 +656,8 @@ class Function:
     def _store_outputs(self) -> None:
         if not self._cleared:
             self._clear_results()
+        # What was stored already: zeros, runs of rows, results that loops wrote in
+        # place.
         written = set(self._zeros) | self._wide.stored | self._from_loops
         for place, count in self._copied.items():
             self._copy(place, count)
@@ -715,6 +716,8 @@ class Function:
         name = f'%v{node.index}'
         if node.op == 'input':
             return
+        # Control first: calls and loops leave their results in memory, from which
+        # `output` loads.
         if node.op == 'call':
             self._call(node)
         elif node.op == 'loop':
@@ -737,6 +740,7 @@ class Function:
             row = f'ptr %ret{source.index}'
             self.lines += [f'  {at} = getelementptr {self.type}, {row}, i64 {k}',
                            f'  {name} = load {self.type}, ptr {at}']
+        # Arithmetic, operation by operation.
         elif node.op == 'neg':
             self.lines.append(f'  {name} = fneg {self.type} {self.value(node.args[0])}')
         elif node.op in ('sqrt', 'floor'):
@@ -805,6 +809,7 @@ class Function:
         results = f'%ret{i}'
 
         # Where each input begins and how far apart its rows are; then the result.
+        # Input 0 is the carry, which every turn gets from the turn before.
         n_carry = math.prod(inputs[0][1])
         begins = [self._table(i, 0, [flat[:n_carry]])[0]]
         strides = [0]
@@ -821,6 +826,8 @@ class Function:
         of_results = len(begins)
         begins.append(results)
         strides.append(size)
+        # Results that go straight to those of the function, each with a stride of its
+        # own.
         if placement is not None:
             for place, stride in zip(placement.begins, placement.strides):
                 into = f'%into{i}.{len(begins)}'
@@ -831,6 +838,7 @@ class Function:
         self.reserved.append(f'  %ptrs{i} = alloca [{len(begins)} x ptr]')
         self.reserved.append(f'  {results} = alloca [{loop.count * size} x {self.type}], '
                              f'align {8 * LANES}')
+        # A reverse loop begins at the last row and steps back.
         if loop.reverse:
             for k in range(1, len(begins)):
                 last = f'%last{i}.{k}'
@@ -844,6 +852,7 @@ class Function:
         self.lines += [f'  br label %before{i}', f'before{i}:',
                        f'  br label %{loop_label}', f'{loop_label}:',
                        f'  %k{i} = phi i64 [0, %before{i}], [%next{i}, %{loop_label}]']
+        # One pointer for each table, which moves by its stride from turn to turn.
         turns = []
         for k, begin in enumerate(begins):
             turn = f'%turn{i}.{k}'
@@ -935,6 +944,7 @@ class Function:
         where = self._contiguous(i, k, entries)
         if where is not None:
             return where
+        # Equal arguments have equal keys: the index of a traced value, or the number.
         key = _entries_key(entries)
         where = self._stored.get(key)
         if where is not None:  # an earlier call has the same argument

@@ -218,6 +218,7 @@ class RowFunction(Function):
         if half == 1:
             one = v.new(f'insertelement {v.type} poison, double {halves[0]}, i32 0')
             return v.new(f'insertelement {v.type} {one}, double {halves[1]}, i32 1')
+        # Both halves in one vector.
         places = ', '.join(map('i32 {}'.format, range(self.lanes)))
         return v.new(f'shufflevector {kind} {halves[0]}, {kind} {halves[1]}, '
                      f'<{self.lanes} x i32> <{places}>')
@@ -237,6 +238,8 @@ class RowFunction(Function):
         # Two sums, which the processor adds at the same time.
         sums = [v.new(f'load {v.type}, ptr {at}'), zero]
         squares: dict[float, str] = {}
+        # x * 0 is 0 for a finite x, else NaN; a square above its limit overflows to
+        # infinity, and infinity * 0 is NaN.
         for k, (x, most) in enumerate(values):
             if math.isfinite(most):
                 squares[most] = v.fma(x, x, squares.get(most, zero))

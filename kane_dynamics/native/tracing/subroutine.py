@@ -92,7 +92,11 @@ def is_first(program: Program, named: dict[str, Program]) -> bool:
 
 def _constants(argument: Any) -> Pattern:
     """Return the constant entries of an argument, and None for its traced entries."""
-    return tuple(None if isinstance(x, Expr) else float(x) for x in argument)
+    pattern: list[float | None] = []
+    for entry in argument:
+        is_traced = isinstance(entry, Expr)
+        pattern.append(None if is_traced else float(entry))
+    return tuple(pattern)
 
 
 def _filled_arguments(patterns: tuple[Pattern, ...],

@@ -173,6 +173,7 @@ class BatchFunction:
         """
         batch = self.batch([x.shape for x in arrays])
         count = math.prod(batch)
+        # Arguments without a batch axis are shared by all states.
         rows = [row(a, x, batch) for a, x in zip(self.arguments, arrays, strict=True)]
         result = np.empty((count, *self.shape))
         if count:

@@ -190,6 +190,7 @@ def graph(casadi: Any, function: MatrixFunction) -> Any:
 def _evaluated(casadi: Any, program: Program, values: Sequence[Any]) -> list[Any]:
     """Return a program's outputs for SX scalars; subroutines are expanded in place."""
     inputs: dict[str, Sequence[Any]] = {}
+    # The scalars of all inputs, in the order of the program.
     begin = 0
     for name, shape in program.inputs:
         end = begin + math.prod(shape)
@@ -209,6 +210,8 @@ def _evaluated(casadi: Any, program: Program, values: Sequence[Any]) -> list[Any
             called, k = node.args
             value = by_index[called.index][k]
         elif node.op == 'call':
+            # A subroutine has no counterpart in a graph: its operations are repeated
+            # here.
             subroutine, *arguments = node.args
             value = _evaluated(casadi, subroutine, [value_of(x) for x in arguments])
         else:

@@ -419,10 +419,7 @@ class Configurations(Dispatch):
         """
         lower, upper = self.limits.lower, self.limits.upper
         if self.configuration is not None:
-            stated: Array = np.asarray(self.configuration, dtype=np.float64)
-            if self.constraint_names:
-                return self.closed_configuration(stated)
-            return stated.copy()
+            return self.closed_configuration(self.configuration)
         # Zero, or the middle of limits that exclude it; then the modes of beams in
         # equilibrium.
         q = neutral(self.equations.model)
@@ -564,8 +561,6 @@ class Configurations(Dispatch):
     def _relaxed(self, q: Array) -> Array:
         """Return closed configurations near q, springs of drives without deflection."""
         model = self.equations.model
-        if not self.constraint_names:
-            return with_motors_at_links(model, q)
         closed = self.closed_configuration(with_motors_at_links(model, q))
         if not model.drives:
             return closed

@@ -183,9 +183,8 @@ class Dispatch:
     def _at_time(self, arguments: tuple[Any, ...], t: Any) -> tuple[Any, ...]:
         """Append the time, of all states or of each, if the equations depend on it."""
         if not self.equations.timed:
-            return arguments
-        count = np.shape(arguments[0])[:-1]
-        return (*arguments, np.full(count, t) if np.ndim(t) == 0 and count else t)
+            return arguments  # whose batch need not be read then
+        return (*arguments, *self.equations.time_inputs(t, np.shape(arguments[0])[:-1]))
 
     def _at_frame(self, name: str, frame: str, arguments: tuple[Any, ...],
                   out: Array | None, t: Any = 0.0) -> Array:

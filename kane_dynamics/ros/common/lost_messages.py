@@ -60,7 +60,7 @@ class LostMessages:
         self.note({'publication_sequence_number': None if number < 0 else number})
 
     def skip(self) -> None:
-        """Forget the last message, so that those which were not noted do not count as lost."""
+        """Forget the last message: messages before the next noted one do not count as lost."""
         self._last = 0
 
     def period(self, publishers: int) -> tuple[float, str]:

@@ -104,7 +104,7 @@ def _print_help(program: RosProgram) -> int:
 
 def _open_standard_streams() -> None:
     """
-    Open closed standard streams.
+    Open the standard streams that are closed.
 
     Else a socket gets the number to which logs are written.
     """

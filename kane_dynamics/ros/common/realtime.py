@@ -85,9 +85,9 @@ class Awake:
 
     def hold(self) -> None:
         """
-        Make the request.
+        Keep idle processors awake until `release`, or until the process ends.
 
-        Raise OSError if the process lacks the rights. It ends with it.
+        Raise OSError if the process lacks the rights.
         """
         self.release()
         file = os.open(LATENCY, os.O_WRONLY | os.O_CLOEXEC)

@@ -122,6 +122,7 @@ def configured_efforts(path: Path, namespace: str = '') -> Efforts | None:
         other.
 
     """
+    # A file may have blocks of several nodes; the wildcard is that of all others.
     blocks = {block.node: block.effective for block in _blocks(path)}
     if len(blocks) > 1:
         blocks.pop(WILDCARD, None)
@@ -179,6 +180,7 @@ class ConfigurationExamination:
         Return the robot that the node would load, None if it cannot.
         """
         values = self._read_values()
+        # As the node reads its parameters, with the prefix of its joints.
         values = with_prefix(values | {'prefix': prefix or values['prefix']})
         gravity = values['gravity']
         if gravity[2] > 0.0 or not np.isclose(np.linalg.norm(gravity), 9.81, 0.01):
@@ -241,6 +243,7 @@ class ConfigurationExamination:
         model: Model | None = self._attempt(load_model, source, values, warnings.append)
         if model is not None:
             return model
+        # Without what the file names, the URDF alone is examined.
         self._loads = self._joints_known = False
         values.update(joints=(), base='', tip='', root_joint='fixed', supplement='',
                       constraints='')
@@ -254,6 +257,7 @@ class ConfigurationExamination:
         parameter = 'robot_description' if values['robot_description'] else 'urdf'
         if not values[parameter]:
             return
+        # Both are compared as models: other texts may describe the same arm.
         try:
             same = load_model(urdf, {**values, 'xacro_arguments': ()},
                               lambda warning: None).digest() == model.digest()
@@ -281,6 +285,7 @@ class ConfigurationExamination:
         for name in ('supplement', 'constraints'):
             if values[name]:
                 source += f", {name} '{resolve_path(name, values[name])}'"
+        # Parameters that differ from their defaults are what a user has chosen.
         changed = []
         for name, value in self._block.effective.items():
             spec = BY_NAME.get(name)
@@ -308,6 +313,7 @@ class ConfigurationExamination:
         self._check_frames(values, rigid)
         options = self._attempt(robot_options, values) or {}
         robot: Robot = self._attempt(Robot, rigid, **options) or Robot(rigid)
+        # Each part of the node checks its own parameters, as at a start.
         if model.flexible:
             self._attempt(lambda: QuasiStatic(flexible_robot(model, options)))
         if self._joints_known:

@@ -326,6 +326,7 @@ class ConfiguredRobot:
             self.robot.model, self.values, self._check_attached, self._attach,
             lambda reason, detail: self._reject(f'MoveIt: {reason}', detail))
         self.attached_objects = objects
+        # The scene reports later changes, the request the present state.
         topic = node.resolve_topic_name(topic)
         opened.callback(server.destroy_subscription, server.create_subscription(
             scene, topic, objects.on_scene, SCENES))
@@ -370,6 +371,7 @@ class ConfiguredRobot:
         node = self._node
         path = NativeTorquePath(controller, self._commands, torques, *arguments)
         stamped = arguments[STAMPED]
+        # The thread of the path publishes through these.
         publishers = [self._commands, torques]
         if stamped is not None:
             publishers.append(stamped)
@@ -406,6 +408,7 @@ class ConfiguredRobot:
         rate = values['task_state.rate']
         frame = controlled_frame(values, self.robot.model)
         if rate and controller.laws:
+            # Observers of the path publish at their own rates, behind the torques.
             topic = TaskStateTopic(self._server,
                                    publisher(TaskState, '~/task_state', RELIABLE), rate,
                                    frame, controller, self.modes.laws)
@@ -512,6 +515,7 @@ class ConfiguredRobot:
 
     def check(self, values: Mapping[str, Any], changed: Collection[str]) -> None:
         """Raise InputError unless parameters, of which `changed` are set, fit."""
+        # Each group of parameters is checked by the part that uses it.
         path_settings(values, self.robot)
         self.modes.check(values)
         speed_limits(self.robot, values)

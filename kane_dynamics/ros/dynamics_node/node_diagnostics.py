@@ -122,7 +122,7 @@ def _path_status(arm: ConfiguredRobot, rate: float) -> tuple[bytes, str]:
 
 def _warnings(arm: ConfiguredRobot, dropped: Counter[str],
               lost_share: float) -> list[str]:
-    """Return what is wrong beside the torque path itself."""
+    """Return the warnings about all parts but the torque path."""
     warnings = []
     if arm.optional_topics.collision is not None:
         warnings.append(f"collision at joint '{arm.optional_topics.collision}': check "

@@ -43,6 +43,7 @@ def stated_efforts(values: Mapping[str, Any], robot: Robot) -> Efforts:
                          "observer.torque 'command'")
     joints = commanded_joints(robot, robot.speed_names) if robot.constraint_names else (
         range(len(robot.joint_names)))
+    # Constants are stated for joints with motors only.
     per_joint(values, 'efforts.constants', [robot.joint_names[k] for k in joints], 1.0)
     return efforts
 

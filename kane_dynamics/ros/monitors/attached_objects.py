@@ -133,9 +133,12 @@ class AttachedObjects:
             self._attached[name] = attached
         elif operation == kind.REMOVE and name:
             self._attached.pop(name, None)
-        elif operation == kind.REMOVE:  # all objects of the link, or of the arm
-            self._attached = {other: kept for other, kept in self._attached.items()
-                              if link and kept.link_name != link}
+        elif operation == kind.REMOVE and not link:  # all objects of the arm
+            self._attached = {}
+        elif operation == kind.REMOVE:  # all objects of the link
+            for name, on_arm in list(self._attached.items()):
+                if on_arm.link_name == link:
+                    del self._attached[name]
         else:
             self._refuse(name, f'operation {operation!r}; expected ADD or REMOVE, as a scene '
                          'of MoveIt has them')
@@ -144,6 +147,7 @@ class AttachedObjects:
         """Use the sum of all objects; those that are refused have no effect."""
         total = Inertial()
         masses = {}
+        # Object by object: one that is refused leaves the others in use.
         for name, attached in self._attached.items():
             try:
                 inertial = self._payload(name, attached)
@@ -171,6 +175,7 @@ class AttachedObjects:
 
     def _payload(self, name: str, attached: Any) -> Inertial:
         """Return the payload of one object in the axes of payload.frame."""
+        # Inertia for density 1, then scaled to the stated mass.
         solid = uniform_solid(attached.object)
         mass = self._masses.get(name)
         if mass is None:
@@ -178,6 +183,7 @@ class AttachedObjects:
                 raise InputError('no mass; expected one in attached_objects.masses, or '
                                  'attached_objects.density')
             mass = self._density * solid.mass
+        # The object may be stated in another frame, which must move with the link.
         frame = attached.object.header.frame_id or attached.link_name
         if attached.link_name and frame != attached.link_name:
             self._require_same_body(frame, attached.link_name)
@@ -252,8 +258,7 @@ def uniform_solid(stated: Any) -> Inertial:
     """
     if stated.planes:
         raise InputError('a plane; expected boxes, spheres, cylinders, cones, or closed meshes')
-    solids = [solid_primitive(shape) for shape in stated.primitives]
-    solids += [solid_mesh(shape) for shape in stated.meshes]
+    solids = [*map(solid_primitive, stated.primitives), *map(solid_mesh, stated.meshes)]
     poses = [*stated.primitive_poses, *stated.mesh_poses]
     of_each_kind = len(stated.primitive_poses) == len(stated.primitives)
     if not solids or len(poses) != len(solids) or not of_each_kind:
@@ -272,6 +277,7 @@ def solid_primitive(shape: Any) -> Inertial:
     if count is None or len(sizes) < count or not (np.isfinite(sizes) & (sizes > 0.0)).all():
         raise InputError(f'primitive of type {shape.type} and dimensions {sizes.tolist()}; '
                          'expected a box, sphere, cylinder or cone with positive ones')
+    # The volume is the mass at density 1.
     if shape.type == BOX:
         return box(float(sizes.prod()), sizes)
     if shape.type == SPHERE:
@@ -328,6 +334,8 @@ def _require_closed(vertices: Array, triangles: NDArray[np.int64]) -> None:
     # Files often repeat the vertices of each triangle.
     _, same = np.unique(np.round(vertices / (SAME * size)), axis=0, return_inverse=True)
     corners = same.reshape(-1)[triangles]
+    # In a closed mesh each edge is passed once in each direction, by the triangles on
+    # its sides.
     edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
     edges = edges[edges[:, 0] != edges[:, 1]]
     forward, counts = np.unique(edges, axis=0, return_counts=True)

@@ -79,6 +79,7 @@ class GravityFromImu:
 
         """
         f = self._force_at_rest(message)
+        # At rest an accelerometer shows minus gravity.
         g = -self._magnitude / float(np.linalg.norm(f)) * f
         stamp = nanoseconds(message.header.stamp) or now
         elapsed = (stamp - self._last) / NANO
@@ -96,6 +97,8 @@ class GravityFromImu:
                              f'expected at most {GAP:g} times imu.time_constant, '
                              f'{self.time_constant:g} s')
         if (stamp - self._first) / NANO >= SETTLED * self.time_constant:
+            # The filtered vector is shorter while the direction changes: only its
+            # direction is used.
             scale = self._magnitude / float(np.linalg.norm(self._filtered))
             gravity = scale * self._filtered
             if np.abs(gravity - self._used).max() > STEP * self._magnitude:

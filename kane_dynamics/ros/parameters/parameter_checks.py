@@ -268,7 +268,7 @@ def unstated(hint: str = '') -> InputError:
 
 def terms(values: Mapping[str, Any]) -> Terms:
     """
-    Return the terms of `commands`.
+    Return the terms of the model that the commanded torques contain.
 
     Raise InputError if arm_compensates is not stated.
     """

@@ -299,6 +299,7 @@ class PlantNode(Node):
         if not self.failure and schedule.worst > schedule.period:
             level = max(level, DiagnosticStatus.WARN)
             message += f', up to {schedule.worst * 1e-6:.1f} ms late'
+        # A key for each figure that users look for first.
         figures = {
             'joints': ', '.join(plant.arm.joint_names),
             'speed': f'{speed:.3f}',

@@ -117,11 +117,13 @@ class PlantState:
         # The stricter limit of the robot and the parameter.
         self.arm.limit[:] = np.minimum(self.arm.effort_limit,
                                        per_joint(values, 'limits.effort', names, np.inf))
+        # Measurements and commands may be late or lost, as on a real bus.
         for what, line in (('states', self.states), ('commands', self.commands)):
             line.configure(values[f'delay.{what}'], values[f'dropout.{what}'])
         self._timeout = round(values['command_timeout'] * NANO)
         parameter_loads(self.robot.model, values).apply(self.robot)
         self.arm.use_parameters()
+        # A new seed begins a new sequence of noise; other changes continue it.
         if previous['seed'] != values['seed']:
             self._reset_generators()
 
@@ -134,6 +136,7 @@ class PlantState:
             arm.reset(np.clip(initial, arm.lower, arm.upper))
         else:
             arm.reset(None)  # at the configuration of the constraints file
+        # Nothing of the time before acts any more.
         self._wrench_until.clear()
         self._torque = self._zero
         self._last_command: int | None = None

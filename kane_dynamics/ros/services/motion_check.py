@@ -99,6 +99,7 @@ def check_positions(served: ServedRobot, names: Sequence[str], positions: Array,
         # An arm outside its limits may move back, but no farther out.
         lower = np.minimum(lower, place)
         upper = np.maximum(upper, place)
+    # How far each position is outside; negative inside.
     outside = np.maximum(lower - positions, positions - upper)
     if not (outside > 0.0).any():
         return
@@ -117,6 +118,7 @@ def _check_start(served: ServedRobot, motion: Motion, place: Array,
                  moment: float) -> None:
     """Raise InputError unless the motion sets out near the place where the arm is."""
     tolerance = served.values['trajectory.start_tolerance']
+    # A motion that has begun already is compared where it is now.
     q = motion.sample(max(moment, 0.0))[0]
     away = np.abs(q - place)
     if (away <= tolerance).all():
@@ -226,6 +228,7 @@ def _closed(served: ServedRobot, motion: Motion, times: Array, q: Array,
     start = served.measured()
     if start is not None:
         tracker.restart(start)
+    # Only the configurations are asked for: the rates are zero.
     still = np.zeros(robot.n)
     rows = []
     for time, row in zip(times.tolist(), q[:, order]):

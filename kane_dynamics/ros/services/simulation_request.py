@@ -57,10 +57,12 @@ class SimulationRequest:
         robot = served.robot
         n = served.robot.n
         values = served.values
+        # Requests may name the joints in any order.
         names = JointOrder.of(robot, request.joint_names)
         index = names.speeds
         duration, step, sample = _times(request, values)
         torque: Array | ComputedTorque | None = None
+        # The source of the torques: a table, a law that follows a reference, or none.
         if request.torque_source == request.TABLE:
             torque = _torque_table(request, index, n, duration, step)
         elif request.torque_source == request.COMPUTED_TORQUE:
@@ -180,6 +182,8 @@ def _torque_table(request: Any, index: Index | None, n: int, duration: float,
         row = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
         raise InputError(f'row {row} of torques: {table[row].tolist()}; expected finite '
                          'numbers')
+    # The row that holds in each step; rounding of step over period must not choose the
+    # one before.
     steps = math.ceil(duration / step - 1e-9)
     last = (steps - 1) * step / period + 1e-9  # infinite for a denormal period
     if not last < len(table):

@@ -261,9 +261,8 @@ class FrictionState:
         robot = self.robot
         n_q, n, k = robot.n_q, robot.n, len(self.joints)
         # Without the checks of a call: states and torques are those of the simulation.
-        inputs = [states[:, :n_q], states[:, n_q:n_q + n], tau, directions]
-        if robot.equations.timed:
-            inputs.append(times)
+        inputs = [states[:, :n_q], states[:, n_q:n_q + n], tau, directions,
+                  *robot.equations.time_inputs(times)]
         rows = np.empty((len(states), *self.kernel.shape))
         self.kernel.run([np.ascontiguousarray(x, dtype=np.float64) for x in inputs], rows,
                         len(rows))
@@ -356,8 +355,7 @@ class FrictionState:
         q = state[:robot.n_q]
         torques = tau
         if not robot.equations.in_joint_rates:
-            time: dict[str, Any] = {'t': t} if robot.equations.timed else {}
-            torques = robot.joint_torques(tau, q, **time)
+            torques = robot.joint_torques(tau, q, t=t)
         for row, force in zip(begins.joints.tolist(), begins.needed):
             joint = robot.model.coordinate_joints[self.joints[row]]
             x = torques[self.joints[row]] - joint.friction_offset

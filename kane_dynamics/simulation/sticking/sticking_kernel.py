@@ -17,8 +17,8 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.simulation.held_motion import HeldMotion, HeldStage
-from kane_dynamics.simulation.step_kernels import (step_signature, StepChoice,
-                                                   time_input, traced_step)
+from kane_dynamics.simulation.step_kernels import (state_layout, step_signature,
+                                                   StepChoice, time_input, traced_step)
 from kane_dynamics.simulation.sticking.friction_state import (driving_torques,
                                                               friction_bounds,
                                                               FrictionModes,
@@ -65,6 +65,7 @@ def _traced_row(contact: FrictionState, choice: StepChoice, holds: bool, state: 
     directions, sides, lower, upper = modes
     motions: list[FrictionMotion] = []
 
+    # The motion of the step is kept: its first stage tells which joints begin to slide.
     def motion(*arguments: Any) -> FrictionMotion:
         motions.append(FrictionMotion(contact, directions, holds, *arguments))
         return motions[0]
@@ -105,11 +106,11 @@ def _end_valid(contact: FrictionState, after: Vector, directions: Vector, sides:
     """Return 1 if the end of a step has no transition behind it, else 0."""
     robot = contact.robot
     equations: Any = robot.equations
-    n_q, n = robot.n_q, robot.n
-    time = after[n_q + n:][:int(equations.timed)]
+    layout = state_layout(robot)
+    q, u, time = after[layout.q], after[layout.u], after[layout.time]
 
     # No joint has reversed its motion, or passed its stop unless it presses against it.
-    rates = equations.joint_speeds(after[:n_q], after[n_q:n_q + n], *time)
+    rates = equations.joint_speeds(q, u, *time)
     valid: Scalar = 1.0
     for row, joint in enumerate(contact.joints):
         direction, slow = directions[row], contact.slow[row]
@@ -129,7 +130,7 @@ def _end_valid(contact: FrictionState, after: Vector, directions: Vector, sides:
     # The independent speeds are regular, and the state is finite (x * 0 is NaN if not).
     if equations.watched:
         valid = valid * select(after[-1] > 0.0, 1.0, 0.0)
-    for x in after[:n_q + n]:
+    for x in (*q, *u):
         valid = valid * select(x * 0.0 < 1.0, 1.0, 0.0)
     return valid
 
@@ -171,6 +172,7 @@ def _without_creep(contact: FrictionState, directions: Vector, after: Vector,
     times = time_input(robot)
     parameters = constants[-len(robot.parameters.block):]
 
+    # q' = T u + X of the held joints, and M^-1, as one subroutine.
     def parts(q: Vector, *inputs: Any) -> Vector:
         t = inputs[0][()] if times else 0.0
         physical = inputs[-1][:robot.parameters.physical]
@@ -180,9 +182,9 @@ def _without_creep(contact: FrictionState, directions: Vector, after: Vector,
                                np.ravel(inverse)])
     program = trace_program('held_rates', parts, [
         ('q', (n_q,)), *times, ('parameters', np.shape(parameters))])
-    q, u, time_and_margin = np.split(after, [n_q, n_q + n])
-    time = list(time_and_margin[:int(equations.timed)])
-    results = np.array(call(program, q, *time, parameters))
+    layout = state_layout(robot)
+    q, u = after[layout.q], after[layout.u]
+    results = np.array(call(program, q, *after[layout.time], parameters))
     k = len(joints)
     T, X, inverse = np.split(results, [k * n, k * n + k])
     T = T.reshape(k, n)
@@ -193,7 +195,7 @@ def _without_creep(contact: FrictionState, directions: Vector, after: Vector,
     held = [direction * direction < 0.5 for direction in directions]
     for _ in range(2):  # the second has the error of the regular response
         u = u - along @ held_response(T @ along, held, T @ u + X)
-    return np.array([*q, *u, *time_and_margin])
+    return np.concatenate([q, u, after[n_q + n:]])
 
 
 class FrictionMotion(HeldMotion):
@@ -253,6 +255,8 @@ class FrictionMotion(HeldMotion):
         """Return the rates of a stage; the other results of the first one are stored."""
         results = super().called(program, q, u, tau, time, *inputs)
         k = len(self._joints)
+        # Behind the rates: forces of held joints with their bounds, then torques that
+        # drive self-locking joints.
         if self._contact.locks:
             results, driving = np.split(np.array(results), [len(results) - k])
             if not len(self.driving):
@@ -261,6 +265,7 @@ class FrictionMotion(HeldMotion):
             return results
         end = len(results) - 3 * k
         rates, f, least, largest = np.split(np.array(results), [end, end + k, end + 2 * k])
+        # The forces at the begin of the step decide whether joints hold.
         if self.first is None:
             self.first = f, least, largest
         return rates

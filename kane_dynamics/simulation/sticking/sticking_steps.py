@@ -19,7 +19,7 @@ from kane_dynamics.native.runtime.event_loop import EVENT, EventKernels, follow
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel
 from kane_dynamics.simulation.observers import Extremes, Impact
-from kane_dynamics.simulation.step_kernels import state_names, StepChoice
+from kane_dynamics.simulation.step_kernels import state_layout, state_names, StepChoice
 from kane_dynamics.simulation.sticking.friction_state import (bounds, friction_state,
                                                               FrictionModes,
                                                               FrictionState)
@@ -428,12 +428,15 @@ class _Path:
         def functions(length: float) -> Array:
             end = self.part(state, step, passed, length, modes)
             return self._functions(end, step, passed + length, modes)
+        # Each function is compared with its own size, since torques and distances have
+        # different units.
         at_begin = self._functions(state, step, passed, modes)
         at_end = functions(left)
         finite = np.isfinite(at_end)
         size = np.where(finite, np.maximum(np.abs(at_begin), np.abs(at_end)), 1.0)
         size = np.where(size > 0.0, size, 1.0)
 
+        # The first transition is where the least of all functions becomes negative.
         def least(length: float) -> float:
             return float((functions(length) / size).min())
         after = first_root(least, left, SHORT * self._step)
@@ -497,7 +500,7 @@ class _Path:
         """Return an impact after which a state is; `before` are the speeds before, (n,)."""
         robot = self.source.robot
         n_q, n = self._n_q, self._n
-        size = n_q + n + robot.equations.timed
+        size = state_layout(robot).without_margin
         former = state[:size].copy()
         former[n_q:n_q + n] = before
         terms = energy_kernel(robot, True)(np.stack([former, state[:size]]))
@@ -511,6 +514,7 @@ class _Path:
         n_q, n = self._n_q, self._n
         if contact.constrained:
             return self._admissible_impact(state, t)
+        # Joints that hit are put on the nearer stop, whose side the impulse has.
         side = np.zeros(n)
         for joint in joints.tolist():
             place, column = contact.places[joint], contact.joints[joint]
@@ -528,6 +532,7 @@ class _Path:
         q = state[:n_q]
         state[n_q:n_q + n] = resolve_stops(before, side, robot.inverse_mass_matrix(q))
 
+        # Only motion into a stop is an impact.
         hits = []
         for joint in joints.tolist():
             column = contact.joints[joint]
@@ -543,6 +548,8 @@ class _Path:
         n_q, n = self._n_q, self._n
         lower, upper = robot.limits.lower, robot.limits.upper
         before = state[n_q:n_q + n].copy()
+        # Positions back to the stops, speeds after the impulses, and the speeds that
+        # ended.
         state[:n_q], state[n_q:n_q + n], speeds = admissible_state(
             robot, state[:n_q], before, t, lower, upper, np.zeros((2, n_q)))
         side, _ = nearest_stops(state[:n_q], lower, upper)

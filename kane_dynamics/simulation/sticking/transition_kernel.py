@@ -25,8 +25,9 @@ from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.mechanics.integrators.held_joints import masked_solution, REGULAR
 from kane_dynamics.native.runtime.event_loop import SearchPlaces
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.simulation.step_kernels import (RobotMotion, step_signature,
-                                                   StepChoice, tau_from, traced_step)
+from kane_dynamics.simulation.step_kernels import (RobotMotion, state_layout,
+                                                   step_signature, StepChoice, tau_from,
+                                                   traced_step)
 from kane_dynamics.simulation.sticking.friction_state import (FrictionState, NEGLIGIBLE,
                                                               of_all_joints, TOUCHING,
                                                               traced_forces)
@@ -201,7 +202,7 @@ def search_places(size: int, k: int) -> Search:
 
 
 def loop_places(places: Search) -> SearchPlaces:
-    """Return the places of a search for the native loop."""
+    """Return where in its row the native loop finds the parts of a search."""
     modes = slice(places.directions.start, places.upper.stop)
     return SearchPlaces(places.phase, places.passed, places.transitions, places.power,
                         places.holds, places.end, modes, places.state)
@@ -319,10 +320,8 @@ def _inputs_at(inputs: Matrix, parts: list[Scalar]) -> Matrix:
 
 def _parts(contact: FrictionState, state: Vector) -> tuple[Vector, Vector, Vector]:
     """Return q, u and, if the equations depend on it, the time of a state."""
-    robot = contact.robot
-    ends = robot.n_q, robot.n_q + robot.n
-    time = state[ends[1]:][:int(robot.equations.timed)]
-    return state[:ends[0]], state[ends[0]:ends[1]], time
+    layout = state_layout(contact.robot)
+    return state[layout.q], state[layout.u], state[layout.time]
 
 
 def _at_place(contact: FrictionState, choice: StepChoice, search: Search, inputs: Matrix,

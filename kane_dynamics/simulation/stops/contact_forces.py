@@ -31,7 +31,7 @@ ITERATIONS = 20  # of moving joints back and closing loops
 
 
 def resting_sides(robot: Robot, q: Array, u: Array, lower: Array, upper: Array,
-                  **at: Any) -> Array:
+                  t: Any) -> Array:
     """
     Return the sides of the stops at which joints rest, of the shape of q; 0 of other joints.
 
@@ -43,8 +43,8 @@ def resting_sides(robot: Robot, q: Array, u: Array, lower: Array, upper: Array,
         States of the robot; rad or m, and s.
     lower, upper : (n_q,) arrays
         The stops, rad or m; infinite where there is none.
-    **at
-        The time, if the robot's equations depend on it.
+    t : float or (K,) array
+        The time, s.
 
     """
     side, away = nearest_stops(q, lower, upper)
@@ -53,14 +53,13 @@ def resting_sides(robot: Robot, q: Array, u: Array, lower: Array, upper: Array,
         near, slow = TOUCHING * units, AT_REST * units
     else:
         near = slow = np.zeros(robot.n_q)  # joints of trees rest at their stops exactly
-    resting = (np.abs(away) <= near) & (np.abs(robot.joint_rates(q, u, **at)) <= slow)
+    resting = (np.abs(away) <= near) & (np.abs(robot.joint_rates(q, u, t=t)) <= slow)
     sides: Array = side * resting
     return sides
 
 
 def with_stop_forces(robot: Robot, q: Array, u: Array, udot: Array, lower: Array,
-                     upper: Array,
-                     **at: Any) -> tuple[Array, Array]:
+                     upper: Array, t: Array) -> tuple[Array, Array]:
     """
     Return the accelerations under the forces of the stops, and these forces.
 
@@ -70,8 +69,10 @@ def with_stop_forces(robot: Robot, q: Array, u: Array, udot: Array, lower: Array
         Of any kind.
     q, u, udot : (K, n_q), (K, n), (K, n) arrays
         States, and the accelerations without the stops.
-    lower, upper, **at
-        As in `resting_sides`; the time is a (K,) array.
+    lower, upper : (n_q,) arrays
+        As in `resting_sides`.
+    t : (K,) array
+        The times, s.
 
     Returns
     -------
@@ -82,16 +83,15 @@ def with_stop_forces(robot: Robot, q: Array, u: Array, udot: Array, lower: Array
     """
     forces = np.zeros((len(q), robot.model.n))
     # Only rows in which a joint rests at a stop have a force.
-    side = resting_sides(robot, q, u, lower, upper, **at)
+    side = resting_sides(robot, q, u, lower, upper, t=t)
     rows = np.flatnonzero(side.any(axis=1))
     if not len(rows):
         return udot, forces
     udot = udot.copy()
     joints, places = np.array(angles(robot.model)), angle_places(robot.model)
     constrained = not robot.equations.in_joint_rates
-    times = {name: x[rows] for name, x in at.items()}
-    T, inverse = _speeds_of_joints(robot, q[rows], times)
-    accelerations = robot.joint_accelerations(q[rows], u[rows], udot[rows], **times)
+    T, inverse = _speeds_of_joints(robot, q[rows], t[rows])
+    accelerations = robot.joint_accelerations(q[rows], u[rows], udot[rows], t=t[rows])
 
     # The least forces s f >= 0 for which no pressed joint accelerates into its stop.
     for row, partial_rates, inverse_mass, qddot in zip(rows, T, inverse, accelerations):
@@ -110,20 +110,19 @@ def with_stop_forces(robot: Robot, q: Array, u: Array, udot: Array, lower: Array
     return udot, forces
 
 
-def _speeds_of_joints(robot: Robot,
-                      q: Array, at: dict[str, Array]) -> tuple[Array, Array]:
+def _speeds_of_joints(robot: Robot, q: Array, t: Array) -> tuple[Array, Array]:
     """Return T, (K, n_j, n), of the joints' speeds T u + X, and M^-1, (K, n, n)."""
     n, count = robot.n, len(q)
-    inverse = robot.inverse_mass_matrix(q, **at)
+    inverse = robot.inverse_mass_matrix(q, t=t)
     if robot.equations.in_joint_rates:
         return np.broadcast_to(np.eye(n), (count, n, n)), inverse
     # At rest the accelerations of the joints are T udot, and those of moving
     # constraints.
     T = np.empty((count, robot.model.n, n))
     rest = np.zeros((count, n))
-    of_constraints = robot.joint_accelerations(q, rest, rest, **at)
+    of_constraints = robot.joint_accelerations(q, rest, rest, t=t)
     for k, unit in enumerate(np.eye(n)):
-        total = robot.joint_accelerations(q, rest, np.tile(unit, (count, 1)), **at)
+        total = robot.joint_accelerations(q, rest, np.tile(unit, (count, 1)), t=t)
         T[:, :, k] = total - of_constraints
     return T, inverse
 
@@ -156,7 +155,7 @@ def resolved_state(robot: Robot, state: Array, t: float, lower: Array, upper: Ar
         places = np.flatnonzero(held)
         against: Any = -force
         if constrained:
-            T, _, _ = _partial_rates(robot, q, _time(robot, t))
+            T, _, _ = _partial_rates(robot, q, t)
             against = np.linalg.lstsq(T[places].T, against)[0]
         else:
             against = against[places]
@@ -190,14 +189,13 @@ def admissible_state(robot: Robot, q: Array, u: Array, t: float, lower: Array,
         The constraints drive a joint into its stop.
 
     """
-    at = _time(robot, t)
     units = coordinate_units(robot.model, robot.mechanism.constraints)
     rounding = ROUNDING * units
     # Positions: iterate until every joint is between its stops, and at those that moved
     # it.
     moved = applied[0].copy()  # by the impulse of each stop so far
     for _ in range(ITERATIONS):
-        T, X, inverse = _partial_rates(robot, q, at)
+        T, X, inverse = _partial_rates(robot, q, t)
         side, away = nearest_stops(q, lower, upper)
         acting = np.flatnonzero(moved)
         at_stops = np.abs(away[acting]) <= rounding[acting]
@@ -225,18 +223,12 @@ def admissible_state(robot: Robot, q: Array, u: Array, t: float, lower: Array,
     return q, u, ended
 
 
-def _time(robot: Robot, t: float) -> dict[str, Any]:
-    """Return the time as an argument of a robot's methods, if its equations depend on it."""
-    return {'t': t} if robot.equations.timed else {}
-
-
-def _partial_rates(robot: Robot, q: Array,
-                   at: dict[str, Any]) -> tuple[Array, Array, Array]:
+def _partial_rates(robot: Robot, q: Array, t: float) -> tuple[Array, Array, Array]:
     """Return T (n_q, n), X (n_q,) of q' = T u + X, and M^-1 (n, n)."""
     n = robot.n
     rows = np.concatenate([np.zeros((1, n)), np.eye(n)])
-    rates = robot.joint_rates(np.tile(q, (n + 1, 1)), rows, **at)
-    return (rates[1:] - rates[0]).T, rates[0], robot.inverse_mass_matrix(q, **at)
+    rates = robot.joint_rates(np.tile(q, (n + 1, 1)), rows, t=t)
+    return (rates[1:] - rates[0]).T, rates[0], robot.inverse_mass_matrix(q, t=t)
 
 
 def _closed(robot: Robot, q: Array, t: float) -> Array:

@@ -46,7 +46,7 @@ class Contact(NamedTuple):
 
 
 class _Pressure(NamedTuple):
-    """Numbers of pressed steps, (K,), with loss, balance and uncertainty, (K, 3), J."""
+    """Steps in which stops press: their numbers, (K,); loss, balance, uncertainty, (K, 3), J."""
 
     steps: Any
     energies: Array
@@ -269,8 +269,7 @@ class JointStops:
         """Return the sides of the stops, (n_q,), at which joints rest; 0 of other joints."""
         n_q, n = self._robot.n_q, self._robot.n
         q, u, t = state[:n_q], state[n_q:n_q + n], self._start + done * self._step
-        at = {'t': t} if robot.equations.timed else {}
-        return resting_sides(robot, q, u, self._lower, self._upper, **at)
+        return resting_sides(robot, q, u, self._lower, self._upper, t=t)
 
     def _held_step(self, source: TorqueInput, state: Array,
                    done: int) -> tuple[Array, PressedSteps | None]:
@@ -349,8 +348,7 @@ class JointStops:
         rows[1], speeds = self._resolved(robot, end, t, held, one)
         # A joint that rested at its stop before the step does not hit it.
         side, away = nearest_stops(begin[:n_q], self._lower, self._upper)
-        at: dict[str, Any] = {'t': t - self._step} if robot.equations.timed else {}
-        rates = robot.joint_rates(begin[:n_q], begin[n_q:n_q + n], **at)
+        rates = robot.joint_rates(begin[:n_q], begin[n_q:n_q + n], t=t - self._step)
         touches = np.abs(away) < TOUCHING * self._units
         rested = touches & (side * rates < RESTING * self._units)
         side_after, _ = nearest_stops(rows[1, :n_q], self._lower, self._upper)

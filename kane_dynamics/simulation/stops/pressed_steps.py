@@ -22,8 +22,8 @@ from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.held_motion import HeldMotion, HeldStage
-from kane_dynamics.simulation.step_kernels import (step_kernel, StepChoice, time_input,
-                                                   traced_step)
+from kane_dynamics.simulation.step_kernels import (state_layout, step_kernel, StepChoice,
+                                                   time_input, traced_step)
 from kane_dynamics.simulation.stops.contact_forces import ROUNDING
 from kane_dynamics.simulation.torque_input import TorqueInput
 import numpy as np
@@ -154,7 +154,7 @@ def _traced_row(robot: Robot, choice: StepChoice, stopped: list[int], state: Vec
     valid: Scalar = 1.0
     if not robot.equations.in_joint_rates:
         stops = [select(s > 0.0, high, low) for s, low, high in zip(side, lower, upper)]
-        time = list(time_and_margin[:int(robot.equations.timed)])
+        time = list(free[state_layout(robot).time])
         parameters = constants[-len(robot.parameters.block):]
         q, u, away = corrected(robot, stopped, touching, stops, q, u, time, parameters)
         units = coordinate_units(robot.model, robot.mechanism.constraints)

@@ -49,6 +49,7 @@ class Coupling:
         if not isinstance(self.ratios, Mapping) or self.joint in self.ratios:
             raise ConstraintError(f'{what}: ratios: {self.ratios!r}; expected a mapping '
                                   'of other joints to their ratios')
+        # q_joint = offset + sum of ratio times q_other.
         ratios = {}
         for joint, ratio in self.ratios.items():
             ratios[joint] = finite(ratio, f"{what}: ratio of '{joint}'")

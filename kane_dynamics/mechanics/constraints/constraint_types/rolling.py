@@ -214,6 +214,8 @@ class Rolling:
         R_surface, origin = geometry.pose(self._surface)
         axle = None if self.axis is None else R @ self.axis
         c = center - origin
+        # r leads from the center to the point of contact, along the normal of the
+        # surface.
         if self.surface == 'plane':
             r, normal, residual = self._contact_on_plane(c, R_surface, axle)
         else:
@@ -221,6 +223,7 @@ class Rolling:
 
         # The contact points of both bodies are at the same place.
         point = center + r
+        # Rolling without slip: the velocity of one point relative to the other is zero.
         v = geometry.partial_velocities(self.frame, point)[:3]
         if self.surface_frame is not None:
             v = v - geometry.partial_velocities(self.surface_frame, point)[:3]
