@@ -439,6 +439,8 @@ def test_random_mechanisms_are_those_of_the_definition_and_of_pinocchio(capsys):
             refused[f'{type(error).__name__}: {str(error)[:90]}'] += 1
         except Exception as error:
             failures.append(f'{what}: {type(error).__name__} {str(error)[:300]}')
+            with capsys.disabled():
+                print(failures[-1], flush=True)
     with capsys.disabled():
         print(f'random search: {count} mechanisms, {len(failures)} wrong, {dict(done)}; refused: '
               f'{sum(refused.values())}', *refused.most_common(12), sep='\n', flush=True)
