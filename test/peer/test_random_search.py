@@ -280,10 +280,11 @@ def matrices_of_trees(robot, q, u, udot, rng):
         none = np.zeros(robot.n)
         force = kane.inverse_dynamics(plain, q, u, none)
         at_rest = kane.inverse_dynamics(plain, q, none, none)
-        size = np.abs(force).max() + np.abs(at_rest).max()
+        product = np.abs(M).max() * np.abs(u).max()  # sums of such terms may cancel
+        size = np.abs(force).max() + np.abs(at_rest).max() + product * np.abs(u).max()
         assert np.abs(C @ u - (force - at_rest)).max() <= 1e-10 * size
         M_rate = rates(kane.mass_matrix(model, moving(q, u))).astype(float)
-        size = np.abs(C).max() * robot.n + np.abs(M_rate).max()
+        size = np.abs(C).max() * robot.n + np.abs(M_rate).max() + product
         assert np.abs(C + C.T - M_rate).max() <= 1e-10 * size
 
     def slope(accelerations):
