@@ -562,8 +562,7 @@ def search_kernels(robot: Robot, places: Sequence[int]) -> tuple[Kernel, Kernel]
         def called(search: Vector, positions: Vector, rates: Vector, seen: Vector,
                    weights: Vector, limits: Vector, t: Scalar) -> Vector:
             measured = MeasuredJoints(positions, rates, seen, weights)
-            return packed(rule(unpacked_search(search, n_q, n), measured, limits,
-                                      t))
+            return packed(rule(unpacked_search(search, n_q, n), measured, limits, t))
         size = search_size(n_q, n)
         return robot.compiled(called, name=f'{name}_{_joined(places)}', search=(size,),
                               positions=(n,), rates=(n,), seen=(n_q,), weights=(n_q,),

@@ -488,9 +488,8 @@ def _waiting(path: PathState, event: Event, state: Vector) -> PathState:
     """Return the path whose accepted state waits for torque_guard."""
     stamp = select(event.now < event.stamp, event.now, event.stamp)
     path = _kept(path, stamp, state)
-    return path._replace(reason=float(WAITING), last_stamp=stamp,
-                                              refusing=0.0, fault=0.0,
-                                              stop_began=NEVER)
+    return path._replace(reason=float(WAITING), last_stamp=stamp, refusing=0.0, fault=0.0,
+                         stop_began=NEVER)
 
 
 # A state.

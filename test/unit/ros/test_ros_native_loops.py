@@ -20,8 +20,6 @@ from palletizer import (DRIVEN, palletizer, positions, SINGULAR_SHOULDER)  # noq
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 
-
-
 STEPS = {'driven': 0.3, 'all': 0.2, 'some': 0.08, 'jump': 0.03, 'fast': 0.02, 'nan': 0.03,
          'nan_other': 0.02, 'stale': 0.02, 'contradiction': 0.06, 'singular': 0.04,
          'pause': 0.02, 'back': 0.01, 'motion': 0.07, 'gains': 0.03, 'mode': 0.02,
