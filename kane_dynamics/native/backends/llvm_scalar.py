@@ -909,9 +909,9 @@ class Function:
             put = f'%put{i}.{k}.{j}'
             self.lines.append(f'  {put} = getelementptr {self.type}, ptr {where}, i64 {j}')
             # A whole row is stored at once.
-            row = _row_of_lanes(entries[j:j + LANES])
-            if row is not None:
-                self.lines.append(f'  store {ROW_TYPE} {self.names[row.index]}, '
+            lanes_of = _row_of_lanes(entries[j:j + LANES])
+            if lanes_of is not None:
+                self.lines.append(f'  store {ROW_TYPE} {self.names[lanes_of.index]}, '
                                   f'ptr {put}, align 8')
                 j += LANES
                 continue
