@@ -21,7 +21,7 @@ from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.ball_joints import least_square, require_direction
 from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
+from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import WORLD
 from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.runtime.kernel import Argument, Kernel, ResultCheck
@@ -610,16 +610,20 @@ class KernelSet:
         return trace_program(name, function, inputs)
 
 
+def _beams_in_lanes(tree: TreeEquations) -> TreeEquations:
+    """Return a tree whose beams with equally many modes are computed together."""
+    # Needed only where a program is traced.
+    from kane_dynamics.native.tracing.wide import WideLanes
+    return tree.with_beams_in_lanes(lambda q: WideLanes(q.trace))
+
+
 def method_in_lanes(equations: Equations, name: str,
                     by_blocks: bool = False) -> Callable[..., Any] | None:
     """Return the function that computes several joints at once, or None."""
     n = equations.n
     similar_beams = equations.in_joint_rates and equations.tree.has_similar_beams
     if name == 'forward_dynamics' and similar_beams:
-        # Needed only where a program is traced.
-        from kane_dynamics.native.tracing.wide import WideLanes
-        tree = equations.tree.with_beams_in_lanes(lambda q: WideLanes(q.trace))
-        return tree.forward_dynamics
+        return _beams_in_lanes(equations.tree).forward_dynamics
     suits = n > ALWAYS_IN_LANES or (n >= FEWEST_IN_LANES and name in COMPARED)
     suits = suits or (n > LANES and name == 'forward_dynamics')
     suits = suits or by_blocks

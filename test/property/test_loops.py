@@ -10,7 +10,7 @@ from collections import Counter
 import re
 
 from hypothesis import given, strategies as st
-from kane_dynamics.mechanics.algebra.lanes import Lanes, LANES
+from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
 from kane_dynamics.mechanics.recursive.subroutines import directly, one_by_one
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.runtime.kernel import Argument, Kernel

@@ -250,8 +250,8 @@ def _pulls(stages: Sequence[Vector], side: Vector) -> list[Scalar]:
 
 
 def corrected(robot: Robot, stopped: list[int], touching: list[Scalar],
-               stops: list[Scalar], q: Vector, u: Vector, time: list[Scalar],
-               parameters: Vector) -> tuple[Vector, Vector, Vector]:
+              stops: list[Scalar], q: Vector, u: Vector, time: list[Scalar],
+              parameters: Vector) -> tuple[Vector, Vector, Vector]:
     """
     Return q and u without the remaining motion of joints at stops, and what is left of q.
 

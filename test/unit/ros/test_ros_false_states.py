@@ -220,8 +220,8 @@ def test_a_fault_that_lasts_ends_in_zeros_or_the_arm_is_held(name, fault, action
     pytest.param('palletizer', 'not finite', 75, id='palletizer, in the stop'),
     pytest.param('palletizer', 'another assembly mode', 140,
                  id='palletizer, at the end of the stop')])
-def test_the_guard_stops_an_arm_whose_node_dies_in_a_fault_that_lasts(monkeypatch, name, fault,
-                                                                     before):
+def test_the_guard_stops_an_arm_whose_node_dies_in_a_fault_that_lasts(
+        monkeypatch, name, fault, before):
     reason, change = FALSE[name][fault]
     run = GuardedRun(monkeypatch, name)
     _, moving = run.rows(FAULT)
