@@ -561,6 +561,8 @@ class Configurations(Dispatch):
     def _relaxed(self, q: Array) -> Array:
         """Return closed configurations near q, springs of drives without deflection."""
         model = self.equations.model
+        if not self.constraint_names:
+            return with_motors_at_links(model, q)  # several configurations, too
         closed = self.closed_configuration(with_motors_at_links(model, q))
         if not model.drives:
             return closed
