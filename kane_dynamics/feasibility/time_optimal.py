@@ -273,8 +273,11 @@ def _require_resolution(timing: TimeOptimal) -> None:
     moving = highest - lowest > RESTING * rounding
     errors = ROUNDED * rounding[moving].max(initial=0.0) / accelerations / intervals**2
 
-    # Equal positions, as of a rest between two sections, have an exact difference.
-    errors[(np.diff(points.q, axis=0) == 0.0).all(axis=1)] = 0.0
+    # Rests between two sections, and equal positions, have no such error. Positions of
+    # the sections that meet at a rest may differ by their rounding.
+    at_rest = (points.u == 0.0).all(axis=1)
+    equal = (np.diff(points.q, axis=0) == 0.0).all(axis=1)
+    errors[equal | at_rest[1:] & at_rest[:-1]] = 0.0
     largest_use = np.zeros(len(points.t))
     for quantity, uses in timing.uses.items():
         if quantity != 'velocity':  # which no error of the acceleration changes
