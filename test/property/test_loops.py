@@ -44,7 +44,7 @@ WAYS = {
 
 
 class Compiled:
-    """What a traced program is made with."""
+    """Loops, calls and rows of a traced program."""
 
     def __init__(self):
         """Make registries of the steps and subroutines of one program."""

@@ -179,8 +179,8 @@ class LinearStep:
         forces: list[Scalar] = list(self._at_zero)
         for j, (k, d) in enumerate(zip(self._K, self._D)):
             if k or d:
-                own = weights._replace(a_of_dampers=a_of_dampers[j])
-                forces[j] = forces[j] + own.force(k, d, q[j], u[j], a[j])
+                of_joint = weights._replace(a_of_dampers=a_of_dampers[j])
+                forces[j] = forces[j] + of_joint.force(k, d, q[j], u[j], a[j])
         for _, drive, link, motor in self._tree.model.drives:
             deflection, rate, change = (x[motor] - x[link] for x in (q, u, a))
             damping = drive.damping if self._tree.friction else 0.0
