@@ -16,10 +16,9 @@ LARGEST = 'tiago_dual'  # its kernels take half a minute
 # In slow tests: variants of another robot of the list, with other hands or none, limits,
 # boxes for meshes, inertias.
 VARIANTS = (
-    'alex_sake_hands', 'allegro_right_hand', 'double_pendulum_simple',
-    'g1_29dof_with_hand_rev_1_0', 'icub_reduced', 'romeo', 'romeo_laas_small',
-    'simple_humanoid_classical', 'so100', 'talos_full_v2_box', 'talos_reduced_box',
-    'talos_reduced_corrected', 'tiago_no_hand', 'ur3_gripper', 'ur3_joint_limited_robot',
+    'alex_sake_hands', 'allegro_right_hand', 'double_pendulum_simple', 'romeo',
+    'romeo_laas_small', 'simple_humanoid_classical', 'so100', 'talos_full_v2_box',
+    'talos_reduced_box', 'talos_reduced_corrected', 'ur3_gripper', 'ur3_joint_limited_robot',
     'ur3_robot', 'ur5_gripper', 'ur5_joint_limited_robot', 'ur10_joint_limited_robot')
 
 
