@@ -8,6 +8,10 @@ from typing import Any
 KINDS = ('trajectory', 'torque-by-source', 'energy', 'reactions', 'phase')  # of pictures
 WITHIN = 'zeros, or the middle of limits that exclude 0'
 STEP = 0.01  # s, between samples of a motion given by points
+# Options of `excite` that sums of harmonics alone take, with their defaults.
+HARMONIC_OPTIONS: dict[str, Any] = {
+    'duration': 10.0, 'periods': 1, 'harmonics': 5, 'starts': 2,
+    'velocity': [math.inf], 'acceleration': [math.inf]}
 
 
 def _torque(sub: ArgumentParser) -> None:
@@ -269,28 +273,30 @@ def _excite(sub: ArgumentParser) -> None:
     sub.add_argument('-o', '--out', metavar='CSV', required=True,
                      help='write the motion')
     for name, kind, default, text in (
-            ('duration', float, 10.0, 'duration in s'),
-            ('periods', int, 1, 'number of equal periods in the duration'),
-            ('harmonics', int, 5, 'number of harmonics of each joint'),
+            ('duration', float, HARMONIC_OPTIONS['duration'], 'duration in s'),
+            ('periods', int, HARMONIC_OPTIONS['periods'],
+             'number of equal periods in the duration'),
+            ('harmonics', int, HARMONIC_OPTIONS['harmonics'],
+             'number of harmonics of each joint'),
             ('share', float, 0.9, 'fraction of the limits to use'),
             ('seed', int, 0, 'seed of the random initial motions'),
-            ('starts', int, 2, 'number of initial motions'),
+            ('starts', int, HARMONIC_OPTIONS['starts'], 'number of initial motions'),
             ('rate', float, 100.0, 'rows per second')):
         sub.add_argument(f'--{name}', type=kind, default=default, metavar='X',
                          help=f'{text}; default: %(default)s')
     # Limits beside those of the model.
     for name, unit in (('velocity', 'rad/s or m/s'),
                        ('acceleration', 'rad/s^2 or m/s^2')):
-        sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf],
-                         metavar='X',
+        sub.add_argument(f'--{name}', type=float, nargs='+',
+                         default=HARMONIC_OPTIONS[name], metavar='X',
                          help=f'further limit, one value or one per joint, {unit}')
     sub.add_argument('--friction', action='store_true',
                      help='slow reversals under several loads, to identify friction with '
-                          'known inertias; of the options above it uses --share, --seed '
+                          'known inertias; of the options above it takes --share, --seed '
                           'and --rate')
-    sub.add_argument('--loads', type=int, default=3, metavar='N',
+    sub.add_argument('--loads', type=int, metavar='N',
                      help='with --friction: number of configurations with different '
-                          'loads; default: %(default)s')
+                          'loads; default: 3')
     sub.add_argument('--floor', type=_length_or_none, default=0.0, metavar='X',
                      help='lowest height of any link, m, or none; default: %(default)g')
     sub.add_argument('--distance', type=_length_or_none, default=SUPPRESS, metavar='X',

@@ -6,6 +6,7 @@ from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics._util.whole_files import whole_file
+from kane_dynamics.cli.arguments import HARMONIC_OPTIONS
 from kane_dynamics.cli.printing import model_warnings, print_json, print_table, warn
 from kane_dynamics.cli.robot_options import load, source_of
 from kane_dynamics.cli.tables import write_states
@@ -18,11 +19,13 @@ from kane_dynamics.model.model import Model
 from kane_dynamics.urdf.link_shapes import load_collision_shapes
 import numpy as np
 
+LOADS = 3  # of a friction motion, unless stated
 BAD_CONDITION = 1e3  # of the base parameters' equations, columns scaled to unit length
 
 
 def excitation(options: Namespace) -> int:
     """Write an exciting motion for `identify`; return 1 if its links come nearer than stated."""
+    _refuse_unused(options)
     model, _ = load(options)
     if not 0.0 < options.rate < np.inf:
         raise InputError(f'--rate: {options.rate}; expected a positive, finite number '
@@ -56,10 +59,23 @@ def excitation(options: Namespace) -> int:
     return 0 if too_near is None else 1
 
 
+def _refuse_unused(options: Namespace) -> None:
+    """Raise InputError for an option that the chosen kind of motion does not use."""
+    if not options.friction:
+        if options.loads is not None:
+            raise InputError('--loads: given without --friction; expected both')
+        return
+    for name, default in HARMONIC_OPTIONS.items():
+        if getattr(options, name) != default:
+            raise InputError(f'--friction: given with --{name}; expected it without '
+                             f'--{name}')
+
+
 def _friction(options: Namespace, model: Model, shapes: Sequence[LinkShape],
               distance: float | None) -> int:
     """Write a motion of slow reversals for `identify --friction-only`."""
-    motion = friction_motion(model, loads=options.loads, share=options.share,
+    loads = LOADS if options.loads is None else options.loads
+    motion = friction_motion(model, loads=loads, share=options.share,
                              seed=options.seed, floor=options.floor, shapes=shapes,
                              distance=distance)
     rows = int(np.ceil(motion.duration * options.rate - 1e-9)) + 1
@@ -69,11 +85,11 @@ def _friction(options: Namespace, model: Model, shapes: Sequence[LinkShape],
         write_states(stream, t, states, motion.joint_names)
     start = motion.sample(np.zeros(1))[0][0]
     data = {'joint_names': list(motion.joint_names), 'duration': motion.duration,
-            'start': start, 'loads': options.loads, 'files': [options.out]}
+            'start': start, 'loads': loads, 'files': [options.out]}
     if options.json:
         print_json(data)
         return 0
-    print(f'slow reversals under {options.loads} loads, {motion.duration:.0f} s; at rest '
+    print(f'slow reversals under {loads} loads, {motion.duration:.0f} s; at rest '
           'at each reversal, at the start and the end:')
     print_table(['joint', 'starts at'],
                 [[name, x] for name, x in zip(motion.joint_names, start)])
