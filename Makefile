@@ -174,18 +174,19 @@ $(CROCODDYL_VENV)/.tools: $(VENV)/.uv
 # All of them run, then any failure counts.
 BENCHMARKS ?= benchmarks/report.py benchmarks/exported_c.py benchmarks/torque_path.py \
   benchmarks/casadi_functions.py benchmarks/learning_functions.py benchmarks/time_optimal.py \
-  benchmarks/predictive_control.py benchmarks/task_space_laws.py benchmarks/node_latency.py \
-  benchmarks/state_rates.py
+  benchmarks/predictive_control.py benchmarks/task_space_laws.py \
+  benchmarks/node_latency.py,palletizer benchmarks/node_latency.py \
+  benchmarks/node_latency.py,native,palletizer benchmarks/node_latency.py,native \
+  benchmarks/state_rates.py benchmarks/state_rates.py,native
 BENCH_ARGS ?=
 
+# A program's own arguments follow it after commas.
 bench: install $(VENV)/.bench $(VENV)/.torch $(CROCODDYL_VENV)/.tools
 	@failed=; for program in $(BENCHMARKS); do \
-	  echo "== $$program"; $(ROS_ENV) $(BIN)/python $$program $(BENCH_ARGS) \
+	  echo "== $$program"; \
+	  $(ROS_ENV) $(BIN)/python $$(echo $$program | tr , ' ') $(BENCH_ARGS) \
 	    || failed="$$failed $$program"; \
-	done; echo '== benchmarks/node_latency.py palletizer'; \
-	$(ROS_ENV) $(BIN)/python benchmarks/node_latency.py palletizer $(BENCH_ARGS) \
-	  || failed="$$failed node_latency.py:palletizer"; \
-	test -z "$$failed" || { echo "failed:$$failed"; exit 1; }
+	done; test -z "$$failed" || { echo "failed:$$failed"; exit 1; }
 
 picture: install
 	PYTHONPATH='$(CURDIR):$(CURDIR)/test/helpers' $(BIN)/python docs/view.py docs/view.png

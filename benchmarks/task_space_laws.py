@@ -436,7 +436,7 @@ def draw_circle(arm: Arm) -> DrawingFigures:
                           int(np.count_nonzero(forces[drawing] == 0.0)))
 
 
-FRICTION = resource_path('urdf', 'fr3.urdf').parents[1] / 'examples' / 'fr3_friction.yaml'
+FRICTION = Path(__file__).resolve().parents[1] / 'examples' / 'fr3_friction.yaml'
 
 
 def with_friction(arm: Arm, factor: float) -> Robot:
