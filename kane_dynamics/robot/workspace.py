@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.python_call import entry
@@ -80,6 +81,9 @@ class Workspace(entry.NativeMethods):
         The class has machine-code methods where the interpreter supports them. A
         subclass has methods in Python.
         """
+        if not isinstance(kernels, KernelSet):
+            raise InputError(f'kernels: a {type(kernels).__name__}; expected those of a '
+                             'robot: robot.bind() returns a workspace')
         kind = cls
         if cls is Workspace and entry.supported():
             kind = _of_machine_code()
@@ -111,6 +115,7 @@ class Workspace(entry.NativeMethods):
         """Raise TypeError: a workspace is bound to memory of this process."""
         raise TypeError('workspace: copied or pickled; expected robot.bind() again')
 
+    @hinting_method
     def at_frame(self, name: str, frame: str) -> Callable[[], Any]:
         """
         Return a frame quantity as a function without arguments.
@@ -129,13 +134,25 @@ class Workspace(entry.NativeMethods):
             An unknown quantity or frame; the message lists the valid ones.
 
         """
+        _require_name(name, 'name', "a frame quantity, such as 'frame_pose'")
+        _require_name(frame, 'frame', 'a frame')
         if name not in FRAME_QUANTITIES:
             raise InputError(f"no frame quantity '{name}'; expected one of "
                              f'{", ".join(FRAME_QUANTITIES)}')
         return self._bound_at(self._kernels.at_frame(name, frame), frame)
 
+    @hinting_method
     def reaction(self, joint: str) -> Callable[[], Any]:
-        """Return `Robot.joint_reaction` at a joint as a function without arguments."""
+        """
+        Return `Robot.joint_reaction` at a joint as a function without arguments.
+
+        Raises
+        ------
+        InputError
+            An unknown joint; the message lists the valid ones.
+
+        """
+        _require_name(joint, 'joint', 'a joint')
         return self._bound_at(self._kernels.reaction(joint), joint)
 
     def _function(self, name: str) -> Callable[[], Any]:
@@ -181,6 +198,12 @@ def _of_machine_code() -> type[Workspace]:
         '__module__': Workspace.__module__})
     kind._unmade = entry.methods(kind, DOCS, Workspace._table)
     return kind
+
+
+def _require_name(value: Any, what: str, kind: str) -> None:
+    """Raise InputError if a value is no text."""
+    if not isinstance(value, str):
+        raise InputError(f'{what}: a {type(value).__name__}; expected the name of {kind}')
 
 
 def _fixed(shape: tuple[int, ...]) -> Array:

@@ -25,7 +25,8 @@ def test_a_line_says_what_is_compiled_and_one_how_long_it_took(caplog, monkeypat
     assert caplog.messages[1].startswith('compiled inverse_dynamics in ')
 
 
-def test_short_kernels_of_a_long_series_are_reported_with_how_many_are_ready():
+def test_short_kernels_of_a_long_series_are_reported_with_how_many_are_ready(monkeypatch):
+    monkeypatch.setattr(compiling, 'SLOW', 2.0)
     series = compiling.Series()
     lines = []
     for k in range(6):  # 0.9 s each
