@@ -364,7 +364,7 @@ def _with_impacts(terms: BalanceTerms, impacts: Sequence[Impact]) -> BalanceTerm
 
 def _dot(a: Array, b: Array) -> Array:
     """Return the scalar products of the last axes of (1 or N, 1 or K, n) arrays, (K, N)."""
-    products: Array = np.einsum('nkj,nkj->kn', *np.broadcast_arrays(a, b))
+    products: Array = np.einsum('nkj,nkj->kn', a, b)
     return products
 
 
@@ -378,9 +378,8 @@ def _differences(rows: Array, order: int) -> Array:
     # Differences of order k belong to k intervals; zeros at the margins let each
     # interval look at all of its own.
     order = min(order, len(rows) - 1)
-    differences = np.abs(np.diff(rows, order, axis=0))
-    margin = [(order - 1, order - 1)] + [(0, 0)] * (rows.ndim - 1)
-    padded = np.pad(differences, margin)
+    padded = np.zeros((len(rows) + order - 2, *rows.shape[1:]))
+    padded[order - 1:len(rows) - 1] = np.abs(np.diff(rows, order, axis=0))
     shifted = [padded[k:k + len(rows) - 1] for k in range(order)]
     largest: Array = np.max(shifted, axis=0)
     return largest
