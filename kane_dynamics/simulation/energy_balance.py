@@ -25,11 +25,10 @@ from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Chunk, Impact, Observer, Power
-from kane_dynamics.simulation.presliding import (bristle_energies, bristle_friction,
-                                                 BristleFriction)
+from kane_dynamics.simulation.presliding import bristle_energies, bristle_friction
 from kane_dynamics.simulation.step_kernels import state_layout, times_of
 from kane_dynamics.simulation.step_size import bristle_frequency
-from kane_dynamics.simulation.sticking.friction_state import FrictionState
+from kane_dynamics.simulation.sticking.friction_state import StateFriction
 import numpy as np
 
 RELATIVE = 1e-3  # of the energy exchanged so far
@@ -88,7 +87,7 @@ class EnergyBalance(Observer):
         Leave out the number of the simulation in the warning.
     cause : str, optional
         A known reason for errors, such as the warning of the step.
-    friction : FrictionState, optional
+    friction : StateFriction, optional
         Set-valued friction in place of the smooth law.
 
     Attributes
@@ -108,12 +107,12 @@ class EnergyBalance(Observer):
     def __init__(self, robot: Robot, step: float, states: Array, integrator: str,
                  start: float = 0.0, *, single: bool = True,
                  cause: str | None = None,
-                 friction: FrictionState | None = None) -> None:
+                 friction: StateFriction | None = None) -> None:
         """Compile the kernels."""
         self.robot, self._step, self._start = robot, step, start
         self._single, self._cause = single, cause
         exact = friction is not None
-        self._friction: FrictionState | BristleFriction | None = friction
+        self._friction = friction
         self._bristle_frequency = 0.0  # rad/s, of the stiffest bristles
         if robot.equations.tree.bristles:
             self._friction = bristle_friction(robot, False)
@@ -365,7 +364,7 @@ def _with_impacts(terms: BalanceTerms, impacts: Sequence[Impact]) -> BalanceTerm
 
 def _dot(a: Array, b: Array) -> Array:
     """Return the scalar products of the last axes of (1 or N, 1 or K, n) arrays, (K, N)."""
-    products: Array = np.einsum('nkj,nkj->kn', *np.broadcast_arrays(a, b))
+    products: Array = np.einsum('nkj,nkj->kn', a, b)
     return products
 
 
@@ -379,9 +378,8 @@ def _differences(rows: Array, order: int) -> Array:
     # Differences of order k belong to k intervals; zeros at the margins let each
     # interval look at all of its own.
     order = min(order, len(rows) - 1)
-    differences = np.abs(np.diff(rows, order, axis=0))
-    margin = [(order - 1, order - 1)] + [(0, 0)] * (rows.ndim - 1)
-    padded = np.pad(differences, margin)
+    padded = np.zeros((len(rows) + order - 2, *rows.shape[1:]))
+    padded[order - 1:len(rows) - 1] = np.abs(np.diff(rows, order, axis=0))
     shifted = [padded[k:k + len(rows) - 1] for k in range(order)]
     largest: Array = np.max(shifted, axis=0)
     return largest

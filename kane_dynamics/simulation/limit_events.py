@@ -145,6 +145,16 @@ class LimitWatch(Observer):
                         if np.isfinite(bound.bound).any()}
         self._beyond = {limit: np.zeros((count, len(bound.bound)), dtype=bool)
                         for limit, bound in self._bounds.items()}
+        # The range of each entry of q and u: most chunks stay within it.
+        self._lowest = np.full(n_q + robot.n, -np.inf)
+        self._highest = np.full(n_q + robot.n, np.inf)
+        for bound in self._bounds.values():
+            if bound.sign == 0.0:
+                self._lowest[bound.part] = -bound.bound
+            if bound.sign < 0.0:
+                self._lowest[bound.part] = bound.bound
+            else:
+                self._highest[bound.part] = bound.bound
 
     @property
     def events(self) -> LimitEvents:
@@ -170,6 +180,9 @@ class LimitWatch(Observer):
             begin = 0
             initial = chunk.states[:, 0]
             low, high = np.minimum(low, initial), np.maximum(high, initial)
+        was_within = not any(beyond.any() for beyond in self._beyond.values())
+        if was_within and self._stays_within(low, high):
+            return
         t = chunk.times[begin:]
         rows = np.moveaxis(chunk.states[:, begin:], 2, 1)  # one row for each entry
         for limit, bound in self._bounds.items():
@@ -195,3 +208,10 @@ class LimitWatch(Observer):
             if len(k):
                 self._crossings.append(Crossings(limit, t[k], i, j, x[i, j, k],
                                                  bound.bound[j]))
+
+    def _stays_within(self, low: Array, high: Array) -> bool:
+        """Return whether all states are within the limits, by least and largest entries."""
+        entries = len(self._lowest)
+        is_within = ((low[:, :entries] >= self._lowest).all()
+                     and (high[:, :entries] <= self._highest).all())
+        return bool(is_within)

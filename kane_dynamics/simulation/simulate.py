@@ -45,8 +45,9 @@ from kane_dynamics.simulation.speed_switching import SwitchingSteps
 from kane_dynamics.simulation.step_kernels import deflections_of, state_layout, step_kernel
 from kane_dynamics.simulation.step_size import stable_integrator, without_coulomb
 from kane_dynamics.simulation.stepping import Progress, run, Steps
-from kane_dynamics.simulation.sticking.friction_state import (friction_state,
-                                                              FrictionState)
+from kane_dynamics.simulation.sticking.friction_samples import (exact_friction,
+                                                                ExactFriction)
+from kane_dynamics.simulation.sticking.friction_state import friction_state
 from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops, require_stops
 from kane_dynamics.simulation.torque_input import torque_input
@@ -186,11 +187,9 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     if step_text is not None:
         warnings.warn(step_text, ModelWarning, stacklevel=3)
     # Without friction and stops there are no joints that stick.
-    friction: FrictionState | None = None
-    if sticking:
-        friction = friction_state(robot, stops)
-        if not friction.joints:
-            friction = None
+    friction: ExactFriction | None = None
+    if sticking and friction_state(robot, stops).joints:
+        friction = exact_friction(robot, stops)
 
     # With the Runge-Kutta method, a step that is too long explains errors of the energy.
     cause = step_text if integrator == 'rk4' else None

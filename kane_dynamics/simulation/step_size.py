@@ -91,9 +91,7 @@ def longest_step(robot: Robot, q: Any, u: Any = None, *, t: float = 0.0) -> Long
     if not (n and _may_limit_step(robot.model, robot.friction)):
         return LongestStep(math.inf)
     bristles = settling_step(robot, q, u, t)
-    matrix = _state_matrix(_with_bound_bristles(_steepest(robot)), q, u, t)
-    matrix[n:, :n] -= _bristle_stiffness(robot, q, t)
-    values, vectors = np.linalg.eig(matrix)
+    values, vectors = np.linalg.eig(_stiff_matrix(robot, q, u, t))
     # The step limit of an eigenvalue depends on its angle. An unstable equilibrium (an
     # inverted arm) does not limit the step.
     angles = np.angle(np.minimum(values.real, 0.0) + 1j * np.abs(values.imag))
@@ -144,26 +142,56 @@ def _state_matrix(robot: Robot, q: Array, u: Array, t: float) -> Array:
     n = robot.n
     # Partial rates of the joints: q' at unit speeds minus q' at none.
     units = DIFFERENCE * np.eye(n)
-    rates = robot.joint_rates(np.tile(q, (n + 1, 1)),
-                              np.concatenate([np.zeros((1, n)), units]),
-                              t=t)
-    partial_rates = rates[1:] - rates[0]
+    partial_rates = units
+    if not robot.equations.in_joint_rates:
+        rates = robot.joint_rates(np.tile(q, (n + 1, 1)),
+                                  np.concatenate([np.zeros((1, n)), units]), t=t)
+        partial_rates = rates[1:] - rates[0]
+
     # Rows of displacements: first of u, then of q, on both sides of the state.
-    dq = np.concatenate([np.zeros((n, robot.n_q)), partial_rates])
-    du = np.concatenate([units, np.zeros((n, n))])
+    dq, du = np.zeros((2 * n, robot.n_q)), np.zeros((2 * n, n))
+    du[:n] = units
+    dq[n:] = partial_rates
     udot = robot.forward_dynamics(np.concatenate([q + dq, q - dq]),
                                   np.concatenate([u + du, u - du]), np.zeros((4 * n, n)),
                                   t=t)
     slopes = (udot[:2 * n] - udot[2 * n:]).T / (2.0 * DIFFERENCE)
+
     # x = (changes of q along the partial rates, changes of u).
-    by_u, by_q = np.split(slopes, 2, axis=1)
-    return np.block([[np.zeros((n, n)), np.eye(n)], [by_q, by_u]])
+    matrix = np.zeros((2 * n, 2 * n))
+    matrix[:n, n:] = np.eye(n)
+    matrix[n:, :n] = slopes[:, n:]
+    matrix[n:, n:] = slopes[:, :n]
+    return matrix
+
+
+def _stiff_matrix(robot: Robot, q: Array, u: Array, t: float) -> Array:
+    """Return `_state_matrix` with the steepest springs, and bristles that do not slide."""
+    matrix = _state_matrix(_with_bound_bristles(_steepest(robot)), q, u, t)
+    matrix[robot.n:, :robot.n] -= _bristle_stiffness(robot, q, t)
+    return matrix
+
+
+def is_clearly_stable(robot: Robot, q: Array, step: float, t: float) -> bool:
+    """
+    Return whether a bound of all eigenvalues shows that a step is stable at rest.
+
+    With rows of accelerations by q and by u, J = [[0, 1], [A, B]], every eigenvalue has a
+    magnitude of at most sqrt(norm(A)) + norm(B): a norm of J with u scaled by sqrt(norm(A)).
+    """
+    n = robot.n
+    if not (n and _may_limit_step(robot.model, robot.friction)):
+        return True
+    rows = np.abs(_stiff_matrix(robot, q, np.zeros(n), t)[n:])
+    by_q = float(rows[:, :n].sum(axis=1).max())
+    by_u = float(rows[:, n:].sum(axis=1).max())
+    return step * (math.sqrt(by_q) + by_u) <= float(_radii().min())
 
 
 def step_warning(robot: Robot, q: Any, step: float, integrator: str = 'rk4',
                  t: float = 0.0) -> str | None:
     """Return the warning for a step, s, that is too long at a configuration, else None."""
-    if integrator_of(integrator).damps:
+    if integrator_of(integrator).damps or is_clearly_stable(robot, q, step, t):
         return None
     longest, name = longest_step(robot, q, t=t)
     if step <= longest:
@@ -188,6 +216,8 @@ def stable_integrator(robot: Robot, q: Array, step: float, integrator: str | Non
         return integrator, step_warning(robot, q[0], step, integrator, t)
     if robot.equations.tree.bristles:
         return 'implicit', None  # how fast bristles settle depends on the rate
+    if is_clearly_stable(robot, q[0], step, t):
+        return 'rk4', None
     longest, name = longest_step(robot, q[0], t=t)
     if step <= longest:
         return 'rk4', None

@@ -21,7 +21,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel, TERMS
 from kane_dynamics.simulation.presliding import bristle_friction
-from kane_dynamics.simulation.sticking.friction_state import friction_state
+from kane_dynamics.simulation.sticking.friction_samples import exact_friction
 from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
 import numpy as np
 
@@ -449,7 +449,7 @@ def sampled_quantities(robot: Robot, states: Array, tau: Array, times: Array, st
     quantities = {'u': u, 'energy': terms[:, :2]}
     # Set-valued friction and that of bristles decide the accelerations with the stops.
     if sticking:
-        friction = friction_state(robot, stops)
+        friction = exact_friction(robot, stops)
         return quantities | friction.at_samples(states, tau, times)._asdict()
     if robot.equations.tree.bristles:
         bristles = bristle_friction(robot, stops)

@@ -18,6 +18,7 @@ from kane_dynamics.simulation.step_kernels import (deflections_of, state_names,
                                                    step_kernel, StepChoice)
 from kane_dynamics.simulation.step_size import (stable_integrator, step_warning,
                                                 without_coulomb)
+from kane_dynamics.simulation.sticking.friction_samples import ExactFriction
 from kane_dynamics.simulation.sticking.friction_state import FrictionState
 from kane_dynamics.simulation.sticking.sticking_steps import compile_sticking
 from kane_dynamics.simulation.sticking.sticking_steps import Sticking
@@ -177,8 +178,10 @@ class SimulatedArm:
         self._constants[0] = step
         self._friction = FrictionState(robot, True)
         self._sticks = sticking and bool(self._friction.joints)
-        sticking_friction = self._friction if self._sticks else None
-        self.energy = EnergyCheck(robot, step, self._integrator, sticking_friction)
+        self._exact: ExactFriction | None = None
+        if self._sticks:
+            self._exact = ExactFriction(self._friction)
+        self.energy = EnergyCheck(robot, step, self._integrator, self._exact)
         self.use_parameters()
         self._advance = kernel.bind([self._state, self._total], self._next, 'Step.')
         self._stops = JointStops(robot, step, 0.0)
@@ -360,9 +363,9 @@ class SimulatedArm:
     @property
     def stuck(self) -> list[str]:
         """Return the names of the joints that friction holds; none with the smooth law."""
-        if not self._sticks:
+        if self._exact is None:
             return []
-        samples = self._friction.at_samples(self._state[None], self._total, np.zeros(1))
+        samples = self._exact.at_samples(self._state[None], self._total, np.zeros(1))
         held = samples.sticking[0][:len(self.joint_names)]
         return [name for name, sticks in zip(self.joint_names, held) if sticks]
 
@@ -387,7 +390,7 @@ class EnergyCheck:
         s.
     integrator : str
         One of `mechanics.integrators.INTEGRATORS`.
-    friction : FrictionState, optional
+    friction : ExactFriction, optional
         Exact friction in place of the smooth law.
 
     Attributes
@@ -398,7 +401,7 @@ class EnergyCheck:
     """
 
     def __init__(self, robot: Robot, step: float, integrator: str,
-                 friction: FrictionState | None = None) -> None:
+                 friction: ExactFriction | None = None) -> None:
         self._arguments = robot, step
         self._integrator = integrator
         self._friction = friction

@@ -12,7 +12,7 @@ the independent speeds by M^-1 T_s^T f.
 """
 
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Flags, Scalar, Vector
@@ -66,6 +66,8 @@ class Forces(NamedTuple):
     """
     Accelerations and forces at a state, with the friction of given directions.
 
+    Those of K states have a leading axis.
+
     Attributes
     ----------
     udot : (n,) array
@@ -95,11 +97,16 @@ class Forces(NamedTuple):
 
     def holding(self, held: Flags) -> Array:
         """Return the forces that hold joints, (k,), zero of the others."""
-        f = np.zeros(len(self.a))
-        if held.any():
-            A = self.A[np.ix_(held, held)]
-            f[held] = np.linalg.solve(A, -self.a[held])
-        return f
+        # Rows and columns of the others are those of the unit matrix.
+        both = held[..., :, None] & held[..., None, :]
+        A = np.where(both, self.A, np.eye(held.shape[-1]))
+        motion = np.where(held, -self.a, 0.0)
+        forces: Array = np.linalg.solve(A, motion[..., None])[..., 0]
+        return forces
+
+    def row(self, number: int) -> 'Forces':
+        """Return those of one state of several."""
+        return Forces(*(array[number] for array in self))
 
 
 class FrictionSamples(NamedTuple):
@@ -122,6 +129,13 @@ class FrictionSamples(NamedTuple):
     stop_forces: Array
     sticking: Flags
     friction: Array
+
+
+class StateFriction(Protocol):
+    """The friction of a robot at states of a simulation, whichever law it has."""
+
+    def at_samples(self, states: Array, tau: Array, times: Array) -> FrictionSamples:
+        """Return accelerations, forces of stops and friction at K states, (K, size)."""
 
 
 class _Begins(NamedTuple):
@@ -253,10 +267,10 @@ class FrictionState:
     def forces(self, state: Array, tau: Array, directions: Array, t: float) -> Forces:
         """Return `Forces` at a state, (size,), with the torque tau and these directions."""
         rows = state[None], tau[None], directions[None], np.array([t])
-        return self.forces_at(*rows)[0]
+        return self.forces_at(*rows).row(0)
 
     def forces_at(self, states: Array, tau: Array, directions: Array,
-                  times: Array) -> list[Forces]:
+                  times: Array) -> Forces:
         """Return `Forces` at K states, (K, size); the other arguments have K rows too."""
         robot = self.robot
         n_q, n, k = robot.n_q, robot.n, len(self.joints)
@@ -266,18 +280,16 @@ class FrictionState:
         rows = np.empty((len(states), *self.kernel.shape))
         self.kernel.run([np.ascontiguousarray(x, dtype=np.float64) for x in inputs], rows,
                         len(rows))
-        results = []
-        for row in rows:
-            udot, v, a, B, A, *bounds_and_friction = (row[part] for part in self.parts)
-            A = A.reshape(k, k)
-            if self.constrained:  # may couple joints: then A is singular, and they share f
-                A = A + REGULAR * np.diag(A).max(initial=0.0) * np.eye(k)
-            results.append(Forces(udot, v, a, B.reshape(n, k), A, *bounds_and_friction))
-        return results
+        udot, v, a, B, A, *bounds_and_friction = (rows[:, part] for part in self.parts)
+        A = A.reshape(-1, k, k)
+        if self.constrained:  # may couple joints: then A is singular, and they share f
+            size = A.diagonal(axis1=1, axis2=2).max(axis=1, initial=0.0)
+            A = A + REGULAR * size[:, None, None] * np.eye(k)
+        return Forces(udot, v, a, B.reshape(-1, n, k), A, *bounds_and_friction)
 
     def sides_at(self, q: Array) -> Array:
-        """Return the stops at which joints are, (k,): 1 upper, -1 lower, else 0."""
-        x = np.where(self.places < 0, 0.0, q[self.places])
+        """Return the stops at which joints are, (..., k): 1 upper, -1 lower, else 0."""
+        x = np.where(self.places < 0, 0.0, q[..., self.places])
         near = TOUCHING * self.units * self.constrained
         return np.where(x >= self.upper - near, 1.0,
                         np.where(x <= self.lower + near, -1.0, 0.0))
@@ -300,19 +312,19 @@ class FrictionState:
 
         """
         rows = state[None], tau[None], np.array([t])
-        return self.modes_at(*rows, sliding)[0]
+        directions, sides = self.modes_at(*rows, sliding)
+        return FrictionModes(directions[0], sides[0])
 
     def modes_at(self, states: Array, tau: Array, times: Array,
-                 sliding: dict[int, float] | None = None) -> list[FrictionModes]:
-        """Return the modes at K states; the arguments of `modes`, with K rows."""
+                 sliding: dict[int, float] | None = None) -> FrictionModes:
+        """Return the modes at K states, (K, k); the arguments of `modes`, with K rows."""
         at_rest = np.zeros((len(states), len(self.joints)))
-        forces = self.forces_at(states, tau, at_rest, times)
-        rates = np.array([at.v for at in forces])
+        rates = self.forces_at(states, tau, at_rest, times).v
         # Twice the rate at which a joint that stops has stopped, but for rounding.
         directions = np.sign(rates) * (np.abs(rates) > 2.0 * self.slow)
         for joint, direction in (sliding or {}).items():
             directions[:, joint] = direction
-        at_stop = np.array([self.sides_at(state[:self.robot.n_q]) for state in states])
+        at_stop = self.sides_at(states[:, :self.robot.n_q])
 
         # Joints that begin to slide have another friction then, which changes the forces
         # on those that still rest.
@@ -321,15 +333,14 @@ class FrictionState:
             forces = self.forces_at(states[open_rows], tau[open_rows],
                                     directions[open_rows], times[open_rows])
             changed = []
-            for row, at in zip(open_rows.tolist(), forces):
-                begins = self._begins(at, directions[row], at_stop[row])
+            for number, row in enumerate(open_rows.tolist()):
+                begins = self._begins(forces.row(number), directions[row], at_stop[row])
                 if self.locks:
                     self._require_driven(states[row], tau[row], times[row], begins)
                 if len(begins.joints) and (directions[row] == 0.0).any():
                     changed.append(row)
             open_rows = np.array(changed, dtype=int)
-        return [FrictionModes(row, sides * (row == 0.0))
-                for row, sides in zip(directions, at_stop)]
+        return FrictionModes(directions, at_stop * (directions == 0.0))
 
     def _begins(self, forces: Forces, directions: Array, at_stop: Array) -> '_Begins':
         """Return the joints at rest that begin to slide, and set their directions."""
@@ -364,33 +375,6 @@ class FrictionState:
                     f'sticking: at {t:.6g} s the load of the self-locking joint '
                     f"'{joint.name}' helps its motor to move it; expected a motor that "
                     'drives against the load, since the motion is not determined otherwise')
-
-    def at_samples(self, states: Array, tau: Array, times: Array) -> 'FrictionSamples':
-        """Return accelerations, forces and sticking joints at K states, (K, size)."""
-        robot = self.robot
-        n_j = robot.model.n
-        udot = np.empty((len(states), robot.n))
-        stop_forces = np.zeros((len(states), n_j))
-        friction = np.zeros((len(states), n_j))
-        sticking = np.zeros((len(states), n_j), dtype=bool)
-        with_friction = self.has_friction
-        modes_of_rows = self.modes_at(states, tau, times)
-        directions = np.array([modes.directions for modes in modes_of_rows])
-        forces_of_rows = self.forces_at(states, tau, directions, times)
-        for row, (modes, forces) in enumerate(zip(modes_of_rows, forces_of_rows)):
-            f = forces.holding(modes.held)
-            udot[row] = forces.udot + forces.B @ f
-            # Friction holds first; a stop carries what is beyond breakaway friction.
-            beyond = f - np.clip(f, forces.least, forces.largest)
-            beyond = np.where(modes.sides != 0.0, beyond, 0.0)
-            stop_forces[row, self.joints] = beyond
-            friction[row] = forces.friction
-            friction[row, self.joints] -= f - beyond
-            resting = np.abs(forces.v) <= 2.0 * self.slow
-            still = np.abs(forces.a + forces.A @ f) <= NEGLIGIBLE * np.abs(forces.a).max(
-                initial=1e-300)
-            sticking[row, self.joints] = resting & (modes.held | still) & with_friction
-        return FrictionSamples(udot, stop_forces, sticking, friction)
 
     def _saturate(self, directions: Array, resting: Any, f: Array, least: Array,
                   largest: Array) -> None:

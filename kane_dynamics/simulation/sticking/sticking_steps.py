@@ -20,15 +20,17 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel
 from kane_dynamics.simulation.observers import Extremes, Impact
 from kane_dynamics.simulation.step_kernels import state_layout, state_names, StepChoice
+from kane_dynamics.simulation.sticking.friction_samples import exact_friction
 from kane_dynamics.simulation.sticking.friction_state import (bounds, friction_state,
                                                               FrictionModes,
                                                               FrictionState)
 from kane_dynamics.simulation.sticking.sticking_kernel import mode_rows, sticking_kernel
-from kane_dynamics.simulation.sticking.transition_kernel import (BEGIN, CALLS, DONE,
+from kane_dynamics.simulation.sticking.transition_kernel import (BEGIN, CALLS,
                                                                  loop_places, MARGIN,
                                                                  MOST, ROOT,
                                                                  search_kernels,
-                                                                 search_places, SHORT,
+                                                                 search_places,
+                                                                 settled_modes, SHORT,
                                                                  START)
 from kane_dynamics.simulation.stops.contact_forces import admissible_state
 from kane_dynamics.simulation.torque_input import TorqueInput
@@ -75,7 +77,7 @@ def compile_sticking(robot: Robot, choice: StepChoice, stops: bool) -> None:
     """Compile the kernels of `Sticking` for one choice of the step."""
     state = friction_state(robot, stops, choice.needed(robot).dual_to)
     if state.joints:
-        assert state.kernel is not None  # compiled
+        exact_friction(robot, stops).compile()
         energy_kernel(robot, True)
         _kernels(choice, state)
 
@@ -345,19 +347,11 @@ class _Path:
 
     def _settled(self, state: Array, step: int) -> FrictionModes | None:
         """Return the modes at the beginning of a step, or None without a solution."""
-        places = self._places
+        # The inputs of the beginning of the step, at all of its moments.
         inputs = self.source.inputs(step, 1)[0, 0]
-        search = np.zeros(places.end + 1)
-        search[places.phase] = START
-        search[places.state] = state
-        search[places.lower], search[places.upper] = self.contact.finite_stops
-        # The whole step has passed, with the inputs of its beginning.
-        search[places.passed] = self._step
-        self._kernels.early.iterate(search, [np.tile(inputs[:1], (len(inputs), 1))], CALLS,
-                                    constants=self.source.constants)
-        if search[places.end] != DONE:
-            return None
-        return FrictionModes(search[places.directions], search[places.sides])
+        at_begin = np.tile(inputs[:1], (len(inputs), 1))
+        return settled_modes(self._kernels.early, self.contact, state, at_begin,
+                             self.source.constants, self._step)
 
     def part(self, state: Array, step: int, passed: float, length: float,
              modes: FrictionModes) -> Array:

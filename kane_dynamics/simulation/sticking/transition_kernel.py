@@ -17,18 +17,20 @@ Impacts on stops and self-locking drives are left to `sticking_steps`, where the
 search is in Python.
 """
 
+from collections.abc import Callable
 from functools import cache, partial
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.typing import Matrix, Scalar, Vector
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.mechanics.integrators.held_joints import masked_solution, REGULAR
 from kane_dynamics.native.runtime.event_loop import SearchPlaces
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.simulation.step_kernels import (RobotMotion, state_layout,
+from kane_dynamics.simulation.step_kernels import (RobotMotion, state_layout, state_names,
                                                    step_signature, StepChoice, tau_from,
                                                    traced_step)
-from kane_dynamics.simulation.sticking.friction_state import (FrictionState, NEGLIGIBLE,
+from kane_dynamics.simulation.sticking.friction_state import (FrictionModes,
+                                                              FrictionState, NEGLIGIBLE,
                                                               of_all_joints, TOUCHING,
                                                               traced_forces)
 from kane_dynamics.simulation.sticking.sticking_kernel import (FrictionMotion,
@@ -174,22 +176,62 @@ def search_kernels(choice: StepChoice, contact: FrictionState) -> tuple[Kernel, 
 
     Their arguments: the search, and the inputs of the step as of `step_kernel`.
     """
+    transitions = _search_kernel('transitions', _traced_search, choice, contact)
+    return settling_kernel(choice, contact), transitions
+
+
+def settling_kernel(choice: StepChoice, contact: FrictionState) -> Kernel:
+    """Return the kernel of START and SETTLE, which integrators share: it has no steps."""
+    choice = choice._replace(integrator='rk4')
+    return _search_kernel('settling', _traced_settling, choice, contact)
+
+
+def _search_kernel(kind: str, function: Callable[..., list[Scalar]], choice: StepChoice,
+                   contact: FrictionState) -> Kernel:
+    """Return the kernel of a traced function of the search."""
     robot = contact.robot
     choice = choice.needed(robot)
     free, inputs, constants = step_signature(robot, choice)
-    k = len(contact.joints)
-    length = sum(search_shapes(inputs['state'][0], k))
-    kernels = []
-    for kind, function in (('settling', _traced_settling), ('transitions', _traced_search)):
-        name = f'{kind}_{free}_{"_".join(map(str, contact.joints))}'
-        if contact.stops:
-            name += '_stops'
-        kernels.append(robot.kernels.compiled(
-            partial(function, contact, choice), name,
-            {'search': (length,), 'inputs': inputs['inputs']}, (length,),
-            constants=constants))
-    settling, transitions = kernels
-    return settling, transitions
+    length = sum(search_shapes(inputs['state'][0], len(contact.joints)))
+    name = f'{kind}_{free}_{"_".join(map(str, contact.joints))}'
+    if contact.stops:
+        name += '_stops'
+    kernel: Kernel = robot.kernels.compiled(
+        partial(function, contact, choice), name,
+        {'search': (length,), 'inputs': inputs['inputs']}, (length,), constants=constants)
+    return kernel
+
+
+def settled_modes(kernel: Kernel, contact: FrictionState, state: Array, inputs: Array,
+                  constants: Array, step: float) -> FrictionModes | None:
+    """
+    Return how the joints move from a state on, by the native search; None without a solution.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        `settling_kernel`.
+    contact : FrictionState
+    state : array
+        Entries as `step_kernels.state_names`; the margin may be missing.
+    inputs, constants : arrays
+        Arguments of a step that begins at the state.
+    step : float
+        The length of this step, s.
+
+    """
+    places = search_places(len(state_names(contact.robot)), len(contact.joints))
+    search = np.zeros(places.end + 1)
+    search[places.phase] = START
+    begin = places.state.start
+    search[begin:begin + len(state)] = state
+    search[places.lower], search[places.upper] = contact.finite_stops
+    # The whole step has passed, so that the search ends with the modes.
+    search[places.passed] = step
+    kernel.iterate(search, [inputs], CALLS, constants=constants)
+    if search[places.end] != DONE:
+        return None
+    return FrictionModes(search[places.directions], search[places.sides])
 
 
 @cache

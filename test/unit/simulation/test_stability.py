@@ -10,8 +10,9 @@ from kane_dynamics import (Closure, FlexibleLink, InputError, load_urdf, longest
                            simulate)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
-from kane_dynamics.simulation.step_size import step_warning
+from kane_dynamics.simulation.step_size import is_clearly_stable, step_warning
 from kane_dynamics.sweep import run_sweep, Sweep
+from kinds_of_mechanism import case, KINDS
 from mechanisms import wheel
 import numpy as np
 import pytest
@@ -54,6 +55,17 @@ def test_longest_step_refuses_what_is_no_configuration_with_and_without_friction
 def test_weight_alone_sets_no_longest_step():
     assert longest_step(wheel(), [0.0]).step == math.inf
     assert longest_step(Robot(wheel(**RUB).model, friction=False), [0.0]).step == math.inf
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_step_that_is_clearly_stable_is_below_the_longest(kind):
+    state = case(kind)
+    longest = longest_step(state.robot, state.q, **state.t).step
+    steps = longest * np.geomspace(0.01, 3.0, 30)
+    clear = [is_clearly_stable(state.robot, state.q, step, state.time) for step in steps]
+    # The bound is within a factor of 20 of the eigenvalues of these mechanisms.
+    assert clear[np.searchsorted(steps, longest / 20.0) - 1]
+    assert not np.any(np.array(clear)[steps > longest])
 
 
 def test_an_arm_stands_still_within_the_longest_step_and_creeps_or_oscillates_beyond(arm):

@@ -11,7 +11,7 @@ from kane_dynamics.cli import main
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.friction import friction_torque, held_forces, holding_interval
-from kane_dynamics.simulation.sticking import sticking_steps
+from kane_dynamics.simulation.sticking import sticking_steps, transition_kernel
 from kinds_of_mechanism import case, elastic_case, torque_of
 from linkages import at_angle, four_bar_model, PIN, sleigh
 from mechanisms import random_model, wheel
@@ -34,6 +34,12 @@ def exact(robot, q0, u0, duration, **options):
     run = simulate(robot, q0, u0, duration, **options)
     assert run.warnings == ()
     return run
+
+
+def search_in_python(monkeypatch):
+    """Allow one call of each native search: too few, so that all are those in Python."""
+    for module in (sticking_steps, transition_kernel):
+        monkeypatch.setattr(module, 'CALLS', 1)
 
 
 @pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
@@ -263,11 +269,11 @@ def test_native_transitions_are_those_of_the_readable_search(monkeypatch, integr
     torque = np.stack([6.0 * np.sin(9.0 * t), 4.0 * np.sin(14.0 * t + 0.4)], axis=1)
     options = {'step': step, 'torque': torque, 'integrator': integrator}
     native = exact(robot, [0.0, 0.0], [0.0, 0.0], 2.0, **options)
-    # One call is too few for any search, so that every transition is found in Python.
-    monkeypatch.setattr(sticking_steps, 'CALLS', 1)
+    search_in_python(monkeypatch)
     readable = exact(robot, [0.0, 0.0], [0.0, 0.0], 2.0, **options)
     np.testing.assert_allclose(native.q, readable.q, atol=1e-11)
     np.testing.assert_array_equal(native.sticking, readable.sticking)
+    np.testing.assert_allclose(native.udot, readable.udot, atol=1e-8)
     changes = np.diff(np.sign(native.u), axis=0)
     assert (changes != 0.0).sum() > 8
 
@@ -352,7 +358,7 @@ def test_a_closed_loop_holds_until_all_of_its_joints_are_at_their_bounds(name):
 def test_native_transitions_of_a_loop_are_those_of_the_readable_search(monkeypatch, name):
     robot, q, torque = ramped_loop(LAWS_OF_LOOPS[name], step=4e-3)
     native = exact(robot, q, [0.0], 1.0, step=4e-3, torque=torque)
-    monkeypatch.setattr(sticking_steps, 'CALLS', 1)
+    search_in_python(monkeypatch)
     readable = exact(robot, q, [0.0], 1.0, step=4e-3, torque=torque)
     np.testing.assert_allclose(native.q, readable.q, atol=1e-9)
     np.testing.assert_array_equal(native.sticking, readable.sticking)
