@@ -22,10 +22,12 @@ from kane_dynamics._util.checks import instance, integer, number, real_numbers
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.excitation.clearance import AIM, Clearance, DISTANCE
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.model.link_shapes import LinkShape
 from kane_dynamics.model.model import Model
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.methods.configuration_methods import sampling_range
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,13 +35,13 @@ from numpy.typing import ArrayLike
 CANDIDATES = 400  # configurations about which strokes are tried
 DRAWS = 8000  # random configurations, of which the clear ones are candidates
 MOST_LOADS, MOST_STROKES = 20, 100
-LEAST = 1e-6  # share of limits; reach, rad or m
+LEAST = 1e-6  # share of limits; reach, rad or m; limits of speed, rad/s or m/s
+WIDEST = 1e12  # rad or m: range of a joint; positions beyond are refused
 PEAK = 1.875  # largest speed of a quintic between rests, over the mean speed
 ON_THE_WAY = 0.3  # speed between configurations, relative to the limits
 SAMPLES = 25  # of a stroke, at which limits and distances are checked
 BETWEEN = 100  # of the way between two configurations
 SPACE = 'the floor or the distance of links'
-WIDEST = 2.0 * math.pi  # rad or m: range of a joint without position limits
 
 
 class _Limits(NamedTuple):
@@ -131,6 +133,7 @@ def friction_motion(model: Model, *, loads: int = 3, strokes: int = 2,
 
     """
     instance(model, Model, 'model')
+    require_angles(model, 'friction_motion')
     require_rigid_joints(model)
     loads = integer(loads, 'loads', 1, MOST_LOADS)
     strokes = integer(strokes, 'strokes', 1, MOST_STROKES)
@@ -204,22 +207,26 @@ def _clearance(model: Model, shapes: Sequence[LinkShape] | None, floor: float | 
 
 def _position_limits(robot: Robot, share: float) -> tuple[Array, Array]:
     """Return the limits of position that the motion keeps, (n,) each, rad or m."""
-    lower, upper = robot.limits.lower.copy(), robot.limits.upper.copy()
-    # A joint without limits moves in a range about 0, or beside its only limit.
-    lower = np.where(np.isfinite(lower), lower,
-                     np.where(np.isfinite(upper), upper - WIDEST, -0.5 * WIDEST))
-    upper = np.where(np.isfinite(upper), upper, lower + WIDEST)
-    middle, range_ = 0.5 * (lower + upper), share * (upper - lower)
-    return middle - 0.5 * range_, middle + 0.5 * range_
+    # A joint without a limit moves in the range of random configurations.
+    lower, upper = sampling_range(robot)
+    for name, least, most in zip(robot.joint_names, lower, upper):
+        # Half of the range first, since the whole one may overflow.
+        if not 2.0 * LEAST <= 0.5 * most - 0.5 * least <= 0.5 * WIDEST:
+            raise InputError(f"joint '{name}': limits of position {least:g} and {most:g}; "
+                             f'expected a range of {4.0 * LEAST:g} to {WIDEST:g} rad or m, '
+                             'or a locked joint')
+    middle = 0.5 * (lower + upper)
+    half_range = 0.5 * share * (upper - lower)
+    return middle - half_range, middle + half_range
 
 
 def _velocity_limits(robot: Robot) -> Array:
     """Return the limits of speed, (n,); InputError for a joint without one."""
     velocity: Array = robot.limits.velocity
     for name, limit in zip(robot.joint_names, velocity):
-        if not 0.0 < limit < math.inf:
-            raise InputError(f"joint '{name}': limit of speed {limit:g}; expected a positive, "
-                             'finite one')
+        if not LEAST <= limit < math.inf:
+            raise InputError(f"joint '{name}': limit of speed {limit:g}; expected a finite "
+                             f'one of at least {LEAST:g} rad/s or m/s')
     return velocity
 
 

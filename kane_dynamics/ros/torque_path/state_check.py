@@ -247,12 +247,13 @@ class StateCheck:
         try:
             self._judge()
         except InputError:  # kernels do not accept numbers that are not finite
-            fault: str | None = NOT_FINITE
-        else:
-            self._entries[:] = self._judged
-            fault = FAULTS[int(self._outcome[0])]
+            self.detail = self._explained(NOT_FINITE, 0.0)
+            return NOT_FINITE
+        fault = FAULTS[int(self._outcome[0])]
         if fault is not None and fault is not FIRST:
-            self.detail = self._explained(fault, self._entries[ELAPSED])
+            # Before the memory changes: a state may be kept for the next one to confirm.
+            self.detail = self._explained(fault, self._judged[ELAPSED])
+        self._entries[:] = self._judged
         return fault
 
     def accept(self) -> None:

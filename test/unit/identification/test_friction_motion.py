@@ -3,10 +3,12 @@
 import json
 
 from command_in_process import command
-from kane_dynamics import InputError, load_urdf, ModelWarning, Robot
+from kane_dynamics import (box, InputError, load_urdf, ModelBuilder, ModelWarning, Robot,
+                           rod)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.identification import friction_motion, identify, Recording
 from kane_dynamics.identification.excitation.clearance import Clearance
+from kane_dynamics.model.model import Limits
 from kane_dynamics.urdf.link_shapes import load_collision_shapes
 import numpy as np
 import pytest
@@ -113,6 +115,44 @@ def test_the_command_refuses_options_that_it_would_not_use(tmp_path, options, wo
 def test_what_is_not_possible_is_refused(options, words):
     with pytest.raises(InputError, match=words):
         friction_motion(load_urdf(TWO_LINK), **{'distance': None, **options})
+
+
+def arm(**limits):
+    """Return an arm of two links whose first joint has these limits."""
+    b = ModelBuilder('arm')
+    stated = {'lower': -1.0, 'upper': 1.0, 'velocity': 2.0, 'effort': 50.0}
+    for name, on, at in (('upper', 'world', (0, 0, 0)), ('fore', 'upper', (0.5, 0, 0))):
+        b.body(name, on, axis=(0, 1, 0), at=at, inertial=rod(1.0, (0, 0, 0), (0.5, 0, 0)),
+               limits=Limits(**stated | limits if name == 'upper' else stated))
+    return b
+
+
+@pytest.mark.parametrize('limits, words', [
+    ({'lower': 0.5, 'upper': 0.5}, "joint 'upper': limits of position 0.5 and 0.5"),
+    ({'lower': -1e16, 'upper': 1e16}, "joint 'upper': limits of position -1e\\+16"),
+    ({'lower': -1e308, 'upper': 1e308}, "joint 'upper': limits of position -1e\\+308"),
+    ({'velocity': 1e-300}, "joint 'upper': limit of speed 1e-300"),
+    ({'velocity': np.inf}, "joint 'upper': limit of speed inf")])
+def test_limits_without_a_useful_range_are_refused_by_the_name_of_the_joint(limits, words):
+    with pytest.raises(InputError, match=words):
+        friction_motion(arm(**limits).model(), distance=None)
+
+
+@pytest.mark.parametrize('limits, least, most', [
+    ({'lower': -np.inf, 'upper': np.inf}, -np.pi, np.pi),
+    ({'lower': -np.inf, 'upper': -9.0}, -9.0 - np.pi, -9.0)])
+def test_a_joint_without_a_limit_moves_where_random_configurations_are(limits, least, most):
+    motion = friction_motion(arm(**limits).model(), distance=None)
+    positions = motion.sample(motion.times)[0][:, 0]
+    assert least <= positions.min() <= positions.max() <= most
+    assert np.ptp(positions) > 1.0
+
+
+def test_ball_joints_are_refused():
+    b = arm()
+    b.body('hand', 'fore', 'ball', inertial=box(1.0, (0.1, 0.2, 0.3)))
+    with pytest.raises(InputError, match='ball joints'):
+        friction_motion(b.model(), distance=None)
 
 
 def test_without_shapes_a_warning_says_that_links_are_not_kept_apart():

@@ -128,6 +128,15 @@ def test_a_false_first_state_gives_no_command_and_the_next_two_do(fault):
     assert set(rig.statistics.dropped) == {reason}
 
 
+def test_the_second_of_two_states_that_disagree_is_refused_with_its_distance_from_the_first():
+    rig = Rig()
+    rig.state()
+    rig.state(HOME + [0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0])
+    reason, detail = rig.warnings[-1]
+    assert reason is JUMP
+    assert detail.startswith("'fr3_joint3' moved by 0.5 rad or m in 0.0020 s; expected at most")
+
+
 @pytest.mark.parametrize('fault', ['jump', 'velocity', 'degrees', 'not finite'])
 @pytest.mark.parametrize('action', ['zero', 'hold'])
 def test_a_fault_that_lasts_ends_after_the_grace_time_as_configured(fault, action):

@@ -1,8 +1,14 @@
 """Promises of simulate: the integrator's order, torque sources, sampling, limits, refusals."""
 
+from copy import copy
+
 from kane_dynamics import (Body, ComputedTorque, Inertial, InputError, Joint, Limits, Model,
                            Motion, Robot, simulate, Trajectory)
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
+from kane_dynamics.robot.kernel_set import KernelSet
+from kane_dynamics.simulation.step_kernels import state_names
+from kane_dynamics.simulation.torque_input import torque_input
+from linkages import at_angle, four_bar
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest
@@ -204,3 +210,22 @@ def test_a_second_simulation_looks_its_kernels_up(robot, monkeypatch):
     first = simulate(robot, q, u, 0.01)
     monkeypatch.setattr(type(robot.kernels), 'compiled', None)  # which reads functions
     np.testing.assert_array_equal(simulate(robot, q, u, 0.01).q, first.q)
+
+
+def test_a_step_whose_watch_is_left_out_is_the_same_step():
+    robot = four_bar('crank')
+    equations = copy(robot.equations)
+    equations.watched = False
+    other = Robot(robot.model, **robot.options)
+    vars(other).update(equations=equations,  # robots refuse assignments
+                       kernels=KernelSet(equations, None, other.parameters.block))
+    q = at_angle(0.8)
+    ends = []
+    for one in (robot, other):
+        source = torque_input(one, 1e-2, 100, None, None, 'rk4')
+        states = np.ones((1, 101, len(state_names(one))))
+        states[0, 0, :4] = *q, 2.0
+        source.advance(states, 0)
+        ends.append(states[0, -1, :4])
+    np.testing.assert_allclose(ends[1], ends[0], rtol=1e-12)
+    assert np.abs(robot.constraint_residual(ends[0][:3])).max() < 1e-9
