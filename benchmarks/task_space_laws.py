@@ -14,9 +14,11 @@ from typing import NamedTuple
 
 from gates import exit_status
 from kane_dynamics import (CartesianImpedance, HandGuiding, HybridForce, inverse_kinematics,
-                           load_urdf, PoseLimits, PoseMotion, PosePath, Robot, Terms)
+                           JointImpedance, load_urdf, PoseLimits, PoseMotion, PosePath, Robot,
+                           Terms)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics._util.typing import Array
+from kane_dynamics.identification import calibrate_collision, Recording
 import mujoco
 import numpy as np
 
@@ -92,11 +94,17 @@ class Plant:
         self.u_places = [self.model.joint(name).dofadr[0] for name in names]
 
     def rub(self, robot: Robot) -> None:
-        """Give the joints the damping and the Coulomb friction of a robot."""
+        """
+        Give the joints the damping and the Coulomb friction of a robot.
+
+        MuJoCo's default lets a joint creep at rates below 1 rad/s under less than its dry
+        friction; these numbers make it stick.
+        """
         for body in robot.model.bodies:
             dof = self.model.joint(body.joint.name).dofadr[0]
             self.model.dof_damping[dof] = body.joint.damping
             self.model.dof_frictionloss[dof] = body.joint.friction
+        self.model.dof_solref[:], self.model.dof_solimp[:] = DRY
 
     def reset(self, q: Array) -> None:
         """Put the arm at rest."""
@@ -274,6 +282,7 @@ CREEP = 0.01  # m/s, below which the table's friction is viscous; stable at SUBS
 TIP = 0.02  # m, radius of the sphere at the tip
 # MuJoCo's contact: time constant, s, and damping ratio; little give.
 STIFF = ([0.002, 1.0], [0.99, 0.999, 1e-4, 0.5, 2.0])
+DRY = ([0.001, 1.0], [0.999, 0.999, 1e-3, 0.5, 2.0])  # likewise, of dry friction
 
 
 class TablePlant(Plant):
@@ -450,48 +459,148 @@ def with_friction(arm: Arm, factor: float) -> Robot:
     return Robot(replace(model, bodies=tuple(bodies)))
 
 
+HAND = (4000.0, 150.0)  # N/m and N s/m: the operator holds on to a point that moves
+LED = 0.1  # m/s
+LEADING = 3.0  # s
+STARTING = 1.0  # s at the beginning that do not count
+ERROR = 0.2  # of the model's friction: that of the arm times 1.2, or 0.8
+COMPENSATED = 0.8  # of the friction of the model, the default of HandGuiding
+RECORDED = 0.9  # of it where a recording without contact corrects the model
+RECORDING = 12.0  # s
+FREE_SPEED = 0.6  # rad/s, of the motion that is recorded
+FREQUENCIES = np.array([0.11, 0.13, 0.17, 0.19, 0.23, 0.29, 0.31])  # Hz
+LEFT_ALONE = 3.0  # s
+
+
 class GuidingFigures(NamedTuple):
-    """Mean forces, N, that lead the FR3 by its flange at 0.1 m/s."""
+    """
+    Mean forces, N, that lead the FR3 by its flange at 0.1 m/s.
+
+    More and less: the model has 20 % more or less friction than the arm.
+    """
 
     without: float  # gravity compensation alone
     exact: float  # with the exact model of the friction
-    more: float  # with a model of 20 % more friction
-    less: float  # with a model of 20 % less friction
-
-
-HAND = (4000.0, 150.0)  # N/m and N s/m: the operator holds on to a point that moves
-LED = 0.1  # m/s
-COMPENSATED = 0.8  # of the friction of the model, the default of HandGuiding
+    more: float
+    less: float
+    exact_recorded: float  # with the friction error of a recording without contact
+    more_recorded: float
+    less_recorded: float
 
 
 def guiding(arm: Arm) -> GuidingFigures:
     """Lead the FR3 with gravity compensation, and with three models of its friction."""
-    cases = ((1.0, 0.0), (1.0, COMPENSATED), (1.2, COMPENSATED), (0.8, COMPENSATED))
-    return GuidingFigures(*(lead(arm, factor, share) for factor, share in cases))
+    factors = (1.0, 1.0 + ERROR, 1.0 - ERROR)
+    forces = [lead(arm, HandGuiding(with_friction(arm, 1.0), friction=0.0))]
+    for factor in factors:
+        forces.append(lead(arm, HandGuiding(with_friction(arm, factor),
+                                            friction=COMPENSATED)))
+    for factor in factors:
+        forces.append(lead(arm, corrected_guiding(arm, factor)))
+    return GuidingFigures(*forces)
 
 
-def lead(arm: Arm, factor: float, share: float) -> float:
-    """Return the mean force of a hand that leads the flange on a line, N."""
+def corrected_guiding(arm: Arm, factor: float) -> HandGuiding:
+    """Return hand guiding with a model that a recording without contact corrects."""
+    model = with_friction(arm, factor)
+    calibrated = calibrate_collision(model, free_motion(arm, model), held=True)
+    return HandGuiding(model, friction=RECORDED, friction_error=calibrated.friction_error())
+
+
+def free_motion(arm: Arm, model: Robot) -> Recording:
+    """Return a recording of the arm, moved by an impedance of its joints without contact."""
+    plant = rubbing_plant(arm)
+    stiffness = np.array([600.0] * 4 + [60.0, 60.0, 20.0])
+    law = JointImpedance(model, stiffness=stiffness, damping=0.05 * stiffness)
+    omega = 2.0 * np.pi * FREQUENCIES
+    rows = []
+    for t in np.arange(0.0, RECORDING, 1.0 / RATE):
+        q, u = plant.state
+        desired = arm.home + FREE_SPEED / omega * (1.0 - np.cos(omega * t))
+        rates = FREE_SPEED * np.sin(omega * t)
+        tau = law.torque(q, u, desired, rates, FREE_SPEED * omega * np.cos(omega * t))
+        rows.append((t, q, u, tau))
+        plant.step(tau)
+    t, q, u, tau = map(np.array, zip(*rows))
+    return Recording(t, q, u, np.gradient(u, t, axis=0), tau)
+
+
+def rubbing_plant(arm: Arm) -> Plant:
+    """Return the arm at rest at home, with its friction."""
     actual = with_friction(arm, 1.0)
     plant = Plant(actual, arm.urdf)
     plant.rub(actual)
-    law = HandGuiding(with_friction(arm, factor), friction=share)
     plant.reset(arm.home)
-    start = actual.frame_pose(arm.frame, arm.home)[:3, 3]
-    direction = np.array([0.0, 1.0, 0.0])
+    return plant
+
+
+def hand_force(robot: Robot, frame: str, start: Array, t: float, q: Array, u: Array) -> Array:
+    """Return the force of a hand that leads a frame along y from a point at rest, N."""
+    velocity = np.array([0.0, LED, 0.0])
+    position = robot.frame_pose(frame, q)[:3, 3]
+    moving = robot.frame_velocity(frame, q, u)[:3]
+    stiffness, damping = HAND
+    return stiffness * (start + t * velocity - position) + damping * (velocity - moving)
+
+
+def lead(arm: Arm, law: HandGuiding) -> float:
+    """Return the mean force of a hand that leads the flange on a line, N."""
+    plant = rubbing_plant(arm)
+    forces = led_forces(arm, law, plant)
+    return float(np.linalg.norm(forces[int(STARTING * RATE):], axis=1).mean())
+
+
+def led_forces(arm: Arm, law: HandGuiding, plant: Plant) -> Array:
+    """Return the forces of a hand that leads the flange on a line, (N, 3)."""
+    robot = plant.robot
+    start = robot.frame_pose(arm.frame, arm.home)[:3, 3]
     forces = []
-    for k in range(int(3.0 * RATE)):
+    for k in range(int(LEADING * RATE)):
         q, u = plant.state
-        position = actual.frame_pose(arm.frame, q)[:3, 3]
-        velocity = actual.frame_velocity(arm.frame, q, u)[:3]
-        t = k / RATE
-        hand = start + LED * t * direction
-        force = HAND[0] * (hand - position) + HAND[1] * (LED * direction - velocity)
-        push = actual.jacobian(arm.frame, q)[:3].T @ force
-        plant.step(law.torque(q, u) + push)
-        if t > 1.0:
-            forces.append(float(np.linalg.norm(force)))
-    return float(np.mean(forces))
+        force = hand_force(robot, arm.frame, start, k / RATE, q, u)
+        plant.step(law.torque(q, u) + robot.jacobian(arm.frame, q)[:3].T @ force)
+        forces.append(force)
+    return np.array(forces)
+
+
+class ReleaseFigures(NamedTuple):
+    """An arm that the hand lets go, after leading it at 0.1 m/s."""
+
+    released: float  # rad/s, fastest joint at the release
+    rested: float  # rad/s, fastest joint after `LEFT_ALONE`
+    energy_rise: float  # J, of kinetic energy and that of walls in a period
+
+
+def let_go(arm: Arm, law: HandGuiding) -> ReleaseFigures:
+    """Lead the flange, let it go, and leave the arm alone."""
+    plant = rubbing_plant(arm)
+    led_forces(arm, law, plant)
+    released = float(np.abs(plant.state[1]).max())
+    rise = 0.0
+    energy = np.inf
+    for _ in range(int(LEFT_ALONE * RATE)):
+        q, u = plant.state
+        before = energy
+        energy = plant.kinetic_energy() + law.energy(q)
+        rise = max(rise, energy - before)
+        plant.step(law.torque(q, u))
+    return ReleaseFigures(released, float(np.abs(plant.state[1]).max()), rise)
+
+
+def drift_at_rest(arm: Arm, law: HandGuiding) -> float:
+    """
+    Return the largest change of a joint of an arm that no hand holds, rad.
+
+    The law gets encoder readings and speeds of them, and acts one period later.
+    """
+    actual = with_friction(arm, 1.0)
+    plant = TablePlant(actual, arm, 0.0)  # above the table
+    plant.rub(actual)
+    farthest = 0.0
+    for _ in range(int(LEFT_ALONE * RATE)):
+        plant.command(law.torque(*plant.measured()))
+        farthest = max(farthest, float(np.abs(plant.state[0] - arm.home).max()))
+    return farthest
 
 
 class FrictionFigures(NamedTuple):
@@ -542,7 +651,8 @@ SPEED, TORQUE = 1.0, 1.0  # largest shares of the limits
 OUTSIDE = 1e-3  # m
 RISE = 1e-9  # J: rounding of an energy
 FORCE_ERROR = 0.5  # N
-LIGHTER = 5.0  # times, with a model of 20 % more friction
+LIGHTER = 5.0  # times
+STILL = 1e-4  # rad/s, and rad
 STIFFNESSES = (500.0, 1000.0, 2000.0, 3000.0)  # N/m
 
 
@@ -601,10 +711,30 @@ def main() -> int:
 
     arm = arms()['FR3']
     led = guiding(arm)
-    print(f'Hand guiding of the FR3 at {LED:g} m/s: {led.without:.1f} N without, '
-          f'{led.exact:.1f} N with the exact friction, {led.more:.1f} N with 20 % more, '
-          f'{led.less:.1f} N with 20 % less', flush=True)
-    gate(led.without > LIGHTER * led.more, 'hand guiding')
+    print(f'Hand guiding of the FR3 at {LED:g} m/s: {led.without:.1f} N without it')
+    for what, forces in (
+            (f'{COMPENSATED:.0%} of the model', (led.exact, led.more, led.less)),
+            (f'{RECORDED:.0%} of the model, corrected by a recording',
+             (led.exact_recorded, led.more_recorded, led.less_recorded))):
+        listed = ', '.join(f'{force:.1f} N ({led.without / force:.1f} times less)'
+                           for force in forces)
+        print(f'{what}; exact, {ERROR:.0%} more, {ERROR:.0%} less friction: {listed}',
+              flush=True)
+    gate(led.without > LIGHTER * led.more, 'hand guiding, more friction in the model')
+    for force in (led.exact_recorded, led.more_recorded, led.less_recorded):
+        gate(led.without > LIGHTER * force, 'hand guiding, corrected model')
+    more = with_friction(arm, 1.0 + ERROR)
+    for what, law in (
+            (f'{COMPENSATED:.0%} of a model with {ERROR:.0%} more', HandGuiding(more)),
+            (f'{RECORDED:.0%} of the corrected model', corrected_guiding(arm, 1.0 + ERROR))):
+        figures = let_go(arm, law)
+        print(f'let go, {what}: {figures.released:.2f} rad/s, after {LEFT_ALONE:g} s '
+              f'{figures.rested:.0e} rad/s, energy +{figures.energy_rise:.0e} J', flush=True)
+        gate(figures.rested < STILL and figures.energy_rise <= RISE, f'let go, {what}')
+    drift = drift_at_rest(arm, HandGuiding(more, friction=1.0))
+    print(f'at rest, all of a model with {ERROR:.0%} more: {drift:.0e} rad in {LEFT_ALONE:g} s',
+          flush=True)
+    gate(drift < STILL, 'at rest')
 
     print('Friction of the FR3, 2000 N/m: errors moving, at rest, of a deflection')
     for what, compensated, factor in (('not compensated', False, 1.0),

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from kane_dynamics._util.attribute_hints import guarded
-from kane_dynamics._util.checks import finite_row, names_of_joints, number, per_joint
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.checks import (finite_row, instance, names_of_joints, number,
+                                        per_joint)
+from kane_dynamics._util.text import listing
+from kane_dynamics._util.typing import Array, Scalar
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.friction import coulomb as coulomb_shape
 import numpy as np
@@ -81,8 +84,7 @@ class FrictionError:
 
     def torque(self, u: Array) -> Array:
         """Return the friction beyond the model's at the speeds u, (n,) N m or N."""
-        sliding = self.coulomb * coulomb_shape(u, self._speed)
-        return np.asarray(self.offset + sliding + self.damping * u)
+        return np.asarray(friction_beyond(u, *values_of(self)))
 
     def forget_motion(self) -> None:
         """Adapt to later samples only; the values stay."""
@@ -111,6 +113,26 @@ class FrictionError:
         step = -elapsed / self._memory * bounded / norm
         self.coulomb = self.coulomb + step * self._shape
         self.damping = self.damping + step * self._rate / UNIT_SPEED
+
+
+def values_of(error: FrictionError) -> tuple[Array, Array, Array, Array]:
+    """Return coulomb, damping, offset and friction_speed, (n,) each."""
+    return error.coulomb, error.damping, error.offset, error._speed
+
+
+def friction_beyond(rate: Scalar, coulomb: Scalar, damping: Scalar, offset: Scalar,
+                    speed: Scalar) -> Scalar:
+    """Return the friction of `FrictionError` at a rate, over any scalar."""
+    return offset + coulomb * coulomb_shape(rate, speed) + damping * rate
+
+
+def checked_friction_error(error: Any, names: Sequence[str]) -> FrictionError:
+    """Return the friction of these joints; InputError for anything else."""
+    instance(error, FrictionError, 'friction_error')
+    if error.joint_names != tuple(names):
+        raise InputError(f'friction_error: of {listing(error.joint_names)}; expected '
+                         f'{listing(names)}')
+    return error
 
 
 def _signed(value: ArrayLike, what: str, names: Sequence[str]) -> Array:

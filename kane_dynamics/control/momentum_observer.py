@@ -19,9 +19,8 @@ import math
 from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import (finite_row, instance, number,
                                         per_joint, real_numbers)
-from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
-from kane_dynamics.control.friction_error import FrictionError
+from kane_dynamics.control.friction_error import checked_friction_error, FrictionError
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -88,11 +87,7 @@ class MomentumObserver:
         """Compile the kernels; the estimate starts at zero with the first sample."""
         instance(robot, Robot, 'robot')
         if friction_error is not None:
-            instance(friction_error, FrictionError, 'friction_error')
-            if friction_error.joint_names != robot.speed_names:
-                raise InputError('friction_error: of '
-                                 f'{listing(friction_error.joint_names)}; expected '
-                                 f'{listing(robot.speed_names)}')
+            checked_friction_error(friction_error, robot.speed_names)
         self.robot = robot
         self.held = held
         self.friction_error = friction_error

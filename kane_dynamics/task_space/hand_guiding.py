@@ -8,6 +8,11 @@ Friction is compensated in part, so that what remains still resists: with the fr
 below one, and a model whose friction is not above the real one divided by it, the arm
 takes energy out of every motion. Walls are springs; damping and what limits the speed
 take energy out, too. The operator alone adds energy.
+
+At a steady rate friction f and the force of the hand h enter the motion as h - f alone:
+no law can tell a model with too much friction from a hand that holds back. How wrong the
+model is shows only where no hand is on the arm. `friction_error` is what a recording of
+such a motion shows (`calibrate_collision`).
 """
 
 from __future__ import annotations
@@ -21,6 +26,9 @@ from kane_dynamics._util.checks import finite_row, instance, number, per_joint
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.computed_torque import require_rigid
+from kane_dynamics.control.friction_error import (checked_friction_error,
+                                                  friction_beyond, FrictionError,
+                                                  values_of)
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
@@ -42,6 +50,8 @@ STIFFNESS = 2000.0  # N/m: default of planes
 DEPTH = 0.01  # m: the damping of a plane is complete from this depth on
 SHARE = 0.5  # of the joints' speed limits: the default limit
 SLOW = 1e-12  # m^2/s^2: squared speed of a frame at rest
+# Settings: the values of a `FrictionError`, in the order of `friction_beyond`.
+ERROR = ('error_coulomb', 'error_damping', 'error_offset', 'error_speed')
 
 
 @guarded
@@ -58,6 +68,10 @@ class HandGuiding(RunTimeSettings):
     friction : float
         Fraction of the model's friction that is compensated, from 0 to 1; 0.8 by
         default.
+    friction_error : FrictionError, optional
+        Friction beyond the model, as of `CollisionCalibration.friction_error`, of which
+        the same fraction is compensated. Its present values are used; `update` reads
+        them again.
     damping : float or array_like
         Further damping of every joint, N m s/rad or N s/m.
     speed_limit : float or array_like, optional
@@ -82,13 +96,15 @@ class HandGuiding(RunTimeSettings):
 
     """
 
-    _changeable = ('friction', 'damping', 'speed_limit', 'frame_speed',
+    _changeable = ('friction', 'friction_error', 'damping', 'speed_limit', 'frame_speed',
                    'limit_stiffness', 'limit_margin', 'planes', 'plane_stiffness',
                    'effort_limit')
 
     def __init__(self, robot: Robot, *, frame: str | None = None,
-                 friction: float = FRICTION, damping: ArrayLike = 0.0,
-                 speed_limit: ArrayLike | None = None, frame_speed: float = math.inf,
+                 friction: float = FRICTION,
+                 friction_error: FrictionError | None = None,
+                 damping: ArrayLike = 0.0, speed_limit: ArrayLike | None = None,
+                 frame_speed: float = math.inf,
                  limit_stiffness: ArrayLike | None = None,
                  limit_margin: ArrayLike | None = None, planes: ArrayLike = (),
                  plane_stiffness: float = STIFFNESS,
@@ -112,11 +128,13 @@ class HandGuiding(RunTimeSettings):
             'friction': (), 'damping': (names,), 'speed_limit': (names,),
             'frame_speed': (), 'planes': (self._planes, 4), 'plane_stiffness': (),
             'effort': (names,), 'wall_stiffness': (joints,), 'wall_lower': (joints,),
-            'wall_upper': (joints,), 'wall_damping': (joints,)}))
-        self.update(friction=friction, damping=damping, speed_limit=speed_limit,
-                    frame_speed=frame_speed, limit_stiffness=limit_stiffness,
-                    limit_margin=limit_margin, planes=planes,
-                    plane_stiffness=plane_stiffness, effort_limit=effort_limit)
+            'wall_upper': (joints,), 'wall_damping': (joints,),
+            **dict.fromkeys(ERROR, (robot.n,))}))
+        self.update(friction=friction, friction_error=friction_error, damping=damping,
+                    speed_limit=speed_limit, frame_speed=frame_speed,
+                    limit_stiffness=limit_stiffness, limit_margin=limit_margin,
+                    planes=planes, plane_stiffness=plane_stiffness,
+                    effort_limit=effort_limit)
         self._law = self._compiled()
 
     def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
@@ -145,6 +163,7 @@ class HandGuiding(RunTimeSettings):
                                       'a finite number >= 0, N/m',
                                       lambda x: 0.0 <= x < math.inf),
             'effort': checked_effort(robot, values['effort_limit']),
+            **_error_settings(robot, values['friction_error']),
             **self._walls.settings(values['limit_stiffness'], values['limit_margin'])}
 
     def torque(self, q: ArrayLike, u: ArrayLike, t: float = 0.0) -> Array:
@@ -210,6 +229,15 @@ def hand_guiding_law(law: HandGuiding) -> Law:
     return _law(law.robot, law._frame, law._walls, law._shapes, lanes_of_scalars)
 
 
+def _error_settings(robot: Robot, error: FrictionError | None) -> dict[str, Array]:
+    """Return the settings `ERROR`; InputError for the friction of other joints."""
+    names = robot.speed_names
+    if error is None:
+        error = FrictionError(names)
+    checked_friction_error(error, names)
+    return dict(zip(ERROR, values_of(error)))
+
+
 def _checked_planes(planes: ArrayLike) -> Array:
     """Return planes as a (k, 4) array; InputError for anything else."""
     try:
@@ -254,7 +282,8 @@ def _law(robot: Robot, frame: Frame | None, walls: JointWalls, shapes: Settings,
 
         force = (held + values['friction'] * friction + brakes
                  + walls.force(q, rates, values))
-        total = motion.projected(force)
+        beyond = friction_beyond(u, *[values[name] for name in ERROR])
+        total = motion.projected(force) + values['friction'] * beyond
         if frame is not None:
             J = equations.partial_velocities(frame, q, t)[:3]
             mobility = frame_mobility(equations, J, q, parameters, t, lanes_of(q[0]))

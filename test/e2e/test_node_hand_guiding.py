@@ -3,6 +3,7 @@
 from pathlib import Path
 import sys
 
+from kane_dynamics.identification import calibrate_collision
 from node_process import Process
 import numpy as np
 import pytest
@@ -57,7 +58,7 @@ def scaled_friction(path, factor):
     return path
 
 
-def mean_force(mode, supplement):
+def mean_force(mode, supplement, **parameters):
     """Return the mean force, N, of the hand on an arm whose node is in a mode."""
     from lockstep_arm import LockstepArm
     arm = experiments.arms()['FR3']
@@ -65,7 +66,7 @@ def mean_force(mode, supplement):
     lockstep = LockstepArm(plant)
     node = Process(urdf=arm.urdf, tip=arm.frame, supplement=supplement, mode=mode,
                    arm_compensates='none', use_sim_time='true', state_timeout=1.0,
-                   real_states=True)
+                   real_states=True, **parameters)
     try:
         node.wait_for('active, mode')
         lockstep.connect(targets=False)
@@ -80,10 +81,26 @@ def mean_force(mode, supplement):
     return np.mean(plant.forces)
 
 
+def parameters_of_a_recording(factor):
+    """Return the parameters by which a recording without contact corrects a model."""
+    arm = experiments.arms()['FR3']
+    model = experiments.with_friction(arm, factor)
+    calibrated = calibrate_collision(model, experiments.free_motion(arm, model), held=True)
+    numbers = {'coulomb': calibrated.coulomb, 'damping': calibrated.damping,
+               'offset': calibrated.offset, 'speed': calibrated.friction_speed}
+    return {f'observer__friction__{name}': row.tolist() for name, row in numbers.items()}
+
+
 def test_a_hand_needs_a_fifth_of_the_force(participant, tmp_path):
-    """With a model of 20 % more friction than the arm has."""
-    supplement = scaled_friction(tmp_path / 'friction.yaml', 1.2)
-    without = mean_force('gravity_compensation', supplement)
-    guided = mean_force('hand_guiding', supplement)
-    print(f'\n{without:.1f} N with gravity compensation, {guided:.1f} N with hand guiding')
-    assert without > experiments.LIGHTER * guided
+    """With a model of 20 % more friction, and with corrected models of 20 % more and less."""
+    more = scaled_friction(tmp_path / 'more.yaml', 1.0 + experiments.ERROR)
+    less = scaled_friction(tmp_path / 'less.yaml', 1.0 - experiments.ERROR)
+    without = mean_force('gravity_compensation', more)
+    guided = {'more': mean_force('hand_guiding', more)}
+    for what, supplement, factor in (('corrected, more', more, 1.0 + experiments.ERROR),
+                                     ('corrected, less', less, 1.0 - experiments.ERROR)):
+        guided[what] = mean_force('hand_guiding', supplement,
+                                  hand_guiding__friction=experiments.RECORDED,
+                                  **parameters_of_a_recording(factor))
+    print(f'\n{without:.1f} N with gravity compensation; with hand guiding, N: {guided}')
+    assert without > experiments.LIGHTER * max(guided.values())

@@ -14,6 +14,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
+from kane_dynamics.ros.parameters.task_settings import friction_beyond_model
 from kane_dynamics.ros.torque_path.cdr import joint_state_of_efforts, wrench_stamped
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
 import numpy as np
@@ -57,11 +58,7 @@ def friction_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]
     Raise InputError if a list has a wrong length.
     """
     joints = robot.speed_names
-    settings: dict[str, Any] = {
-        name: per_joint(values, f'observer.friction.{name}', joints, 0.0)
-        for name in ('coulomb', 'damping', 'offset')}
-    settings['friction_speed'] = per_joint(values, 'observer.friction.speed', joints,
-                                           0.0)
+    settings: dict[str, Any] = {**friction_beyond_model(values, robot)}
     threshold = per_joint(values, 'observer.threshold', joints, np.inf)
     # Without thresholds nothing tells contact from friction: the friction stays as
     # stated.

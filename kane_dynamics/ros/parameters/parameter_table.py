@@ -263,7 +263,8 @@ SPECS = (
          'stiffness of the walls, N m/rad or N/m; 0: none; empty: the effort limit at the '
          'position limit', low=0.0),
     live('hand_guiding.friction', 'number', 0.8,
-         'mode hand_guiding: fraction of the friction of the model that is compensated',
+         'mode hand_guiding: fraction of the friction of the model and of '
+         'observer.friction.* that is compensated',
          low=0.0, high=1.0),
     live('hand_guiding.damping', 'per_joint', 0.0,
          'further damping of the joints, N m s/rad or N s/m', low=0.0),

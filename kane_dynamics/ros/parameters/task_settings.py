@@ -117,11 +117,26 @@ def target_limits(values: Mapping[str, Any]) -> dict[str, float]:
             'angular_acceleration': values['target.max_angular_acceleration']}
 
 
+def friction_beyond_model(values: Mapping[str, Any], robot: Robot) -> dict[str, Array]:
+    """
+    Return the numbers of `FrictionError` from observer.friction.*, (n,) each.
+
+    Raise InputError if a list has the wrong length.
+    """
+    joints = robot.speed_names
+    numbers = {}
+    for name in ('coulomb', 'damping', 'offset'):
+        numbers[name] = per_joint(values, f'observer.friction.{name}', joints, 0.0)
+    numbers['friction_speed'] = per_joint(values, 'observer.friction.speed', joints, 0.0)
+    return numbers
+
+
 def guiding_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
     """
     Return the settings of hand guiding that may change live.
 
-    Friction is left to an arm that compensates it itself.
+    The rows of the friction error are those of `friction_beyond_model`. Friction is left
+    to an arm that compensates it itself.
     """
     planes = values['hand_guiding.planes']
     if len(planes) % 4:
@@ -140,6 +155,7 @@ def guiding_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
             'planes': planes.reshape(-1, 4),
             'plane_stiffness': values['hand_guiding.plane_stiffness'],
             'effort_limit': per_joint(values, 'limits.effort', joints, math.inf),
+            'friction_error': np.array(list(friction_beyond_model(values, robot).values())),
             **wall_settings(values, robot)}
 
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from kane_dynamics._util.typing import Array, Vector
+from kane_dynamics.control.friction_error import FrictionError
 from kane_dynamics.control.traced_laws import LawInput, TracedLaw
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
@@ -27,7 +28,8 @@ class HandGuidingMode(NativeLaw):
     robot : Robot
         The robot of the torque path.
     values : mapping
-        The node's parameters; hand_guiding.*, walls.* and arm_compensates are used.
+        The node's parameters; hand_guiding.*, walls.*, observer.friction.* and
+        arm_compensates are used.
 
     Raises
     ------
@@ -42,11 +44,19 @@ class HandGuidingMode(NativeLaw):
         self._robot = robot
         self._settings = guiding_settings(values, robot)
         frame = controlled_frame(values, robot.model)
-        self.law = HandGuiding(robot, frame=frame, **self._settings)
+        settings = self._of_law(self._settings)
+        self.law = HandGuiding(robot, frame=frame, **settings)
         # A law of its own checks settings that the path does not use yet.
-        self._trial = HandGuiding(robot, frame=frame, **self._settings)
+        self._trial = HandGuiding(robot, frame=frame, **settings)
         self._frame = frame
         self._adds_gravity = terms(values).gravity
+
+    def _of_law(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+        """Return settings as those of the law, with the friction beyond the model."""
+        coulomb, damping, offset, speed = settings['friction_error']
+        error = FrictionError(self._robot.speed_names, coulomb=coulomb, damping=damping,
+                              offset=offset, friction_speed=speed)
+        return {**settings, 'friction_error': error}
 
     def check(self, values: Mapping[str, Any]) -> None:
         """Raise InputError unless parameters fit the arm."""
@@ -57,7 +67,7 @@ class HandGuidingMode(NativeLaw):
                              f'{configured}, as when the node was configured; deactivate '
                              'it and clean up for another number')
         if differ(settings, self._settings):
-            self._trial.update(**settings)
+            self._trial.update(**self._of_law(settings))
 
     def update(self, values: Mapping[str, Any]) -> bool:
         """Use checked parameters; return whether a setting of the law changes."""
@@ -65,7 +75,7 @@ class HandGuidingMode(NativeLaw):
         changed = differ(settings, self._settings)
         self._settings = settings
         if changed:
-            self.law.update(**settings)
+            self.law.update(**self._of_law(settings))
         return changed
 
     def compile(self) -> None:  # noqa: A003
