@@ -26,8 +26,8 @@ from kane_dynamics.ros.torque_path.arbitration import (after_computing, Arbitrat
                                                        before_command, before_zeros,
                                                        heard, SIZE, UNGUARDED)
 from kane_dynamics.ros.torque_path.guard_messages import FIELDS, STOPPED
-from kane_dynamics.ros.torque_path.state_check import (ACCEPTED_AT, CheckSettings,
-                                                       judged, NEVER, StateMemory)
+from kane_dynamics.ros.torque_path.state_check import (CheckSettings, judged, NEVER,
+                                                       state_memory_size, StateMemory)
 import numpy as np
 
 NO_REQUEST = -1.0  # to torque_guard
@@ -220,7 +220,7 @@ class CycleSettings(NamedTuple):
     drops : Scalar
         `PathState.drops` when the motion was scheduled.
     bounds : (5 n,) array
-        Of `state_fault`.
+        Of `CheckSettings`.
     turned : (n,) array
         Whether a joint may jump by whole turns.
     effort, slope, free : (n,) arrays
@@ -339,8 +339,8 @@ def unpacked_settings(array: Vector, shape: PathShape) -> CycleSettings:
 
 def _path_parts(shape: PathShape) -> list[int]:
     """Return the lengths of the arrays of a `PathState`, but the last one."""
-    check = ACCEPTED_AT + 2 * shape.n
-    return [shape.commanded] * 5 + [shape.n, check, 2 * shape.n, SIZE, shape.loops]
+    check = state_memory_size(shape.n)
+    return [*[shape.commanded] * 5, shape.n, check, 2 * shape.n, SIZE, shape.loops]
 
 
 def _settings_parts(shape: PathShape) -> list[int]:
@@ -359,7 +359,7 @@ def initial_path(shape: PathShape, now: float, arbitration: Arbitration = UNGUAR
     """Return the state of a path that starts."""
     zeros = np.zeros(shape.commanded)
     at_rest = np.zeros(2 * shape.n)
-    states = StateMemory(0.0, NEVER, NEVER, 0.0, 0.0, at_rest)
+    states = StateMemory.empty(shape.n)
     scalars = dict.fromkeys(PathState._fields[:SCALARS], 0.0)
     scalars |= {'sent_at': now, 'last_now': now, 'last_heard': now, 'last_stamp': NEVER,
                 'request': NO_REQUEST, 'dropped_by': float(NOT_DROPPED),

@@ -697,7 +697,7 @@ class NativeTorquePath(TorquePath):
             reason, detail = error.reason, error.detail
         else:
             reason = FAULTS[code - cycle_rules.NOT_FINITE + 1] or ''
-            detail = self.states.explain(reason, float(path.states.elapsed))
+            detail = self.states.explain(reason, path.states)
         self._drop(reason, detail)
         if self._begins_fault(path):
             self.fault = reason

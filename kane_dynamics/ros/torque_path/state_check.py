@@ -3,7 +3,9 @@ Judge joint states by what the arm can do: its limits, and its last state.
 
 A state is impossible if it is not finite, if a joint lies far outside its position
 limits, is faster than it can be, or is farther from its last accepted position than it
-can have moved since then.
+can have moved since then. A joint that has jumped stays impossible until it returns or
+its measured speeds explain where it is: an offset of an encoder does not become possible
+as time passes.
 
 `judged` is the rule, a function over any scalar: both torque paths compile it. Details of
 a reason are found only for a state that is refused.
@@ -34,6 +36,7 @@ FAULTS = None, NOT_FINITE, OUTSIDE, TOO_FAST, JUMP, FIRST
 NEVER = -2.0**62  # ns: before every stamp
 UNLIMITED = float(np.finfo(np.float64).max)  # stands for an infinite bound
 ROUNDING = 1e-9  # rad or m
+LATE_SHARE = 0.5  # of the distance by the measured speeds, by which a stamp may be wrong
 WHOLE_TURN = 2.0 * math.pi
 
 
@@ -54,8 +57,14 @@ class StateMemory(NamedTuple):
         Whether it is accepted; a first state is not.
     elapsed : Scalar
         Time in which the joints can have moved until the state judged last, s.
+    jumped_at : Scalar
+        Stamp of the last state that was refused with a joint that had jumped, ns.
     accepted : (2 n,) array
         Its positions and velocities.
+    jumped : (n,) array
+        Whether each joint had jumped in that refused state; zeros after an accepted one.
+    refused : (n,) array
+        The positions in that refused state.
 
     """
 
@@ -64,25 +73,44 @@ class StateMemory(NamedTuple):
     frozen_at: Scalar
     confirmed: Scalar
     elapsed: Scalar
+    jumped_at: Scalar
     accepted: Vector
+    jumped: Vector
+    refused: Vector
 
     @classmethod
     def of(cls, array: Vector) -> 'StateMemory':
         """Return the memory of an array, as `packed` makes it."""
-        known, stamp, frozen_at, confirmed, elapsed = array[:ACCEPTED_AT]
-        return cls(known, stamp, frozen_at, confirmed, elapsed, array[ACCEPTED_AT:])
+        n = (len(array) - ACCEPTED_AT) // 4
+        accepted, jumped, refused = np.split(array[ACCEPTED_AT:], [2 * n, 3 * n])
+        known, stamp, frozen_at, confirmed, elapsed, jumped_at = array[:ACCEPTED_AT]
+        return cls(known, stamp, frozen_at, confirmed, elapsed, jumped_at, accepted,
+                   jumped, refused)
+
+    @classmethod
+    def empty(cls, n: int) -> 'StateMemory':
+        """Return the memory of n joints that knows no state."""
+        return cls(0.0, NEVER, NEVER, 0.0, 0.0, NEVER, np.zeros(2 * n), np.zeros(n),
+                   np.zeros(n))
 
     def forgotten(self) -> 'StateMemory':
         """Return the memory that compares the next state with no earlier one."""
-        return self._replace(known=0.0, stamp=NEVER, frozen_at=NEVER, confirmed=0.0)
+        return self._replace(known=0.0, stamp=NEVER, frozen_at=NEVER, confirmed=0.0,
+                             jumped=0.0 * self.jumped)
 
     def kept(self, moment: Scalar, state: Vector) -> 'StateMemory':
         """Return the memory with a state, and its stamp, ns."""
-        return self._replace(known=1.0, stamp=moment, frozen_at=NEVER, accepted=state)
+        return self._replace(known=1.0, stamp=moment, frozen_at=NEVER, accepted=state,
+                             jumped=0.0 * self.jumped)
 
 
-ACCEPTED_AT = len(StateMemory._fields) - 1
-KNOWN, STAMP, FROZEN_AT, CONFIRMED, ELAPSED = range(ACCEPTED_AT)
+ACCEPTED_AT = StateMemory._fields.index('accepted')
+KNOWN, STAMP, FROZEN_AT, CONFIRMED, ELAPSED, JUMPED_AT = range(ACCEPTED_AT)
+
+
+def state_memory_size(n: int) -> int:
+    """Return the number of entries of a `StateMemory` of n joints as an array."""
+    return ACCEPTED_AT + 4 * n
 
 
 class CheckSettings(NamedTuple):
@@ -98,7 +126,8 @@ class CheckSettings(NamedTuple):
     turned : (n,) array
         Whether a joint may jump by whole turns.
     bounds : (5 n,) array
-        As of `state_fault`.
+        Lower and upper positions, speeds, and the largest change of a position as slope
+        and constant.
 
     """
 
@@ -149,8 +178,10 @@ class StateCheck:
         self._places = [robot.coordinate_names.index(name) for name in joints]
         count = len(self._joints)
         self._state = state
-        self._memory = np.zeros(ACCEPTED_AT + 2 * count)
-        self.accepted = self._memory[ACCEPTED_AT:]
+        self._memory = packed(StateMemory.empty(count))
+        # Views of the memory.
+        parts = ACCEPTED_AT + count * np.array([0, 2, 3])
+        _, self.accepted, self._jumped, _ = np.split(self._memory, parts)
         self._epoch = 0  # of the stamps in the memory, ns
         self.bounds = np.zeros((5, count))
         # Timeout, whether a first state is compared, and the stamp, ns.
@@ -163,6 +194,7 @@ class StateCheck:
         self.turned = np.zeros(count)
         result = np.zeros(1 + 2 * len(self._memory))
         _, judged_memory, kept = np.split(result, [1, 1 + len(self._memory)])
+        _, _, self._jumped_now, _ = np.split(judged_memory, parts)
         # Views are read and copied several times as fast as the arrays.
         self._outcome = memoryview(result)
         self._moment = memoryview(self._numbers[2:])
@@ -204,6 +236,7 @@ class StateCheck:
         memory = self._memory
         memory[KNOWN] = memory[CONFIRMED] = 0.0
         memory[STAMP] = memory[FROZEN_AT] = NEVER
+        self._jumped[:] = 0.0
 
     def freeze(self) -> None:
         """
@@ -247,12 +280,12 @@ class StateCheck:
         try:
             self._judge()
         except InputError:  # kernels do not accept numbers that are not finite
-            self.detail = self._explained(NOT_FINITE, 0.0)
+            self.detail = self._explained(NOT_FINITE, 0.0, self._jumped)
             return NOT_FINITE
         fault = FAULTS[int(self._outcome[0])]
         if fault is not None and fault is not FIRST:
             # Before the memory changes: a state may be kept for the next one to confirm.
-            self.detail = self._explained(fault, self._judged[ELAPSED])
+            self.detail = self._explained(fault, self._judged[ELAPSED], self._jumped_now)
         self._entries[:] = self._judged
         return fault
 
@@ -264,24 +297,35 @@ class StateCheck:
         """Use the memory of the native thread."""
         self._memory[:] = memory
 
-    def explain(self, fault: str, elapsed: float) -> str:
+    def explain(self, fault: str, memory: StateMemory) -> str:
         """
         Return the details of a fault that the native thread has found.
 
-        `elapsed` is the time since the last accepted state, s.
+        `memory` is that of the thread after the state.
         """
         found: str | None = fault
         if fault is not NOT_FINITE:
-            found = FAULTS[int(state_fault(self._state, self.accepted, self.bounds.ravel(),
-                                           self.turned, elapsed))]
+            moved, allowed = self._moved(memory.elapsed)
+            jumped = np.where(np.abs(moved) < allowed, memory.jumped, 1.0)
+            found = FAULTS[int(state_fault(self._state, self.bounds.ravel(), jumped))]
         if found is not fault:
             return 'compared with limits, or a state, that have changed since'
-        return self._explained(fault, elapsed)
+        return self._explained(fault, memory.elapsed, memory.jumped)
 
-    def _explained(self, fault: str, elapsed: float) -> str:
-        """Return the details of a fault of the last state."""
+    def _moved(self, elapsed: float) -> tuple[Array, Array]:
+        """Return how far the joints moved in a time, s, and could have moved, (n,)."""
+        n = len(self._joints)
+        moved = self._state[:n] - self.accepted[:n]
+        # A driver may publish the angle of such a joint between -pi and pi.
+        wrapped = np.remainder(moved + math.pi, WHOLE_TURN) - math.pi
+        moved = np.where(self.turned > 0.0, wrapped, moved)
+        _, _, _, slope, step = self.bounds
+        return moved, step + slope * elapsed
+
+    def _explained(self, fault: str, elapsed: float, jumped: Array) -> str:
+        """Return the details of a fault of the last state, whose joints jumped, (n,)."""
         q, u = np.split(self._state, 2)
-        lower, upper, fastest, slope, step = self.bounds
+        lower, upper, fastest, _, _ = self.bounds
         if fault is NOT_FINITE:
             finite = np.isfinite(q) & np.isfinite(u)
             return ', '.join(np.compress(~finite, self._joints))
@@ -298,12 +342,14 @@ class StateCheck:
             j = int(np.argmax(np.abs(u) / fastest))
             return (f"'{self._joints[j]}' at {u[j]:.6g} rad/s or m/s; expected at most "
                     f'{fastest[j]:.4g}, its limit times state_check.speed_factor')
-        moved = q - self.accepted[:len(q)]
-        # A driver may publish the angle of such a joint between -pi and pi.
-        wrapped = np.remainder(moved + math.pi, WHOLE_TURN) - math.pi
-        moved = np.where(self.turned > 0.0, wrapped, moved)
-        allowed = step + slope * elapsed
-        j = int(np.argmax(np.abs(moved) / allowed))
+        moved, allowed = self._moved(elapsed)
+        share = np.abs(moved) / allowed
+        if share.max() < 1.0:
+            j = int(np.argmax(jumped * np.abs(moved)))
+            return (f"'{self._joints[j]}' still is {moved[j]:.4g} rad or m from its last "
+                    'accepted position, after a jump; expected a way back, or speeds that '
+                    'explain the distance')
+        j = int(np.argmax(share))
         return (f"'{self._joints[j]}' moved by {moved[j]:.4g} rad or m in "
                 f'{elapsed:.4f} s; expected at most {allowed[j]:.4g}, as '
                 'its speed limit, state_check.speed_factor, jitter and noise allow')
@@ -329,46 +375,88 @@ def looks_like_degrees(value: float, lower: float, upper: float) -> str:
     return f' ({turned:.3g} rad, if these are degrees)' if within else ''
 
 
-def state_fault(state: Vector, last: Vector, bounds: Vector, turned: Vector,
-                elapsed: Scalar) -> Scalar:
+def state_fault(state: Vector, bounds: Vector, jumped: Vector) -> Scalar:
     """
     Return the index in `FAULTS` of the first fault of a finite state, over any scalar.
 
     Parameters
     ----------
-    state, last : (2 n,) arrays
-        Positions and velocities of the state, and of the last accepted one.
+    state : (2 n,) array
+        Positions and velocities.
     bounds : (5 n,) array
-        Lower and upper positions, speeds, and the largest change of a position as slope
-        and constant.
-    turned : (n,) array
-        1 for joints that may jump by whole turns, else 0.
-    elapsed : Scalar
-        Time between both states, s.
+        As of `CheckSettings`.
+    jumped : (n,) array
+        Whether the joints have jumped.
 
     """
-    n = len(last) // 2
-    lower, upper, fastest, slope, step = np.split(bounds, 5)
+    q, u = np.split(state, 2)
+    lower, upper, fastest, _, _ = np.split(bounds, 5)
     inside: Scalar = 1.0
     slow: Scalar = 1.0
     near: Scalar = 1.0
-    for j in range(n):
-        position = state[j]
-        speed = state[n + j]
-        moved = position - last[j]
-        change = step[j] + slope[j] * elapsed
-        inside = select(between(lower[j], position, upper[j]) > 0.5, inside, 0.0)
-        slow = select(between(-fastest[j], speed, fastest[j]) > 0.5, slow, 0.0)
-        # Modulo whole turns two angles are as near as their cosine says.
-        widest = select(change < math.pi, change, math.pi)
-        straight = between(-change, moved, change)
-        if not is_zero(turned[j]):
-            on_circle = turned[j] * flag(np.cos(widest) < np.cos(moved))
-            straight = select(straight > 0.5, 1.0, on_circle)
-        near = select(straight > 0.5, near, 0.0)
+    for j in range(len(q)):
+        inside = select(between(lower[j], q[j], upper[j]) > 0.5, inside, 0.0)
+        slow = select(between(-fastest[j], u[j], fastest[j]) > 0.5, slow, 0.0)
+        near = select(jumped[j] > 0.5, 0.0, near)
     fault = select(near > 0.5, 0.0, float(FAULTS.index(JUMP)))
     fault = select(slow > 0.5, fault, float(FAULTS.index(TOO_FAST)))
     return select(inside > 0.5, fault, float(FAULTS.index(OUTSIDE)))
+
+
+def jumped_joints(memory: StateMemory, moment: Scalar, state: Vector, last: Vector,
+                  elapsed: Scalar, settings: CheckSettings) -> Vector:
+    """
+    Return a flag for each joint that has jumped since the last accepted state, (n,).
+
+    A joint jumps if it moves farther than its speed limit allows. Then it counts as
+    jumped for as long as its positions go on from there without another jump, unless its
+    mean speed explains where it is. So an offset that stays does not become possible
+    when enough time has passed, and a joint that returns is accepted at once. Positions
+    that were late and have caught up are explained.
+
+    Parameters
+    ----------
+    memory : StateMemory
+        Of the states before.
+    moment : Scalar
+        Stamp of the state, ns.
+    state, last : (2 n,) arrays
+        Positions and velocities of the state, and of the one that it is compared with.
+    elapsed : Scalar
+        Time between both, s.
+    settings : CheckSettings
+        Of the parameters.
+
+    """
+    q, u = np.split(state, 2)
+    q_last, u_last = np.split(last, 2)
+    _, _, _, slope, step = np.split(settings.bounds, 5)
+    since = (moment - memory.jumped_at) / NANO
+    since = select(since > 0.0, since, 0.0)
+    jumped = []
+    for j, turned in enumerate(settings.turned):
+        moved = q[j] - q_last[j]
+        is_near = within(moved, step[j] + slope[j] * elapsed, turned)
+        continues = within(q[j] - memory.refused[j], step[j] + slope[j] * since, turned)
+        # The trapezoidal rule: the torque is constant while states are refused, so the
+        # acceleration nearly is.
+        predicted = 0.5 * (u_last[j] + u[j]) * elapsed
+        late = LATE_SHARE * select(predicted < 0.0, -predicted, predicted)
+        is_explained = within(moved - predicted, step[j] + late, turned)
+        stays = memory.jumped[j] * continues * (1.0 - is_explained)
+        jumped.append(either(is_near, stays, 1.0))
+    return np.array(jumped)
+
+
+def within(moved: Scalar, distance: Scalar, turned: Scalar) -> Scalar:
+    """Return 1 if a joint moved by less than a distance, or may turn and did so, else 0."""
+    straight = between(-distance, moved, distance)
+    if is_zero(turned):
+        return straight
+    # Modulo whole turns two angles are as near as their cosine says.
+    widest = select(distance < math.pi, distance, math.pi)
+    on_circle = turned * flag(np.cos(widest) < np.cos(moved))
+    return select(straight > 0.5, 1.0, on_circle)
 
 
 def between(low: Scalar, x: Scalar, high: Scalar) -> Scalar:
@@ -408,16 +496,24 @@ def judged(memory: StateMemory, moment: Scalar, state: Vector, settings: CheckSe
     until = either(flag(memory.frozen_at > NEVER), until, moment)
     elapsed = (until - memory.stamp) / NANO
     elapsed = has_earlier * select(elapsed > 0.0, elapsed, 0.0)
-    fault = state_fault(measured, last, settings.bounds, settings.turned, elapsed)
-    fault = either(finite(state), fault, float(FAULTS.index(NOT_FINITE)))
+    jumped = jumped_joints(memory, moment, measured, last, elapsed, settings)
+    fault = state_fault(measured, settings.bounds, jumped)
+    is_finite = finite(state)
+    fault = either(is_finite, fault, float(FAULTS.index(NOT_FINITE)))
     is_possible = flag(fault < 0.5)
     judged_memory = memory._replace(elapsed=elapsed)
     with_state = judged_memory.kept(moment, measured)
 
+    # The jump of a state that is not the first is remembered.
+    with_jump = judged_memory._replace(jumped_at=moment, jumped=jumped,
+                                       refused=measured[:len(jumped)])
+    has_jumped = is_finite * has_earlier * flag(sum(jumped) > 0.5)
+    refused_memory = branch(has_jumped, with_jump, judged_memory)
+
     # The second of two states that agree confirms both. Of two that disagree one is
     # false: the next one is compared with the later one.
     disagrees = flag(fault > FAULTS.index(JUMP) - 0.5) * (1.0 - memory.confirmed)
-    refused = branch(disagrees, with_state, judged_memory)
+    refused = branch(disagrees, with_state, refused_memory)
     compared = branch(is_possible, judged_memory._replace(confirmed=1.0), refused)
     begun = with_state._replace(confirmed=1.0 - settings.compares)
     first = branch(is_possible, begun, judged_memory)
@@ -435,7 +531,7 @@ def state_kernel(robot: Robot, turning: Array) -> Kernel:
     result is the outcome, the memory, and the memory where the state is kept.
     """
     count = len(turning)
-    size = ACCEPTED_AT + 2 * count
+    size = state_memory_size(count)
 
     def compiled(memory: Vector, numbers: Vector, state: Vector, turned: Vector,
                  bounds: Vector) -> Vector:
