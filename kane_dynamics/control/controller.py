@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 import math
 from typing import Any, Protocol
 
@@ -23,6 +24,7 @@ from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.feedforward_friction import change_kernel, changes_friction
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
@@ -281,20 +283,22 @@ class Controller:
         return self._limiter.rate
 
     def compile(self) -> None:  # noqa: A003
-        """Compile the kernels that commands need in addition to those of the robot."""
+        """Compile the kernels that commands need."""
+        source = self.robot if self.bending is None else self.bending.robot
+        quantities = ('inverse_dynamics', 'torque_terms', 'gravity_force',
+                      'friction_force')
+        jobs: list[Callable[[], object]] = [self._reached, self._motion.compile,
+                                            partial(source.compile, *quantities)]
         if self.bending is None:
-            self._law  # noqa: B018
-        else:
-            self.bending.robot.compile('inverse_dynamics', 'torque_terms',
-                                       'gravity_force')
+            jobs.append(lambda: self._law)
         if self._compensate.friction and self._needs_friction_kernel:
-            self._friction_kernel  # noqa: B018
+            jobs.append(lambda: self._friction_kernel)
         if self._compensate.changes_friction(self._source):
-            change_kernel(self.robot if self.bending is None else self.bending.robot)
+            jobs.append(partial(change_kernel, source))
         if not self._direct:
-            self.robot.compile('joint_torques')
-        self._motion.compile()
-        self._reached()
+            jobs.append(partial(self.robot.compile, 'joint_torques', 'joint_rates',
+                                'mass_matrix'))
+        run_concurrently(jobs)
 
     # Commands.
 

@@ -46,7 +46,6 @@ class FollowedMotion:
         self.places = list(followed_joints(robot, followed))
         self.names = tuple(robot.coordinate_names[k] for k in self.places)
         self._is_tracking = False  # whether the last motion was one of the same joints
-        self._functions: dict[str, Callable[..., Array]] = {}
 
     def check(self, motion: Motion) -> None:
         """Raise InputError unless a motion is of these joints, or of all and closed."""
@@ -58,9 +57,10 @@ class FollowedMotion:
         self._is_tracking = False
 
     def compile(self) -> None:  # noqa: A003
-        """Compile the loop closure of desired motions."""
+        """Compile what desired motions need: the loop closure and the speeds' rates."""
         if not self.direct:
             self._tracker  # noqa: B018
+            self._solved_rates  # noqa: B018
 
     def desired(self, motion: Motion, moment: float) -> State:
         """Return q, u, udot of the joints that follow at a time of the motion, s."""
@@ -118,41 +118,38 @@ class FollowedMotion:
         """Return u, (n,), for rates of the joints that follow."""
         if self.direct:
             return rates
-        return self._called('followed_speeds', self._solved_speeds, (q, rates), t)
+        return self._solved_speeds(q, rates, *self._equations.time_inputs(t))
 
     def speed_rates(self, q: Array, u: Array, accelerations: Array, t: float) -> Array:
         """Return udot, (n,), for accelerations of the joints that follow."""
         if self.direct:
             return accelerations
-        return self._called('followed_rates', self._solved_rates, (q, u, accelerations),
-                            t)
+        return self._solved_rates(q, u, accelerations, *self._equations.time_inputs(t))
 
-    def _solved_speeds(self, q: Vector, rates: Vector, t: Scalar) -> Vector:
-        """Return u of T_c u = rates - X_c; traced."""
-        motion = self._equations.at_rest(q, t)
-        right = rates - motion.qdot[self.places]
-        result: Vector = self._equations.mechanism.solved(motion.T[self.places], right)
-        return result
+    @lazy_property
+    def _solved_speeds(self) -> Callable[..., Array]:
+        """Return the entry point of u, of q and rates: T_c u = rates - X_c."""
+        def speeds(q: Vector, rates: Vector, *, t: Scalar) -> Vector:
+            motion = self._equations.at_rest(q, t)
+            right = rates - motion.qdot[self.places]
+            result: Vector = self._equations.mechanism.solved(motion.T[self.places], right)
+            return result
+        return self._compiled('followed_speeds', speeds, q=(self._robot.n_q,),
+                              rates=(len(self.places),))
 
-    def _solved_rates(self, q: Vector, u: Vector, accelerations: Vector,
-                      t: Scalar) -> Vector:
-        return followed_rates(self._equations, self.places, q, u, accelerations, t)
+    @lazy_property
+    def _solved_rates(self) -> Callable[..., Array]:
+        """Return the entry point of udot, of q, u and accelerations."""
+        def rates(q: Vector, u: Vector, accelerations: Vector, *, t: Scalar) -> Vector:
+            return followed_rates(self._equations, self.places, q, u, accelerations, t)
+        robot = self._robot
+        return self._compiled('followed_rates', rates, q=(robot.n_q,), u=(robot.n,),
+                              accelerations=(len(self.places),))
 
-    def _called(self, name: str, function: Callable[..., Vector],
-                state: tuple[Array, ...], t: float) -> Array:
-        """Return the result of a traced function of arrays and the time."""
-        if name not in self._functions:
-            self._functions[name] = self._compiled(name, function, state)
-        return self._functions[name](*state, *self._equations.time_inputs(t))
-
-    def _compiled(self, name: str, function: Callable[..., Vector],
-                  state: tuple[Array, ...]) -> Callable[..., Array]:
+    def _compiled(self, name: str, function: Callable[..., Vector], **shapes: tuple[int]
+                  ) -> Callable[..., Array]:
         """Return the entry point of a function of arrays and the time."""
-        shapes = {f'x{k}': x.shape for k, x in enumerate(state)}
         label = f'{name}_{"_".join(map(str, self.places))}'
-
-        def traced(*arrays: Vector, t: Scalar) -> Vector:
-            return function(*arrays, t)
-        kernel = self._robot.compiled(traced, name=label, shape=(self._robot.n,),
+        kernel = self._robot.compiled(function, name=label, shape=(self._robot.n,),
                                       **shapes)
         return kernel.entry('', kernel)

@@ -49,11 +49,7 @@ def verified(robot: Any, states: int) -> float:
     if payload is not None:
         model = with_payload(model, robot.equations.payload_frame.name, payload)
     constrained = not robot.equations.in_joint_rates
-    if constrained:  # seconds of work, shared by the processors
-        names = ['inverse_dynamics', 'mass_matrix']
-        if determines_motion(robot):
-            names.append('forward_dynamics')
-        robot.compile(*names)
+    compile_verified(robot)
     worst = 0.0
     for _ in range(states):
         if constrained:
@@ -75,6 +71,16 @@ def verified(robot: Any, states: int) -> float:
                                    f'definition; expected at most {TOLERANCE:g}')
             worst = max(worst, error)
     return worst
+
+
+def compile_verified(robot: Any) -> None:
+    """Compile the kernels that `verified` always compares, on all processors."""
+    names = ['inverse_dynamics', 'mass_matrix']
+    if robot.equations.in_joint_rates:
+        names += ['bias_force', 'gravity_force']
+    if determines_motion(robot):
+        names.append('forward_dynamics')
+    robot.compile(*names)
 
 
 def largest(values: Array) -> float:

@@ -17,7 +17,9 @@ from kane_dynamics.feasibility.path_robot import compile_timing
 from kane_dynamics.mechanics.friction import is_self_locking
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.model import Model
+from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.verification import compile_verified
 from kane_dynamics.ros.common.command_topic import CommanderCount
 from kane_dynamics.ros.common.lost_messages import LostMessages, with_info
 from kane_dynamics.ros.common.node_statistics import Statistics
@@ -40,10 +42,10 @@ from kane_dynamics.ros.monitors.swing_monitor import SwingMonitor
 from kane_dynamics.ros.monitors.task_state_topic import TaskStateTopic
 from kane_dynamics.ros.parameters.parameter_checks import integrator_of_simulations
 from kane_dynamics.ros.parameters.task_settings import controlled_frame
-from kane_dynamics.ros.services.request_kernels import (compile_answers,
+from kane_dynamics.ros.services.request_kernels import (ANSWERS, compile_answers,
                                                         compile_simulations,
-                                                        LaterKernels, SIMULATIONS,
-                                                        TIMINGS)
+                                                        LaterKernels, shared_copy,
+                                                        SIMULATIONS, TIMINGS)
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
@@ -55,6 +57,7 @@ from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload,
                                                            GravityAndPayload,
                                                            parameter_loads)
 from kane_dynamics.ros.torque_path.guard_messages import arm_digest, STATE
+from kane_dynamics.ros.torque_path.native_loop import compile_loop
 from kane_dynamics.ros.torque_path.native_path import (Inputs, NativeTorquePath,
                                                        python_reason)
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
@@ -176,25 +179,22 @@ class ConfiguredRobot:
         if values['watch.reference']:
             check_reference(values)
         FillSettings.from_values(values, self.robot.joint_names)
-        robots = [self.robot]
-        if bending is not None:
-            robots.append(bending.robot)
         locks = self._require_sticking(self.robot)
-        compile_answers(robots, locks)
+        self.fault = command_fault(controller)
+        self._needs_interpreter = self._reason_for_interpreter(controller)
+        self._compile_first(controller)
         # Each of the three threads has its own robots, whose kernels are shared.
-        self._for_requests = self.robot.copy()
-        self._for_simulations = self.robot.copy()
+        self._for_requests = shared_copy(self.robot)
+        self._for_simulations = shared_copy(self.robot)
+        self._bending_for_requests: QuasiStatic | None = None
+        if bending is not None:
+            self._bending_for_requests = QuasiStatic(shared_copy(bending.robot))
         self.later_kernels = LaterKernels(
-            {SIMULATIONS: partial(self._simulation_kernels, locks),
+            {ANSWERS: partial(self._answer_kernels, locks),
+             SIMULATIONS: partial(self._simulation_kernels, locks),
              TIMINGS: partial(compile_timing, self._for_simulations)},
             node.get_logger().info, node.get_logger().error)
         self._request_frames = WrenchFrames(self._for_requests, self._transforms)
-        self._bending_for_requests = bending and QuasiStatic(bending.robot.copy())
-        self.verified = max(robot.verify() for robot in robots)
-        self.fault = command_fault(controller)
-        if not self.fault:
-            controller.compile()
-            self.modes.compile()
         with ExitStack() as opened:
             self._open(controller, opened)
             self._opened = opened.pop_all()
@@ -219,6 +219,30 @@ class ConfiguredRobot:
         """Return the laws of the modes that fit the robot of the torque path."""
         self.modes = TaskModes(robot, self.values, self._elastic)
         return self.modes.laws
+
+    def _compile_first(self, controller: Controller) -> None:
+        """Compile what commands need first, on all processors, and verify it."""
+        robots = [self.robot]
+        if controller.bending is not None:
+            robots.append(controller.bending.robot)
+        jobs: list[Callable[[], object]] = []
+        if not self._needs_interpreter:
+            jobs.append(compile_loop)  # its rules are compiled with the path
+        elif not self.fault:
+            jobs += [self.modes.compile, controller.compile]
+        jobs += [partial(compile_verified, robot) for robot in robots]
+        run_concurrently(jobs)
+        self.verified = max(robot.verify() for robot in robots)
+
+    def _answer_kernels(self, locks: bool) -> None:
+        """Compile what other modes need, and requests that are answered at once."""
+        if isinstance(self.path, NativeTorquePath):
+            self.path.compile(other_modes=True)
+        self.modes.compile_descriptions()
+        robots = [self._for_requests]
+        if self._bending_for_requests is not None:
+            robots.append(self._bending_for_requests.robot)
+        compile_answers(robots, locks)
 
     def _simulation_kernels(self, locks: bool) -> None:
         """Compile what simulations need, so that none compiles itself."""
@@ -288,6 +312,8 @@ class ConfiguredRobot:
             if isinstance(self.path, NativeTorquePath):
                 self.path.use_guard(self.guard, handle_address(self.guard.requests))
         self.path.arbiter = self.guard
+        if isinstance(self.path, NativeTorquePath):
+            self.path.compile()
         # Gravity of a mobile base comes from its IMU.
         self._distribute()
         if self.gravity_source is not None:
@@ -337,14 +363,9 @@ class ConfiguredRobot:
                    arguments: tuple[Any, ...]) -> tuple[TorquePath, Any]:
         """Open the torque path and its subscription, as parameter torque_path says."""
         node = self._node
-        wanted = self.values['torque_path']
         # The native path where asked for and possible; otherwise the interpreter's, with
         # the reason.
-        reason = 'torque_path: python'
-        if wanted != 'python':
-            reason = self.fault or python_reason(self.values, controller)
-            if self._qos_is_overridden:
-                reason = reason or 'qos_overrides'
+        reason = self._needs_interpreter
         if not reason:
             try:
                 opened_path = self._open_native_path(controller, torques, opened,
@@ -353,8 +374,9 @@ class ConfiguredRobot:
                 return opened_path
             except UnsupportedError as error:
                 reason = str(error)
+                run_concurrently([self.modes.compile, controller.compile])
         self.torque_path = f'python ({reason})'
-        if wanted == 'native':
+        if self.values['torque_path'] == 'native':
             node.get_logger().warning(f'torque_path: native, but {reason}; the '
                                       'interpreter computes the commands')
         path = TorquePath(controller, self._commands, torques, *arguments)
@@ -363,6 +385,15 @@ class ConfiguredRobot:
             overridable(BEST_EFFORT), raw=True, qos_overriding_options=OVERRIDES)
         opened.callback(node.destroy_subscription, states)
         return path, states
+
+    def _reason_for_interpreter(self, controller: Controller) -> str:
+        """Return why the interpreter computes the commands; empty if it need not."""
+        if self.values['torque_path'] == 'python':
+            return 'torque_path: python'
+        reason = self.fault or python_reason(self.values, controller)
+        if self._qos_is_overridden:
+            reason = reason or 'qos_overrides'
+        return reason
 
     def _open_native_path(self, controller: Controller, torques: Publisher,
                           opened: ExitStack, arguments: tuple[Any, ...]

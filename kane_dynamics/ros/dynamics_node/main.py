@@ -9,6 +9,7 @@ import here.
 """
 
 from collections.abc import Sequence
+import gc
 import sys
 import threading
 from typing import Any
@@ -37,8 +38,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run_node(arguments: Sequence[str]) -> int:
     """Run the node with checked arguments; return the exit code."""
     from kane_dynamics.ros.common.process import run_until_signal
-    # All imports are made while a signal still ends the process at once.
+    # All imports are made while a signal still ends the process at once. What they make
+    # is no garbage: no collection needs to look at it.
+    gc.disable()
     import kane_dynamics.ros.dynamics_node.node  # noqa: F401
+    gc.freeze()
+    gc.enable()
     sys.setswitchinterval(SWITCH_INTERVAL)
     return run_until_signal(spin_node, arguments)
 

@@ -2,11 +2,14 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from functools import partial
 import time
 from typing import Any
 
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.model.model import Model
+from kane_dynamics.native.runtime.threads import run_concurrently
+from kane_dynamics.robot.verification import compile_verified
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
 from kane_dynamics.ros.guard.guard_path import GuardPath
@@ -65,10 +68,12 @@ class ConfiguredGuard:
         self.digest = arm_digest(model, controller.robot.options['constraints'])
         self.robot = controller.robot
         self.statistics = Statistics()
-        self.verified = self.robot.verify()
+        robots = [self.robot]
         if controller.bending is not None:
-            self.verified = max(self.verified, controller.bending.robot.verify())
-        controller.compile()
+            robots.append(controller.bending.robot)
+        run_concurrently([controller.compile,
+                          *(partial(compile_verified, robot) for robot in robots)])
+        self.verified = max(robot.verify() for robot in robots)
         self._clock = node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)
         self.missed_deadlines = 0

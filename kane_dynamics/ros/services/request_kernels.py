@@ -1,10 +1,10 @@
 """
-The kernels of requests: which ones are ready before the node commands, and which follow.
+The kernels of requests, which a thread compiles while the node commands already.
 
-Commands, desired motions and requests that are answered at once need their kernels when
-the node is configured (`compile_answers`). Simulations and path timing, which a worker
-computes, need more code than all others together. A thread compiles it afterwards
-(`LaterKernels`), and the worker waits for what a request needs.
+Those of requests that are answered at once come first (`compile_answers`); one that a
+request needs earlier is compiled for it. Simulations and path timing, which a worker
+computes, need more code than all others together: the worker waits for it
+(`LaterKernels`).
 """
 
 from collections import deque
@@ -26,13 +26,21 @@ from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.sticking.sticking_steps import compile_sticking_steps
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
 
+ANSWERS = 'answers'
 SIMULATIONS = 'simulations'
 TIMINGS = 'time-optimal timings'
 
 
+def shared_copy(robot: Robot) -> Robot:
+    """Return a copy of a robot that shares the code of all quantities, once compiled."""
+    for name in robot.kernels.names:
+        robot.kernels.quantity(name)
+    return robot.copy()
+
+
 def compile_answers(robots: Sequence[Robot], locks: bool) -> None:
     """
-    Compile what commands, desired motions and requests that are answered at once need.
+    Compile what desired motions and requests that are answered at once need.
 
     Parameters
     ----------

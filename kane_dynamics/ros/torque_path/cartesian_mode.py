@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.traced_laws import LawInput, TracedLaw
 from kane_dynamics.mechanics.algebra.flags import packed
@@ -77,7 +78,6 @@ class CartesianMode(NativeLaw):
         self._described = robot.neutral(), self._settings
         self.target = CartesianTarget(values['target.timeout'])
         self._use_target_limits(values)
-        self._cycle = self._compiled()
         # Arguments of the cycle, where they change from cycle to cycle.
         self._memory = np.zeros(memory_size(robot.n_q))
         self._orders = np.zeros(ORDERS_SIZE)
@@ -95,7 +95,8 @@ class CartesianMode(NativeLaw):
         """Return the settings of the law, and whether they state a posture."""
         return np.append(settings_of(self.law), float('posture' in self._settings))
 
-    def _compiled(self) -> Callable[..., Array]:
+    @lazy_property
+    def _cycle(self) -> Callable[..., Array]:
         """Return the entry point of the cycle: torques, then the next memory."""
         robot = self._robot
 
@@ -156,7 +157,11 @@ class CartesianMode(NativeLaw):
         return changed
 
     def compile(self) -> None:  # noqa: A003
-        """Compile what describes a state; the cycle is compiled."""
+        """Compile the cycle; the native torque path has one of its own."""
+        self._cycle  # noqa: B018
+
+    def compile_description(self) -> None:
+        """Compile what describes a state."""
         compile_state(self._describing)
 
     @property

@@ -27,7 +27,11 @@ class LiveLaw(ModeLaw, Protocol):
         """Use checked parameters; return whether a setting of the law changes."""
 
     def compile(self) -> None:  # noqa: A003
-        """Compile what the path needs beside the law."""
+        """Compile what `torque` needs, if the law did not at its construction."""
+
+    def compile_description(self) -> None:
+        """Compile what `describe` needs."""
+        return
 
     def restart(self) -> None:
         """Begin at the next state, as after a change of mode or a stop."""

@@ -1,6 +1,6 @@
 """The memory and the thread of the native torque path."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 import ctypes
 from functools import partial
 import os
@@ -16,6 +16,7 @@ from kane_dynamics.mechanics.algebra.flags import packed
 from kane_dynamics.motion.motion import Motion, segment_table
 from kane_dynamics.native.runtime import message_loop
 from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.torque_path import cycle_rules
@@ -59,7 +60,7 @@ OF_GUARD = ('PERMIT', 'CONFIRM', 'HEAR')  # only with torque_guard
 
 class CycleKernels:
     """
-    The compiled rules of `cycle_rules`, and of `loop_rules` for closed loops.
+    The rules of `cycle_rules` as kernels, and those of `loop_rules` for closed loops.
 
     Parameters
     ----------
@@ -76,7 +77,8 @@ class CycleKernels:
     ----------
     shape : PathShape
     by_name : dict of str to Kernel
-        Each moves the state of the path; the keys are those of a plan.
+        Each moves the state of the path; the keys are those of a plan. Kernels compile
+        at their first use, or by `compile`.
     answers, aims : dict of Mode to Kernel
         The command of each mode; where its law needs it, the begin of the search for the
         desired configuration.
@@ -107,35 +109,35 @@ class CycleKernels:
         self.by_name: dict[str, Kernel] = {}
         self.answers: dict[Mode, Kernel] = {}
         self.aims: dict[Mode, Kernel] = {}
-        self._compile('JUDGE', cycle_rules.judge)
-        self._compile('ELAPSE', cycle_rules.elapse)
-        self._compile('PERMIT', cycle_rules.permit)
-        self._compile('CONFIRM', cycle_rules.confirm)
-        self._compile('HEAR', cycle_rules.hear)
-        self._compile('REFUSE', self._with_parameters(
+        self._make('JUDGE', cycle_rules.judge)
+        self._make('ELAPSE', cycle_rules.elapse)
+        self._make('PERMIT', cycle_rules.permit)
+        self._make('CONFIRM', cycle_rules.confirm)
+        self._make('HEAR', cycle_rules.hear)
+        self._make('REFUSE', self._with_parameters(
             partial(cycle_rules.refuse, robot, terms, loops=loops)))
         for mode, law in laws.items():
             self.answers[mode] = self._answer(mode, law, loops)
         if loops is not None:
-            self._compile_loops(loops, laws)
+            self._make_of_loops(loops, laws)
 
-    def _compile_loops(self, loops: LoopRules, laws: Mapping[Mode, TracedLaw]) -> None:
-        """Compile what arms with closed loops need in addition."""
-        self._compile('CLOSE', loops.close)
-        self._compile('CLOSING', loops.go_on_closing)
-        self._compile('AIMING', loops.go_on_aiming)
+    def _make_of_loops(self, loops: LoopRules, laws: Mapping[Mode, TracedLaw]) -> None:
+        """Make what arms with closed loops need in addition."""
+        self._make('CLOSE', loops.close)
+        self._make('CLOSING', loops.go_on_closing)
+        self._make('AIMING', loops.go_on_aiming)
 
         def hold(path: PathState, settings: CycleSettings, parameters: Vector,
                  limits: Vector) -> PathState:
             return loops.hold(path, settings, parameters, limits)
-        self._compile('HOLD', hold)
+        self._make('HOLD', hold)
         for mode, law in laws.items():
             if law.closes:
                 aim = partial(loops.aim, law=law)
                 self.aims[mode] = self._kernel('AIM', aim, f'_{mode}')
 
     def _answer(self, mode: Mode, law: TracedLaw, loops: LoopRules | None) -> Kernel:
-        """Compile the command of a mode."""
+        """Make the kernel of the command of a mode."""
         robot = self._robot
 
         def answer(path: PathState, event: Event, state: Vector, row: Vector,
@@ -146,6 +148,16 @@ class CycleKernels:
         # A law of another frame or other axes must not be found in the cache.
         return self._kernel('ANSWER', answer, identifier(f'_{mode}', *law.variant))
 
+    def compile(self, modes: Collection[Mode], with_guard: bool) -> None:  # noqa: A003
+        """Compile the commands of some modes, and the rules, on all processors."""
+        # Programs of the robot are the longest: first, so that they do not end last.
+        rules = sorted(self.by_name, key=lambda name: name not in WITH_PARAMETERS)
+        kernels = [self.answers[mode] for mode in modes]
+        kernels += [self.aims[mode] for mode in modes if mode in self.aims]
+        kernels += [self.by_name[name] for name in rules
+                    if with_guard or name not in OF_GUARD]
+        run_concurrently([kernel.compile for kernel in kernels])
+
     @staticmethod
     def _with_parameters(rule: Callable[..., PathState]) -> Callable[..., PathState]:
         """Return a rule of the robot's parameters, which does not use their limits."""
@@ -153,13 +165,13 @@ class CycleKernels:
             return rule(*arguments, parameters)
         return supplied
 
-    def _compile(self, name: str, rule: Callable[..., PathState]) -> None:
-        """Compile a rule by its name."""
+    def _make(self, name: str, rule: Callable[..., PathState]) -> None:
+        """Make the kernel of a rule by its name."""
         self.by_name[name] = self._kernel(name, rule)
 
     def _kernel(self, name: str, rule: Callable[..., PathState], variant: str = ''
                 ) -> Kernel:
-        """Compile a rule: its arguments are arrays, as is the path that it returns."""
+        """Make the kernel of a rule: arguments and result are arrays."""
         shape = self.shape
         path_shape = (cycle_rules.path_size(shape),)
         shapes = {'path': path_shape, 'event': (EVENT_SIZE,), 'state': (shape.state,),
@@ -181,9 +193,9 @@ class CycleKernels:
             if name in WITH_PARAMETERS:
                 return packed(rule(*arguments, parameters=parameters, limits=limits))
             return packed(rule(*arguments))
-        return self._robot.compiled(compiled, name=f'{name.lower()}_{self._label}{variant}',
-                                    shape=path_shape,
-                                    **{key: shapes[key] for key in inputs})
+        return self._robot.kernels.compiled(
+            compiled, f'{name.lower()}_{self._label}{variant}',
+            {key: shapes[key] for key in inputs}, path_shape, ahead=False)
 
 
 class CyclePlan:
@@ -320,6 +332,11 @@ class Report(NamedTuple):
     event: Array
     path: PathState
     message: bytes
+
+
+def compile_loop() -> None:
+    """Compile the loop of the thread, which is that of every robot."""
+    message_loop.message_loop(DROPS)
 
 
 class NativeLoop:

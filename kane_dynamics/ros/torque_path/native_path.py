@@ -181,7 +181,7 @@ class NativeTorquePath(TorquePath):
         self._lost_states = LostMessages()
 
     def _kernels(self) -> CycleKernels:
-        """Compile the rules and laws of the thread."""
+        """Return the rules and laws of the thread as kernels."""
         controller = self.controller
         robot = controller.robot
         terms = controller.compensate
@@ -197,6 +197,14 @@ class NativeTorquePath(TorquePath):
                                           max_figure=SINGULAR)
         return CycleKernels(robot, terms, closed_loop_laws(robot, terms, joints),
                             LoopRules(robot, terms, joints), len(joints.commanded))
+
+    def compile(self, *, other_modes: bool = False) -> None:  # noqa: A003
+        """Compile what commands of the mode need, or of the other modes."""
+        kernels = self.native.kernels
+        modes = [self.controller.mode]
+        if other_modes:
+            modes = [mode for mode in kernels.answers if mode not in modes]
+        kernels.compile(modes, self._guard is not None)
 
     @property
     def native(self) -> NativeLoop:

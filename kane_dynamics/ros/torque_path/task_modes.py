@@ -8,6 +8,7 @@ from kane_dynamics.control.controller import Controller, OWN_MODES
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.model.model import Model
+from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.torque_path.arm_coupling_mode import ArmCouplingMode
 from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode
@@ -85,6 +86,9 @@ class TaskModes:
         return changed.get(values['mode'], False)
 
     def compile(self) -> None:  # noqa: A003
-        """Compile the kernels of all laws."""
-        for law in self.laws.values():
-            law.compile()
+        """Compile the torques of all laws."""
+        run_concurrently([law.compile for law in self.laws.values()])
+
+    def compile_descriptions(self) -> None:
+        """Compile what describes the states of all laws."""
+        run_concurrently([law.compile_description for law in self.laws.values()])
