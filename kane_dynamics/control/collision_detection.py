@@ -135,6 +135,7 @@ class CollisionDetector:
         if largest >= self._release:
             self._calm_since = None
             return False
+        # Calm for long enough: from the first of these samples on.
         self._calm_since = _earlier(self._calm_since, t)
         if t - self._calm_since < self._clear:
             return False

@@ -78,6 +78,7 @@ def followed_joints(robot: Robot,
     n = robot.n
     if followed is None:
         followed = _default_joints(robot)
+    # As many as independent speeds, each once, and joints with a coordinate.
     distinct = set(names_of_joints(followed, 'followed'))
     if not len(followed) == len(distinct) == n or not distinct <= set(names):
         raise InputError(f'followed: {list(followed)}; expected {n} of the joints '
@@ -208,6 +209,7 @@ def followed_friction(equations: Equations, places: Sequence[int], q: Vector,
 
     """
     mechanism = equations.mechanism
+    # Loads of the drives follow from the force of the motors.
     T_c = motion.T[places]
     loads = None
     if equations.carries_loads:

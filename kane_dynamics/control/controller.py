@@ -589,6 +589,7 @@ class Controller:
             q_end, u_end, rates = state_after(robot, terms, q, u, tau, elapsed, parameters,
                                               t)
             return np.concatenate([q_end, u_end, rates[list(places)]])
+        # A kernel for each set of terms and joints, which are constants in it.
         weights = ''.join(str(int(weight)) for weight in terms.weights)
         name = f'state_after_{weights}_{"_".join(map(str, places))}'
         count = robot.n_q + robot.n + len(places)
@@ -656,6 +657,7 @@ class Controller:
         if not self._needs_friction_kernel:
             return self.robot.friction_force(u_d)
         load = np.zeros(len(self._speeds))
+        # Loads of the drives are the torques without friction.
         if self.robot.equations.carries_loads:
             terms = self._terms(q, u, accelerations, t)
             load = np.delete(terms, FRICTION, axis=0).sum(axis=0)
@@ -675,6 +677,7 @@ class Controller:
 
         def friction(q: Vector, u: Vector, u_d: Vector, udot_d: Vector, load: Vector, *,
                      t: Scalar) -> Vector:
+            # Friction of the joints, projected on the independent speeds.
             motion = equations.joint_motion(q, u, equations.zeros, t)
             return motion.projected(followed_friction(equations, places, q, motion, u_d,
                                                       udot_d, load, t))
@@ -711,6 +714,7 @@ class Controller:
 
 def _checked_preload(robot: Robot, preload: ArrayLike) -> Array:
     """Return the preload; InputError unless it loads redundant actuators alone."""
+    # A preload is torque that moves nothing: it needs more actuators than speeds.
     torques = constant(preload, (robot.n_q,), 'preload', InputError)
     actuated = robot.equations.actuated or []
     others = [k for k in np.flatnonzero(torques) if k not in actuated]

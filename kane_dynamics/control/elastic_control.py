@@ -120,6 +120,7 @@ class ElasticArm:
             raise InputError('robot: with beams; expected rigid links, such as '
                              'stiffened(model), because no motor moves the coordinates '
                              'of bending')
+        # The links alone, in their own order, with the robot's friction and payload.
         self.robot = robot
         self.n = robot.n
         links = link_side(model)
@@ -142,6 +143,7 @@ class ElasticArm:
         self.motors = list(self.links)
         for side in self.sides:
             self.motors[side.link] = joint_names.index(side.motor.name)
+        # Joints without a drive, whose motor is the link's own.
         rigid = [name for k, name in enumerate(self.names) if k not in self.drives]
         if every and rigid:
             raise InputError(f'robot: rigid joints {rigid}; expected a drive at every '
@@ -191,10 +193,12 @@ class ElasticArm:
 
     def motor_command(self, motion: Matrix, parameters: Vector) -> Matrix:
         """Return the rows of `MotorCommand`, (5, n), for q to its fourth derivative, (5, n)."""
+        # Gravity of a base at rest, with derivatives of zero.
         gravity = np.concatenate([parameters[:3][None], np.zeros((2, 3)).astype(object)])
         rows = elastic_inverse_dynamics(self.elastic_links, motion[0], motion[1:], None,
                                         gravity, parameters[3:])
         command = np.concatenate([rows[3:], rows[:1]])
+        # With damping, the spring lags: its rate is part of the torque.
         for side in self.sides:
             if side.drive.damping and self.robot.friction:
                 torque = moving_jets(*rows[:3, [side.link]])[0]
@@ -326,6 +330,7 @@ class _MotionLaw:
         self.arm.require_deflections()
         if not isinstance(motion, SmoothMotion):
             instance(motion, Motion, 'motion')
+        # Elastic arms follow a motion of their links; the motors' motion is computed.
         if motion.joint_names != self.arm.names:
             raise InputError(f'motion: of the joints {list(motion.joint_names)}; '
                              f'expected {list(self.arm.names)}, those of the links')
@@ -378,7 +383,8 @@ class MotorSideControl(_MotionLaw):
         """Check the gains and compile the law."""
         super().__init__(robot, motion)
         names = self.arm.names
-        self.kp, self.kd = per_joint(kp, 'kp', names), per_joint(kd, 'kd', names)
+        self.kp = per_joint(kp, 'kp', names)
+        self.kd = per_joint(kd, 'kd', names)
         n = len(names)
         self._law = self._compiled(self.arm.motor_side_torque, desired=(DERIVATIVES, n),
                                    kp=(n,), kd=(n,))
@@ -502,6 +508,7 @@ class LinkSideControl(_MotionLaw):
         """Check the bandwidth and compile the law."""
         super().__init__(robot, motion, every=True)
         w = per_joint(bandwidth, 'bandwidth', self.arm.names)
+        # (s + w)^4 of the error of each joint, for a chain of four integrators.
         with np.errstate(over='ignore'):
             self.gains = np.array([w**4, 4.0 * w**3, 6.0 * w**2, 4.0 * w])
         if not np.isfinite(self.gains).all():
@@ -547,6 +554,7 @@ class JointTorqueFeedback:
         self.arm = ElasticArm(robot)
         self.robot = robot
         self.inertia = per_joint(inertia, 'inertia', self.arm.names)
+        # The inertia divides the torque: it must not vanish.
         for name, value in zip(self.arm.names, self.inertia):
             if value == 0.0:
                 raise InputError(f"inertia: 0 of joint '{name}'; expected a positive "
@@ -566,9 +574,12 @@ def derivatives_of(motion: Motion | SmoothMotion, t: Array) -> Array:
     if isinstance(motion, SmoothMotion):
         return np.stack(motion.sample(t), axis=1)
     n = motion.n
+    # Before its begin and after its end a motion rests: all derivatives vanish.
     result = np.zeros((len(t), DERIVATIVES, n))
     q, u, udot = motion.sample(t)
-    result[:, 0], result[:, 1], result[:, 2] = q, u, udot
+    result[:, 0] = q
+    result[:, 1] = u
+    result[:, 2] = udot
     if len(motion.times) < 2:
         return result
     inside = (t >= motion.times[0]) & (t < motion.times[-1])

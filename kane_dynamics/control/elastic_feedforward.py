@@ -10,7 +10,7 @@ from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant, finite_times, instance, number
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.text import listing, SHORT
-from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics._util.typing import Array, Flags, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.driven_mechanism import closed_configurations
 from kane_dynamics.mechanics.algebra.user_functions import NotFiniteError
@@ -153,6 +153,7 @@ class ElasticFeedforward:
         model = link_side(robot.model)
         self.robot = robot
         self.joint_names = model.joint_names
+        # The equations of the links alone, with what the robot carries.
         options = robot.options
         self._frames = tuple(options['wrench_frames'])
         self._tree = TreeEquations(model, wrench_frames=self._frames,
@@ -229,6 +230,7 @@ class ElasticFeedforward:
         start = float(motion.times[0])
         step = number(step, 'step', 'a positive number, s, of at most the duration',
                       lambda h: 0.0 < h <= motion.duration - start)
+        # A last step that ends beyond the motion is evaluated at its end.
         count = round((motion.duration - start) / step) + 1
         times: Array = start + step * np.arange(count, dtype=np.float64)
         state = motion.sample(np.minimum(times, motion.duration))
@@ -245,6 +247,7 @@ class ElasticFeedforward:
             return
         count = len(self.speed_names)
         distinct = set(joints)
+        # Under constraints, as many joints as independent speeds determine the motion.
         fits = len(joints) == len(distinct) == count
         if not fits or not distinct <= set(self.joint_names):
             raise InputError(f'motion: of {listing(joints)}; expected {count} of '
@@ -284,10 +287,13 @@ class ElasticFeedforward:
         """
         choice = self._choice_of_joints(tuple(joints))
         inputs = list(state)
+        # Configurations in which the loops are closed, then the law at all times at
+        # once.
         time = [times] if self.robot.equations.timed else []
         inputs[0] = self.closed(times, state.q, joints)
         kernel = self._compiled(choice, self._law, 'elastic_feedforward')
         rows = np.asarray(kernel(*inputs, *time))
+        # The motion of all links, which the deflections are added to.
         if self._links(choice).is_tree:
             links = np.ascontiguousarray(np.stack(inputs[:3], axis=1))
         else:
@@ -295,6 +301,7 @@ class ElasticFeedforward:
             links = np.asarray(motion(*inputs[:3], *time))
         if self._damped:
             self._add_first(rows[0], links[0], deflection)
+            # Damped deflections are states: from row to row, beginning with the first.
             steps = np.diff(times)
             self._damped_kernel.scan([rows[:-1], links[:-1], rows[1:], links[1:], steps],
                                      rows[1:])
@@ -338,6 +345,8 @@ class ElasticFeedforward:
                 delta = spring_deflection(drive, row[0, k])
             else:
                 delta = deflection[k]
+            # The rows of the deflection's rates, then of the motor, as `damped_step`
+            # has them.
             _, rate, acceleration, _ = deflection_rates(drive, delta, row[:3, k])
             row[3:6, k] = link[:, k] + [delta, rate, acceleration]
             load = drive.rotor_inertia * row[5, k] + row[0, k]
@@ -401,6 +410,7 @@ class ElasticFeedforward:
             return self._call(q, u, udot, jerk, snap)
         if self._damped:
             self._refuse()
+        # What is left out is zero: gravity at rest, no wrench.
         batch = np.shape(u)[:-1]
         if gravity_rates is None:
             gravity_rates = np.zeros((*batch, 2, 3))
@@ -441,6 +451,7 @@ class ElasticFeedforward:
         """Return the choice in which the rates of these joints are the speeds."""
         robot = self.robot
         mechanism = robot.mechanism
+        # The speeds that the robot has already need no other choice.
         in_joint_rates = mechanism.speeds.key == JOINT_RATES
         if in_joint_rates and joints == self.speed_names:
             return self._choice_of_speeds()
@@ -479,9 +490,12 @@ class ElasticFeedforward:
         p = len(choice.speeds)
         shapes: dict[str, tuple[int, ...]] = {}
         shapes['link_position'] = (len(model.coordinate_names),)
-        shapes['link_speed'], shapes['link_acceleration'] = (p,), (p,)
+        # The arguments of the laws, which have more of them in turn.
+        shapes['link_speed'] = (p,)
+        shapes['link_acceleration'] = (p,)
         if law != self._motion_law:
-            shapes['jerk'], shapes['snap'] = (p,), (p,)
+            shapes['jerk'] = (p,)
+            shapes['snap'] = (p,)
         if law in (self._moved_law, self._loaded_law):
             shapes['gravity_rates'] = (2, 3)
         if law == self._loaded_law:
@@ -497,6 +511,8 @@ class ElasticFeedforward:
     def _reason(self, choice: LinkSpeeds, law: Callable[..., Matrix], name: str, rows: int,
                 state: dict[str, Array]) -> Kernel | None:
         """Return the kernel with rows that are regular at a state, or raise the error."""
+        # Other rows where these are singular; actuators that cannot drive the motion
+        # are named.
         links = self._links(choice)
         mechanism = links.mechanism
         q = links.whole(state['link_position']).astype(np.float64)
@@ -529,6 +545,7 @@ class ElasticFeedforward:
                     parameters: Vector, limits: Vector) -> Matrix:
         """Return the rows; traced."""
         links = self._links(choice)
+        # Gravity and its first two derivatives, of a base that moves.
         gravity = np.stack([parameters[:3], *gravity_rates])
         rows = elastic_inverse_dynamics(links, q, np.stack([u, udot, jerk, snap]),
                                         wrenches, gravity, parameters[3:], t)
@@ -557,6 +574,7 @@ def _check(robot: Robot) -> None:
     if not robot.drives:
         raise InputError(f"{WHAT}: robot '{robot.model.name}' without drives; expected "
                          'elastic joints (with_drives)')
+    # Drives for which four derivatives of q do not determine the motor's motion.
     for name, drive, _, _ in robot.drives:
         curve = drive.stiffness
         reason = ''
@@ -585,27 +603,40 @@ def speeds_of_links(robot: Robot) -> list[int]:
     if mechanism.in_joint_speeds:
         return [k for k in range(robot.n) if k not in motors]
 
-    first, second = _with_other_motors(mechanism, motors)
-    rows_differ = ~np.isclose(first.J, second.J, equal_nan=True).all(axis=1)
-    rows_differ |= ~np.isclose(first.b, second.b, equal_nan=True)
-    rows_differ |= ~np.isclose(first.residual, second.residual, equal_nan=True)
-    rows_differ |= first.J[:, motors].any(axis=1)
-    if rows_differ.any():
-        names = [mechanism.labels[k] for k in np.flatnonzero(rows_differ)]
+    # Constraints must not depend on motors: neither by their columns nor by position.
+    at_first, at_second = _with_other_motors(mechanism, motors)
+    rows_depend = at_first.J[:, motors].any(axis=1)
+    rows_depend |= _rows_differ(at_first.J, at_second.J)
+    rows_depend |= _differ(at_first.b, at_second.b)
+    rows_depend |= _differ(at_first.residual, at_second.residual)
+    if rows_depend.any():
+        names = [mechanism.labels[k] for k in np.flatnonzero(rows_depend)]
         raise InputError(f'{WHAT}: constraints on motors, {listing(names)}; expected some of '
                          'links alone, because the motion of the motors is computed')
 
-    # Speeds without an entry of a motor are those of links.
+    # Speeds without an entry of a motor are those of links. They must not depend on
+    # the motors either, and all others belong to one motor each.
     free = list(mechanism.free)
-    Y = first.Y[free]
+    Y = at_first.Y[free]
     of_motors = Y[:, motors].any(axis=1)
-    differ = ~np.isclose(Y, second.Y[free], equal_nan=True).all(axis=1)
-    differ |= ~np.isclose(first.Z[free], second.Z[free], equal_nan=True)
-    if of_motors.sum() != len(motors) or (differ & ~of_motors).any():
+    speeds_depend = _rows_differ(Y, at_second.Y[free])
+    speeds_depend |= _differ(at_first.Z[free], at_second.Z[free])
+    if of_motors.sum() != len(motors) or (speeds_depend & ~of_motors).any():
         raise InputError(f'{WHAT}: speeds {listing(mechanism.speed_names)}; expected '
                          f'{robot.n - len(motors)} that are those of links alone and do not '
                          'depend on motors')
-    return [int(k) for k in np.flatnonzero(~of_motors)]
+    return np.flatnonzero(~of_motors).tolist()
+
+
+def _differ(x: Array, y: Array) -> Flags:
+    """Return which entries differ beyond rounding; NaN equals NaN."""
+    return ~np.isclose(x, y, equal_nan=True)
+
+
+def _rows_differ(A: Matrix, B: Matrix) -> Flags:
+    """Return which rows have an entry that differs beyond rounding."""
+    rows: Flags = _differ(A, B).any(axis=1)
+    return rows
 
 
 def _with_other_motors(mechanism: Mechanism, motors: Sequence[int]) -> list[Stack]:
@@ -636,28 +667,40 @@ def _actuators(robot: Robot, joints: Sequence[str], speeds: Sequence[str],
             raise InputError(f'actuated: {SHORT.repr(actuated)} of a tree; expected None, '
                              'because each joint has its own torque')
         return None
-    weights: dict[str, float] = {}
-    if actuated is None:
-        # The drives, and what the robot states for rigid joints.
-        weights = {elastic.name: 1.0 for elastic in robot.drives}
-        stated = robot.options['actuated'] or ()
-        for name in stated:
-            if name in joints:
-                weights[name] = stated[name] if isinstance(stated, Mapping) else 1.0
-    elif isinstance(actuated, Mapping):
-        weights = dict(actuated)
-    else:
-        weights = dict.fromkeys(checked_names(actuated, 'actuated') or (), 1.0)
+    weights = _stated_weights(robot, joints, actuated)
 
-    bending = [robot.joint_names[k] for k in robot.model.modal_coordinates]
+    # Modes of beams have no actuator.
+    bending = {robot.joint_names[k] for k in robot.model.modal_coordinates}
     valid = [name for name in joints if name not in bending]
+    indexed = []
     for name, weight in weights.items():
         if name not in valid:
             raise InputError(f'actuated: {name!r}; expected some of {listing(valid)}')
-        weights[name] = number(weight, f"actuated: weight of '{name}'", 'a positive number',
-                               lambda x: 0.0 < x < np.inf)
-    if len(weights) < len(speeds):
+        checked = number(weight, f"actuated: weight of '{name}'", 'a positive number',
+                         lambda x: 0.0 < x < np.inf)
+        indexed.append((joints.index(name), checked))
+    if len(indexed) < len(speeds):
         raise InputError(f'{WHAT}: joints with actuators {listing(weights)}; expected at '
                          f'least {len(speeds)}, the number of independent speeds of the '
                          f'links ({listing(speeds)}): actuated= names further ones')
-    return tuple((joints.index(name), weight) for name, weight in weights.items())
+    return tuple(indexed)
+
+
+def _stated_weights(robot: Robot, joints: Sequence[str],
+                    actuated: Sequence[str] | Mapping[str, float] | None
+                    ) -> dict[str, float]:
+    """Return the weight of each joint that has an actuator, unchecked."""
+    if isinstance(actuated, Mapping):
+        return dict(actuated)
+    if actuated is not None:
+        return dict.fromkeys(checked_names(actuated, 'actuated') or (), 1.0)
+
+    # By default the drives, and those rigid joints that the robot states.
+    weights = dict.fromkeys([elastic.name for elastic in robot.drives], 1.0)
+    of_robot = robot.options['actuated'] or ()
+    for name in of_robot:
+        if name in joints:
+            weights[name] = 1.0
+            if isinstance(of_robot, Mapping):
+                weights[name] = of_robot[name]
+    return weights

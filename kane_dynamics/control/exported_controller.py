@@ -89,6 +89,7 @@ def _torque_count(robot: Robot) -> int:
 def _limiter(robot: Robot) -> Kernel:
     """Return the kernel of the torque limits of all joints."""
     def limits(tau: Vector, last: Vector, effort: Vector, change: Vector) -> Vector:
+        # Clamped to the effort first, then within the largest change of a cycle.
         limited = []
         for x, last_x, largest, largest_change in zip(tau, last, effort, change):
             clamped = clipped(x, -largest, largest)

@@ -81,6 +81,7 @@ class FollowedMotion:
         q, rates, accelerations = self.desired(motion, moment)
         if self.direct:
             return (q, rates, accelerations), accelerations
+        # A motion of all joints states the branch of the loops, too.
         whole = None
         if motion.n == self._robot.n_q:
             whole = motion.sample(moment)[0]

@@ -108,6 +108,7 @@ def _held(robot: Robot, terms: Terms, q: Vector, u: Vector, parameters: Vector,
     weights = terms.weights.copy()
     weights[FRICTION] = 0.0
     held: Vector = weights @ rows
+    # Of friction, what acts without a motion: the offsets.
     if terms.friction:
         motion = equations.at_rest(q, t)
         held = held + motion.projected(equations.tree.friction_force(0.0 * motion.qdot))

@@ -107,6 +107,8 @@ class Terms:
         Its friction is that of the choice `feedforward_friction`.
         """
         tau: Array
+        # All terms: one inverse dynamics. Otherwise the sum of the terms that are
+        # switched on.
         if self.complete:
             tau = source.inverse_dynamics(q, u, udot, **time)
         else:

@@ -102,6 +102,7 @@ def controller_laws(robot: Robot, terms: Terms) -> dict[Mode, TracedLaw]:
         def torque(at: LawInput) -> tuple[Vector, Vector]:
             tau = mode_torque(robot, mode, terms, at.q, at.u, at.desired, at.settings,
                               at.parameters, at.limits)
+            # Modes hold against external torques; gravity compensation yields to them.
             if at.external is not None and mode is not Mode.GRAVITY_COMPENSATION:
                 tau = tau - at.external
             return tau, at.memory
@@ -153,6 +154,7 @@ def motion_torque(robot: Robot, terms: Terms, q: Vector, u: Vector, udot: Vector
     """Return the command of a motion, (n,), without the terms that are switched off."""
     equations = robot.equations
     tau: Vector
+    # As `Terms.inverse_dynamics`, over any scalar.
     if terms.complete:
         tau = equations.inverse_dynamics(q, u, udot, None, parameters)
     else:
@@ -219,6 +221,7 @@ def followed_torque(robot: Robot, mode: Mode, terms: Terms, joints: Actuation,
                     at: LawInput) -> Vector:
     """Return the torques of the commanded joints, as `Controller.torque`; NaN in faults."""
     equations = robot.equations
+    # Gravity compensation yields to external forces; the other modes hold against them.
     external = equations.zeros
     if at.external is not None and mode is not Mode.GRAVITY_COMPENSATION:
         external = at.external
@@ -245,6 +248,7 @@ def followed_feedforward(robot: Robot, terms: Terms, joints: Actuation, desired:
     q = desired.configuration
     u = desired.speeds
     assert q is not None and u is not None
+    # udot of the speeds for the accelerations of the joints that follow.
     udot = followed_rates(equations, joints.followed, q, u, desired.udot)
     force: Vector
     if terms.complete:
@@ -293,6 +297,7 @@ def _followed_feedback(robot: Robot, terms: Terms, joints: Actuation, at: LawInp
     rows = _followed_terms(robot, joints, q, u, corrected, at.parameters)
     force: Vector = terms.of_feedback.weights @ rows
     if terms.friction:
+        # Friction of the desired motion, under the load of all other terms.
         load = equations.zeros
         if equations.carries_loads:
             load = np.delete(rows, FRICTION, axis=0).sum(axis=0)

@@ -167,6 +167,7 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
     require_angles(robot.model, 'fill_trajectory')
     require_rigid_joints(robot.model)
     instance(compensate, Terms, 'compensate')
+    # With bending, the torques are those of the flexible robot in equilibrium.
     source: Robot | QuasiStatic = robot
     if bending is not None:
         instance(bending, QuasiStatic, 'bending')
@@ -266,6 +267,7 @@ def _check_times(t: Array) -> None:
     if t[-1] > LONGEST:
         raise InputError(f'point {len(t) - 1}: time {t[-1]:g} s; expected at most '
                          f'{LONGEST} s, as in a JointTrajectory')
+    # Stamps have whole nanoseconds.
     near = np.flatnonzero(np.diff(np.rint(1e9 * t)) < 1.0)
     if near.size:
         k = int(near[0])

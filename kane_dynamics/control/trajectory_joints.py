@@ -251,6 +251,8 @@ class TrajectoryJoints:
     def _check_limits(self, q: Array) -> None:
         """Raise InputError if joints that follow from others leave their limits."""
         limits = self._robot.limits
+        # Joints of the trajectory were checked by their points; those that follow are
+        # not.
         for k, name in enumerate(self._robot.joint_names):
             if name in self.driving:
                 continue
@@ -273,6 +275,7 @@ class TrajectoryJoints:
     def _motion(self, q: Array, rates: Array, accelerations: Array) -> State:
         """Return q (K, n_q), u, udot (K, n) of the robot, in the order of time."""
         configurations = self._configurations(q)
+        # A tree: the joints of the trajectory move, all others rest.
         if self._plain:
             u = np.zeros_like(configurations)
             udot = np.zeros_like(configurations)
@@ -338,6 +341,7 @@ def _driving(robot: Robot, names: tuple[str, ...]) -> tuple[str, ...]:
     These are the joints with actuators, if as many as independent speeds are stated;
     else the joints of a trajectory of as many, or those that follow motions.
     """
+    # n stated actuators drive the motion; otherwise n joints of the trajectory do.
     n = robot.n
     stated = _stated_actuators(robot)
     fully_actuated = stated is not None and len(stated) == n

@@ -63,6 +63,8 @@ def _certain(points: ControllerPoints, lower: Array, upper: Array,
     acceleration with the duration of the segments; only the middle one of the velocity
     is computed.
     """
+    # The Bezier control points of the quintics bound positions and speeds between the
+    # points.
     t, q, u, udot = points
     h = np.diff(t)[:, None]
     longest = float(h.max())

@@ -154,6 +154,8 @@ class _AlongPath:
 
     def _require_inside(self, feedforward: ElasticFeedforward) -> None:
         """Raise InputError if the links leave their limits of position on the path."""
+        # At many places of the path, for each joint of the links and both of its
+        # limits.
         places = np.linspace(0.0, self.curve.length, DENSE)
         q = feedforward.closed(places, self.curve.sample(places).q, self.names)
         limits = self.robot.limits
@@ -183,9 +185,12 @@ class _AlongPath:
 
     def slow_law(self) -> TimeLaw:
         """Return a law that is slow enough for all limits."""
+        # Uniform coefficients are the law at constant speed; the fixed ones rest at
+        # both ends.
         count = INTERVALS + DEGREE
         coefficients = np.linspace(-0.5, 1.5, count)
-        coefficients[:FIXED], coefficients[-FIXED:] = 0.0, 1.0
+        coefficients[:FIXED] = 0.0
+        coefficients[-FIXED:] = 1.0
         inner = np.linspace(0.0, 1.0, count - 2 * FIXED + 2)
         coefficients[FIXED:-FIXED] = inner[1:-1]
         law = TimeLaw(1e-3, coefficients)
@@ -193,6 +198,8 @@ class _AlongPath:
         if not limits.of(law).size:
             raise InputError('path: no limit of motors, gears or links; expected some '
                              'that bound the motion')
+        # Torques of motion fall with the duration; what remains at rest must be held
+        # anyway.
         while np.abs(limits.of(law)).max() > ROOM:
             law = law._replace(duration=SLOWER * law.duration)
             if law.duration > SLOWEST:
@@ -217,6 +224,7 @@ class _AlongPath:
 
         It is a little slower, for what exceeds them between the samples of before.
         """
+        # The finer splines nearest to the law, with the same ends, by least squares.
         places = np.linspace(0.0, 1.0, 4 * intervals)
         values = _basis(len(law.coefficients) - DEGREE, places, 0) @ law.coefficients
         basis = _basis(intervals, places, 0)
@@ -227,12 +235,14 @@ class _AlongPath:
         coefficients[FIXED:-FIXED] = np.linalg.lstsq(inner, values - known)[0]
         law = TimeLaw(law.duration, coefficients)
         limits = self.limits(law)
+        # What the approximation changed may exceed a limit slightly.
         while np.abs(limits.of(law)).max() >= 1.0:
             law = law._replace(duration=(1.0 + SLIGHT) * law.duration)
         return law
 
     def result(self, law: TimeLaw) -> tuple[ElasticTiming, float]:
         """Return the motion of a law as a spline, and its excess over the limits."""
+        # The path at the shares of the law, through which a smooth spline runs in time.
         intervals = len(law.coefficients) - DEGREE
         places = np.linspace(0.0, 1.0, POINTS * intervals + 1)
         share = _basis(intervals, places, 0) @ law.coefficients
@@ -320,6 +330,8 @@ class _Limits:
 
     def _slopes_with_history(self, law: TimeLaw) -> Array:
         """Return the slopes where the deflection of a damped drive is a state."""
+        # Central differences: each coefficient changes the whole history of the
+        # deflection.
         free = law.free
         slopes = []
         for k in range(len(free)):

@@ -80,12 +80,14 @@ class PathRobot:
     def __init__(self, robot: Robot, path: Motion | ArrayLike, bounds: Bounds,
                  rest: ArrayLike | None = None,
                  uncertainty: Uncertainty | None = None) -> None:
-        self.robot, self.bounds = robot, bounds
+        self.robot = robot
+        self.bounds = bounds
         self.uncertainty = uncertainty
         self.names = robot.joint_names
         self.driving: list[int] | None = None
         self._loops: DrivenLoops | None = None
         self._rest: Array | None = None
+        # Trees follow the path by themselves; closed loops by their driving joints.
         if robot.equations.in_joint_rates:
             self.motion = path_of(path, self.names)
         else:

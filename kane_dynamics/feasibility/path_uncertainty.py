@@ -69,10 +69,13 @@ class PathUncertainty:
             Least x at which the friction of a moving joint is computed.
 
         """
+        # At rest the deviation does not depend on the speed.
         if x is None:
             lines = np.zeros((len(self._q), 3, self.at_rest.shape[1]))
             lines[:, 2] = self.at_rest
             return lines
+        # x' may differ on both sides of a point: the side with the larger deviation
+        # counts.
         at = np.maximum(x, least)
         change = np.diff(x)
         before = self._tangents(at, np.insert(change, 0, change[0]))

@@ -191,12 +191,16 @@ def _root(upper: Lines, lower: Lines, x: Scalar, sign: float, steps: int
     The second part is its error, that of the last step of Newton's method, infinite if
     the set is empty.
     """
+    # Newton's method on a concave function, so that each step stays on one side of the
+    # end.
     error = 0.0
     for _ in range(steps + 1):
         highest, high_slope = extreme(_lines_at(upper, x), 1.0)
         lowest, low_slope = extreme(_lines_at(lower, x), -1.0)
         room = highest - lowest
         slope = high_slope - low_slope
+        # Without a slope toward the set there is none: the step is then far beyond all
+        # x.
         towards = select(sign * slope < 0.0, slope, -sign * 1e-300)
         error = select(room < 0.0, room / towards, 0.0)
         x = x - error

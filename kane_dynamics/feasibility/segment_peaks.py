@@ -264,7 +264,8 @@ def peaks_kernel(robot: Robot, quantities: tuple[int, ...]) -> Kernel:
 
     def values(first: Vector, last: Vector, x: Scalar, factors: Matrix,
                parameters: Vector) -> Vector:
-        begin, end = _state(first, n), _state(last, n)
+        begin = _state(first, n)
+        end = _state(last, n)
         q, u, udot = quintic(begin[:3], end[:3], first[3 * n], x)
         tau = robot.equations.inverse_dynamics(q, u, udot, None, parameters)
         return largest_shares_of(quantities, begin, end, (q, u, udot, tau), factors)

@@ -212,13 +212,15 @@ def _speed(value: float, name: str) -> float:
 def _rate_limited(along: PathRobot, rates: RateBounds, speeds: tuple[float, float],
                   points: int) -> TimeOptimal:
     """Return the fastest motion with limits of jerk or torque rate."""
-    robot, motion = along.robot, along.motion
+    robot = along.robot
+    motion = along.motion
     if along.driving is not None:
         # The third derivatives along the path are those of the joints themselves.
         raise InputError('robot: chosen speeds or constraints with a limit of jerk or '
                          'torque rate; expected a robot in joint rates, or none of '
                          'these limits')
     rates = rates.along(motion)
+    # These motions rest at both ends, where the jerk is bounded too.
     for name, speed in zip(('start_speed', 'end_speed'), speeds):
         if speed:
             raise InputError(f'{name}: {speed:g} with a limit of jerk or torque rate; '

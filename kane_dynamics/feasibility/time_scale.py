@@ -426,7 +426,9 @@ def _highest_bent(path: SampledPath, top: float,
     What these add to the torque is a constant and a multiple of the squared speed, as
     inertial forces are, which follows from the speed before.
     """
-    at_rest, square = added_torques(LOWEST), path.square
+    # Bending at rest does not depend on the speed, the rest of it grows with its square.
+    at_rest = added_torques(LOWEST)
+    square = path.square
     path.constant = path.constant + at_rest
 
     def highest(last: float) -> float | None:

@@ -108,11 +108,13 @@ class TimeOptimal:
     @property
     def active(self) -> tuple[ActiveLimit, ...]:
         """Return the limits that bound the motion, in order of time."""
-        names, limits = self.joint_names, tuple(self.uses)
+        names = self.joint_names
+        limits = tuple(self.uses)
         uses = np.stack([self.uses[name] for name in limits], axis=1)
         uses = uses.reshape(len(self.tau), -1)
         # The number of the limit and joint that are used most, -1 for none.
         number = np.where(uses.max(axis=1) >= ACTIVE, uses.argmax(axis=1), -1)
+        # Neighboring points with the same limit and joint are one stretch.
         starts = np.flatnonzero(np.diff(number, prepend=-2))
         ends = np.append(starts[1:], len(number)) - 1
         active = []

@@ -206,6 +206,7 @@ def demand(robot: Robot, motion: Motion | SmoothMotion, *, speed: float = 1.0,
 
     """
     instance(robot, Robot, 'robot')
+    # Elastic joints: demand on motors and gears; otherwise on the joints themselves.
     if robot.drives:
         refuse_with_drives(bending, uncertainty)
         drives = DrivesAlong(robot, motion, step, power)

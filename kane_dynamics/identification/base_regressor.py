@@ -246,6 +246,8 @@ def base_speeds(data: RegressionRows, model: Model) -> Array:
         inertial = fit.base.columns < bodies
         return np.asarray(data.Y[:, :,
                                  fit.base.columns[inertial]] @ fit.values[inertial])
+    # Friction speeds and rigid-body parameters depend on each other: fitted in turn
+    # until both settle.
     return settled_speeds(data, np.full(model.n, USUAL), rigid, UNBOUNDED)
 
 

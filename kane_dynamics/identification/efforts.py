@@ -233,6 +233,8 @@ class Efforts:
         weight = robot.gravity_force(finite_row(q, 'q', robot.coordinate_names))
         if np.abs(weight).max(initial=0.0) < WEIGHTLESS:
             return None
+        # Efforts in the units of the robot, projected on its speeds, then on the
+        # weight.
         held = finite_row(effort, 'effort', actuated_joints(robot))
         if self.constants is not None:
             held = held * per_joint(self.constants, 'constants', actuated_joints(robot))

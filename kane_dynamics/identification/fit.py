@@ -406,6 +406,8 @@ def _smooth_speeds(first: LawRows, fit: LawFit) -> Array:
 def identified(model: Model, x: Array, speeds: Array, further: dict[str, Array], *,
                inertials: bool = True) -> Model:
     """Return the model with the values of the unknowns, and of further terms of friction."""
+    # Friction replaces the model's own; terms that are not identified have their
+    # defaults.
     losses: dict[str, dict[str, Any]] = {}
     for j, name in enumerate(model.joint_names):
         row = x[-4 * model.n:].reshape(-1, 4)[j]
@@ -415,6 +417,7 @@ def identified(model: Model, x: Array, speeds: Array, further: dict[str, Array],
             losses[name][term] = float(values[j])
         if not losses[name]['friction']:  # without sliding there is no presliding
             losses[name] |= {'presliding_stiffness': 0.0, 'presliding_damping': 0.0}
+    # Unknowns are ten inertial parameters a body, then the losses of each joint.
     bodies = []
     for k, body in enumerate(model.bodies):
         inertial = body.inertial

@@ -235,11 +235,13 @@ def fit_laws(rows: LawRows, laws: Sequence[FrictionLaw], start: LawFit,
 def _best_shapes(rows: LawRows, laws: Sequence[FrictionLaw], fit: LawFit, load: Array
                  ) -> Array:
     """Return the friction speeds and travels that fit best for given bodies, (n,)."""
+    # The torque that the bodies leave for friction, joint by joint.
     missing = rows.torque - rows.data.Y @ fit.inertial
     shapes = np.zeros(len(laws))
     for j, law in enumerate(laws):
         used = rows.used(j, law)
         missed = partial(_missed, rows, j, law, load[:, j], used, missing[used, j])
+        # Travels of presliding have few candidates, because the error has many minima.
         if law.presliding:
             errors = [missed(float(length)) for length in LENGTHS]
             shapes[j] = LENGTHS[int(np.argmin(errors))]
@@ -283,9 +285,10 @@ def equations(rows: LawRows, laws: Sequence[FrictionLaw], shapes: Array, load: A
         used = rows.used(j, law)
         counts[j] = max(int(used.sum()), 1)
         columns = rows.columns(j, law, float(shapes[j]), load[:, j])
-        # The columns of the other joints' losses are zero, and added to R afterwards.
-        R = triangle(np.column_stack([rows.data.Y[used, j], columns[used],
-                                      torque[used, j]]))
+        # R of the joint's own columns has as few rows as columns. The columns of the
+        # other joints' losses are zero, and added to R afterwards.
+        of_joint = [rows.data.Y[used, j], columns[used], torque[used, j]]
+        R = triangle(np.column_stack(of_joint))
         padded = np.zeros((len(R), inertial + COLUMNS * n + 1))
         padded[:, :inertial] = R[:, :inertial]
         padded[:, own_columns(inertial, j)] = R[:, inertial:-1]

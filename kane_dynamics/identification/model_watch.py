@@ -76,6 +76,7 @@ class ModelChange(NamedTuple):
     def __str__(self) -> str:
         """Return the change in words."""
         deviation = f'+- {self.deviation:.1g}'
+        # Numbers with their unit, as users say them; factors in percent.
         if self.cause == 'payload':
             return f"body '{self.joint}': {self.size:+.3g} kg ({deviation} kg) of payload"
         of = self.joint if self.joint == ALL_JOINTS else f"joint '{self.joint}'"
@@ -294,6 +295,7 @@ def _same_motion(recording: Recording, other: Recording) -> bool:
 
 def _causes(robot: Robot, recording: Recording) -> list[_Cause]:
     """Return the possible causes with their directions along a recording."""
+    # Each cause changes the torque in a direction that follows from the recording.
     q, u, udot = recording.q, recording.u, recording.udot
     torque = robot.inverse_dynamics(q, u, udot)
     offsets = np.array([joint.friction_offset for joint in robot.model.coordinate_joints])
@@ -309,6 +311,7 @@ def _causes(robot: Robot, recording: Recording) -> list[_Cause]:
             # Mass, and mass times its center: the inertia of a payload is small.
             causes.append(_Cause('payload', body.name, Y[:, :, 10 * k:10 * k + 4]))
     causes.append(_Cause('delay', ALL_JOINTS, -(rate * moving)[..., None]))
+    # Causes of one joint: a column of it alone, where it moves.
     for j, name in enumerate(robot.joint_names):
         of_joint = {'friction': friction[:, j], 'offset': np.ones(len(q)),
                     'torque constant': torque[:, j], 'delay': -rate[:, j]}

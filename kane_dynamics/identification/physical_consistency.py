@@ -70,18 +70,23 @@ def physical(A: Array, b: Array, prior: Sequence[Inertial], lowest: Array, weigh
     """
     size = 10 * len(prior)
     # By Z of each body: P = L (1 + Z) L^T, so its parameters are linear in Z.
-    starts, changes, columns = [], [], []
+    starts = []
+    changes = []
+    columns = []
     for k, inertial in enumerate(prior):
         L = _root(inertial.pseudo_inertia)
         change = np.column_stack([parameters_of(L @ unit @ L.T) for unit in SYMMETRIC])
         starts.append(parameters_of(L @ L.T))
         changes.append(change)
         columns.append(A[:, 10 * k:10 * k + 10] @ change)
+    # |A x - b|^2 in the new unknowns, with the nearness to the prior as further rows.
     start = np.concatenate(starts)
     data = np.column_stack([*columns, A[:, size:], b - A[:, :size] @ start])
     nearness = np.hstack([np.sqrt(weight) * np.eye(size),
                           np.zeros((size, len(lowest) + 1))])
     R = triangle(np.vstack([data, nearness]))
+    # The least squares are physical as a rule; only otherwise the constrained problem
+    # is solved.
     x = _unconstrained(R, len(prior), lowest)
     if x is None:
         x = _constrained(R, len(prior), lowest)

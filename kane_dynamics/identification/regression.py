@@ -131,6 +131,8 @@ def rows(model: Model, recording: Recording,
     check_recording(model, recording)
     standstill = number(standstill, 'standstill', 'a nonnegative speed, rad/s or m/s',
                         lambda x: x >= 0.0)
+    # The regressor is of bodies alone; springs and armature are known, friction is
+    # fitted.
     robot = Robot(without_losses(model))
     state = recording.q, recording.u, recording.udot
     Y = robot.regressor(*state)
@@ -204,8 +206,10 @@ def friction_speeds(data: RegressionRows, lowest: Array = LOWEST) -> Array:
     if lowest.shape != (4,) or not (lowest < FAR_ABOVE).all():
         raise InputError('lowest: no four numbers, or one too large; expected the lowest '
                          'value of each coefficient, N m, or -inf')
-    return np.array([_friction_speed(data, joint,
-                                     lowest) for joint in range(data.rigid.shape[1])])
+    speeds = []
+    for joint in range(data.rigid.shape[1]):
+        speeds.append(_friction_speed(data, joint, lowest))
+    return np.array(speeds)
 
 
 def _friction_speed(data: RegressionRows, joint: int, lowest: Array) -> float:
@@ -225,6 +229,7 @@ def least_between(function: Callable[[float], float], candidates: Array,
     It is searched among increasing, positive candidates, then between the neighbors of
     the best one, to a relative tolerance.
     """
+    # The best candidate, refined between its neighbors.
     values = [function(float(candidate)) for candidate in candidates]
     best = int(np.argmin(values))
     at_best = float(candidates[best])

@@ -145,6 +145,7 @@ def written_payload(supplement: str | os.PathLike[str] | None, link: str,
     if read_supplement(supplement).payload is not None:
         raise InputError(f"supplement '{supplement}': has a payload already; expected "
                          'none, since the identified payload would be added to it')
+    # The supplement's own text, with the payload added: other keys stay as they are.
     content: Any = None
     if supplement is not None:
         content = yaml.safe_load(Path(supplement).read_bytes())

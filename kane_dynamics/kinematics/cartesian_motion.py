@@ -204,6 +204,7 @@ class _Follower:
 
     def _require_start(self, start: Array) -> None:
         """Raise InputError unless the path begins at the pose of the start."""
+        # Of a path of positions alone, the first three rows count.
         error = pose_error(self.robot.frame_pose(self.frame, start),
                            self.desired.sample(0.0).pose)[:self.rows]
         if np.abs(error).max() > self.tolerance:
@@ -307,6 +308,8 @@ class _Follower:
         if self.loops is not None:
             q = self.loops.closed(q, np.zeros(len(q)), lambda k: self._place(float(t[k])))
         errors = pose_error(self.robot.frame_pose(self.frame, q),
+                            # The error of the pose that the robot has there, from the
+                            # pose of the path at this time.
                             self.desired.sample(t).pose)
         distances = np.linalg.norm(errors[:, :3], axis=1)
         angles = np.linalg.norm(errors[:, 3:self.rows], axis=1)
@@ -451,6 +454,7 @@ def _moved_joints(robot: Robot) -> tuple[str, ...]:
     """Return the joints of the motion, which determine the others under constraints."""
     if not robot.constraint_names:
         return robot.coordinate_names
+    # A rolling wheel reaches one configuration of its joints in many ways.
     if velocity_rows(robot):
         raise InputError('robot: with constraints of velocities; expected constraints of '
                          'positions, with which joints determine the configuration')
@@ -467,6 +471,7 @@ def _start(robot: Robot, q: ArrayLike) -> Array:
     if q_start.ndim != 1:
         raise InputError(f'q: shape {q_start.shape}; expected ({robot.n_q},), one '
                          'configuration')
+    # The start may be on a limit, but for rounding.
     beyond = np.maximum(robot.limits.lower - q_start, q_start - robot.limits.upper)
     worst = int(beyond.argmax())
     if beyond[worst] > AT_LIMIT:

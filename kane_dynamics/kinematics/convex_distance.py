@@ -48,13 +48,16 @@ class ConvexShapes:
     @classmethod
     def of(cls, shapes: Sequence[LinkShape]) -> 'ConvexShapes':
         """Return the shapes of links; none is a mesh."""
+        # A shape is the sum of a box, a disc and a ball, of which two have no size.
         half = np.zeros((len(shapes), 3))
-        disc, ball = np.zeros((2, len(shapes)))
+        disc = np.zeros(len(shapes))
+        ball = np.zeros(len(shapes))
         for k, shape in enumerate(shapes):
             if shape.kind == 'box':
                 half[k] = 0.5 * np.asarray(shape.size)
             elif shape.kind == 'cylinder':
-                disc[k], half[k, 2] = shape.size[0], 0.5 * shape.size[1]
+                disc[k] = shape.size[0]
+                half[k, 2] = 0.5 * shape.size[1]
             else:
                 ball[k] = shape.size[0]
         return cls(half, disc, ball)

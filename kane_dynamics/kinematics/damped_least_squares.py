@@ -134,6 +134,8 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike,
 
 def _warn_of_millimeters(robot: Robot, frame: str, goal: Array, q: Array) -> None:
     """Warn of a target that is far beyond the positions that a frame reaches."""
+    # The frame's own distance from the base, and the size of the robot, bound what it
+    # reaches.
     target = goal if goal.ndim == 1 else goal[:3, 3]
     reached = robot.frame_pose(frame, q)[:3, 3]
     distance = float(np.linalg.norm(target - reached))
@@ -223,6 +225,7 @@ class _Search:
     def first_start(self, q0: ArrayLike | None) -> Array:
         """Return q0 clipped to the limits and closed."""
         robot = self.robot
+        # A guess of the user, or a configuration within the limits.
         if q0 is None:
             guess = robot.feasible_configuration()
         else:
@@ -237,6 +240,8 @@ class _Search:
     def random_start(self, rng: np.random.Generator) -> Array:
         """Return a random configuration; joints that may not move are as at first."""
         q = self.robot.random_configuration(rng)
+        # Fixed joints stay where the first start has them; the quaternion of a ball
+        # counts as one.
         for joint, place in enumerate(self.robot.model.places):
             if place is not None and self.fixed[joint]:
                 q[place] = self.start[place]

@@ -150,6 +150,7 @@ class LinkDistances:
         if not self.pairs:
             raise InputError('pairs: none to compare; expected shapes of links that are '
                              'not neighbors, or obstacles')
+        # Distances of all pairs at all configurations: the least of the whole array.
         states, _ = self._states(q)
         distances, first, second = self._shape_distances(states)
         state, pair = np.unravel_index(int(distances.argmin()), distances.shape)
@@ -170,12 +171,16 @@ class LinkDistances:
         self._bodies: list[int] = []
         for body, shape in placed:
             if body != WORLD and body not in self._frames:
+                continue
+                # shape.
                 continue  # a part of a joint, such as a section of a beam
             name = model.base_name if body == WORLD else model.bodies[body].name
             self._shapes.append(shape)
             self._names.append(shape.link or name)
             self._bodies.append(body)
         self._links = len(self._shapes)
+        # Obstacles are fixed to the world, after all links, so that an index tells
+        # which is which.
         for shape in obstacles:
             if shape.link in self._names[:self._links]:
                 raise InputError(f"obstacles: '{shape.link}' is a link of the robot; "
@@ -188,6 +193,7 @@ class LinkDistances:
     def _pairs_to_compare(self, model: Model, ignored: Collection[tuple[str, str]]
                           ) -> NDArray[np.intp]:
         """Return the pairs of shapes whose bodies are no neighbors, (p, 2)."""
+        # Both orders of a pair that the user leaves out.
         without = set()
         for first, second in ignored:
             for name in (first, second):
@@ -195,8 +201,9 @@ class LinkDistances:
                     raise InputError(f"ignored: '{name}' has no shape; expected names "
                                      f'of {listing(dict.fromkeys(self._names))}')
             without |= {(first, second), (second, first)}
-        carriers = {body: _carrier(model, body,
-                                   set(self._bodies)) for body in self._bodies}
+        # Links are neighbors if no other link with a shape is between them.
+        with_shapes = set(self._bodies)
+        carriers = {body: _carrier(model, body, with_shapes) for body in self._bodies}
         pairs = []
         for j, body in enumerate(self._bodies):
             is_obstacle = j >= self._links

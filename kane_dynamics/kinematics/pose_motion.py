@@ -46,6 +46,7 @@ class PoseLimits:
             # Without angular limits only paths that do not turn are timed.
             if values is None and name == 'angular':
                 continue
+            # Three limits: of speed, acceleration and jerk.
             try:
                 stated = tuple(real_numbers(values).tolist())
             except (TypeError, ValueError):
@@ -124,6 +125,8 @@ class PoseMotion:
             duration = number(duration, 'duration', f'a finite time of at least {BRIEFEST:g} '
                               's', lambda x: BRIEFEST <= x < np.inf)
             linear, angular = SHAPE, SHAPE / RADIUS
+        # The motion rests where the path stops: at its ends, and at corners without a
+        # blend.
         profile = fastest_profile(path.section_limits(linear, angular), path.stops)
         if duration is not None:
             profile = profile.scaled(duration)

@@ -184,6 +184,8 @@ class _Blend:
 
     def deviation(self) -> tuple[float, float]:
         """Return the largest distance and angle from the pieces without the blend."""
+        # The sharp corner: the end of the piece before, then the beginning of the one
+        # after.
         x = np.linspace(-self.half, self.half, SAMPLES)
         sharp = np.zeros((SAMPLES, 4, 4))
         for piece, s, rows in ((self.before, self.before.length + x, x < 0.0),
@@ -195,6 +197,8 @@ class _Blend:
 
     def limits(self, length: float, linear: Array, angular: Array) -> SectionLimits:
         """Return the largest constant rate of s."""
+        # A derivative of order m grows with rate^m, so that each bound limits the rate
+        # by its m-th root.
         x = np.linspace(-self.half, self.half, SAMPLES)
         speed = np.inf
         for k, derivative in enumerate(self.derivatives(x)):
@@ -351,6 +355,8 @@ class PosePath:
         first, last = ends[0, :3, 3], ends[1, :3, 3]
         # The center of the circle is in the plane of both chords.
         to_via, to_end = middle - first, last - first
+        # Circumcenter from the start: (t^2 (e x n) - e^2 (t x n)) / (2 n^2), with the
+        # chords t, e and n = t x e.
         normal = np.cross(to_via, to_end)
         size = float(np.linalg.norm(to_via) * np.linalg.norm(to_end))
         if not np.linalg.norm(normal) > STRAIGHT * size:
@@ -460,6 +466,8 @@ class PosePath:
             In the world, m; for a path of positions without rotation.
 
         """
+        # Each parameter belongs to one section; those of a section are computed at
+        # once.
         places, sections = self._placed(s)
         T = np.zeros((len(places), 4, 4))
         for k, section in enumerate(self._sections):
@@ -470,6 +478,7 @@ class PosePath:
 
     def derivatives(self, s: ArrayLike) -> Derivatives:
         """Return the first three derivatives at parameters s, (N, 6) each."""
+        # As in `poses`, a section at a time.
         places, sections = self._placed(s)
         result = np.zeros((3, len(places), 6))
         for k, section in enumerate(self._sections):
@@ -544,6 +553,7 @@ def _stated(poses: ArrayLike | Sequence[ArrayLike]) -> tuple[Array, bool]:
 
 def _require_joined(path: PosePath, following: PosePath, k: int) -> None:
     """Raise InputError unless the following path, the k-th, begins where a path ends."""
+    # Where one path ends, the next must begin, in position and orientation.
     end = path.poses([path.length])[0]
     start = following.poses([0.0])[0]
     error = pose_error(end, start)
@@ -586,6 +596,7 @@ def _line(start: Array, length: float, displacement: Array, turn: Array) -> _Pie
 
 def _arc(start: Array, center: Array, circling: Array, turn: Array) -> _Piece:
     """Return a circular piece; `circling` is the rotation vector about its center."""
+    # The parameter counts the longer one of arc and turn.
     radius = float(np.linalg.norm(start[:3, 3] - center))
     angle = float(np.linalg.norm(circling))
     if not radius > SHORTEST:

@@ -51,6 +51,7 @@ class ClosedPath:
         for k, start in enumerate(starts):
             try:
                 self._tracker.restart(start)
+            # The last start decides: its reason is the one that the caller learns.
             except LoopError as error:
                 if k + 1 == len(starts):
                     raise LoopError(error.reason, 'start of the trajectory: '

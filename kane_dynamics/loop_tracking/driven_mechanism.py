@@ -121,6 +121,8 @@ class DrivenLoops:
         weights = np.zeros(robot.n_q)
         time = robot.equations.time_inputs(np.ascontiguousarray(t))
         rows = np.empty((len(q), *kernel.shape))
+        # Each call is a Newton step of all configurations, with the driving joints back
+        # in place.
         for _ in range(CALLS):
             kernel.run([np.ascontiguousarray(q), T, target, rates, seen, weights, *time],
                        rows, len(q))

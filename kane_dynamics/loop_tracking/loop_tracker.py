@@ -680,8 +680,11 @@ class LoopStep:
 
     def restart_at(self, q: Array) -> tuple[int, bool]:
         """Search the configuration near another one, as `search_from`, without limits."""
-        measurement, weights, limits = (
-            x.copy() for x in (self.measurement, self._weights, self.limits))
+        # A restart compares nothing and has no limits; those of the caller come back,
+        # whatever the outcome.
+        measurement = self.measurement.copy()
+        weights = self._weights.copy()
+        limits = self.limits.copy()
         self.rates[:] = 0.0
         self.measured[:] = q[self._places]
         self._weights.fill(0.0)
@@ -957,6 +960,7 @@ class LoopTracker:
         # The usual case: one call of a kernel that checks the result itself.
         if self.known and step.follow():
             return
+        # Otherwise a search in steps, which also finds why a measurement is refused.
         was_known = self.known
         outcome, self.known = step.search_from(was_known)
         if outcome == REACHED:

@@ -220,6 +220,7 @@ def moved(model: Model, q: Array, step: Array) -> Array:
         return result
     places = angle_places(model)
     batch = np.broadcast_shapes(q.shape[:-1], step.shape[:-1])
+    # Joints with one coordinate move in proportion to the time.
     result = np.empty((*batch, q.shape[-1]))
     result[..., places] = q[..., places] + step[..., angles(model)]
     for ball in balls(model):
@@ -275,12 +276,14 @@ def require_unit(model: Model, q: Array, what: str) -> Array:
             worst = float(length.ravel()[np.argmax(off)])
             raise InputError(f"{what}: the quaternion of '{ball.name}' has the length "
                              f'{worst:.9g}; expected 1 to within {UNIT:g}')
+        # A deviation within the tolerance is rounding of the caller's: normalise it.
         ball.quaternion(result)[...] /= length
     return result
 
 
 def least_square(model: Model, q: Vector) -> Scalar:
     """Return the smallest squared length of the quaternions in q, (n_q,)."""
+    # A minimum without a branch, so that it can be traced.
     least: Scalar = None
     for ball in balls(model):
         square = sum((x * x for x in ball.quaternion(q)), 0.0)

@@ -114,6 +114,7 @@ class ElasticLinks:
         mechanism = self.mechanism
         if self.is_tree:
             return mechanism.motion_series(q, rates)
+        # Motors rest in this mechanism: only the speeds of links move.
         all_rates = np.zeros((len(rates), mechanism.n)).astype(object)
         all_rates[:, self.speeds] = rates
         series = mechanism.motion_series(self.whole(q), all_rates, t, self.geometry)
@@ -125,6 +126,8 @@ class ElasticLinks:
         """Return the torques of actuators for the joint forces of a motion, (n,)."""
         if self.actuated is None:
             return joint_forces
+        # The torques with the generalized forces T^T f and the least weighted sum of
+        # squares.
         torques = np.zeros(self.tree.n).astype(object)
         torques[self.actuated] = least_torques(
             motion.T[self.actuated], self.inverse_weights,

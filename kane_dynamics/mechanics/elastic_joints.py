@@ -47,6 +47,7 @@ def spring_slope(drive: Drive, deflection: Scalar) -> Scalar:
     if not isinstance(curve, StiffnessCurve):
         return curve
     slope: Scalar = curve.slopes[0]
+    # A curve is a line with corners, at the same distance on both sides of zero.
     for corner in _corners(curve):
         ahead = _ramp_slope(deflection - corner.deflection, corner.width)
         behind = _ramp_slope(-deflection - corner.deflection, corner.width)

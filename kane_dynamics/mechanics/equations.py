@@ -110,6 +110,7 @@ class Equations:
         self._inverse_weights: Vector = None  # of the actuated joints
         if actuated is not None:
             self.actuated = self._actuated_coordinates(actuated)
+            # By default all torques have the same weight: minimum norm.
             if isinstance(actuated, Mapping):
                 names = [self.model.joint_names[k] for k in self.actuated]
                 weights = np.array([actuated[name] for name in names])
@@ -308,9 +309,12 @@ class Equations:
 
         """
         if not self.tree.carries_loads:
+            # Without load friction, the rates alone determine it.
             return self.tree.friction_force(rates, None, directions, deflections)
         torques = self.drive_torques(q, tau, t)
         loads = self.tree.drive_loads(rates, torques, None, directions, deflections)
+        # tau = L + friction. With bristles, the friction of given loads is a sum of its
+        # parts.
         if deflections is None:
             return torques - loads
         return self.tree.friction_force(rates, loads, directions, deflections)
@@ -420,6 +424,8 @@ class Equations:
     def mass_factors(self, q: Vector, parameters: Vector,
                      t: Scalar = 0.0) -> tuple[Factors, list[int]]:
         """Return the LTDL factorization of M and the order of its rows, for `solve`."""
+        # The tree eliminates from the tips on, which keeps the zeros of M; M of other
+        # speeds has few.
         if self.mechanism.in_joint_speeds:
             M = self.tree.mass_matrix(q, parameters)
             return self.tree.factors(M), self.tree.order
@@ -441,6 +447,7 @@ class Equations:
         It follows from q' = T u + x and q'' = T u' + T' u + x', of which C u has the
         terms in u; dM/dt = C + C^T, since M = T^T M_q T.
         """
+        # C q' of the tree, and what the rate of T adds to the accelerations.
         motion = self.joint_motion(q, u, self.zeros, t)
         C = self.tree.coriolis_matrix(q, motion.qdot, parameters)
         if motion.unit:
@@ -488,6 +495,7 @@ class Equations:
     def state_rates(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
                     parameters: Vector, t: Scalar = 0.0) -> Vector:
         """Return q' then udot, (n_q + n,): the system that is integrated."""
+        # Without constraint rows, the tree's dynamics give q'' without projecting M.
         if self.n == self.tree.n:
             speeds, udot = self._unconstrained(q, u, tau, wrench, parameters, t)
         else:
@@ -581,6 +589,8 @@ class Equations:
     def actual_joint_forces(self, q: Vector, u: Vector, tau: Vector, parameters: Vector,
                             t: Scalar = 0.0) -> Vector:
         """Return the joint forces, (n_q,), of actuators and constraints together."""
+        # T = 1: nothing to project. Without rows, the joints have only the dual forces
+        # of tau.
         if self.mechanism.in_joint_speeds:
             return tau
         if self.n == self.tree.n:
@@ -605,6 +615,7 @@ class Equations:
         `motors`, (n_j,), those of the actuators, on which friction may depend.
         """
         motion = self.joint_motion(q, u, udot, t)
+        # Load friction is the difference between the motors' torques and the loads.
         if self.carries_loads:
             rigid = self.tree.rigid_dynamics(q, motion.qdot, motion.qddot, None,
                                              parameters)

@@ -156,6 +156,8 @@ def friction_torque(joint: Joint, rate: Scalar, load: Scalar = 0.0,
         ``tanh(rate / friction_speed)``.
 
     """
+    # The terms of the law in the module's text: viscous, then even and odd in y, then
+    # offset.
     torque = _viscous(joint, rate)
     if slides(joint):
         if direction is None:
@@ -264,6 +266,7 @@ def load_of_drive(joint: Joint, rate: Scalar, torque: Scalar, direction: Scalar 
         Factor on the friction.
 
     """
+    # The torque without the friction that does not depend on the load: L + by_load L.
     x = torque - factor * friction_torque(joint, rate, 0.0, direction)
     if not carries_load(joint):
         return x
@@ -272,6 +275,7 @@ def load_of_drive(joint: Joint, rate: Scalar, torque: Scalar, direction: Scalar 
         y = coulomb(rate, joint.friction_speed)
     else:
         y = _of_sliding(joint, direction)
+    # L has the sign of x, so that |L| = sign(x) L makes the equation linear.
     by_load = half_difference * (y * y) + mean * y * select(x < 0.0, -1.0, 1.0)
     return x / (1.0 + factor * by_load)
 
@@ -311,11 +315,13 @@ def sliding_friction(joint: Joint, rate: Scalar, load: Scalar = 0.0) -> Scalar:
     forward, backward = coulomb_levels(joint)
     level: Scalar = forward
     if joint.friction_backward is not None:
+        # Each direction may have its own Coulomb friction.
         level = select(rate < 0.0, backward, forward)
     if _has_stribeck(joint):
         level = level + _stribeck(joint, rate)
     if carries_load(joint):
         driving, backdriven = load_fractions(joint)
+        # The load drives the motor where its power is negative.
         fraction = select(rate * load < 0.0, backdriven, driving)
         level = level + fraction * magnitude(load)
     return level
@@ -465,6 +471,7 @@ def held_forces(a: Array, A: Array, least: Array, largest: Array) -> Array:
         rows = np.ix_(held, held)
         f[held] = np.linalg.solve(A[rows], -(a + A @ f)[held])
         v = a + A @ f
+        # A force or an acceleration is wrong only beyond rounding.
         rounding = ROUNDING * np.maximum(size, np.abs(A) @ np.abs(f))
         beyond = held & ((f > largest + ROUNDING * np.abs(largest))
                          | (f < least - ROUNDING * np.abs(least)))
@@ -473,6 +480,8 @@ def held_forces(a: Array, A: Array, least: Array, largest: Array) -> Array:
         if not wrong.any():
             return f
         first = int(np.argmax(wrong))
+        # A joint that leaves `held` slides with the force at the bound that it
+        # exceeded.
         if held[first]:
             at_largest[first] = f[first] > largest[first]
             f[first] = largest[first] if at_largest[first] else least[first]

@@ -30,6 +30,7 @@ def places(n: int, balls: Sequence[int]) -> tuple[int | None, ...]:
         if is_ball_part(freedom, balls):
             indices.append(None)
         else:
+            # Each ball before it has an entry more in q than in u.
             preceding_balls = sum(first < freedom for first in balls)
             indices.append(freedom + preceding_balls)
     return tuple(indices)
@@ -53,6 +54,7 @@ def quaternion_names(names: Sequence[str], bodies: Sequence[Any],
 def check_ball_property(joint: str, properties: dict[str, Any]) -> None:
     """Raise ModelError for a property that needs an angle, which a ball joint lacks."""
     limits = properties.get('limits')
+    # Limits of velocity and effort need no angle.
     if limits is not None and (limits.lower, limits.upper) != (-math.inf, math.inf):
         raise ModelError(f"joint '{joint}': limits {limits.lower:g} to {limits.upper:g} "
                          'of a part of a ball joint, which has no angle; expected '

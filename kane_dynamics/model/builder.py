@@ -102,6 +102,7 @@ class ModelBuilder:
 
         """
         instance(model, Model, 'model')
+        # Bodies are immutable, so that the builder shares those of the model.
         builder = cls(model.name, gravity=model.gravity, strict=strict)
         builder._base_name = model.base_name
         builder._base_inertial = model.base_inertial
@@ -362,6 +363,7 @@ class ModelBuilder:
         """
         what = f"frame '{name}'"
         self._check_new(name)
+        # Frames are kept on bodies: several in a row become one placement.
         carrier = self._placement(on, what)
         R, p = stated_pose(at, rpy, what, quaternion)
         placement = carrier.frame(R, p)
@@ -480,6 +482,7 @@ class ModelBuilder:
         joint_name = options.get('joint') or name
         self._check_joint(joint_name)
         placement = self._placements[name]
+        # A joint with multiplier 0 does not move with any coordinate.
         joint = Joint(joint_name, 'revolute', np.array(Z), placement.rotation,
                       placement.translation, len(self._coordinates), multiplier=0.0)
         self._bodies.append(Body(name, placement.body, joint))
@@ -551,6 +554,7 @@ class ModelBuilder:
         beam = None if index == WORLD else self._bodies[index].beam
         if beam is None:
             return
+        # Places near the root move with it; farther along the beam bends.
         along = float(place @ beam.direction)
         length = float((beam.points @ beam.direction).max())
         if along > ALONG * length:

@@ -192,6 +192,7 @@ class Drive:
             raise ModelError(f'drive: damping {damping}; expected a nonnegative number')
         freeze(self, 'damping', damping)
         # The motor turns ratio times as far as the joint.
+        # The sign of the ratio counts: a motor may turn against its joint.
         ratio = float(constant(self.ratio, (), 'drive: ratio'))
         if ratio == 0.0:
             raise ModelError('drive: ratio 0; expected a nonzero number')
@@ -278,7 +279,7 @@ class Drive:
         slopes = curve.slopes
         slope = slopes[0]
         for corner, before, after in zip(curve.deflection, slopes, slopes[1:]):
-            # The corners at both signs act at rest if they are wide enough.
+            # The corners at both signs act at rest if their rounding reaches to 0.
             place = max(0.5 - 0.5 * corner / width, 0.0)
             slope += 2.0 * (after - before) * corner_slope(place)
         return float(slope)
@@ -305,12 +306,15 @@ def friction_seen_through(law: Mapping[str, float], ratio: float) -> dict[str, f
     At a negative ratio, what holds for positive rates of the motor holds for negative
     ones of the joint.
     """
+    # Each parameter has its power of the ratio; a negative one also exchanges the
+    # directions.
     r = abs(ratio)
     seen = {name: value * r**FRICTION_POWERS[name] for name, value in law.items()}
     if ratio < 0.0:
         seen['friction_offset'] = -seen.get('friction_offset', 0.0)
         if 'friction_backward' in seen:
             forward = seen.get('friction', 0.0)
+            # Breakaway friction keeps what it exceeds the friction by.
             seen['friction'] = seen['friction_backward']
             if 'breakaway_friction' in seen:
                 seen['breakaway_friction'] += seen['friction'] - forward
@@ -357,6 +361,7 @@ def _limit(value: Any, what: str) -> float:
 
 def _checked_friction(law: Any) -> dict[str, float]:
     """Return a copy of the parameters; the `Joint` of the motor checks their bounds."""
+    # Bounds are those of a joint's friction, which the motor's joint checks.
     if not isinstance(law, Mapping):
         raise ModelError(f'drive: friction: {SHORT.repr(law)}; expected a mapping of '
                          f'{", ".join(FRICTION_POWERS)} to numbers')

@@ -201,6 +201,7 @@ def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
     """
     instance(model, Model, 'model')
     held = _checked_positions(model, positions)
+    # Coordinates that stay, and bodies that are kept or become parts of their carriers.
     free = [k for k in range(model.n) if k not in held]
     if not free:
         raise InputError(f'positions: all joints, {listing(positions)}; expected at '
@@ -226,6 +227,7 @@ def _without_locked_drives(model: Model, held: Mapping[int, float]) -> list[Body
     """Return the bodies with joint springs for the drives of which one side is held."""
     bodies = {body.joint.name: body for body in model.bodies}
     for name, drive, link, motor in model.drives:
+        # Both sides move: the drive stays.
         if link not in held and motor not in held:
             continue
         joint = replace(bodies[name].joint, drive=None)
@@ -275,6 +277,7 @@ class _Merger:
 
     def lock(self, body: Body, position: float) -> None:
         """Make a body a part of its carrier, with the joint at a position, rad or m."""
+        # Where the joint holds the body, in the axes of its carrier.
         displacement = _displacement(body.joint, position)
         placement = self._joint_placement(body).frame(*displacement)
         if body.beam is not None:
@@ -326,6 +329,7 @@ def _checked_positions(model: Model, positions: Mapping[str, float]) -> dict[int
     # Modes and parts of a ball have no position that could be locked.
     without_position = {model.joint_names[k] for k in model.modal_coordinates}
     for first in model.balls:
+        # The three bodies of a ball joint.
         without_position |= {body.joint.name for body in model.bodies[first:first + 3]}
     valid = [name for name in model.joint_names if name not in without_position]
     held = {}

@@ -55,6 +55,7 @@ def with_drives(model: Model, drives: Mapping[str, Drive]) -> Model:
     if not isinstance(drives, Mapping):
         raise ModelError(f'drives: {SHORT.repr(drives)}; expected a mapping of joint '
                          'names to Drive')
+    # Motors come after all bodies, so that indices of the others stay.
     bodies = list(model.bodies)
     names = list(model.joint_names)
     for name, drive in drives.items():
@@ -167,6 +168,7 @@ def _driven_body(model: Model, name: str, drive: Drive) -> int:
         elif joint.name == name and joint.drive is not None:
             raise ModelError(f"drives: joint '{name}' has a drive; expected joints "
                              'without one')
+    # Motors of the model are joints too, but of drives.
     motors = {elastic.drive.motor for elastic in model.drives}
     valid = [joint for joint in valid if joint not in motors]
     if name not in valid:

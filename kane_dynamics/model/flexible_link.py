@@ -96,6 +96,7 @@ class FlexibleLink:
         if not 0.0 <= bore < radius:
             raise ModelError(f'tube: bore {bore} m, radius {radius} m; expected 0 <= '
                              'bore < radius')
+        # Polar moment of the section; that of bending is half of it.
         polar = 0.5 * math.pi * (radius**4 - bore**4)
         torsion = Torsion(shear * polar, material_density * polar, twists)
         density = material_density * math.pi * (radius**2 - bore**2)
@@ -130,6 +131,8 @@ class FlexibleLink:
         """Return the directions of the beam and of its two bendings, (3, 3)."""
         e = constant(self.direction, (3,), f'{what}: direction')
         up = constant(self.up, (3,), f'{what}: up')
+        # `up` is in the plane of the first bending, and need not be perpendicular to
+        # the beam.
         side = np.cross(e, up)
         if not np.linalg.norm(side) > 1e-9 * float(np.linalg.norm(e)):
             raise ModelError(f'{what}: direction {e.tolist()} and up {up.tolist()}; '
@@ -204,6 +207,7 @@ class AssumedModes:
         count = int(self._modes[plane])
         if not count:
             return np.zeros((0, 0))
+        # int phi_i phi_j dm along the beam, and the mass at its tip.
         phi, _, _ = self._assumed(plane, self.x)
         gram = (phi * (self._weights * self.density)) @ phi.T
         phi_at_tip, _, _ = self._assumed(plane, np.array([self.length]))

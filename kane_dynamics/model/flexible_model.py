@@ -100,6 +100,7 @@ def _on_sections(model: Model, bent: int,
                  sections: _Sections) -> tuple[dict[int, Place], dict[str, Place]]:
     """Return the places of a body's outward joints, and of its frames, on sections."""
     joints = {}
+    # Joints and frames of the straight beam move to the section at their distance.
     for index, body in enumerate(model.bodies):
         if body.parent == bent:
             joint = body.joint
@@ -180,9 +181,11 @@ class _Sections:
         """Return the body that carries a pose on the straight beam, and the pose."""
         e = self._modes.axes[0]
         length = self._modes.length
+        # Nothing beyond the tip bends: it moves with the last section.
         x = min(float(p @ e), length)
         if x <= ON_AXIS * length or not self._coordinates:
             return self._root, R, p
+        # Places at nearly the same distance share a section.
         for section in self._last_bodies:
             if abs(section - x) < ON_AXIS * length:
                 x = section
@@ -193,6 +196,8 @@ class _Sections:
 
     def _add_section(self, x: float) -> int:
         """Add the bodies of a section at distance x; return the last one's index."""
+        # A chain of massless bodies, one for each rotation and displacement of the
+        # section.
         parent = self._root
         start = x * self._modes.axes[0]
         deflections = self._modes.deflections(x, self._coordinates)

@@ -65,17 +65,22 @@ def shapes_of_bodies(model: Model, shapes: Sequence[LinkShape],
         Size of the robot, m; the radius of rods is proportional to it.
 
     """
+    # Shapes of frames, in the axes of the frame's body.
     frames = {frame.name: frame for frame in model.frames}
     placed = []
+    bodies_with_shapes = set()
     for shape in shapes:
         frame = frames.get(shape.link)
         if frame is not None:
             pose = _pose(frame.rotation, frame.translation) @ shape.pose
             placed.append((frame.body, replace(shape, pose=pose)))
-    bodies_with_shapes = {body for body, _ in placed}
+            bodies_with_shapes.add(frame.body)
+
+    # All other bodies, and the base, as rods.
     for body in range(WORLD, len(model.bodies)):
         if body not in bodies_with_shapes:
-            placed += [(body, rod) for rod in _rods(model, body, ROD_RADIUS * size)]
+            for rod in _rods(model, body, ROD_RADIUS * size):
+                placed.append((body, rod))
     return placed
 
 

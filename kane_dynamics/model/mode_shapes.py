@@ -78,8 +78,11 @@ class Bending:
 
     def _user_defined(self, function: Function, x: Array, count: int) -> Shapes:
         """Return the shapes of a user's function; raise ModelError for invalid ones."""
-        phi, slope, curvature = shapes = [
-            np.asarray(part, dtype=np.float64) for part in function(x)]
+        shapes = []
+        for part in function(x):
+            shapes.append(np.asarray(part, dtype=np.float64))
+        # phi, phi' and phi'', each with a row for a shape.
+        phi, slope, curvature = shapes
         for part in shapes:
             if part.shape != (count, len(x)) or not np.isfinite(part).all():
                 raise ModelError('bending shapes: '
@@ -122,6 +125,7 @@ class Torsion:
         for key in ('stiffness', 'inertia', 'tip_inertia'):
             numbers[key] = float(constant(getattr(self, key), (),
                                           f'{what}: torsion: {key}'))
+        # bool is an int in Python, but no count.
         count = self.modes
         is_integer = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
         if not is_integer or count < 0:
@@ -129,6 +133,8 @@ class Torsion:
                              'or more')
         for key, value in numbers.items():
             may_be_zero = key == 'tip_inertia'
+            # A body at the tip is optional; without modes, stiffness and inertia do not
+            # matter.
             if value < 0.0 or (value == 0.0 and count and not may_be_zero):
                 sign = 'nonnegative' if may_be_zero else 'positive'
                 raise ModelError(f'{what}: torsion: {key} {value:g}; expected a {sign} '
@@ -142,12 +148,16 @@ class Torsion:
         psi = sin(b x / L) with cot b = b J / (rho I_p L) and J the inertia at the tip.
         The modes are orthonormal with respect to the inertia of shaft and tip.
         """
+        # psi = sin(b x / L): at the tip, the torque of the shaft accelerates the body
+        # there, cos b = J b / (rho I_p L) sin b.
         shaft = self.inertia * length
 
         def torque_at_tip(b: float) -> float:
             return math.cos(b) - self.tip_inertia / shaft * b * math.sin(b)
         shapes = np.zeros((2, self.modes, len(x)))
         for k in range(self.modes):
+            # One root in each of these intervals; without a body at the tip, at its
+            # end.
             b = _root(torque_at_tip, k * math.pi, (k + 0.5) * math.pi)
             # int rho I_p sin^2(b x / L) dx + J sin^2 b
             mass = (0.5 * shaft * (1.0 - math.sin(2.0 * b) / (2.0 * b))

@@ -187,6 +187,8 @@ class Joint:
 
     def __post_init__(self) -> None:
         """Check the numbers and make them read-only."""
+        # Checks in the order of the fields; numbers become arrays that cannot be
+        # written.
         what = f"joint '{self.name}'"
         if self.kind not in ('revolute', 'prismatic'):
             raise ModelError(f"{what}: kind '{self.kind}'; expected revolute or "
@@ -199,6 +201,7 @@ class Joint:
             axis = constant(axis / length, (3,), f'{what}: axis')
         freeze(self, 'axis', axis)
         R = constant(self.rotation, (3, 3), f'{what}: rotation')
+        # Orthonormal to rounding of a file's digits, and no reflection.
         if np.abs(R @ R.T - np.eye(3)).max() > 1e-9 or np.linalg.det(R) < 0.0:
             raise ModelError(f'{what}: rotation {R.tolist()}; expected a rotation '
                              'matrix')
@@ -355,6 +358,7 @@ class Model:
     def _check_topology(self) -> None:
         """Raise ModelError unless parents and coordinates of all bodies exist."""
         n = self.n
+        # Parents before children, so that one pass outward reaches every body.
         for i, body in enumerate(self.bodies):
             if not WORLD <= body.parent < i:
                 raise ModelError(f"body '{body.name}': index {i} with parent "
@@ -384,6 +388,7 @@ class Model:
 
     def _check_load_friction(self) -> None:
         """Raise ModelError for load friction of a joint that has no drive of its own."""
+        # Names of joints that have a coordinate of their own.
         names = set(self.joint_names)
         for body in self.bodies:
             joint = body.joint
@@ -406,6 +411,7 @@ class Model:
     @lazy_property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the free joints, in the order of u and tau (and q without balls)."""
+        # Parts of a ball joint have no entry of q that would name them.
         names_of_ball_parts = {}
         for first in self.balls:
             for body in self.bodies[first:first + 3]:
@@ -423,6 +429,7 @@ class Model:
         """Joints of the entries of u, never mimic joints; a mode has no limits."""
         names = self.joint_names
         by_name = {body.joint.name: body.joint for body in self.bodies}
+        # Modes move no joint of a body: a record of their own, along the beam.
         for body in self.bodies:
             if body.beam is None:
                 continue
@@ -439,6 +446,7 @@ class Model:
         for body in self.bodies:
             joint = body.joint
             if joint.drive is not None:
+                # The motor is a joint of its own, named by the drive.
                 motor = coordinates[joint.drive.motor]
                 elastic.append(ElasticJoint(joint.name, joint.drive, joint.coordinate,
                                             motor))
@@ -521,6 +529,7 @@ class Model:
         """Return the model with a new name of the base, each joint, body and frame."""
         bodies = []
         for body in self.bodies:
+            # Drives name their motors' joints, which are renamed too.
             joint = replace(body.joint, name=new_name(body.joint.name))
             if joint.drive is not None:
                 drive = replace(joint.drive, motor=new_name(joint.drive.motor))
@@ -562,6 +571,7 @@ def with_payload(model: Model, frame: str, payload: Inertial) -> Model:
 
     """
     at = model.frame(frame)
+    # In the axes of the body that carries the frame, where inertias add.
     moved = payload.moved(at.rotation, at.translation)
     if at.body == WORLD:
         return replace(model, base_inertial=model.base_inertial + moved)

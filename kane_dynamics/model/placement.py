@@ -61,6 +61,7 @@ class Placement:
 
     def frame(self, rotation: Array, translation: Array) -> Placement:
         """Return the placement of a frame at (rotation, translation) in these axes."""
+        # The placement is the body itself: keep the frame's numbers to the last bit.
         if self.rotation is EYE and not self.translation.any():
             return Placement(self.body, rotation, translation)
         offset = self.rotation @ translation
@@ -106,6 +107,7 @@ def stated_pose(at: ArrayLike, rpy: ArrayLike, what: str,
     angles: Array | None = constant(rpy, (3,), f'{what}: rpy')
     parts: Array | None = None
     if quaternion is not None:
+        # Angles of zero state nothing: then a quaternion may be given.
         parts = constant(quaternion, (4,), f'{what}: quaternion')
     if not np.any(rpy):
         angles = None

@@ -52,6 +52,7 @@ def rod(mass: float, start: ArrayLike, end: ArrayLike) -> Inertial:
         raise ModelError(f'rod: both ends at {a.tolist()} m; expected two points, or '
                          'point_mass(mass, at)')
     m = float(constant(mass, (), 'mass'))
+    # m/12 (l^2 1 - l l^T), about the center.
     inertia = m / 12.0 * (length @ length * np.eye(3) - np.outer(length, length))
     return Inertial(mass, 0.5 * (a + b), inertia)
 
@@ -87,6 +88,7 @@ def disc(mass: float, radius: float, axis: ArrayLike = (0.0, 0.0, 1.0), *,
     m = float(constant(mass, (), 'mass'))
     r = float(_size(radius, (), 'radius of a disc'))
     h = float(_size(thickness, (), 'thickness of a disc'))
+    # Across the axis, m (r^2 / 4 + h^2 / 12).
     across = m * (r * r / 4.0 + h * h / 12.0)
     inertia = 0.5 * m * r * r * along + across * (np.eye(3) - along)
     return Inertial(mass, point(at, 'center of a disc'), inertia)

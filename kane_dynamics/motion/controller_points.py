@@ -52,6 +52,7 @@ class ControllerPoints(NamedTuple):
 
         The motion is the same: a part of a quintic is the quintic between its ends.
         """
+        # The middle of a segment, on the motion itself.
         t = self.t[segments] + 0.5 * np.diff(self.t)[segments]
         q, u, udot = self.inside(segments, np.array([0.5]))
         places = segments + 1

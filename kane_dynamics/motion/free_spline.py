@@ -100,6 +100,8 @@ def _end_condition(t: Array, q: Array) -> tuple[float, float, Array]:
 
     The arguments are of three points, from the end inwards.
     """
+    # From two divided differences: the condition that the third derivative is
+    # continuous at the neighbor of the end (not-a-knot).
     first, second, third = t.tolist()
     h = second - first
     h_beside = third - second

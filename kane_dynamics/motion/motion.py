@@ -68,6 +68,7 @@ class Motion:
         self.duration = float(times[-1])
         self._n = len(joint_names)
         self._coefficients = coefficients
+        # Kernels read these arrays: nobody may change them.
         times.flags.writeable = False
         positions.flags.writeable = False
         if not callable(coefficients):
@@ -116,14 +117,15 @@ class Motion:
 
     def _repr_html_(self) -> str:
         """Return start, end and largest speed of each joint as a table for notebooks."""
+        # Polynomials may be fastest between the points: sampled.
         largest_speeds = np.zeros(self._n)
         if len(self.times) > 1:
             t = np.linspace(self.times[0], self.times[-1], SAMPLES)
             largest_speeds = np.abs(self.velocities_at(t)).max(axis=0)
-        rows = [list(row) for row in zip(self.joint_names, self.positions[0],
-                                         self.positions[-1], largest_speeds)]
-        return html_table(repr(self)[1:-1], ['joint',
-                                             'start', 'end', 'largest speed'], rows)
+        columns = (self.joint_names, self.positions[0], self.positions[-1], largest_speeds)
+        rows = [list(row) for row in zip(*columns)]
+        headings = ['joint', 'start', 'end', 'largest speed']
+        return html_table(repr(self)[1:-1], headings, rows)
 
     @property
     def n(self) -> int:
@@ -367,6 +369,7 @@ class SegmentTable(NamedTuple):
 
 def segment_table(motion: Motion) -> SegmentTable:
     """Return the segments of a motion as arrays."""
+    # One row more at either end: the motion rests before its begin and after its end.
     times = np.array(motion.times)
     count = len(times)
     rates = np.zeros(count + 1)

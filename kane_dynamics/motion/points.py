@@ -40,6 +40,7 @@ def trajectory_points(times: ArrayLike, positions: Rows, velocities: Rows | None
     if q is None:
         raise InputError('positions: none; expected one row per point for '
                          f'{list(names)}')
+    # A polynomial with given accelerations needs the velocities too.
     if udot is not None and u is None:
         raise InputError('accelerations: given without velocities; expected both or '
                          'neither')
@@ -50,6 +51,7 @@ def checked_joint_names(names: Sequence[str], what: str) -> tuple[str, ...]:
     """Return the joint names as a tuple; raise InputError if empty or not unique."""
     if isinstance(names, str) or not isinstance(names, Iterable):
         raise InputError(f'{what}: {names!r}; expected a list of joint names')
+    # A generator is read once, then checked.
     names = tuple(names)
     are_text = all(isinstance(name, str) for name in names)
     if not names or not are_text or len(set(names)) != len(names):

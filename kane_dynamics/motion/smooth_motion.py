@@ -115,6 +115,7 @@ class SmoothMotion:
         t, q, _, _ = trajectory_points(times, positions, None, None, names)
         if not 2 <= len(t) <= MOST_POINTS:
             raise InputError(f'times: {len(t)} points; expected 2 to {MOST_POINTS}')
+        # As many conditions at both ends as the degree leaves free.
         rest = range(1, (degree + 1) // 2 + 1)  # derivatives that vanish at the ends
         return cls(names, *_spline(t, q, degree, rest, _knots))
 
@@ -134,6 +135,7 @@ class SmoothMotion:
         instance(motion, Motion, 'motion')
         if len(motion.times) < 2:
             raise InputError('motion: one point; expected at least two')
+        # Coefficients in x from 0 to 1 become those in seconds: c_k / h^k.
         rate = 1.0 / np.diff(motion.times)
         powers = rate[:, None] ** np.arange(6.0)
         smooth = cls(motion.joint_names, motion.times.copy(),
@@ -281,6 +283,8 @@ def _knots(places: Array) -> Array:
 def _spline_weights(places: Array, values: Array, knots: Array, degree: int,
                     orders: Iterable[int]) -> Array:
     """Return the weights of the B-splines, with derivatives that vanish at the ends."""
+    # Values at the places, then derivatives of zero at both ends: as many rows as
+    # splines.
     ends = knots[[0, -1]]
     rows = [b_splines(knots, degree, places, 0)]
     right = [values]

@@ -67,6 +67,7 @@ class SpeedProfile:
 
     def sample(self, t: Array) -> Progress:
         """Return the state at times from 0 to the duration, (N,), s."""
+        # Times beyond the ends belong to the first and the last phase.
         phase = np.searchsorted(self.times, t, side='right') - 1
         phase = np.clip(phase, 0, len(self._jerks) - 1)
         place, speed, acceleration = self._states[phase].T
@@ -118,6 +119,7 @@ def fastest_profile(sections: Sequence[SectionLimits], stops: Sequence[bool]
 def _speeds_between(sections: Sequence[SectionLimits], stops: Sequence[bool]
                     ) -> list[float]:
     """Return the largest speeds at the ends of the sections, (K + 1)."""
+    # At a corner where the motion stops, 0; elsewhere the slower section decides.
     speeds = [0.0]
     for before, after, stop in zip(sections, sections[1:], stops):
         speeds.append(0.0 if stop else min(before.speed, after.speed))
@@ -140,12 +142,14 @@ def _reached(section: SectionLimits, speed: float) -> float:
 def _phases(section: SectionLimits, first: float, last: float
             ) -> list[tuple[float, float]]:
     """Return durations and jerks of the phases of a section."""
+    # A blend is passed at constant speed.
     if section.steady:
         return [(section.length / first, 0.0)]
 
     def distance(top: float) -> float:
         return _distance(section, first, top) + _distance(section, top, last)
 
+    # The fastest speed in between whose rise and fall fit into the section.
     top = _largest(section, max(first, last), distance)
     remaining = max(section.length - distance(top), 0.0)
     phases = _change(section, first, top)

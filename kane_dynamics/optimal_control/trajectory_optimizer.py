@@ -433,6 +433,7 @@ def _torque_limits(robot: Robot, actuators: tuple[str, ...]) -> Array:
     Raise InputError if no actuator is left.
     """
     limits = dict(zip(robot.joint_names, robot.limits.effort.tolist()))
+    # The base of a floating robot has no actuator, unless its limits are stated.
     equations = robot.equations
     base = robot.model.floating_base
     if equations.actuated is not None:

@@ -105,6 +105,7 @@ class Derivative:
             result = self.of.traced(result, arrays)
         if self.mode == 'value':
             return result
+        # The scalars by which the result is differentiated, in the order of `by`.
         inputs: list[Scalar] = []
         for name in self.by:
             # An argument of the kernel, or a part of its block of parameters.

@@ -87,6 +87,7 @@ def _checked_paths(path: str | os.PathLike[str]) -> tuple[Path, Path]:
         raise InputError(f"path: '{source}'; expected the name of a C source, which ends in .c")
     source = source.resolve()
     header = source.with_suffix('.h')
+    # These end the name, or begin a trigraph, in an #include of C.
     ends_a_name = re.search(r'["\\]|\?\?', header.name)  # in an #include of C
     if not header.name.isprintable() or ends_a_name:
         raise InputError(f'path: {str(source)!r}; expected printable characters without ", \\ '
@@ -139,6 +140,7 @@ def _check_place(file: Path) -> None:
     if not file.parent.is_dir():
         raise InputError(f"path '{file}': no directory '{file.parent}'; expected an existing one")
     # Overwrite only what an earlier export wrote.
+    # Overwrite only what an earlier export wrote: its first line says so.
     if not file.exists():
         return
     try:
@@ -214,10 +216,12 @@ def _reference(robot: Any, prefix: str, kernel: Kernel, quantity: str, name: str
 
 def _configuration(robot: Any, rng: np.random.Generator) -> tuple[Array, float, float]:
     """Return a configuration, (n_q,), a time, and the growth of rounding."""
+    # Constrained robots: a closed configuration, away from singular ones.
     if constrained(robot):
         from kane_dynamics.robot.verification import conditioning, regular_state
         q, t = regular_state(robot, rng)
         return q, t, conditioning(robot, q, t)**2
+    # Within the limits; joints without any turn at most half a turn.
     lower = np.maximum(robot.limits.lower, -np.pi)
     q = rng.uniform(lower, np.maximum(np.minimum(robot.limits.upper, np.pi), lower))
     q[list(robot.model.modal_coordinates)] *= DEFLECTION
@@ -267,6 +271,7 @@ def _source_text(robot: Any, prefix: str, header: str, about: Sequence[str],
     functions = []
     has_wrench = False
     for kernel in kernels:
+        # NULL stands for the default of an argument that has one.
         inputs = dict(kernel.program.inputs)
         has_wrench = has_wrench or 'wrench' in inputs
         used_defaults = {name: c for name, c in defaults.items() if name in inputs}
@@ -287,11 +292,14 @@ def _source_text(robot: Any, prefix: str, header: str, about: Sequence[str],
 
 def _joint_data(robot: Any, prefix: str, precision: Precision) -> list[str]:
     """Return the definitions of joint names and limits, and the state check."""
-    upper, number, size = prefix.upper(), precision.c, f'fabs{precision.suffix}'
+    upper = prefix.upper()
+    number = precision.c
+    size = f'fabs{precision.suffix}'
+    # C has no empty array: a robot without joints gets one empty name.
     names = [f'    {string(name)},' for name in robot.joint_names] or ['    ""']
     lines = [f'const char {prefix}_joint_names[{upper}_N_JOINTS][{upper}_NAME_SIZE] = {{',
-             # Limits by kind, infinite where a joint has none.
              *names, '};']
+    # Limits by kind, infinite where a joint has none.
     for name, limits in joint_limits(robot).items():
         entries = []
         for limit in limits:

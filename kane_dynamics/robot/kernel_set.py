@@ -328,11 +328,14 @@ class KernelSet:
 
     def differentiable(self, name: str) -> dict[str, Shape]:
         """Return the shapes of the inputs by which a quantity can be differentiated."""
+        # Inputs of a state; then those parts of the block of parameters that the robot
+        # has.
         quantity = self._quantity(name)
         shapes = {}
         for argument in self._arguments(quantity):
             shapes[argument.name] = argument.shape
         if quantity.parameters:
+            # Limits of a state at the end of the block are no physical quantities.
             physical = len(self._parameters) - self.equations.limits
             for block, part in PARAMETERS.items():
                 if part.stop <= physical:
@@ -419,10 +422,13 @@ class KernelSet:
         if name in OF_PARTS:
             return OF_PARTS[name]
         quantity = ALL.get(name)
-        if self.equations.in_joint_rates:  # friction depends on u alone; no rows
+        if self.equations.in_joint_rates:
+            # Friction depends on u alone there, and there are no rows.
             quantity = QUANTITIES.get(name, quantity)
             if quantity is not None and 'rows' in quantity.shape:
                 quantity = None
+        # Without a recursion, derivatives of a quantity are those of its traced
+        # program.
         has_recursion = quantity is not None and self._has(name)
         if quantity is None or not (has_recursion or name in self.names):
             raise InputError(f"no kernel '{name}' for this robot; expected one of "
@@ -512,6 +518,7 @@ class KernelSet:
                 arguments.append(Argument(name, (equations.n_q,), labels))
             else:
                 arguments.append(Argument(name, (equations.n,), equations.speed_names))
+        # The wrench and the time are optional: they have defaults.
         if quantity.wrench and len(self.no_wrench):
             no_wrench = self.no_wrench
             arguments.append(Argument('wrench', no_wrench.shape, default=no_wrench))
@@ -622,6 +629,7 @@ def method_in_lanes(equations: Equations, name: str,
     """Return the function that computes several joints at once, or None."""
     n = equations.n
     similar_beams = equations.in_joint_rates and equations.tree.has_similar_beams
+    # Beams with equally many modes, then trees with enough joints to fill the lanes.
     if name == 'forward_dynamics' and similar_beams:
         return _beams_in_lanes(equations.tree).forward_dynamics
     suits = n > ALWAYS_IN_LANES or (n >= FEWEST_IN_LANES and name in COMPARED)
@@ -636,6 +644,7 @@ def method_in_lanes(equations: Equations, name: str,
     tree = equations.tree
     if not TreeInLanes.suits(tree):
         return None
+    # ABA by blocks pays where branches are long; CRBA takes less elsewhere.
     if name == 'forward_dynamics':
         instructions = ROWS_OF_BLOCK * (LANES // width())
         if not TreeInLanes.has_long_branches(tree, instructions):

@@ -246,6 +246,7 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         other.kernels = other.speed_sets.kernels(self.mechanism.free,
                                                  self.mechanism.kept)
         other.equations = other.kernels.equations
+        # What belongs to one robot: entries of calls, robots with other frames, limits.
         other._others = {}
         other.limits, other._entries = self.limits, {}
         return other

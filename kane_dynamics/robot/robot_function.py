@@ -160,6 +160,7 @@ def _traced(function: Callable[..., Any], name: str, inputs: Sequence[tuple[str,
         values = []
         for x in arrays:
             values.append(x[()])  # a scalar, of an array without an axis
+        # The last input is the block: parameters, then limits of a state.
         block = values[-1]
         positional = values[:count]
         if has_constants:

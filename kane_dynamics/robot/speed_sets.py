@@ -97,15 +97,20 @@ class SpeedSets:
             own.functions(own.state(moving(q, np.ones(len(q))), moving(t, 1.0)),
                           of_state)
         stack = stacked(own, q, t)
+        # The choice that is conditioned best; at a singular configuration none is
+        # regular.
         choice = best_choice(own, stack, own.free)
         if not choice.figure < SINGULAR:
             raise singular_error(own, stack, q, t)
         if self._parameters.closure_tolerance is not None:
             self._require_closed(stack, q, t, self._parameters.closure_tolerance)
             left_out_error(own, stack, q, t, SHARE * loosened(own, EXCESS))
+        # Almost singular, and no other choice is clearly better: the configuration is
+        # singular.
         now = figure(own, stack, own.free, own.kept)
         if now > SHARE * SINGULAR and choice.figure > SHARE * now:
             raise singular_error(own, stack, q, t)
+        # The actuators must determine the motion in the new speeds too.
         actuated = self._equations(own).actuated
         if actuated is not None:
             inverse = np.linalg.inv(system(stack, choice.free, choice.kept))

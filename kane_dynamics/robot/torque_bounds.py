@@ -113,6 +113,7 @@ class Uncertainty:
 
     def __post_init__(self) -> None:
         """Check shapes and numbers."""
+        # The box has a row for each body; the payload is one body more.
         bodies = len(np.atleast_1d(np.asarray(self.damping)))
         for field in fields(self):
             shape = {'inertial': (bodies, 10), 'payload': (10,)}.get(field.name, (bodies,))
@@ -191,6 +192,7 @@ class Uncertainty:
         inertial = []
         for body in model.bodies:
             inertial.append(_inertial_box(body.inertial, mass, com, inertia))
+        # The box of friction and armature is relative to the model's values.
         joints = [body.joint for body in model.bodies]
         relative = {}
         for name in ('damping', 'friction', 'armature'):
@@ -230,6 +232,8 @@ def _payload_box(mass: float, com: ArrayLike) -> Array:
         distances = np.full(3, np.nan)
     if distances.shape != (3,) or not (np.isfinite(distances) & (distances >= 0.0)).all():
         raise InputError(f'payload_com: {com!r}; expected three finite distances >= 0, m')
+    # Largest second moments of a point mass within these distances: sum of squares,
+    # products.
     products = np.outer(distances, distances)
     xx, yy, zz = np.trace(products) - np.diag(products)
     xy, xz, yz = products[np.triu_indices(3, 1)]
@@ -346,6 +350,7 @@ def _refuse(robot: Any, uncertainty: Uncertainty) -> NoReturn:
 
 def _compiled(robot: Any, place: tuple[str, str]) -> Callable[..., Any]:
     """Return the entry point of a kernel of a robot, which is compiled now."""
+    # The bounds are sums of abs(regressor) times the box: linear in the parameters.
     if robot.model.flexible:
         raise InputError('robot: with beams; expected a rigid one, as the torque of '
                          'beams is not linear in their parameters')
@@ -387,11 +392,13 @@ def _kernel(robot: Any, place: tuple[str, str]) -> Kernel:
         regular = in_regular_speeds(robot, state)
         return None if regular is None else _kernel(regular, place)
 
-    n, n_q = robot.n, robot.n_q
+    n = robot.n
     size = box_size(len(equations.model.bodies))
-    inputs = {'q': (n_q,), 'u': (n,), 'udot': (n,), 'box': (size,)}
-    law, shape = {BOUNDS: (bounds, (2, n)), DEVIATION: (deviation, (n,)),
-                  JOINT_DEVIATION: (deviation, (n_q,))}[place]
+    inputs = {'q': (robot.n_q,), 'u': (n,), 'udot': (n,), 'box': (size,)}
+    laws = {BOUNDS: (bounds, (2, n)),
+            DEVIATION: (deviation, (n,)),
+            JOINT_DEVIATION: (deviation, (robot.n_q,))}
+    law, shape = laws[place]
     explanation = None if equations.in_joint_rates else reason
     kernel: Kernel = robot.kernels.compiled(law, place[0], inputs, shape,
                                             reason=explanation)

@@ -44,6 +44,7 @@ class TorqueBreakdown:
         """Return the sources and their largest torques on one line."""
         states = ''
         sizes = np.abs(self.by_source)
+        # Of several states, the largest torque of each source.
         if sizes.ndim == 3:
             states = f'{len(sizes)} states, '
             sizes = sizes.max(axis=0)

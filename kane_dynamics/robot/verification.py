@@ -55,6 +55,7 @@ def verified(robot: Any, states: int) -> float:
         if constrained:
             pairs = _constrained(robot, model, gravity, rng)
         else:
+            # Kernels of trees are compared with the sums of the definition.
             q, u, udot = rng.uniform(-2.0, 2.0, (3, robot.n))
             pairs = _dynamics(robot, model, gravity, q, u, udot)
             for name, reference in OCCASIONAL.items():
@@ -103,6 +104,8 @@ def _dynamics(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
         'gravity_force': (robot.gravity_force(q),
                           kane.gravity_force(model, q, gravity=gravity)),
         'inverse_dynamics': (robot.inverse_dynamics(q, u, udot), tau)}
+    # Forward dynamics by its residual: M^-1 would multiply the rounding by the
+    # condition.
     if determines_motion(robot) and is_regular(M):
         acceleration = robot.forward_dynamics(q, u, tau)
         needed = M @ acceleration + bias
@@ -116,6 +119,7 @@ def _constrained(robot: Any, model: Model, gravity: Array,
                  rng: np.random.Generator) -> dict[str, Pair]:
     """Return compiled and reference values for chosen speeds or constraints."""
     mechanism = copy(robot.mechanism)
+    # The definition with the present payload, in the robot's speeds.
     mechanism.model = model
     q, t = regular_state(robot, rng)
     u, udot = rng.uniform(-2.0, 2.0, (2, robot.n))
@@ -155,14 +159,19 @@ def regular_state(robot: Any, rng: np.random.Generator) -> tuple[Array, float]:
         None is found.
 
     """
-    middle, spread, latest = neutral(robot.model), 2.0, 2.0
+    middle = neutral(robot.model)
+    spread = 2.0
+    latest = 2.0
     if robot.configuration is not None:  # user-defined functions are evaluated near it
-        middle, spread, latest = np.asarray(robot.configuration, dtype=float), 0.1, 0.01
+        middle = np.asarray(robot.configuration, dtype=float)
+        spread = 0.1
+        latest = 0.01
     t = float(rng.uniform(0.0, latest)) if robot.equations.timed else 0.0
     for _ in range(TRIES):
         try:
-            q: Array = robot.closed_configuration(moved(
-                robot.model, middle, rng.uniform(-spread, spread, robot.model.n)), t=t)
+            start = moved(robot.model, middle,
+                          rng.uniform(-spread, spread, robot.model.n))
+            q: Array = robot.closed_configuration(start, t=t)
         except ConstraintError:
             continue
         if conditioning(robot, q, t) < REGULAR:

@@ -84,18 +84,21 @@ class Workspace(entry.NativeMethods):
         if not isinstance(kernels, KernelSet):
             raise InputError(f'kernels: a {type(kernels).__name__}; expected those of a '
                              'robot: robot.bind() returns a workspace')
+        # The class in machine code, where this interpreter has one.
         kind = cls
         if cls is Workspace and entry.supported():
             kind = _of_machine_code()
         self = object.__new__(kind)
         equations = kernels.equations
-        states = {'q': _fixed((equations.n_q,)),
-                  **{name: _fixed((equations.n,)) for name in ('u', 'udot', 'tau')}}
+        states = {'q': _fixed((equations.n_q,))}
+        for name in ('u', 'udot', 'tau'):
+            states[name] = _fixed((equations.n,))
         if len(kernels.no_wrench):
             states['wrench'] = _fixed(kernels.no_wrench.shape)
         if equations.timed:
             states['t'] = _fixed(())
         tables = None if self._unmade is None else self._unmade.copy()
+        # Attributes of a workspace cannot be assigned from outside.
         for name, value in {**states, '_kernels': kernels, '_states': states, '_at': {},
                             '_owned': {}, '_tables': tables}.items():
             object.__setattr__(self, name, value)

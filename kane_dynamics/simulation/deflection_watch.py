@@ -92,6 +92,8 @@ class DeflectionWatch(Observer):
         """Store the first excess among modal coordinates eta, (K, m), of a simulation."""
         beam = watched.beam
         with np.errstate(over='ignore', invalid='ignore'):
+            # Deflection vectors at the points along the beam, then the largest of each
+            # row.
             along_beam = np.einsum('gmk,tm->tgk', beam.shapes, eta)
             deflection = np.linalg.norm(along_beam, axis=2).max(axis=1)
         excesses = np.flatnonzero(deflection > beam.admissible_deflection)
@@ -106,6 +108,7 @@ class DeflectionWatch(Observer):
         """Return the warning for the first excess, or None."""
         if not self._first:
             return None
+        # Records are ordered by their time.
         first = min(self._first.values())
         which = '' if self._single else f' of simulation {first.simulation}'
         count = len(self._first)

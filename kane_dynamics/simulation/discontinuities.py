@@ -87,12 +87,14 @@ class JumpWatch(Observer):
     def _functions_at_start(self, starts: Array,
                             of_state: bool) -> list[tuple[str, str]]:
         """Return name and unit of every entry of the functions, which are finite at the start."""
+        # A tree has no user-defined functions.
         if self._mechanism is None:
             return []
         n_q = self._robot.n_q
         functions = _functions(self._mechanism, starts[0, :n_q], np.zeros(n_q),
                                self._start, of_state)
         names: list[tuple[str, str]] = []
+        # A function may be an array: each entry is watched by itself.
         for name, x in functions.items():
             names += [name] * np.size(x)
         return names
@@ -148,6 +150,7 @@ class JumpWatch(Observer):
                 of_state: bool) -> None:
         """Raise ConstraintError that names the function that is not finite in an interval."""
         assert self._mechanism is not None
+        # The function that is not finite at one of these times is refused by its name.
         for t in (begin, 0.5 * (begin + end), end):
             _functions(self._mechanism, q + (t - begin) * slope, slope, t, of_state)
         names = ', '.join(dict.fromkeys(name for name, _ in self._names[of_state]))
@@ -269,9 +272,12 @@ def first_jump(screen: Screen, times: Array, within: tuple[float, float],
     begin, end, step = times[:-1], times[1:], np.arange(len(times) - 1)
     span = float(np.diff(times).max())
     jumps: list[Jump] = []
+    # Intervals are halved until they are as short as the resolution of time, where only
+    # those with a jump are left.
     while len(begin):
         difference, _ = screen(begin, end, step)
         suspect = np.flatnonzero(difference > 1.0)
+        # Of very many, those with the largest differences.
         if len(suspect) > MOST:
             largest = np.argsort(-difference[suspect], kind='stable')[:MOST]
             suspect = np.sort(suspect[largest])
@@ -289,6 +295,7 @@ def first_jump(screen: Screen, times: Array, within: tuple[float, float],
         step = np.tile(step, 2)
     if not jumps:
         return None
+    # Jumps at the same time are one event: the first function of it is reported.
     earliest = min(jumps).t
     latest_same = earliest + SAME * (abs(earliest) + span)
     return min((jump for jump in jumps if jump.t <= latest_same),
@@ -298,10 +305,12 @@ def first_jump(screen: Screen, times: Array, within: tuple[float, float],
 def _jumps(screen: Screen, begin: float, end: float, step: int,
            within: tuple[float, float]) -> list[Jump]:
     """Return the jumps in an interval: there the points on either side are apart."""
+    # Points on both sides of the interval, within the times that may be evaluated.
     distances = np.arange(1, SIDE + 1) * (end - begin)
     sides = np.concatenate([np.maximum(begin - distances, within[0]),
                             np.minimum(end + distances, within[1])])
     early, late = np.split(screen(sides, sides, np.full(2 * SIDE, step))[1], 2)
+    # A jump is a difference of both sides' means beyond the scatter within each side.
     size = late.mean(axis=0) - early.mean(axis=0)
     scatter = np.ptp(early, axis=0) + np.ptp(late, axis=0)
     largest = np.abs(early).max(axis=0) + np.abs(late).max(axis=0)

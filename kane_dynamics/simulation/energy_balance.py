@@ -291,6 +291,8 @@ class EnergyBalance(Observer):
         if kernel is self._driven and self._friction is not None:
             return self._driven_through_friction(states, tau)
         # The power before and after each change of torque: both ends of every interval.
+        # The torque of an interval is held: the power at its ends jumps where torques
+        # do.
         shape = (len(states), states.shape[1] - 1)
         torques = np.ascontiguousarray(np.broadcast_to(tau, (*shape, tau.shape[2])))
         powers = np.empty((2, *shape))
@@ -476,11 +478,14 @@ def load_friction_kernel(robot: Robot, exact: bool = False) -> Kernel:
 @kernel_per_robot
 def joint_power_kernel(robot: Robot) -> Kernel:
     """Return the kernel of the power of the forces of joints in a motion, W."""
-    equations, n = robot.equations, robot.n
+    equations = robot.equations
+    n = robot.n
 
     def power(state: Vector, udot: Vector, friction: Vector,
               parameters: Vector) -> Scalar:
         q, u, time, _ = _parts(robot, state)
+        # Joint forces of the motion without friction, and friction, times the joint
+        # rates.
         motion = equations.joint_motion(q, u, udot, *time)
         rigid = equations.tree.rigid_dynamics(q, motion.qdot, motion.qddot, None,
                                               parameters)

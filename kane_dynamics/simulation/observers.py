@@ -166,6 +166,7 @@ class DivergenceWatch(Observer):
 
     def look(self, chunk: Chunk) -> None:
         """Raise InputError if states diverged, which remain so until the end of the chunk."""
+        # A state that diverged stays so: the last row of the chunk shows it.
         if not diverged(self._robot, chunk.states[:, -1]).any():
             return
         # The first row with such an entry, and its first simulation and entry there.
@@ -195,6 +196,7 @@ def diverged_error(which: str, t: float, step: float, entry: str = '',
 
     `earlier` is an earlier warning of the simulation.
     """
+    # Parts of the message that may be missing.
     entry_text = ''
     if entry:
         entry_text = f" ('{entry}' first)"

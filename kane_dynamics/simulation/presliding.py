@@ -62,19 +62,22 @@ class BristleFriction:
 
     def rows_at(self, states: Array, tau: Array, times: Array) -> Array:
         """Return the results of the kernel at K states, (K, size)."""
-        n_q, n = self.robot.n_q, self.robot.n
+        n_q = self.robot.n_q
+        n = self.robot.n
         inputs = [states[:, :n_q], states[:, n_q:n_q + n], tau,
                   deflections_of(self.robot, states),
                   *self.robot.equations.time_inputs(times)]
         rows = np.empty((len(states), *self.kernel.shape))
-        self.kernel.run([np.ascontiguousarray(x, dtype=np.float64) for x in inputs], rows,
-                        len(rows))
+        arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in inputs]
+        self.kernel.run(arrays, rows, len(rows))
         return rows
 
     def at_samples(self, states: Array, tau: Array, times: Array) -> FrictionSamples:
         """Return accelerations, forces of stops and friction at K states, (K, size)."""
         robot = self.robot
-        n_q, n, n_j = robot.n_q, robot.n, robot.model.n
+        n_q = robot.n_q
+        n = robot.n
+        n_j = robot.model.n
         rows = self.rows_at(states, tau, times)
         udot = np.ascontiguousarray(rows[:, :n])
         stop_forces = np.zeros((len(states), n_j))
@@ -84,6 +87,7 @@ class BristleFriction:
             u = np.ascontiguousarray(states[:, n_q:n_q + n])
             udot, stop_forces = with_stop_forces(robot, q, u, udot, robot.limits.lower,
                                                  robot.limits.upper, t=times)
+        # Bristles never hold a joint: it creeps with their deflection.
         held = np.zeros((len(states), n_j), dtype=bool)
         return FrictionSamples(udot, stop_forces, held, rows[:, n:n + n_j])
 

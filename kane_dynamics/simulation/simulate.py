@@ -244,6 +244,7 @@ def _steps(robot: Robot, states: Array, single: bool, step: float, count: int,
     if callable(torque) and not single:
         raise InputError(f'torque: a function, with {len(states)} initial states; '
                          'expected None, an array or a ComputedTorque')
+    # The torques, known before the steps or computed by a law within them.
     source = torque_input(robot, step, count, torque, None if single else len(states),
                           integrator, start, smooth=not sticks)
 
@@ -275,6 +276,7 @@ def _require_arguments(robot: Any, progress: Any, integrator: Any, stops: Any,
                          'time')
     if integrator is not None:
         integrator_of(integrator)
+    # Numbers such as 1 are refused: they could be meant as a count or a time.
     for name, value in (('stops', stops), ('sticking', sticking)):
         if not isinstance(value, bool | np.bool_):
             raise InputError(f'{name}: {value!r}; expected True or False')
@@ -289,6 +291,7 @@ def _require_arguments(robot: Any, progress: Any, integrator: Any, stops: Any,
 
 def _checked_times(t0: Any, step: Any) -> tuple[float, float]:
     """Return the initial time and the step, s; InputError if times of steps would round."""
+    # Times of steps are t0 + k step, whose rounding must stay far below a step.
     if isinstance(t0, bool | np.bool_):
         raise InputError(f't0: {t0!r}; expected a finite number, s')
     start = float(constant(t0, (), 't0 (s)', InputError))
@@ -347,6 +350,7 @@ def _stated_deflections(robot: Robot, bristles0: Any, shape: tuple[int, ...]) ->
     if not names:
         raise InputError('bristles0: deflections for a robot without presliding_stiffness; '
                          'expected None')
+    # One state, or one for each simulation.
     z = checked(Argument('bristles0', (len(names),), names), bristles0)
     if z.shape != shape and z.ndim > 1:
         single = (len(names),)
@@ -357,6 +361,7 @@ def _stated_deflections(robot: Robot, bristles0: Any, shape: tuple[int, ...]) ->
 
 def whole_steps(name: str, value: float, step: float) -> int:
     """Return a time as a number of steps; InputError unless it is whole and in bounds."""
+    # A quotient that overflows is no whole number of steps.
     count = round(value / step) if math.isfinite(value / step) else 0
     if count < 1 or abs(value / step - count) > 1e-6 * max(1, count):
         raise InputError(f'{name}: {value} s, {value / step:.6g} steps of {step} s; '

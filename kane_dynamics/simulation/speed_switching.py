@@ -215,7 +215,8 @@ class SwitchingSteps(Steps):
 
         """
         phase = self._phases[i]
-        mechanism, t = phase.robot.mechanism, self._time(done)
+        mechanism = phase.robot.mechanism
+        t = self._time(done)
         q, u = self._parts(state)
         where = self._where(i, done)
         if not (np.abs(q) <= size_limit('q')).all():
@@ -225,8 +226,11 @@ class SwitchingSteps(Steps):
         stack = stacked(mechanism, q, t)
         current = figure(mechanism, stack, mechanism.free, mechanism.kept)
         best = self._preferred(stack)
+        # Singular in every choice of speeds: the mechanism itself is.
         if max(current, best.figure) >= SINGULAR:
             raise singular_error(mechanism, stack, q, t, where, u)
+        # Other speeds only where they are better by a factor, so that phases do not
+        # alternate.
         if GAIN * best.figure < current:
             return self._changed(i, state, best, done)
         # The speeds where the next step computes its margin.
@@ -236,6 +240,8 @@ class SwitchingSteps(Steps):
                 require_following(phase.robot, self._law.followed, place.q, place.t,
                                   where, NEARLY)
         worst = max(watched, key=attrgetter('figure'))
+        # Beyond the limit of the phase: better speeds, or a limit with room for what is
+        # watched.
         if worst.figure > SHARE * phase.limit:
             best = self._preferred(worst.stack)
             if best.figure >= SINGULAR:
@@ -260,6 +266,7 @@ class SwitchingSteps(Steps):
             speeds = joint_speeds(robot.model, q, robot.joint_rates(q, u, t=t))
         except (ConstraintError, InputError):
             return  # singular, which is another reason
+        # The rows may move by at most a part of the mechanism's size in one step.
         moved = np.abs(speeds) * self.step
         in_units = moved / robot.mechanism.units
         worst = int(np.argmax(in_units))
@@ -354,6 +361,8 @@ class SwitchingSteps(Steps):
     def results(self, samples: Samples, tau: Array | None = None) -> dict[str, Array]:
         """Return quantities of samples, in the user's speeds; see `UserSpeeds`."""
         parts = [np.ascontiguousarray(part) for part in self._parts(samples.states)]
+        # Torques of a table are those of the samples; a law is evaluated in each
+        # phase's speeds.
         if tau is None and self._law is None:
             tau = self.source.torques(samples.steps, *parts)
         elif tau is None:  # of each phase
@@ -367,6 +376,7 @@ class SwitchingSteps(Steps):
     def _look_closely(self, i: int, rows: Array, done: int) -> None:
         """Raise ConstraintError where a singularity lies between two rows of states."""
         phase = self._phases[i]
+        # The rows follow each other in whole steps.
         times = self.start + (done + np.arange(len(rows))) * np.float64(self.step)
 
         def where(k: int) -> str:
@@ -374,6 +384,7 @@ class SwitchingSteps(Steps):
 
         def speeds(k: int) -> Array:
             return self.user_state(i, rows[k], done + k)[1]
+        # Singularities are looked for where the figure is above its usual size.
         near = phase.limit > ROOM * self._usual
         self._watch.look(phase.robot, near, self._parts(rows)[0], times, where, speeds)
 
@@ -461,13 +472,16 @@ class SingularityWatch:
 
     def _rows(self) -> Kernel:
         """Return the kernel of all rows of speeds and constraints, (n_j + m, n_j), by q and t."""
-        robot, equations = self._user_robot, self._user_robot.equations
-        mechanism, geometry = equations.mechanism, equations.tree.geometry
+        robot = self._user_robot
+        equations = robot.equations
+        mechanism = equations.mechanism
+        geometry = equations.tree.geometry
 
         def rows(q: Any, t: Any) -> Any:
             state = mechanism.state(q, t, geometry)
             speed_rows, _ = state.speed_rows(mechanism.speeds.names)
             sizes = np.array(mechanism.sizes)[:, None]
+            # In units of the joints and of the rows, as `conditioning` compares them.
             return np.concatenate([speed_rows * mechanism.units,
                                    mechanism.rows(state).J * mechanism.units / sizes])
         return robot.compiled(rows, name='stacked_rows', q=(robot.n_q,),
@@ -494,6 +508,7 @@ def all_trusted(buffer: Array) -> Any:
 def _singular_choice(mechanism: Mechanism, q: Array, t: float, where: str,
                      u: Array) -> ConstraintError:
     """Return the error for independent speeds that the user chose and the motion leaves."""
+    # The loop whose rows, with the chosen speeds, depend on each other.
     stack = stacked(mechanism, q, t)
     kept = best_choice(mechanism, stack, mechanism.free).kept
     loop = constraints_at_fault(mechanism, stack, mechanism.free, kept)
@@ -551,7 +566,9 @@ class _StagesInNumbers:
         """Store the arguments of `watched_configurations`."""
         self.equations: Any = robot.equations
         self.stages: list[tuple[float, Array]] = []
-        self._tau, self._dual_to, self._step = tau, dual_to, step
+        self._tau = tau
+        self._dual_to = dual_to
+        self._step = step
         self._split = [robot.n_q, robot.n_q + robot.n]
         self.bristles = len(robot.equations.tree.bristles)
         self._robot = robot
@@ -570,6 +587,7 @@ class _StagesInNumbers:
 
     def rates(self, state: Any, moment: int) -> Any:
         """Return the rates of q, u, time, deflections and margin."""
+        # The rates of the step's stages, by the same equations as its kernel.
         q, u, _ = np.split(state, self._split)
         tau, t = self._stage(q, moment)
         *time, margin = self.quadratures(q, u, moment)
@@ -629,6 +647,8 @@ def watched_configurations(robot: Robot, state: Array, tau: Array,
         The mass matrix, or the system of speeds and constraints, is singular.
 
     """
+    # The step itself, in plain numbers, calls `motion` where the kernel computes its
+    # margin.
     motion = _StagesInNumbers(robot, state, tau, dual_to, step)
     with np.errstate(all='ignore'):
         after = integrator_of(integrator).step(motion, state, step)

@@ -186,6 +186,8 @@ class RobotMotion:
         `gains` is None if torques are held; with `watched`, `margins` collects those of
         stages.
         """
+        # The step reads its inputs by moment: 0 at its begin, 1 in the middle, 2 at its
+        # end.
         self.robot = robot
         self.equations = robot.equations
         self.bristles = len(robot.equations.tree.bristles)
@@ -229,6 +231,7 @@ class RobotMotion:
 
         `time` has the time and the deflections of bristles, where there are these.
         """
+        # A program of one stage is called, not inlined: all stages share its code.
         results = call(program, q, u, tau, *inputs, *self._wrench, *time,
                        self._parameters)
         if self.watched:
@@ -297,6 +300,7 @@ class RobotMotion:
                        before: StageRates, g: Scalar, moment: int,
                        deflections: Vector) -> StageRates:
         """Return the rates of a stage of the linearly implicit equations."""
+        # Without bristles, the rates of the stage before have no third part.
         first: tuple[Any, ...] = before[:2]
         inputs: list[Any] = list(self._time(moment))
         if self.bristles:
@@ -401,6 +405,7 @@ class OptionalInputs(NamedTuple):
 
 def optional_inputs(robot: Robot, values: Sequence[Any]) -> OptionalInputs:
     """Return the last inputs of a program: those that its robot has, and the parameters."""
+    # They stand in this order, and only where the robot has them.
     *options, parameters = values
     wrench = None
     t: Scalar = 0.0
@@ -476,6 +481,7 @@ def presliding_rates(robot: Robot, q: Vector, u: Vector, tau: Vector, wrench: An
                      parameters: Vector, t: Scalar, deflections: Vector) -> list[Scalar]:
     """Return q' (but in joint rates), udot, and the rates of the deflections of bristles."""
     equations: Any = robot.equations
+    # Bristles bear friction at rest too, so that no joint is held.
     system = linear_system(equations, q, u, tau, wrench, parameters, t, None, deflections)
     solution = held_solution(system, system.M, system.net, Held([], []))
     rates: Vector = ()

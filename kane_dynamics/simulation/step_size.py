@@ -109,6 +109,7 @@ def settling_step(robot: Robot, q: Array, u: Array, t: float) -> LongestStep:
     joints = robot.equations.tree.bristles
     if not joints:
         return LongestStep(math.inf)
+    # The bristles that settle fastest bound the step, as real negative eigenvalues.
     decays = settling_rates(robot, q[None], u[None], np.array([t]))[0]
     fastest = int(np.argmax(decays))
     with np.errstate(divide='ignore'):
@@ -211,9 +212,11 @@ def stable_integrator(robot: Robot, q: Array, step: float, integrator: str | Non
     states.
     """
     if not len(q):
+        # No simulation, no step.
         return integrator or 'rk4', None
     if integrator is not None:
         return integrator, step_warning(robot, q[0], step, integrator, t)
+    # Bristles settle faster the faster a joint slides, so that no step is safe for rk4.
     if robot.equations.tree.bristles:
         return 'implicit', None  # how fast bristles settle depends on the rate
     if is_clearly_stable(robot, q[0], step, t):
@@ -248,6 +251,7 @@ def _with_changed_joints(robot: Robot, name: str,
     It is compiled once for each robot and `name` of a change.
     """
     others = _CHANGED.setdefault(robot, {})
+    # Robots are made once; the parameters are copied at each call.
     if name not in others:
         bodies = []
         for body in robot.model.bodies:

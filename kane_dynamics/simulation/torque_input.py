@@ -157,6 +157,7 @@ class TorqueInput:
                     power = power - self._load_friction_power(buffer[:, rows], tau)
                 return power
             return power_at
+        # A constant torque is one row, which stands for all steps.
         table: Array = self.torque
         if table.shape[1] == 1:
             return table

@@ -175,6 +175,7 @@ class Trajectory:
 
     def __post_init__(self) -> None:
         """Set the defaults of names and constraint arrays."""
+        # Fields that a robot does not have are empty arrays of the right shape.
         shape = self.q.shape[:-1]
         defaults: dict[str, Any] = {}
         if not self.speed_names:
@@ -249,6 +250,7 @@ class Trajectory:
         energy = np.stack([robot.kinetic_energy(q, u, t=t), robot.potential_energy(q)],
                           axis=-1)
         rows: dict[str, Any] = {}
+        # Residuals and forces of rows, where there are any.
         if robot.constraint_names:
             rows = constraint_residuals(robot, q, u, t)
             rows['constraint_forces'] = robot.constraint_forces(q, u, tau, t=t)

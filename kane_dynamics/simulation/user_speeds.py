@@ -94,6 +94,8 @@ class UserSpeeds:
         n_q, n = self._user_robot.n_q, self._user_robot.n
         tau = np.empty((*states.shape[:2], n))
         for robot, parts in _parts_by_robot(history, sampled):
+            # A law is evaluated in the speeds of each phase, then its torques are
+            # converted.
             of_phase = replace(source, robot=robot)
             for part in parts:
                 rows = states[part]
@@ -115,6 +117,8 @@ class UserSpeeds:
         key = name, self._user_robot.speed_names
         if key not in kernels:
             places = '_'.join(map(str, self._user_robot.mechanism.free))
+            # A name for each choice of speeds, as the inputs of the kernel depend on
+            # it.
             kernels[key] = robot.kernels.compiled(function, f'{name}_{places}', shapes,
                                                   shape, ahead=False)
         kernel = kernels[key]
@@ -124,9 +128,12 @@ class UserSpeeds:
     def states(self, history: History, buffer: Array, start: float, step: float,
                done: int) -> Array:
         """Return a buffer of states after `done` steps, converted to the user's speeds."""
-        result, n_q, n = buffer, self._user_robot.n_q, self._user_robot.n
+        result = buffer
+        n_q = self._user_robot.n_q
+        n = self._user_robot.n
         for i, changes in enumerate(history):
             if len(changes) == 1:
+                # No change: the states are in the user's speeds already.
                 continue
             # Choice k holds after step `begins[k]`, up to the begin of the next one.
             begins = [after + 1 for after, _ in changes]
@@ -134,6 +141,8 @@ class UserSpeeds:
             for begin, end, (_, robot) in zip(begins, ends, changes):
                 rows = np.arange(max(begin - done, 0), end - done)
                 if len(rows) and robot.speed_names != self._user_robot.speed_names:
+                    # Copied at the first change, because the steps go on from the
+                    # buffer.
                     if result is buffer:
                         result = buffer.copy()
                     q = np.ascontiguousarray(buffer[i, rows, :n_q])
@@ -211,10 +220,12 @@ class UserSpeeds:
 
         By default each acts on its own speed: of the user's robot, also in other speeds.
         """
-        names, equations = self._user_robot.speed_names, robot.equations
+        names = self._user_robot.speed_names
+        equations = robot.equations
 
         def torques(q: Vector, tau: Vector, t: Scalar) -> Any:
             return actuator_torques(equations, names, q, tau, t)
+        # Without stated actuators tau acts as the forces dual to the speeds.
         force = tau if equations.actuated is None else generalized
         shapes = {'q': (robot.n_q,), 'tau': force.shape[1:]}
         return self._called(robot, 'actuator_torques', shapes, (robot.equations.tree.n,), torques,

@@ -152,6 +152,7 @@ class ArmCoupling:
         # Coriolis forces do no work. Compensated at the partner's rates they would.
         terms = replace(compensate, coriolis=False, inertia=False)
         self._scale = _scales(scale, names)
+        # Settings of the law in one row, so that they change without a new kernel.
         n = robot.n
         of_joints = ('stiffness', 'damping', 'scale', 'force_limit', 'speed', 'lower',
                      'upper')
@@ -171,6 +172,7 @@ class ArmCoupling:
         self.engaged = False
         self.lost = ''
         self._memory = _Memory(robot.n_q, n)
+        # The partner of an arm that is alone, which the law ignores.
         none = np.zeros(n)
         self._nobody = PartnerState(0.0, none, none, none)
         self._clock = np.zeros(2)
@@ -205,6 +207,8 @@ class ArmCoupling:
         instance(partner, PartnerState, 'partner')
         theirs = finite_row(partner.q, 'q of the partner', self._names)
         memory = self._memory
+        # From here on the offset between both arms is kept: neither moves when they
+        # engage.
         target, _, _, offset = memory.rows
         if memory.t is None:
             target[:] = position
@@ -263,12 +267,14 @@ class ArmCoupling:
         clock = fields['_clock_entries']
         timeout = fields['_timeout']
         last = memory.t
+        # A first call, or one after a gap: the memory begins again at this state.
         if last is not None and 0.0 <= t - last <= timeout:
             clock[0] = t - last
         else:  # also for a time that is not finite
             self._begin(number(t, 't', 'a finite time in s', math.isfinite), q)
             clock[0] = 0.0
         memory.t = t
+        # A partner whose state is missing or late ends the coupling.
         if fields['engaged']:
             if type(partner) is not PartnerState and partner is not None:
                 instance(partner, PartnerState, 'partner')
@@ -331,6 +337,8 @@ class ArmCoupling:
         n = robot.n
         size = len(self._memory.row)
 
+        # Positions, rates and forces of the partner are checked only when the result is
+        # not finite.
         def law_of(choice: Robot, _: LanesOf) -> Law:
             return _law(choice, places, shapes)
         inputs = {'q': (robot.n_q,), 'u': (n,), 'q_p': (n,), 'u_p': (n,),
@@ -402,6 +410,7 @@ def _law(robot: Robot, followed: Sequence[int], shapes: Settings) -> Law:
         motion = equations.joint_motion(q, u, equations.zeros, t)
         elapsed, engaged = clock
         is_engaged = engaged > 0.5
+        # Both motions are computed; which one counts depends on the coupling.
         following = _following(memory, (q_p, u_p, external), elapsed, values)
         fading = _fading(memory, elapsed, values)
         state = np.array([select(is_engaged, x, y) for x, y in zip(following, fading)])
@@ -412,6 +421,8 @@ def _law(robot: Robot, followed: Sequence[int], shapes: Settings) -> Law:
         resisting = select(grip < FREE_DAMPING, FREE_DAMPING, grip) * values['damping']
         force = (grip * values['stiffness'] * (target - q[places])
                  + resisting * (rates - motion.qdot[places]) + reflected)
+        # All components keep their ratio: the one that exceeds its limit by most
+        # decides.
         share: Scalar = 1.0
         for component, limit in zip(force, values['force_limit']):
             size = magnitude(component)

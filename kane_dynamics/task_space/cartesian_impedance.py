@@ -215,6 +215,7 @@ class CartesianImpedance(PoseLaw):
         """Return the settings of the kernel by name, checked."""
         robot = self.robot
         K = checked_matrix(values['stiffness'], 'stiffness')
+        # Damping by ratio follows the inertia; a stated matrix takes its place.
         D = np.zeros((6, 6))
         ratio = values['damping_ratio']
         if values['damping'] is not None:
@@ -234,6 +235,7 @@ class CartesianImpedance(PoseLaw):
         posture = values['posture']
         posture_stiffness = per_joint(values['posture_stiffness'], 'posture_stiffness',
                                       wall_names)
+        # Without a posture its spring is switched off.
         if posture is None:
             posture = np.zeros(robot.n_q)
             if posture_stiffness.any():
@@ -289,6 +291,7 @@ class CartesianImpedance(PoseLaw):
         shapes = self._shapes
         walls = self._walls
 
+        # Compiled again in regular speeds where the robot's are singular.
         def law_of(choice: Robot, lanes_of: LanesOf) -> Law:
             return _law(choice, task, walls, shapes, with_state, lanes_of)
         name = 'impedance_state' if with_state else 'cartesian_impedance'
@@ -334,6 +337,8 @@ def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,
                                   desired, values, lanes_of(q[0]))
         exerted = forces.mobility.force(in_axes(desired.axes, wrench))
         tau, scale, brakes = forces.torques(equations, exerted, values['effort'])
+        # The state of the law, for those who look at it, takes the place of the
+        # torques.
         if with_state:
             numbers = np.array([scale, forces.inertia.mass,
                                 forces.inertia.regularization, forces.speed_scale,
@@ -408,6 +413,8 @@ class ImpedanceForces(NamedTuple):
         lanes = self.mobility.lanes
         tau = equations.shared_torques(q, self.held, t)
         force = self.held
+        # In the order of importance: each part gets what the limits leave after those
+        # before.
         scale: Scalar = 1.0
         for part in (self.walls, self.drag, self.feedforward, self.pull + exerted):
             tau, scale = within_limits(tau, equations.shared_torques(q, part, t), effort,

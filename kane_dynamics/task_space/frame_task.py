@@ -103,6 +103,7 @@ def frame_task(robot: Robot, frame: str, axes: str,
     if controlled.body == WORLD:
         raise InputError(f"frame: '{frame}', which does not move; expected a frame of a "
                          'moving body')
+    # The axes of the task turn with the frame, or are fixed in the world.
     moving = axes == 'frame'
     rotation = np.eye(3)
     if axes not in ('world', 'frame'):
@@ -308,6 +309,8 @@ def independent_directions(robot: Robot, frame: str, axes: str) -> tuple[str, ..
 
 
 def ordinary_configuration(robot: Robot) -> Array:
+    # Without constraints any configuration is closed; joints stay away from their
+    # zeros.
     """Return a configuration, (n_q,), that is not likely to be singular; closed."""
     rng = np.random.default_rng(0)
     if not robot.constraint_names:

@@ -121,6 +121,7 @@ class HandGuiding(RunTimeSettings):
                                  'frame of a moving body')
         self._walls = JointWalls(robot)
         self._timed = robot.equations.timed
+        # The number of planes is a size in the kernel; their numbers may change.
         self._planes = len(_checked_planes(planes))
         names = len(robot.joint_names)
         joints = self._walls.count
@@ -147,6 +148,7 @@ class HandGuiding(RunTimeSettings):
         if self._frame is None and (self._planes or values['frame_speed'] != math.inf):
             raise InputError('planes, frame_speed: given without a frame; expected '
                              'frame=, whose origin they limit')
+        # By default a share of the robot's own limits.
         speed = SHARE * np.asarray(robot.limits.velocity, np.float64)
         if values['speed_limit'] is not None:
             speed = per_joint(values['speed_limit'], 'speed_limit', robot.joint_names,

@@ -116,6 +116,8 @@ class HybridForce(CartesianImpedance):
             if values[name] is not None:
                 moved[name] = self._without_forced(values[name], name)
         checked = super()._checked(moved)
+        # The speed of approach without contact: damping holds the commanded force
+        # there.
         approach = values['approach_speed']
         if approach is None:
             approach = 3 * [LINEAR_APPROACH] + 3 * [ANGULAR_APPROACH]
@@ -169,6 +171,7 @@ class HybridForce(CartesianImpedance):
         if type(elapsed) is not float or not 0.0 <= elapsed < math.inf:
             elapsed = number(elapsed, 'elapsed', 'a finite time in s, not negative',
                              lambda x: 0.0 <= x < math.inf)
+        # Fields in local names: each read of an object with hints costs as much as ten.
         call = self.__dict__['_call'] or self._call_fields()
         law, block, zero, timed, step, step_entry, last = call
         step_entry[0] = elapsed
@@ -245,6 +248,8 @@ def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls
         exerted = -in_axes(axes, measured)
         command = np.array(wanted, dtype=object)
         integrated = np.zeros(6).astype(object)
+        # Force directions: proportional and integral feedback, damped to the speed of
+        # approach.
         for i in forced:
             error = wanted[i] - exerted[i]
             integrated[i] = _integrated(integral[i], error, exerted[i] * wanted[i],

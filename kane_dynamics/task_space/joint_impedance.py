@@ -71,6 +71,7 @@ class JointImpedance(RunTimeSettings):
         self._places = followed_joints(robot, followed)
         self.followed = tuple(robot.coordinate_names[k] for k in self._places)
         self._timed = robot.equations.timed
+        # Settings in one row, so that they change without a new kernel.
         n = robot.n
         super().__init__(Settings({'stiffness': (n,), 'damping': (n,),
                                    'weights': (len(WEIGHTS),)}))

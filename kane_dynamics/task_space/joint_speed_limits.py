@@ -74,6 +74,7 @@ def speeds_towards_stops(robot: Robot, q: Vector, rates: Vector, speeds: Vector,
                                               robot.limits.upper[place]]).any():
             joints.append(r)
             places.append(place)
+    # Other joints keep their speed limits.
     limits = np.array(speeds, dtype=object)
     if joints:
         limits[joints] = by_entries(

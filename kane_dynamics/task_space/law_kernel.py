@@ -182,6 +182,7 @@ class PoseLaw(RunTimeSettings):
             The configuration is open or singular.
 
         """
+        # The fields of the call in one tuple, filled at the first call.
         call = self.__dict__['_call'] or self._call_fields()
         law, block, zero, timed = call
         if twist is None:
@@ -246,6 +247,7 @@ def law_kernel(robot: Robot, law_of: Callable[[Robot, LanesOf], Law], name: str,
     """
     equations = robot.equations
 
+    # The law, NaN at singular or open configurations.
     def watched(law: Law) -> Law:
 
         def guarded_law(*inputs: Vector, t: Scalar, parameters: Vector,
@@ -258,6 +260,7 @@ def law_kernel(robot: Robot, law_of: Callable[[Robot, LanesOf], Law], name: str,
 
     def reason(state: dict[str, Array]) -> Kernel | None:
         """Return the law with rows that are regular at a state, or None; may raise."""
+        # Errors in the arguments first, then speeds that are regular at this state.
         if 'pose' in state:
             require_pose(state['pose'])
         if followed and not equations.in_joint_rates:

@@ -114,6 +114,8 @@ class OperationalSpace(PoseLaw):
         names = [robot.joint_names[r] for r in self._walls.joints]
         posture = values['posture']
         posture_kp = values['posture_kp']
+        # Without a posture its spring is switched off; the damping of the null space
+        # stays.
         if posture is None:
             if posture_kp is not None:
                 raise InputError(f'posture_kp: {posture_kp!r}, without a posture; '

@@ -172,6 +172,7 @@ class PoseFilter:
         if type(elapsed) is not float or not 0.0 <= elapsed < math.inf:
             elapsed = number(elapsed, 'elapsed', 'a finite time in s, not negative',
                              lambda x: 0.0 <= x < math.inf)
+        # No time has passed: the same target.
         if elapsed == 0.0:
             return _target(self._state)
         self._elapsed[0] = elapsed

@@ -56,6 +56,7 @@ def reference_dynamics(equations: Equations, q: Vector, u: Vector, u_r: Vector,
     drift = motion.qddot + motion.T_rate @ difference
     qddot = inertia * (motion.T @ udot_r) + coriolis * drift
 
+    # Weights of the terms scale what causes them: gravity, rates, accelerations.
     weighted = np.concatenate([gravity * parameters[:3], parameters[3:]])
     rigid = tree.reference_dynamics(q, coriolis * motion.qdot, coriolis * qdot_r, qddot,
                                     weighted)

@@ -173,6 +173,8 @@ def _riders(tree: UrdfTree, selection: Selection, supplement: Supplement,
 def _check_inertia(link: str, inertial: Inertial, notices: Notices,
                    strict: bool) -> None:
     """Note an impossible or singular inertia; ModelError for an indefinite one."""
+    # Indefinite inertias are errors; singular and impossible ones are listed in a
+    # warning.
     moments = principal_moments(inertial.inertia, mass=inertial.mass)
     if moments.indefinite:
         if strict:
@@ -244,6 +246,7 @@ def _coordinate_limits(singles: Iterable[StatedJoint], selection: Selection,
             followers.append((single, mimic))
         else:
             limits[single.name] = _limits(single, notices)
+    # Followers last, because they narrow the limits of their master.
     for single, mimic in followers:
         limits[mimic.master] = _narrowed(limits[mimic.master], single, mimic, notices)
     return limits
@@ -299,9 +302,11 @@ def _narrowed(master: Limits, single: StatedJoint, mimic: Mimic,
     if single.limits is None:
         return master
     limits = _sensible(single, single.limits, notices)
+    # The torque of a mimic joint is its master's, which has the limit.
     if limits.effort not in (math.inf, master.effort):
         notices.not_used("<limit> effort of a mimic joint, whose torque is its master's",
                          single.name)
+    # Positions that both can reach; if there are none, the master's limits stay.
     common = master.with_follower(limits, mimic.multiplier, mimic.offset)
     if common is None:
         notices.no_room.append(f'{single.name} ({limits.lower:g} to {limits.upper:g})')

@@ -142,6 +142,7 @@ def rebuilt(root: Element, tags: dict[str, tuple[str, ...]]) -> bytes:
     namespace.
     """
     def copy(element: Element) -> ElementTree.Element:
+        # Attributes with a namespace mean nothing to the reader of URDFs.
         attributes = {name: value for name, value in element.attributes.items()
                       if ':' not in name and name != 'xmlns'}
         duplicate = ElementTree.Element(element.tag, attributes)

@@ -88,6 +88,7 @@ def load(name: str) -> tuple[Model, list[str]] | None:
     content = disk_cache.load(name)
     if content is None:
         return None
+    # An entry that cannot be read is as good as none: the file is read again.
     try:
         model, warnings = json.loads(content, object_hook=_record)
     except (ArithmeticError, LookupError, ModelError, RecursionError, TypeError,

@@ -164,6 +164,7 @@ def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:
             if stated.first(tag) is not None:
                 notices.not_used(f'<{tag}> of a {joint.type} joint', joint.name)
         return StatedJoint(joint.name, joint.type, joint.parent, joint.child, R, p, axis)
+    # Limits, losses and mimic of a joint with one degree of freedom.
     damping = _nonnegative(joint.dynamics, 'damping', f'{what}: <dynamics>') or 0.0
     friction = _nonnegative(joint.dynamics, 'friction', f'{what}: <dynamics>') or 0.0
     limits = _limits(joint, what)

@@ -104,12 +104,15 @@ def _vertex_rows(s: Array) -> Array:
 def motion_points(path: SmoothSection, spline: ProfileSpline, coefficients: Array
                   ) -> ControllerPoints:
     """Return the points of the motion at the points of the path."""
+    # x = (ds/dt)^2 is a cubic between the points; durations are integrals of 1 /
+    # sqrt(x) by Gauss.
     x, slope, bend = spline.at(coefficients)[:, :spline.size]
     h = np.diff(spline.place[:spline.size])
     z = 0.5 * h * (1.0 + NODES[:, None])
     curved = 0.5 * bend[:-1] + z / (6.0 * h) * np.diff(bend)
     inside = x[:-1] + z * (slope[:-1] + z * curved)
     durations = 0.5 * h * (WEIGHTS @ (1.0 / np.sqrt(inside)))
+    # q' = q_s sqrt(x), q'' = q_ss x + q_s x_s / 2.
     q, first, second = (rows[:spline.size] for rows in path.section[:3])
     u = first * np.sqrt(x)[:, None]
     udot = second * x[:, None] + 0.5 * first * slope[:, None]

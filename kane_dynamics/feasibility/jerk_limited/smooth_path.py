@@ -140,6 +140,7 @@ class _Part:
         x = (t - self.t[pieces])[:, None] / h
         table = self.coefficients[pieces]
         derivatives = []
+        # Horner's scheme with the factors of the differentiated powers.
         for order in range(4):
             value = np.zeros_like(table[:, 0])
             for power in range(5, order - 1, -1):

@@ -81,6 +81,7 @@ class DriveRecording:
         if len(self.t) < LEAST_ROWS:
             raise InputError(f'drive recording: {len(self.t)} rows; expected at least '
                              f'{LEAST_ROWS}')
+        # Derivatives by time need times that increase.
         increasing(self.t, len(self.t), 'drive recording: t')
 
     @classmethod
@@ -112,6 +113,7 @@ class DriveRecording:
         if of_joints.ndim > 1 or of_joints.shape not in ((), angles.shape[1:]):
             raise InputError(f'ratio: shape {of_joints.shape}; expected a number, or one '
                              f'for each of {angles.shape[1:]} joints')
+        # A motor's torque acts on the joint ratio times, its angle ratio times less.
         of_motors = None
         if motor_torque is not None:
             of_motors = real(motor_torque, 'drive recording: motor_torque') * of_joints
@@ -201,7 +203,8 @@ def read_drive_recording(path: str | os.PathLike[str], joint_names: Sequence[str
 
     """
     columns = recorded_columns(path, joint_names, SIGNALS)
-    t, theta = columns.pop('t'), columns.pop('theta')
+    t = columns.pop('t')
+    theta = columns.pop('theta')
     if t is None or theta is None:
         raise InputError(f"{path}: no 'theta' of the motors; expected "
                          f"'theta.{joint_names[0]}' or 'theta1', and so on")

@@ -105,6 +105,8 @@ class DriveIdentification:
 
         Undetermined damping is 0; a rotor inertia is then the armature of the joint.
         """
+        # A drive needs a stiffness; other numbers that are not determined keep their
+        # defaults.
         result = {}
         for j, name in enumerate(self.joint_names):
             if not np.isfinite(self.stiffness[j]):
@@ -209,6 +211,7 @@ def identify_drives(model: Model, recording: DriveRecording, *,
     else:
         _require_joint_side(model.joint_names, even.theta, even.q)
         result = _with_encoders(model, even, skew)
+    # Residuals far above the noise: the numbers would look better than they are.
     poor = np.flatnonzero(result.misfit > FITS)
     if len(poor):
         names = ', '.join(model.joint_names[j] for j in poor)
@@ -316,9 +319,12 @@ def _noise(signal: Array, step: float) -> Array:
 def _joint_numbers(joint: str, fit: GearFit, skew: float | None, signal: JointSignals
                    ) -> dict[str, DriveNumber]:
     """Return the numbers of a joint, with reasons of those that are not determined."""
-    compliance, of_compliance = fit.value('compliance'), fit.deviation('compliance')
+    compliance = fit.value('compliance')
+    of_compliance = fit.deviation('compliance')
+    late = fit.value('skew')
+    of_late = fit.deviation('skew')
+    # A compliance that may be zero determines no stiffness, only that it is large.
     determined = of_compliance <= DEVIATION * abs(compliance)
-    late, of_late = fit.value('skew'), fit.deviation('skew')
     if determined and compliance < 0.0:
         raise InputError(f"recording: joint '{joint}': the gear deflects against its torque; "
                          'expected signs of positions and torques alike')
@@ -328,6 +334,7 @@ def _joint_numbers(joint: str, fit: GearFit, skew: float | None, signal: JointSi
         stiffness = DriveNumber(np.nan, np.nan, _stiffness_reason(fit, signal))
     numbers = {'stiffness': stiffness, 'damping': _damping(fit, stiffness.value)}
     numbers['rotor inertia'] = _rotor_inertia(fit, signal.motor_torque is not None)
+    # The skew of both encoders is known, or a result like the others.
     if skew is not None:
         numbers['skew'] = DriveNumber(skew, 0.0)
     elif of_late <= SKEW_DEVIATION:
@@ -402,6 +409,7 @@ def _at_rest(joint: str) -> dict[str, DriveNumber]:
 def _motor_side(model: Model, recording: DriveRecording) -> DriveIdentification:
     """Return the drives from positions and torques of motors."""
     assert recording.motor_torque is not None
+    # Noise of the signals bounds the frequencies that count.
     step = float(np.diff(recording.t).mean())
     noise = {name: _noise(getattr(recording, name), step) for name in recording.signals}
     band = audible_band(recording.motor_torque, noise['motor_torque'], step)
@@ -425,7 +433,8 @@ def _motor_side(model: Model, recording: DriveRecording) -> DriveIdentification:
 
 def _motor_side_numbers(fit: GearFit) -> dict[str, DriveNumber]:
     """Return the numbers of a joint that the motor's side determines."""
-    compliance, deviation = fit.value('compliance'), fit.deviation('compliance')
+    compliance = fit.value('compliance')
+    deviation = fit.deviation('compliance')
     if deviation <= DEVIATION * compliance:
         stiffness = DriveNumber(1.0 / compliance, deviation / compliance**2)
     else:
@@ -447,12 +456,13 @@ def _identification(names: tuple[str, ...], source: str,
         for name, value in of_joint.items():
             if value.reason:
                 undetermined[f'{joint} {name}'] = value.reason
+
     # One array for each quantity, with an entry for each joint.
     columns: dict[str, Any] = {}
     for name in ('stiffness', 'damping', 'rotor inertia', 'skew'):
         key = name.replace(' ', '_')
-        columns[key] = np.array([of_joint[name].value for of_joint in numbers])
-        columns[f'{key}_deviation'] = np.array([of_joint[name].deviation
-                                                for of_joint in numbers])
+        of_joints = [of_joint[name] for of_joint in numbers]
+        columns[key] = np.array([one.value for one in of_joints])
+        columns[f'{key}_deviation'] = np.array([one.deviation for one in of_joints])
     return DriveIdentification(names, source, **columns, skew_share=np.array(shares),
                                misfit=np.array(misfits), undetermined=undetermined)

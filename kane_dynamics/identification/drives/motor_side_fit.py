@@ -231,7 +231,9 @@ def _link_step(robot: Robot, step: float) -> Kernel:
         stiffness, damping, link_damping, link_friction = values
 
         def rates(x: Any, motor: Any) -> Any:
-            q, u = x[:n], x[n:]
+            # Spring and damper of the drive, less the friction of the link's side.
+            q = x[:n]
+            u = x[n:]
             torque = (stiffness * (motor[0] - q) + damping * (motor[1] - u)
                       - link_damping * u - link_friction * coulomb(u, FIRST_SLIP))
             udot = robot.equations.forward_dynamics(q, u, torque, None, parameters)

@@ -129,6 +129,7 @@ class Clearance:
         poses = {}
         for body in self._bodies:
             frame = self._frames[body]
+            # A shape on the base does not move: one pose stands for all configurations.
             if body == WORLD:
                 fixed = np.eye(4)
                 fixed[:3, :3] = frame.rotation
@@ -256,6 +257,7 @@ class Clearance:
         lowest = self.lowest(q)
         if self.floor is not None and lowest is not None and lowest[1] < self.floor:
             return f"link '{lowest[0]}' above {self.floor:g} m"
+        # The pair that lacks most of the distance it needs.
         if len(self.pairs):
             surplus = between(self.distances(q)) - self.needed
             k = int(surplus.argmin())

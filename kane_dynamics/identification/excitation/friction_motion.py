@@ -132,6 +132,7 @@ def friction_motion(model: Model, *, loads: int = 3, strokes: int = 2,
         There is a distance, but there are no shapes.
 
     """
+    # Arguments, and the limits that every stroke and every way must keep.
     instance(model, Model, 'model')
     require_angles(model, 'friction_motion')
     require_rigid_joints(model)
@@ -145,32 +146,40 @@ def friction_motion(model: Model, *, loads: int = 3, strokes: int = 2,
     rng = np.random.default_rng(integer(seed, 'seed', 0))
     clearance = _clearance(model, shapes, floor, distance)
     robot = Robot(model)
-    velocity = _velocity_limits(robot)
-    lower, upper = _position_limits(robot, share)
-    half = np.minimum(reach, 0.25 * (upper - lower))
+    limits = _Limits(robot, _velocity_limits(robot), share, clearance)
 
-    limits = _Limits(robot, velocity, share, clearance)
-    draws = rng.uniform(lower + half, upper - half, (DRAWS, model.n))
+    # Random configurations about which all strokes keep the limits.
+    lower, upper = _position_limits(robot, share)
+    half_stroke = np.minimum(reach, 0.25 * (upper - lower))
+    draws = rng.uniform(lower + half_stroke, upper - half_stroke, (DRAWS, model.n))
     candidates = limits.clear(draws)[:CANDIDATES]
     usable = []
     reasons = Counter[str]()
     if not len(candidates):
         reasons[SPACE] = DRAWS
     for center in candidates:
-        reason = _broken_about(limits, center, half, shares)
+        reason = _broken_about(limits, center, half_stroke, shares)
         if reason is None:
             usable.append(center)
         else:
             reasons[reason] += 1
+
+    # Of these, those whose loads differ most.
     chosen = _spread(np.reshape(usable, (-1, model.n)), loads, limits)
     if len(chosen) < loads:
-        most = f'; most others exceed {reasons.most_common(1)[0][0]}' if reasons else ''
+        common_reason = ''
+        if reasons:
+            common_reason = f'; most others exceed {reasons.most_common(1)[0][0]}'
         raise InputError(f'loads: {loads}; expected at most {len(chosen)}, the number of '
-                         f'configurations found that keep the limits{most}: lower speeds, '
-                         'another share, reach or seed, or floor=None and distance=None')
-    times, positions = _strokes(chosen, half, limits, shares, strokes)
-    rest = np.zeros_like(positions)
-    return Motion.from_points(times, positions, rest, rest, joint_names=model.joint_names)
+                         f'configurations found that keep the limits{common_reason}: lower '
+                         'speeds, another share, reach or seed, or floor=None and '
+                         'distance=None')
+
+    # Strokes from rest to rest, through points without velocity and acceleration.
+    times, positions = _strokes(chosen, half_stroke, limits, shares, strokes)
+    at_rest = np.zeros_like(positions)
+    return Motion.from_points(times, positions, at_rest, at_rest,
+                              joint_names=model.joint_names)
 
 
 def _speeds(speeds: ArrayLike) -> Array:
@@ -188,6 +197,8 @@ def _speeds(speeds: ArrayLike) -> Array:
 def _clearance(model: Model, shapes: Sequence[LinkShape] | None, floor: float | None,
                distance: float | None) -> Clearance | None:
     """Return what keeps links above a floor and apart, if there are shapes."""
+    # A floor and distances are of shapes: without them, a floor is an error, no
+    # distance a warning.
     if floor is not None:
         floor = number(floor, 'floor', 'a finite height, m', math.isfinite)
     if distance is not None:
@@ -251,6 +262,7 @@ def _spread(usable: Array, count: int, limits: _Limits) -> Array:
     relative = loads / np.where(largest > 0.0, largest, 1.0)
     chosen = [int(np.argmax(np.sum(relative**2, axis=1)))]
     left = [k for k in range(len(usable)) if k != chosen[0]]
+    # Farthest-point selection, which begins with the largest loads.
     while left and len(chosen) < count:
         differences = relative[left][:, None] - relative[chosen]
         nearest = np.sum(differences**2, axis=2).min(axis=1)

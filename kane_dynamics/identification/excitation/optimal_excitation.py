@@ -150,11 +150,13 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
         There is a distance, but there are no shapes.
 
     """
+    # Arguments, and what keeps the links above the floor and apart.
     instance(model, Model, 'model')
     duration = number(duration, 'duration', f'from {SHORTEST:g} to {LONGEST:g} s',
                       lambda x: SHORTEST <= x <= LONGEST)
     harmonics = integer(harmonics, 'harmonics', 2, MOST_HARMONICS)
-    periods, starts = integer(periods, 'periods', 1), integer(starts, 'starts', 1)
+    periods = integer(periods, 'periods', 1)
+    starts = integer(starts, 'starts', 1)
     share = number(share, 'share', 'a number above 0, up to 1', lambda x: 0.0 < x <= 1.0)
     rng = np.random.default_rng(integer(seed, 'seed', 0))
     if floor is not None:
@@ -185,6 +187,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     if not motions:
         raise InputError(f'motion: none satisfies {broken}; expected more starts, a '
                          'lower share, other limits, or floor=None and distance=None')
+    # The least cost without a penalty: all of these keep the limits.
     best = min(motions, key=lambda p: design.cost(p, 0.0)[0])
     lowest = nearest = None
     if clearance is not None:

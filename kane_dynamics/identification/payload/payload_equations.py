@@ -94,11 +94,13 @@ class PayloadEquations:
             Rates of the actuators per unit of each speed, if these share the load.
 
         """
+        # Friction of the joint itself: offset, Coulomb, viscous.
         own = np.stack([np.ones_like(u), coulomb(u, self._speeds), u], axis=1)
         deviations = np.broadcast_to(sigma, u.shape)[:, None]
         if acting is None:
             row = np.concatenate([Y, own, left[:, None]], axis=1)
             return np.asarray(row / deviations)[:, None]
+        # Coupled joints: rows are whitened, so that the errors of all are independent.
         weighted = acting * deviations
         white = np.linalg.solve(np.linalg.cholesky(weighted.T @ weighted), acting.T)
         coupled = (white[:, :, None] * own).reshape(len(white), -1)

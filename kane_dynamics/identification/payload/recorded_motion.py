@@ -24,6 +24,7 @@ def recorded_joints(robot: Robot) -> tuple[str, ...]:
         Constraints are not those of positions, or the actuators are not joints.
 
     """
+    # A tree: every joint has its own torque.
     if not robot.constraint_names:
         return robot.joint_names
     rows = velocity_rows(robot)

@@ -136,6 +136,7 @@ def bag_messages(path: Path, kind: str, topic: str | None) -> Iterator[tuple[str
 def _connections(connections: Sequence[Any], path: Path, kind: str,
                  topic: str | None) -> list[Any]:
     """Return the connections of the chosen topic of messages of a type."""
+    # Messages of the type, on one topic or on several.
     of_kind = [connection for connection in connections if connection.msgtype == kind]
     topics = sorted({connection.topic for connection in of_kind})
     if topic is None and len(topics) == 1:
@@ -161,6 +162,7 @@ def _of_joints(message: Any, joint_names: Sequence[str], path: Path) -> list[Any
     if missing:
         raise InputError(f'{path}: joint states of {list(message.name)}; expected also '
                          f'{missing}')
+    # Positions, velocities and efforts are optional, but as many as names.
     chosen = [places[name] for name in joint_names]
     parts: list[Any] = []
     for values in (message.position, message.velocity, message.effort):

@@ -383,6 +383,8 @@ def _within_limits(robot: Robot,
     rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
     tau = r.tau.copy()
     faults = []
+    # An effort beyond all limits is in other units, such as N mm: the nearest power of
+    # ten.
     for j in np.flatnonzero(beyond_limits(r, np.asarray(robot.limits.effort))):
         measured = float(np.linalg.norm(tau[:, j]))
         computed = max(float(np.linalg.norm(rigid[:, j])), 1e-12)
@@ -421,6 +423,8 @@ def _fitted(recording: Recording, j: int, torque: Array, model: Array | None = N
     columns = [_friction_columns(recording, j)]
     if model is not None:
         columns.append(model[:, None])
+    # Nonnegative least squares on R: friction and the model's factor cannot be
+    # negative.
     equations = np.column_stack([*columns, torque])
     R: Array = np.asarray(np.linalg.qr(equations, mode='r'))
     x, residual = scientific('scipy.optimize').nnls(R[:, :-1], R[:, -1])
@@ -434,6 +438,7 @@ def _repairs(robot: Robot, r: Recording, errors: Array, gravity_added: bool
     """Yield recordings with one correction each."""
     rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
     all_joints = tuple(range(robot.n))
+    # A fault may be that of all joints or of one.
     joint_sets = [all_joints]
     if robot.n > 1:
         joint_sets += [(j,) for j in all_joints]
@@ -618,6 +623,7 @@ def _friction_columns(r: Recording, j: int) -> Array:
 
 def _delays(model: Model, delays: TorqueDelays) -> Iterator[RecordingFault]:
     """Yield delays of torques: the common one, and those of joints that differ from it."""
+    # Joints that move too little are named as not judged.
     unknown = np.flatnonzero(~delays.judged)
     remark = ''
     if len(unknown):

@@ -101,6 +101,7 @@ def recorded_columns(path: str | os.PathLike[str], joint_names: Sequence[str],
 
     A quantity without columns is None. Errors are those of `read_recording`.
     """
+    # Columns by name, of which times are needed and others may be missing.
     columns = _read(Path(path))
     t = _time(columns, path)
     result: dict[str, Array | None] = {'t': t}
@@ -138,11 +139,12 @@ def distinct(path: Any, names: Sequence[str]) -> None:
 
 def _read(path: Path) -> dict[str, Any]:
     """Return the columns or arrays of a recording in a file, by name."""
+    def is_column(name: str) -> bool:
+        return name in LABELS or bool(OURS.fullmatch(name))
     try:
         if path.suffix != '.npz':
             return _csv(path)
-        arrays = npz_arrays(path,
-                            lambda name: name in LABELS or bool(OURS.fullmatch(name)))
+        arrays = npz_arrays(path, is_column)
     except FileNotFoundError:
         raise InputError(f'no such file: {os.fspath(path)!r}; expected a CSV or npz '
                          'file, or a ROS 2 bag') from None
@@ -167,9 +169,11 @@ def _csv(path: Path) -> dict[str, Any]:
         with path.open(encoding='utf-8-sig') as stream:
             header = [name.strip() for name in stream.readline().split(',')]
             no_header(path, header, 't,q.<joint>,...,tau.<joint>,...')
+            # Comments and empty lines are no rows.
             lines = [line for line in stream if line.partition('#')[0].strip()]
-            rows = np.loadtxt(lines, delimiter=',', ndmin=2) if lines else np.zeros(
-                (0, len(header)))
+            rows = np.zeros((0, len(header)))
+            if lines:
+                rows = np.loadtxt(lines, delimiter=',', ndmin=2)
     except ValueError as error:
         raise InputError(f'{path}: {error}; expected named columns of numbers') from None
     # Rows of unequal length are refused by loadtxt itself.

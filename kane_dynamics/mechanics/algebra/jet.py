@@ -178,9 +178,11 @@ def moving_jets(*derivatives: Any) -> Any:
 
 def series_array(terms: Sequence[Any]) -> Any:
     """Return an array of jets from arrays of their Taylor coefficients, lowest first."""
+    # A constant has one coefficient and needs no jet, so that it costs no arithmetic.
     if len(terms) == 1:
         return terms[0]
     arrays = [np.asarray(array, dtype=object) for array in terms]
+    # Entry by entry, because NumPy would take the terms of a jet as a further axis.
     result = np.empty(arrays[0].shape, dtype=object)
     for k in np.ndindex(result.shape):
         result[k] = jet([array[k] for array in arrays])

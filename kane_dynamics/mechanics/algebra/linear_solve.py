@@ -215,6 +215,7 @@ def _match(row: int, columns: dict[int, list[int]], owner: dict[int, int],
 
     The rows that own its columns move to others if they can (augmenting path).
     """
+    # Augmenting path: a column is free, or its owner finds another one.
     for c in columns[row]:
         if c in visited:
             continue
@@ -331,6 +332,7 @@ def _cofactor(A: Matrix, row: int, column: int) -> Scalar:
     columns = list(range(len(A)))
     rows.remove(row)
     columns.remove(column)
+    # The minor: one entry, or a 2 x 2 determinant.
     minor = _part(A, rows, columns)
     value = minor[0][0]
     if len(minor) == 2:

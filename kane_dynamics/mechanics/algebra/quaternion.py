@@ -45,6 +45,7 @@ def quaternion_rate(p: Vector, omega: Vector) -> Vector:
     p' = 1/2 E(p) omega = 1/2 p (omega, 0); the length of p stays.
     """
     x, y, z, w = p
+    # p' = 1/2 p omega, with omega as a quaternion without scalar part.
     a, b, c = (0.5 * rate for rate in omega)
     return np.array([w * a + y * c - z * b,
                      w * b + z * a - x * c,

@@ -126,6 +126,8 @@ def segment_ends(t: Array, q: Array, u: Array, udot: Array | None) -> Array:
 
 def segment_coefficients(t: Array, q: Array, u: Array, udot: Array | None) -> Array:
     """Return the coefficients of all segments in x from 0 to 1, (K - 1, 6, n)."""
+    # Positions, scaled velocities and accelerations at both ends, then their
+    # polynomial.
     ends = segment_ends(t, q, u, udot)
     basis = _CUBIC if udot is None else _QUINTIC
     size = len(basis)

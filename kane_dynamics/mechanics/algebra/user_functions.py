@@ -160,6 +160,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     'sign': _sign,
     'heaviside': _heaviside,
     'minimum': _minimum,
+    # Numbers and zero-dimensional arrays: one value.
     'maximum': _maximum,
     'fmin': _minimum,
     'fmax': _maximum,
@@ -227,6 +228,7 @@ class Unknown:
         if options or name not in (*FUNCTIONS, 'polyval', 'piecewise', 'real'):
             with_options = ' with options' if options else ''
             raise _Unsupported(f'numpy.{name}{with_options}' + HINTS.get(name, ''))
+        # Two are evaluated by operations of `Unknown` itself; `real` changes nothing.
         if name == 'polyval':
             return _polyval(*arguments)
         if name == 'piecewise':

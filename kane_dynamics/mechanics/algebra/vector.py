@@ -35,6 +35,7 @@ def quadratic(A: Matrix, x: Vector) -> Scalar:
     The products of entries of x come first: forms of the same x share them.
     """
     total: Scalar = 0.0
+    # The upper triangle alone: an entry off the diagonal stands for both.
     for i in range(len(x)):
         for j in range(i, len(x)):
             factor = A[i, j] if i == j else 2.0 * A[i, j]

@@ -85,6 +85,8 @@ def _rounding(mechanism: Mechanism, nearly_closed: list[Array]) -> float:
     for q in nearly_closed:
         stack = stacked(mechanism, q)
         singular_values = _singular_values(mechanism, stack)
+        # A value that is neither zero nor regular belongs to a row that is redundant
+        # but for rounded lengths.
         small = singular_values[(singular_values > ROUNDING) & (singular_values < SMALL)]
         if small.size:
             residual = np.abs(stack.residual / mechanism.row_units)
@@ -129,6 +131,7 @@ def _freedom_near(mechanism: Mechanism, constraints: Sequence[Constraint],
     result = closing_iterations(changed, q, moves, 0.0, ITERATIONS)
     if not result.converged:
         return 0
+    # Degrees of freedom: joints less the rank of the rows, in comparable units.
     _, J = scaled_rows(changed, stacked(changed, result.q))
     return model.n - rank_of(J)
 

@@ -260,6 +260,8 @@ def _starts(mechanism: Mechanism) -> list[Array]:
 def _closed_configurations(mechanism: Mechanism) -> list[Array]:
     """Return up to `SAMPLES` closed configurations within the joint limits."""
     starts = _starts(mechanism)
+    # Random starts often end at different assemblies, and ranks must hold for all of
+    # them.
     closed: list[Array] = []
     failures: list[ConstraintError] = []
     # A start that does not close is no error as long as another one does.
@@ -279,6 +281,7 @@ def _closed_configurations(mechanism: Mechanism) -> list[Array]:
 def _nearest_to_closed(mechanism: Mechanism, starts: list[Array]) -> Array:
     """Return the end of loop closure with the least residual."""
     moves = np.ones(mechanism.model.n, bool)
+    # Full iterations from each start, with every joint free to move.
     ends = [closing_iterations(mechanism, start, moves, 0.0) for start in starts]
     residuals = []
     for end in ends:
@@ -373,6 +376,8 @@ def _velocity_rows(mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
 def _check_consistent(mechanism: Mechanism, samples: list[tuple[Array, Array]],
                       independent_rows: list[int]) -> None:
     """Raise ConstraintError if a redundant row contradicts the independent rows."""
+    # Every sample counts: rows that agree at one configuration may contradict at
+    # another.
     for C, d in samples:
         # C = W^T C_K, with the independent rows C_K: consistent if d = W^T d_K.
         W = np.linalg.lstsq(C[independent_rows].T, C.T, rcond=None)[0]
@@ -388,6 +393,8 @@ def _check_consistent(mechanism: Mechanism, samples: list[tuple[Array, Array]],
 
 def _conditioning(rows: list[Array], dependent: Sequence[int]) -> float:
     """Return the least singular value of the dependent speeds' columns."""
+    # Relative to the largest entry, so that the scale of all rows together does not
+    # count.
     smallest = np.inf
     for C in rows:
         largest_entry = max(np.abs(C).max(initial=0.0), 1e-300)

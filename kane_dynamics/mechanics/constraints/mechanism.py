@@ -58,6 +58,8 @@ class MechanismState:
         self._speeds = speeds
         self._positions = q
         self._links = links
+        # The rotation of a ball joint goes into the poses; its joints are at position
+        # zero there.
         if model.balls:
             self._positions = joint_positions(model, q)
             self._links = None if links is None else posed(links, model, q)
@@ -363,6 +365,8 @@ class Mechanism:
 
     def _wheels_with_surface_rows(self) -> list[Rolling]:
         """Return the wheels whose `surface_rows` can stand for their rows: all kept."""
+        # A wheel has three rows; the rotation B between both kinds of rows needs all of
+        # them.
         wheels = []
         for constraint in self.constraints:
             if not (isinstance(constraint, Rolling) and constraint.has_surface_rows):
@@ -634,6 +638,7 @@ class Mechanism:
     def solved(self, S: Matrix, right: Matrix) -> Matrix:
         """Return S^-1 times a vector or a matrix; ConstraintError if always singular."""
         columns = right.reshape(len(S), -1)
+        # A vector is solved as a matrix with one column.
         try:
             solution = linear_solve.solution(S, columns)
         except ZeroDivisionError as error:
@@ -649,6 +654,7 @@ class Mechanism:
 
 def _stacked(parts: Sequence[ConstraintRows], width: int) -> ConstraintRows:
     """Return the rows of several constraints as one; `width` columns without any."""
+    # Without constraints, the shapes (0, width) and (0,) remain.
     J = [np.zeros((0, width))]
     b = [np.zeros(0)]
     residual: list[Scalar] = []
@@ -661,6 +667,7 @@ def _stacked(parts: Sequence[ConstraintRows], width: int) -> ConstraintRows:
 
 def congruent(M: Matrix, T: Matrix) -> Matrix:
     """Return T^T M T for a symmetric M, exactly symmetric: equal expressions."""
+    # The lower triangle is copied: sums in another order would differ by rounding.
     half = M @ T
     n = T.shape[1]
     result: list[list[Scalar]] = np.zeros((n, n)).tolist()

@@ -63,6 +63,7 @@ class Speeds:
             A function returns a wrong shape; names the function and both shapes.
 
         """
+        # Without names, Y has a row for each coordinate.
         n = len(self.names) or len(q)
         Y = np.asarray(self._evaluated(self.Y, 'Y', q, t))
         if self.Z is None:
@@ -99,6 +100,7 @@ def absolute_rates(model: Model) -> Speeds:
     bodies through angle differences only.
     """
     instance(model, Model, 'model')
+    # Only revolute joints have an angular velocity along their axis.
     body_of_joint = {}
     for k, body in enumerate(model.bodies):
         if body.joint.kind == 'revolute':

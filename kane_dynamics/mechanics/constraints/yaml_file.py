@@ -93,6 +93,7 @@ def load_constraints(source: str | os.PathLike[str] | Mapping[str, Any], *,
         raise ConstraintError(f'{file}: no constraint; expected at least one under the '
                               'key constraints')
 
+    # The arguments of `Robot`, with the prefix of a model that is part of another one.
     constraints = [_constraint(name, entry, prefix) for name, entry in entries.items()]
     options: dict[str, Any] = {'constraints': tuple(constraints)}
     options['independent'] = _joints(top, 'independent', prefix)

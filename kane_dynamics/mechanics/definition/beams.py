@@ -62,6 +62,8 @@ class BeamPoints:
 
         `vectors(g)` returns a of point g of the two.
         """
+        # Quadrature: the sum of v^r . a dm over the points. The rigid body already has
+        # the part of the straight beam.
         result: Scalar = 0.0
         for g, dm in enumerate(self.beam.weights):
             v, v_straight = self.partials[g]

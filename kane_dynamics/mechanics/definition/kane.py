@@ -174,6 +174,7 @@ def gravity_force(model: Model, q: Vector, *, gravity: Vector | None = None) -> 
     g = model.gravity if gravity is None else gravity
     force: Vector = np.zeros(model.n)
     x = joint_positions(model, q)
+    # F_r of gravity is the sum of v^r . m g; the torque that holds it is the opposite.
     for body, configuration in zip(model.bodies, configurations(model, q)):
         force = force - configuration.partial_velocity @ (body.inertial.mass * g)
         if body.beam is not None:

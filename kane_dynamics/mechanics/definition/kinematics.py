@@ -280,6 +280,7 @@ def frame_partial_velocities(model: Model, frame: Frame, q: Vector,
         r = body.R_wb @ frame.translation
     else:
         r = at - body.p_wb
+    # v^r = v_O^r + omega^r x r, with a row for each r.
     v = body.partial_velocity_origin + w @ skew(r)
     return np.concatenate([v.T, w.T])
 

@@ -104,6 +104,7 @@ def kinetic_energy(model: Model, q: Vector, u: Vector) -> Scalar:
         twice = twice + np.sum((T_rate @ body.inertial.pseudo_inertia) * T_rate)
         rate = joint.multiplier * u[joint.coordinate]
         twice = twice + joint.armature * (rate * rate)
+    # Bending adds the kinetic energy of the bent beam less that of the straight one.
     if model.flexible:
         positions = joint_positions(model, q)
         for body, T, T_rate in zip(model.bodies, poses(model, q), body_rates):
@@ -175,6 +176,7 @@ def _rate(joint: Joint, q: Vector, u: Vector) -> Scalar:
     deflection = joint.deflection
     if deflection is None:
         return joint.multiplier * u[joint.coordinate]
+    # The angle is slope . eta + 1/2 eta . curvature eta: its time derivative.
     modes = list(deflection.coordinates)
     eta = q[modes]
     eta_rate = u[modes]

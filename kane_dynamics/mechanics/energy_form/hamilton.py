@@ -153,6 +153,8 @@ def translating_force(motion: AdmissibleMotion, com: PossibleMotion,
     In the world, the variation of a point's velocity is the rate of its displacement.
     Arguments as in `turning_force`.
     """
+    # v = sum of p_s q_s', with the possible displacements p_s of the center of mass,
+    # and v'.
     v = com.displacement.T @ motion.qdot
     a = com.displacement_rate.T @ motion.qdot + com.displacement.T @ motion.qddot
     force = []

@@ -104,6 +104,7 @@ def linear_system(equations: Equations, q: Vector, u: Vector, tau: Vector,
 def held_solution(system: LinearSystem, M: Matrix, force: Vector,
                   held: Held) -> Solution:
     """Return the solution of M w = force + T_s^T f with a f that holds joints."""
+    # With nothing held, w = M^-1 force, and no force f.
     if not held.joints:
         nothing = np.zeros(0)
         w = solve(factorize(M, system.order), system.order, force)

@@ -72,6 +72,7 @@ def implicit_friction_slopes(equations: TreeEquations, q: Vector, u: Vector, tau
 def _speed_at_end(equations: TreeEquations, q: Vector, u: Vector, tau: Vector, h: Scalar,
                   parameters: Vector) -> Vector:
     """Return u+, (n,)."""
+    # M u+ + h friction(u+) = M u + h (tau - rigid): friction at the end of the step.
     M = equations.mass_matrix(q, parameters)
     start_momentum = M @ u
     rigid = equations.rigid_dynamics(q, u, equations.zeros, None, parameters)

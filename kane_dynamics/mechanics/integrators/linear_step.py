@@ -66,6 +66,7 @@ def tree_terms(equations: Equations, wrench: Matrix | None, parameters: Vector,
                friction_factors: Any = 1.0) -> TreeTerms | None:
     """Return the terms for `LinearStep`; None for robots that it does not serve."""
     tree = equations.tree
+    # Only linear springs and dampers are constant within a step; see the module.
     if not equations.model.drives:
         return None
     if not equations.in_joint_rates or equations.timed:
@@ -165,6 +166,7 @@ class LinearStep:
         D = np.diag(terms.friction_factors * self._D) + self._drive_D
         K = np.diag(self._K) + self._drive_K
         result = M.astype(object)
+        # Springs and dampers couple few joints; the other entries stay those of M.
         for i, j in zip(*np.nonzero((D != 0.0) | (K != 0.0))):
             result[i, j] = result[i, j] + g * (D[i, j] + g * K[i, j])
         return result
@@ -176,15 +178,22 @@ class LinearStep:
 
         `a_of_dampers`, (n,), are the weights of the joints' own dampers.
         """
+        # Springs and dampers of joints, each at one coordinate.
         forces: list[Scalar] = list(self._at_zero)
-        for j, (k, d) in enumerate(zip(self._K, self._D)):
-            if k or d:
+        for j, (stiffness, damping) in enumerate(zip(self._K, self._D)):
+            if stiffness or damping:
                 of_joint = weights._replace(a_of_dampers=a_of_dampers[j])
-                forces[j] = forces[j] + of_joint.force(k, d, q[j], u[j], a[j])
+                force = of_joint.force(stiffness, damping, q[j], u[j], a[j])
+                forces[j] = forces[j] + force
+
+        # Springs and dampers of drives, between a motor and its link.
         for _, drive, link, motor in self._tree.model.drives:
-            deflection, rate, change = (x[motor] - x[link] for x in (q, u, a))
+            deflection = q[motor] - q[link]
+            deflection_rate = u[motor] - u[link]
+            deflection_change = a[motor] - a[link]
             damping = drive.damping if self._tree.friction else 0.0
-            torque = weights.force(drive.stiffness_at_rest, damping, deflection, rate, change)
+            torque = weights.force(drive.stiffness_at_rest, damping, deflection,
+                                   deflection_rate, deflection_change)
             forces[motor] = forces[motor] + torque
             forces[link] = forces[link] - torque
         return np.array(forces)

@@ -129,6 +129,8 @@ class MechanismStep:
                h: Scalar, parameters: Vector) -> Vector:
         """Return the force, (n,), that the step's equation lacks: 0 where w is u+."""
         equations = self.equations
+        # u' = (u+ - u) / h: the forces of the step's begin, with friction at the rates
+        # u+ of its end.
         motion = equations.joint_motion(q, u, (1.0 / h) * (w - u), t)
         tree = equations.tree
         rigid = tree.rigid_dynamics(q, motion.qdot, motion.qddot, None, parameters)

@@ -89,6 +89,33 @@ class Beside(NamedTuple):
     tables: Tables
 
 
+class ArticulatedBlocks(NamedTuple):
+    """
+    Articulated bodies of the blocks of one branch, as rows; see the module.
+
+    Attributes
+    ----------
+    P, T : arrays
+        About the origin of the link before each block.
+    compliance : array
+        S M^-1 S^T.
+    inverse : array
+        M^-1 S^T, then M^-1.
+
+    """
+
+    P: Matrix
+    T: Matrix
+    compliance: Matrix
+    inverse: Matrix
+
+    @staticmethod
+    def of_factors(rows: Matrix) -> 'ArticulatedBlocks':
+        """Return them from the results of `_factors`, which begin with the inertia."""
+        _, *parts = np.split(rows, np.cumsum([WRENCHES] * 4), axis=1)
+        return ArticulatedBlocks(*parts)
+
+
 class BlockMatrices:
     """
     Loops over the blocks of a tree, at one configuration.
@@ -118,10 +145,13 @@ class BlockMatrices:
         """Return the last rotation of a block, D, then twists and moments."""
         lanes = self.lanes(carry[0])
         pose = self.blocks.pose(carry, lanes.pack(list(q)), table, lanes)
+        # Only first and second moments are needed: at rest, all momenta and forces
+        # vanish.
         mass, first, second = pose.link_moments()
         at_rest = (np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
         link = link_momenta(pose.R, pose.p, mass, first, second, at_rest)
         last = of_joint(pose.R.ravel(), LAST, lanes)
+        # The rows begin at a multiple of the lanes.
         filled = [0.0] * (BEGIN - ROTATION - 3)
         rows = [*pose.sigma, *pose.axis, *link.h, *link.S[UPPER]]
         return np.array([*last, *pose.D, *filled, *unpacked(rows, lanes)])
@@ -130,8 +160,10 @@ class BlockMatrices:
 
     def mass_matrix(self) -> Matrix:
         """Return the mass matrix with rotors, (n, n)."""
+        # Inward: composite bodies, with the tiles of joints of the same block.
         results = self._inward('composite', self._composite, BODY)
         M = self._by_tiles([x[:, -TILE:] for x in results])
+
         # Forces do not change where wrenches are shifted.
         moments = [x[:, MOMENTS_OF_P] for x in results]
         forces = [x[:, FORCES] for x in results]
@@ -151,8 +183,11 @@ class BlockMatrices:
         D = step[:3]
         bodies = self.blocks.bodies(entries, table, lanes)
         S = bodies.S
+        # Composite body of each joint: the links from it to the end of the block, and
+        # all beyond.
         mass = bodies.mass + carry[0]
         moments = bodies.moments + carry[1:]
+        # Wrenches F = I S that accelerate it, and M_jk = S_j . F_k with the rotors.
         F = np.array(inertia_rows(mass, moments), dtype=object) @ S
         M = symmetric_rows(block_mass_matrix(F, S, lanes), lanes)
         if not is_zero(bodies.rotors):
@@ -175,6 +210,7 @@ class BlockMatrices:
         lanes = self.lanes(carry[0])
         force = packed_rows(forces, lanes)
         moment = packed_rows(carry, lanes)
+        # About the origin of the link before: the moment of the force is added.
         handed = moment + cross(step[:3], force)
         A = axes.reshape(TWIST, LANES).T
         return _tile(handed, A, np.concatenate([force, moment]), lanes)
@@ -183,18 +219,28 @@ class BlockMatrices:
 
     def inverse_mass_matrix(self) -> Matrix:
         """Return the inverse mass matrix, (n, n)."""
+        # Inward: articulated bodies, with P and T of their blocks.
         factors = self._inward('factors', self._factors, WRENCHES)
-        parts = [np.split(x, np.cumsum([WRENCHES] * 4), axis=1) for x in factors]
-        _, P, T, _, _ = zip(*parts)
-        responses = self._responses([of_branch[1:] for of_branch in parts])
-        W = self._by_tiles([x[:, -TILE:] for x in responses])
-        A = [x[:, WRENCHES:WRENCHES + TILE] for x in responses]
-        nothing = [x[:, :0] for x in factors]
-        beyond = Beyond('response_tile', self._response_tile, P, nothing,
-                        list(zip(A, T)))
-        compliances = [x[-1, :WRENCHES] for x in responses]
-        self._place_beyond(W, beyond, Beside(compliances, list(zip(P, T))))
-        return W
+        bodies = [ArticulatedBlocks.of_factors(rows) for rows in factors]
+
+        # Outward: compliances of the last links, A, and the tiles of the same block.
+        compliances = []
+        A = []
+        tiles = []
+        for rows in self._responses(bodies):
+            compliances.append(rows[-1, :WRENCHES])
+            A.append(rows[:, WRENCHES:WRENCHES + TILE])
+            tiles.append(rows[:, -TILE:])
+        result = self._by_tiles(tiles)
+
+        # Inward again, from each block: tiles A P of the blocks that carry it, and outward
+        # those of the blocks beside it. No part of P is fixed.
+        P = [body.P for body in bodies]
+        T = [body.T for body in bodies]
+        fixed = [rows[:, :0] for rows in factors]
+        beyond = Beyond('response_tile', self._response_tile, P, fixed, list(zip(A, T)))
+        self._place_beyond(result, beyond, Beside(compliances, list(zip(P, T))))
+        return result
 
     def _factors(self, carry: Vector, step: Vector, entries: Vector,
                  table: Vector) -> Vector:
@@ -210,6 +256,8 @@ class BlockMatrices:
         bodies = self.blocks.bodies(entries, table, lanes)
         S = bodies.S
         inertia = inertia_rows(bodies.mass, bodies.moments)
+        # Wrenches F = K S for unit accelerations, K being the inertia of links and of
+        # all beyond.
         F = np.array(inertia, dtype=object) @ S + beyond @ S
         M = block_mass_matrix(F, S, lanes)
 
@@ -218,13 +266,15 @@ class BlockMatrices:
         sides = [lanes.transposed([*F, 0.0, 0.0]), lanes.transposed([*S, 0.0, 0.0]), units]
         rows = np.array(sides, dtype=object).T
         rows, scaled, G = eliminated(M, bodies.rotors, rows, lanes)
+        # Back substitution, from the first joint on.
         solved = scaled.copy()
         for joint in range(LANES):
             for k in range(joint):
                 solved[joint] = solved[joint] - lanes.lane(G[joint], k) * solved[k]
         X, N, W = solved.T
 
-        # The rest of the inertia, about the origin of the link before.
+        # The inertia K - F M^-1 F^T that the block hands on, about the origin of the link
+        # before: F M^-1 F^T is a sum of products of eliminated and scaled rows.
         handed = packed_rows(carry, lanes)
         for k, of_wrench in enumerate(inertia):
             handed[k] = handed[k] + lanes.pack(of_joint(of_wrench, 0, lanes).tolist())
@@ -232,6 +282,7 @@ class BlockMatrices:
                 handed[k] = handed[k] - lanes.lane(rows[joint, 0], k) * scaled[joint, 0]
         handed = shifted_inertia(handed, D, lanes)
 
+        # T = 1 - F M^-1 S^T, and the compliance S M^-1 S^T of the block by itself.
         P = lanes.transposed(X)[:TWIST]
         T = []
         C = []
@@ -241,16 +292,16 @@ class BlockMatrices:
         return np.array(unpacked([*handed, *shifted_wrenches(P, D),
                                   *shifted_wrenches(T, D), *C, *N, *W], lanes))
 
-    def _responses(self, factors: Tables) -> list[Matrix]:
+    def _responses(self, bodies: Sequence[ArticulatedBlocks]) -> list[Matrix]:
         """Return the results of `_response` for each branch."""
         results: list[Matrix] = []
+        # The world does not yield to wrenches.
         base = np.zeros(WRENCHES).astype(object)
-        for branch, tables in zip(self.blocks.branches, factors):
+        for branch, body in zip(self.blocks.branches, bodies):
             carry = base
             if branch.parent is not None:
                 carry = results[branch.parent][-1, :WRENCHES]
-            results.append(self.blocks.repeat('response', self._response, carry,
-                                              *tables))
+            results.append(self.blocks.repeat('response', self._response, carry, *body))
         return results
 
     def _response(self, carry: Vector, wrenches: Vector, changes: Vector,
@@ -261,14 +312,17 @@ class BlockMatrices:
         P = packed_rows(wrenches, lanes)
         T = packed_rows(changes, lanes)
         N, W = np.split(packed_rows(inverse, lanes), 2)
+        # The compliance C of the link before: C P and C T.
         by_torque = before @ P
         by_wrench = before @ T
+        # A = P^T C T - M^-1 S^T, and the tile P^T C P + M^-1.
         A = []
         tile = []
         for joint in range(LANES):
             wrench = of_joint(P, joint, lanes)
             A.append(wrench @ by_wrench - N[joint])
             tile.append(wrench @ by_torque + W[joint])
+        # The compliance of the last link, T^T C T + S M^-1 S^T.
         C = packed_rows(compliance, lanes)
         for k in range(TWIST):
             C[k] = C[k] + of_joint(T, k, lanes) @ by_wrench
@@ -303,6 +357,7 @@ class BlockMatrices:
         """Return the results of a step from the ends to the root, for each branch."""
         blocks = self.blocks
         results: list[Any] = [None] * len(blocks.branches)
+        # A branch begins with the sum of what the branches at its end hand on.
         for k in reversed(range(len(blocks.branches))):
             carry = np.zeros(carried).astype(object)
             for child in blocks.branches[k].children:
@@ -333,27 +388,34 @@ class BlockMatrices:
             for block, carry in enumerate(of_blocks):
                 columns = self._joints(branch, block)
                 last = branch
+                # P is carried from branch to branch: each gets the tiles of all its
+                # blocks.
                 for carrier, count in self._toward_root(branch, block):
                     if beside is not None and carrier != branch:
                         self._place_beside(result, columns, carry, carrier, last, beside)
                     last = carrier
                     if not count:
                         continue
+                    # A block of the same branch is carried only by those before it.
                     same = np.repeat(fixed[branch][block][None], count, axis=0)
                     carriers = [table[:count] for table in tables[carrier]]
                     rows = self.blocks.repeat(name, step, carry, same, *carriers,
                                               reverse=True)
                     self._write_tiles(result, rows, carrier, columns)
+                    # The next branch toward the root begins where this one ends.
                     carry = rows[0, :len(carry)]
 
     def _place_beside(self, result: Matrix, columns: Sequence[int], wrenches: Vector,
                       carrier: int, last: int, beside: Beside) -> None:
         """Write tiles of the branches that a branch carries, before one of them."""
         children = self.blocks.branches[carrier].children
+        # Every pair of branches is met from both sides; one side writes both tiles.
         earlier = children[:children.index(last)]
         if not earlier:
             return
         repeat = self.blocks.repeat
+        # The wrenches accelerate the last link by C P; the branches beside follow it
+        # outward.
         compliance = beside.compliances[carrier]
         a = repeat('compliant', self._compliant, wrenches, compliance[None])[0]
         accelerations = dict.fromkeys(earlier, a)

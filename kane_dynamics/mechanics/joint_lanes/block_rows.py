@@ -37,6 +37,7 @@ def composed(R: Matrix, p: Vector, lanes: Any) -> tuple[Matrix, Vector]:
     while distance < LANES:
         # Products of twice as many steps; those of the first links are done.
         R_before = moved(R.ravel(), distance, lanes).reshape(3, 3)
+        # Joints without one at this distance are multiplied by 1 and shifted by 0.
         first = lanes.pack([float(k < distance) for k in range(LANES)])
         for k in range(3):
             R_before[k, k] = R_before[k, k] + first

@@ -58,6 +58,7 @@ def branches(links: Sequence[Link]) -> list[Branch]:
     result: list[Branch] = []
     number: dict[int, int] = {}  # of the branch of each link
     for k, parent in enumerate(parents):
+        # An only child continues the branch of its parent; others begin one.
         if parent != WORLD and parents.count(parent) == 1:
             number[k] = number[parent]
             result[number[k]].links.append(k)
@@ -108,6 +109,7 @@ class Columns:
         result = []
         begin = 0
         for constant in self._constants:
+            # A constant column has no entries in the row.
             if constant is not None:
                 result.append(constant)
                 continue
@@ -121,6 +123,7 @@ def _common_value(blocks: Sequence[Matrix]) -> float | None:
     values = set()
     for block in blocks:
         for x in block.flat:
+            # An expression is computed, whatever its value.
             if not isinstance(x, (int, float)):
                 return None
             values.add(float(x))

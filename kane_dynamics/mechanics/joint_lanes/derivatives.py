@@ -143,6 +143,7 @@ class JointRows:
     @staticmethod
     def of_rows(rows: Vector, names: Sequence[str]) -> 'JointRows':
         """Return the vectors of these names from the result of `rows`."""
+        # Vectors that are left out stay zero, which costs nothing.
         vectors = {name: np.zeros(size).astype(object) for name, size in SIZES.items()}
         begin = 0
         for name in names:
@@ -213,6 +214,7 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Vector, u: Vector,
     of matrix m from column g LANES on.
     """
     lanes = lanes_of(q[0])
+    # Motion of the links outward, sums of their moments over subtrees inward.
     tree = TreeSums(links, lanes)
     bodies = _bodies(tree, links, q, u, udot, gravity)
     if repeat is None:
@@ -220,6 +222,7 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Vector, u: Vector,
         parts = list(map(joint_rows, bodies, sums))
     else:
         parts = _by_loops(tree, bodies, names, lanes_of, repeat)
+    # Entries: dot products of the vectors of joint r with those of a part's joints.
     result = np.zeros((3, tree.n, len(parts)), dtype=object)
     for r in range(tree.n):
         # The vectors of joint r alone: the same value in all lanes.
@@ -228,6 +231,7 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Vector, u: Vector,
         force = np.array([lanes.lane(row, lane) for row in rows.force])
         axis = np.array([lanes.lane(row, lane) for row in rows.axis])
         for g, part in enumerate(parts):
+            # Columns of joints toward the root, r included, and of joints beyond r.
             columns = range(g * LANES, (g + 1) * LANES)
             carriers = [c in tree.paths[r] for c in columns]
             carried = [c != r and c < tree.n and r in tree.paths[c] for c in columns]
@@ -275,11 +279,15 @@ def _bodies(tree: TreeSums, links: Sequence[Link], q: Vector, u: Vector,
     weight = np.array([*gravity, 0.0, 0.0, 0.0])
     accelerations = [x - weight for x in tree.toward_root(steps)]
 
-    inertial = [[link.mass, *link.first_moment, *link.second_moment[UPPER]]
-                for link in links]
-    return list(map(LaneBodies, rotations, positions, motions, accelerations,
-                    tree.packed(inertial), _masses(tree, links),
-                    tree.packed([link.multiplier for link in links])))
+    # Constants of the links, as rows of each part.
+    inertial = []
+    multipliers = []
+    for link in links:
+        inertial.append([link.mass, *link.first_moment, *link.second_moment[UPPER]])
+        multipliers.append(link.multiplier)
+    columns = (rotations, positions, motions, accelerations, tree.packed(inertial),
+               _masses(tree, links), tree.packed(multipliers))
+    return [LaneBodies(*of_part) for of_part in zip(*columns, strict=True)]
 
 
 def _by_loops(tree: TreeSums, bodies: Sequence[LaneBodies], names: Sequence[str],
@@ -316,9 +324,13 @@ def _poses(tree: TreeSums, links: Sequence[Link],
     steps: list[Vector] = []
     for link in links:
         step = JointStep(link, q)
-        R = np.eye(3) if link.parent == WORLD else rotations[link.parent]
-        rotations.append(np.stack([step.outward(row) for row in R]))
-        steps.append(R @ step.offset)
+        R_parent = np.eye(3)
+        if link.parent != WORLD:
+            R_parent = rotations[link.parent]
+        # R_parent R_joint by rows: each is a row of R_parent in the link's axes.
+        rows = [step.outward(row) for row in R_parent]
+        rotations.append(np.stack(rows))
+        steps.append(R_parent @ step.offset)
     return tree.packed(rotations), tree.from_origins(tree.packed(steps))
 
 
@@ -335,6 +347,8 @@ def _axes(tree: TreeSums, part: int, R: Matrix, p: Vector) -> tuple[Vector, Vect
 def _motions(tree: TreeSums, axes: Sequence[tuple[Vector, Vector]],
              rates: Sequence[Any]) -> list[LaneMotion]:
     """Return the motion of all joints."""
+    # v at the origin: sums of sigma q' from the tree's origin, which is at rest. omega:
+    # sums of s q' from the root.
     linear = [rate * sigma for (sigma, _), rate in zip(axes, rates)]
     v = tree.from_origins(linear)
     angular = [rate * s for (_, s), rate in zip(axes, rates)]

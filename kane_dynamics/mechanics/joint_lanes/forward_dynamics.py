@@ -63,6 +63,8 @@ def forward_dynamics(links: Sequence[Link], q: Vector, u: Vector, torque: Vector
         As of `JointBlocks`.
 
     """
+    # The three passes of the articulated-body algorithm (ABA): motion outward, inertia
+    # inward, accelerations outward.
     blocks = JointBlocks(links, armature, lanes_of, repeat)
     loops = ForwardDynamics(blocks)
     motions = loops.motions(q, u, gravity)
@@ -82,6 +84,7 @@ class ForwardDynamics:
     def motions(self, q: Vector, u: Vector, gravity: Vector) -> list[Matrix]:
         """Return the results of `motion` for each branch, (blocks, 18 + ...)."""
         blocks = self.blocks
+        # The world does not move, and accelerates against gravity.
         base = np.concatenate([np.eye(3).ravel(), np.zeros(6), -gravity])
         results: list[Matrix] = []
         for branch, table in zip(blocks.branches, blocks.constants.tables):
@@ -116,6 +119,7 @@ class ForwardDynamics:
         a = a_first + sums(rate * slide, lanes)
         alpha = alpha_before + sums(rate * turn, lanes)
 
+        # Moments of the links, and what the next block goes on from.
         moments = _moments(pose, (v, omega, a, alpha))
         last = of_joint([*pose.R.ravel(), *omega, *alpha, *a], LAST, lanes)
         filled = [0.0] * (BEGIN - CARRIED_MOTION - 3)
@@ -130,6 +134,7 @@ class ForwardDynamics:
         results: list[Any] = [None] * len(blocks.branches)
         for k in reversed(range(len(blocks.branches))):
             branch = blocks.branches[k]
+            # A branch begins with the sum of what the branches at its end hand on.
             carry = np.zeros(CARRIED_ROWS).astype(object)
             for child in branch.children:
                 carry = carry + results[child][0, :CARRIED_ROWS]
@@ -180,6 +185,7 @@ class ForwardDynamics:
                       shares: Sequence[Matrix]) -> Vector:
         """Return the accelerations of all joints, (n,)."""
         blocks = self.blocks
+        # The world does not accelerate here: gravity is part of the wrenches.
         base = np.zeros(TWIST).astype(object)
         results: list[Matrix] = []
         udot: list[Scalar] = [0.0] * len(blocks.coordinates)
@@ -205,6 +211,8 @@ class ForwardDynamics:
         # About the origin of the block, the link before it has alpha x D in addition.
         linear = carry[:3] + cross(carry[3:], step[:3])
         a = np.array([*linear, *carry[3:]], dtype=object)
+        # u'_j = -(G a + bias)_j from the first joint on; each one accelerates those
+        # after it.
         forced = V[TWIST] + V[:TWIST] @ a
         udot = []
         for joint in range(LANES):

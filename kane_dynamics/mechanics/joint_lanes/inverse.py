@@ -61,6 +61,7 @@ def _lower_blocks(A: Matrix, lanes: Any) -> list[Row]:
     """Return the blocks of the lower triangle of a matrix, by rows."""
     blocks: list[Row] = []
     for k, row in enumerate(A):
+        # Row k has entries up to column k alone.
         block_of: Row = {}
         for g in range(k // LANES + 1):
             block_of[g] = lanes.pack(list(row[g * LANES:(g + 1) * LANES]))
@@ -91,6 +92,7 @@ def inverse_mass_matrix(factors: Factors, order: Sequence[int],
         in_block = range(g * LANES, min((g + 1) * LANES, n))
         for block in range(g + 1):
             rows = [_entries(columns, scaled, carries[r], r, block, lanes)
+                    # Entries of the block that are zero by structure are not computed.
                     for r in in_block]
             if all(is_zero(row) for row in rows):
                 continue

@@ -198,20 +198,33 @@ class JointBlocks:
 
 def _placement(links: Sequence[Link]) -> list[Column]:
     """Return columns of offsets, kinds, rotations and translations of joints."""
-    turning = [float(link.kind == 'revolute') for link in links]
-    sliding = [1.0 - x for x in turning]
-    offsets: Column = [link.offset for link in links], 0.0
-    rotations = _columns([link.rotation for link in links], np.eye(3))
-    translations = _columns([link.translation for link in links], np.zeros(3))
-    return [offsets, (turning, 0.0), (sliding, 0.0), *rotations, *translations]
+    offsets = []
+    turning = []
+    sliding = []
+    rotations = []
+    translations = []
+    for link in links:
+        is_turning = link.kind == 'revolute'
+        offsets.append(link.offset)
+        turning.append(float(is_turning))
+        sliding.append(float(not is_turning))
+        rotations.append(link.rotation)
+        translations.append(link.translation)
+    return [(offsets, 0.0), (turning, 0.0), (sliding, 0.0),
+            *_columns(rotations, np.eye(3)), *_columns(translations, np.zeros(3))]
 
 
 def _inertial(links: Sequence[Link]) -> list[Column]:
     """Return columns of masses, and of first and second moments in link axes."""
-    masses: Column = [link.mass for link in links], 0.0
-    first = _columns([link.first_moment for link in links], np.zeros(3))
-    upper = [link.second_moment[UPPER] for link in links]
-    return [masses, *first, *_columns(upper, np.zeros(len(UPPER[0])))]
+    masses = []
+    first = []
+    second = []
+    for link in links:
+        masses.append(link.mass)
+        first.append(link.first_moment)
+        second.append(link.second_moment[UPPER])
+    return [(masses, 0.0), *_columns(first, np.zeros(3)),
+            *_columns(second, np.zeros(len(UPPER[0])))]
 
 
 def _columns(arrays: Sequence[Any], filled: Any) -> list[Column]:
@@ -253,6 +266,7 @@ def eliminated(M: Sequence[Any], rotors: Any, rows: Any, lanes: Any) -> Eliminat
     scaled = np.empty_like(rows)
     G: list[Any] = [None] * LANES
     for joint in reversed(range(LANES)):
+        # The pivot M_jj with the joint's rotor, which no other joint accelerates.
         pivot = lanes.lane(M[joint], joint) + lanes.lane(rotors, joint)
         reciprocal = 1.0 / pivot
         G[joint] = reciprocal * M[joint]
@@ -267,6 +281,7 @@ def eliminated(M: Sequence[Any], rotors: Any, rows: Any, lanes: Any) -> Eliminat
 
 def inertia_rows(mass: Any, moments: Sequence[Any]) -> list[list[Any]]:
     """Return the rows of inertias: wrenches for the unit rates of a twist."""
+    # [m 1, -[h]x; [h]x, I], with the first moment h and I = tr(S) 1 - S.
     x, y, z = moments[:3]
     xx, xy, xz, yy, yz, zz = moments[3:]
     return [[mass, 0.0, 0.0, 0.0, z, -y],

@@ -70,6 +70,8 @@ class _SplitTable:
         table = np.array(entries, dtype=object).reshape(len(parts), -1, LANES)
         self._constants: list[float | None] = []
         self._is_computed: list[bool] = []
+        # Rows of three kinds: one number for all parts, other numbers, and computed
+        # entries.
         for k in range(table.shape[1]):
             row = table[:, k].ravel().tolist()
             computed = not all(isinstance(x, (int, float)) for x in row)
@@ -104,6 +106,7 @@ def joint_by_joint(rows: Rows, lanes: Any) -> list[Any]:
     These are the first joint's entries, in as many rows as they fill, then those of the
     others.
     """
+    # A transposed block of rows has a row for each joint.
     columns = []
     for begin in range(0, len(rows), LANES):
         columns.append(lanes.transposed(rows[begin:begin + LANES]))

@@ -82,6 +82,7 @@ class TreeInLanes:
             return False
         links = equations.geometry
         blocks = sum(branch.blocks for branch in branches(links))
+        # Estimated instructions of CRBA and LTDL: quadratic in the depth of each joint.
         instructions = 0
         for path in TreeSums(links, Lanes).paths:
             depth = len(path)
@@ -109,6 +110,7 @@ class TreeInLanes:
         lanes = self._lanes(q[0])
         equations = self.equations
         factorization: Callable[..., Any] = ltdl.factorize
+        # Rows of M that are in lanes already are factorized a block at a time.
         if self._long_branches():
             rows = self.mass_matrix(q, parameters)
             factorization = partial(factorize, lanes=lanes, rows=rows)

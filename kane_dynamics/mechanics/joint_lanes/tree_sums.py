@@ -39,6 +39,7 @@ class TreeSums:
         """Find the paths."""
         self.lanes = lanes
         self.n = len(links)
+        # Links may have their coordinates in any order.
         self._place = np.argsort([link.coordinate for link in links]).tolist()
         self.links = [links[i] for i in self._place]
         self.parents: list[int] = []  # coordinates of parents' joints; -1 for the world

@@ -83,6 +83,7 @@ class LinkState:
         self.step = step
         self.motion = motion
         self.velocity = velocity
+        # The projections on a joint's axis z use only these entries of omega, U and a.
         omega, _, a, U = motion
         self.state = np.array([step.s, step.c, *step.offset, *velocity,
                                omega[0], omega[1], *U[:, 2], a[0], a[1]])
@@ -219,6 +220,8 @@ def _add_row(states: Sequence[LinkState], body: CompositeBody, i: int,
 
 def row_vectors(kind: str, body: CompositeBody) -> Vector:
     """Return f, n and e (see the module) of a link's joint in link axes, (9,)."""
+    # f = s x h and n = I s with s = z, and e with the velocities; or the same for a
+    # slide along z.
     h, S, S_rate, L = body.h, body.S, body.S_rate, body.L
     if kind == 'revolute':
         return np.array([-h[1], h[0], 0.0,
@@ -272,6 +275,8 @@ def _wrench_change(body: CompositeBody, delta: Vector, chi: Vector,
     """Return force and moment for an acceleration change da + chi x r + 2 delta x v."""
     S, S_rate = body.S, body.S_rate
     force = body.mass * da + cross(chi, body.h) + cross(delta + delta, body.p)
+    # int r x (chi x r) dm = (tr(S) 1 - S) chi; with 2 delta x v it is S', and L as its
+    # antisymmetric part.
     trace = S[0, 0] + S[1, 1] + S[2, 2]
     trace_rate = S_rate[0, 0] + S_rate[1, 1] + S_rate[2, 2]
     moment = (cross(body.h, da) + trace * chi - S @ chi

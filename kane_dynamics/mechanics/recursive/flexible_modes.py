@@ -55,6 +55,7 @@ def bent(links: Sequence[Link], q: Vector,
     `ModesInLane`.
     """
     groups = _groups(links)
+    # Without lanes each beam is a group of its own.
     if lanes is None:
         groups = [[k] for group in groups for k in group]
     result = list(links)
@@ -169,20 +170,28 @@ class Modes:
         self._twist = beam.twist
         self._deflection_mass = beam.mass
 
-        # Sums over the modes: the shape of the bent beam.
-        self._v = [_sum(self._shortening[:, i].T, eta) for i in self._modes]
+        # The shape of the bent beam: v_i and f along it, D and G_i across it. f is of
+        # second order in eta, so that f = x + 1/2 sum_i v_i eta_i.
+        self._v = []
+        self._G = []
+        for i in self._modes:
+            self._v.append(_sum(self._shortening[:, i].T, eta))
+            self._G.append(_sum(self._products[i], eta))
         change_of_f = 0.5 * self._over_modes(self._v, eta)
         self._f = beam.straight + change_of_f
         self._D = _sum(self._F, eta)
-        self._G = [_sum(self._products[i], eta) for i in self._modes]
-
-        # Inertia of the bent beam, and momenta per unit modal speed.
         self.pseudo_inertia = self._added_inertia(change_of_f, beam.straight, eta)
+
+        # Momenta per unit modal speed, p_i and Q_i.
         self.momentum: list[Vector] = []
         for v, F in zip(self._v, self._F):
             self.momentum.append(self._root_of_mass * (v[0] * self._e + F[0]))
         self.spin = [self._angular_momentum(i) for i in self._modes]
-        axial_mass = [[v_i @ v_j for v_j in self._v] for v_i in self._v]
+
+        # Modal mass: that of the deflection, and v_i . v_j of the motion along the beam.
+        axial_mass = []
+        for v_i in self._v:
+            axial_mass.append([v_i @ v_j for v_j in self._v])
         self.mass = beam.mass + np.array(axial_mass)
 
     def _over_modes(self, values: Sequence[Any], factors: Vector) -> Any:
@@ -299,12 +308,18 @@ class BeamsInLanes:
 
     def __init__(self, links: Sequence[Link], q: Vector, lanes: Any) -> None:
         """Evaluate the modes of all beams."""
-        integrals = [own_integrals(link) for link in links]
-        self.places = [list(beam.coordinates) for beam in integrals]
-        self.turns = [link.body[:3, :3] for link in links]  # to link axes
         self.lanes = lanes
-        constants = [self._rows(parts) for parts in list(zip(*integrals))[1:]]
-        self.modes = Modes(BeamIntegrals((), *constants), self._modal(q))
+        self.places: list[list[int]] = []
+        self.turns: list[Matrix] = []  # to link axes
+        constants = []
+        for link in links:
+            coordinates, *of_beam = own_integrals(link)
+            self.places.append(list(coordinates))
+            self.turns.append(link.body[:3, :3])
+            constants.append(of_beam)
+        # Each constant as rows, with the value of a beam in its lane.
+        rows = [self._rows(values) for values in zip(*constants)]
+        self.modes = Modes(BeamIntegrals((), *rows), self._modal(q))
 
     def _modal(self, values: Vector) -> Vector:
         """Return the entries of the modal coordinates of all beams as rows, (m,)."""
@@ -337,6 +352,8 @@ class BeamsInLanes:
     def inertia_forces(self, motions: Sequence[Motion], u: Vector,
                        udot: Vector) -> list[BeamForces]:
         """Return `Modes.inertia_force` of each beam."""
+        # In the axes of the beams' bodies, where the constants of similar beams are
+        # equal.
         own_axes = []
         for R, (omega, alpha, a, _) in zip(self.turns, motions):
             own_axes.append([R.T @ omega, R.T @ alpha, R.T @ a])
@@ -360,6 +377,7 @@ class ModesInLane:
         modes = beams.modes
         self.beams = beams
         self.coordinates = tuple(beams.places[lane])
+        # From the axes of the beam's body to those of the link.
         turn = np.eye(4)
         turn[:3, :3] = beams.turns[lane]
         self.pseudo_inertia = turn @ beams.of_beam(modes.pseudo_inertia, lane) @ turn.T

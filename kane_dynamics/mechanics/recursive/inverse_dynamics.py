@@ -137,6 +137,7 @@ def link_forces(link: Link, motion: LinkMotion, u: Vector,
     """
     force, moment = inertia_wrench(link, motion)
     modes = link.modes
+    # Beams in lanes are added all at once, by `forces_in_lanes`.
     if modes is None or isinstance(modes, ModesInLane):
         return force, moment, []
     own = list(modes.coordinates)

@@ -386,6 +386,8 @@ def _untwisted(link: Link) -> Link:
     if (link.kind != 'revolute' or link.turned or abs(R[0, 2]) > 1e-9
             or math.hypot(R[0, 0], R[0, 1]) < 1e-6):
         return link
+    # R = R_0 R_z(angle), where the first row of R_0 is x: R_z moves through the joint's
+    # own rotation.
     angle = math.atan2(-R[0, 1], R[0, 0])
     return replace(link, pose=_clean(link.pose @ about_z(-angle)),
                    offset=math.remainder(link.offset + angle, 2.0 * math.pi))

@@ -265,6 +265,7 @@ class TreeEquations:
         torques = joint_reactions.body_torques(links, x, u,
                                                self._angle_accelerations(u, udot),
                                                parameters[:3])
+        # Elastic forces of a beam are in the row of its body.
         for row, body in zip(torques, self.model.bodies):
             if body.beam is not None:
                 modes = list(body.beam.coordinates)
@@ -341,24 +342,31 @@ class TreeEquations:
         which leaves M of motions about the center of mass; not if the body carries
         several branches, whose common entries of M are zero but would not be then.
         """
-        slides = {ball.body: slice(ball.speed - 3,
-                                   ball.speed) for ball in self._free_balls}
+        slides: dict[int, slice] = {}
+        for ball in self._free_balls:
+            slides[ball.body] = slice(ball.speed - 3, ball.speed)
         links: Sequence[Link] = posed(self.base_links(parameters), self.model, q,
                                       list(slides))
         if self.flexible:
             links = bent(links, joint_positions(self.model, q))
         geometry = posed(self.geometry, self.model, q, list(slides))
-        x, R = joint_positions(self.model, q), rotations(self.model, q)
+        x = joint_positions(self.model, q)
+        R = rotations(self.model, q)
         applied = self.drive_loads(u, tau)
         for body, slide in slides.items():
             # No other force depends on the position and velocity of the origin.
-            x[slide], applied[slide] = 0.0, R[body].T @ applied[slide]
+            x[slide] = 0.0
+            applied[slide] = R[body].T @ applied[slide]
+
+        # Forces that udot = 0 needs, in the slides' own axes: M udot = applied - held.
         acceleration = self._angle_accelerations(u, self.zeros)
         held = (inverse_dynamics.inverse_dynamics(links, x, u, acceleration,
                                                   parameters[:3])
                 + self.rotor_inertia * acceleration + self.spring_force(x))
-        for frame, w in () if wrench is None else zip(self.wrench_frames, wrench):
-            held = held - frame_kinematics.partial_velocities(geometry, frame, x).T @ w
+        if wrench is not None:
+            for frame, w in zip(self.wrench_frames, wrench):
+                J = frame_kinematics.partial_velocities(geometry, frame, x)
+                held = held - J.T @ w
         M = composite_inertia.mass_matrix(links, x) + np.diag(self.rotor_inertia)
         order = self._free_order
         udot = solve(self.factors(M, order), order, applied - held)
@@ -522,6 +530,7 @@ class TreeEquations:
         if factors is None:
             return friction
         scaled: Vector = factors * friction
+        # The factors are on the joints' friction, not on the dampers of drives.
         if self.model.drives and self.friction:
             damping = drive_forces(self.model, u, damping_torque)
             scaled = scaled + (1.0 - factors) * damping

@@ -171,6 +171,8 @@ class Vector:
         self.type = vector_type(width, real)
         self.end = intrinsic_end(width, real)
         self.integer = f'i{real.bits}'
+        # Names of LLVM's types: of values, of integers of the same size, and of truth
+        # values.
         self.truth = 'i1'
         if width > 1:
             self.integer = f'<{width} x {self.integer}>'

@@ -114,6 +114,7 @@ class Names(dict[int, str]):
         """Load a value from memory and return its name."""
         kind, pointer, place = self.in_memory[index]
         name = f'%load{self._loads}'
+        # Each load has a name of its own: a value may be loaded again in another block.
         self._loads += 1
         element = self._real.name
         align = self._real.bits // 8
@@ -351,6 +352,7 @@ def _regular_places(loop: Any, places: Mapping[int, int]
     This is the place of each result in the first turn and its distance to the next; None
     of results that nothing needs.
     """
+    # The results that the next turn needs are first; they always stay.
     size = len(loop.program.outputs)
     kept = math.prod(loop.program.inputs[0][1])
     regular: dict[int, tuple[int, int] | None] = {}
@@ -416,6 +418,7 @@ def _loop_runs(outputs: Sequence[Any], stored: Container[int]
     Runs have at most as many as a row of lanes, and none of the results that are stored
     already.
     """
+    # Results of a loop lie one after the other in memory, so that a run is one copy.
     k = 0
     while k < len(outputs):
         x = outputs[k]
@@ -603,6 +606,7 @@ class Function:
         self._zeros = set()
         if isinstance(self.program, PlacedProgram):
             return
+        # Results that are zero in every state.
         for k, x in enumerate(outputs):
             if not isinstance(x, Expr) and x == 0.0:
                 self._zeros.add(k)
@@ -700,6 +704,7 @@ class Function:
 
     def _copy(self, place: int, count: int) -> None:
         """Copy results of a loop to this place of the function's own."""
+        # The results of the loop stay in its memory; only those outside it are copied.
         output = self.program.outputs[place]
         assert isinstance(output, Expr)
         source, k = output.args
@@ -924,6 +929,8 @@ class Function:
 
     def _stride(self, rows: Sequence[Sequence[Any]]) -> int | None:
         """Return how far apart in memory the rows of a table are; None elsewhere."""
+        # One array, and places at equal distances: then the loop reads the rows where
+        # they are.
         pointers = set()
         places = []
         for row in rows:
@@ -960,6 +967,7 @@ class Function:
 
     def _contiguous(self, i: int, k: int, entries: list[Expr | float]) -> str | None:
         """Return a pointer into an argument or result with the entries, or None."""
+        # Entries that lie one after the other in memory are passed where they are.
         begin = self._begin(entries) if entries else None
         if begin is None:
             return None

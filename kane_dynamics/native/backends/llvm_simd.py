@@ -276,6 +276,7 @@ def lane_text(program: Program, symbol: str, lanes: int) -> str:
     """Return the LLVM IR of a lane kernel; all states share the last argument."""
     main = RowFunction(program, symbol, lanes, program.inputs[-1][0])
     half = max(lanes // 2, 2)
+    # Rows are loaded in halves, and stored whole.
     v = vector_type(lanes)
     part = vector_type(half)
     half_mask = f'<{half} x i1>'
@@ -293,6 +294,7 @@ def text_by_states(program: Program, symbol: str, lanes: int) -> str:
     The program is one for single states, which may use the lanes itself.
     """
     state = f'{symbol}_of_state'
+    # The pointers of lane %l, from the table of all lanes: one block for each call.
     sizes = [math.prod(shape) for _, shape in program.inputs]
     slots = len(sizes) + 1
     placed = []
@@ -308,6 +310,7 @@ def text_by_states(program: Program, symbol: str, lanes: int) -> str:
     for (name, _), size, k in zip(program.inputs[:-1], sizes, range(slots)):
         if size:
             labels.append((k, size, overflow_scale(size_limit(name))))
+    # Each check continues at the label of the next one.
     checks = ''
     source = 'state'
     for number, (k, size, scale) in enumerate(labels):

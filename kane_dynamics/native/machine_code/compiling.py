@@ -33,6 +33,7 @@ def gc_paused() -> Iterator[None]:
     compilation.
     """
     global _enabled
+    # The first thread remembers whether it was enabled, the last one restores that.
     with _lock.held():
         if not _inside:
             _enabled = gc.isenabled()

@@ -83,6 +83,8 @@ def features() -> dict[str, bool]:
         If ``KANE_DYNAMICS_SIMD`` names no SIMD extension that this processor has.
 
     """
+    # A narrower instruction set than the processor's is chosen by switching features
+    # off.
     host = dict(llvm.get_host_cpu_features())
     setting = os.environ.get(SIMD_VARIABLE)
     if setting is None:
@@ -218,6 +220,7 @@ def code_size(text: str) -> int:
         If LLVM rejects the text or cannot generate code for that processor.
 
     """
+    # The same processor everywhere, so that the number does not depend on the machine.
     machine = _foreign(REFERENCE_TRIPLE).create_target_machine(cpu=REFERENCE_CPU, opt=1,
                                                                jit=True)
     objects = llvm.ObjectFileRef.from_data(_assembled(text, machine))

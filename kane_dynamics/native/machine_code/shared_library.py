@@ -27,6 +27,7 @@ def linked(program: str, objects: Sequence[bytes]) -> bytes:
         The linker fails; its message is included.
 
     """
+    # The linker reads and writes files; the folder goes with them.
     with tempfile.TemporaryDirectory() as folder:
         files = [Path(folder, f'{k}.o') for k in range(len(objects))]
         for file, content in zip(files, objects):

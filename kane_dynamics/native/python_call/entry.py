@@ -118,6 +118,7 @@ class Signature:
     @lazy_property
     def entry_points(self) -> llvm.Code:
         """Machine code of `entry` and `bound`, of which there is one a signature."""
+        # The code depends on shapes and limits alone: robots with the same share it.
         key = self.shapes, self.default_sizes, self.limits, self.shape
         shared = _entry_points.get(key)
         if shared is not None:
@@ -202,6 +203,7 @@ def new_table(words: Mapping[str, int], fallback: Callable[..., Any], code: llvm
               blocks: Sequence[np.ndarray] = (),
               owned: tuple[Any, ...] = ()) -> EntryTable:
     """Return a table of these words and addresses of the fallback and the blocks."""
+    # Words of the table in the order of the code, then the addresses of the blocks.
     words = {**interpreter_words(), 'FALLBACK': id(fallback), **words}
     numbers = []
     for word in TABLE:

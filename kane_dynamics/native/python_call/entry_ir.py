@@ -237,6 +237,7 @@ def entry_code(shapes: Sequence[Shape], limits: Sequence[float], n_defaults: int
         Shape of the result; no length may be 0. () returns a float.
 
     """
+    # Anything that is not the plain case goes to `slow`, the checked call in Python.
     a = Assembly()
     count = len(shapes)
     slots = count + n_defaults + 1
@@ -390,6 +391,8 @@ def placeholder_code() -> str:
     `refer` calls the fallback, for kernels without entry points. `unmade` serves the
     first call of a method: its fallback takes the object and returns the table to use.
     """
+    # A method that was not used yet: the table's entry asks Python for the compiled
+    # one.
     a = Assembly()
     a.put('define ptr @refer(ptr %self, ptr %args, i64 %nargs) {', *TABLE_OF_SELF,
           '  br label %slow')

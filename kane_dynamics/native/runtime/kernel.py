@@ -95,6 +95,7 @@ def converted(argument: Argument, value: Any) -> Array:
 def require_finite(argument: Argument, array: Array) -> None:
     """Raise InputError that names the first entry that is not finite or too large."""
     limit = size_limit(argument.name)
+    # NaN compares as false, infinity exceeds the largest number.
     good = np.abs(array) <= min(limit, sys.float_info.max)
     if good.all():
         return
@@ -169,6 +170,7 @@ class Kernel:
         self.arguments = tuple(arguments)
         self.parameters = parameters
         self._reason = reason
+        # Programs are traced when code is needed: a hit of the cache traces nothing.
         self._program = program
         self._program_of_one = program if single is None else single
         self._in_order = in_order
@@ -296,15 +298,15 @@ class Kernel:
                                  self._fallback(arguments, result))
 
     def _fallback(self, arguments: Sequence[Array], result: Array) -> Callable[[], Any]:
+        """Return the call for arrays that the machine code does not accept."""
         def call(*values: Any, **named: Any) -> Any:
-            if values or named:
-                places = ', '.join(a.name for a in self.arguments)
-                types = [type(x).__name__ for x in values]
-                words = ', '.join([*types, *named])
-                raise InputError(f'workspace: {self.name}({words}); expected no '
-                                 'arguments: it reads the arrays of the workspace '
-                                 f'({places})')
-            return self(*arguments, out=result if self.shape else None)
+            if not values and not named:
+                return self(*arguments, out=result if self.shape else None)
+            places = ', '.join(argument.name for argument in self.arguments)
+            types = [type(x).__name__ for x in values]
+            words = ', '.join([*types, *named])
+            raise InputError(f'workspace: {self.name}({words}); expected no arguments: it '
+                             f'reads the arrays of the workspace ({places})')
         return call
 
     def __call__(self, *values: Any, out: Any = None) -> Any:
@@ -320,6 +322,7 @@ class Kernel:
             not finite.
 
         """
+        # Arguments that are left out have their defaults.
         values += (None,) * (len(self.arguments) - len(values))
         arrays = []
         for argument, value in zip(self.arguments, values, strict=True):
@@ -464,6 +467,8 @@ class Kernel:
         if constants is None:
             constants = self.parameters.copy()  # other threads may change them meanwhile
         blocks = [*inputs, constants, result]
+        # Distances in memory from state to state and from step to step; 0 where all
+        # share one.
         rows = []
         for block, rank in zip(blocks, self._ranks, strict=True):
             lane = 0
@@ -505,6 +510,7 @@ class Kernel:
         """
         if constants is None:
             constants = self.parameters.copy()  # other threads may change them meanwhile
+        # As in `rollout`, but with numbers that choose the rows of an argument.
         rows = []
         for array, argument, rank in zip(arrays, self.arguments, self._ranks):
             stride = array.strides[0] if array.ndim > rank else 0
@@ -527,6 +533,8 @@ class Kernel:
                places: Sequence[int]) -> None:
         """Compute the results of some states by another kernel, or raise InputError."""
         rows = result.reshape(count or 1, -1)
+        # Another kernel explains a result, or answers: one in regular speeds, for
+        # example.
         for bad in places:
             state = {}
             for argument, array, rank in zip(self.arguments, arrays, self._ranks):
@@ -549,6 +557,7 @@ class Kernel:
 
     def _count(self, values: Sequence[Any], arrays: Sequence[Array]) -> int | None:
         """Return the length of the batch, None for one state; arguments must agree."""
+        # Single states have no length: mixed with batches, they are an error.
         lengths: list[int | None] = []
         shapes = []
         for argument, value, array in zip(self.arguments, values, arrays):
@@ -571,6 +580,8 @@ class Kernel:
                 described = f'{out.dtype} array of shape {out.shape}'
             raise InputError(f'{self.name}: out: {described}; expected a writeable '
                              f'float64 array of shape {shape}')
+        # Only such memory can be written by machine code; else the result is copied
+        # there.
         direct = out.flags.c_contiguous and out.flags.aligned and out.dtype.isnative
         return out if direct else np.empty(shape)
 
@@ -595,6 +606,7 @@ def batch_kernel(name: str, function: Callable[..., Any],
         Compile the code of single states now; else at its first use, if ever.
 
     """
+    # The block of parameters that every kernel has is empty.
     def program() -> Program:
         return trace_program(name, lambda *arrays: function(*arrays[:-1]), [
             *inputs, ('parameters', (0,))])

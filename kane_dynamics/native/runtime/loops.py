@@ -600,6 +600,7 @@ def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]],
         entries += row
     table = array('q', entries)
     width = width or llvm_simd.width()
+    # The extremes of states are optional: addresses of 0 mean none.
     function = _driver_function(width)
     address, _ = table.buffer_info()
     low = high = size = 0
@@ -609,6 +610,7 @@ def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]],
         high = highest.ctypes.data
         size = lowest.shape[1]
 
+    # Each thread has its own words: the limits of its part, then flags.
     def work(begin: int, end: int, threads: int) -> int:
         job = array('q', (kernel, address, len(rows), size, low, high, begin, end, steps,
                           *[0] * (WORDS - FLAGS)))

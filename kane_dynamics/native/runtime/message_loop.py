@@ -937,6 +937,7 @@ def message_loop_text(drops: int) -> str:
         at = f'%to.{next(writes)}'
         return (f'  {at} = getelementptr i64, ptr %{record}, i64 {place}\n'
                 f'  store i64 %{name}, ptr {at}')
+    # Loads and stores of words, then the numbers of the names in capitals.
     text = _WRITE.sub(write, _READ.sub(read, TEXT))
     for name, value in _numbers(drops).items():
         text = re.sub(rf'(?<![\w%.]){name}\b', str(value), text)

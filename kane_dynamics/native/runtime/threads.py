@@ -191,6 +191,7 @@ def one_by_one(before_each: Callable[[], object]) -> Iterator[None]:
 
 def uninterrupted(wait: Callable[[], object]) -> None:
     """Call `wait` until it returns without an exception; then raise the last one."""
+    # An interrupt must not leave the wait early: other threads still use the memory.
     interrupt = None
     while True:
         try:

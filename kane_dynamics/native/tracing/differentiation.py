@@ -137,6 +137,7 @@ def jacobian(outputs: Any, inputs: Sequence[Expr], share: Subroutines) -> Any:
     # Reverse mode gives rows of the Jacobian, forward mode columns.
     """
     flat = list(np.ravel(np.asarray(outputs, dtype=object)))
+    # As many passes as there are inputs, forward, or outputs, backward: the fewer.
     by_inputs = len(inputs) <= len(flat)
     passes = min(len(inputs), len(flat))
 
@@ -165,6 +166,7 @@ def _by_calls(one_pass: Callable[..., list[Any]], outputs: Sequence[Any],
             leaves.append(node)
 
     def traced(values: Any, seed: Any) -> Any:
+        # The function is computed again from its leaves within each call.
         results = replayed(function, lambda node: values[place[node.index]])
         return np.array(one_pass(results, values[:len(inputs)], seed))
     subroutine = share.trace('row', traced, [('values', (len(leaves),)),

@@ -173,6 +173,8 @@ class MatrixFunction:
             for x in self.inputs:
                 places = []
                 for column, x_place in enumerate(x.places):
+                    # `depends` has a bit for each argument's entry: zeros of the
+                    # Jacobian are left out.
                     bit = 1 << (first_column + column)
                     for row, y_place in enumerate(y.places):
                         if depends[first_row + row] & bit:
@@ -210,6 +212,7 @@ def retraced(program: Program, arguments: Sequence[Block],
         for block, x in zip(arguments, columns):
             # CasADi stores columns one after the other, programs rows.
             arrays[block.name] = np.reshape(x, block.shape, order='F').ravel()
+        # The program's inputs, from arguments, parts of blocks, or constants.
         values: list[Any] = []
         for key, _ in program.inputs:
             if key in arrays:

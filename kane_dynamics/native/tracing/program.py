@@ -106,6 +106,8 @@ class Program:
 
     def operation_count(self) -> OperationCount:
         """Return the number of operations of one call, including subroutines."""
+        # Structure and placing cause no arithmetic; subroutines and loops count as
+        # often as called.
         counts = dict.fromkeys(OperationCount.__dataclass_fields__, 0)
         kind = {'mul': 'multiplications', 'add': 'additions', 'sub': 'additions',
                 'div': 'divisions', 'neg': 'negations'}
@@ -175,6 +177,7 @@ def trace_program(name: str, function: Callable[..., Any],
     outputs = []
     for x in result.ravel():
         outputs.append(x if isinstance(x, Expr) else float(x))
+    # Shared factors are found in the whole program, after the trace.
     program = factored(Program(name, tuple(inputs), tuple(outputs), result.shape))
     trace.close()
     return program
@@ -195,6 +198,8 @@ def origin(program: Callable[..., Any]) -> str:
 
 def _describe(value: Any, parts: list[str], seen: set[int]) -> None:
     """Append the description of a value."""
+    # Plain values by their text; functions by their place in the source and what they
+    # enclose.
     if isinstance(value, PLAIN):
         parts.append(repr(value))
     elif isinstance(value, tuple):
@@ -263,6 +268,7 @@ def _common_factor(node: Expr, uses: dict[int, int]) -> tuple[Any, Any, Any] | N
         is_product = isinstance(product, Expr) and product.op == 'mul'
         if not (is_product and uses[product.index] == 1):
             return None
+    # p q +- r s.
     p, q = node.args[0].args
     r, s = node.args[1].args
     # A factor is common as the same node or as an equal constant, on either side.

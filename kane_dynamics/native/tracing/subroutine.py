@@ -105,6 +105,7 @@ def _filled_arguments(patterns: tuple[Pattern, ...],
     remaining = iter(entries)
     arguments: list[Any] = []
     for pattern in patterns:
+        # A pattern has None where an entry is traced.
         if None in pattern:
             traced = iter(next(remaining))
             values = [next(traced) if x is None else x for x in pattern]

@@ -192,6 +192,7 @@ class BatchFunction:
                  rows: Sequence[Array], result: Array) -> None:
         """Raise InputError for numbers that are not finite other than by seeds."""
         differentiable = self._kernels.differentiable(self._quantity)
+        # Rows with numbers that are not finite; those of seeds are the caller's choice.
         bad = beyond(self._result, result)
         for argument, array, x in zip(self.arguments, arrays, rows):
             if argument.name not in differentiable:  # a cotangent or tangent

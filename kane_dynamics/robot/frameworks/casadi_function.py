@@ -138,6 +138,7 @@ def external(casadi: Any, source: Source, linker: str) -> Any:
     function = source.function()
     text = casadi_text(function)
 
+    # The value alone is the key of the cache: its derivatives follow from it.
     def linked() -> bytes:
         gradient = function.reverse()
         derivatives = [function.forward(), gradient, source.jacobian(function),
@@ -167,6 +168,7 @@ def external(casadi: Any, source: Source, linker: str) -> Any:
 
 def graph(casadi: Any, function: MatrixFunction) -> Any:
     """Return a function as a graph of SX expressions, a casadi.Function."""
+    # Arguments as matrices of symbols, and all their entries in one list.
     arguments = []
     scalars = []
     for block in function.inputs:

@@ -116,6 +116,7 @@ def _rate(primals: Sequence[Any], tangents: Sequence[Any], *,
         if not isinstance(tangent, ad.Zero):
             names.append(argument.name)
             nonzero.append(tangent)
+    # J times the tangents is a kernel of its own, which JAX differentiates in turn.
     derived = operation.derived('jvp', names)
     return value, evaluate.bind(*nonzero, *primals, operation=derived)
 

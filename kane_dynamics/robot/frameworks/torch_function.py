@@ -148,8 +148,10 @@ def _mapped(info: Any, in_dims: Any, handle: str, *tensors: Any) -> Any:
 
 def _operator(count: int) -> Any:
     """Return the registered operator of a number of tensors."""
+    # The schema needs a fixed number of tensors: one operator for each number.
     names = ', '.join(f'Tensor x{k}' for k in range(count))
     operator: Any = torch.library.custom_op(
+        # Shapes for tracing, gradients, and `vmap`, each by functions of the handle.
         f'kane_dynamics::evaluate_{count}', _evaluated, mutates_args=(),
         schema=f'(str function, {names}) -> Tensor')
     operator.register_fake(_shaped)
@@ -204,6 +206,7 @@ class TorchFunction(QuantityFunction):
 
 def _require_readable(name: str, x: Any) -> None:
     """Raise InputError unless the kernels can read a tensor."""
+    # Machine code reads plain numbers in the memory of this process.
     if not isinstance(x, torch.Tensor):
         raise InputError(f'{name}: a {type(x).__name__}; expected a torch.Tensor')
     if x.device.type != 'cpu':

@@ -213,6 +213,7 @@ class Configurations(Dispatch):
         """
         equations = self.equations
         if equations.in_joint_rates:
+            # Speeds are joint rates: both forces are the same.
             return self._same('joint_torques', joint_torques, None)
         model = equations.model
         torques = Argument('joint_torques', (model.n,), model.joint_names)
@@ -297,9 +298,12 @@ class Configurations(Dispatch):
             None is found; names the constraint with the largest residual.
 
         """
-        rows, first = self._compiled_rows(), self.configuration
+        rows = self._compiled_rows()
+        first = self.configuration
         if start is not None:
             first = finite_row(start, 'start', self.coordinate_names)
+        # Coordinates that are to be held are moved step by step from a closed
+        # configuration.
         if first is not None and len(fixed):
             return followed_configuration(self.mechanism, first, q, t=t, fixed=fixed,
                                           rows=rows)
@@ -470,8 +474,10 @@ class Configurations(Dispatch):
             return self._relaxed(rng.uniform(lower, upper, shape))
         if count is None:
             return self._closed(rng, lower, upper)
-        return np.array([self._closed(rng, lower, upper) for _ in range(count)]).reshape(
-            count, len(lower))
+        configurations = np.empty((count, len(lower)))
+        for row in configurations:
+            row[:] = self._closed(rng, lower, upper)
+        return configurations
 
     @hinting_method
     def integrate(self, q: ArrayLike, u: ArrayLike, dt: float = 1.0, *,
@@ -504,9 +510,11 @@ class Configurations(Dispatch):
             Loops do not close.
 
         """
-        model, dt = self.equations.model, float(constant(dt, (), 'dt (s)', InputError))
+        model = self.equations.model
+        dt = float(constant(dt, (), 'dt (s)', InputError))
         start = self._configuration('q', q)
         t = finite_times(t)
+        # Quaternions by the exponential map, then all loops closed at the new time.
         rates = joint_speeds(model, start, self.joint_rates(start, u, t=t))
         end = moved(model, start, dt * rates)
         return self._closed_all(end, np.asarray(t) + dt)
@@ -575,6 +583,7 @@ class Configurations(Dispatch):
             return q
         times = np.broadcast_to(t, q.shape[:-1]).ravel()
         rows = q.reshape(-1, self.n_q)
+        # Row by row, because closing loops is an iteration of its own for each.
         closed = []
         for row, s in zip(rows, times):
             closed.append(self.closed_configuration(row, t=float(s)))
@@ -586,6 +595,8 @@ class Configurations(Dispatch):
                                   'limits and constraints; expected limits within which '
                                   'the constraints can be satisfied')
         for _ in range(TRIES):
+            # A random start need not close, and the closed one need not be within
+            # limits.
             try:
                 q = rng.uniform(lower, upper)
                 # Normal entries are uniform on the sphere of quaternions.

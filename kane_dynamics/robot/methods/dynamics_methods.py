@@ -359,6 +359,8 @@ class DynamicsMethods(Dispatch):
         Friction (smoothed) and springs included; arguments as `inverse_dynamics`.
         """
         by_q, by_u, M = self._matrices('inverse_dynamics_derivatives', (q, u, udot), t)
+        # The torque is tau = f(q, u, udot) - sum of J^T w, with a wrench w that stays
+        # the same.
         if wrench is not None:
             by_q = by_q - self.derivative('external_force', q, by='q', wrench=wrench,
                                           t=t)
@@ -376,6 +378,8 @@ class DynamicsMethods(Dispatch):
         """
         if wrench is None and 'forward_dynamics_derivatives' in self.kernels.names:
             return self._matrices('forward_dynamics_derivatives', (q, u, tau), t)
+        # By the implicit function theorem: tau(q, u, udot) is constant, so that M dudot
+        # = -dtau.
         udot = self.forward_dynamics(q, u, tau, wrench=wrench, t=t)
         by_q, by_u, _ = self.inverse_dynamics_derivatives(q, u, udot, wrench=wrench, t=t)
         inverse = self.inverse_mass_matrix(q, t=t)
@@ -505,6 +509,7 @@ class DynamicsMethods(Dispatch):
         quantity, _ = place_of(name)
         shapes = self.kernels.differentiable(quantity)
         names = self.kernels.arguments(quantity)
+        # Without a choice, all arguments of the kernel.
         if by is not None:
             names = (by,) if isinstance(by, str) else tuple(by)
         require_known(name, names, shapes)

@@ -165,6 +165,7 @@ class FrameMethods(DynamicsMethods):
         `bias_force` does.
         """
         mobility, J, inverse, rows = self._mobility(frame, q, directions, t)
+        # mu = Lambda (J M^-1 h - J' u), and J' u is the acceleration at udot = 0.
         rest = np.zeros_like(np.asarray(u, dtype=np.float64))
         bias = self.bias_force(q, u, t=t)[..., None]
         drift = self.frame_acceleration(frame, q, u, rest, t=t)[..., rows, None]

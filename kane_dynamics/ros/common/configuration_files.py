@@ -57,6 +57,7 @@ def load_model(source: str | Path, values: Mapping[str, Any],
         The URDF is too large or invalid, or a parameter does not fit it.
 
     """
+    # The size before anything is parsed.
     size = source.stat().st_size if isinstance(source, Path) else len(source.encode())
     if size > MAX_URDF_BYTES:
         raise InputError(f'URDF: {size} bytes; expected at most {MAX_URDF_BYTES}')
@@ -69,6 +70,7 @@ def load_model(source: str | Path, values: Mapping[str, Any],
                              "expected them with the path of a xacro file in 'urdf'")
         source = expand_xacro(source, arguments_of(values['xacro_arguments']))
     joints = list(values['joints']) or None  # None: all
+    # Warnings of the model go to the node's log.
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter('always')
         model = load_urdf(source, base=values['base'] or None, tip=values['tip'] or None,

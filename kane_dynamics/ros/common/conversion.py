@@ -167,6 +167,7 @@ def point_columns(message: JointTrajectory, joints: Sequence[str], max_points: i
 
     """
     check_points(len(message.points), max_points)
+    # Joints of the message may be in any order, and more than those asked for.
     names = list(message.joint_names)
     fault = ''
     missing = [joint for joint in joints if joint not in names]
@@ -205,6 +206,7 @@ def trajectory_message(trajectory: Trajectory, robot: Robot,
     default: the robot's order. Under constraints, velocities are of all joints and there
     are no accelerations.
     """
+    # With constraints the motion and torques of all joints, not those of the speeds.
     names = list(names) or list(trajectory.joint_names)
     order = [trajectory.joint_names.index(name) for name in names]
     q = trajectory.q

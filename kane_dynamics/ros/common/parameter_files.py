@@ -22,6 +22,7 @@ def parameter_blocks(path: Path) -> dict[str, dict[str, Any]]:
 
     """
     try:
+        # A file that cannot be read, is no text, or is no YAML: each has its reason.
         data = yaml.safe_load(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:
         reason = 'no UTF-8 text'

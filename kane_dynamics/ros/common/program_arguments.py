@@ -153,6 +153,7 @@ def check_arguments(program: RosProgram, outside: Sequence[str],
                          f'expected {program.name} {ROS_ARGUMENTS} {_intended(outside)}')
     options = _options(ros_arguments)
     node = _node_name(program, options)
+    # Options of ROS are checked by ROS itself; those with files and values here.
     for option, value in options:
         if not option:
             raise InputError(f"argument '{value}': after {ROS_ARGUMENTS}; expected "

@@ -176,6 +176,7 @@ def apply_realtime_settings(values: Mapping[str, Any],
             reason = getattr(error, 'strerror', None) or error
             warn(f'{what}: refused ({reason}), the node runs without it; {remedy}')
 
+    # Settings of an earlier configuration do not stay.
     AWAKE.release()
     if priority > 0:
         attempt(f'realtime.priority {priority}', lambda: schedule(priority),

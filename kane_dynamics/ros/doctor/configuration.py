@@ -92,6 +92,7 @@ def examine_configuration(path: Path, urdf: str, *, prefix: str = '',
     """
     findings: list[Finding] = []
     robots: dict[str, Robot | None] = {}
+    # Parameters of every node count where a file has nothing else.
     blocks = _blocks(path)
     for block in blocks:
         where = path.name if block.node == WILDCARD else f'{path.name}, {block.node}'
@@ -309,6 +310,7 @@ class ConfigurationExamination:
 
     def _fit(self, values: dict[str, Any], model: Model) -> Robot:
         """Check the parameters against the robot; return it, with rigid links."""
+        # Options first: without a valid robot, the rest is checked with a plain one.
         rigid = stiffened(model)
         self._check_frames(values, rigid)
         options = self._attempt(robot_options, values) or {}
@@ -356,6 +358,7 @@ class ConfigurationExamination:
 
     def _check_frames(self, values: dict[str, Any], model: Model) -> None:
         """Report frames that do not exist, and replace them for the further checks."""
+        # Frames of what is switched off may be wrong.
         unused = {'observer.frame': not values['observer.enabled'],
                   'imu.frame': not values['imu.topic']}
         replacement = {'payload.frame': model.bodies[-1].name, 'wrench.frames': ()}

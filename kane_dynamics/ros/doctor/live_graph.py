@@ -165,6 +165,7 @@ class GraphExamination:
 
     def _command_ends(self) -> list[Finding]:
         """Return the findings of the publishers and subscribers of commands."""
+        # One publisher, one subscriber, and settings of both that fit.
         topic = self._commands
         _, publishers, subscribers = self._topic_ends()
         findings = []
@@ -295,6 +296,7 @@ def _numbers(robot: Robot, message: JointState,
         return [Finding('problem', f'joint states: no {missing}; expected positions and '
                         'velocities')]
     findings = []
+    # Joint states that the node would drop.
     for quantity, values in (('positions', q), ('velocities', u)):
         bad = _not_finite(names, values)
         if bad:
@@ -302,6 +304,7 @@ def _numbers(robot: Robot, message: JointState,
                                     f'{quantity} of {listed(bad)}: not finite; '
                                     'expected finite numbers, as the dynamics node '
                                     'drops other states'))
+    # Positions of a URDF in other units, or of another arm, are outside its limits.
     places = [robot.joint_names.index(name) for name in names]
     with np.errstate(invalid='ignore'):
         outside = (q < robot.limits.lower[places]) | (q > robot.limits.upper[places])
@@ -327,6 +330,8 @@ def _column(message: JointState, values: Sequence[float],
 def _loops(robot: Robot, message: JointState, names: tuple[str, ...], q: Array,
            efforts: Efforts | None) -> list[Finding]:
     """Return the findings of the closed loops, from the measured joints."""
+    # As the node does at each state: loops from the measured joints, compared with the
+    # others.
     tracker = LoopTracker(robot, needed_joints(robot))
     places = [robot.joint_names.index(name) for name in names]
     further = [k for k in places if k not in tracker.places]
@@ -352,6 +357,8 @@ def _loops(robot: Robot, message: JointState, names: tuple[str, ...], q: Array,
 def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None,
              efforts: Efforts | None) -> list[Finding]:
     """Return the findings of the efforts of the actuators, with their rates."""
+    # Missing efforts are no fault: they are needed at rest only, where they show the
+    # model.
     if effort is None:
         return [Finding('warning',
                         'efforts of joint states: none; the momentum observer then '
@@ -363,6 +370,7 @@ def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None,
     finite = np.isfinite(q).all() and np.isfinite(u).all()
     if not finite or np.abs(u).max(initial=0.0) >= AT_REST:
         return []
+    # What efforts mean is stated, guessed from gravity, or cannot be seen.
     if effort.any() and efforts is not None:
         words = efforts.contradiction(robot, q, effort)
         return [Finding('problem', words)] if words else [

@@ -450,6 +450,7 @@ class ConfiguredRobot:
                                       node.get_logger())
             opened.callback(self.swing.close)
             self.path.add_observer(self.swing, need_effort=False)
+        # Only some laws have topics of their own.
         coupling = self.modes.laws.get(Mode.ARM_COUPLING)
         if isinstance(coupling, ArmCouplingMode):
             self._open_coupling(coupling, publisher, opened)

@@ -242,11 +242,14 @@ class DynamicsNode(LifecycleNode):
 
     def _on_description(self, message: String) -> None:
         """Store the URDF from the topic, unless a parameter gives it."""
+        # A parameter has precedence over the topic.
         if self.values['robot_description'] or self.values['urdf']:
             return
         if message.data == self._description:
             return
         self._description = message.data
+        # An active node keeps its robot; an inactive one is configured by hand; others
+        # at once.
         if self.state == 'active':
             self.statistics.rejected['robot_description'] += 1
             self.get_logger().error('robot_description: changed while the node is '
@@ -279,6 +282,7 @@ class DynamicsNode(LifecycleNode):
             self.get_logger().error(f'not activated: {fault}')
             return FAILURE
         result = super().on_activate(state)
+        # The torque path first: states may arrive from here on.
         self._real_subscriber = ''
         assert self.arm is not None
         self.arm.path.start()
@@ -286,6 +290,7 @@ class DynamicsNode(LifecycleNode):
         if self._bond is not None:
             self._bond.form()
         self.get_logger().info(f'active, mode {self.values["mode"]}')
+        # A simulated robot needs neither a guard nor a check of its statements.
         real_robot = self._real_robot()
         if real_robot:
             for contradiction in self._contradictions:
@@ -556,6 +561,8 @@ class DynamicsNode(LifecycleNode):
         if arm is not None:
             lost_share, figures['states lost'] = arm.lost_states.period(
                 arm.all_state_publishers)
+        # From the most to the least that the node has: a torque path, its end, a wait,
+        # a state.
         if arm is not None and arm.path.running:
             level, message = active_status(arm, rate, dropped, lost_share)
         elif arm is not None and arm.path.ended:

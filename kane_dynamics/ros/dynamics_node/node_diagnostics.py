@@ -53,6 +53,7 @@ def state_in_words(state: str) -> str:
 
 def arm_figures(arm: ConfiguredRobot, mode: str) -> dict[str, str]:
     """Return the figures of a configured robot."""
+    # Figures that every arm has; then those of parts that are switched on.
     payload = arm.loads.payload
     payload_mass = 0.0 if payload is None else payload.mass
     gravity = ' '.join(f'{component:.3f}' for component in arm.loads.gravity)
@@ -123,6 +124,7 @@ def _path_status(arm: ConfiguredRobot, rate: float) -> tuple[bytes, str]:
 def _warnings(arm: ConfiguredRobot, dropped: Counter[str],
               lost_share: float) -> list[str]:
     """Return the warnings about all parts but the torque path."""
+    # Each warning names what to do, in the order of its urgency.
     warnings = []
     if arm.optional_topics.collision is not None:
         warnings.append(f"collision at joint '{arm.optional_topics.collision}': check "
@@ -181,6 +183,7 @@ class GraphLog:
 
     def update(self, state: str, waiting_for: str, arm: ConfiguredRobot | None) -> None:
         """Log what changed since the last update."""
+        # A reminder from time to time, and each change once.
         now = time.monotonic()
         if now - self._reminded_at > REMINDER:
             self._reminded_at = now

@@ -65,6 +65,7 @@ class ConfiguredGuard:
         self._identity = identity
         # The guard holds in modes of its own.
         controller = path_controller(model, {**values, 'mode': Mode.COMPUTED_TORQUE})
+        # The digest says whether node and guard have the same arm.
         self.digest = arm_digest(model, controller.robot.options['constraints'])
         self.robot = controller.robot
         self.statistics = Statistics()
@@ -82,6 +83,7 @@ class ConfiguredGuard:
         self._message = float64_multi_array(FIELDS + len(commanded_joints(
             self.robot, controller.followed)))
         self._request = float64_multi_array(1)
+        # What was opened is closed again if a later part cannot be.
         with ExitStack() as opened:
             self._open(node, target, controller, values, warn, report, opened)
             self._opened = opened.pop_all()

@@ -301,6 +301,7 @@ class GuardNode(Node):
         if guard is None:
             level = DiagnosticStatus.ERROR if self.refused else DiagnosticStatus.WARN
             return status(name, '', level, self.reason, {})
+        # Silent, or watching without torque, or watching.
         watch = guard.path.watch
         level = DiagnosticStatus.OK
         message = f'watching {self.target}'

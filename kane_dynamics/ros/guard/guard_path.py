@@ -304,6 +304,7 @@ class GuardPath(TorquePath):
         The torque is that of the normal law at the predicted state: the prediction has
         the limits of commands, and that they are constant between two states.
         """
+        # The stop goes on from where the arm is predicted to be, without states.
         if self._stop is None and self.states.known:
             self._begin_stop(self.fault in FALSE)
         if self._stop is None or self._predicted is None:

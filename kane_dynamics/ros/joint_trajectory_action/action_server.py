@@ -155,9 +155,13 @@ class JointTrajectoryAction:
         self._log = front.get_logger()
         self._running = running
         self._reject = reject
+        # Deadlines of goals count in steady time, also while the node's clock is
+        # simulated.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._goal: FollowedGoal | None = None
         self._timer: Any = None
+        # Goals stay serialized until they are accepted, because points are read with
+        # checks.
         self._action = ActionServer(
             server, with_serialized_goals(self._type),
             front.resolve_service_name(f'~/{NAME}'), self._follow,

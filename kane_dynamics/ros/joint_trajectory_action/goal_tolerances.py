@@ -77,6 +77,7 @@ def goal_tolerances(message: TrajectoryGoal, joints: Sequence[str],
     places = [list(every_joint).index(name) for name in joints]
     none = np.full(len(joints), math.inf)
 
+    # Tolerances of the parameters are in the robot's order of joints.
     def parameter(name: str) -> Array:
         return per_joint(values, name, every_joint, math.inf)[places]
 
@@ -95,6 +96,7 @@ def _stated(entries: Sequence[Mapping[str, Any]], field: str, joints: Sequence[s
     """Return the tolerances of the entries of a goal, and defaults for other joints."""
     columns = [getattr(defaults, quantity).copy() for quantity in QUANTITIES]
     named: set[str] = set()
+    # An entry replaces the defaults of one joint.
     for entry in entries:
         name = entry['name']
         if name not in joints:

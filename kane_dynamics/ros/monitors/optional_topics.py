@@ -60,6 +60,7 @@ def _check_topic(parameter: str, name: str) -> None:
 
 def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
     """Raise InputError unless the parameters of the optional topics fit a robot."""
+    # Each group of parameters is checked by the part that will use it.
     if values['stamped_commands']:
         joint_command_type()
     if values['imu.topic']:
@@ -125,6 +126,8 @@ class OptionalTopics:
         bending = path.controller.bending
         self.contact: ContactMonitor | None = None
         self._estimator: PayloadMonitor | None = None
+        # Each observer of the torque path has topics of its own, and closes with the
+        # configuration.
         if values['observer.enabled']:
             self.contact = ContactMonitor(robot, values, ContactPublishers(
                 publisher(JointState, '~/external_torques', RELIABLE),
@@ -133,6 +136,7 @@ class OptionalTopics:
                 lambda reason, detail: reject(f'observer: {reason}', detail), bending,
                 self._on_collision)
             path.add_observer(self.contact, need_effort=True)
+        # Wrenches are part of the torques, not an observer.
         if values['wrench.frames']:
             path.wrenches = WrenchInput(robot, now, values,
                                         lambda reason,
@@ -149,6 +153,7 @@ class OptionalTopics:
                 lambda reason, detail: reject(f'estimator: {reason}', detail), bending)
             opened.callback(self._estimator.close)
             path.add_observer(self._estimator, need_effort=True)
+        # The watch compares torques with the model, and so needs rigid links.
         self.watch: ModelWatchMonitor | None = None
         if values['watch.reference']:
             if bending is not None:

@@ -110,6 +110,7 @@ class TaskStateTopic:
     def _message(self, latest: _Moment) -> TaskState:
         """Return the message of a state."""
         robot = self._robot
+        # Without a target the frame is at its own.
         pose = robot.frame_pose(self._frame, latest.q)
         desired = pose if latest.snapshot.desired is None else latest.snapshot.desired
         error = pose_error(pose, desired)

@@ -69,6 +69,7 @@ class LiveParameters:
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
         """Check a set of changes as a whole, without applying it."""
+        # All changes or none: they are staged until ROS has accepted them.
         staged = dict(self._present)
         try:
             for change in changes:

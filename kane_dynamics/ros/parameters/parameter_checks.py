@@ -223,6 +223,7 @@ def per_joint(values: Mapping[str, Any], name: str, joints: Sequence[str],
 
     """
     value = values[name]
+    # An empty list, the default of such parameters.
     if value.shape == (0,):
         value = np.asarray(empty, dtype=np.float64)
     if value.shape not in ((), (len(joints),)):

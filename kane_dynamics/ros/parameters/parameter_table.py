@@ -51,6 +51,7 @@ class Spec:
         if self.choices:
             words_of_kind = 'a list of some of' if self.kind == 'names' else 'one of'
             return f'{words_of_kind} {", ".join(self.choices)}'
+        # Words for each kind, which appear in the description and in errors.
         words = {'text': 'a string',
                  'flag': 'true or false',
                  'names': 'a list of names, each once',

@@ -93,6 +93,7 @@ def cartesian_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any
         raise InputError("parameter 'cartesian.stiffness': "
                          f'{values["cartesian.stiffness"].tolist()}; expected six '
                          'numbers of at least 0')
+    # Parameters in the words of the law.
     joints = robot.joint_names
     settings = {
         'stiffness': values['cartesian.stiffness'],
@@ -143,6 +144,7 @@ def guiding_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
         raise InputError(f"parameter 'hand_guiding.planes': {len(planes)} numbers; "
                          'expected four for each plane')
     joints = robot.joint_names
+    # Friction that the arm does not compensate, guiding does not compensate either.
     friction = values['hand_guiding.friction']
     if not terms(values).friction:
         friction = 0.0

@@ -324,6 +324,7 @@ class PlantNode(Node):
 
     def _state_in_words(self, speed: float) -> tuple[bytes, str]:
         """Return level and message of the simulation, without delays of its ticks."""
+        # The most severe state first.
         plant = self.plant
         running = f'running at {speed:.2f} times real time'
         if self.failure:

@@ -187,6 +187,8 @@ class Services(Node):
         """Execute one goal of the action, with feedback and cancellation."""
         result = SimulateMotion.Result()
         try:
+            # The simulation runs in the worker's thread; this coroutine only waits for
+            # it.
             simulation = SimulationRequest.from_request(handle.request, self._require())
             report = GoalProgress(handle, simulation.duration, self.worker)
             await self.worker.submit(lambda: simulation.run(result, report),

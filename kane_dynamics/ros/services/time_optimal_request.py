@@ -95,6 +95,7 @@ def _points(served: ServedRobot, request: Any, order: Sequence[int]
         Positions, velocities and accelerations, (K, n); the last two may be None.
 
     """
+    # Without times the points are a path alone, which has no derivatives.
     times = np.array(request.time_from_start)
     count = len(times) or len(request.positions) // len(order)
     check_points(count, served.values['trajectory.max_points'])

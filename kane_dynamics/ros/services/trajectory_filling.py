@@ -101,6 +101,7 @@ def serialized_trajectory(header: TrajectoryHeader, filled: FilledTrajectory) ->
     STAMP.pack_into(writer.data, STAMP_AT, *header.stamp)
     writer.text(header.frame_id)
     writer.texts(filled.joint_names)
+    # CDR: a count before each sequence, and doubles at multiples of eight bytes.
     writer.word(len(filled.times))
     n = len(filled.joint_names)
     fields = (*FIELDS, 'efforts')
@@ -112,7 +113,10 @@ def serialized_trajectory(header: TrajectoryHeader, filled: FilledTrajectory) ->
         points[name]['count'] = n
         points[name]['values'] = getattr(filled, name)
     times = np.rint(filled.times * NANO).astype(np.int64)
-    points['sec'], points['nanosec'] = np.divmod(times, NANO)
+    sec, nanosec = np.divmod(times, NANO)
+    points['sec'] = sec
+    points['nanosec'] = nanosec
+    # The first doubles may be aligned already where the points begin.
     body = points.tobytes()
     if (len(writer.data) - HEAD) % 8:
         body = body[:4] + body[8:]  # without the padding behind the first count

@@ -110,6 +110,8 @@ class CartesianMode(NativeLaw):
                 return np.concatenate(cycle.torque(q, u, stamp, begins, memory, settings,
                                                    orders, t=t, parameters=parameters))
             return row
+        # The memory of a cycle is an argument, so that the cycle is a function without
+        # state.
         joints = len(robot.joint_names)
         memory = memory_size(robot.n_q)
         inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'clock': (2,),

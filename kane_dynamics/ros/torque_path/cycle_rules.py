@@ -357,6 +357,7 @@ def _parts(array: Vector, sizes: list[int]) -> list[Vector]:
 def initial_path(shape: PathShape, now: float, arbitration: Arbitration = UNGUARDED,
                  loops: Vector | None = None) -> PathState:
     """Return the state of a path that starts."""
+    # No state was accepted, nothing commanded, and no request is known.
     zeros = np.zeros(shape.commanded)
     at_rest = np.zeros(2 * shape.n)
     states = StateMemory.empty(shape.n)
@@ -502,8 +503,10 @@ def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings)
     """
     now = event.now
     stamp = event.stamp
+    # The clock first: what it drops must not be judged.
     path = at_time(path, now, settings)
     moment = select(now < stamp, now, stamp)
+    # Judged at its stamp, but not in the future.
     check = CheckSettings(settings.timeout, settings.compares, settings.turned,
                           settings.bounds)
     outcome, states = judged(path.states, moment, state, check)
@@ -546,6 +549,7 @@ def answer(robot: Robot, law: TracedLaw, path: PathState, event: Event, state: V
     torque is not finite, the path stays, with the reason `NO_TORQUE`, or `REFUSED` where
     closed loops do not determine it.
     """
+    # The measured state; with closed loops that of the whole mechanism.
     stamp = event.stamp
     q, u = np.split(_measured(path, state), 2)
     path = with_new_settings(path, settings)
@@ -559,9 +563,11 @@ def answer(robot: Robot, law: TracedLaw, path: PathState, event: Event, state: V
         settings.law[:law.settings], parameters, limits,
         _external(robot, q, event.now, settings)))
     is_finite = finite(torque)
+    # Blended from the last command after a change, then limited in effort and in rate.
     blended, path_then = _blended(path, stamp, torque, settings)
     clamped, tau = _limited(path_then, stamp, blended, settings)
     stamp_kept = select(event.now < stamp, event.now, stamp)
+    # Faults end with a command, and its stamp is that of the last one.
     commanded = _kept(path_then, stamp_kept, state)._replace(
         reason=float(ACCEPTED), publish=1.0, sent_at=stamp, last_stamp=stamp_kept,
         refusing=0.0, fault=0.0, stop_began=NEVER, timed_out=0.0, commanding=1.0,
@@ -736,6 +742,7 @@ def _stopping(robot: Robot, terms: Terms, path: PathState, reason: Scalar,
               settings: CycleSettings, parameters: Vector, loops: ClosedLoopRules | None
               ) -> PathState:
     """Return the path whose arm begins to stop, from where the model says that it is."""
+    # Where the arm is by now, if it followed the last command since the last state.
     states = path.states
     q, u = np.split(states.accepted, 2)
     elapsed = (path.last_heard - states.stamp) / NANO
@@ -744,6 +751,7 @@ def _stopping(robot: Robot, terms: Terms, path: PathState, reason: Scalar,
                                                path.tau, elapsed, parameters))
     else:
         reached = loops.reached(path, elapsed, parameters)
+    # Without a finite prediction it is taken to stay.
     rest = np.concatenate([q, 0.0 * u])
     stop = either(finite(reached), reached, rest)
     began, speeds = np.split(stop, 2)

@@ -197,8 +197,11 @@ class JointStateReader:
         self.need_effort = False
         self.has_velocity = False
         self.judged = False
+        # Joints of messages that were warned of already.
         self.foreign_joints: set[tuple[str, ...]] = set()
         self.partial_joints: set[tuple[str, ...]] = set()
+        # Arrays that are filled in place at each message: q and u are views of the
+        # state.
         self.state = np.zeros(2 * len(self.joints))
         self._q, self._u = np.split(self.state, 2)
         self.q = self._q

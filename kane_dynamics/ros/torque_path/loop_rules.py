@@ -144,6 +144,7 @@ class LoopRules:
         """Return the path after a call, with the reason if the state is refused."""
         memory = self.memory(path)
         moment = path.last_heard
+        # A search may need several calls; only its last one changes the memory.
         ended = 1.0 - after.searching
         reached = ended * flag(after.outcome < 0.5)
         lost = ended * before.known * (1.0 - after.known)
@@ -154,6 +155,7 @@ class LoopRules:
                                  either(is_known, since_before, NANO),
                                  moment - memory.latest)
         may_be = either(is_known, may_be, 1.0)
+        # The assembly mode is known only as long as no state could have been singular.
         after = after._replace(known=either(lost, 1.0 - may_be, after.known))
         kept = memory._replace(
             measured=packed(after),

@@ -44,6 +44,7 @@ class MotorSideMode(LiveLaw):
         self._robot = robot
         options = {name: robot.options[name]
                    for name in ('payload_frame', 'feedforward_friction')}
+        # The elastic arm for the law; the rigid one of the node stays for all else.
         self._elastic = Robot(model, **options)
         self._arm = ElasticArm(self._elastic)
         self._arm.require_deflections()
@@ -52,6 +53,7 @@ class MotorSideMode(LiveLaw):
         inputs: dict[str, tuple[int, ...]] = {
             'measured': (n,), 'rates': (n,), 'desired': (5, n),
             'ahead': (5, n), 'kp': (n,), 'kd': (n,)}
+        # Feedback of the side whose encoders the joint states are from.
         law = self._arm.feedback_of_motors
         if self._side == LINK:
             law = self._arm.feedback_of_links
@@ -70,7 +72,9 @@ class MotorSideMode(LiveLaw):
                              f'{list(values["arm_compensates"])}; expected none, as the '
                              'feedforward of elastic joints has all terms')
         names = self._arm.names
-        default_kp, inertia = np.full((2, len(names)), np.nan)
+        # By default a share of the spring, critically damped with the rotor.
+        default_kp = np.full(len(names), np.nan)
+        inertia = np.full(len(names), np.nan)
         for k, side in self._arm.drives.items():
             default_kp[k] = SHARE * side.drive.stiffness_at_rest
             inertia[k] = side.drive.rotor_inertia

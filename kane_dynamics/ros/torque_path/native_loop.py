@@ -90,22 +90,25 @@ class CycleKernels:
     def __init__(self, robot: Robot, terms: Terms, laws: Mapping[Mode, TracedLaw],
                  loops: LoopRules | None = None, commanded: int | None = None) -> None:
         self._robot = robot
+        most_settings = max(law.settings for law in laws.values())
+        most_memory = max(law.memory for law in laws.values())
         self.shape = PathShape(
             robot.n, robot.n_q if commanded is None else commanded, robot.n_q,
-            len(robot.equations.wrench_frames),
-            max(law.settings for law in laws.values()),
-            max(law.memory for law in laws.values()), loops.size if loops else 0)
-        # Names distinguish kernels, so that terms, sizes and variants are part of them.
+            len(robot.equations.wrench_frames), most_settings, most_memory,
+            loops.size if loops else 0)
+
+        # Names distinguish kernels, so that terms, sizes and joints are part of them.
         weights = ''.join(str(int(weight)) for weight in terms.weights)
-        sizes = '_'.join(map(str, self.shape))
-        self._label = f'{weights}_{sizes}'
+        words = [weights, *map(str, self.shape)]
+        further: set[int] = set()
         if loops is not None:
-            joints = (*loops.joints.followed, *loops.joints.commanded)
-            self._label += '_' + '_'.join(map(str, joints))
-        self.further = np.zeros(0, dtype=np.int64)
-        if loops is not None:
-            others = set(range(robot.n_q)) - set(loops.joints.followed)
-            self.further = np.array(sorted(others), dtype=np.int64)
+            words += map(str, (*loops.joints.followed, *loops.joints.commanded))
+            further = set(range(robot.n_q)) - set(loops.joints.followed)
+        self._label = '_'.join(words)
+        # Joints beside those that follow, whose measured positions are compared.
+        self.further = np.array(sorted(further), dtype=np.int64)
+
+        # A kernel for each rule of the cycle; answers and aims depend on the mode.
         self.by_name: dict[str, Kernel] = {}
         self.answers: dict[Mode, Kernel] = {}
         self.aims: dict[Mode, Kernel] = {}
@@ -179,6 +182,7 @@ class CycleKernels:
                   'settings': (cycle_rules.settings_size(shape),)}
         inputs = INPUTS[name]
 
+        # Rules take and return records; kernels have arrays.
         def compiled(*arrays: Vector, parameters: Vector, limits: Vector) -> Vector:
             arguments: list[Any] = []
             for key, array in zip(inputs, arrays, strict=True):
@@ -236,6 +240,8 @@ class CyclePlan:
         number, message = replay
         data = np.frombuffer(message, dtype=np.uint8).copy()
         at_rest = np.zeros((6, 3 * shape.n))
+        # The words of the plan, by name: numbers and addresses that the native loop
+        # reads.
         layout_words = [self._layout(layout) for layout in layouts]
         words = {'PERIOD': period,
                  'LAYOUTS': self._words(layout_words), 'LAYOUT_COUNT': len(layouts),
@@ -247,6 +253,7 @@ class CyclePlan:
         called['ANSWER'] = kernels.answers[mode]
         if mode in kernels.aims:
             called['AIM'] = kernels.aims[mode]
+        # Kernels of the guard are called only where there is one.
         if longest is None:
             for name in OF_GUARD:
                 del called[name]
@@ -278,6 +285,7 @@ class CyclePlan:
         length = len(layout.buffer)
         mask = np.frombuffer(layout.mask.to_bytes(length, 'little'), dtype=np.uint8)
         expected = (layout.expected & layout.mask).to_bytes(length, 'little')
+        # Places of the joints' entries in the message, and where they go in the state.
         entries = layout.index
         places = np.arange(len(entries))
         constants = np.zeros(shape.state)
@@ -393,6 +401,7 @@ class NativeLoop:
     def _describe_memory(self) -> None:
         """Write the addresses and sizes of the memory into the block."""
         from_guard = float64_multi_array(len(self.heard))
+        # Addresses stay valid because these arrays live as long as the loop.
         self._set(RING=self._ring.ctypes.data, SLOTS=SLOTS,
                   SLOT_SIZE=self._ring.shape[1], INFO=self._info.ctypes.data)
         self._set(PATH=self.path.ctypes.data, RESULT=self.result.ctypes.data,
@@ -444,6 +453,7 @@ class NativeLoop:
         self._wake = rcl.wake
         self.use_clock(rcl.address('rcl_clock_get_now'), rcl.clock)
         self._set(PUBLISH=rcl.address('rcl_publish_serialized_message'))
+        # Inputs that this node does not have keep their address of zero.
         for name, place in (('GUARD_INPUT', guard_input), ('CLOCK_INPUT', clock_input)):
             if place is not None:
                 self._set(**{name: self._input(rcl, place)})
@@ -526,6 +536,7 @@ class NativeLoop:
             The system starts no thread.
 
         """
+        # Signals are blocked while the thread starts, so that it inherits the mask.
         thread = ctypes.c_ulong()
         blocked = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
         try:

@@ -426,6 +426,8 @@ class NativeTorquePath(TorquePath):
         """Start; the first command follows the first states."""
         self.running = False
         super().start()
+        # Counts and clocks begin again; what was unsent or not taken before is not
+        # reported.
         loop = self.native
         self._epoch = self._now()
         self._last = self._initial()
@@ -545,6 +547,7 @@ class NativeTorquePath(TorquePath):
         if report.kind == UNKNOWN:
             self._learn(report)
             return
+        # Times of the thread count from the activation.
         now = round(float(report.event[NOW])) + self._epoch
         dropped = self._note_drop(report, now)
         if self._guard is not None:
@@ -684,6 +687,7 @@ class NativeTorquePath(TorquePath):
             self._drop(LEARNED, f'{len(report.message)} bytes; the next one of its '
                        'publisher is judged at once')
             return
+        # Faults of the stamp are explained as the interpreter's path does.
         if code < cycle_rules.NOT_FINITE:
             last = round(float(path.last_stamp)) + self._epoch
             # state_timeout may have changed since the thread has compared the times.
@@ -707,6 +711,7 @@ class NativeTorquePath(TorquePath):
             reason = FAULTS[code - cycle_rules.NOT_FINITE + 1] or ''
             detail = self.states.explain(reason, path.states)
         self._drop(reason, detail)
+        # The first refusal of a fault clears the motion; later ones are counted.
         if self._begins_fault(path):
             self.fault = reason
             dropped = self._clear_motion(f'joint states are refused: {reason}', path)

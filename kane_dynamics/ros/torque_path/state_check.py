@@ -218,12 +218,14 @@ class StateCheck:
         jitter = values['state_check.jitter']
         fastest = factor * speed_limits(self._robot, values)[places]
         may_turn = not Mode(values['mode']).is_stiff
+        # Joints without a limit of speed are not compared with the last state.
         limited = np.isfinite(fastest)
         slope = np.where(limited, fastest, 0.0)
         step = np.where(limited, noise + jitter * slope, UNLIMITED)
         margin += ROUNDING
         lower = limits.lower[places] - margin
         upper = limits.upper[places] + margin
+        # A joint without limits may have turned by whole turns between two states.
         self.turned[:] = self._turning * may_turn
         self.bounds[:] = np.clip([lower, upper, fastest, slope, step], -UNLIMITED,
                                  UNLIMITED)
@@ -398,6 +400,7 @@ def state_fault(state: Vector, bounds: Vector, jumped: Vector) -> Scalar:
         inside = select(between(lower[j], q[j], upper[j]) > 0.5, inside, 0.0)
         slow = select(between(-fastest[j], u[j], fastest[j]) > 0.5, slow, 0.0)
         near = select(jumped[j] > 0.5, 0.0, near)
+    # The most basic fault counts: outside the limits, then too fast, then a jump.
     fault = select(near > 0.5, 0.0, float(FAULTS.index(JUMP)))
     fault = select(slow > 0.5, fault, float(FAULTS.index(TOO_FAST)))
     return select(inside > 0.5, fault, float(FAULTS.index(OUTSIDE)))
@@ -540,6 +543,7 @@ def state_kernel(robot: Robot, turning: Array) -> Kernel:
         can_turn = np.where(turning, turned, 0.0)
         fault, then = judged(StateMemory.of(memory), moment, state,
                              CheckSettings(timeout, compares, can_turn, bounds))
+        # After a fault the last accepted state stays the one to compare with.
         kept = then.kept(moment, state)
         return np.array([fault, *packed(then), *packed(kept)])
     joints = ''.join(str(int(turns)) for turns in turning)

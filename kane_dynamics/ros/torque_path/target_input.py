@@ -192,6 +192,7 @@ class TargetInput:
         speed^2 / (2 acceleration) further on, where a stretched arm may come back on the
         other side of a singular configuration.
         """
+        # A pose is part of a stream if the one before came a short time ago.
         elapsed = (stamp - self._stamps[POSE]) / NANO
         in_stream = self._last_pose is not None and 0.0 < elapsed <= LONGEST_PERIOD
         if not self._moves_freely or not in_stream:
@@ -202,6 +203,7 @@ class TargetInput:
         # The target is no faster than its limits, in the direction of the stream.
         share = np.minimum(1.0, self._fastest / np.maximum(speeds, TINY))
         twist = share * self._difference / elapsed
+        # The distance in which the target would stop from this speed: v^2 / (2 a).
         self._advance[:] = share * speeds * twist / (2.0 * self._accelerations)
         if max(largest_of(self._advance)) <= REACHED:
             return False
@@ -213,6 +215,7 @@ class TargetInput:
         message = self._accepted(TWIST, data, TwistStamped, 6, _twist_numbers)
         if message is None:
             return
+        # In world axes, and no faster than the limits.
         twist = self._in_axes(TWIST, message)
         if twist is None or not self._is_small(TWIST, message, self._fastest,
                                                'target.max_speed and '
@@ -241,6 +244,7 @@ class TargetInput:
                   numbers_of: Callable[[Any], Array]) -> StampedNumbers | None:
         """Return a message whose mode, numbers and stamp are valid, else None."""
         path = self._path
+        # From the cheapest check to the dearest; each has its own reason.
         if not path.running:
             self._refuse(topic, INACTIVE, 'expected an active node')
             return None

@@ -205,6 +205,7 @@ class TorquePath:
     def start(self) -> None:
         """Start; the first command follows the first state."""
         self.active_motion.clear('the node was activated')
+        # Everything that refers to an earlier activation is forgotten.
         self.ended = ''
         self.timed_out = False
         self.last_update = 0.0

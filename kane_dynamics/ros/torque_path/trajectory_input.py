@@ -136,6 +136,7 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int,
     active_motion = path.active_motion
     now = path.now
     generation = active_motion.generation
+    # A message that was under way while the motion was cleared belongs to the past.
     if 0 < received < active_motion.cleared_at:
         raise InputError('joint_trajectory: received before the node was activated, '
                          'ended its motion, timed out, or changed clock or mode; '

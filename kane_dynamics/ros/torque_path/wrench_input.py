@@ -251,6 +251,7 @@ def wrenches_of_request(frames: WrenchFrames, q: Array,
 
     Raise InputError if a frame is unknown or used twice, or a number is not finite.
     """
+    # Each frame has one wrench; their sum would not say which the sender meant.
     wrenches: dict[int, Array] = {}
     for message in messages:
         wrench = wrench_array(message)

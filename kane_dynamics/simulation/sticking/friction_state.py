@@ -248,9 +248,12 @@ class FrictionState:
     @lazy_property
     def kernel(self) -> Kernel:
         """Return the kernel of `Forces`."""
-        robot, joints, dual_to = self.robot, self.joints, self.dual_to
+        robot = self.robot
+        joints = self.joints
+        dual_to = self.dual_to
         equations: Any = robot.equations
-        n, k = robot.n, len(joints)
+        n = robot.n
+        k = len(joints)
 
         def forces(q: Vector, u: Vector, tau: Vector, directions: Vector, t: Scalar,
                    parameters: Vector) -> Vector:
@@ -261,6 +264,8 @@ class FrictionState:
         if dual_to is not None:
             name = f'{name}_dual_to_{"_".join(dual_to)}'
         tau_size = n if dual_to is None else len(dual_to)
+        # udot; v and a of the joints; B and T_s B; both bounds and driving torques;
+        # friction of all joints.
         return robot.compiled(forces, name=name, q=(robot.n_q,), u=(n,), tau=(tau_size,),
                               directions=(k,), shape=(n + 5 * k + n * k + k * k + robot.model.n,))
 
@@ -344,14 +349,18 @@ class FrictionState:
 
     def _begins(self, forces: Forces, directions: Array, at_stop: Array) -> '_Begins':
         """Return the joints at rest that begin to slide, and set their directions."""
+        # Joints at rest hold each other by forces within their bounds, as solved for
+        # all at once.
         resting = np.flatnonzero(directions == 0.0)
         least, largest = bounds(forces, at_stop * (directions == 0.0))
         A = forces.A[np.ix_(resting, resting)]
         f = held_forces(forces.a[resting], A, least[resting], largest[resting])
         a = forces.a[resting] + A @ f
         moves = np.abs(a) > NEGLIGIBLE * np.abs(forces.a).max(initial=1e-300)
+        # Nothing moves: constraints may hold joints whose friction is at its bound.
         if not moves.any() and self.constrained:
             self._saturate(directions, resting, f, least[resting], largest[resting])
+        # The others begin to slide the way they accelerate.
         directions[resting[moves]] = np.sign(a[moves])
         return _Begins(resting[moves], (f - a / np.diag(A))[moves])
 
@@ -367,6 +376,7 @@ class FrictionState:
         torques = tau
         if not robot.equations.in_joint_rates:
             torques = robot.joint_torques(tau, q, t=t)
+        # f - a / A_jj is the force that would have held the joint by itself.
         for row, force in zip(begins.joints.tolist(), begins.needed):
             joint = robot.model.coordinate_joints[self.joints[row]]
             x = torques[self.joints[row]] - joint.friction_offset
@@ -404,6 +414,8 @@ def friction_state(robot: Robot, stops: bool,
 def traced_forces(equations: Any, joints: list[int], q: Vector, u: Vector, tau: Vector,
                   directions: Vector, t: Scalar, parameters: Vector) -> Vector:
     """Return the entries of `Forces` in a row; `tau` is dual to the robot's speeds."""
+    # M udot = net, with the friction of sliding joints; B = M^-1 T_s^T responds to
+    # forces on the joints.
     sliding = of_all_joints(equations, joints, directions)
     system = linear_system(equations, q, u, tau, None, parameters, t, sliding)
     T = np.eye(equations.n) if system.T is None else system.T
@@ -411,6 +423,7 @@ def traced_forces(equations: Any, joints: list[int], q: Vector, u: Vector, tau: 
     factors = factorize(system.M, system.order)
     udot = solve(factors, system.order, system.net)
     B = np.stack([solve(factors, system.order, row) for row in T_s], axis=1)
+    # Accelerations of the joints without holding forces; with them, a + T_s B f.
     a = T_s @ udot + system.drift[joints]
     least, largest = friction_bounds(equations, joints, q, tau, t)
     driving = driving_torques(equations, joints, q, system.v, tau, directions, t)
@@ -439,21 +452,24 @@ def friction_bounds(equations: Equations, joints: list[int], q: Vector, tau: Vec
         torques = equations.drive_torques(q, tau, t)
     least: list[Scalar] = [0.0] * model.n
     largest: list[Scalar] = [0.0] * model.n
-    for body in model.bodies if equations.friction else ():
-        joint = body.joint
-        r, m = joint.coordinate, joint.multiplier
-        low, high = holding_friction(joint, torques[r])
-        if m < 0.0:
-            low, high = high, low
-        # The force on the joint is opposite to the torque that overcomes friction.
-        least[r] = least[r] - m * high
-        largest[r] = largest[r] - m * low
-    return np.array([least[r] for r in joints]), np.array([largest[r] for r in joints])
+    if equations.friction:
+        # A coordinate has the friction of its joint and of those that mimic it.
+        for body in model.bodies:
+            joint = body.joint
+            r = joint.coordinate
+            low, high = holding_friction(joint, torques[r])
+            if joint.multiplier < 0.0:
+                low, high = high, low
+            # The force on the joint is opposite to the torque that overcomes friction.
+            least[r] = least[r] - joint.multiplier * high
+            largest[r] = largest[r] - joint.multiplier * low
+    return np.array(least)[joints], np.array(largest)[joints]
 
 
 def driving_torques(equations: Equations, joints: list[int], q: Vector, rates: Vector,
                     tau: Vector, directions: Vector, t: Scalar) -> Vector:
     """Return `friction.driving_torque` of self-locking joints, (k,); 1 of the others."""
+    # A positive value drives; all other joints always do.
     result: list[Scalar] = [1.0] * len(joints)
     if not equations.carries_loads:
         return np.array(result)

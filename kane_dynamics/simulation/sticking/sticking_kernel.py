@@ -45,6 +45,7 @@ def sticking_kernel(choice: StepChoice, state: FrictionState, holds: bool) -> Ke
         Whether joints may be held; without any the step takes less time.
 
     """
+    # Two kernels: one that holds joints at rest, and one for steps in which all slide.
     robot = state.robot
     choice = choice.needed(robot)
     k = len(state.joints)
@@ -71,6 +72,7 @@ def _traced_row(contact: FrictionState, choice: StepChoice, holds: bool, state: 
         return motions[0]
     after = traced_step(robot, choice, state, inputs, constants, motion)
 
+    # Rounding would let held joints of closed loops creep.
     if holds and contact.constrained:
         after = without_drift(contact, modes, after, constants)
 
@@ -148,12 +150,14 @@ def _at_stops(contact: FrictionState, modes: Matrix, after: Vector,
     """Return a state in which joints that press against stops are at them."""
     robot = contact.robot
     equations: Any = robot.equations
+    # Places and rates of the joints at stops are corrected by the loops' own equations.
     q, u, time_and_margin = np.split(after, [robot.n_q, robot.n_q + robot.n])
     time = list(time_and_margin[:int(equations.timed)])
     parameters = constants[-len(robot.parameters.block):]
     coordinates = []
     touching = []
     stops = []
+    # Only joints with a coordinate have stops; `side` is 0 away from both.
     for place, (_, side, lower, upper) in zip(contact.places.tolist(), modes.T):
         if place >= 0:
             coordinates.append(place)
@@ -241,6 +245,8 @@ class FrictionMotion(HeldMotion):
         """Return what holds joints, bounds of friction, and the torques that drive."""
         results: list[Scalar] = []
         q, u, tau, directions, t, solution = stage
+        # What the checks at both ends of the step need, in the order in which they read
+        # it.
         if self._holds:
             least, largest = friction_bounds(self.equations, self._joints, q, tau, t)
             results += [*solution.f, *least, *largest]

@@ -56,6 +56,7 @@ class _Event(NamedTuple):
 
 def _kernels(choice: StepChoice, contact: FrictionState) -> EventKernels:
     """Return the kernels of one choice of the step, which slides or also sticks."""
+    # Kernels are kept with the robot: many simulations use the same.
     key = 'sticking', choice.needed(contact.robot), contact.stops
     kept = contact.robot.kernels.kept
     if key not in kept:
@@ -135,9 +136,11 @@ class Sticking:
         simulations = source.simulations
         if simulations is None:
             simulations = range(len(buffer))
+        # Each simulation has its own transitions, and is stepped by itself.
         for row, i in enumerate(simulations):
             self._forget(i, done)
             self._follow(source.alone(row), i, buffer[row], done)
+        # A single simulation needs no extremes: its watchers read the rows.
         if source.single:
             return None
         return buffer[:, 1:].min(axis=1), buffer[:, 1:].max(axis=1)
@@ -152,6 +155,7 @@ class Sticking:
     def settle(self, done: int) -> list[Impact]:
         """Close the impacts so far and return them; as `JointStops.settle`."""
         settled = []
+        # Steps count from the begin of the simulation, impacts from that of the buffer.
         for i, steps in self._impacts.items():
             for step, impacts in steps.items():
                 for loss, unresolved in impacts:
@@ -346,6 +350,8 @@ class _Path:
         return rows[:computed + 1], refused_state, None
 
     def _settled(self, state: Array, step: int) -> FrictionModes | None:
+        # The search settles first: which joints stick, given the forces at the
+        # beginning.
         """Return the modes at the beginning of a step, or None without a solution."""
         # The inputs of the beginning of the step, at all of its moments.
         inputs = self.source.inputs(step, 1)[0, 0]
@@ -357,6 +363,7 @@ class _Path:
              modes: FrictionModes) -> Array:
         """Return the state after a part of a step, `passed` s after its beginning."""
         constants = self.source.constants.copy()
+        # The step's kernel, with a part's length and the inputs at its own moments.
         constants[self._place_of_step] = length
         inputs = self.source.inputs_within(step, passed, length)
         kernel = self._kernels.special if modes.held.any() else self._kernels.plain
@@ -385,6 +392,7 @@ class _Path:
         """Return the functions of `_Event` at a state, (5 k,)."""
         contact = self.contact
         k = len(contact.joints)
+        # Functions that are not watched stay infinite.
         reversal, forward, backward, stops, locking = np.full((5, k), np.inf)
         tau, t = self._torque(state, step, passed)
         forces = contact.forces(state, tau, modes.directions, t)
@@ -393,11 +401,13 @@ class _Path:
         # A joint at its bound that begins to move slides from then on.
         still = np.abs(modes.directions) > 1.5
         reversal[still] = 2.0 * contact.slow[still] - np.abs(forces.v[still])
+        # Held joints: how far their forces are from either bound.
         f = forces.holding(held)
         least, largest = bounds(forces, modes.sides)
         rounding = MARGIN * np.abs(f)
         forward[held] = (f - least + rounding)[held]
         backward[held] = (largest - f + rounding)[held]
+        # Free joints: the distance to the nearer stop.
         if contact.stops:
             x = np.where(contact.places < 0, 0.0, state[contact.places])
             free = (modes.sides == 0.0) & (contact.places >= 0)
@@ -478,10 +488,13 @@ class _Path:
 
     def _lock(self, state: Array, step: int, passed: float, joints: Array) -> '_Hit':
         """Stop self-locking joints at once, and return the energy that this takes."""
-        n_q, n = self._n_q, self._n
+        n_q = self._n_q
+        n = self._n
         before = state[n_q:n_q + n].copy()
         tau, t = self._torque(state, step, passed)
         forces = self.contact.forces(state, tau, np.zeros(len(self.contact.joints)), t)
+        # Impulses p with v + A p = 0 end the rates of these joints; B p changes all
+        # speeds.
         A = forces.A[np.ix_(joints, joints)]
         impulses = np.linalg.solve(A, -forces.v[joints])
         state[n_q:n_q + n] += forces.B[:, joints] @ impulses
@@ -493,10 +506,12 @@ class _Path:
              before: Array) -> '_Hit':
         """Return an impact after which a state is; `before` are the speeds before, (n,)."""
         robot = self.source.robot
-        n_q, n = self._n_q, self._n
+        n_q = self._n_q
+        n = self._n
         size = state_layout(robot).without_margin
         former = state[:size].copy()
         former[n_q:n_q + n] = before
+        # What the impact takes of the kinetic energy.
         terms = energy_kernel(robot, True)(np.stack([former, state[:size]]))
         loss = float(terms[0, 0] - terms[1, 0])
         unresolved = self._step * abs(float(terms[0, 2] - terms[1, 2]))
@@ -561,11 +576,15 @@ def first_root(function: Callable[[float], float], end: float, resolution: float
     The function is negative at `end`. The method of regula falsi (Illinois) and bisection
     alternate where it is slow.
     """
-    low, high = 0.0, end
-    f_low, f_high = function(low), function(high)
+    low = 0.0
+    high = end
+    f_low = function(low)
+    f_high = function(high)
     if f_low < 0.0:
         return 0.0
     last = 0
+    # Regula falsi; an end that stays twice has half of its value (Illinois), and every
+    # fourth time the interval is halved.
     for iteration in range(200):
         width = high - low
         if width <= resolution or f_high > -ROOT:

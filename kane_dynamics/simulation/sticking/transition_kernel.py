@@ -273,6 +273,7 @@ def _traced_settling(contact: FrictionState, choice: StepChoice, row: Vector,
     """Return the search after START, or after one change in SETTLE."""
     search = _fields(contact, row)
     step = _step_length(contact, choice, constants)
+    # The forces of the joints at rest, for START and for one change of the sets.
     here = _at_rest(contact, choice, search, inputs, constants)
     ones = np.ones(len(contact.joints))
     started = search._replace(phase=SETTLE, directions=_moving(contact, here.rates),
@@ -286,6 +287,7 @@ def _traced_search(contact: FrictionState, choice: StepChoice, row: Vector,
     """Return the search after BEGIN, END or one evaluation in SEARCH."""
     search = _fields(contact, row)
     step = _step_length(contact, choice, constants)
+    # One evaluation at the place of the phase: the begin, the end, or within a bracket.
     x = _place(search, step)
     here = _at_place(contact, choice, search, inputs, constants, x)
     begun = search._replace(
@@ -293,6 +295,7 @@ def _traced_search(contact: FrictionState, choice: StepChoice, row: Vector,
         power=search.power + select(search.transitions < 0.5, here.power, 0.0))
     ended = _ended(search, here, step)
     searched = _searched(search, here)
+    # The phase decides which result counts; all are computed, as a trace has no branch.
     late = _where(search.phase > 2.5, searched, ended)
     after = _where(search.phase > 1.5, late, begun)
     return _entries(_located(contact, after, search.phase, step))
@@ -338,6 +341,7 @@ def _after_part(contact: FrictionState, choice: StepChoice, search: Search,
     if contact.constrained:
         modes = np.array([search.directions, search.sides, search.lower, search.upper])
         end = without_drift(contact, modes, end, constants)
+    # In BEGIN nothing moves: the state is that of the part's begin.
     moves = search.phase > 1.5
     state = [select(moves, x_end, x_begin) for x_end, x_begin in zip(end, search.state)]
     return np.array(state), motions[0]
@@ -373,6 +377,7 @@ def _at_place(contact: FrictionState, choice: StepChoice, search: Search, inputs
     equations: Any = robot.equations
     state, motion = _after_part(contact, choice, search, inputs, constants, x)
     q, u, time = _parts(contact, state)
+    # Functions whose roots are transitions, then the power of friction there.
     tau = motion.torque(q, u, 2, *time)
     forces, least, largest = motion.holding(q, u, tau, time)
     least, largest = _with_stops(search.sides, least, largest)
@@ -385,6 +390,7 @@ def _at_place(contact: FrictionState, choice: StepChoice, search: Search, inputs
     t = time[0] if len(time) else 0.0
     friction = equations.driven_friction(q, equations.joint_speeds(q, u, *time), tau, t,
                                          directions)
+    # Friction takes power where joints slide: direction is not 0.
     power: Scalar = 0.0
     for joint, direction, rate in zip(contact.joints, search.directions, rates):
         power = power + direction * direction * magnitude(friction[joint] * rate)
@@ -452,12 +458,15 @@ def _forces_of_sets(search: Search, resting: list[Scalar], A: Matrix, a: Vector,
     Joints at a bound have its force; those that are held have the force that leaves them
     no acceleration.
     """
-    held, at_bounds = [], []
+    # Held joints do not accelerate; the others have the force at their bound.
+    held = []
+    at_bounds = []
     for j, rests in enumerate(resting):
         is_held = rests * search.held[j]
         bound = select(search.at_largest[j] > 0.5, largest[j], least[j])
         held.append(is_held > 0.5)
         at_bounds.append(select(rests - is_held > 0.5, bound, 0.0))
+    # A f = -a in the rows of held joints, with the stated forces of the others.
     stated = np.array(at_bounds)
     return stated - masked_solution(A, held, a + A @ stated)
 
@@ -484,6 +493,7 @@ def _sides_at(contact: FrictionState, q: Vector, search: Search) -> list[Scalar]
     sides: list[Scalar] = []
     for place, low, high, unit in zip(contact.places, search.lower, search.upper,
                                       contact.units):
+        # Without a stop or a coordinate, no side.
         if place < 0 or not contact.stops:
             sides.append(0.0)
             continue
@@ -497,20 +507,28 @@ def _sides_at(contact: FrictionState, q: Vector, search: Search) -> list[Scalar]
 def _functions(contact: FrictionState, search: Search, state: Vector, rates: Vector,
                forces: Vector, least: Vector, largest: Vector) -> Vector:
     """Return the functions whose roots are transitions, (kinds,), as `_Event`."""
-    reversal, forward, backward, distances = [], [], [], []
+    reversal = []
+    forward = []
+    backward = []
+    distances = []
     for j in range(len(contact.joints)):
-        direction, rounding = search.directions[j], MARGIN * magnitude(forces[j])
+        # Sliding joints: their rate along the direction, until it reverses.
+        direction = search.directions[j]
+        rounding = MARGIN * magnitude(forces[j])
         slides = direction * direction > 0.5
         ahead = direction * rates[j] + contact.slow[j]
         if contact.at_bound[j] > 1.0:  # one at its bound that begins to move slides
             still = 2.0 * contact.slow[j] - magnitude(rates[j])
             ahead = select(direction * direction > 1.5, still, ahead)
         reversal.append(select(slides, ahead, FAR))
+        # Held joints: the distance of the force from either bound.
         forward.append(select(slides, FAR, forces[j] - least[j] + rounding))
         backward.append(select(slides, FAR, largest[j] - forces[j] + rounding))
+        # Joints that do not press against a stop: the distance to the nearer one.
         distance: Scalar = FAR
         if contact.stops and contact.places[j] >= 0:
-            position, side = state[contact.places[j]], search.sides[j]
+            position = state[contact.places[j]]
+            side = search.sides[j]
             nearer = _least(position - search.lower[j], search.upper[j] - position)
             distance = select(side * side > 0.5, FAR, nearer)
         distances.append(distance)
@@ -546,6 +564,8 @@ def _settled(contact: FrictionState, search: Search, here: AtRest,
     held = _selected(starts_again, np.ones(k), sets.held)
     at_largest = _selected(starts_again, np.zeros(k), sets.at_largest)
 
+    # Whether any joint sticks from here on; a very short remainder of the step is left
+    # out.
     still = np.array(_resting(directions))
     holds: Scalar = 0.0
     for rests in still:
@@ -573,15 +593,20 @@ def _first_wrong_changed(search: Search, here: AtRest, resting: list[Scalar]) ->
     bound; one at a bound is wrong if it accelerates along the force, and is then held.
     """
     right: Scalar = 1.0  # of the joints so far
-    held, at_largest = [], []
+    held = []
+    at_largest = []
     for j, rests in enumerate(resting):
-        force, least, largest = here.forces[j], here.least[j], here.largest[j]
+        # A held joint is wrong beyond a bound; one at its bound, if it accelerates back.
+        force = here.forces[j]
+        least = here.least[j]
+        largest = here.largest[j]
         above = (largest + MARGIN * magnitude(largest)) < force
         below = force < (least - MARGIN * magnitude(least))
         exceeds = select(above, 1.0, below)
         along = select(search.at_largest[j] > 0.5, here.rounding[j] < here.a[j],
                        here.a[j] < -here.rounding[j])
         wrong = rests * select(search.held[j] > 0.5, exceeds, along)
+        # Only the first wrong one changes, as in `friction.held_forces`.
         changes = right * wrong > 0.5
         right = right * (1.0 - wrong)
         held.append(select(changes, 1.0 - search.held[j], search.held[j]))
@@ -599,6 +624,7 @@ class _Sliding(NamedTuple):
 def _sliding(search: Search, here: AtRest, resting: list[Scalar],
              right: Scalar) -> _Sliding:
     """Return the directions after joints at rest that accelerate begin to slide."""
+    # 1 until a joint begins to slide.
     nothing: Scalar = 1.0
     directions = []
     for direction, rests, a in zip(search.directions, resting, here.a):
@@ -616,6 +642,7 @@ def _selected(condition: Scalar, of_one: Vector, otherwise: Vector) -> Vector:
 def _saturated(contact: FrictionState, resting: list[Scalar], directions: Vector,
                here: AtRest) -> Vector:
     """Return directions of joints at rest as `FrictionState._saturate`."""
+    # Joints within their bounds rest; those at a bound get the direction of sliding.
     between = []
     any_between: Scalar = 0.0
     for rests, f, low, high in zip(resting, here.forces, here.least, here.largest):
@@ -632,6 +659,7 @@ def _saturated(contact: FrictionState, resting: list[Scalar], directions: Vector
 
 def _ended(search: Search, here: AtPlace, step: Scalar) -> Search:
     """Return the search at the end of the step: done, or with the bracket of a root."""
+    # Functions of different kinds are compared by their own sizes within the step.
     sizes = []
     for begin, end in zip(search.at_begin, here.functions):
         largest = _largest(magnitude(begin), magnitude(end))
@@ -639,6 +667,7 @@ def _ended(search: Search, here: AtPlace, step: Scalar) -> Search:
         sizes.append(select(infinite, 1.0, select(largest > 0.0, largest, 1.0)))
     size = np.array(sizes)
     happens = _smallest(here.functions) < 0.0
+    # Nothing happens: the step ends. Otherwise the root is bracketed by begin and end.
     left = step - search.passed
 
     def kept(x: Any, y: Any) -> Any:
@@ -658,7 +687,9 @@ def _searched(search: Search, here: AtPlace) -> Search:
     """Return the search with a smaller bracket."""
     f = _smallest(here.functions / search.size)
     past = f < 0.0
-    low, high, x = search.low, search.high, here.x
+    low = search.low
+    high = search.high
+    x = here.x
     # An end that stays twice has half of its value (Illinois).
     f_low = select(search.last < -0.5, 0.5 * search.f_low, search.f_low)
     f_high = select(search.last > 0.5, 0.5 * search.f_high, search.f_high)

@@ -47,12 +47,17 @@ def resting_sides(robot: Robot, q: Array, u: Array, lower: Array, upper: Array,
         The time, s.
 
     """
+    # At the nearer stop, with a rate of zero: to rounding of the loops under
+    # constraints.
     side, away = nearest_stops(q, lower, upper)
     if not robot.equations.in_joint_rates:
         units = coordinate_units(robot.model, robot.mechanism.constraints)
-        near, slow = TOUCHING * units, AT_REST * units
+        near = TOUCHING * units
+        slow = AT_REST * units
     else:
-        near = slow = np.zeros(robot.n_q)  # joints of trees rest at their stops exactly
+        # Joints of trees rest at their stops exactly.
+        near = np.zeros(robot.n_q)
+        slow = near
     resting = (np.abs(away) <= near) & (np.abs(robot.joint_rates(q, u, t=t)) <= slow)
     sides: Array = side * resting
     return sides
@@ -146,9 +151,11 @@ def resolved_state(robot: Robot, state: Array, t: float, lower: Array, upper: Ar
         s.
 
     """
-    n_q, n = robot.n_q, robot.n
+    n_q = robot.n_q
+    n = robot.n
     constrained = not robot.equations.in_joint_rates
-    q, u = state[:n_q].copy(), state[n_q:n_q + n].copy()
+    q = state[:n_q].copy()
+    u = state[n_q:n_q + n].copy()
     # Impulses that the forces in the step had on positions and on speeds.
     applied = np.zeros((2, n_q))
     if force is not None:
@@ -160,7 +167,10 @@ def resolved_state(robot: Robot, state: Array, t: float, lower: Array, upper: Ar
         else:
             against = against[places]
         applied[:, places] = np.maximum(0.0, held[places] * against)
+        # Half of h^2 f on positions, h f on speeds.
         applied *= [[0.5 * step * step], [step]]
+    # Positions back to the stops and rates into them ended; with constraints, by all
+    # joints.
     if constrained:
         q, u, speeds = admissible_state(robot, q, u, t, lower, upper, applied)
     else:
@@ -234,11 +244,14 @@ def _partial_rates(robot: Robot, q: Array, t: float) -> tuple[Array, Array, Arra
 def _closed(robot: Robot, q: Array, t: float) -> Array:
     """Return q on unit quaternions after two Newton steps on the loops."""
     equations: Any = robot.equations
+    # Without closed loops only the quaternions have a length to keep.
     if not equations.keeps_positions(q, t):
         return np.asarray(on_unit_quaternions(robot.model, q))
     kernel = robot.compiled(lambda q, t: equations.closure_step(q, t),
                             name='closure_step',
                             q=(robot.n_q,), t=(), shape=(robot.n_q,))
+    # Newton's method converges quadratically: two steps reach rounding from a step's
+    # drift.
     result: Array = on_unit_quaternions(robot.model, kernel(kernel(q, t), t))
     return result
 

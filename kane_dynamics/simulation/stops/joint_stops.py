@@ -203,9 +203,12 @@ class JointStops:
         follow as long as they are valid, and a step with an impulse where they are not.
         """
         end = len(rows) - 1
-        at, computed, piece = 0, end, 1  # steps that count, computed steps, length of a piece
+        at = 0  # steps that count
+        computed = end  # computed steps
+        piece = 1  # length of the next piece
         pressed = PRESSED
         while at < end:
+            # Steps without stops, in pieces that grow while no stop is hit.
             if computed == at:
                 computed = min(at + piece, end)
                 piece = GROWTH * piece
@@ -213,6 +216,7 @@ class JointStops:
                 local[0, 0] = rows[at]
                 source.advance(local, done + at)
                 rows[at + 1:computed + 1] = local[0, 1:]
+            # The steps before the first one past a stop, or refused, count.
             free = rows[at + 1:computed + 1]
             ends = self._past(free) | self._refused(free)
             valid = int(np.argmax(ends)) if ends.any() else len(free)
@@ -221,11 +225,14 @@ class JointStops:
                 if valid < len(free):
                     piece = 1
                 continue
+            # That step again, with the joints at rest at their stops held there.
             held, one = self._held_step(source, rows[at], done + at)
             if one is not None:
                 rows[at + 1] = one.before[0]
             if self._refused(rows[at + 1]):
                 return  # the simulation continues from there in other speeds, or ends
+            # A stop is hit: its impulses end the step. Otherwise several pressed steps
+            # at once.
             if one is None or self._past(one.after[0]):
                 self._stopped(source, i, rows[at:at + 2], done + at + 1, held, one)
                 count = 1
@@ -343,7 +350,9 @@ class JointStops:
                  one: PressedSteps | None) -> None:
         """Apply the impulses of the stops to the end of a step, (2, size), and record them."""
         begin, end = rows.copy()
-        robot, n_q, n = source.robot, self._robot.n_q, self._robot.n
+        robot = source.robot
+        n_q = self._robot.n_q
+        n = self._robot.n
         t = self._start + step * self._step
         rows[1], speeds = self._resolved(robot, end, t, held, one)
         # A joint that rested at its stop before the step does not hit it.
@@ -352,6 +361,7 @@ class JointStops:
         touches = np.abs(away) < TOUCHING * self._units
         rested = touches & (side * rates < RESTING * self._units)
         side_after, _ = nearest_stops(rows[1, :n_q], self._lower, self._upper)
+        # Joints that the impulses stopped, with the rates that they had.
         hits = {}
         for j in np.flatnonzero((speeds > 0.0) & ~rested).tolist():
             hits[j] = 'upper' if side_after[j] > 0.0 else 'lower', float(speeds[j])
@@ -382,9 +392,15 @@ def contact_energies(source: TorqueInput, user_robot: Robot, begin: Array, end: 
         Numbers of the steps, from 1.
 
     """
-    robot, n_q, n, h = source.robot, user_robot.n_q, user_robot.n, source.step
-    size, K = state_layout(robot).without_margin, len(steps)
-    u_begin, u_end = begin[:, n_q:n_q + n], end[:, n_q:n_q + n]
+    robot = source.robot
+    n_q = user_robot.n_q
+    n = user_robot.n
+    h = source.step
+    size = state_layout(robot).without_margin
+    K = len(steps)
+    u_begin = begin[:, n_q:n_q + n]
+    u_end = end[:, n_q:n_q + n]
+    # Energies before and after the contact, of which the work of the torque is no loss.
     terms = energy_kernel(robot)(np.concatenate([begin[:, :size], end[:, :size]]))
     kinetic, potential, friction = terms[:K].T
     kinetic_end, potential_end, friction_end = terms[K:].T
@@ -392,9 +408,8 @@ def contact_energies(source: TorqueInput, user_robot: Robot, begin: Array, end: 
     power = friction_end - friction
     unresolved = BENT * np.abs(kinetic - kinetic_end)
     if source.follows:
-        power_begin, power_end = (
-            np.sum(source.torques(steps, state[None, :, :n_q], u[None])[0] * u, axis=1)
-            for state, u in ((begin, u_begin), (end, u_end)))
+        power_begin = _law_power(source, steps, begin[:, :n_q], u_begin)
+        power_end = _law_power(source, steps, end[:, :n_q], u_end)
         work = 0.5 * h * (power_begin - power_end)
         # Feedback of the speed bends the power within the step by this fraction.
         bent = min(1.0, 0.5 * h * float(np.max(source.torque.kd, initial=0.0)))
@@ -403,7 +418,8 @@ def contact_energies(source: TorqueInput, user_robot: Robot, begin: Array, end: 
         table = source.torque[0]
         tau = table[np.minimum(steps - 1, len(table) - 1)]
         if robot.speed_names != user_robot.speed_names:  # tau is dual to the user's speeds
-            t, user = source.start + steps * h, UserSpeeds(user_robot)
+            t = source.start + steps * h
+            user = UserSpeeds(user_robot)
             u_begin = user.speeds(robot, begin[:, :n_q], u_begin, 0.0 * u_begin, t)[:, 0]
             u_end = user.speeds(robot, end[:, :n_q], u_end, 0.0 * u_end, t)[:, 0]
         if not robot.equations.in_joint_rates:
@@ -412,6 +428,13 @@ def contact_energies(source: TorqueInput, user_robot: Robot, begin: Array, end: 
             moved = begin[:, :n_q] - end[:, :n_q]
         work = np.sum(tau * moved, axis=1)
     return np.stack([lost, lost - work - 0.5 * h * power, unresolved], axis=1)
+
+
+def _law_power(source: TorqueInput, steps: Any, q: Array, u: Array) -> Array:
+    """Return the power of a law's torques at the end of K steps, (K,), W."""
+    tau = source.torques(steps, q[None], u[None])[0]
+    power: Array = np.sum(tau * u, axis=1)
+    return power
 
 
 def work_through_constraints(robot: Robot, states: Array, force: Array,
@@ -435,12 +458,16 @@ def work_through_constraints(robot: Robot, states: Array, force: Array,
         s.
 
     """
-    driven, n_q, n = driven_kernel(robot), robot.n_q, robot.n
+    driven = driven_kernel(robot)
+    n_q = robot.n_q
+    n = robot.n
     if driven is None:
         return 0.0
     work: Any = 0.0
+    # The power with the forces less that without them, at both ends of each step.
     for rows, f in zip((states[:-1], states[1:]), force):
-        state, u = rows[:, :state_layout(robot).without_margin], rows[:, n_q:n_q + n]
+        state = rows[:, :state_layout(robot).without_margin]
+        u = rows[:, n_q:n_q + n]
         power = driven(state, f) - driven(state, 0.0 * f) + np.sum(f * u, axis=1)
         work = work + 0.5 * step * power
     return work

@@ -125,6 +125,7 @@ def _kernel(robot: Robot, free: Kernel, choice: StepChoice,
     """Return the kernel of a pressed step, by that of a free step and the joints with stops."""
     choice = choice.needed(robot)
     (size,) = free.shape
+    # The inputs of the free step, and for each joint its side and both stops.
     k = len(stopped)
     name = f'pressed_{free.name}_{"_".join(map(str, stopped))}'
     inputs = {argument.name: argument.shape for argument in free.arguments}
@@ -236,6 +237,7 @@ class _PressedMotion(HeldMotion):
 
 def _pulls(stages: Sequence[Vector], side: Vector) -> list[Scalar]:
     """Return the largest pull of each stop in several stages, (k,); 0 if it presses."""
+    # A stop that pulls holds a joint which would leave it.
     largest = [0.0 * s for s in side]
     for forces in stages:
         # What is small beside the forces of all stops is rounding.

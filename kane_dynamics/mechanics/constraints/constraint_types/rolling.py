@@ -205,6 +205,7 @@ class Rolling:
 
         directions = (first, second, contact.normal)
         J = np.array([direction @ contact.v for direction in directions])
+        # The third row keeps the distance, and is the only one with a residual.
         rows = ConstraintRows(J, np.zeros(3), (None, None, contact.residual))
         return rows, np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
 
