@@ -36,7 +36,6 @@ CANDIDATES = 400  # configurations about which strokes are tried
 DRAWS = 8000  # random configurations, of which the clear ones are candidates
 MOST_LOADS, MOST_STROKES = 20, 100
 LEAST = 1e-6  # share of limits; reach, rad or m; limits of speed, rad/s or m/s
-WIDEST = 1e12  # rad or m: range of a joint; positions beyond are refused
 PEAK = 1.875  # largest speed of a quintic between rests, over the mean speed
 ON_THE_WAY = 0.3  # speed between configurations, relative to the limits
 SAMPLES = 25  # of a stroke, at which limits and distances are checked
@@ -221,11 +220,10 @@ def _position_limits(robot: Robot, share: float) -> tuple[Array, Array]:
     # A joint without a limit moves in the range of random configurations.
     lower, upper = sampling_range(robot)
     for name, least, most in zip(robot.joint_names, lower, upper):
-        # Half of the range first, since the whole one may overflow.
-        if not 2.0 * LEAST <= 0.5 * most - 0.5 * least <= 0.5 * WIDEST:
+        if most - least < 4.0 * LEAST:
             raise InputError(f"joint '{name}': limits of position {least:g} and {most:g}; "
-                             f'expected a range of {4.0 * LEAST:g} to {WIDEST:g} rad or m, '
-                             'or a locked joint')
+                             f'expected a range of at least {4.0 * LEAST:g} rad or m, or a '
+                             'locked joint')
     middle = 0.5 * (lower + upper)
     half_range = 0.5 * share * (upper - lower)
     return middle - half_range, middle + half_range

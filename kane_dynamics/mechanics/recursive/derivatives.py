@@ -158,7 +158,7 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Vector, u: Vector,
         _add_column(states, bodies[i], i, (by_q, by_u), share)
         if links[i].parent != WORLD:
             add_to_parent(states[i], bodies[i], bodies[links[i].parent])
-    return np.array([by_q, by_u, M])
+    return np.reshape([by_q, by_u, M], (3, n, n))
 
 
 def link_states(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,

@@ -146,7 +146,7 @@ def partial_velocities(links: Sequence[Link], frame: Frame, q: Vector,
         for r, weight in link.partials(q):
             columns[r] = columns[r] + weight * column
         k = link.parent
-    return np.stack(columns, axis=1)
+    return np.reshape(columns, (len(q), 6)).T  # also without joints
 
 
 def partial_velocity_rates(links: Sequence[Link], frame: Frame, q: Vector,
@@ -188,7 +188,7 @@ def partial_velocity_rates(links: Sequence[Link], frame: Frame, q: Vector,
                 column = np.concatenate([s, np.zeros(3)])
             columns[r] = columns[r] + weight_rate * column
         k = link.parent
-    return np.stack(columns, axis=1)
+    return np.reshape(columns, (len(q), 6)).T  # also without joints
 
 
 def frame_motion(frame: Frame, poses: LinkPoses, u: Vector, udot: Vector) -> Matrix:

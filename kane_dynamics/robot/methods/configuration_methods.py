@@ -22,6 +22,7 @@ from kane_dynamics.mechanics.constraints.loop_closure import (closed_configurati
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.model.elastic_model import with_motors_at_links
 from kane_dynamics.model.model import Model
+from kane_dynamics.native.backends.llvm_math import POSITION_LIMIT
 from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.methods.dispatch import Dispatch, of_constraints
@@ -107,8 +108,10 @@ def sampling_range(robot: Configurations) -> tuple[Array, Array]:
     for ball in balls(model):
         ball.quaternion(span)[...] = 1.0
     lower, upper = robot.limits.lower, robot.limits.upper
-    # Without a limit, a span from the other limit, or from 0 without both.
-    unlimited_below, unlimited_above = np.isinf(lower), np.isinf(upper)
+    # Without a limit, a span from the other limit, or from 0 without both. A limit beyond
+    # all positions that calls accept stands for none in many files.
+    unlimited_below = lower < -POSITION_LIMIT
+    unlimited_above = upper > POSITION_LIMIT
     highest = np.where(unlimited_above, 0.0, upper)
     lowest = np.where(unlimited_below, 0.0, lower)
     return (np.where(unlimited_below, highest - span, lower),
@@ -444,10 +447,10 @@ class Configurations(Dispatch):
         Return one random configuration within the limits, or several.
 
         One is (n_q,), several are (count, n_q). Uniform between the limits; without a
-        limit, within half a turn or 1 m of 0 or of the other limit. Modal coordinates
-        are 0, rotations of ball joints uniform, motors of elastic joints where their
-        springs are not deflected. Under constraints on positions, a uniform
-        configuration is the initial guess for loop closure.
+        limit, or with one beyond 1e12, within half a turn or 1 m of 0 or of the other
+        limit. Modal coordinates are 0, rotations of ball joints uniform, motors of
+        elastic joints where their springs are not deflected. Under constraints on
+        positions, a uniform configuration is the initial guess for loop closure.
 
         Parameters
         ----------

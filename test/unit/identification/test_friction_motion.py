@@ -129,8 +129,6 @@ def arm(**limits):
 
 @pytest.mark.parametrize('limits, words', [
     ({'lower': 0.5, 'upper': 0.5}, "joint 'upper': limits of position 0.5 and 0.5"),
-    ({'lower': -1e16, 'upper': 1e16}, "joint 'upper': limits of position -1e\\+16"),
-    ({'lower': -1e308, 'upper': 1e308}, "joint 'upper': limits of position -1e\\+308"),
     ({'velocity': 1e-300}, "joint 'upper': limit of speed 1e-300"),
     ({'velocity': np.inf}, "joint 'upper': limit of speed inf")])
 def test_limits_without_a_useful_range_are_refused_by_the_name_of_the_joint(limits, words):
@@ -140,6 +138,7 @@ def test_limits_without_a_useful_range_are_refused_by_the_name_of_the_joint(limi
 
 @pytest.mark.parametrize('limits, least, most', [
     ({'lower': -np.inf, 'upper': np.inf}, -np.pi, np.pi),
+    ({'lower': -1e308, 'upper': 1e308}, -np.pi, np.pi),
     ({'lower': -np.inf, 'upper': -9.0}, -9.0 - np.pi, -9.0)])
 def test_a_joint_without_a_limit_moves_where_random_configurations_are(limits, least, most):
     motion = friction_motion(arm(**limits).model(), distance=None)

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from kane_dynamics import (Body, CompileError, Inertial, InputError, Joint, Model,
-                           ModelError, Robot)
+from kane_dynamics import (Body, CompileError, Inertial, InputError, Joint, Limits, load_urdf,
+                           Model, ModelBuilder, ModelError, point_mass, Robot, rod, simulate)
 from kane_dynamics.mechanics.algebra.vector import axis_rotation
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.recursive.link import denavit_hartenberg, linkage
@@ -205,6 +205,32 @@ def test_limits_stand_in_the_order_of_the_coordinates():
         joint = body.joint.limits
         assert (limits.lower[k], limits.upper[k], limits.velocity[k], limits.effort[k]) == (
             joint.lower, joint.upper, joint.velocity, joint.effort)
+
+
+def test_limits_beyond_all_positions_are_none_to_random_configurations():
+    b = ModelBuilder('slider and hinge')
+    far = Limits(-1e16, 1e16)
+    b.body('slider', kind='prismatic', inertial=point_mass(1.0), limits=far)
+    b.body('hinge', 'slider', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)),
+           limits=Limits(-1e308, 5.0))
+    robot = Robot(b.model())
+    q = robot.random_configuration(0, 1000)
+    assert -1.0 <= q[:, 0].min() < -0.9 and 0.9 < q[:, 0].max() <= 1.0
+    assert 5.0 - np.pi <= q[:, 1].min() < 2.0 and 4.9 < q[:, 1].max() <= 5.0
+    assert np.isfinite(robot.gravity_force(q)).all()
+
+
+def test_a_robot_without_joints_has_empty_results_and_no_simulation():
+    robot = Robot(load_urdf('<robot name="box"><link name="box"/></robot>'))
+    nothing = np.zeros(0)
+    robot.compile()
+    for derivatives in (robot.inverse_dynamics_derivatives, robot.forward_dynamics_derivatives):
+        assert [np.shape(part) for part in derivatives(nothing, nothing, nothing)] == 3 * [(0, 0)]
+    assert robot.jacobian('box', nothing).shape == (6, 0)
+    assert robot.jacobian_rate('box', nothing, nothing).shape == (6, 0)
+    assert robot.jacobian('box', np.zeros((4, 0))).shape == (4, 6, 0)
+    with pytest.raises(InputError, match='robot: no joints'):
+        simulate(robot, nothing, nothing, 0.1)
 
 
 def test_a_planar_two_link_arm_costs_no_more_than_its_reduced_closed_form():
