@@ -635,8 +635,7 @@ def _differ(x: Array, y: Array) -> Flags:
 
 def _rows_differ(A: Matrix, B: Matrix) -> Flags:
     """Return which rows have an entry that differs beyond rounding."""
-    rows: Flags = _differ(A, B).any(axis=1)
-    return rows
+    return np.asarray(_differ(A, B).any(axis=1))
 
 
 def _with_other_motors(mechanism: Mechanism, motors: Sequence[int]) -> list[Stack]:

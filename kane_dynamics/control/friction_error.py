@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import (finite_row, instance, names_of_joints, number,
@@ -126,7 +125,7 @@ def friction_beyond(rate: Scalar, coulomb: Scalar, damping: Scalar, offset: Scal
     return offset + coulomb * coulomb_shape(rate, speed) + damping * rate
 
 
-def checked_friction_error(error: Any, names: Sequence[str]) -> FrictionError:
+def checked_friction_error(error: FrictionError, names: Sequence[str]) -> FrictionError:
     """Return the friction of these joints; InputError for anything else."""
     instance(error, FrictionError, 'friction_error')
     if error.joint_names != tuple(names):

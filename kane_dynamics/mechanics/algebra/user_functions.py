@@ -160,7 +160,6 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     'sign': _sign,
     'heaviside': _heaviside,
     'minimum': _minimum,
-    # Numbers and zero-dimensional arrays: one value.
     'maximum': _maximum,
     'fmin': _minimum,
     'fmax': _maximum,
