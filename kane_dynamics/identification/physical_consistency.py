@@ -23,6 +23,9 @@ import numpy as np
 SMALLEST = 1e-4  # lower bound of the eigenvalues of 1 + Z
 FLOOR = 1e-6  # lower bound of P0's eigenvalues, relative to the largest, for thin bodies
 REGULARIZATION = 1e-12  # of Clarabel's linear systems; its 1e-8 hides a prior of small weight
+# Shares of the way to the boundary of the cones that a step of the solver takes. With its
+# own 0.99 it may stall just before the optimum if data and prior differ much in weight.
+STEPS = (0.99, 0.9, 0.7)
 MASSLESS = 1e-3  # kg m^2 and kg, eigenvalues for P0 = 0
 # An orthonormal basis of symmetric matrices: |Z|^2 is that of the coefficients.
 # Its order is that of semidefinite matrices in Clarabel: the lower triangle, row by row.
@@ -89,7 +92,7 @@ def physical(A: Array, b: Array, prior: Sequence[Inertial], lowest: Array, weigh
     # is solved.
     x = _unconstrained(R, len(prior), lowest)
     if x is None:
-        x = _constrained(R, len(prior), lowest)
+        x = _constrained(R, len(prior), lowest, weight)
     for k, change in enumerate(changes):
         start[10 * k:10 * k + 10] += change @ x[10 * k:10 * k + 10]
     return np.concatenate([start, np.maximum(x[size:], lowest)])
@@ -115,12 +118,13 @@ def _unconstrained(R: Array, bodies: int, lowest: Array) -> Array | None:
     return x if solution.success and smallest >= SMALLEST else None
 
 
-def _constrained(R: Array, bodies: int, lowest: Array) -> Array:
+def _constrained(R: Array, bodies: int, lowest: Array, weight: float) -> Array:
     """
     Return the minimum by semidefinite programming; arguments as in `_unconstrained`.
 
-    The variables are Z, the losses and the residual r = R x - z; s = b - A x lies in the
-    cones. The basis of Z is that of semidefinite matrices in Clarabel.
+    `weight`, that of the prior in R, is named in the error. The variables are Z, the
+    losses and the residual r = R x - z; s = b - A x lies in the cones. The basis of Z is
+    that of semidefinite matrices in Clarabel.
     """
     clarabel = scientific('clarabel')
     sparse = scientific('scipy.sparse')
@@ -148,12 +152,16 @@ def _constrained(R: Array, bodies: int, lowest: Array) -> Array:
     settings.static_regularization_constant = REGULARIZATION
     P = sparse.block_diag([sparse.csc_matrix((count, count)), sparse.eye(rows)],
                           format='csc')
-    solver = clarabel.DefaultSolver(P, np.zeros(count + rows), A, above, cones, settings)
-    solution = solver.solve()
-    if str(solution.status) != 'Solved':
-        raise InputError(f'physical parameters: solver status {solution.status}; '
-                         'expected Solved')
-    return np.asarray(solution.x[:count]) / scale
+    for step in STEPS:
+        settings.max_step_fraction = step
+        solver = clarabel.DefaultSolver(P, np.zeros(count + rows), A, above, cones,
+                                        settings)
+        solution = solver.solve()
+        if str(solution.status) == 'Solved':
+            return np.asarray(solution.x[:count]) / scale
+    raise InputError(
+        f'weight: {weight:.3g} of the prior, with which the search for physical parameters '
+        f"ends with the solver's status {solution.status}; expected a larger weight")
 
 
 def _root(P: Array) -> Array:

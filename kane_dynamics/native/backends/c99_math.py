@@ -75,11 +75,11 @@ HEAD = """\
 #else
 #define @UPPER@_PLAIN 0
 #endif
-/* On x86 with glibc, gcc adds a version for processors with AVX and FMA, chosen at start;
- * not in strict C (-std=c99). */
+/* On x86 with glibc, gcc adds versions for processors with AVX-512 and with AVX and FMA,
+ * chosen at start; not in strict C (-std=c99). */
 #if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__GLIBC__) \\
     && !defined(__STRICT_ANSI__) && !defined(@UPPER@_PORTABLE)
-#define @UPPER@_VERSIONS __attribute__((target_clones("fma", "default")))
+#define @UPPER@_VERSIONS __attribute__((target_clones("avx512f", "fma", "default")))
 #else
 #define @UPPER@_VERSIONS
 #endif

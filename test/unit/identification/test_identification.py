@@ -5,7 +5,9 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 import time
+from types import SimpleNamespace
 
+import clarabel
 from kane_dynamics import Inertial, InputError, load_urdf, ModelError, ModelWarning, Robot
 from kane_dynamics.identification import (base_parameters, base_speeds, fit_base, friction_speeds,
                                           identify, read_recording, Recording, rows)
@@ -229,6 +231,43 @@ def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
     assert misses[0] == pytest.approx(misses[1], rel=1e-6)
     assert np.abs(direct - program).max() < 1e-3 * np.abs(direct).max()
     assert not np.array_equal(direct, program)
+
+
+@pytest.mark.parametrize('stalls', [1, 2, 3])
+def test_a_program_that_stalls_is_solved_with_shorter_steps_or_refused(stalls, monkeypatch):
+    data = rows(inaccurate_arm(), noisy().rows(slice(0, 400)))
+    A, b = stacked(compressed(data, np.full(6, 0.05))[0], np.full(6, 0.5))
+    prior = [body.inertial for body in inaccurate_arm().bodies]
+    given = A, b, prior, np.tile(LOWEST, 6), 100.0
+    monkeypatch.setattr('kane_dynamics.identification.physical_consistency._unconstrained',
+                        lambda *_: None)
+    expected = physical(*given)
+    shares, solver = [], clarabel.DefaultSolver
+
+    def stalling(*arguments):
+        shares.append(arguments[-1].max_step_fraction)
+        if len(shares) <= stalls:
+            return SimpleNamespace(solve=lambda: SimpleNamespace(status='AlmostSolved'))
+        return solver(*arguments)
+    monkeypatch.setattr(clarabel, 'DefaultSolver', stalling)
+    if stalls < 3:
+        x = physical(*given)
+        assert np.linalg.norm(A @ x - b) == pytest.approx(np.linalg.norm(A @ expected - b),
+                                                          rel=1e-6)
+    else:
+        with pytest.raises(InputError, match=r'^weight: 100 .*AlmostSolved; expected a larger'):
+            physical(*given)
+    assert shares == sorted(shares, reverse=True) and len(shares) == min(stalls + 1, 3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('weight', [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize('name', REAL)
+def test_a_prior_of_small_weight_predicts_as_well(name, weight):
+    _, _, model, recording = recorded(name)
+    found = identify(model, recording, weight=weight, friction='coulomb', diagnosed=True)
+    usual = identify(model, recording, weight=0.01, friction='coulomb', diagnosed=True)
+    assert (found.held_out < 1.1 * usual.held_out).all()
 
 
 @pytest.mark.parametrize('name', REAL)
