@@ -23,6 +23,7 @@ from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry import EntryTable, KernelFunction, Signature
+from kane_dynamics.native.runtime.faster_copy import faster_copy, Trial
 from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, driver, repeat,
                                                 repeat_until, run_batch)
 from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
@@ -33,6 +34,9 @@ SYMBOL = 'kernel'  # name of the kernel function in its object file
 _TRACING = ForkSafeLock()  # concurrent tracing would only contend for the GIL
 ResultCheck = Callable[[dict[str, Array]], 'Kernel | None']
 NO_NUMBERS: Mapping[str, NDArray[np.intp]] = {}
+# Of a trial of long code: values, at which results need not be finite, and calls.
+TRIAL_VALUE = 0.1
+TRIAL_CALLS = 64
 MAX_RESULTS = 2**31  # entries of one batch's result; a larger number is likely a mistake
 
 
@@ -206,11 +210,13 @@ class Kernel:
         self._functions: dict[str, KernelFunction] = {}
 
     def _function(self, kind: str, text: Callable[[], str],
+                  trial: Callable[[], Trial],
                   in_order: bool = False) -> KernelFunction:
         """
         Return the machine code of a text: compiled once, or from the cache on disk.
 
-        Without a key, the text is traced now and is the key itself.
+        Without a key, the text is traced now and is the key itself. `trial` returns what
+        runs the code some times.
         """
         def assembled() -> bytes:
             with logged(self.name):
@@ -225,7 +231,8 @@ class Kernel:
                 with _TRACING.held():
                     key = text()
                 text = partial(str, key)  # not traced again
-            code = llvm.Code(llvm.cached(assembled, self.name, key, kind))
+            objects = llvm.cached(assembled, self.name, key, kind)
+            code = faster_copy(objects, SYMBOL, trial)
             function = KernelFunction(code, code.address(SYMBOL))
             self._functions[kind] = function
         return function
@@ -254,7 +261,7 @@ class Kernel:
         if kind in self._functions:
             return self._functions[kind]
         return self._function(kind, lambda: module_text(self._program_of_one(), SYMBOL),
-                              self._in_order)
+                              self._trial, self._in_order)
 
     def compile_entry(self) -> None:
         """Compile the entry points of calls with one state, and the code of single states."""
@@ -272,7 +279,29 @@ class Kernel:
         driver(width())
         # Lanes need many registers: in program order fewer values are spilled.
         return self._function(kind, lambda: text(program(), SYMBOL, width()),
-                              in_lanes or self._in_order).address
+                              self._lane_trial, in_lanes or self._in_order).address
+
+    def _trial(self) -> Trial:
+        """Return a function that runs code of single states some times."""
+        blocks = self._trial_blocks()
+
+        def run(function: llvm.Address) -> None:
+            repeat(function, list(map(address, blocks)), [0] * len(blocks), TRIAL_CALLS)
+        return run
+
+    def _lane_trial(self) -> Trial:
+        """Return a function that runs code of batches some times, on one state's rows."""
+        blocks = self._trial_blocks()
+
+        def run(function: llvm.Address) -> None:
+            rows = [(address(block), 0, 0, 0) for block in blocks]
+            run_batch(function, rows, TRIAL_CALLS * width())
+        return run
+
+    def _trial_blocks(self) -> list[Array]:
+        """Return arguments, parameters and result of one state."""
+        blocks = [np.full(argument.shape, TRIAL_VALUE) for argument in self.arguments]
+        return [*blocks, self.parameters.copy(), np.empty(self.shape)]
 
     @property
     def address(self) -> llvm.Address:
