@@ -46,6 +46,7 @@ INTEGRAL_GAIN = 2.0  # 1/s, default
 INTEGRAL_LIMIT = 0.5  # of the desired force
 LINEAR_APPROACH = 0.05  # m/s, default
 ANGULAR_APPROACH = 0.2  # rad/s, default
+INFINITE = math.inf  # a name is read faster than an attribute
 DRAG = 2.0  # 1/s: rate at which motion along a force direction decays without a force
 
 
@@ -87,21 +88,20 @@ class HybridForce(CartesianImpedance):
         self._forced = checked_directions(force_directions, 'force_directions')
         self._further = {'force_gain': force_gain, 'integral_gain': integral_gain,
                          'approach_speed': approach_speed}
+        self._integral = np.zeros(6)  # which every call updates
         self._step = np.zeros(1)
         # A number is written to it faster than to the array.
         self._step_entry: Any = memoryview(self._step)
         super().__init__(robot, frame, stiffness=stiffness, **impedance)
-        # The result of the last call: the torques, then the integral.
-        self._last = [np.zeros(len(robot.joint_names) + 6)]
 
     @property
     def integral(self) -> Array:
         """Return the integral of the force's error."""
-        return self._last[0][-6:].copy()
+        return self._integral.copy()
 
     def reset(self) -> None:
         """Set the integral of the force's error to zero."""
-        self._last[0] = np.zeros(len(self._last[0]))
+        self._integral[:] = 0.0
 
     def _layout(self) -> dict[str, Shape]:
         """Return the names and shapes of the kernel's settings."""
@@ -166,11 +166,11 @@ class HybridForce(CartesianImpedance):
             The configuration is open or singular.
 
         """
-        if type(elapsed) is not float or not 0.0 <= elapsed < math.inf:
+        if type(elapsed) is not float or not 0.0 <= elapsed < INFINITE:
             elapsed = number(elapsed, 'elapsed', 'a finite time in s, not negative',
                              lambda x: 0.0 <= x < math.inf)
         call = self.__dict__['_call'] or self._call_fields()
-        law, block, zero, timed, step, step_entry, last = call
+        law, block, zero, timed, step, step_entry, integral = call
         step_entry[0] = elapsed
         if twist is None:
             twist = zero
@@ -179,20 +179,19 @@ class HybridForce(CartesianImpedance):
         desired = zero if wrench is None else wrench
         if measured is None:  # as if the force were exactly the desired one
             measured = -finite_row(desired, 'wrench', DIRECTIONS, part='direction')
+        torques: Array
         if timed:
-            row = law(q, u, pose, twist, acceleration, desired, measured, last[0], step,
-                      block, t)
+            torques = law(q, u, pose, twist, acceleration, desired, measured, integral,
+                          step, block, t)
         else:
-            row = law(q, u, pose, twist, acceleration, desired, measured, last[0], step,
-                      block)
-        last[0] = row
-        torques: Array = row[:-6]
+            torques = law(q, u, pose, twist, acceleration, desired, measured, integral,
+                          step, block)
         return torques
 
     def _call_fields(self) -> tuple[Any, ...]:
         """Return and keep what a call reads."""
         common = super()._call_fields()
-        self._call = *common, self._step, self._step_entry, self._last
+        self._call = *common, self._step, self._step_entry, self._integral
         return self._call
 
     def _compiled(self, with_state: bool = False) -> Callable[..., Array]:
@@ -210,11 +209,11 @@ class HybridForce(CartesianImpedance):
         size = len(robot.joint_names) + 6
         inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'pose': (4, 4), 'twist': (6,),
                   'acceleration': (6,), 'desired_wrench': (6,), 'measured': (6,),
-                  'last_torques_and_integral': (size,), 'elapsed': (1,),
+                  'integral': (6,), 'elapsed': (1,),
                   'settings': (shapes.size,)}
         name = identifier('hybrid_force', task.words, *map(str, forced))
         kernel = law_kernel(robot, law_of, name, inputs, (size,))
-        return kernel.entry('', kernel)
+        return kernel.entry_with_memory('', 'integral')
 
 
 def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls,
@@ -225,10 +224,9 @@ def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls
     moving[list(forced)] = 0.0
 
     def law(q: Vector, u: Vector, target: Matrix, twist: Vector, acceleration: Vector,
-            wrench: Vector, measured: Vector, last: Vector, elapsed: Vector,
+            wrench: Vector, measured: Vector, integral: Vector, elapsed: Vector,
             settings: Vector, *, t: Scalar, parameters: Vector) -> Vector:
         values = shapes.unpacked(settings)
-        integral = last[-6:]
         axes = task.in_world(target[:3, :3])
 
         # The motion of the target without its part along the force directions.

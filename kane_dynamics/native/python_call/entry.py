@@ -99,7 +99,9 @@ class Signature:
     limits : tuple of float
         Largest absolute value allowed in each argument.
     shape : tuple of int
-        Of the result.
+        Of the result of a call.
+    memory : int, optional
+        Number of the argument to which the rest of the kernel's result is written.
 
     """
 
@@ -107,6 +109,7 @@ class Signature:
     default_sizes: tuple[int, ...]
     limits: tuple[float, ...]
     shape: Shape
+    memory: int | None = None
 
     @property
     def is_supported(self) -> bool:
@@ -117,15 +120,17 @@ class Signature:
 
     @lazy_property
     def entry_points(self) -> llvm.Code:
-        """Machine code of `entry` and `bound`, of which there is one a signature."""
-        key = self.shapes, self.default_sizes, self.limits, self.shape
+        """Machine code of `entry` and `bound`; of a memory, of `entry` alone."""
+        key = self.shapes, self.default_sizes, self.limits, self.shape, self.memory
         shared = _entry_points.get(key)
         if shared is not None:
             return shared
         sizes = [math.prod(lengths) for lengths in self.shapes]
-        text = '\n'.join([
-            entry_code(self.shapes, self.limits, len(self.default_sizes) + 1, self.shape),
-            bound_code([*sizes, *self.default_sizes], self.limits, 1, self.shape)])
+        text = entry_code(self.shapes, self.limits, len(self.default_sizes) + 1,
+                          self.shape, self.memory)
+        if self.memory is None:
+            text += '\n' + bound_code([*sizes, *self.default_sizes], self.limits, 1,
+                                      self.shape)
         if '@all_finite' in text:
             text = f'{ALL_FINITE}\n{text}'
         code = llvm.Code(llvm.cached(lambda: llvm.assemble(text), 'entry', text))

@@ -34,7 +34,8 @@ TABLE = ('KERNEL', 'CODE', 'FALLBACK', 'VECTORCALL', 'NDARRAY', 'FLOAT64', 'NEW_
 COUNT, TYPE, DATA, NDIM, SHAPE, DTYPE, FLAGS, WEAKREFS = 0, 8, 16, 24, 32, 56, 64, 72
 SLOT = 16  # the first slot of a Python object
 READABLE = 0x101  # C_CONTIGUOUS, ALIGNED
-FRESH = READABLE | 0x404  # OWNDATA, WRITEABLE
+WRITEABLE = 0x400
+FRESH = READABLE | WRITEABLE | 0x4  # OWNDATA
 TABLE_OF_SELF = (f'  %table.at = getelementptr i8, ptr %self, i64 {DATA}',
                  '  %table = load ptr, ptr %table.at')
 LOOP_SIZE = 256  # entries above which a block is checked by a loop
@@ -209,6 +210,13 @@ def _new_result(a: Assembly, shape: Shape) -> None:
           f'  call void {a.word("RELEASE")}(ptr {oldest})', '  br label %run')
 
 
+def _copy(a: Assembly, source: str, first: int, target: str, count: int) -> None:
+    """Copy `count` doubles, from number `first` of the source on."""
+    vector = f'<{count} x double>'
+    block = a.load(vector, source, 8 * first)
+    a.put(f'  store {vector} {block}, ptr {target}, align 8')
+
+
 def _return_float(a: Assembly, number_at: str) -> None:
     a.branch(a.finite([(number_at, 1, math.inf)]), 'good', 'slow')
     a.put('good:')
@@ -219,11 +227,13 @@ def _return_float(a: Assembly, number_at: str) -> None:
 
 
 def entry_code(shapes: Sequence[Shape], limits: Sequence[float], n_defaults: int,
-               shape: Shape) -> str:
+               shape: Shape, memory: int | None = None) -> str:
     """
     Return the LLVM IR of `entry`.
 
-    The kernel gets pointers to the arguments, the defaults and the result.
+    The kernel gets pointers to the arguments, the defaults and the result. With a memory,
+    the kernel's result goes to the stack: its first part becomes the result of the call,
+    the rest overwrites the argument that is the memory.
 
     Parameters
     ----------
@@ -235,14 +245,23 @@ def entry_code(shapes: Sequence[Shape], limits: Sequence[float], n_defaults: int
         Number of arguments whose addresses are in the table.
     shape : tuple of int
         Shape of the result; no length may be 0. () returns a float.
+    memory : int, optional
+        Number of the argument to which the rest of the kernel's result is written; the
+        result is then one row, and so is this argument.
 
     """
     a = Assembly()
     count = len(shapes)
     slots = count + n_defaults + 1
+    size = math.prod(shape)
+    total = size
+    if memory is not None:
+        total += math.prod(shapes[memory])
     a.put('define ptr @entry(ptr %self, ptr %args, i64 %nargs, ptr %kwnames) {',
           f'  %pointers = alloca [{slots} x ptr]', '  %scalar = alloca double',
           *TABLE_OF_SELF)
+    if memory is not None:
+        a.put(f'  %numbers = alloca [{total} x double], align 64')
     a.branch([a.equal('ptr', '%kwnames', 'null'),
               a.equal('i64', '%nargs', count)],
              'types', 'slow')
@@ -259,10 +278,11 @@ def entry_code(shapes: Sequence[Shape], limits: Sequence[float], n_defaults: int
     a.branch(conditions, 'layout', 'slow')
     a.put('layout:')
     conditions = []
-    for array, lengths in zip(arrays, shapes):
+    for k, (array, lengths) in enumerate(zip(arrays, shapes)):
+        flags = READABLE | WRITEABLE if k == memory else READABLE
         conditions += [a.equal('i32', a.load('i32', array, NDIM), len(lengths)),
                        a.equal('ptr', a.load('ptr', array, DTYPE), float64),
-                       a.flags(array, READABLE)]
+                       a.flags(array, flags)]
     a.branch(conditions, 'lengths', 'slow')
     # Only an array with as many axes has these lengths.
     a.put('lengths:')
@@ -301,11 +321,16 @@ def entry_code(shapes: Sequence[Shape], limits: Sequence[float], n_defaults: int
     a.put('run:',
           '  %out = phi ptr [%first.array, %first.taken], [%second.array, '
           '%second.taken], [%made.array, %keep]')
-    memory = a.load('ptr', '%out', DATA)
-    a.put(f'  store ptr {memory}, ptr {result}',
+    returned = a.load('ptr', '%out', DATA)
+    numbers = returned if memory is None else '%numbers'
+    a.put(f'  store ptr {numbers}, ptr {result}',
           f'  call void {a.word("KERNEL")}(ptr %pointers)')
-    a.branch(a.finite([(memory, math.prod(shape), math.inf)]), 'good', 'discard')
-    a.put('good:', '  ret ptr %out', 'discard:')  # the fallback explains the error
+    a.branch(a.finite([(numbers, total, math.inf)]), 'good', 'discard')
+    a.put('good:')
+    if memory is not None:
+        _copy(a, numbers, 0, returned, size)
+        _copy(a, numbers, size, data[memory], total - size)
+    a.put('  ret ptr %out', 'discard:')  # the fallback explains the error
     a.put(f'  call void {a.word("RELEASE")}(ptr %out)', '  br label %slow')
     a.slow('%kwnames')
     return '\n'.join(a.lines)

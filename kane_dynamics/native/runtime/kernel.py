@@ -7,7 +7,7 @@ the other. `batch_kernel` makes the kernel of a function of arrays alone.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 import math
 import sys
@@ -281,6 +281,39 @@ class Kernel:
         """Return a native entry point, or the fallback without support for it."""
         return entry.entry(self.name, doc, self.compile(), self._signature,
                            [*self.defaults, self.parameters], fallback)
+
+    def entry_with_memory(self, doc: str, memory: str,
+                          fallback: Callable[..., Array] | None = None
+                          ) -> Callable[..., Array]:
+        """
+        Return a native entry point that updates one of its arguments.
+
+        The last entries of the kernel's result, a row, replace those of the argument, and
+        the first ones are returned; a call that raises an error changes nothing.
+
+        Parameters
+        ----------
+        doc : str
+            Docstring of the function.
+        memory : str
+            Name of the argument, a row without a default.
+        fallback : callable, optional
+            Called with the same arguments where they do not match exactly, in place of
+            the kernel; returns its result.
+
+        """
+        place = [argument.name for argument in self.arguments].index(memory)
+        size, = self.arguments[place].shape
+        returned = self.shape[0] - size
+        call = fallback or self
+
+        def divided(*values: Any) -> Array:
+            row = call(*values)
+            values[place][:] = row[returned:]
+            return row[:returned]
+        signature = replace(self._signature, shape=(returned,), memory=place)
+        return entry.entry(self.name, doc, self.compile(), signature,
+                           [*self.defaults, self.parameters], divided)
 
     def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[],
                                                                                     Any]:
