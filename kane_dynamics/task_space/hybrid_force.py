@@ -15,7 +15,7 @@ J. Dyn. Sys. Meas. Control 103, 1981.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import math
 from typing import Any
 
@@ -26,6 +26,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
+from kane_dynamics.native.python_call.entry_ir import FIXED, KEYWORD, NUMBER
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
@@ -46,7 +48,6 @@ INTEGRAL_GAIN = 2.0  # 1/s, default
 INTEGRAL_LIMIT = 0.5  # of the desired force
 LINEAR_APPROACH = 0.05  # m/s, default
 ANGULAR_APPROACH = 0.2  # rad/s, default
-INFINITE = math.inf  # a name is read faster than an attribute
 DRAG = 2.0  # 1/s: rate at which motion along a force direction decays without a force
 
 
@@ -79,6 +80,9 @@ class HybridForce(CartesianImpedance):
 
     _changeable = (*CartesianImpedance._changeable, 'force_gain', 'integral_gain',
                    'approach_speed')
+    _arguments = (*CartesianImpedance._arguments, ('measured', KEYWORD),
+                  ('integral', FIXED), ('elapsed', NUMBER))
+    _memory = 'integral'
 
     def __init__(self, robot: Robot, frame: str, *, force_directions: Sequence[str],
                  stiffness: ArrayLike, force_gain: float = GAIN,
@@ -90,8 +94,6 @@ class HybridForce(CartesianImpedance):
                          'approach_speed': approach_speed}
         self._integral = np.zeros(6)  # which every call updates
         self._step = np.zeros(1)
-        # A number is written to it faster than to the array.
-        self._step_entry: Any = memoryview(self._step)
         super().__init__(robot, frame, stiffness=stiffness, **impedance)
 
     @property
@@ -166,12 +168,11 @@ class HybridForce(CartesianImpedance):
             The configuration is open or singular.
 
         """
-        if type(elapsed) is not float or not 0.0 <= elapsed < INFINITE:
-            elapsed = number(elapsed, 'elapsed', 'a finite time in s, not negative',
-                             lambda x: 0.0 <= x < math.inf)
+        elapsed = number(elapsed, 'elapsed', 'a finite time in s, not negative',
+                         lambda x: 0.0 <= x < math.inf)
         call = self.__dict__['_call'] or self._call_fields()
-        law, block, zero, timed, step, step_entry, integral = call
-        step_entry[0] = elapsed
+        law, block, zero, timed, step, integral = call
+        step[0] = elapsed
         if twist is None:
             twist = zero
         if acceleration is None:
@@ -191,13 +192,20 @@ class HybridForce(CartesianImpedance):
     def _call_fields(self) -> tuple[Any, ...]:
         """Return and keep what a call reads."""
         common = super()._call_fields()
-        self._call = *common, self._step, self._step_entry, self._integral
+        self._call = *common, self._step, self._integral
         return self._call
 
-    def _compiled(self, with_state: bool = False) -> Callable[..., Array]:
-        """Return the entry point of the torques, or of the impedance's state."""
-        if with_state:
-            return super()._compiled(True)
+    def _stand_ins(self) -> dict[str, Any]:
+        """Return what stands for arguments that are left out, and for fixed ones."""
+        return {**super()._stand_ins(), 'integral': self._integral, 'elapsed': 0.0}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy has: also its own integral."""
+        return {**super().__getstate__(), '_integral': self._integral.copy(),
+                '_step': self._step.copy()}
+
+    def _kernel(self) -> Kernel:
+        """Return the kernel of the torques and the integral."""
         robot = self.robot
         task = self._task
         shapes = self._shapes
@@ -212,8 +220,7 @@ class HybridForce(CartesianImpedance):
                   'integral': (6,), 'elapsed': (1,),
                   'settings': (shapes.size,)}
         name = identifier('hybrid_force', task.words, *map(str, forced))
-        kernel = law_kernel(robot, law_of, name, inputs, (size,))
-        return kernel.entry_with_memory('', 'integral')
+        return law_kernel(robot, law_of, name, inputs, (size,))
 
 
 def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls,
