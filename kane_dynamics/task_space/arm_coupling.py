@@ -171,7 +171,7 @@ class ArmCoupling:
             'is_freed': float(alone == 'free'), 'weights': compensation_weights(terms)})
         self.engaged = False
         self.lost = ''
-        self._memory = _Memory(robot.n_q, n)
+        self._memory = _Memory(n)
         # The partner of an arm that is alone, which the law ignores.
         none = np.zeros(n)
         self._nobody = PartnerState(0.0, none, none, none)
@@ -290,16 +290,12 @@ class ArmCoupling:
         settings = fields['_settings']
         try:
             if fields['_timed']:
-                row = law(q, u, q_p, u_p, external, memory.row, fields['_clock'],
-                          settings, t)
-            else:
-                row = law(q, u, q_p, u_p, external, memory.row, fields['_clock'],
-                          settings)
+                return law(q, u, q_p, u_p, external, memory.row, fields['_clock'],
+                           settings, t)
+            return law(q, u, q_p, u_p, external, memory.row, fields['_clock'], settings)
         except _PartnerFault as error:
             self.disengage(str(error))
             return self.torque(t, q, u)
-        memory.row = row[memory.after_torques]
-        return row[memory.torques]
 
     # The parts of `torque`.
 
@@ -355,7 +351,7 @@ class ArmCoupling:
                     raise _PartnerFault(str(error)) from None
             result: Array = kernel(q, u, *others)
             return result
-        return kernel.entry('', explained)
+        return kernel.entry_with_memory('', 'memory', explained)
 
 
 class _PartnerFault(Exception):
@@ -371,18 +367,14 @@ class _Memory:
     t : float or None
         Time of the last call, s; None before the first one.
     row : (4 n + 3,) array
-        Of the law's last result, which it reads again: target of the spring, rates that
-        the arm is to have, torque of the partner, and distance that is left from
-        engagement; then the entries `GRIP`, `RAMPED` and `SATURATED`.
-    torques, after_torques : slices
-        Of the torques in a result of the law, which the caller owns, and of `row`.
+        Which every call of the law updates: target of the spring, rates that the arm is
+        to have, torque of the partner, and distance that is left from engagement; then
+        the entries `GRIP`, `RAMPED` and `SATURATED`.
 
     """
 
-    def __init__(self, n_q: int, n: int) -> None:
+    def __init__(self, n: int) -> None:
         self._n = n
-        self.torques = slice(n_q)
-        self.after_torques = slice(n_q, None)
         self.restart()
 
     def restart(self) -> None:

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import finite_row, instance, number, per_joint
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.terms import EVERY_TERM, Terms
 from kane_dynamics.errors import InputError
@@ -35,6 +36,7 @@ from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unle
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
 from kane_dynamics.mechanics.equations import Equations
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
@@ -262,7 +264,7 @@ class CartesianImpedance(PoseLaw):
     def state(self, q: ArrayLike, u: ArrayLike, pose: ArrayLike,
               twist: ArrayLike | None = None, t: float = 0.0) -> ImpedanceState:
         """Return errors, wrench and saturation at a state; arguments as `torque`."""
-        kernel = self._compiled(True)
+        kernel = self._state_entry
         time = (t,) if self._timed else ()
         row = kernel(q, u, pose, self._zero if twist is None else twist,
                      self._zero, self._zero, self._block, *time)
@@ -282,10 +284,20 @@ class CartesianImpedance(PoseLaw):
     def compile(self) -> None:  # noqa: A003
         """Compile the kernels of `torque` and `state`."""
         _ = self._law
-        self._compiled(True)
+        _ = self._state_entry
 
-    def _compiled(self, with_state: bool = False) -> Callable[..., Array]:
-        """Return the entry point of the torques, or of the state."""
+    @lazy_property
+    def _state_entry(self) -> Callable[..., Array]:
+        """Return the entry point of the state, compiled at the first use."""
+        kernel = self._impedance_kernel(True)
+        return kernel.entry('', kernel)
+
+    def _kernel(self) -> Kernel:
+        """Return the kernel of the torques."""
+        return self._impedance_kernel(False)
+
+    def _impedance_kernel(self, with_state: bool) -> Kernel:
+        """Return the kernel of the torques of an impedance alone, or of its state."""
         robot = self.robot
         task = self._task
         shapes = self._shapes
@@ -299,8 +311,7 @@ class CartesianImpedance(PoseLaw):
                   'acceleration': (6,), 'desired_wrench': (6,),
                   'settings': (shapes.size,)}
         size = STATE_SIZE if with_state else len(robot.joint_names)
-        kernel = law_kernel(robot, law_of, identifier(name, task.words), inputs, (size,))
-        return kernel.entry('', kernel)
+        return law_kernel(robot, law_of, identifier(name, task.words), inputs, (size,))
 
 
 def impedance_law(law: CartesianImpedance, robot: Robot, lanes_of: LanesOf) -> Law:
@@ -315,7 +326,7 @@ def impedance_law(law: CartesianImpedance, robot: Robot, lanes_of: LanesOf) -> L
 
 def compile_state(law: CartesianImpedance) -> None:
     """Compile the kernel of `state` alone."""
-    law._compiled(True)
+    _ = law._state_entry
 
 
 def posture_place(law: CartesianImpedance) -> slice:

@@ -15,7 +15,7 @@ J. Dyn. Sys. Meas. Control 103, 1981.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import math
 from typing import Any
 
@@ -26,6 +26,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
+from kane_dynamics.native.python_call.entry_ir import FIXED, KEYWORD, NUMBER
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
@@ -78,6 +80,9 @@ class HybridForce(CartesianImpedance):
 
     _changeable = (*CartesianImpedance._changeable, 'force_gain', 'integral_gain',
                    'approach_speed')
+    _arguments = (*CartesianImpedance._arguments, ('measured', KEYWORD),
+                  ('integral', FIXED), ('elapsed', NUMBER))
+    _memory = 'integral'
 
     def __init__(self, robot: Robot, frame: str, *, force_directions: Sequence[str],
                  stiffness: ArrayLike, force_gain: float = GAIN,
@@ -87,21 +92,18 @@ class HybridForce(CartesianImpedance):
         self._forced = checked_directions(force_directions, 'force_directions')
         self._further = {'force_gain': force_gain, 'integral_gain': integral_gain,
                          'approach_speed': approach_speed}
+        self._integral = np.zeros(6)  # which every call updates
         self._step = np.zeros(1)
-        # A number is written to it faster than to the array.
-        self._step_entry: Any = memoryview(self._step)
         super().__init__(robot, frame, stiffness=stiffness, **impedance)
-        # The result of the last call: the torques, then the integral.
-        self._last = [np.zeros(len(robot.joint_names) + 6)]
 
     @property
     def integral(self) -> Array:
         """Return the integral of the force's error."""
-        return self._last[0][-6:].copy()
+        return self._integral.copy()
 
     def reset(self) -> None:
         """Set the integral of the force's error to zero."""
-        self._last[0] = np.zeros(len(self._last[0]))
+        self._integral[:] = 0.0
 
     def _layout(self) -> dict[str, Shape]:
         """Return the names and shapes of the kernel's settings."""
@@ -168,13 +170,12 @@ class HybridForce(CartesianImpedance):
             The configuration is open or singular.
 
         """
-        if type(elapsed) is not float or not 0.0 <= elapsed < math.inf:
-            elapsed = number(elapsed, 'elapsed', 'a finite time in s, not negative',
-                             lambda x: 0.0 <= x < math.inf)
+        elapsed = number(elapsed, 'elapsed', 'a finite time in s, not negative',
+                         lambda x: 0.0 <= x < math.inf)
         # Fields in local names: each read of an object with hints costs as much as ten.
         call = self.__dict__['_call'] or self._call_fields()
-        law, block, zero, timed, step, step_entry, last = call
-        step_entry[0] = elapsed
+        law, block, zero, timed, step, integral = call
+        step[0] = elapsed
         if twist is None:
             twist = zero
         if acceleration is None:
@@ -182,26 +183,32 @@ class HybridForce(CartesianImpedance):
         desired = zero if wrench is None else wrench
         if measured is None:  # as if the force were exactly the desired one
             measured = -finite_row(desired, 'wrench', DIRECTIONS, part='direction')
+        torques: Array
         if timed:
-            row = law(q, u, pose, twist, acceleration, desired, measured, last[0], step,
-                      block, t)
+            torques = law(q, u, pose, twist, acceleration, desired, measured, integral,
+                          step, block, t)
         else:
-            row = law(q, u, pose, twist, acceleration, desired, measured, last[0], step,
-                      block)
-        last[0] = row
-        torques: Array = row[:-6]
+            torques = law(q, u, pose, twist, acceleration, desired, measured, integral,
+                          step, block)
         return torques
 
     def _call_fields(self) -> tuple[Any, ...]:
         """Return and keep what a call reads."""
         common = super()._call_fields()
-        self._call = *common, self._step, self._step_entry, self._last
+        self._call = *common, self._step, self._integral
         return self._call
 
-    def _compiled(self, with_state: bool = False) -> Callable[..., Array]:
-        """Return the entry point of the torques, or of the impedance's state."""
-        if with_state:
-            return super()._compiled(True)
+    def _stand_ins(self) -> dict[str, Any]:
+        """Return what stands for arguments that are left out, and for fixed ones."""
+        return {**super()._stand_ins(), 'integral': self._integral, 'elapsed': 0.0}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy has: also its own integral."""
+        return {**super().__getstate__(), '_integral': self._integral.copy(),
+                '_step': self._step.copy()}
+
+    def _kernel(self) -> Kernel:
+        """Return the kernel of the torques and the integral."""
         robot = self.robot
         task = self._task
         shapes = self._shapes
@@ -213,11 +220,10 @@ class HybridForce(CartesianImpedance):
         size = len(robot.joint_names) + 6
         inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'pose': (4, 4), 'twist': (6,),
                   'acceleration': (6,), 'desired_wrench': (6,), 'measured': (6,),
-                  'last_torques_and_integral': (size,), 'elapsed': (1,),
+                  'integral': (6,), 'elapsed': (1,),
                   'settings': (shapes.size,)}
         name = identifier('hybrid_force', task.words, *map(str, forced))
-        kernel = law_kernel(robot, law_of, name, inputs, (size,))
-        return kernel.entry('', kernel)
+        return law_kernel(robot, law_of, name, inputs, (size,))
 
 
 def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls,
@@ -228,10 +234,9 @@ def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls
     moving[list(forced)] = 0.0
 
     def law(q: Vector, u: Vector, target: Matrix, twist: Vector, acceleration: Vector,
-            wrench: Vector, measured: Vector, last: Vector, elapsed: Vector,
+            wrench: Vector, measured: Vector, integral: Vector, elapsed: Vector,
             settings: Vector, *, t: Scalar, parameters: Vector) -> Vector:
         values = shapes.unpacked(settings)
-        integral = last[-6:]
         axes = task.in_world(target[:3, :3])
 
         # The motion of the target without its part along the force directions.

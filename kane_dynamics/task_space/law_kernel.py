@@ -17,6 +17,8 @@ from kane_dynamics.control.terms import Terms
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.lanes import Lanes
 from kane_dynamics.mechanics.constraints.conditioning import guarded
+from kane_dynamics.native.python_call.entry import CallForm
+from kane_dynamics.native.python_call.entry_ir import FIXED, OPTIONAL, REQUIRED
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.native.tracing.wide import WideLanes
@@ -106,7 +108,7 @@ class RunTimeSettings:
         values = {**self._values, **deepcopy(settings)}
         block = self._shapes.packed(self._checked(values))
         self._values = values
-        self._block = block
+        self._block[:] = block  # in place: entry points read it there
 
     def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return the numbers of the kernel by name, from checked settings."""
@@ -119,7 +121,17 @@ def settings_of(law: RunTimeSettings) -> Array:
 
 
 class PoseLaw(RunTimeSettings):
-    """Base of laws by which a frame follows a pose: their torques, of one signature."""
+    """
+    Base of laws by which a frame follows a pose: their torques, of one signature.
+
+    The first call of `torque` replaces it, on this object, by an entry point of the
+    kernel, which takes the same arguments and falls back to the method.
+    """
+
+    # Names and kinds of what the kernel gets before the settings, as of `CallForm`.
+    _arguments: tuple[tuple[str, str], ...] = (
+        ('q', REQUIRED), ('u', REQUIRED), ('pose', REQUIRED), ('twist', OPTIONAL),
+        ('acceleration', OPTIONAL), ('wrench', OPTIONAL))
 
     def __init__(self, robot: Robot, shapes: Settings) -> None:
         super().__init__(shapes)
@@ -130,28 +142,53 @@ class PoseLaw(RunTimeSettings):
         self._timed = robot.equations.timed
         self._zero = np.zeros(6)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy has: its own settings, and no entry point of this object."""
+        state = {**self.__dict__, '_call': None, '_block': self._block.copy()}
+        state.pop('torque', None)
+        return state
+
     @lazy_property
     def _law(self) -> Callable[..., Array]:
         """Return the entry point of the torques, compiled at the first use."""
         return self._compiled()
 
-    def update(self, **settings: Any) -> None:
-        """
-        Change settings of the constructor between two calls; the others stay.
-
-        On an InputError no setting changes.
-        """
-        super().update(**settings)
-        self._call = None
-
     def _call_fields(self) -> tuple[Any, ...]:
         """Return and keep what a call reads."""
         self._call = self._law, self._block, self._zero, self._timed
+        owner = next(kind for kind in type(self).__mro__ if 'torque' in vars(kind))
+        # The method of another package's subclass stays. Calls with a time need it, too.
+        if not self._timed and owner.__module__.startswith('kane_dynamics.'):
+            self.__dict__['torque'] = self._by_name()
         return self._call
+
+    def _stand_ins(self) -> dict[str, Any]:
+        """Return what stands for arguments that are left out, and for fixed ones."""
+        return dict.fromkeys(('twist', 'acceleration', 'wrench'), self._zero)
+
+    def _by_name(self) -> Callable[..., Array]:
+        """Return the entry point that replaces `torque` on this object."""
+        names = [name for name, _ in self._arguments]
+        kinds = [kind for _, kind in self._arguments]
+        stand_ins = self._stand_ins()
+        form = CallForm((*names, 'settings'), (*kinds, FIXED),
+                        (*map(stand_ins.get, names), self._block))
+        method = type(self).torque
+        return self._kernel().entry_by_name(method.__doc__ or '', form,
+                                            method.__get__(self), self._memory)
+
+    _memory: str | None = None  # the argument of the kernel that its calls update
+
+    def _kernel(self) -> Kernel:
+        """Return the kernel of the torques."""
+        raise NotImplementedError
 
     def _compiled(self) -> Callable[..., Array]:
         """Compile the torques and return their entry point."""
-        raise NotImplementedError
+        kernel = self._kernel()
+        if self._memory is None:
+            return kernel.entry('', kernel)
+        return kernel.entry_with_memory('', self._memory)
 
     def torque(self, q: ArrayLike, u: ArrayLike, pose: ArrayLike,
                twist: ArrayLike | None = None, acceleration: ArrayLike | None = None,

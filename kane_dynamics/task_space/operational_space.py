@@ -14,7 +14,7 @@ Automation 3(1), 1987.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import guarded
@@ -24,6 +24,7 @@ from kane_dynamics.control.computed_torque import KD, KP
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.effort_limits import within_limits
@@ -134,8 +135,8 @@ class OperationalSpace(PoseLaw):
             'effort': checked_effort(robot, values['effort_limit']),
             **self._walls.settings(values['limit_stiffness'], values['limit_margin'])}
 
-    def _compiled(self) -> Callable[..., Array]:
-        """Return the entry point of the law."""
+    def _kernel(self) -> Kernel:
+        """Return the kernel of the law."""
         robot = self.robot
         task = self._task
         walls = self._walls
@@ -147,8 +148,7 @@ class OperationalSpace(PoseLaw):
                   'acceleration': (6,), 'desired_wrench': (6,),
                   'settings': (shapes.size,)}
         name = identifier('operational_space', task.words)
-        kernel = law_kernel(robot, law_of, name, inputs, (len(robot.joint_names),))
-        return kernel.entry('', kernel)
+        return law_kernel(robot, law_of, name, inputs, (len(robot.joint_names),))
 
 
 def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,

@@ -55,7 +55,7 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.python_call.entry_ir import (ALL_FINITE, bound_code, DATA,
                                                        DTYPE, entry_code, FLAGS, FRESH,
-                                                       method_code, NDIM,
+                                                       ITEMS, LENGTH, method_code, NDIM,
                                                        placeholder_code, SHAPE, TABLE,
                                                        TYPE, WEAKREFS)
 from kane_dynamics.native.tracing.program import Shape
@@ -85,6 +85,42 @@ class KernelFunction:
     address: llvm.Address
 
 
+@dataclass(frozen=True, eq=False)
+class CallForm:
+    """
+    Names, kinds and stand-ins of a kernel's arguments, for calls with keywords.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the arguments, in the order of the kernel.
+    kinds : tuple of str
+        `REQUIRED`: by position. `OPTIONAL`: by position or keyword. `KEYWORD`: by
+        keyword. `NUMBER`: by keyword, a float of at least 0. `FIXED`: no part of a call.
+        In this order, but for fixed ones.
+    stand_ins : tuple of array, float or None
+        In place of an argument that is left out or None; the fallback serves the call
+        where this is None. Those of fixed arguments are not checked.
+
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    stand_ins: tuple[Any, ...]
+
+    def __post_init__(self) -> None:
+        """Intern the names, as those of calls are: one name has one address."""
+        object.__setattr__(self, 'names', tuple(map(sys.intern, self.names)))
+
+    @property
+    def words(self) -> tuple[int, ...]:
+        """Return the addresses of the stand-ins, 0 for None, and of the names."""
+        addresses = []
+        for thing in self.stand_ins:
+            addresses.append(0 if thing is None else id(thing))
+        return (*addresses, *map(id, self.names))
+
+
 @dataclass(frozen=True)
 class Signature:
     """
@@ -99,7 +135,11 @@ class Signature:
     limits : tuple of float
         Largest absolute value allowed in each argument.
     shape : tuple of int
-        Of the result.
+        Of the result of a call.
+    memory : int, optional
+        Number of the argument to which the rest of the kernel's result is written.
+    kinds : tuple of str
+        Of the arguments of a `CallForm`; empty: all by position.
 
     """
 
@@ -107,6 +147,8 @@ class Signature:
     default_sizes: tuple[int, ...]
     limits: tuple[float, ...]
     shape: Shape
+    memory: int | None = None
+    kinds: tuple[str, ...] = ()
 
     @property
     def is_supported(self) -> bool:
@@ -117,16 +159,19 @@ class Signature:
 
     @lazy_property
     def entry_points(self) -> llvm.Code:
-        """Machine code of `entry` and `bound`, of which there is one a signature."""
-        # The code depends on shapes and limits alone: robots with the same share it.
-        key = self.shapes, self.default_sizes, self.limits, self.shape
+        """Machine code of `entry` and `bound`; of a memory, of `entry` alone."""
+        # The code depends on what the key states alone: robots with the same share it.
+        key = (self.shapes, self.default_sizes, self.limits, self.shape, self.memory,
+               self.kinds)
         shared = _entry_points.get(key)
         if shared is not None:
             return shared
         sizes = [math.prod(lengths) for lengths in self.shapes]
-        text = '\n'.join([
-            entry_code(self.shapes, self.limits, len(self.default_sizes) + 1, self.shape),
-            bound_code([*sizes, *self.default_sizes], self.limits, 1, self.shape)])
+        text = entry_code(self.shapes, self.limits, len(self.default_sizes) + 1,
+                          self.shape, self.memory, self.kinds)
+        if self.memory is None and not self.kinds:
+            text += '\n' + bound_code([*sizes, *self.default_sizes], self.limits, 1,
+                                      self.shape)
         if '@all_finite' in text:
             text = f'{ALL_FINITE}\n{text}'
         code = llvm.Code(llvm.cached(lambda: llvm.assemble(text), 'entry', text))
@@ -192,7 +237,8 @@ def interpreter_words() -> dict[str, int]:
     return {'NDARRAY': id(np.ndarray), 'FLOAT64': id(np.dtype(np.float64)),
             'NEW_ARRAY': int(numpy_api[PY_ARRAY_NEW] or 0),
             'VECTORCALL': _symbol('PyObject_Vectorcall'),
-            'NEW_FLOAT': _symbol('PyFloat_FromDouble'), 'RELEASE': _symbol('Py_DecRef')}
+            'NEW_FLOAT': _symbol('PyFloat_FromDouble'), 'RELEASE': _symbol('Py_DecRef'),
+            'FLOAT': id(float), 'NONE': id(None)}
 
 
 def _symbol(name: str) -> int:
@@ -201,7 +247,7 @@ def _symbol(name: str) -> int:
 
 def new_table(words: Mapping[str, int], fallback: Callable[..., Any], code: llvm.Code,
               blocks: Sequence[np.ndarray] = (),
-              owned: tuple[Any, ...] = ()) -> EntryTable:
+              owned: tuple[Any, ...] = (), form: CallForm | None = None) -> EntryTable:
     """Return a table of these words and addresses of the fallback and the blocks."""
     # Words of the table in the order of the code, then the addresses of the blocks.
     words = {**interpreter_words(), 'FALLBACK': id(fallback), **words}
@@ -210,6 +256,9 @@ def new_table(words: Mapping[str, int], fallback: Callable[..., Any], code: llvm
         numbers.append(words.get(word, 0))
     for block in blocks:
         numbers.append(block.ctypes.data)
+    if form is not None:
+        numbers += form.words
+        owned = (form, *owned)
     numbers += [0] * DEFINITION  # space for the PyMethodDef
     table = np.array(numbers, dtype=np.uint64).view(EntryTable)
     table.owned = (tuple(blocks), code, *owned)
@@ -270,8 +319,8 @@ def assembled(name: str, text: str) -> llvm.Code:
 
 
 def _entry(name: str, doc: str, kernel: KernelFunction, signature: Signature,
-           defaults: Sequence[np.ndarray],
-           fallback: Callable[..., Any]) -> Callable[..., Any]:
+           defaults: Sequence[np.ndarray], fallback: Callable[..., Any],
+           form: CallForm | None = None) -> Callable[..., Any]:
     code = signature.entry_points
     shape = signature.shape
     lengths = np.array(shape, dtype=np.int64)
@@ -279,7 +328,7 @@ def _entry(name: str, doc: str, kernel: KernelFunction, signature: Signature,
     ring[:] = [np.empty(shape), np.empty(shape)] if shape else None
     words = {'KERNEL': kernel.address, 'RESULT_SHAPE': lengths.ctypes.data,
              'RING': ring.ctypes.data}
-    table = new_table(words, fallback, code, defaults, (kernel.code, lengths, ring))
+    table = new_table(words, fallback, code, defaults, (kernel.code, lengths, ring), form)
     return built_in(name, doc, code.address('entry'), METH_FASTCALL | METH_KEYWORDS,
                     table)
 
@@ -323,6 +372,12 @@ def supported() -> bool:
                 and ctypes.c_int64.from_address(head[SHAPE // 8]).value == 3
                 and head[DTYPE // 8] == id(np.dtype(np.float64))
                 and head[FLAGS // 8] & FRESH == FRESH and head[WEAKREFS // 8] == 0)
+    # Floats and tuples, likewise.
+    number, pair = 1.25, ('first', 'second')
+    items = (ctypes.c_uint64 * 2).from_address(id(pair) + ITEMS)
+    readable = (readable and ctypes.c_double.from_address(id(number) + DATA).value == 1.25
+                and ctypes.c_int64.from_address(id(pair) + LENGTH).value == 2
+                and list(items) == [id(word) for word in pair])
     return readable and _self_test(another)
 
 
@@ -381,8 +436,8 @@ def _self_test(probe: np.ndarray) -> bool:
 
 
 def entry(name: str, doc: str, kernel: KernelFunction, signature: Signature,
-          defaults: Sequence[np.ndarray],
-          fallback: Callable[..., Any]) -> Callable[..., Any]:
+          defaults: Sequence[np.ndarray], fallback: Callable[..., Any],
+          form: CallForm | None = None) -> Callable[..., Any]:
     """
     Return a built-in function that calls a kernel with minimal overhead.
 
@@ -398,11 +453,13 @@ def entry(name: str, doc: str, kernel: KernelFunction, signature: Signature,
         Arrays passed after the arguments; read at each call.
     fallback : callable
         Called with the same arguments when they do not match exactly.
+    form : CallForm, optional
+        Of calls with keywords and optional arguments; its kinds are the signature's.
 
     """
     if not signature.is_supported or not supported():
         return fallback
-    return _entry(name, doc, kernel, signature, defaults, fallback)
+    return _entry(name, doc, kernel, signature, defaults, fallback, form)
 
 
 def bound(name: str, doc: str, kernel: KernelFunction, signature: Signature,

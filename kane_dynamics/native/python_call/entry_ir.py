@@ -25,18 +25,24 @@ from kane_dynamics.native.tracing.program import Shape
 
 # 64-bit words of the table that a function receives as `self`, in order. Pointers
 # follow: for `entry`, those of the default arguments; for `bound`, those of all
-# arguments and of the result. KERNEL is the address of the kernel, ``void
+# arguments and of the result. Behind the defaults of a `CallForm` follow its objects and
+# names. KERNEL is the address of the kernel, ``void
 # kernel(double **pointers)``; CODE is the function to which a method forwards its call.
 TABLE = ('KERNEL', 'CODE', 'FALLBACK', 'VECTORCALL', 'NDARRAY', 'FLOAT64', 'NEW_ARRAY',
-         'NEW_FLOAT', 'RELEASE', 'RESULT_SHAPE', 'RING', 'RESULT')
+         'NEW_FLOAT', 'RELEASE', 'RESULT_SHAPE', 'RING', 'RESULT', 'FLOAT', 'NONE')
 
 # Byte offsets of the fields of a CPython object and of an ndarray.
 COUNT, TYPE, DATA, NDIM, SHAPE, DTYPE, FLAGS, WEAKREFS = 0, 8, 16, 24, 32, 56, 64, 72
 SLOT = 16  # the first slot of a Python object
 READABLE = 0x101  # C_CONTIGUOUS, ALIGNED
-FRESH = READABLE | 0x404  # OWNDATA, WRITEABLE
+WRITEABLE = 0x400
+FRESH = READABLE | WRITEABLE | 0x4  # OWNDATA
 TABLE_OF_SELF = (f'  %table.at = getelementptr i8, ptr %self, i64 {DATA}',
                  '  %table = load ptr, ptr %table.at')
+LENGTH, ITEMS = 16, 24  # of a tuple
+# Kinds of the arguments of a call; see `entry.CallForm`.
+REQUIRED, OPTIONAL, KEYWORD, NUMBER, FIXED = (
+    'required', 'optional', 'keyword', 'number', 'fixed')
 LOOP_SIZE = 256  # entries above which a block is checked by a loop
 ALL_FINITE = """
 ; Return whether `size` entries, 8 or more, are finite after multiplication by the scale.
@@ -209,6 +215,13 @@ def _new_result(a: Assembly, shape: Shape) -> None:
           f'  call void {a.word("RELEASE")}(ptr {oldest})', '  br label %run')
 
 
+def _copy(a: Assembly, source: str, first: int, target: str, count: int) -> None:
+    """Copy `count` doubles, from number `first` of the source on."""
+    vector = f'<{count} x double>'
+    block = a.load(vector, source, 8 * first)
+    a.put(f'  store {vector} {block}, ptr {target}, align 8')
+
+
 def _return_float(a: Assembly, number_at: str) -> None:
     a.branch(a.finite([(number_at, 1, math.inf)]), 'good', 'slow')
     a.put('good:')
@@ -219,11 +232,14 @@ def _return_float(a: Assembly, number_at: str) -> None:
 
 
 def entry_code(shapes: Sequence[Shape], limits: Sequence[float], n_defaults: int,
-               shape: Shape) -> str:
+               shape: Shape, memory: int | None = None,
+               kinds: Sequence[str] = ()) -> str:
     """
     Return the LLVM IR of `entry`.
 
-    The kernel gets pointers to the arguments, the defaults and the result.
+    The kernel gets pointers to the arguments, the defaults and the result. With a memory,
+    the kernel's result goes to the stack: its first part becomes the result of the call,
+    the rest overwrites the argument that is the memory.
 
     Parameters
     ----------
@@ -235,51 +251,55 @@ def entry_code(shapes: Sequence[Shape], limits: Sequence[float], n_defaults: int
         Number of arguments whose addresses are in the table.
     shape : tuple of int
         Shape of the result; no length may be 0. () returns a float.
+    memory : int, optional
+        Number of the argument to which the rest of the kernel's result is written; the
+        result is then one row, and so is this argument.
+    kinds : sequence of str, optional
+        Of the arguments, in calls with keywords and optional arguments; see
+        `entry.CallForm`.
 
     """
     # Anything that is not the plain case goes to `slow`, the checked call in Python.
     a = Assembly()
     count = len(shapes)
     slots = count + n_defaults + 1
+    size = math.prod(shape)
+    total = size
+    if memory is not None:
+        total += math.prod(shapes[memory])
     a.put('define ptr @entry(ptr %self, ptr %args, i64 %nargs, ptr %kwnames) {',
           f'  %pointers = alloca [{slots} x ptr]', '  %scalar = alloca double',
-          *TABLE_OF_SELF)
-    a.branch([a.equal('ptr', '%kwnames', 'null'),
-              a.equal('i64', '%nargs', count)],
-             'types', 'slow')
+          f'  %given = alloca [{count} x ptr]',
+          f'  %numbers = alloca [{total} x double], align 64', *TABLE_OF_SELF)
+    if kinds:
+        _sort_arguments(a, kinds, 8 * (len(TABLE) + n_defaults))
+        arguments = '%given'
+    else:
+        a.branch([a.equal('ptr', '%kwnames', 'null'),
+                  a.equal('i64', '%nargs', count)],
+                 'types', 'slow')
+        arguments = '%args'
     a.put('types:')
-    arrays = []
+    objects = []
     for k in range(count):
-        arrays.append(a.load('ptr', '%args', 8 * k))
-    ndarray = a.word('NDARRAY')
-    float64 = a.word('FLOAT64')
-    # Only an ndarray has the fields that are read next.
-    conditions = []
-    for array in arrays:
-        conditions.append(a.equal('ptr', a.load('ptr', array, TYPE), ndarray))
-    a.branch(conditions, 'layout', 'slow')
-    a.put('layout:')
-    conditions = []
-    for array, lengths in zip(arrays, shapes):
-        conditions += [a.equal('i32', a.load('i32', array, NDIM), len(lengths)),
-                       a.equal('ptr', a.load('ptr', array, DTYPE), float64),
-                       a.flags(array, READABLE)]
-    a.branch(conditions, 'lengths', 'slow')
-    # Only an array with as many axes has these lengths.
-    a.put('lengths:')
-    conditions = []
-    for array, lengths in zip(arrays, shapes):
-        actual_lengths = a.load('ptr', array, SHAPE)
-        for axis, length in enumerate(lengths):
-            actual = a.load('i64', actual_lengths, 8 * axis)
-            conditions.append(a.equal('i64', actual, length))
-    a.branch(conditions, 'values', 'slow')
+        objects.append(a.load('ptr', arguments, 8 * k))
+    _check_arrays(a, objects, shapes, memory, kinds)
     a.put('values:')
     data = []
-    for array in arrays:
-        data.append(a.load('ptr', array, DATA))
-    sizes = [math.prod(lengths) for lengths in shapes]
-    a.branch(a.finite(list(zip(data, sizes, limits))), 'ready', 'slow')
+    conditions = []
+    blocks = []
+    for k, thing in enumerate(objects):
+        kind = kinds[k] if kinds else REQUIRED
+        # The number of a float lies where an array has the address of its numbers.
+        if kind == NUMBER:
+            data.append(a.new(f'getelementptr i8, ptr {thing}, i64 {DATA}'))
+            number = a.load('double', thing, DATA)
+            conditions.append(a.new(f'fcmp oge double {number}, 0.0'))
+        else:
+            data.append(a.load('ptr', thing, DATA))
+        if kind != FIXED:
+            blocks.append((data[k], math.prod(shapes[k]), limits[k]))
+    a.branch([*conditions, *a.finite(blocks)], 'ready', 'slow')
     a.put('ready:')
     # The kernel's pointers: arguments, defaults of the table, result.
     for k in range(n_defaults):
@@ -302,14 +322,124 @@ def entry_code(shapes: Sequence[Shape], limits: Sequence[float], n_defaults: int
     a.put('run:',
           '  %out = phi ptr [%first.array, %first.taken], [%second.array, '
           '%second.taken], [%made.array, %keep]')
-    memory = a.load('ptr', '%out', DATA)
-    a.put(f'  store ptr {memory}, ptr {result}',
+    returned = a.load('ptr', '%out', DATA)
+    numbers = returned if memory is None else '%numbers'
+    a.put(f'  store ptr {numbers}, ptr {result}',
           f'  call void {a.word("KERNEL")}(ptr %pointers)')
-    a.branch(a.finite([(memory, math.prod(shape), math.inf)]), 'good', 'discard')
-    a.put('good:', '  ret ptr %out', 'discard:')  # the fallback explains the error
+    a.branch(a.finite([(numbers, total, math.inf)]), 'good', 'discard')
+    a.put('good:')
+    if memory is not None:
+        _copy(a, numbers, 0, returned, size)
+        _copy(a, numbers, size, data[memory], total - size)
+    a.put('  ret ptr %out', 'discard:')  # the fallback explains the error
     a.put(f'  call void {a.word("RELEASE")}(ptr %out)', '  br label %slow')
     a.slow('%kwnames')
     return '\n'.join(a.lines)
+
+
+def _check_arrays(a: Assembly, objects: Sequence[str], shapes: Sequence[Shape],
+                  memory: int | None, kinds: Sequence[str]) -> None:
+    """Branch to `values` if the arguments are what is expected, else to `slow`."""
+    arrays = []
+    floats = []
+    for k, thing in enumerate(objects):
+        kind = kinds[k] if kinds else REQUIRED
+        if kind == NUMBER:
+            floats.append(thing)
+        elif kind != FIXED:
+            arrays.append((k, thing))
+    ndarray = a.word('NDARRAY')
+    float64 = a.word('FLOAT64')
+    # Only an ndarray has the fields that are read next.
+    conditions = []
+    for _, array in arrays:
+        conditions.append(a.equal('ptr', a.load('ptr', array, TYPE), ndarray))
+    for number in floats:
+        conditions.append(a.equal('ptr', a.load('ptr', number, TYPE), a.word('FLOAT')))
+    a.branch(conditions, 'layout', 'slow')
+    a.put('layout:')
+    conditions = []
+    for k, array in arrays:
+        flags = READABLE | WRITEABLE if k == memory else READABLE
+        conditions += [a.equal('i32', a.load('i32', array, NDIM), len(shapes[k])),
+                       a.equal('ptr', a.load('ptr', array, DTYPE), float64),
+                       a.flags(array, flags)]
+    a.branch(conditions, 'lengths', 'slow')
+    # Only an array with as many axes has these lengths.
+    a.put('lengths:')
+    conditions = []
+    for k, array in arrays:
+        actual_lengths = a.load('ptr', array, SHAPE)
+        for axis, length in enumerate(shapes[k]):
+            actual = a.load('i64', actual_lengths, 8 * axis)
+            conditions.append(a.equal('i64', actual, length))
+    a.branch(conditions, 'values', 'slow')
+
+
+def _sort_arguments(a: Assembly, kinds: Sequence[str], place: int) -> None:
+    """
+    Store the arguments of a call in the order of the kernel, in `given`.
+
+    From the byte `place` on the table has the objects that stand for arguments which are
+    left out, and then the names of the arguments.
+    """
+    count = len(kinds)
+    required = kinds.count(REQUIRED)
+    positional = required + kinds.count(OPTIONAL)
+    few = a.new(f'icmp uge i64 %nargs, {required}')
+    many = a.new(f'icmp ule i64 %nargs, {positional}')
+    a.branch([few, many], 'positions', 'slow')
+    a.put('positions:')
+    none = a.word('NONE')
+    for k in range(count):
+        value = a.load('ptr', '%table', place + 8 * k)
+        if k < positional:
+            is_given = a.new(f'icmp ugt i64 %nargs, {k}')
+            at = a.new(f'select i1 {is_given}, i64 {k}, i64 0')
+            argument = a.load('ptr', a.new(f'getelementptr ptr, ptr %args, i64 {at}'))
+            stated = a.new(f'icmp ne ptr {argument}, {none}')
+            used = a.new(f'and i1 {is_given}, {stated}')
+            if k < required:
+                used = is_given
+            value = a.new(f'select i1 {used}, ptr {argument}, ptr {value}')
+        slot = a.new(f'getelementptr ptr, ptr %given, i64 {k}')
+        a.put(f'  store ptr {value}, ptr {slot}')
+    named = a.new('icmp ne ptr %kwnames, null')
+    a.put(f'  br i1 {named}, label %names, label %sorted')
+
+    # Keywords, one after the other: names are interned, so that their addresses differ.
+    a.put('names:')
+    total = a.load('i64', '%kwnames', LENGTH)
+    without = a.equal('i64', total, 0)
+    a.put(f'  br i1 {without}, label %sorted, label %name', 'name:',
+          '  %i = phi i64 [0, %names], [%i.next, %named]')
+    items = a.new(f'getelementptr i8, ptr %kwnames, i64 {ITEMS}')
+    name = a.load('ptr', a.new(f'getelementptr ptr, ptr {items}, i64 %i'))
+    behind = a.new('add i64 %nargs, %i')
+    argument = a.load('ptr', a.new(f'getelementptr ptr, ptr %args, i64 {behind}'))
+    number = '-1'
+    for k in range(required, count):
+        if kinds[k] != FIXED:
+            known = a.load('ptr', '%table', place + 8 * (count + k))
+            same = a.equal('ptr', name, known)
+            number = a.new(f'select i1 {same}, i64 {k}, i64 {number}')
+    # An argument without this name, or one that a position has, too.
+    a.branch([a.new(f'icmp sge i64 {number}, %nargs')], 'known', 'slow')
+    a.put('known:')
+    slot = a.new(f'getelementptr ptr, ptr %given, i64 {number}')
+    left_out = a.equal('ptr', argument, none)
+    kept = a.load('ptr', slot)
+    value = a.new(f'select i1 {left_out}, ptr {kept}, ptr {argument}')
+    a.put(f'  store ptr {value}, ptr {slot}', '  br label %named', 'named:',
+          '  %i.next = add i64 %i, 1')
+    ended = a.equal('i64', '%i.next', total)
+    a.put(f'  br i1 {ended}, label %sorted, label %name', 'sorted:')
+    # An argument that the call needs and lacks, or whose default is not an object.
+    conditions = []
+    for k in range(count):
+        value = a.load('ptr', a.new(f'getelementptr ptr, ptr %given, i64 {k}'))
+        conditions.append(a.new(f'icmp ne ptr {value}, null'))
+    a.branch(conditions, 'types', 'slow')
 
 
 def bound_code(sizes: Sequence[int], limits: Sequence[float], n_parameters: int,

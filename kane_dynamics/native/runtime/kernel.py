@@ -7,7 +7,7 @@ the other. `batch_kernel` makes the kernel of a function of arrays alone.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 import math
 import sys
@@ -22,7 +22,8 @@ from kane_dynamics.native.backends.llvm_simd import lane_text, text_by_states, w
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
-from kane_dynamics.native.python_call.entry import EntryTable, KernelFunction, Signature
+from kane_dynamics.native.python_call.entry import (CallForm, EntryTable, KernelFunction,
+                                                    Signature)
 from kane_dynamics.native.runtime.faster_copy import faster_copy, Trial
 from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, driver, repeat,
                                                 repeat_until, run_batch)
@@ -312,6 +313,67 @@ class Kernel:
         """Return a native entry point, or the fallback without support for it."""
         return entry.entry(self.name, doc, self.compile(), self._signature,
                            [*self.defaults, self.parameters], fallback)
+
+    def entry_with_memory(self, doc: str, memory: str,
+                          fallback: Callable[..., Array] | None = None
+                          ) -> Callable[..., Array]:
+        """
+        Return a native entry point that updates one of its arguments.
+
+        The last entries of the kernel's result, a row, replace those of the argument, and
+        the first ones are returned; a call that raises an error changes nothing.
+
+        Parameters
+        ----------
+        doc : str
+            Docstring of the function.
+        memory : str
+            Name of the argument, a row without a default.
+        fallback : callable, optional
+            Called with the same arguments where they do not match exactly, in place of
+            the kernel; returns its result.
+
+        """
+        signature = self._with_memory(memory)
+        place = signature.memory
+        returned, = signature.shape
+        call = fallback or self
+
+        def divided(*values: Any) -> Array:
+            row = call(*values)
+            values[place][:] = row[returned:]
+            return row[:returned]
+        return entry.entry(self.name, doc, self.compile(), signature,
+                           [*self.defaults, self.parameters], divided)
+
+    def entry_by_name(self, doc: str, form: CallForm, fallback: Callable[..., Array],
+                      memory: str | None = None) -> Callable[..., Array]:
+        """
+        Return a native entry point with keywords and optional arguments.
+
+        Parameters
+        ----------
+        doc : str
+            Docstring of the function.
+        form : CallForm
+            Of the arguments without a default.
+        fallback : callable
+            Called with the same arguments where they do not match; returns what the
+            entry point does.
+        memory : str, optional
+            As of `entry_with_memory`.
+
+        """
+        signature = self._signature if memory is None else self._with_memory(memory)
+        return entry.entry(self.name, doc, self.compile(),
+                           replace(signature, kinds=form.kinds),
+                           [*self.defaults, self.parameters], fallback, form)
+
+    def _with_memory(self, memory: str) -> Signature:
+        """Return the signature of calls that update an argument."""
+        place = [argument.name for argument in self.arguments].index(memory)
+        size, = self.arguments[place].shape
+        return replace(self._signature, shape=(self.shape[0] - size,), memory=place)
 
     def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[],
                                                                                     Any]:
