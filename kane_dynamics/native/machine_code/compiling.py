@@ -20,7 +20,7 @@ LOGGER = 'kane_dynamics.compile'
 
 _lock = ForkSafeLock()
 _inside: list[int] = []  # threads inside `gc_paused`
-_enabled = False  # state of the collector before the first of them
+_enabled = False  # state of the collector when the last of them has left
 
 
 @contextmanager
@@ -46,6 +46,22 @@ def gc_paused() -> Iterator[None]:
             if len(_inside) == 1 and _enabled:
                 gc.enable()
             _inside.remove(get_ident())
+
+
+def collect_automatically(enabled: bool) -> None:
+    """Enable or disable the garbage collector, in a pause when the last thread leaves it."""
+    global _enabled
+    with _lock.held():
+        _enabled = enabled
+        if enabled and not _inside:
+            gc.enable()
+        else:
+            gc.disable()
+
+
+def gc_is_paused() -> bool:
+    """Return whether a thread is inside `gc_paused`."""
+    return bool(_inside)
 
 
 def _forked() -> None:

@@ -14,6 +14,8 @@ from pathlib import Path
 import resource
 from typing import Any
 
+from kane_dynamics.native.machine_code.compiling import collect_automatically, gc_is_paused
+
 TASKS = Path('/proc/self/task')
 LATENCY = '/dev/cpu_dma_latency'  # while open, processors wake within the written us
 CAP_IPC_LOCK = 14  # capability number: lock memory without limit
@@ -121,21 +123,13 @@ def _capable(number: int) -> bool:
     return False
 
 
-def disable_automatic_collection(disable: bool) -> None:
-    """Disable automatic garbage collection, or enable it again."""
-    if disable:
-        gc.disable()
-    else:
-        gc.enable()
-
-
 def collect_if_disabled() -> None:
     """
-    Collect garbage if automatic collection is disabled.
+    Collect garbage if automatic collection is disabled, but not while code compiles.
 
     This is fast, as old objects are frozen.
     """
-    if not gc.isenabled():
+    if not gc.isenabled() and not gc_is_paused():
         gc.collect()
 
 
@@ -149,7 +143,7 @@ def release() -> None:
     """Let processors sleep and collect garbage as in any process again."""
     AWAKE.release()
     gc.unfreeze()
-    disable_automatic_collection(False)
+    collect_automatically(True)
 
 
 def apply_realtime_settings(values: Mapping[str, Any],
@@ -192,4 +186,4 @@ def apply_realtime_settings(values: Mapping[str, Any],
         attempt('realtime.keep_awake', AWAKE.hold,
                 f'grant the user write access to {LATENCY}, or disable idle states with '
                 'cpupower')
-    disable_automatic_collection(values['realtime.collect_rarely'])
+    collect_automatically(not values['realtime.collect_rarely'])

@@ -392,7 +392,7 @@ class DynamicsNode(LifecycleNode):
                 log.info(contradiction)
         if fault := self._activation_fault():
             log.info(f'the node remains inactive: {fault}')
-        # Last, since the compiler suspends the collector, whose state the settings choose.
+        # Last, since commands come first.
         self.arm.later_kernels.start()
 
     def _open_bond(self) -> None:

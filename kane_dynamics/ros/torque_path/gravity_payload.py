@@ -89,7 +89,7 @@ def checked_payload(model: Model, values: Mapping[str, Any], frame: str, mass: f
                          '(parameter payload.max_distance)')
     xx, xy, xz, yy, yz, zz = inertia
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    _check_inertia(tensor, mass * max_distance ** 2)
+    _check_inertia(tensor, mass * max_distance * max_distance)
     # In axes of the payload frame, whichever frame of the same body the payload is
     # stated in.
     at = model.frame(frame or carrying)

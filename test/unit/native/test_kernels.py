@@ -13,7 +13,7 @@ from kane_dynamics import InputError, Robot
 from kane_dynamics.native.backends.c99 import c_functions
 from kane_dynamics.native.backends.c99_math import PRECISIONS
 from kane_dynamics.native.backends.llvm_scalar import module_text
-from kane_dynamics.native.machine_code.compiling import gc_paused
+from kane_dynamics.native.machine_code.compiling import collect_automatically, gc_paused
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import trace_program
@@ -352,6 +352,20 @@ def test_garbage_collection_pauses_during_compilation_and_is_restored(enabled):
         assert gc.isenabled() == enabled
     finally:
         (gc.enable if was else gc.disable)()
+
+
+@pytest.mark.parametrize('before', [True, False])
+@pytest.mark.parametrize('stated', [True, False])
+def test_a_state_of_the_collector_that_is_stated_in_a_pause_holds_after_it(before, stated):
+    was = gc.isenabled()
+    collect_automatically(before)
+    try:
+        with gc_paused():
+            collect_automatically(stated)
+            assert not gc.isenabled()
+        assert gc.isenabled() == stated
+    finally:
+        collect_automatically(was)
 
 
 def scaled(factor):

@@ -63,6 +63,12 @@ def test_an_invalid_payload_is_refused_by_name(words, changes):
         checked_payload(MODEL, VALUES, **given)
 
 
+def test_a_distance_without_a_square_bounds_nothing():
+    values = VALUES | {'payload.max_distance': 1e300}
+    payload = checked_payload(MODEL, values, '', 3.0, (0.0, 1e6, 0.0), (1e9, 0, 0, 1e9, 0, 1e9))
+    assert payload.mass == 3.0
+
+
 def test_without_a_payload_frame_a_payload_is_refused():
     with pytest.raises(InputError, match=r'payload\.frame is empty; expected a frame'):
         checked_payload(MODEL, VALUES | {'payload.frame': ''}, '', 1.0, COM, INERTIA)

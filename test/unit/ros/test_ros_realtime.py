@@ -6,6 +6,7 @@ import re
 import resource
 import threading
 
+from kane_dynamics.native.machine_code.compiling import gc_paused
 from kane_dynamics.ros.common import realtime
 import pytest
 
@@ -95,8 +96,13 @@ def test_garbage_is_collected_explicitly_only_while_automatic_collection_is_disa
     monkeypatch.setattr(gc, 'collect', lambda: collected.append(True))
     realtime.collect_if_disabled()
     assert not collected
-    realtime.disable_automatic_collection(True)
-    realtime.collect_if_disabled()
-    assert collected
-    realtime.disable_automatic_collection(False)
+    with gc_paused():  # the kernels of requests compile
+        realtime.collect_if_disabled()
+    assert not collected
+    realtime.apply_realtime_settings({**OFF, 'realtime.collect_rarely': True}, pytest.fail)
+    try:
+        realtime.collect_if_disabled()
+        assert collected
+    finally:
+        realtime.release()
     assert gc.isenabled()
