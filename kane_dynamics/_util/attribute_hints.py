@@ -388,15 +388,17 @@ def _hint(owner: object, name: str) -> str:
     if name.startswith('_'):
         return ''
     plain = name.lower().replace('_', '')
-    names = {known: known for known in dir(owner) if known[0] != '_'}
-    prefix = ''
     is_robot = hasattr(type(owner), 'inverse_dynamics') and hasattr(type(owner), 'bind')
+
+    # What a name may mean: an attribute, or a call by the name of its method.
+    names = {known: known for known in dir(owner) if known[0] != '_'}
+    is_model = hasattr(type(owner), 'joint_names') and 'bodies' in names
+    prefix = ''
+    function = None
     if is_robot:
         prefix = 'robot.'
         meant = _BY_NAME.get(plain)
         function = function_hint(name)
-        if meant is None and function is not None:
-            return f'; expected {function}'
         for counterpart in COUNTERPARTS:
             call, _, _ = counterpart.partition('(')
             names[call.rpartition('.')[2]] = counterpart
@@ -405,12 +407,15 @@ def _hint(owner: object, name: str) -> str:
             if full_name in names:
                 names[short_name] = full_name
         meant = names.get(plain)
-        is_model = hasattr(type(owner), 'joint_names') and 'bodies' in names
-        if meant is None and is_model:
+        if is_model:
             function = _FUNCTION_OF_MODEL.get(plain, function_hint(name))
-            if function is not None:
-                return f'; expected {function}'
-    if meant is None:
-        near = difflib.get_close_matches(name, names, 1)
-        meant = names[near[0]] if near else None
-    return '' if meant is None else f'; expected {prefix}{meant}'
+
+    # The same name in other libraries, a function here, or the most similar name.
+    if meant is not None:
+        return f'; expected {prefix}{meant}'
+    if function is not None:
+        return f'; expected {function}'
+    near = difflib.get_close_matches(name, names, 1)
+    if not near:
+        return ''
+    return f'; expected {prefix}{names[near[0]]}'

@@ -209,9 +209,11 @@ class _AlongPath:
 
     def _worst(self, limits: '_Limits', law: TimeLaw) -> str:
         """Return the use of the limits by a slow law in words."""
+        # The limit and the joint that are used most, where its torque is largest.
         needed = limits.needed(law)
         uses = needed.uses
-        limit = max(uses, key=lambda name: float(uses[name].max()))
+        largest_uses = {name: float(use.max()) for name, use in uses.items()}
+        limit = max(largest_uses, key=largest_uses.__getitem__)
         j = int(uses[limit].argmax())
         k = int(np.abs(needed.tau[:, j]).argmax())
         links = [self.robot.joint_names.index(name) for name in self.names]

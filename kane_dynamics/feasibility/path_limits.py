@@ -516,9 +516,14 @@ def _steady(block: Array, share: float) -> Array:
 
 def friction(robot: Robot, rates: Array) -> tuple[Array, Array]:
     """Return the friction torques at joint rates, (N, n), with their slopes."""
-    torque, slope = np.zeros_like(rates), np.zeros_like(rates)
-    for body in robot.model.bodies if robot.friction else ():
-        joint, k = body.joint, body.joint.coordinate
+    torque = np.zeros_like(rates)
+    slope = np.zeros_like(rates)
+    if not robot.friction:
+        return torque, slope
+    # A coordinate has the friction of its joint and of those that mimic it.
+    for body in robot.model.bodies:
+        joint = body.joint
+        k = joint.coordinate
         rate = joint.multiplier * rates[:, k]
         torque[:, k] += joint.multiplier * friction_torque(joint, rate)
         slope[:, k] += joint.multiplier**2 * friction_slope(joint, rate)

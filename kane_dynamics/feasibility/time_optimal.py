@@ -391,11 +391,25 @@ def _solve(along: PathRobot, section: Section, start: float, end: float, excess:
         'expected a path without sharp corners', FINEST)
 
 
+def _squared_speeds_at_ends(limits: PathLimits, start: float, end: float
+                            ) -> tuple[float | None, float | None]:
+    """Return s'^2 at both ends of the path; None where no speed is asked for."""
+    first = None
+    last = None
+    if start:
+        first = start**2 / limits.speed_squared(0)
+    if end:
+        last = end**2 / limits.speed_squared(-1)
+    return first, last
+
+
 def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> Array:
     """Return the fastest profile of x = s'^2, from a guess; None starts without friction."""
-    ends = [speed**2 / limits.speed_squared(k) if speed else None
-            for speed, k in ((start, 0), (end, -1))]
-    slower, calm = 0, limits.powered
+    ends = _squared_speeds_at_ends(limits, start, end)
+    # Limits depend on x by friction and power: programs of limits at the last x are
+    # solved until x settles.
+    slower = 0
+    calm = limits.powered
     for _ in range(PROGRAMS):
         limited = limits.at(x, calm)
         try:

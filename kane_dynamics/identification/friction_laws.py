@@ -144,10 +144,17 @@ class LawRows:
     def columns(self, joint: int, law: FrictionLaw, shape: float, load: Array) -> Array:
         """Return the torques of a joint's losses of 1, (N, 6); zeros of unused ones."""
         u = self.data.recording.u[:, joint]
-        slip = coulomb(u, shape) if not law.presliding else self._dahl(joint, shape)
-        nothing = np.zeros(len(u))
-        quadratic = u * np.abs(u) if law.quadratic else nothing
-        by_load = np.abs(load) * slip if law.load else nothing
+        # The direction of sliding: smoothed, or by the deflection of bristles.
+        if law.presliding:
+            slip = self._dahl(joint, shape)
+        else:
+            slip = coulomb(u, shape)
+        quadratic = np.zeros(len(u))
+        if law.quadratic:
+            quadratic = u * np.abs(u)
+        by_load = np.zeros(len(u))
+        if law.load:
+            by_load = np.abs(load) * slip
         return np.column_stack([u, slip, self.data.recording.udot[:, joint],
                                 np.ones(len(u)), quadratic, by_load])
 

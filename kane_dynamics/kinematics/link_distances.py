@@ -171,8 +171,6 @@ class LinkDistances:
         self._bodies: list[int] = []
         for body, shape in placed:
             if body != WORLD and body not in self._frames:
-                continue
-                # shape.
                 continue  # a part of a joint, such as a section of a beam
             name = model.base_name if body == WORLD else model.bodies[body].name
             self._shapes.append(shape)

@@ -177,9 +177,13 @@ def largest_square(values: Iterable[Scalar]) -> Scalar:
     """Return the largest square of scalars, by pairs: few comparisons in a row."""
     squares = [x * x for x in values]
     while len(squares) > 1:
-        pairs = list(zip(squares[::2], squares[1::2]))
-        unpaired = squares[2 * len(pairs):]
-        squares = [select(a > b, a, b) for a, b in pairs] + unpaired
+        # The larger of each pair; one without a partner stays.
+        larger = []
+        for a, b in zip(squares[::2], squares[1::2]):
+            larger.append(select(a > b, a, b))
+        if len(squares) % 2:
+            larger.append(squares[-1])
+        squares = larger
     return squares[0] if squares else 0.0
 
 

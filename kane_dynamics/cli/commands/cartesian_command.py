@@ -75,6 +75,7 @@ def _path(options: Namespace, start: Array) -> PosePath:
                 raise InputError('--via: two in a row; expected --to after each')
             via = numbers
             continue
+        # A piece ends at each pose: straight, or an arc if --via came before.
         pose = _pose(numbers, last)
         ends = np.array([last, pose])
         if options.free:
@@ -83,7 +84,8 @@ def _path(options: Namespace, start: Array) -> PosePath:
             parts.append(PosePath.through(ends))
         else:
             parts.append(PosePath.arc(ends[0], via, ends[1]))
-        last, via = pose, None
+        last = pose
+        via = None
     if via is not None or not parts:
         raise InputError('--to: missing; expected a position or pose at the end of the '
                          'path')

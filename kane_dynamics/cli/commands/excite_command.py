@@ -30,6 +30,8 @@ def excitation(options: Namespace) -> int:
     if not 0.0 < options.rate < np.inf:
         raise InputError(f'--rate: {options.rate}; expected a positive, finite number '
                          'of Hz')
+    # Distances are kept where there are shapes; only a stated one is checked
+    # afterwards.
     with model_warnings():
         shapes = load_collision_shapes(source_of(options))
     distance_stated = 'distance' in options
@@ -44,7 +46,11 @@ def excitation(options: Namespace) -> int:
             velocity=_one_or_all(options.velocity),
             acceleration=_one_or_all(options.acceleration), progress=progress)
     _write(motion, options.out, options.rate)
-    too_near = missed_distance(motion, distance) if distance_stated else None
+
+    # The motion is written in any case; a distance that was stated but missed is an error.
+    too_near = None
+    if distance_stated:
+        too_near = missed_distance(motion, distance)
     for warning in (too_near, bad_condition(motion)):
         if warning is not None:
             warn(warning)

@@ -64,14 +64,14 @@ def describe(model: Model, robot: Robot, model_texts: Sequence[str] = (), *,
     The problems are defects that make the dynamics impossible. Operation counts of the
     kernels are added on request; kernels that a problem makes impossible are left out.
     """
+    moving_mass = math.fsum(body.inertial.mass for body in model.bodies)
+    problems = [finding.words for finding in examine_masses(robot)]
     facts = {'name': model.name, 'joint_names': list(model.joint_names),
-             'base': model.base_name,
-             'base_mass': model.base_inertial.mass,
-             'moving_mass': math.fsum(body.inertial.mass for body in model.bodies),
-             'gravity': model.gravity.tolist(),
+             'base': model.base_name, 'base_mass': model.base_inertial.mass,
+             'moving_mass': moving_mass, 'gravity': model.gravity.tolist(),
              'bodies': [_body(model, body) for body in model.bodies],
-             'warnings': list(model_texts),
-             'problems': [finding.words for finding in examine_masses(robot)]}
+             'warnings': list(model_texts), 'problems': problems}
+    # Parts that are long, or that not every robot has.
     if frames:
         facts['frames'] = _frames(model)
     if robot.constraint_names:
@@ -115,9 +115,11 @@ def _constraints(robot: Robot) -> dict[str, Any]:
     labels = robot.mechanism.labels
     independent_rows = set(robot.mechanism.kept)
     redundant = [label for k, label in enumerate(labels) if k not in independent_rows]
+    # Without a closed configuration there is nothing to measure.
     residual = None
     if robot.configuration is not None:
-        residual = float(np.abs(robot.constraint_residual(robot.configuration)).max())
+        residuals = robot.constraint_residual(robot.configuration)
+        residual = float(np.abs(residuals).max())
     return {'degrees_of_freedom': robot.n, 'independent': list(robot.speed_names),
             'actuated': list(robot.actuated_names), 'rows': list(labels),
             'redundant': redundant, 'residual': residual}
@@ -207,7 +209,8 @@ def _print_operations(operations: dict[str, dict[str, int]]) -> None:
     kinds = list(next(iter(operations.values())))
     table = []
     for name, count in operations.items():
-        table.append([name, *(str(count[kind]) for kind in kinds)])
+        numbers = [str(count[kind]) for kind in kinds]
+        table.append([name, *numbers])
     print_table(['function', *kinds], table)
 
 

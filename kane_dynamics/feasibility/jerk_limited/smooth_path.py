@@ -122,9 +122,11 @@ class _Part:
 
     def _check_deviation(self, motion: Motion, jump: Array) -> None:
         """Raise InputError if the path without jumps of acceleration is another one."""
+        # Three places within each piece.
         h = np.diff(self.t)
         t = np.concatenate([self.t[:-1] + x * h for x in (0.25, 0.5, 0.75)])
-        q = self.derivatives(t, np.tile(np.arange(len(h)), 3))[0]
+        pieces = np.tile(np.arange(len(h)), 3)
+        q = self.derivatives(t, pieces)[0]
         if np.abs(q - motion.positions_at(t)).max() > DEVIATION * self.length:
             k, j = np.unravel_index(int(np.abs(jump).argmax()), jump.shape)
             raise InputError(
