@@ -230,7 +230,7 @@ class PathLimits:
 
     def tighten(self, shares: Array, largest: Array, factor: float) -> None:
         """
-        Make limits smaller where a motion uses more than them.
+        Tighten the limits that a motion exceeds.
 
         Parameters
         ----------

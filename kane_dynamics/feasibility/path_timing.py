@@ -196,13 +196,13 @@ def _point_inputs(n: int) -> dict[str, tuple[int, ...]]:
 
 @cache
 def point_kernel(n: int) -> Kernel:
-    """Return the kernel of `_point`."""
+    """Return the kernel of state and time step at a point of a path, (3 n + 1,)."""
     return batch_kernel('path_point', _point, [*_point_inputs(n).items()], (3 * n + 1,))
 
 
 @kernel_per_robot
 def tree_point_kernel(robot: Robot) -> Kernel:
-    """Return the kernel of `_point`, continued with the torques of a tree, (4 n + 1,)."""
+    """Return the kernel of `point_kernel` with the torques of a tree, (4 n + 1,)."""
     n = robot.n
 
     def values(*inputs: Vector, parameters: Vector) -> Vector:

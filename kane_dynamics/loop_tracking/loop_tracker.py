@@ -1031,7 +1031,7 @@ def compare_with(tracker: LoopTracker, others: Sequence[int], values: Array) -> 
 
 
 def mirror(tracker: LoopTracker, array: Array) -> None:
-    """Let a tracker have the search that another thread has done."""
+    """Copy the search that another thread has done into a tracker."""
     step = tracker._step
     step.array[:] = array
     known = bool(array[search_places(len(step.q), len(step.u)).known])

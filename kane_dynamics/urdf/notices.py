@@ -53,7 +53,7 @@ class Notices:
         self.unused.setdefault(what, []).append(name)
 
     def messages(self) -> list[str]:
-        """Return one warning text for each kind with names."""
+        """Return a warning text for each kind of notice that names something."""
         of_mechanism = []
         of_actuators = []
         # Entries that describe the mechanism, and entries that other programs use.

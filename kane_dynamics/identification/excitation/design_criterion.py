@@ -139,7 +139,7 @@ class DesignCriterion:
         return float(np.linalg.cond(W / np.linalg.norm(W, axis=0)))
 
     def cost(self, p: Array, weight: float) -> tuple[float, Array]:
-        """Return `worth` plus weighted squared excesses, and the gradient."""
+        """Return `worth` plus weighted squared excesses over limits, and the gradient."""
         states = [matrix @ p for matrix in self.grid]  # q, u, udot
         W = self.regressor(*states)
         value, G = worth(W)

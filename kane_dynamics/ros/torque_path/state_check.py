@@ -87,7 +87,7 @@ KNOWN, STAMP, FROZEN_AT, CONFIRMED, ELAPSED = range(ACCEPTED_AT)
 
 class CheckSettings(NamedTuple):
     """
-    The settings of `judged`.
+    Settings by which a joint state is judged.
 
     Attributes
     ----------
