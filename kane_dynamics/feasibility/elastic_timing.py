@@ -118,6 +118,7 @@ def elastic_timing(robot: Robot, path: Motion | SmoothMotion | ArrayLike,
 def _settled(along: '_AlongPath') -> TimeLaw:
     """Return the fastest time law, with enough intervals."""
     law = _fastest(along.limits(along.slow_law()), FIRST)
+    # Twice as many intervals until the law gains next to nothing.
     intervals = INTERVALS
     while intervals < MOST_INTERVALS:
         intervals *= 2

@@ -192,6 +192,8 @@ class PathLimits:
 
     def _used_joints(self, quantity: int) -> Flags | None:
         """Return the joints whose limit is linear in s'' and s'^2; None without any."""
+        # Limits of speed bound s'^2 alone; others only joints that have a limit and
+        # move.
         if quantity == VELOCITY:
             return None
         if quantity not in self._quantities:
@@ -393,12 +395,14 @@ class PathLimits:
         limit. It is irrelevant where x is so small that the limit of effort is lower;
         the tangent at the largest such x is irrelevant there too.
         """
+        # Far below the speed at which power matters, the torque would be infinite.
         with np.errstate(divide='ignore', invalid='ignore'):
             speed = np.abs(first)
             x = np.maximum(x, (power / (IRRELEVANT * self.bounds.effort * speed))**2)
             torque = power / (speed * np.sqrt(x))
             slope = -0.5 * torque / x
         matters = np.isfinite(torque) & np.isfinite(x)
+        # A limit that is never reached, instead of none.
         far = 1e6 * np.abs(self.constant).max() + 1e6
         return np.where(matters, 1.5 * torque, far), np.where(matters, slope, 0.0)
 
@@ -495,6 +499,7 @@ def _one_sided(torque: Array, deviation: Array, width: Array, slope: Array | flo
     Torque and deviation are lines alpha v + beta x + gamma, (N, 3, n). The other side of each
     limit is out of reach.
     """
+    # The slope goes to the other side, with a width that is never reached.
     far = OUT_OF_REACH * (np.abs(torque[:, 2]) + width)
     added = deviation.copy()
     added[:, 1] -= slope

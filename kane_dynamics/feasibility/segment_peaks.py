@@ -138,9 +138,12 @@ class SegmentPeaks:
                  driving: Sequence[int] = ()) -> None:
         self.n = limits.shape[1]
         self.quantities = limited_quantities(limits)
+        # Shares are values times the inverse limits, so that an infinite limit is never
+        # used.
         self._factors = 1.0 / np.maximum(limits[self.quantities, :], SMALLEST)
         self._states = states
         self.driving = list(driving)
+        # Trees compute their torques in the kernel; closed loops get them by `states`.
         if states is None:
             self._kernel = peaks_kernel(robot, self.quantities)
             self._robot = robot

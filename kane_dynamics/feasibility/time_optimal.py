@@ -339,7 +339,9 @@ def _fastest(along: PathRobot, speeds: tuple[float, float], points: int
 def _all_solved(along: PathRobot, parts: Sequence[Section], speeds: tuple[float, float],
                 excess: float) -> tuple[list[Checked], float]:
     """Return all sections with their timings, and how much tighter limits slow them."""
-    timings, untightened = [], 0.0
+    timings = []
+    untightened = 0.0
+    # The motion rests between sections; speeds are asked for at its ends alone.
     for k, part in enumerate(parts):
         start = speeds[0] if k == 0 else 0.0
         end = speeds[1] if k == len(parts) - 1 else 0.0
@@ -364,10 +366,13 @@ def _solve(along: PathRobot, section: Section, start: float, end: float, excess:
 
     The limits are exceeded at most by `excess`.
     """
-    limits, motion = along.limits(section), along.motion_along(section)
+    limits = along.limits(section)
+    motion = along.motion_along(section)
     x: Array | None = None
     first = math.inf
     rounds = FINEST_ROUNDS if excess == LARGEST else ROUNDS
+    # Limits hold at the points of the grid: where the motion exceeds them between, they
+    # are tightened.
     for turn in range(rounds):
         x = _profile(limits, start, end, x)
         motion.follow(x)
@@ -379,6 +384,7 @@ def _solve(along: PathRobot, section: Section, start: float, end: float, excess:
         # needed.
         persistent = max(turn - ROUNDS, 0)
         limits.tighten(motion.shares, motion.largest, TIGHTER * GROWTH**persistent)
+    # The worst excess, for the message: limit, place and joint.
     timing = motion.checked()
     largest = timing.largest
     limit, k, j = np.unravel_index(int(largest.argmax()), largest.shape)
@@ -462,6 +468,8 @@ def _free_start(limits: PathLimits, sets: Array) -> float:
 
 def _sets(limits: PathLimits, limited: IntervalLimits, end: float | None) -> Array:
     """Return the controllable sets; linear limits need only what has changed."""
+    # Of limits that are linear, the sets of the last round hold but near tightened
+    # points.
     known = None
     if limits.linear and limits.sets is not None:
         known = limits.sets, limits.tightened

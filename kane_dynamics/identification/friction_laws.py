@@ -228,12 +228,14 @@ class JointEquations(NamedTuple):
 def fit_laws(rows: LawRows, laws: Sequence[FrictionLaw], start: LawFit,
              prior: Prior) -> LawFit:
     """Return the fit of bodies and friction with these laws, from another fit."""
+    # Loads, shapes of the laws, and linear coefficients in turn, until they agree.
     fit = start
     for _ in range(TURNS):
         load = rows.load(fit.inertial, fit.losses[:, 2])
         shapes = _best_shapes(rows, laws, fit, load)
         system = equations(rows, laws, shapes, load)
         fit = LawFit(tuple(laws), fit.inertial, fit.losses, shapes, fit.sigma)
+        # Rows far from the fit lose weight.
         for _ in range(REWEIGHTED):
             fit = _solved(system, fit, prior)
     return fit
@@ -495,6 +497,8 @@ def _of_alike_drives(ratios: Array) -> tuple[Array, Array]:
     of errors.
     """
     blocks, n = ratios.shape
+    # Shrinkage: a joint's own mean counts as much as its error allows, the rest is the
+    # mean of all joints.
     own = ratios.mean(axis=0)
     variance = np.maximum(ratios.var(axis=0, ddof=1) / blocks, 1e-8)
     common = float(own.mean())

@@ -207,12 +207,14 @@ class _Part:
     def _grid(self, intervals: int, guess: Array, measure: Array
               ) -> tuple[Array, Segments]:
         """Return the vertices, and the numbers of the motion's points at them or -1."""
+        # Points of the motion that are far enough from each other become vertices.
         at = np.interp(self.t, self.mesh, measure)
         distant = [0]  # points of the motion that are vertices
         for k in range(1, len(at) - 1):
             if min(at[k] - at[distant[-1]], 1.0 - at[k]) * intervals > APART:
                 distant.append(k)
         distant.append(len(at) - 1)
+        # Between them, vertices at equal steps of the measure.
         values = [np.zeros(1)]
         numbers = [np.zeros(1, dtype=np.intp)]
         for first, last in pairwise(distant):

@@ -122,6 +122,7 @@ class DesignCriterion:
     def regressor(self, q: Array, u: Array, udot: Array) -> Array:
         """Return W of states (N, n): the weighted equations of the base parameters, (N, n, b)."""
         n = self.model.n
+        # Columns of bodies from the regressor, then those of friction and rotors.
         inertial = 10 * len(self.model.bodies)
         whole = self.columns[self.columns < inertial]
         W = np.zeros((len(q), n, len(self.columns)))
@@ -130,6 +131,7 @@ class DesignCriterion:
         for column in range(len(whole), len(self.columns)):
             j, kind = divmod(int(self.columns[column]) - inertial, len(FRICTION))
             W[:, j, column] = losses[:, j, kind]
+        # Equations of all joints with the same noise.
         return W / self.sigma[:, None]
 
     def condition(self, p: Array) -> float:
