@@ -164,6 +164,7 @@ def fixed(cls: Class) -> Class:
 
 def _guarded(cls: Class, refuses: Callable[[Any, str], bool]) -> Class:
     """Give a class the methods of the decorators."""
+    # Three methods: for records, for other classes, and for names that do not exist.
     def refuse(self: Any, name: str, value: Any = None) -> None:
         raise FrozenInstanceError(refused(self, name))
 
@@ -178,6 +179,7 @@ def _guarded(cls: Class, refuses: Callable[[Any, str], bool]) -> Class:
         raise AttributeError(missing(self, name))
     _hint_constructor(cls)
     methods: dict[str, Any] = {'__getattr__': read}
+    # Frozen dataclasses refuse everything; other classes from the end of `__init__` on.
     if '__dataclass_fields__' in vars(cls):
         methods.update(__setattr__=refuse, __delattr__=refuse)
     else:
@@ -243,6 +245,7 @@ def argument_error(error: TypeError, function: Callable[..., Any], name: str,
     are those of a method's object or class. `caller` is the function, if another one,
     that was called and hands arguments on: its own may be meant too.
     """
+    # The arguments fit: then the error is from within the function.
     stated = signature(function)
     parameters = list(stated.parameters.values())[bound:]
     call = stated.replace(parameters=parameters)
@@ -254,6 +257,7 @@ def argument_error(error: TypeError, function: Callable[..., Any], name: str,
         return None
     takes_any = any(parameter.kind is Parameter.VAR_KEYWORD for parameter in parameters)
     known = [*call.parameters]
+    # The caller passes keywords on; its own names may be meant, too.
     if caller is not None:
         for parameter in list(signature(caller).parameters.values())[bound:]:
             if parameter.name not in known and parameter.kind is not Parameter.VAR_KEYWORD:
@@ -365,6 +369,7 @@ def missing(owner: object, name: str) -> str:
 def refused(owner: object, name: str, options: tuple[str, ...] = ()) -> str:
     """Return the message for an attribute that must not be assigned."""
     setters = []  # methods that take the value
+    # Methods that change the value, for the hint.
     for method in ('update', 'tune'):
         function = getattr(type(owner), method, None)
         if function is not None and name in signature(function).parameters:

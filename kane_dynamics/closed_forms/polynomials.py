@@ -65,6 +65,7 @@ class Polynomials:
         """Return the coefficients of a polynomial in some generators, by monomial."""
         places = [self.ring.symbols.index(x) for x in variables if x in self.generators]
         coefficients: dict[Any, Any] = {}
+        # Each term belongs to the monomial of its powers in these variables.
         for powers, coefficient in polynomial.terms():
             remaining = list(powers)
             monomial = sp.Integer(1)

@@ -63,6 +63,7 @@ def read(capsule: Any) -> Read:
     if tensor.lanes != 1:
         raise InputError(f'array: numbers of {tensor.lanes} lanes; expected 1')
     shape = tuple(tensor.shape[:tensor.ndim])
+    # Without strides the array is contiguous.
     strides = contiguous(shape)
     if tensor.strides:
         strides = tuple(tensor.strides[:tensor.ndim])

@@ -68,6 +68,7 @@ class Notices:
             messages.append(f'{NOT_USED}: {"; ".join(of_mechanism)}')
         if of_actuators:
             messages.append(f'{NOT_OURS}: {"; ".join(of_actuators)}')
+        # The further kinds have names alone, and their text in the field.
         for kind in fields(self)[1:]:
             names = getattr(self, kind.name)
             if names:

@@ -84,6 +84,7 @@ def _friction(options: Namespace, model: Model, shapes: Sequence[LinkShape],
     motion = friction_motion(model, loads=loads, share=options.share,
                              seed=options.seed, floor=options.floor, shapes=shapes,
                              distance=distance)
+    # Whole rows: the last one is at the end, where the arm rests.
     rows = int(np.ceil(motion.duration * options.rate - 1e-9)) + 1
     t = np.linspace(0.0, motion.duration, rows)
     states = dict(zip(('q', 'u', 'udot'), motion.sample(t), strict=True))
@@ -142,6 +143,7 @@ def _print_data(data: dict[str, Any]) -> None:
     """Print the properties of the motion."""
     print(f'condition number of the base parameters {data["condition"]:.3g}; at rest at '
           'the start and the end; shares of limits:')
+    # A joint that does not use a limit gets a dash.
     table = []
     for j, name in enumerate(data['joint_names']):
         row = [name, data['start'][j]]

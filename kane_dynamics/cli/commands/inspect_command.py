@@ -33,6 +33,7 @@ def inspect(options: Namespace) -> int:
     facts = describe(model, robot, model_texts,
                      operations=options.operations or options.json,
                      frames=options.frames or options.json)
+    # Agreement with a peer decides the exit code.
     agrees = True
     if options.against:
         facts['against'] = _comparison(options)
@@ -142,6 +143,7 @@ def print_facts(facts: dict[str, Any]) -> None:
     """Print the results of `describe` and of a comparison."""
     constraints = facts.get('constraints')
     degrees = len(facts['joint_names'])
+    # Under constraints, fewer degrees of freedom than joints.
     if constraints is not None:
         degrees = constraints['degrees_of_freedom']
     print(f'{facts["name"]}: {degrees} degrees of freedom, '
@@ -157,6 +159,7 @@ def print_facts(facts: dict[str, Any]) -> None:
                      for frame in facts['frames']])
     if facts.get('operations'):
         _print_operations(facts['operations'])
+    # Problems first: warnings follow from the file, problems from what it says.
     for level in ('problem', 'warning'):
         for words in facts[f'{level}s']:
             print(f'\n{level}: {words}')
@@ -169,6 +172,7 @@ def _print_bodies(bodies: list[dict[str, Any]]) -> None:
     angle, rate, torque = _units(bodies)
     table = []
     for body in bodies:
+        # The indentation shows the tree, down to a depth that fits the line.
         indent = '  ' * min(body['depth'], DEEPEST)
         kind = body['kind'] if body['mimics'] is None else f'mimics {body["mimics"]}'
         limits = body['limits']
@@ -255,6 +259,8 @@ def compare_pinocchio(source: str | bytes, model: Model) -> dict[str, Any]:
     import pinocchio as pin
     data = peer.createData()
     robot = Robot(model, friction=False)
+    # Pinocchio has the joints of the URDF: types that expand to several have other
+    # coordinates.
     joints = [body.joint for body in model.bodies]
     for joint in joints:
         if not peer.existJointName(joint.name):
@@ -286,6 +292,7 @@ def pinocchio_model(source: str | bytes, model: Model) -> Any:
         import pinocchio as pin
     except ImportError:
         raise InputError('Pinocchio: not installed; expected pip install pin') from None
+    # The file, its text, or its bytes from standard input.
     if isinstance(source, bytes):
         peer = pin.buildModelFromXML(source.decode())
     elif source.lstrip().startswith('<'):
