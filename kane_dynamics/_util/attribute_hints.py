@@ -164,6 +164,7 @@ def fixed(cls: Class) -> Class:
 
 def _guarded(cls: Class, refuses: Callable[[Any, str], bool]) -> Class:
     """Give a class the methods of the decorators."""
+    # Three methods: for records, for other classes, and for names that do not exist.
     def refuse(self: Any, name: str, value: Any = None) -> None:
         raise FrozenInstanceError(refused(self, name))
 
@@ -178,6 +179,7 @@ def _guarded(cls: Class, refuses: Callable[[Any, str], bool]) -> Class:
         raise AttributeError(missing(self, name))
     _hint_constructor(cls)
     methods: dict[str, Any] = {'__getattr__': read}
+    # Frozen dataclasses refuse everything; other classes from the end of `__init__` on.
     if '__dataclass_fields__' in vars(cls):
         methods.update(__setattr__=refuse, __delattr__=refuse)
     else:
@@ -243,6 +245,7 @@ def argument_error(error: TypeError, function: Callable[..., Any], name: str,
     are those of a method's object or class. `caller` is the function, if another one,
     that was called and hands arguments on: its own may be meant too.
     """
+    # The arguments fit: then the error is from within the function.
     stated = signature(function)
     parameters = list(stated.parameters.values())[bound:]
     call = stated.replace(parameters=parameters)
@@ -254,6 +257,7 @@ def argument_error(error: TypeError, function: Callable[..., Any], name: str,
         return None
     takes_any = any(parameter.kind is Parameter.VAR_KEYWORD for parameter in parameters)
     known = [*call.parameters]
+    # The caller passes keywords on; its own names may be meant, too.
     if caller is not None:
         for parameter in list(signature(caller).parameters.values())[bound:]:
             if parameter.name not in known and parameter.kind is not Parameter.VAR_KEYWORD:
@@ -365,6 +369,7 @@ def missing(owner: object, name: str) -> str:
 def refused(owner: object, name: str, options: tuple[str, ...] = ()) -> str:
     """Return the message for an attribute that must not be assigned."""
     setters = []  # methods that take the value
+    # Methods that change the value, for the hint.
     for method in ('update', 'tune'):
         function = getattr(type(owner), method, None)
         if function is not None and name in signature(function).parameters:
@@ -388,15 +393,17 @@ def _hint(owner: object, name: str) -> str:
     if name.startswith('_'):
         return ''
     plain = name.lower().replace('_', '')
-    names = {known: known for known in dir(owner) if known[0] != '_'}
-    prefix = ''
     is_robot = hasattr(type(owner), 'inverse_dynamics') and hasattr(type(owner), 'bind')
+
+    # What a name may mean: an attribute, or a call by the name of its method.
+    names = {known: known for known in dir(owner) if known[0] != '_'}
+    is_model = hasattr(type(owner), 'joint_names') and 'bodies' in names
+    prefix = ''
+    function = None
     if is_robot:
         prefix = 'robot.'
         meant = _BY_NAME.get(plain)
         function = function_hint(name)
-        if meant is None and function is not None:
-            return f'; expected {function}'
         for counterpart in COUNTERPARTS:
             call, _, _ = counterpart.partition('(')
             names[call.rpartition('.')[2]] = counterpart
@@ -405,12 +412,15 @@ def _hint(owner: object, name: str) -> str:
             if full_name in names:
                 names[short_name] = full_name
         meant = names.get(plain)
-        is_model = hasattr(type(owner), 'joint_names') and 'bodies' in names
-        if meant is None and is_model:
+        if is_model:
             function = _FUNCTION_OF_MODEL.get(plain, function_hint(name))
-            if function is not None:
-                return f'; expected {function}'
-    if meant is None:
-        near = difflib.get_close_matches(name, names, 1)
-        meant = names[near[0]] if near else None
-    return '' if meant is None else f'; expected {prefix}{meant}'
+
+    # The same name in other libraries, a function here, or the most similar name.
+    if meant is not None:
+        return f'; expected {prefix}{meant}'
+    if function is not None:
+        return f'; expected {function}'
+    near = difflib.get_close_matches(name, names, 1)
+    if not near:
+        return ''
+    return f'; expected {prefix}{names[near[0]]}'

@@ -17,6 +17,8 @@ def without_broken_pipe(run: Callable[[], int]) -> int:
     Output is flushed here, because an interpreter that flushes at its end prints a
     traceback.
     """
+    # The buffer is written here, where its errors are not mistaken for those of the
+    # program.
     try:
         try:
             return run()

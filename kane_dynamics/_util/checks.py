@@ -67,6 +67,7 @@ def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
     except (TypeError, ValueError):
         raise InputError(f'{what}: {value!r}; expected one number, or one per '
                          f'{part}') from None
+    # One number for all, or one for each by its place.
     if array.shape not in ((), (len(names),)):
         raise InputError(f'{what}: {value!r}; expected one number, or {len(names)} '
                          f'({", ".join(names)})')
@@ -200,6 +201,7 @@ def positive_time(value: Any, what: str, otherwise: str = '') -> float:
 
     """
     is_number = not isinstance(value, bool | np.bool_ | str)
+    # NaN passes no comparison.
     number = math.nan
     try:
         number = float(value)
@@ -230,6 +232,7 @@ def increasing(t: ArrayLike, count: int, what: str) -> Array:
     if times.shape != (count,):
         raise InputError(f'{what}: shape {times.shape}; expected ({count},), one time '
                          'per row')
+    # The first row that is wrong, for the message.
     finite = np.isfinite(times)
     if not finite.all():
         k = int(np.argmin(finite))

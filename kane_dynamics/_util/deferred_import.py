@@ -59,6 +59,7 @@ class _PrivateCopies:
 
     def load(self, name: str) -> ModuleType:
         """Execute `package.module` as a private copy; ImportError without its file."""
+        # The file beside its package, wherever that is installed.
         package, _, last = name.rpartition('.')
         parent = find_spec(package.partition('.')[0])
         folders = (parent and parent.submodule_search_locations) or ['']
@@ -67,9 +68,11 @@ class _PrivateCopies:
         if spec is None or spec.loader is None or not file.is_file():
             raise ImportError(f'{name}: no file {file}')
         copy = module_from_spec(spec)
+        # Imports within the copy go to other copies.
         vars(copy)['__builtins__'] = vars(builtins) | {'__import__': self._import}
         self._copies[name] = copy
         spec.loader.exec_module(copy)
+        # As an import does: the module is an attribute of its package.
         if package in self._copies:
             vars(self._copies[package])[last] = copy
         return copy

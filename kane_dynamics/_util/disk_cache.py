@@ -63,6 +63,7 @@ def key(*parts: str) -> str:
 
 def directory() -> Path | None:
     """Return the cache directory, created if needed; None if disabled or unsafe."""
+    # Our variable, then the standard one, then the usual place.
     setting = os.environ.get('KANE_DYNAMICS_CACHE', '')
     if setting.lower() == 'off':
         return None

@@ -21,6 +21,7 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]])
             text = escape(_text(cell))
             html += f'<{tag}>{text}</{tag}>'
         return f'<tr>{html}</tr>'
+    # A notebook that shows thousands of rows is slow.
     lines = list(rows)
     body = ''.join(row('td', line) for line in lines[:MOST_ROWS])
     head = row('th', header)

@@ -47,12 +47,14 @@ def stated_rotation(rpy: Array | None, quaternion: Array | None, prefix: str,
     if rpy is None:
         return np.eye(3)
     warn_of_turns(rpy, f'{prefix}rpy', stacklevel=stacklevel + 1)
+    # About fixed axes: first x, then y, then z.
     x, y, z = (_turn_about(k, rpy[..., k]) for k in range(3))
     return np.asarray(z @ y @ x)
 
 
 def _turn_about(axis: int, angle: Array) -> Array:
     """Return rotations about x, y or z, with exact zeros and ones, (..., 3, 3)."""
+    # In the plane of the two other axes.
     second = (axis + 1) % 3
     third = (axis + 2) % 3
     cosine = np.cos(angle)
@@ -75,6 +77,7 @@ def _quaternion_rotation(quaternion: Array, prefix: str,
         worst = float(length.ravel()[np.argmax(deviation)])
         raise error(f'{prefix}quaternion: length {worst:.6g}; expected 1, in the order '
                     'x, y, z, w')
+    # R = 1 + 2 w [v]x + 2 [v]x [v]x.
     v = quaternion[..., :3] / length[..., None]
     w = (quaternion[..., 3] / length)[..., None, None]
     V = skew(v)

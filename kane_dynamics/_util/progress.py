@@ -23,10 +23,12 @@ def progress_bar(text: str, total: float) -> Iterator[Callable[[float], bool]]:
     if not sys.stderr.isatty():
         yield lambda done: True
         return
+    # A bar that waits for amounts.
     bar = _rich(text, total) if find_spec('rich') else _plain(text, total)
     next(bar)
     start = time.monotonic()
 
+    # Short work shows no bar.
     def report(done: float) -> bool:
         if time.monotonic() - start > DELAY:
             bar.send(done)
@@ -55,6 +57,7 @@ def _plain(text: str, total: float) -> Generator[None, float, None]:
     try:
         while True:
             done = yield
+            # Drawing takes longer than most steps.
             if time.monotonic() - last < _PERIOD:
                 continue
             last = time.monotonic()

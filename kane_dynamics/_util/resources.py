@@ -26,6 +26,7 @@ def resource_path(folder: str, name: str) -> Path:
     """
     checkout = Path(__file__).resolve().parents[2]
     ament_prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(':')
+    # A checkout first, then what is installed.
     places = [checkout / folder] if (checkout / 'package.xml').exists() else []
     for prefix in (sys.prefix, *filter(None, ament_prefixes)):
         places.append(Path(prefix) / 'share' / 'kane_dynamics' / folder)

@@ -31,12 +31,16 @@ def whole_file(path: str | os.PathLike[str], *, binary: bool = False) -> Iterato
         The file cannot be written; its `filename` is the path.
 
     """
-    options: dict[str, Any] = {'mode': 'wb'} if binary else {
-        'mode': 'w', 'encoding': 'utf-8', 'newline': ''}
+    options: dict[str, Any] = {'mode': 'w', 'encoding': 'utf-8', 'newline': ''}
+    if binary:
+        options = {'mode': 'wb'}
+
+    # A pipe or a device is written itself; a file by another one beside it.
     target = Path(os.path.realpath(path))
     special = target.exists() and not target.is_file()
-    temporary = target if special else target.with_name(
-        f'.{target.name[:100]}.{os.urandom(4).hex()}')
+    temporary = target
+    if not special:
+        temporary = target.with_name(f'.{target.name[:100]}.{os.urandom(4).hex()}')
     try:
         handle = os.open(temporary, os.O_WRONLY if special else FLAGS, 0o666)
         with os.fdopen(handle, **options) as stream:

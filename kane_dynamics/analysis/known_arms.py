@@ -187,7 +187,7 @@ def _row(data: Any, number: int) -> KnownArm:
         raise InputError(f'{what}: no {", ".join(missing)}; expected all of '
                          f'{", ".join(_KEYS)}')
     if not row['sources']:
-        raise InputError(f'{what}: no sources; expected where it is said')
+        raise InputError(f'{what}: no sources; expected the documents that state it')
     # The columns of names are patterns that are compared with names of models and
     # joints.
     for key in ('name', 'joints'):

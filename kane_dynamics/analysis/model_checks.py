@@ -108,7 +108,8 @@ def _examine_compensation(model: Model) -> list[Finding]:
 
 def _examine_limits(model: Model, robot: Robot) -> list[Finding]:
     """Return warnings of driven joints without limits of effort or speed."""
-    driven, limits = _driven_joints(model, robot), robot.limits
+    driven = _driven_joints(model, robot)
+    limits = robot.limits
     findings = []
     for limit, values, consequence in (
             ('effort limit', limits.effort, 'torques on them are not bounded'),
@@ -124,7 +125,8 @@ def _examine_limits(model: Model, robot: Robot) -> list[Finding]:
 def _examine_drives(model: Model, robot: Robot) -> list[Finding]:
     """Return warnings of joints whose friction or rotor inertia is not known."""
     driven = _driven_joints(model, robot)
-    frictionless, without_rotor = [], []
+    frictionless: list[str] = []
+    without_rotor: list[str] = []
     # Every real drive has friction and a rotor; many URDFs state neither.
     for joint in model.coordinate_joints:
         if joint.name not in model.floating_base and not resists(joint):
@@ -272,6 +274,7 @@ def examine_masses(robot: Robot) -> list[Finding]:
 
 def _examine_weight(robot: Robot, uncertainty: Uncertainty | None) -> list[Finding]:
     """Return whether the effort limits can hold the arm everywhere within its limits."""
+    # The largest torque of gravity that a search finds, joint by joint.
     weights = largest_gravity_forces(robot, uncertainty)
     weak = [f"'{name}' (weight up to {weight:.5g}, effort {limit:.5g})"
             for name, weight, limit in zip(robot.joint_names, weights,
@@ -280,6 +283,7 @@ def _examine_weight(robot: Robot, uncertainty: Uncertainty | None) -> list[Findi
     if weak:
         return [Finding('problem', 'the arm cannot hold itself in every configuration: '
                         f'{listed(weak)} N m or N')]
+    # An arm without weight is one whose base is turned, more often than one in space.
     if not weights.any():
         return [Finding('warning',
                         'gravity torques: zero for all joints; expected a base mounted '

@@ -165,10 +165,13 @@ def potential_derivatives(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
     whose entries of one ball joint differ from their transpose by its moment. The third
     result is the sum of the absolute values of the terms, which states what is rounding.
     """
-    n, model = robot.n_q, robot.model
-    frame, payload = robot.equations.payload_frame, robot.parameters.payload
+    n = robot.n_q
+    model = robot.model
+    frame = robot.equations.payload_frame
+    payload = robot.parameters.payload
     if frame is not None and payload is not None:
         model = with_payload(model, frame.name, payload)
+    # Hyper-dual numbers: the gradient of V, and that of its rate along each coordinate.
     energy_along = []
     for unit in np.eye(n):
         energy = energies.potential_energy(model, seeded(q, unit, 0, n),

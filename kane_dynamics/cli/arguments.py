@@ -17,6 +17,7 @@ HARMONIC_OPTIONS: dict[str, Any] = {
 def _torque(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_constraints(sub)
+    # A single state; a motion takes its place.
     for name, text, default in (('q', 'positions, rad or m', WITHIN),
                                 ('u', 'speeds', 'zeros'),
                                 ('udot', 'accelerations', 'zeros')):
@@ -172,6 +173,8 @@ def _bench(sub: ArgumentParser) -> None:
 
 
 def _export(sub: ArgumentParser) -> None:
+    # Modules of options are imported by the command that has them, so that others start
+    # fast.
     from kane_dynamics.robot.export_c import DEFAULT_KERNELS
     _add_model(sub)
     _add_constraints(sub)
@@ -222,6 +225,7 @@ def _identify(sub: ArgumentParser) -> None:
     _add_constraints(sub)
     _add_recording(sub)
     _add_efforts(sub)
+    # Options of the fit of the whole model.
     sub.add_argument('--as-recorded', action='store_true',
                      help='also fit a recording that contradicts the model')
     sub.add_argument('--friction-only', action='store_true',
@@ -272,6 +276,7 @@ def _excite(sub: ArgumentParser) -> None:
     _add_model(sub)
     sub.add_argument('-o', '--out', metavar='CSV', required=True,
                      help='write the motion')
+    # Options of motions of harmonics; slow reversals have those after `--friction`.
     for name, kind, default, text in (
             ('duration', float, HARMONIC_OPTIONS['duration'], 'duration in s'),
             ('periods', int, HARMONIC_OPTIONS['periods'],
@@ -347,6 +352,7 @@ def _collision_thresholds(sub: ArgumentParser) -> None:
     _add_uncertainty(sub, 'thresholds rise by their largest torque')
     sub.add_argument('-o', '--out', metavar='YAML',
                      help='write a parameter file for the node')
+    # The calibration needs unfiltered torques, so that the recording is read as it is.
     sub.set_defaults(cutoff=None, resample=None)
 
 
@@ -442,6 +448,7 @@ def _doctor(sub: ArgumentParser) -> None:
                      help='namespace of the arm in the ROS graph')
     sub.add_argument('--prefix', default='',
                      help='prefix of its joint names in the ROS graph')
+    # Topics of the arm in the graph, by the names of the node's own.
     for name, what in (('commands', 'torques'), ('joint_states', 'joint states')):
         sub.add_argument(f'--{name.replace("_", "-")}', default=name, metavar='TOPIC',
                          help=f'topic of the {what}; default: %(default)s')

@@ -181,6 +181,8 @@ class _Parser(argparse.ArgumentParser):
 def _as_expected(message: str) -> str:
     """Return an error of argparse in the form of the library: what was given, what is expected."""
     message = re.sub(r'^argument (?:-\w/)?', '', message)
+
+    # Each pattern is one of argparse's messages.
     choice = re.fullmatch(r"(.*?): invalid choice: '(.*?)' \(choose from (.*)\)",
                           message)
     if choice is not None:
@@ -189,15 +191,19 @@ def _as_expected(message: str) -> str:
         near = difflib.get_close_matches(value, choices, 1)
         if name == 'COMMAND' and value in COMMAND_SYNONYMS:
             near = [COMMAND_SYNONYMS[value]]
-        hint = f'{near[0]}, or one of ' if near else 'one of '
-        return f"{name}: '{value}'; expected {hint}{', '.join(choices)}"
+        hint = ''
+        if near:
+            hint = f'{near[0]}, or '
+        return f"{name}: '{value}'; expected {hint}one of {', '.join(choices)}"
     number = re.fullmatch(r"(.*?): invalid (float|int) value: '(.*)'", message)
     if number is not None:
-        kind = 'a number' if number[2] == 'float' else 'an integer'
+        kind = {'float': 'a number', 'int': 'an integer'}[number[2]]
         return f"{number[1]}: '{number[3]}'; expected {kind}"
     missing = re.fullmatch(r'the following arguments are required: (.*)', message)
     if missing is not None:
-        expected = 'all of them' if ', ' in missing[1] else 'it'
+        expected = 'it'
+        if ', ' in missing[1]:
+            expected = 'all of them'
         return f'{missing[1]}: missing; expected {expected}'
     excluded = re.fullmatch(r'(.*?): not allowed with argument (.*)', message)
     if excluded is not None:

@@ -65,6 +65,7 @@ class Polynomials:
         """Return the coefficients of a polynomial in some generators, by monomial."""
         places = [self.ring.symbols.index(x) for x in variables if x in self.generators]
         coefficients: dict[Any, Any] = {}
+        # Each term belongs to the monomial of its powers in these variables.
         for powers, coefficient in polynomial.terms():
             remaining = list(powers)
             monomial = sp.Integer(1)
@@ -187,12 +188,15 @@ def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (
     """
     angles = list(q)
     polynomials = Polynomials(expressions)
+    # Terms are sorted by products of speeds and of the functions that friction has.
     frictions = [x for x in polynomials.generators if isinstance(x, sp.tanh | sp.Abs | sp.exp)]
     speeds = [*u, *frictions]
     results = []
     for done, expression in enumerate(expressions, 1):
         parts = polynomials.by(polynomials.of(expression), speeds)
-        terms = [product * _short(part, angles) for product, part in parts.items()]
+        terms = []
+        for product, part in parts.items():
+            terms.append(product * _short(part, angles))
         results.append(sp.Add(*terms))
         progress(done / len(expressions))
     return results

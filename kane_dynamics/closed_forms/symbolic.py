@@ -228,6 +228,7 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
 def exact_model(model: Model) -> Any:
     """Return a model as `parametrised` does, with exact numbers in place of symbols."""
     view, parameters = parametrised(model)
+    # The numbers of the symbols, as exact ones.
     values = {parameter.symbol: unwrapped(parameter.value) for parameter in parameters}
 
     def numbers_of(value: Any) -> Any:
@@ -305,6 +306,7 @@ def _drives(table: ParameterSymbols, model: Model) -> tuple[ElasticJoint, ...]:
     """Return the elastic joints, with symbols for stiffness and damping."""
     numbers = {body.joint.name: number for number, body in enumerate(model.bodies, 1)}
     elastic_joints = []
+    # Symbols are numbered as the bodies, as those of the joints are.
     for elastic in model.drives:
         drive = elastic.drive
         joint = f'of the drive at {elastic.name}'

@@ -239,7 +239,7 @@ class Controller:
         return (*OWN_MODES, *self.laws)
 
     def blend(self) -> None:
-        """Let the torque go on from the last command, as after a change of a law."""
+        """Continue from the last command, as after a change of a law."""
         self._blend.begin()
 
     @property
@@ -508,7 +508,7 @@ class Controller:
         return self._limiter.apply(t, tau)
 
     def resume(self, t: float | None, tau: Array) -> None:
-        """Continue from `tau`, (n,), commanded elsewhere at t, s; None: at the next."""
+        """Continue from `tau`, (n,), commanded elsewhere at t, s; by default at the next t."""
         self._restart()
         self._limiter.resume(t, tau)
 

@@ -630,7 +630,8 @@ def speeds_of_links(robot: Robot) -> list[int]:
 
 def _differ(x: Array, y: Array) -> Flags:
     """Return which entries differ beyond rounding; NaN equals NaN."""
-    return ~np.isclose(x, y, equal_nan=True)
+    equal: Flags = np.isclose(x, y, equal_nan=True)
+    return ~equal
 
 
 def _rows_differ(A: Matrix, B: Matrix) -> Flags:

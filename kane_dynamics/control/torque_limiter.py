@@ -146,7 +146,7 @@ class TorqueLimiter:
         return True
 
     def resume(self, t: float | None, tau: Array) -> None:
-        """Continue from `tau`, (n,), commanded elsewhere at t, s; None: at the next."""
+        """Continue from `tau`, (n,), commanded elsewhere at t, s; by default at the next t."""
         self._last = tau.tolist()
         self._stamp = t
 

@@ -331,7 +331,8 @@ def driving_joints(robot: Robot) -> tuple[str, ...]:
     stated = _stated_actuators(robot)
     if stated is not None and len(stated) == robot.n:
         return stated
-    return tuple(robot.joint_names[k] for k in sorted(followed_joints(robot)))
+    followed = sorted(followed_joints(robot))
+    return tuple(robot.joint_names[k] for k in followed)
 
 
 def _driving(robot: Robot, names: tuple[str, ...]) -> tuple[str, ...]:

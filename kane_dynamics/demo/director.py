@@ -117,7 +117,7 @@ class Director(Node):
 
     def perform(self, label: str, motion: Motion, record: Path,
                 feedforward: bool) -> TrackingLog:
-        """Make the arm perform a motion from rest; return its record."""
+        """Move the arm along a motion from rest; return its record."""
         if self.node_state() == State.PRIMARY_STATE_ACTIVE:
             self.change(Transition.TRANSITION_DEACTIVATE)  # forgets the motion before
         # The arm jumps home: the node must be inactive, since no real arm jumps.
@@ -160,7 +160,7 @@ class Director(Node):
 
     def displace(self, record: Path) -> DeflectionLog:
         """
-        Let forces act on the arm, which the node alone holds; return the record.
+        Apply forces to the arm, which the node alone holds; return the record.
 
         The servo holds the arm until then.
         """
@@ -187,7 +187,7 @@ class Director(Node):
 
     def move_fast(self, label: str, mode: str, motion: SmoothMotion,
                   record: Path) -> VibrationLog:
-        """Let the node in a mode move the arm from rest; return the record."""
+        """Move the arm from rest by the node in a mode; return the record."""
         if self.node_state() == State.PRIMARY_STATE_ACTIVE:
             self.change(Transition.TRANSITION_DEACTIVATE)
         self.ask(SetBool, f'{PLANT}/reset', data=True)  # brakes on
@@ -238,7 +238,7 @@ class Director(Node):
         self._clock = message.clock.sec + 1e-9 * message.clock.nanosec
 
     def _apply(self, force: Sequence[float]) -> None:
-        """Let a force, N in world axes, act on the arm until the next one."""
+        """Apply a force, N in world axes, to the arm until the next one."""
         message = WrenchStamped()
         message.wrench.force = Vector3(x=force[0], y=force[1], z=force[2])
         self._wrench.publish(message)

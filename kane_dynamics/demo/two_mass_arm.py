@@ -49,11 +49,13 @@ class TwoMassArm:
     def __init__(self, urdf: str, model: Model, step: float = 2.5e-4,
                  integrator: str = 'IMPLICITFAST', friction: bool = True) -> None:
         """Compile MuJoCo's model."""
+        # Shapes would need their meshes, and contacts are off.
         without_shapes = re.sub(r'<(visual|collision)\b.*?</\1>', '', urdf,
                                 flags=re.DOTALL)
         spec = mujoco.MjSpec.from_string(without_shapes)
         spec.compiler.fusestatic = False
         _delete_unmoved(spec, model.joint_names)
+        # Each drive adds its motor as a body, with spring and damper to the link.
         motors = {body.joint.name: body.joint for body in model.bodies}
         for elastic in model.drives:
             _add_drive(spec, elastic, motors[elastic.drive.motor], friction)
@@ -67,9 +69,12 @@ class TwoMassArm:
             self.model.tendon_damping[:] = 0.0
         self.data = mujoco.MjData(self.model)
         # Indices in MuJoCo's coordinates and speeds of the entries of q and u.
-        joints = [self.model.joint(name) for name in model.joint_names]
-        self._q = [int(joint.qposadr[0]) for joint in joints]
-        self._u = [int(joint.dofadr[0]) for joint in joints]
+        self._q = []
+        self._u = []
+        for name in model.joint_names:
+            joint = self.model.joint(name)
+            self._q.append(int(joint.qposadr[0]))
+            self._u.append(int(joint.dofadr[0]))
 
     @property
     def state(self) -> tuple[Array, Array]:

@@ -118,6 +118,7 @@ def elastic_timing(robot: Robot, path: Motion | SmoothMotion | ArrayLike,
 def _settled(along: '_AlongPath') -> TimeLaw:
     """Return the fastest time law, with enough intervals."""
     law = _fastest(along.limits(along.slow_law()), FIRST)
+    # Twice as many intervals until the law gains next to nothing.
     intervals = INTERVALS
     while intervals < MOST_INTERVALS:
         intervals *= 2
@@ -209,9 +210,11 @@ class _AlongPath:
 
     def _worst(self, limits: '_Limits', law: TimeLaw) -> str:
         """Return the use of the limits by a slow law in words."""
+        # The limit and the joint that are used most, where its torque is largest.
         needed = limits.needed(law)
         uses = needed.uses
-        limit = max(uses, key=lambda name: float(uses[name].max()))
+        largest_uses = {name: float(use.max()) for name, use in uses.items()}
+        limit = max(largest_uses, key=largest_uses.__getitem__)
         j = int(uses[limit].argmax())
         k = int(np.abs(needed.tau[:, j]).argmax())
         links = [self.robot.joint_names.index(name) for name in self.names]

@@ -192,6 +192,8 @@ class PathLimits:
 
     def _used_joints(self, quantity: int) -> Flags | None:
         """Return the joints whose limit is linear in s'' and s'^2; None without any."""
+        # Limits of speed bound s'^2 alone; others only joints that have a limit and
+        # move.
         if quantity == VELOCITY:
             return None
         if quantity not in self._quantities:
@@ -230,7 +232,7 @@ class PathLimits:
 
     def tighten(self, shares: Array, largest: Array, factor: float) -> None:
         """
-        Make limits smaller where a motion uses more than them.
+        Tighten the limits that a motion exceeds.
 
         Parameters
         ----------
@@ -393,12 +395,14 @@ class PathLimits:
         limit. It is irrelevant where x is so small that the limit of effort is lower;
         the tangent at the largest such x is irrelevant there too.
         """
+        # Far below the speed at which power matters, the torque would be infinite.
         with np.errstate(divide='ignore', invalid='ignore'):
             speed = np.abs(first)
             x = np.maximum(x, (power / (IRRELEVANT * self.bounds.effort * speed))**2)
             torque = power / (speed * np.sqrt(x))
             slope = -0.5 * torque / x
         matters = np.isfinite(torque) & np.isfinite(x)
+        # A limit that is never reached, instead of none.
         far = 1e6 * np.abs(self.constant).max() + 1e6
         return np.where(matters, 1.5 * torque, far), np.where(matters, slope, 0.0)
 
@@ -495,6 +499,7 @@ def _one_sided(torque: Array, deviation: Array, width: Array, slope: Array | flo
     Torque and deviation are lines alpha v + beta x + gamma, (N, 3, n). The other side of each
     limit is out of reach.
     """
+    # The slope goes to the other side, with a width that is never reached.
     far = OUT_OF_REACH * (np.abs(torque[:, 2]) + width)
     added = deviation.copy()
     added[:, 1] -= slope
@@ -516,9 +521,14 @@ def _steady(block: Array, share: float) -> Array:
 
 def friction(robot: Robot, rates: Array) -> tuple[Array, Array]:
     """Return the friction torques at joint rates, (N, n), with their slopes."""
-    torque, slope = np.zeros_like(rates), np.zeros_like(rates)
-    for body in robot.model.bodies if robot.friction else ():
-        joint, k = body.joint, body.joint.coordinate
+    torque = np.zeros_like(rates)
+    slope = np.zeros_like(rates)
+    if not robot.friction:
+        return torque, slope
+    # A coordinate has the friction of its joint and of those that mimic it.
+    for body in robot.model.bodies:
+        joint = body.joint
+        k = joint.coordinate
         rate = joint.multiplier * rates[:, k]
         torque[:, k] += joint.multiplier * friction_torque(joint, rate)
         slope[:, k] += joint.multiplier**2 * friction_slope(joint, rate)

@@ -148,10 +148,13 @@ class PathRobot:
 
     def _of_all_joints(self, part: Section, q: Array, driving: list[int]) -> Section:
         """Return a section of all joints for one of the driving joints."""
+        # The motion of all joints by that of the driving ones, on which the exact
+        # values are known.
         require_scalable(self.robot, q)
         q, first, second, _ = self.states(q, part.first, part.second, torques=False)
         first[:, driving] = part.first
         second[:, driving] = part.second
+        # Joints that move by rounding alone are at rest.
         rates = np.abs(first).max(axis=0)
         still = rates <= NO_MOTION * rates.max()
         q[:, still] = q[0, still]

@@ -165,13 +165,16 @@ class SectionMotion:
 
     def _compute(self, rows: Array, points: Segments | None) -> None:
         """Write the rows of points, of all for None."""
-        n, path = self._n, self._section[:3]
+        n = self._n
+        path = self._section[:3]
+        # Rows of the kernel are chosen by number: places of the path, points of the profile.
         numbers = dict.fromkeys(Section._fields[:3], self._places)
         if points is not None:
             numbers = dict.fromkeys(Section._fields[:3], self._places[points])
             numbers |= {'profile': points, 'following': points}
         inputs = [*path, self._profile, self._profile[1:]]
         require_finite(self._kernel.run(inputs, rows, len(rows), numbers))
+        # Torques of closed loops need the closed configuration of each point.
         if self._peaks.driving:
             q, u, udot = (rows[:, k * n:(k + 1) * n] for k in range(3))
             rows[:, 3 * n + 1:] = self._peaks.torques(q, u, udot)
@@ -196,13 +199,13 @@ def _point_inputs(n: int) -> dict[str, tuple[int, ...]]:
 
 @cache
 def point_kernel(n: int) -> Kernel:
-    """Return the kernel of `_point`."""
+    """Return the kernel of state and time step at a point of a path, (3 n + 1,)."""
     return batch_kernel('path_point', _point, [*_point_inputs(n).items()], (3 * n + 1,))
 
 
 @kernel_per_robot
 def tree_point_kernel(robot: Robot) -> Kernel:
-    """Return the kernel of `_point`, continued with the torques of a tree, (4 n + 1,)."""
+    """Return the kernel of `point_kernel` with the torques of a tree, (4 n + 1,)."""
     n = robot.n
 
     def values(*inputs: Vector, parameters: Vector) -> Vector:
@@ -292,9 +295,12 @@ def coulomb_joints(robot: Robot) -> list[Joint]:
 
 def _turning(coulomb: Sequence[Joint], u: Array, segments: Segments | None) -> Flags:
     """Return whether the Coulomb friction of a joint changes much in each segment."""
-    begin, end = u[:-1], u[1:]
+    # Friction changes much where a joint reverses, or is slow at one end.
+    begin = u[:-1]
+    end = u[1:]
     if segments is not None:
-        begin, end = u[segments], u[segments + 1]
+        begin = u[segments]
+        end = u[segments + 1]
     turning = np.zeros(len(begin), dtype=bool)
     for joint in coulomb:
         slow = TURNING * joint.friction_speed

@@ -193,6 +193,7 @@ def _bound_at(empty: Demand, demand_with: Callable[[float], Demand], bends: bool
         return _bound(empty, slope), slope
     if not bends:
         return bound_from(1.0)  # the torque is linear in the mass
+    # Bending makes the torque per kilogram depend on the mass: a fixed point.
     message = (f'bending: no largest payload found from {SMALL:g} kg; expected beams '
                'that bend less')
     mass = upper_fixed_point(lambda tried: bound_from(tried)[0].mass, SMALL, SETTLED,

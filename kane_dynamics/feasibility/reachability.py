@@ -368,6 +368,7 @@ def _update_allowed(sets: Array, limits: IntervalLimits, vertices: Segments) -> 
     A set shrinks with the limits and with the set after it. So in the other intervals
     the next pass may begin with the sets of the pass before.
     """
+    # A vertex belongs to the intervals on both sides.
     beside = np.zeros(len(sets), dtype=bool)
     beside[vertices] = True
     intervals = (beside[1:] | beside[:-1]).nonzero()[0]

@@ -138,9 +138,12 @@ class SegmentPeaks:
                  driving: Sequence[int] = ()) -> None:
         self.n = limits.shape[1]
         self.quantities = limited_quantities(limits)
+        # Shares are values times the inverse limits, so that an infinite limit is never
+        # used.
         self._factors = 1.0 / np.maximum(limits[self.quantities, :], SMALLEST)
         self._states = states
         self.driving = list(driving)
+        # Trees compute their torques in the kernel; closed loops get them by `states`.
         if states is None:
             self._kernel = peaks_kernel(robot, self.quantities)
             self._robot = robot
@@ -278,12 +281,17 @@ def peaks_kernel(robot: Robot, quantities: tuple[int, ...]) -> Kernel:
 @cache
 def shares_kernel(n: int, quantities: tuple[int, ...]) -> Kernel:
     """Return the kernel of `largest_shares_of`, for states at the three places."""
-    names = [f'{name}_{place}' for place in (0, 1, 'x') for name in STATE]
-    inputs: list[tuple[str, tuple[int, ...]]] = [(name, (n,)) for name in names]
+    inputs: list[tuple[str, tuple[int, ...]]] = []
+    for place in (0, 1, 'x'):
+        for name in STATE:
+            inputs.append((f'{name}_{place}', (n,)))
     inputs.append(('factors', (len(quantities), n)))
 
     def values(*arguments: Matrix) -> Vector:
-        begin, end, inside = arguments[:4], arguments[4:8], arguments[8:12]
+        # Four quantities of each state.
+        begin = arguments[:4]
+        end = arguments[4:8]
+        inside = arguments[8:12]
         return largest_shares_of(quantities, begin, end, inside, arguments[12])
     return batch_kernel('shares_of_states', values, inputs, (len(quantities) * n + 3,))
 

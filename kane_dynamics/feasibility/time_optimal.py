@@ -339,7 +339,9 @@ def _fastest(along: PathRobot, speeds: tuple[float, float], points: int
 def _all_solved(along: PathRobot, parts: Sequence[Section], speeds: tuple[float, float],
                 excess: float) -> tuple[list[Checked], float]:
     """Return all sections with their timings, and how much tighter limits slow them."""
-    timings, untightened = [], 0.0
+    timings = []
+    untightened = 0.0
+    # The motion rests between sections; speeds are asked for at its ends alone.
     for k, part in enumerate(parts):
         start = speeds[0] if k == 0 else 0.0
         end = speeds[1] if k == len(parts) - 1 else 0.0
@@ -364,10 +366,13 @@ def _solve(along: PathRobot, section: Section, start: float, end: float, excess:
 
     The limits are exceeded at most by `excess`.
     """
-    limits, motion = along.limits(section), along.motion_along(section)
+    limits = along.limits(section)
+    motion = along.motion_along(section)
     x: Array | None = None
     first = math.inf
     rounds = FINEST_ROUNDS if excess == LARGEST else ROUNDS
+    # Limits hold at the points of the grid: where the motion exceeds them between, they
+    # are tightened.
     for turn in range(rounds):
         x = _profile(limits, start, end, x)
         motion.follow(x)
@@ -379,6 +384,7 @@ def _solve(along: PathRobot, section: Section, start: float, end: float, excess:
         # needed.
         persistent = max(turn - ROUNDS, 0)
         limits.tighten(motion.shares, motion.largest, TIGHTER * GROWTH**persistent)
+    # The worst excess, for the message: limit, place and joint.
     timing = motion.checked()
     largest = timing.largest
     limit, k, j = np.unravel_index(int(largest.argmax()), largest.shape)
@@ -391,11 +397,25 @@ def _solve(along: PathRobot, section: Section, start: float, end: float, excess:
         'expected a path without sharp corners', FINEST)
 
 
+def _squared_speeds_at_ends(limits: PathLimits, start: float, end: float
+                            ) -> tuple[float | None, float | None]:
+    """Return s'^2 at both ends of the path; None where no speed is asked for."""
+    first = None
+    last = None
+    if start:
+        first = start**2 / limits.speed_squared(0)
+    if end:
+        last = end**2 / limits.speed_squared(-1)
+    return first, last
+
+
 def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> Array:
     """Return the fastest profile of x = s'^2, from a guess; None starts without friction."""
-    ends = [speed**2 / limits.speed_squared(k) if speed else None
-            for speed, k in ((start, 0), (end, -1))]
-    slower, calm = 0, limits.powered
+    ends = _squared_speeds_at_ends(limits, start, end)
+    # Limits depend on x by friction and power: programs of limits at the last x are
+    # solved until x settles.
+    slower = 0
+    calm = limits.powered
     for _ in range(PROGRAMS):
         limited = limits.at(x, calm)
         try:
@@ -448,6 +468,8 @@ def _free_start(limits: PathLimits, sets: Array) -> float:
 
 def _sets(limits: PathLimits, limited: IntervalLimits, end: float | None) -> Array:
     """Return the controllable sets; linear limits need only what has changed."""
+    # Of limits that are linear, the sets of the last round hold but near tightened
+    # points.
     known = None
     if limits.linear and limits.sets is not None:
         known = limits.sets, limits.tightened

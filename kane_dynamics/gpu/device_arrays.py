@@ -243,6 +243,7 @@ def _allocating_on(like: Any, stream: int) -> Iterator[None]:
     library = library_of(like)
     current = current_stream(like)
     cuda: Any = sys.modules[library].cuda
+    # The library's own stream needs no change, but the device may.
     same = current is not None and same_stream(current, stream)
     if library == 'torch':
         chosen = None  # the current one

@@ -31,6 +31,8 @@ class DeviceRollout:
         """Check the names; the kernel is made at the first use."""
         self.dtype = require_dtype(dtype)
         integrator_of(integrator)
+        # A copy, so that later changes of the robot's parameters do not change the
+        # kernel.
         self._robot = robot.copy()
         self._integrator = integrator
         self._made_of = self._robot, parameters, dtype, integrator
@@ -73,6 +75,7 @@ class DeviceRollout:
         """Return the states after the steps; see `rollout`."""
         arguments = self._arguments
         size = self._layout.n_q + self._layout.n
+        # A parameter for each name of the constructor, after q, u and tau.
         if len(parameters) != len(arguments) - 3:
             names = ', '.join(a.name for a in arguments[3:])
             raise InputError(f'rollout: {len(parameters)} parameters; expected '
@@ -87,6 +90,7 @@ class DeviceRollout:
         q_view, u_view, tau_view = call.views[:3]
         axes = max(q_view.ndim, u_view.ndim) - 1
         of_steps = tau_view.ndim == axes + 2
+        # Batch axes of each argument; tau may have one more axis, that of the steps.
         batches = []
         for x in call.views:
             of_one_state = 2 if of_steps and x is tau_view else 1

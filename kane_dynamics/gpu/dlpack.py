@@ -19,7 +19,7 @@ NAME = b'dltensor'  # of a capsule that no library has taken yet
 
 
 class Tensor(ctypes.Structure):
-    """A `DLTensor`."""
+    """The C structure `DLTensor`: where an array is, and its shape and strides."""
 
     _fields_ = [('data', c_void_p), ('kind', c_int32), ('device', c_int32),
                 ('ndim', c_int32),
@@ -29,7 +29,7 @@ class Tensor(ctypes.Structure):
 
 
 class Managed(ctypes.Structure):
-    """A `DLManagedTensor`."""
+    """The C structure `DLManagedTensor`: an array, and how its owner frees it."""
 
     _fields_ = [('tensor', Tensor), ('context', c_void_p), ('deleter', c_void_p)]
 
@@ -63,6 +63,7 @@ def read(capsule: Any) -> Read:
     if tensor.lanes != 1:
         raise InputError(f'array: numbers of {tensor.lanes} lanes; expected 1')
     shape = tuple(tensor.shape[:tensor.ndim])
+    # Without strides the array is contiguous.
     strides = contiguous(shape)
     if tensor.strides:
         strides = tuple(tensor.strides[:tensor.ndim])

@@ -126,6 +126,7 @@ class KernelCall:
         """Return a view of the result and the array that the caller receives."""
         result = out
         if out is None:
+            # A new array has the layout of the argument with the batch.
             like = self._like
             stride = collapsed(like.shape[:len(batch)], like.strides[:len(batch)])
             result = empty(self._first, batch, shape, self.dtype, stride == 1,
@@ -214,9 +215,11 @@ def row(x: DeviceArray, shape: Shape, batch: Shape, steps: bool = False) -> list
 
 def collapsed(shape: Sequence[int], strides: Sequence[int]) -> int | None:
     """Return the stride of several axes as one; None if they have no common one."""
-    found, expected = 0, None
+    found = 0
+    expected = None
     if 0 in shape:
         return found
+    # From the last axis: each must begin where the one after it ends.
     for size, stride in reversed(list(zip(shape, strides))):
         if size == 1:
             continue

@@ -198,6 +198,7 @@ def _largest_friction(robot: Robot, estimates: _Estimates,
     largest = np.zeros(robot.n)
     # The friction of the model and what the estimates add to it, at the largest speed.
     for j, name in enumerate(robot.speed_names):
+        # A speed that is no joint rate has no friction of the model.
         of_model = joints.get(name) if robot.friction else None
         if of_model is None:
             total = coulomb[j], damping[j]

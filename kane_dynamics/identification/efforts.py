@@ -275,6 +275,7 @@ def _losses_kernel(robot: Robot) -> Kernel:
     """Return the kernel of friction and rotors' inertia at the actuators, (2, n_a)."""
     equations = robot.equations
     names = robot.model.joint_names
+    # Losses act at the joints with actuators, whose efforts the recording has.
     places = [names.index(name) for name in actuated_joints(robot)]
 
     def losses(q: Any, u: Any, udot: Any, t: Any) -> Any:

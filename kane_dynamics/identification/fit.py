@@ -489,6 +489,8 @@ def _selected(rows_of_fit: LawRows, blocks: list[Flags], start: LawFit, prior: P
     """Return the law of each joint, and the errors of all laws on left-out blocks."""
     errors = []
     candidates = {}
+    # Each law is fitted to all joints, then tried on blocks of rows that it has not
+    # seen.
     for law in LAWS:
         fit = start
         if law is not COULOMB:

@@ -144,10 +144,17 @@ class LawRows:
     def columns(self, joint: int, law: FrictionLaw, shape: float, load: Array) -> Array:
         """Return the torques of a joint's losses of 1, (N, 6); zeros of unused ones."""
         u = self.data.recording.u[:, joint]
-        slip = coulomb(u, shape) if not law.presliding else self._dahl(joint, shape)
-        nothing = np.zeros(len(u))
-        quadratic = u * np.abs(u) if law.quadratic else nothing
-        by_load = np.abs(load) * slip if law.load else nothing
+        # The direction of sliding: smoothed, or by the deflection of bristles.
+        if law.presliding:
+            slip = self._dahl(joint, shape)
+        else:
+            slip = coulomb(u, shape)
+        quadratic = np.zeros(len(u))
+        if law.quadratic:
+            quadratic = u * np.abs(u)
+        by_load = np.zeros(len(u))
+        if law.load:
+            by_load = np.abs(load) * slip
         return np.column_stack([u, slip, self.data.recording.udot[:, joint],
                                 np.ones(len(u)), quadratic, by_load])
 
@@ -221,12 +228,14 @@ class JointEquations(NamedTuple):
 def fit_laws(rows: LawRows, laws: Sequence[FrictionLaw], start: LawFit,
              prior: Prior) -> LawFit:
     """Return the fit of bodies and friction with these laws, from another fit."""
+    # Loads, shapes of the laws, and linear coefficients in turn, until they agree.
     fit = start
     for _ in range(TURNS):
         load = rows.load(fit.inertial, fit.losses[:, 2])
         shapes = _best_shapes(rows, laws, fit, load)
         system = equations(rows, laws, shapes, load)
         fit = LawFit(tuple(laws), fit.inertial, fit.losses, shapes, fit.sigma)
+        # Rows far from the fit lose weight.
         for _ in range(REWEIGHTED):
             fit = _solved(system, fit, prior)
     return fit
@@ -488,6 +497,8 @@ def _of_alike_drives(ratios: Array) -> tuple[Array, Array]:
     of errors.
     """
     blocks, n = ratios.shape
+    # Shrinkage: a joint's own mean counts as much as its error allows, the rest is the
+    # mean of all joints.
     own = ratios.mean(axis=0)
     variance = np.maximum(ratios.var(axis=0, ddof=1) / blocks, 1e-8)
     common = float(own.mean())

@@ -221,6 +221,7 @@ class ModelWatch:
         largest: ModelChange | None = None
         torque = np.zeros_like(residual)
         most_explained = -np.inf
+        # A cause counts if its size is beyond its own error, and that of the sound arm.
         whole = max(float(np.sum((residual / self._sigma)**2)), 1e-300)
         for k, cause in enumerate(causes):
             change, jackknifed = self._sizes(cause.directions, residual)

@@ -107,12 +107,14 @@ def _unconstrained(R: Array, bodies: int, lowest: Array) -> Array | None:
     and more accurate than that of an interior point method, which stops early if data
     and prior differ much in weight.
     """
+    # Columns of equal length: their units differ by orders of magnitude.
     lengths = np.linalg.norm(R[:, :-1], axis=0)
     lengths[lengths == 0.0] = 1.0
     bounds = np.concatenate([np.full(10 * bodies, -np.inf), lowest])
     solution = scientific('scipy.optimize').lsq_linear(
         R[:, :-1] / lengths, R[:, -1], method='bvls', bounds=(bounds, np.inf))
     x = solution.x / lengths
+    # A body is physical if 1 + Z is positive definite.
     Z = np.tensordot(x[:10 * bodies].reshape(-1, 10), SYMMETRIC, axes=1)
     smallest = np.linalg.eigvalsh(np.eye(4) + Z).min()
     return x if solution.success and smallest >= SMALLEST else None

@@ -198,6 +198,7 @@ def friction_speeds(data: RegressionRows, lowest: Array = LOWEST) -> Array:
 
     It is searched among `SPEEDS`, then between the neighbors of the best one.
     """
+    # A fit for each joint by itself: its friction speed alone is not linear.
     instance(data, RegressionRows, 'data')
     try:
         lowest = real_numbers(lowest)

@@ -142,6 +142,7 @@ def written_payload(supplement: str | os.PathLike[str] | None, link: str,
         If the supplement has a payload already.
 
     """
+    # The payload of a supplement is part of the model that was identified.
     if read_supplement(supplement).payload is not None:
         raise InputError(f"supplement '{supplement}': has a payload already; expected "
                          'none, since the identified payload would be added to it')

@@ -95,5 +95,5 @@ def _inverse(information: Array) -> tuple[Array, float]:
 
 
 def _deviations(covariance: Array) -> Array:
-    """Return standard deviations."""
+    """Return the standard deviations of unknowns with this covariance."""
     return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))

@@ -106,7 +106,7 @@ class _Piece:
                            np.hstack([second, zeros]), np.hstack([third, zeros]))
 
     def limits(self, length: float, linear: Array, angular: Array) -> SectionLimits:
-        """Return the limits of s on a part of the piece."""
+        """Return the limits of the rate of s on a part of the piece."""
         l1, l2, l3 = (float(np.linalg.norm(part[0]))
                       for part in self.linear(np.zeros(1)))
         turn = float(np.linalg.norm(self.turning))

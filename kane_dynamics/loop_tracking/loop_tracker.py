@@ -177,9 +177,13 @@ def largest_square(values: Iterable[Scalar]) -> Scalar:
     """Return the largest square of scalars, by pairs: few comparisons in a row."""
     squares = [x * x for x in values]
     while len(squares) > 1:
-        pairs = list(zip(squares[::2], squares[1::2]))
-        unpaired = squares[2 * len(pairs):]
-        squares = [select(a > b, a, b) for a, b in pairs] + unpaired
+        # The larger of each pair; one without a partner stays.
+        larger = []
+        for a, b in zip(squares[::2], squares[1::2]):
+            larger.append(select(a > b, a, b))
+        if len(squares) % 2:
+            larger.append(squares[-1])
+        squares = larger
     return squares[0] if squares else 0.0
 
 
@@ -1027,7 +1031,7 @@ def compare_with(tracker: LoopTracker, others: Sequence[int], values: Array) -> 
 
 
 def mirror(tracker: LoopTracker, array: Array) -> None:
-    """Let a tracker have the search that another thread has done."""
+    """Copy the search that another thread has done into a tracker."""
     step = tracker._step
     step.array[:] = array
     known = bool(array[search_places(len(step.q), len(step.u)).known])

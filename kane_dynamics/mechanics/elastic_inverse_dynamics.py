@@ -90,17 +90,24 @@ class ElasticLinks:
         """Store the parts and find the links among all coordinates."""
         self.tree = tree
         self.sides = list(sides)
-        self.is_tree = mechanism.in_joint_speeds
-        self.mechanism = Mechanism(tree.model) if self.is_tree else mechanism
         self.geometry = geometry
-        model = mechanism.model
-        self.joints = [model.joint_names.index(name) for name in tree.model.joint_names]
-        self.places = [model.coordinate_names.index(name)
-                       for name in tree.model.coordinate_names]
         self.speeds = list(speeds)
-        self.actuated = None if actuators is None else list(actuators)
+        # A tree needs the mechanism of the links alone: its motors move nothing.
+        self.is_tree = mechanism.in_joint_speeds
+        self.mechanism = mechanism
+        if self.is_tree:
+            self.mechanism = Mechanism(tree.model)
+
+        # Indices of the links' joints and coordinates among those of links and motors.
+        model = mechanism.model
+        self.joints = list(map(model.joint_names.index, tree.model.joint_names))
+        self.places = list(map(model.coordinate_names.index, tree.model.coordinate_names))
+
+        # Actuators, where constraints let them share the load.
+        self.actuated: list[int] | None = None
         self.inverse_weights = np.ones(0)
         if actuators is not None:
+            self.actuated = list(actuators)
             self.inverse_weights = 1.0 / np.array(list(actuators.values()))
 
     def whole(self, q: Vector) -> Vector:

@@ -548,7 +548,8 @@ class Model:
 
     def digest(self) -> str:
         """Return a hash of everything that affects the dynamics, including names."""
-        return hashlib.sha256(repr(plain(self)).encode()).hexdigest()
+        text = repr(plain(self))
+        return hashlib.sha256(text.encode()).hexdigest()
 
 
 def with_payload(model: Model, frame: str, payload: Inertial) -> Model:

@@ -40,7 +40,7 @@ NO_LIMIT = 1e9  # rad/s or m/s: a limit beyond is none
 
 class HorizonSizes(NamedTuple):
     """
-    Numbers of entries.
+    Sizes of the arrays of a horizon.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ def speed_excess(rates: Vector, limits: HorizonLimits) -> tuple[Matrix, Matrix]:
 def stage_cost(error: Vector, rates: Vector, weight: Vector,
                limits: HorizonLimits) -> Scalar:
     """
-    Return the cost.
+    Return the cost of one interval.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ class BristleFriction:
 
 
 def bristle_friction(robot: Robot, stops: bool) -> BristleFriction:
-    """Return the `BristleFriction` of a robot, which keeps it."""
+    """Return the `BristleFriction` of a robot, made once and kept with it."""
     key = 'bristles', stops
     kept = robot.kernels.kept
     if key not in kept:

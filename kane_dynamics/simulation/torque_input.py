@@ -172,7 +172,7 @@ class TorqueInput:
         return power.reshape(tau.shape[:-1])
 
     def torque_at(self, state: Array, done: int) -> Array:
-        """Return the torque, (n,), at the state (size,) of the first simulation after steps."""
+        """Return the torque, (n,), of the first simulation at its state after `done` steps."""
         if not isinstance(self.torque, ComputedTorque):
             held: Array = self.torque[0][min(done, self.torque.shape[1] - 1)]
             return held

@@ -51,7 +51,7 @@ class SweptJoints:
 
     @property
     def tracked(self) -> tuple[int, ...]:
-        """Return the indices in q of the joints with a tracking error: at rest all angles."""
+        """Return the indices in q of the joints with a tracking error; all if none moves."""
         return self.followed if self._moves else tuple(angle_places(self._robot.model))
 
     @property

@@ -103,6 +103,7 @@ class SweepTable:
     def _claim(self) -> None:
         """Check that the folder belongs to this sweep; create the description if it is empty."""
         path = self.folder / DESCRIPTION
+        # Hidden files and the lock do not count.
         content = [entry.name for entry in sorted(self.folder.iterdir())
                    if entry.name != LOCK and not entry.name.startswith('.')]
         if path.name in content:
@@ -138,6 +139,7 @@ class SweepTable:
 
     def _finished(self) -> set[int]:
         """Return the complete chunks; remove damaged files, which are computed again."""
+        # Files that a stopped sweep had not finished.
         for partial_file in self.folder.glob('.*.partial'):
             partial_file.unlink()
         finished = set()
@@ -172,7 +174,10 @@ def read_table(folder: str | os.PathLike[str]) -> Any:
         If it is not the folder of a sweep, has no rows or is damaged.
 
     """
-    arrow, parquet, path = needed('pyarrow'), needed('pyarrow.parquet'), Path(folder)
+    arrow = needed('pyarrow')
+    parquet = needed('pyarrow.parquet')
+    path = Path(folder)
+    # Parts of another description may lie in the folder: the digest is in their names.
     digest = str(_described(path / DESCRIPTION).get('digest'))
     parts = sorted(path.glob(f'part-{digest[:SHOWN]}-*.parquet'))
     if not parts:

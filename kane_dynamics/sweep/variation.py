@@ -117,6 +117,7 @@ def value_of(name: str, data: Any, *, signed: bool = False,
         if names:
             expected = f'one of {", ".join(names)}, or {{choice: [...]}}'
         raise InputError(f'{name}: {SHORT.repr(data)}; expected {expected}')
+    # One kind, with its list: {uniform: [low, high]}.
     (kind, entries), = data.items()
     if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
         raise InputError(f'{name}: {kind}: {SHORT.repr(entries)}; expected a list')
@@ -151,6 +152,7 @@ def values_of(name: str, data: Any, joints: Sequence[str], default: Sequence[flo
 
     """
     # By default, one for each joint, by name, or in the order of the joints.
+    # Without a value, each joint has its default.
     if data is None:
         data = list(default)
     elif isinstance(data, Mapping) and set(data) == {'each'}:
@@ -200,6 +202,8 @@ def _entry(name: str, value: Any, signed: bool, names: Sequence[str]) -> float:
 
 def _check_range(name: str, kind: str, numbers: tuple[float, ...], signed: bool) -> None:
     """Raise InputError if two numbers are no valid range of this kind."""
+    # A normal distribution has no bounds, so that its values must be allowed to be
+    # negative.
     if kind == 'normal':
         if not signed:
             raise InputError(f'{name}: normal, which includes negative values; expected '

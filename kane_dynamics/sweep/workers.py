@@ -93,6 +93,7 @@ def cluster(work: bytes, chunks: Collection[int], address: str) -> Done:
     except (OSError, ValueError) as error:
         raise InputError(f"dask: '{address}': {error}; expected the address of a Dask "
                          'scheduler') from None
+    # Futures by chunk, so that an error names the chunk and the rest is cancelled.
     futures: dict[Any, int] = {}
     try:
         for chunk in chunks:

@@ -51,6 +51,7 @@ def assemble_model(tree: UrdfTree, selection: Selection, supplement: Supplement,
     coordinates = {name: k for k, name in enumerate(names)}
     limits = _coordinate_limits(singles, selection, notices)
 
+    # Bodies at the joints, each with the inertia of all links that ride on it.
     bodies = []
     for (single, placement), inertials in zip(moving, riders):
         joint = _joint(single, placement, selection, coordinates, supplement, limits)

@@ -53,7 +53,7 @@ class Notices:
         self.unused.setdefault(what, []).append(name)
 
     def messages(self) -> list[str]:
-        """Return one warning text for each kind with names."""
+        """Return a warning text for each kind of notice that names something."""
         of_mechanism = []
         of_actuators = []
         # Entries that describe the mechanism, and entries that other programs use.
@@ -68,6 +68,7 @@ class Notices:
             messages.append(f'{NOT_USED}: {"; ".join(of_mechanism)}')
         if of_actuators:
             messages.append(f'{NOT_OURS}: {"; ".join(of_actuators)}')
+        # The further kinds have names alone, and their text in the field.
         for kind in fields(self)[1:]:
             names = getattr(self, kind.name)
             if names:

@@ -79,6 +79,8 @@ def check_schema(root: Element, notices: Notices) -> None:
         raise UrdfError(f'root element: <{root.tag}> (line {root.line}); expected '
                         '<robot>: MJCF is read by load_mjcf, SDF must be converted '
                         'first')
+    # Elements by the schema, then what it cannot state: joints, and that there are
+    # links.
     _check(root, '', notices)
     for joint in root.find_all('joint'):
         _check_joint(joint)
@@ -143,6 +145,7 @@ def _check_attributes(element: Element, owner: str, what: str, notices: Notices)
 
 def _check_numbers(element: Element, text: str, count: int, what: str) -> None:
     """Raise UrdfError if a text is not `count` finite decimal numbers."""
+    # Limits may be as large as a double, which means none; other numbers may not.
     largest = sys.float_info.max if element.tag == 'limit' else LARGEST
     parts = text.split()
     valid = len(parts) == count
@@ -153,6 +156,7 @@ def _check_numbers(element: Element, text: str, count: int, what: str) -> None:
     expected = 'one finite number, like 0.5 or 1e-3'
     if count > 1:
         expected = f'{count} finite numbers separated by spaces, like "0 0.5 1e-3"'
+    # The most common cause of text in place of numbers.
     if '${' in text:
         expected += f'; expand it with xacro first: {XACRO}'
     raise UrdfError(f"{what}: '{text}' (line {element.line}); expected {expected}")

@@ -120,6 +120,7 @@ def _check_balls(tree: UrdfTree, free: frozenset[str],
 def _singles(tree: UrdfTree) -> dict[str, StatedJoint]:
     """Return all joints by name, each of one degree of freedom; check new names."""
     singles: dict[str, StatedJoint] = {}
+    # Names of parts must not collide with names in the file.
     taken = {joint.name for joint in tree.joints} | tree.links.keys()
     for joint in tree.joints:
         parts = expand_joint(joint)
@@ -182,6 +183,7 @@ def _names(value: Any, argument: str) -> list[Any]:
 def _joints(joints: Any, candidates: list[str], singles: Mapping[str, StatedJoint],
             mimics: Mapping[str, Mimic]) -> tuple[str, ...]:
     """Check the argument `joints` and return its names."""
+    # A set has no order, and the order of the joints is that of all arrays.
     names = _names(joints, 'joints')
     if isinstance(joints, Set):
         raise InputError(f'joints: {joints!r}; expected a list or tuple, whose order is '
@@ -216,6 +218,7 @@ def _locked(locked: Any, singles: Mapping[str, StatedJoint], mimics: Mapping[str
         if name in free:
             raise InputError(f"locked: joint '{name}' is also in joints, the ones that "
                              'move; expected it in one of the two')
+        # Text and truth values convert to numbers, but are mistakes here.
         try:
             number = float(value)
         except (TypeError, ValueError):

@@ -116,6 +116,7 @@ def read_supplement(
     if source is None:
         return Supplement()
     data = source if isinstance(source, Mapping) else read_yaml(source, 'supplement')
+    # Unknown keys are errors: a misspelled one would be ignored.
     top = mapping(data, 'supplement', ('joints', 'payload', 'beams', 'drives'))
     joints = {}
     for name, entry in mapping(top.get('joints', {}), 'supplement: joints').items():
@@ -215,6 +216,7 @@ def _stiffness(value: Any, what: str) -> float | StiffnessCurve:
     """Return the stiffness of a drive, a number or a curve."""
     if not isinstance(value, Mapping):
         return _number(value, f'{what}: stiffness', positive=True)
+    # A curve has points of deflection and torque.
     entry = mapping(value, f'{what}: stiffness', CURVE_KEYS)
     for key in ('deflection', 'torque'):
         if key not in entry:
@@ -229,6 +231,7 @@ def _stiffness(value: Any, what: str) -> float | StiffnessCurve:
 def _beam(name: str, data: Any) -> FlexibleLink:
     """Return the beam of a link; `FlexibleLink.assumed_modes` checks the numbers."""
     what = f"supplement: beam '{name}'"
+    # Numbers are checked here, their relations by the record.
     entry = dict(mapping(data, what, BEAM_KEYS))
     for key in BEAM_KEYS[:3]:
         if key not in entry:
@@ -278,6 +281,7 @@ def _payload(data: Any) -> tuple[str, Inertial]:
     moments = dict.fromkeys(INERTIA_KEYS, 0.0)
     stated = mapping(entry.get('inertia', {}), f'{what}: inertia', INERTIA_KEYS)
     for key, value in stated.items():
+        # As in a URDF, six entries of a symmetric matrix.
         moments[key] = _number(value, f'{what}: inertia: {key}', signed=True)
     xx, xy, xz, yy, yz, zz = moments.values()
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -61,6 +61,7 @@ def build_tree(name: str, links: Sequence[tuple[str, Inertial | None]],
                              f"'{above[joint.child].name}' and '{joint.name}'; expected "
                              'one')
         above[joint.child] = joint
+    # One root: several would be several robots.
     roots = [name for name in by_name if name not in above]
     if len(roots) > 1:
         raise ModelError(f'links {listing(roots)}: no parent; expected exactly one root '

@@ -58,9 +58,11 @@ def expand_xacro(path: str | os.PathLike[str],
     if arguments is not None:
         mappings = {name: argument_text(name, value)
                     for name, value in arguments.items()}
+    # Xacro has state of its own: one expansion at a time.
     try:
         with _lock, _packages_found_beside(file, substitution):
             document = xacro.process_file(str(file), mappings=mappings)
+    # The errors of xacro and of the Python expressions in the file.
     except (xacro.XacroException, substitution.SubstitutionException, ExpatError,
             OSError, ValueError, LookupError, TypeError, NameError) as error:
         raise UrdfError(f"'{file}': {_reason(error)}; expected a file that xacro "
@@ -103,6 +105,7 @@ def _packages_found_beside(file: Path, substitution: Any) -> Iterator[None]:
     installed = substitution._eval_find
 
     def find(package: str) -> str:
+        # Installed packages have precedence.
         try:
             share: str = installed(package)
         except (LookupError, ImportError, OSError):  # not installed, or no ROS at all

@@ -35,6 +35,7 @@ def cartesian(options: Namespace) -> None:
     if options.out:
         _write(result.motion, options.out, options.rate)
         files.append(options.out)
+    # The same facts as data, or in words.
     if options.json:
         print_json({
             'joint_names': list(result.motion.joint_names),
@@ -45,6 +46,7 @@ def cartesian(options: Namespace) -> None:
             'nearest_singular': result.nearest_singular,
             'corners': [corner._asdict() for corner in path.corners], 'files': files})
         return
+    # How well the joints' motion follows the path, then where it is near its limits.
     print(f'{result.motion.duration:.4g} s; distance from the path at most '
           f'{1e3 * result.distance:.2g} mm and {1e3 * result.angle:.2g} mrad')
     print(f'largest joint speed: {100.0 * result.largest_speed:.3g} % of its limit')
@@ -64,6 +66,7 @@ def _path(options: Namespace, start: Array) -> PosePath:
     """Return the path of --to and --via from a pose."""
     parts: list[PosePath] = []
     via: list[float] | None = None
+    # Pairs of --via and --to, in the order of the command line.
     last = start
     for option, *numbers in options.stations or []:
         sizes = (3,) if option == '--via' else (3, 6)
@@ -75,6 +78,7 @@ def _path(options: Namespace, start: Array) -> PosePath:
                 raise InputError('--via: two in a row; expected --to after each')
             via = numbers
             continue
+        # A piece ends at each pose: straight, or an arc if --via came before.
         pose = _pose(numbers, last)
         ends = np.array([last, pose])
         if options.free:
@@ -83,7 +87,8 @@ def _path(options: Namespace, start: Array) -> PosePath:
             parts.append(PosePath.through(ends))
         else:
             parts.append(PosePath.arc(ends[0], via, ends[1]))
-        last, via = pose, None
+        last = pose
+        via = None
     if via is not None or not parts:
         raise InputError('--to: missing; expected a position or pose at the end of the '
                          'path')

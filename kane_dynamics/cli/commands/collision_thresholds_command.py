@@ -26,6 +26,7 @@ def collision_thresholds(options: Namespace) -> None:
                                       margin=options.margin, drift=options.drift,
                                       held=options.commands,
                                       uncertainty=uncertainty_of(options, model))
+    # A file that the node reads as it is.
     parameters = node_parameters(calibration)
     for remark in remarks(calibration):
         warn(remark)
@@ -64,6 +65,7 @@ def node_parameters(calibration: CollisionCalibration) -> dict[str, Any]:
 def remarks(calibration: CollisionCalibration) -> list[str]:
     """Return warnings about the recording."""
     lines = []
+    # What makes thresholds too high, or valid for less than the user may think.
     for name in calibration.suspected:
         j = calibration.joint_names.index(name)
         lines.append(f'recording: external torque {calibration.error[j]:.3g} at joint '

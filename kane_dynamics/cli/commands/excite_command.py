@@ -30,6 +30,8 @@ def excitation(options: Namespace) -> int:
     if not 0.0 < options.rate < np.inf:
         raise InputError(f'--rate: {options.rate}; expected a positive, finite number '
                          'of Hz')
+    # Distances are kept where there are shapes; only a stated one is checked
+    # afterwards.
     with model_warnings():
         shapes = load_collision_shapes(source_of(options))
     distance_stated = 'distance' in options
@@ -44,7 +46,11 @@ def excitation(options: Namespace) -> int:
             velocity=_one_or_all(options.velocity),
             acceleration=_one_or_all(options.acceleration), progress=progress)
     _write(motion, options.out, options.rate)
-    too_near = missed_distance(motion, distance) if distance_stated else None
+
+    # The motion is written in any case; a distance that was stated but missed is an error.
+    too_near = None
+    if distance_stated:
+        too_near = missed_distance(motion, distance)
     for warning in (too_near, bad_condition(motion)):
         if warning is not None:
             warn(warning)
@@ -78,6 +84,7 @@ def _friction(options: Namespace, model: Model, shapes: Sequence[LinkShape],
     motion = friction_motion(model, loads=loads, share=options.share,
                              seed=options.seed, floor=options.floor, shapes=shapes,
                              distance=distance)
+    # Whole rows: the last one is at the end, where the arm rests.
     rows = int(np.ceil(motion.duration * options.rate - 1e-9)) + 1
     t = np.linspace(0.0, motion.duration, rows)
     states = dict(zip(('q', 'u', 'udot'), motion.sample(t), strict=True))
@@ -136,6 +143,7 @@ def _print_data(data: dict[str, Any]) -> None:
     """Print the properties of the motion."""
     print(f'condition number of the base parameters {data["condition"]:.3g}; at rest at '
           'the start and the end; shares of limits:')
+    # A joint that does not use a limit gets a dash.
     table = []
     for j, name in enumerate(data['joint_names']):
         row = [name, data['start'][j]]

@@ -32,6 +32,8 @@ def equations(options: Namespace) -> None:
     with progress_bar('deriving', 1.0) as progress:
         form = closed_form(model, numbers=options.numbers, friction=robot.friction,
                            progress=progress)
+    # All formats are made of one form; data also count the operations of the compiled
+    # code.
     if options.json:
         text = as_json(texts.as_data(form, robot.operation_count())) + '\n'
     elif options.format == 'text':

@@ -36,12 +36,14 @@ def feasible(options: Namespace) -> int:
         raise InputError('--uncertain: given with --payload-frame; expected --uncertain '
                          'alone, because the largest payload takes the parameters of the '
                          'model as exact')
+    # A path without its timing is another question, with a result of its own.
     if options.time_optimal:
         if bending is not None:
             raise InputError('--time-optimal: given for an arm with beams, whose '
                              'deflection a path does not state; expected rigid links, '
                              'or the highest speed without --time-optimal')
         return _time_path(options, robot, motion, plot, power, uncertainty)
+    # The largest payload has no box of parameters.
     of_model: dict[str, Any] = {'bending': bending, 'step': options.step, 'power': power}
     conditions = {**of_model, 'uncertainty': uncertainty}
     needed = demand(robot, motion, speed=options.speed, **conditions)
@@ -50,6 +52,7 @@ def feasible(options: Namespace) -> int:
             'speed': options.speed,
             'fastest': None if scale is None else vars(scale), 'payload': None,
             'files': []}
+    # Feasible at no speed: the reason, found at rest.
     if scale is None:
         data['hopeless'] = _hopeless(robot, motion, conditions)
     if options.payload_frame and needed.fits:
@@ -129,6 +132,8 @@ def _write_fitting(path: str, robot: Robot, motion: Motion | SmoothMotion,
 
 def demand_data(needed: Demand) -> dict[str, Any]:
     """Return peaks and their shares of the limits as plain data."""
+    # Plain data of numbers and texts, from which both the JSON and the table are
+    # printed.
     def peaks(values: Array) -> Array:
         return np.asarray(np.abs(values).max(axis=0))
     return {'joint_names': list(needed.joint_names), 'duration': float(needed.t[-1]),
@@ -160,7 +165,9 @@ def _motor_power(needed: Demand) -> Array:
 
 def _print_demand(data: dict[str, Any]) -> None:
     """Print the demand of a motion, its highest speed and the largest payload."""
-    torque, velocity, power = data['torque'], data['velocity'], data['power']
+    torque = data['torque']
+    velocity = data['velocity']
+    power = data['power']
     print(f'{data["duration"]:.6g} s, {data["samples"]} samples; rad or m, s, N m or N, '
           'W')
     table = []
@@ -177,6 +184,7 @@ def _print_demand(data: dict[str, Any]) -> None:
     print('the motion is feasible' if data['fits'] else 'the motion is NOT feasible:')
     for excess in data['excesses']:
         print(f'  {excess["words"]}')
+    # The answers to what a user asks next: how fast, and with how much payload.
     if data['fastest'] is None:
         print(f'feasible at no speed: {data["hopeless"]}')
     else:
@@ -208,6 +216,7 @@ def _bound_in_words(bound: dict[str, Any], name: str, unit: str) -> str:
 def _time_path(options: Namespace, robot: Robot, motion: Motion | SmoothMotion,
                plot: Any, power: Any, uncertainty: Uncertainty | None) -> int:
     """Compute the fastest timing of the path of a motion; write, plot and print it."""
+    # Options of the check at a stated speed.
     if options.speed != 1.0:
         raise InputError('--speed: given with --time-optimal; expected one of them')
     if options.payload_frame is not None:

@@ -24,9 +24,11 @@ def fill(options: Namespace) -> None:
     trajectories = read_points(options.motion, robot.speed_names, options.topic)
     is_bag = trajectories[0].message is not None
     if options.out:
+        # Before the work, which may take a while.
         _check_out(options.out, is_bag)
     _warn_of_arm(robot, options.without)
     filled = []
+    # Of several trajectories, the error names the one.
     for k, points in enumerate(trajectories):
         _warn_of_degrees(robot, points, options.motion)
         try:

@@ -107,6 +107,7 @@ def _effort_limits(robot: Robot, names: Sequence[str]) -> Array:
 def recorded(options: Namespace, model: Model,
              joints: Sequence[str] | None = None) -> Recording:
     """Return the recording of all joints, or of some, resampled and filtered on request."""
+    # Columns by number count through the joints of the robot, also those not asked for.
     numbered = every_joint(options)
     if numbered is None and joints is not None:
         numbered = model.joint_names
@@ -114,6 +115,7 @@ def recorded(options: Namespace, model: Model,
                                options.topic, numbered=numbered)
     if options.resample is not None:
         recording = recording.resampled(options.resample)
+    # Filters need equal times; the user learns what was done.
     elif options.cutoff is not None and recording.uneven:
         step = np.diff(recording.t)
         print(f'kane-dynamics: note: rows are {step.min():g} to {step.max():g} s apart; '
@@ -135,6 +137,7 @@ def examined_recording(options: Namespace, model: Model) -> Recording:
     """
     efforts = stated_efforts(options)
     recording = efforts.applied(Robot(model), recorded(options, model))
+    # Faults that no fit corrects are errors, the others warnings.
     refused = () if options.as_recorded else ('impossible', 'wrong')
     try:
         faults = refuse_faulty(model, recording, refused,
@@ -168,6 +171,8 @@ def _fit_model(options: Namespace, model: Model) -> Outcome:
     """Identify a model, and write --out."""
     if options.unbounded and not options.friction_only:
         raise InputError('--unbounded: given without --friction-only; expected both')
+    # Efforts may lack the weight that the arm compensates: the fit takes it into
+    # account.
     model, recording = _without_doubtful_gravity(options, model)
     with progress_bar('identifying', 1.0) as progress:
         result = identify(model, recording, friction_only=options.friction_only,
@@ -278,7 +283,8 @@ def _print_friction(data: dict[str, Any]) -> None:
     header = ['joint']
     for name in FRICTION:
         header += [name, '+-']
-    table, negative = [], []
+    table = []
+    negative = []
     for k, joint in enumerate(data['joint_names']):
         row = [joint]
         for name, lowest in zip(FRICTION, LOWEST, strict=True):
@@ -360,6 +366,7 @@ def _refuse_unused(options: Namespace, kind: str) -> None:
 def _identify_drives(options: Namespace) -> None:
     """Identify the drives of elastic joints; print them, and write --out."""
     _refuse_unused(options, '--drives')
+    # Options of other fits would be ignored, so that they are refused.
     others = {'--payload': options.payload, '--base-parameters': options.base_parameters,
               '--constraints': options.constraints, '--cutoff': options.cutoff,
               '--resample': options.resample, '--topic': options.topic,
@@ -413,10 +420,12 @@ def print_drives(data: dict[str, Any]) -> None:
     for k, joint in enumerate(data['joint_names']):
         row = [joint]
         for name in DRIVE_NUMBERS:
-            value, deviation = data[name][k], data[f'{name}_deviation'][k]
+            value = data[name][k]
+            deviation = data[f'{name}_deviation'][k]
             row += ['-', '-'] if value is None else [value, f'{deviation:.1g}']
         table.append(row)
     print_table(header, table)
+    # The encoders' delay looks like a deflection: the user learns how much of it.
     for joint, share in zip(data['joint_names'], data['skew_share'], strict=True):
         if share > 0.05:
             print(f"'{joint}': the delay of the link's encoder moves the measured deflection "
@@ -440,6 +449,7 @@ def _fit_payload(options: Namespace, robot: Robot) -> Outcome:
         _write_payload(options, payload)
     data = {**payload_data(payload, options.payload), 'joint_names': list(names),
             'rows': len(recording), 'files': [options.out] if options.out else []}
+    # Torques of the arm with this payload, for the picture.
     carrying = robot.with_payload(options.payload, payload.inertial)
     q, u, udot, _, _ = recorded_motion(carrying, names, recording)
     of_joints = carrying.joint_torques(carrying.inverse_dynamics(q, u, udot), q)

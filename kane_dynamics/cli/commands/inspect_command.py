@@ -33,6 +33,7 @@ def inspect(options: Namespace) -> int:
     facts = describe(model, robot, model_texts,
                      operations=options.operations or options.json,
                      frames=options.frames or options.json)
+    # Agreement with a peer decides the exit code.
     agrees = True
     if options.against:
         facts['against'] = _comparison(options)
@@ -64,14 +65,14 @@ def describe(model: Model, robot: Robot, model_texts: Sequence[str] = (), *,
     The problems are defects that make the dynamics impossible. Operation counts of the
     kernels are added on request; kernels that a problem makes impossible are left out.
     """
+    moving_mass = math.fsum(body.inertial.mass for body in model.bodies)
+    problems = [finding.words for finding in examine_masses(robot)]
     facts = {'name': model.name, 'joint_names': list(model.joint_names),
-             'base': model.base_name,
-             'base_mass': model.base_inertial.mass,
-             'moving_mass': math.fsum(body.inertial.mass for body in model.bodies),
-             'gravity': model.gravity.tolist(),
+             'base': model.base_name, 'base_mass': model.base_inertial.mass,
+             'moving_mass': moving_mass, 'gravity': model.gravity.tolist(),
              'bodies': [_body(model, body) for body in model.bodies],
-             'warnings': list(model_texts),
-             'problems': [finding.words for finding in examine_masses(robot)]}
+             'warnings': list(model_texts), 'problems': problems}
+    # Parts that are long, or that not every robot has.
     if frames:
         facts['frames'] = _frames(model)
     if robot.constraint_names:
@@ -115,9 +116,11 @@ def _constraints(robot: Robot) -> dict[str, Any]:
     labels = robot.mechanism.labels
     independent_rows = set(robot.mechanism.kept)
     redundant = [label for k, label in enumerate(labels) if k not in independent_rows]
+    # Without a closed configuration there is nothing to measure.
     residual = None
     if robot.configuration is not None:
-        residual = float(np.abs(robot.constraint_residual(robot.configuration)).max())
+        residuals = robot.constraint_residual(robot.configuration)
+        residual = float(np.abs(residuals).max())
     return {'degrees_of_freedom': robot.n, 'independent': list(robot.speed_names),
             'actuated': list(robot.actuated_names), 'rows': list(labels),
             'redundant': redundant, 'residual': residual}
@@ -140,6 +143,7 @@ def print_facts(facts: dict[str, Any]) -> None:
     """Print the results of `describe` and of a comparison."""
     constraints = facts.get('constraints')
     degrees = len(facts['joint_names'])
+    # Under constraints, fewer degrees of freedom than joints.
     if constraints is not None:
         degrees = constraints['degrees_of_freedom']
     print(f'{facts["name"]}: {degrees} degrees of freedom, '
@@ -155,6 +159,7 @@ def print_facts(facts: dict[str, Any]) -> None:
                      for frame in facts['frames']])
     if facts.get('operations'):
         _print_operations(facts['operations'])
+    # Problems first: warnings follow from the file, problems from what it says.
     for level in ('problem', 'warning'):
         for words in facts[f'{level}s']:
             print(f'\n{level}: {words}')
@@ -167,6 +172,7 @@ def _print_bodies(bodies: list[dict[str, Any]]) -> None:
     angle, rate, torque = _units(bodies)
     table = []
     for body in bodies:
+        # The indentation shows the tree, down to a depth that fits the line.
         indent = '  ' * min(body['depth'], DEEPEST)
         kind = body['kind'] if body['mimics'] is None else f'mimics {body["mimics"]}'
         limits = body['limits']
@@ -207,7 +213,8 @@ def _print_operations(operations: dict[str, dict[str, int]]) -> None:
     kinds = list(next(iter(operations.values())))
     table = []
     for name, count in operations.items():
-        table.append([name, *(str(count[kind]) for kind in kinds)])
+        numbers = [str(count[kind]) for kind in kinds]
+        table.append([name, *numbers])
     print_table(['function', *kinds], table)
 
 
@@ -252,6 +259,8 @@ def compare_pinocchio(source: str | bytes, model: Model) -> dict[str, Any]:
     import pinocchio as pin
     data = peer.createData()
     robot = Robot(model, friction=False)
+    # Pinocchio has the joints of the URDF: types that expand to several have other
+    # coordinates.
     joints = [body.joint for body in model.bodies]
     for joint in joints:
         if not peer.existJointName(joint.name):
@@ -283,6 +292,7 @@ def pinocchio_model(source: str | bytes, model: Model) -> Any:
         import pinocchio as pin
     except ImportError:
         raise InputError('Pinocchio: not installed; expected pip install pin') from None
+    # The file, its text, or its bytes from standard input.
     if isinstance(source, bytes):
         peer = pin.buildModelFromXML(source.decode())
     elif source.lstrip().startswith('<'):

@@ -17,7 +17,8 @@ def jacobian(options: Namespace) -> None:
     q = positions(options, 'q', robot)
     pose = robot.frame_pose(options.frame, q)
     J = robot.jacobian(options.frame, q, axes=options.axes)
-    position, rotation = pose[:3, 3], pose[:3, :3]
+    position = pose[:3, 3]
+    rotation = pose[:3, :3]
     rpy = rotation_rpy(rotation)
     singular_values = np.linalg.svd(J, compute_uv=False)
     if options.json:
@@ -26,6 +27,7 @@ def jacobian(options: Namespace) -> None:
                     'speed_names': robot.speed_names, 'jacobian': J,
                     'singular_values': singular_values})
         return
+    # Pose, Jacobian by columns, and how near a singular configuration is.
     print(f'{options.frame}: at {_listed(without_rounding(position))} m, roll, pitch, '
           f'yaw {_listed(rpy)} rad')
     columns = without_rounding(J).T
@@ -43,6 +45,7 @@ def inverse(options: Namespace) -> int:
     if options.rpy is None and options.quaternion is None:
         target = target[:3, 3]  # any orientation will do
     start = positions(options, 'q0', robot)
+    # The nearest configuration found, also where it does not reach the pose.
     result = inverse_kinematics(robot, options.frame, target, start)
     distance = float(np.linalg.norm(result.error[:3]))
     angle = float(np.linalg.norm(result.error[3:]))

@@ -23,6 +23,7 @@ def replay(options: Namespace) -> None:
     plot = pictures.plotter(options)  # errors early
     model, robot = load(options)
     efforts = stated_efforts(options)
+    # Torques on the joints, whatever the efforts of the recording are.
     recording = efforts.applied(robot, recorded(options, model))
     warn_degrees(robot, recording.q, options.recording)
     data = compared(robot, recording, gravity_added=not efforts.gravity)
@@ -54,6 +55,7 @@ def compared(robot: Robot, recording: Recording, *, gravity_added: bool = False
         If positions, speeds and times contradict each other.
 
     """
+    # Faults that make a comparison meaningless are errors.
     faults = refuse_faulty(robot.model, recording, ('impossible',),
                            gravity_added=gravity_added)
     delays = torque_delays(robot.model, recording)

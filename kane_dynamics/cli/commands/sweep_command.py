@@ -21,7 +21,6 @@ from kane_dynamics.model.model import GRAVITY
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.sweep import read_table, run_sweep, Summary, Sweep
 from kane_dynamics.urdf.xacro_file import argument_text
-import numpy as np
 
 FILES = ('urdf', 'supplement', 'constraints', 'motion')  # relative to the sweep's file
 ROBOT = ('urdf', 'xacro', 'supplement', 'constraints', 'base', 'tip', 'joints',
@@ -79,13 +78,17 @@ def sweep(options: Namespace) -> None:
 def _summary(folder: str, run: Summary, wall_time: float) -> dict[str, Any]:
     """Return the numbers of trials by their results, and the most frequent errors."""
     rows = read_table(folder).select(['ok', 'error', 'limit_events', 'energy_closes'])
+    # Errors by their text, the most frequent first; those of equal number by name.
     errors = Counter(text for text in rows['error'].to_pylist() if text is not None)
     by_frequency = sorted(errors, key=lambda text: (-errors[text], text))
-    limit_events = np.array([count or 0 for count in rows['limit_events'].to_pylist()])
+    # A trial that failed has no events.
+    past_a_limit = 0
+    for count in rows['limit_events'].to_pylist():
+        past_a_limit += bool(count)
     return {'folder': str(folder), 'digest': run.digest, 'samples': rows.num_rows,
             'found': run.found, 'made': run.made, 'wall_time': wall_time,
             'ok': rows.num_rows - errors.total(), 'failed': errors.total(),
-            'past_a_limit': int((limit_events > 0).sum()),
+            'past_a_limit': past_a_limit,
             'energy_missed': rows['energy_closes'].to_pylist().count(False),
             'errors': {text: errors[text] for text in by_frequency[:SHOWN]}}
 
@@ -130,6 +133,7 @@ def _entries(path: str | os.PathLike[str]) -> dict[str, Any]:
 def _robot(path: Any, entries: Mapping[str, Any], verbose: bool) -> Robot:
     """Return the robot that the entries choose."""
     root_joint = entries.get('root_joint')
+    # Options of a sweep's file are those of the command line, under the same names.
     _, robot = load(Namespace(
         urdf=entries['urdf'], xacro=_assignments(entries.get('xacro')),
         supplement=entries.get('supplement'), constraints=entries.get('constraints'),

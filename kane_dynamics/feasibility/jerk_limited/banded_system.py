@@ -22,12 +22,14 @@ def eliminated(third: Vector, second: Vector, first: Vector, row: Vector) -> Vec
     Rows of the factors are 1 / D[i], L[i, i-1], L[i, i-2], L[i, i-3] and the right side,
     substituted. `row` is A[i, i], A[i, i-1], A[i, i-2], A[i, i-3] and the right side.
     """
+    # L D L^T of a band of three: entries of the row, then L = entries / pivots.
     far = row[3]
     middle = row[2] - far * second[1]
     near = row[1] - far * first[2] - middle * first[1]
     near_l = near * first[0]
     middle_l = middle * second[0]
     far_l = far * third[0]
+    # The pivot and the right side lose the products with the rows before.
     pivot = row[0] - near_l * near - middle_l * middle - far_l * far
     right = row[4] - near_l * first[4] - middle_l * second[4] - far_l * third[4]
     return np.array([1.0 / pivot, near_l, middle_l, far_l, right])

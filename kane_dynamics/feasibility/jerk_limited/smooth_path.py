@@ -122,9 +122,11 @@ class _Part:
 
     def _check_deviation(self, motion: Motion, jump: Array) -> None:
         """Raise InputError if the path without jumps of acceleration is another one."""
+        # Three places within each piece.
         h = np.diff(self.t)
         t = np.concatenate([self.t[:-1] + x * h for x in (0.25, 0.5, 0.75)])
-        q = self.derivatives(t, np.tile(np.arange(len(h)), 3))[0]
+        pieces = np.tile(np.arange(len(h)), 3)
+        q = self.derivatives(t, pieces)[0]
         if np.abs(q - motion.positions_at(t)).max() > DEVIATION * self.length:
             k, j = np.unravel_index(int(np.abs(jump).argmax()), jump.shape)
             raise InputError(
@@ -205,12 +207,14 @@ class _Part:
     def _grid(self, intervals: int, guess: Array, measure: Array
               ) -> tuple[Array, Segments]:
         """Return the vertices, and the numbers of the motion's points at them or -1."""
+        # Points of the motion that are far enough from each other become vertices.
         at = np.interp(self.t, self.mesh, measure)
         distant = [0]  # points of the motion that are vertices
         for k in range(1, len(at) - 1):
             if min(at[k] - at[distant[-1]], 1.0 - at[k]) * intervals > APART:
                 distant.append(k)
         distant.append(len(at) - 1)
+        # Between them, vertices at equal steps of the measure.
         values = [np.zeros(1)]
         numbers = [np.zeros(1, dtype=np.intp)]
         for first, last in pairwise(distant):

@@ -163,6 +163,7 @@ class ThirdOrderLimits:
 
     def _check_rest(self, held: Array) -> None:
         """Raise InputError if the motors cannot hold the robot at a point."""
+        # A joint without effort and without load is no excess.
         bound = self.bounds['effort']
         with np.errstate(divide='ignore', invalid='ignore'):
             uses = np.nan_to_num(np.abs(held) / bound, posinf=np.inf)

@@ -238,7 +238,9 @@ def _checked(robot: Robot, points: ControllerPoints, bounds: Bounds, rates: Rate
 def _slowed(robot: Robot, timing: Checked, bounds: Bounds, rates: RateBounds
             ) -> Checked | None:
     """Return a timing, slowed down uniformly until it satisfies the limits."""
-    points, slower, strength = timing.points, 1.0, 1.0
+    points = timing.points
+    slower = 1.0
+    strength = 1.0
     for _ in range(SLOWDOWNS):
         worst = float(timing.largest.max())
         if worst <= 1.0:

@@ -208,6 +208,7 @@ def read_drive_recording(path: str | os.PathLike[str], joint_names: Sequence[str
     if t is None or theta is None:
         raise InputError(f"{path}: no 'theta' of the motors; expected "
                          f"'theta.{joint_names[0]}' or 'theta1', and so on")
+    # Columns of a file have the motors' numbers; other files have a ratio of 1.
     try:
         return DriveRecording.from_motor_side(t, theta, ratio, **columns)
     except InputError as error:

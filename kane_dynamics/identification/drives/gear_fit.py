@@ -260,6 +260,8 @@ class GearEquations:
 
     def _of_links(self, skew: float, slip: float) -> tuple[Array, Array, Array, Array]:
         """Return the spectra of q, q', Coulomb friction and torque at the motors' times."""
+        # Only the last skew and slip are kept: the fit varies other parameters in
+        # between.
         key = skew, slip
         if key not in self._cache:
             signals, of = self._signals, self._of

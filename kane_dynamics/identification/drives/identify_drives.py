@@ -125,6 +125,7 @@ class DriveIdentification:
 
     def supplement(self) -> str:
         """Return the text of a supplement with the identified drives."""
+        # Numbers are joint-side, as they were identified.
         entries = {}
         for name, drive in self.drives().items():
             entry: dict[str, Any] = {'side': 'joint', 'stiffness': drive.stiffness,
@@ -372,11 +373,15 @@ def _damping(fit: GearFit, stiffness: float) -> DriveNumber:
     if not np.isfinite(stiffness):
         reason = 'the stiffness is not determined; expected that first'
         return DriveNumber(np.nan, np.nan, reason)
-    k, e = fit.names.index('compliance'), fit.names.index('eta')
-    eta, compliance = fit.x[e], fit.x[k]
+    k = fit.names.index('compliance')
+    e = fit.names.index('eta')
+    eta = fit.x[e]
+    compliance = fit.x[k]
+    # D = eta / compliance: its variance from those of both, to first order.
     gradient = np.array([-eta / compliance**2, 1.0 / compliance])
     of_both = fit.covariance[np.ix_([k, e], [k, e])]
-    value, deviation = eta / compliance, float(np.sqrt(gradient @ of_both @ gradient))
+    value = eta / compliance
+    deviation = float(np.sqrt(gradient @ of_both @ gradient))
     return _judged(value, deviation, 'N m s/rad', 'motion near the resonance, where the '
                    'deflection is fast')
 
@@ -435,6 +440,7 @@ def _motor_side_numbers(fit: GearFit) -> dict[str, DriveNumber]:
     """Return the numbers of a joint that the motor's side determines."""
     compliance = fit.value('compliance')
     deviation = fit.deviation('compliance')
+    # Near zero compliance the stiffness is large, but not known.
     if deviation <= DEVIATION * compliance:
         stiffness = DriveNumber(1.0 / compliance, deviation / compliance**2)
     else:

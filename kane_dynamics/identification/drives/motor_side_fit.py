@@ -239,6 +239,8 @@ def _link_step(robot: Robot, step: float) -> Kernel:
             udot = robot.equations.forward_dynamics(q, u, torque, None, parameters)
             return np.concatenate([u, udot])
 
+        # The motors' motion is recorded; the links follow it by the equations of
+        # motion.
         return runge_kutta_4(rates, state, motors, step)
 
     return robot.compiled(driven_links, name='driven_links', state=(2 * n,),

@@ -178,6 +178,8 @@ def smooth_speeds(positions: Array, noise: Array, step: float, band: float
         # Noise of the speed below a cutoff: the integral of (2 pi f deviation)^2 / nyquist.
         ratio = SPEED_NOISE / (2.0 * np.pi * max(deviation, 1e-15))
         cutoff = float(np.cbrt(3.0 * nyquist * ratio**2))
+        # At least beyond the band of the equations, at most below the Nyquist
+        # frequency.
         cutoff = min(max(cutoff, BEYOND_BAND * band), 0.8 * nyquist)
         values = smooth_motion(position[:, None], step, cutoff)[1][:, 0]
         variance = (2.0 * np.pi * deviation)**2 * cutoff**3 / (3.0 * nyquist)

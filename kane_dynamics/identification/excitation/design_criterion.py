@@ -122,6 +122,7 @@ class DesignCriterion:
     def regressor(self, q: Array, u: Array, udot: Array) -> Array:
         """Return W of states (N, n): the weighted equations of the base parameters, (N, n, b)."""
         n = self.model.n
+        # Columns of bodies from the regressor, then those of friction and rotors.
         inertial = 10 * len(self.model.bodies)
         whole = self.columns[self.columns < inertial]
         W = np.zeros((len(q), n, len(self.columns)))
@@ -130,6 +131,7 @@ class DesignCriterion:
         for column in range(len(whole), len(self.columns)):
             j, kind = divmod(int(self.columns[column]) - inertial, len(FRICTION))
             W[:, j, column] = losses[:, j, kind]
+        # Equations of all joints with the same noise.
         return W / self.sigma[:, None]
 
     def condition(self, p: Array) -> float:
@@ -139,7 +141,7 @@ class DesignCriterion:
         return float(np.linalg.cond(W / np.linalg.norm(W, axis=0)))
 
     def cost(self, p: Array, weight: float) -> tuple[float, Array]:
-        """Return `worth` plus weighted squared excesses, and the gradient."""
+        """Return `worth` plus weighted squared excesses over limits, and the gradient."""
         states = [matrix @ p for matrix in self.grid]  # q, u, udot
         W = self.regressor(*states)
         value, G = worth(W)

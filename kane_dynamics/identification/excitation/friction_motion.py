@@ -64,6 +64,7 @@ class _Limits(NamedTuple):
         q = begin + (end - begin) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
         u = (end - begin) / duration * 30.0 * s**2 * (1.0 - s)**2
         udot = (end - begin) / duration**2 * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+        # The largest torque on the way, and the place that the links need.
         torque = np.abs(self.robot.inverse_dynamics(q, u, udot)).max(axis=0)
         too_large = torque > self.share * self.robot.limits.effort
         if too_large.any():
@@ -287,6 +288,8 @@ def _ends_of_strokes(center: Array, half: Array, speeds: Array,
 def _strokes(centers: Array, half: Array, limits: _Limits, speeds: Array,
              strokes: int) -> tuple[Array, Array]:
     """Return times, (K,), and positions, (K, n), of all ends of strokes."""
+    # To each center on the way, then its strokes; the first center is where the motion
+    # begins.
     moves = []
     for center in centers:
         moves += [(center, ON_THE_WAY), *_ends_of_strokes(center, half, speeds, strokes)]

@@ -123,6 +123,7 @@ def bag_messages(path: Path, kind: str, topic: str | None) -> Iterator[tuple[str
     if not (folder / 'metadata.yaml').exists():
         raise InputError(f'{path}: no metadata.yaml beside it; expected the folder of a '
                          'ROS 2 bag')
+    # Messages are deserialized one by one, because a bag may be larger than the memory.
     try:
         with AnyReader([folder], default_typestore=types) as reader:
             chosen = _connections(reader.connections, path, kind, topic)

@@ -277,6 +277,7 @@ def _interruptions(recording: Recording) -> Iterator[RecordingFault]:
 def _signals(model: Model,
              recording: Recording) -> tuple[Recording, list[RecordingFault]]:
     """Return a recording without faults of single effort signals, and these faults."""
+    # Outliers and frozen sensors, whose rows are left out.
     joints_by_fault: dict[str, list[int]] = {}
     sound, outliers = without_outliers(longest_stretch(recording))
     for j in np.flatnonzero(outliers.any(axis=0)):
@@ -436,6 +437,8 @@ def _fitted(recording: Recording, j: int, torque: Array, model: Array | None = N
 def _repairs(robot: Robot, r: Recording, errors: Array, gravity_added: bool
              ) -> Iterator[_Repair]:
     """Yield recordings with one correction each."""
+    # From the most common fault to the rarest; the best repair is chosen by its
+    # residuals.
     rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
     all_joints = tuple(range(robot.n))
     # A fault may be that of all joints or of one.
@@ -585,6 +588,7 @@ def _encoder_offsets(robot: Robot, r: Recording, errors: Array) -> Iterator[_Rep
     for j in range(robot.n):
         shifted = r
         total = 0.0
+        # Gauss-Newton steps: the torque is not linear in the position.
         for _ in range(2):  # steps
             step = _encoder_step(robot, shifted, errors, j)
             total += step

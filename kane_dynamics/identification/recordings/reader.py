@@ -88,6 +88,7 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
         if quantities[name] is None:
             quantities[name] = np.gradient(quantities[source], t, axis=0)
             derived += (name,)
+    # The errors of the record do not know the file.
     try:
         return Recording(t, **quantities, derived=derived)
     except InputError as error:
@@ -120,6 +121,7 @@ def no_header(path: Any, names: Sequence[str], example: str) -> None:
         if len(names) == 1 and separator in names[0]:
             raise InputError(f'{path}: columns separated by {words}; expected commas, '
                              f'and numbers with a point: {example}')
+    # A header of numbers is a row.
     try:
         [float(name) for name in names]
     except ValueError:
@@ -186,6 +188,7 @@ def _csv(path: Path) -> dict[str, Any]:
 
 def _time(columns: Mapping[str, Any], path: Any) -> Array:
     """Return the times, (N,)."""
+    # The first of the usual names for the time.
     name = next((name for name in TIMES if name in columns), None)
     if name is None:
         raise InputError(f'{path}: columns {sorted(columns)[:20]}; expected a column '
@@ -216,6 +219,7 @@ def _quantity(columns: Mapping[str, Any], name: str, joint_names: Sequence[str],
 def _joint_columns(columns: Mapping[str, Any], word: str, joint_names: Sequence[str],
                    numbered: list[str], path: Any) -> list[str]:
     """Return the name of each joint's column: `word.joint`, or `word1`; empty without any."""
+    # Names of joints first; numbers where the file has none.
     by_name = [f'{word}.{joint}' for joint in joint_names]
     if not columns.keys().isdisjoint(by_name):
         return by_name
@@ -267,6 +271,8 @@ def _places(count: int, word: str, joint_names: Sequence[str], numbered: list[st
             path: Any
             ) -> list[int]:
     """Return the column of each joint among numbered columns."""
+    # Numbers count through the joints of the robot, or through those that are asked
+    # for.
     among = [joint for joint in numbered if joint in joint_names]
     for order in (numbered, among):
         if len(order) == count:

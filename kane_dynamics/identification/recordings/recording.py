@@ -100,6 +100,7 @@ class Recording:
             If the rate is not positive and finite, or too small for 3 rows.
 
         """
+        # Two rows at least, and no more than the duration has.
         duration = float(self.t[-1] - self.t[0])
         if rate is not None and not 2.0 / duration <= rate < np.inf:
             raise InputError(f'rate: {rate:g} Hz; expected a finite number, '

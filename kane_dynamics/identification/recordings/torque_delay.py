@@ -144,11 +144,14 @@ def _common(delay: Array, deviation: Array) -> tuple[float, float]:
     known = np.flatnonzero(deviation <= JUDGED)
     if not len(known):
         return np.nan, np.inf
-    delay, deviation = delay[known], np.maximum(deviation[known], EXACT)
+    delay = delay[known]
+    deviation = np.maximum(deviation[known], EXACT)
+    # The delay that most joints are near to; of equal candidates the smallest.
     candidates = delay[np.argsort(np.abs(delay), kind='stable')]
     cost = np.minimum(np.abs(delay - candidates[:, None]) / deviation, DIFFERENT)**2
     best = float(candidates[np.argmin(cost.sum(axis=1))])
     agree = ~_outlying(delay, deviation, best)
+    # Their mean, weighted by the inverse variances.
     weight = deviation[agree]**-2.0
     return float(np.average(delay[agree], weights=weight)), float(weight.sum()**-0.5)
 

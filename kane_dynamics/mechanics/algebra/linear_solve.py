@@ -377,7 +377,7 @@ def _combination(weights: Sequence[Scalar], rows: Matrix) -> Row:
 
 
 def _scaled(scale: Scalar, row: Row) -> Row:
-    """Return scale row."""
+    """Return a row times a scalar; zeros cause no arithmetic."""
     result: Row = [0.0] * len(row)
     if not is_zero(scale):
         for k, x in enumerate(row):

@@ -73,7 +73,7 @@ class Integrator(Protocol):
 
     @property
     def name(self) -> str:
-        """Return the name."""
+        """Return the name of the method, as users choose it."""
 
     @property
     def damps(self) -> bool:

@@ -67,8 +67,10 @@ def sums_beyond(x: Vector, lanes: Any) -> Vector:
 
 def moved(x: Vector, distance: int, lanes: Any) -> Vector:
     """Return the values of the joint at this distance before each; 0 if there is none."""
-    sources = range(-distance, LANES - distance)
-    places = [(0, k) if 0 <= k < LANES else None for k in sources]
+    places: list[tuple[int, int] | None] = []
+    for source in range(-distance, LANES - distance):
+        is_in_block = 0 <= source < LANES
+        places.append((0, source) if is_in_block else None)
     return np.array([lanes.gathered([y], places) for y in x], dtype=object)
 
 

@@ -86,7 +86,7 @@ class LaneBodies:
     multiplier: Any
 
     def rows(self) -> list[Any]:
-        """Return `BODY_ROWS` rows, one after the other."""
+        """Return all fields as `BODY_ROWS` rows, one after the other."""
         motion = self.motion
         return [*self.R.ravel(), *self.p, *motion.sigma, *motion.s, *motion.v,
                 *motion.omega, *self.acceleration, *self.inertial, self.carried_mass,

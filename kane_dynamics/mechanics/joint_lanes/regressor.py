@@ -68,8 +68,11 @@ def _place(columns: Matrix, entries: Vector, joints: Sequence[Link], lanes: Any)
 def _appended(moved: Sequence[Vector], partial: Vector, depth: int,
               lanes: Any) -> list[Vector]:
     """Return the partial velocities of a link's carriers with its own joint's added."""
+    # The joint's lane in the last block; a first lane begins a new block.
     block, lane = divmod(depth, LANES)
+    present = np.zeros(6)
+    if lane:
+        present = moved[block]
     mask = [k == lane for k in range(LANES)]
-    present = moved[block] if lane else np.zeros(6)
     rows = [lanes.blend(mask, x, y) for x, y in zip(partial, present)]
     return [*moved[:block], np.array(rows)]

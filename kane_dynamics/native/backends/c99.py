@@ -130,9 +130,11 @@ class _Function:
         real = self.precision.c
         count = len(angles)
         values = ', '.join(self._value(x) for x in angles)
+        # An array of arguments, and one for each result: {sin_cos_s, sin_cos_c}.
         arrays = [f'{function}_{name}' for name in results]
+        declared = ', '.join(f'{name}[{count}]' for name in arrays)
         self.lines += [f'    const {real} {function}_x[{count}] = {{{values}}};',
-                       f'    {real} {", ".join(f"{name}[{count}]" for name in arrays)};',
+                       f'    {real} {declared};',
                        f'    {function}({function}_x, {count}, {", ".join(arrays)});']
 
     def _define(self, node: Expr, name: str, expression: str) -> None:

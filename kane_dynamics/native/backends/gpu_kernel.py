@@ -113,11 +113,15 @@ class GpuKernel(Function):
         self.lines = hoisted(self.lines)
 
     def _head(self, symbol: str) -> str:
-        arguments = [name for name, _ in self.program.inputs[:-1]]
-        block, shape = self.program.inputs[-1]
-        parameters = [f'{GLOBAL} %{name}.base, i64 %{name}.stride, i64 %{name}.pitch'
-                      for name in [*arguments, 'result']]
-        parameters += [f'{self.type} %{block}.{k}' for k in range(math.prod(shape))]
+        # Each array with its distances from state to state and from step to step; the
+        # block of parameters, which all states share, by value.
+        *arguments, (block, shape) = self.program.inputs
+        parameters = []
+        for name in (*(key for key, _ in arguments), 'result'):
+            parameters.append(f'{GLOBAL} %{name}.base, i64 %{name}.stride, '
+                              f'i64 %{name}.pitch')
+        for k in range(math.prod(shape)):
+            parameters.append(f'{self.type} %{block}.{k}')
         return definition(parameters, self._host)
 
     def _load_inputs(self, schedule: list[Expr]) -> None:

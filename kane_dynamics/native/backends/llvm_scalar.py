@@ -203,8 +203,10 @@ class Rows:
         first = entries[0]
         if all(x is first for x in entries) and isinstance(first, Expr):
             # One scalar in every lane; a lane of another row is loaded from memory.
-            is_lane = first.op == 'lane'
-            one = self._loaded(v, *first.args) if is_lane else self.names[first.index]
+            if first.op == 'lane':
+                one = self._loaded(v, *first.args)
+            else:
+                one = self.names[first.index]
             one = v.new(f'insertelement {ROW_TYPE} poison, double {one}, i32 0')
             return v.shuffle(one, 'poison', [0] * LANES)
         # The constants as a literal, into which the traced scalars are inserted.
@@ -463,8 +465,12 @@ def _row_of_lanes(entries: Sequence[Any]) -> Expr | None:
 
 
 def _entries_key(entries: Sequence[Expr | float]) -> tuple[object, ...]:
-    """Return what tells a list of scalars from others of the same function."""
-    return tuple([x.index if isinstance(x, Expr) else (x,) for x in entries])
+    """Return a key that is equal for equal lists of scalars of one function."""
+    key: list[object] = []
+    for x in entries:
+        # A node by its number; a constant in a tuple, apart from all numbers of nodes.
+        key.append(x.index if isinstance(x, Expr) else (x,))
+    return tuple(key)
 
 
 def _is_lane(x: Any, row: Expr, lane: int) -> bool:

@@ -171,7 +171,7 @@ def run_concurrently(jobs: Sequence[Callable[[], object]]) -> None:
 @contextmanager
 def one_by_one(before_each: Callable[[], object]) -> Iterator[None]:
     """
-    Let `run_concurrently` use the calling thread alone, inside the block.
+    Run the work of `run_concurrently` in the calling thread, inside the block.
 
     Work in the background then takes the interpreter from a control loop no more often
     than one thread does.

@@ -197,8 +197,14 @@ def _between(inputs: Sequence[Expr], outputs: Sequence[Any]) -> list[Expr]:
         if needed[node.index] and node.index not in first:
             for a in operands(node):
                 needed[a.index] = 1
-    return [node for node in nodes
-            if varying[node.index] and needed[node.index] and node.index not in first]
+
+    # Both, without the inputs themselves.
+    between = []
+    for node in nodes:
+        is_between = varying[node.index] and needed[node.index]
+        if is_between and node.index not in first:
+            between.append(node)
+    return between
 
 
 def _forward_call(node: Expr, tangents: list[Any], share: Subroutines) -> Any:

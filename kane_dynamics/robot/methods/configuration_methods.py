@@ -166,10 +166,13 @@ class Configurations(Dispatch):
         Those of `Robot(actuated=)`; by default the joints whose rates are the
         independent speeds, and all joints where the speeds are no joint rates.
         """
-        equations, names = self.equations, self.joint_names
-        if equations.actuated is not None:
-            return tuple(names[k] for k in equations.actuated)
-        return tuple(name for name in names if name in self.speed_names) or names
+        names = self.joint_names
+        actuated = self.equations.actuated
+        if actuated is not None:
+            return tuple(names[k] for k in actuated)
+        # Joints whose rates are independent speeds; with other speeds, all joints.
+        independent = tuple(name for name in names if name in self.speed_names)
+        return independent or names
 
     @of_constraints
     def joint_rates(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,

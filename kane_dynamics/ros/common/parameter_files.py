@@ -53,9 +53,12 @@ def takes_effect(block: str, node: str) -> bool:
         Full name of the node.
 
     """
+    # The wildcards of ROS: one name, or any number of them.
     patterns = {'*': '/[^/]+', '**': '(/[^/]+)*'}
-    parts = [part for part in block.split('/') if part]
-    expression = ''.join(patterns.get(part, '/' + re.escape(part)) for part in parts)
+    expression = ''
+    for part in block.split('/'):
+        if part:
+            expression += patterns.get(part, '/' + re.escape(part))
     return re.fullmatch(expression, node) is not None
 
 

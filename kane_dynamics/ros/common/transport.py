@@ -43,5 +43,5 @@ def without_shared_memory() -> dict[str, str]:
 
 
 def leave_shared_memory() -> None:
-    """Let this process use UDP alone; call it before `rclpy.init`."""
+    """Restrict this process to UDP; call it before `rclpy.init`."""
     os.environ |= without_shared_memory()

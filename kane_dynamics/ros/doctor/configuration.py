@@ -378,7 +378,7 @@ class ConfigurationExamination:
     def _attempt(self, check: Callable[..., Any], *arguments: Any,
                  **keywords: Any) -> Any:
         """
-        Return the result of `check`.
+        Return the result of a check of parameters.
 
         Report its error as a finding and return None.
         """

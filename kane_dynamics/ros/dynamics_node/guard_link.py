@@ -80,7 +80,7 @@ class GuardLink:
             Float64MultiArray, f'~/{STATE}', self._on_state, RELIABLE, raw=True))
 
     def new_parameters(self) -> None:
-        """Let the guard read the parameters of this node again, with the next loads."""
+        """Ask the guard to read the parameters of this node again, with the next loads."""
         # Exact in a double until 2255
         self._configuration = float(time.time_ns() // 1000)
 

@@ -82,7 +82,7 @@ class NodeWatch:
         self.commanded_last = own
 
     def wait_for_node(self, now: float) -> None:
-        """Let the node command; wait for its next command as if it had sent one now."""
+        """Leave the command to the node; wait for it as if it had sent one now."""
         self.acting = False
         self._unanswered = 0
         self.waiting_since = now

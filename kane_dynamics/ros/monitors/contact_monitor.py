@@ -53,7 +53,7 @@ def observer_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]
 
 def friction_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
     """
-    Return the arguments of `FrictionError`.
+    Return the parameters of the observer as arguments of `FrictionError`.
 
     Raise InputError if a list has a wrong length.
     """

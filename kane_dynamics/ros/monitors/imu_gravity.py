@@ -117,8 +117,8 @@ class GravityFromImu:
         force = np.array([a.x, a.y, a.z])
         size = math.hypot(a.x, a.y, a.z)
         if not abs(size - self._magnitude) <= REST_FORCE * self._magnitude:
-            raise InputError(f'acceleration of the IMU: {size:.3g} m/s^2; expected, at '
-                             f'rest, {self._magnitude:.3g} within {REST_FORCE:.0%}')
+            raise InputError(f'acceleration of the IMU: {size:.3g} m/s^2; expected '
+                             f'{self._magnitude:.3g} within {REST_FORCE:.0%} at rest')
         # A covariance of -1 says that the angular velocity is not measured.
         turn = math.hypot(w.x, w.y, w.z)
         if message.angular_velocity_covariance[0] != -1.0 and not turn <= REST_RATE:

@@ -33,9 +33,14 @@ def examine_statement(values: Mapping[str, Any], model: Model) -> list[str]:
     rows = arms_named(model.name, joints)
     stated = values['arm_compensates']
     if not stated:
-        listed = [f'{", ".join(row.compensates)} for {row}' for row in rows
-                  if row.compensates]
-        hint = f'. {model.name} is known: {"; or ".join(listed)}' if listed else ''
+        # The statement is needed; for a known arm the error shows it.
+        listed = []
+        for row in rows:
+            if row.compensates:
+                listed.append(f'{", ".join(row.compensates)} for {row}')
+        hint = ''
+        if listed:
+            hint = f'. {model.name} is known: {"; or ".join(listed)}'
         raise unstated(hint)
     contradictions = [contradiction(rows, stated)]
     # Efforts are read by observer and estimator only, unless these use the command.

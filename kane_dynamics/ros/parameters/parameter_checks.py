@@ -52,7 +52,7 @@ def _text(spec: Spec, value: Any) -> str:
 
 
 def _flag(spec: Spec, value: Any) -> bool:
-    """Return a bool."""
+    """Return true or false; ValueError for anything else."""
     if not isinstance(value, bool):
         raise ValueError
     return value

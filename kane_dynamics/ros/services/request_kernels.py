@@ -122,7 +122,7 @@ class LaterKernels:
         threading.Thread(target=self._run, name='kernels').start()
 
     def close(self) -> None:
-        """Let the thread end after the present kernel, and requests that wait for it."""
+        """End the thread after the present kernel, and the requests that wait for it."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

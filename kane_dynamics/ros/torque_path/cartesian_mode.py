@@ -235,7 +235,7 @@ class CartesianMode(NativeLaw):
         return TaskDescription(total, tuple(saturated))
 
     def _describe_with(self, posture: Array) -> None:
-        """Let the law of other threads have a posture, (n_q,), and the settings."""
+        """Give a posture, (n_q,), and the settings to the law of other threads."""
         described = self._described
         self._described = posture, self._settings
         if not np.array_equal(posture, described[0]) or self._settings is not described[1]:

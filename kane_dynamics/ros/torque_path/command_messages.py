@@ -66,7 +66,7 @@ class CommandMessages:
         self._torques.publish(self._torque_message.serialized())
 
     def resume(self, tau: Array) -> None:
-        """Let `repeat` continue torques that another process published."""
+        """Continue torques that another process published, by `repeat`."""
         for message in (self._command_message, self._torque_message,
                         self._stamped_message):
             message.numbers[:] = tau

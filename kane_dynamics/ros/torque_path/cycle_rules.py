@@ -457,7 +457,7 @@ def permit(path: PathState, event: Event, state: Vector) -> PathState:
 
 
 def confirm(path: PathState, event: Event, state: Vector) -> PathState:
-    """Let a state wait whose command was computed so late that it must be asked again."""
+    """Keep a state for later whose command was late, so that the guard is asked again."""
     decided = after_computing(Arbitration(*path.arbitration), event.steady)
     asked = _decided(path, decided)
     return branch(decided.permitted, asked, _waiting(asked, event, state))

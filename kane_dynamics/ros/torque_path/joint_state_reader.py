@@ -296,8 +296,11 @@ class JointStateReader:
             return NO_OTHERS
         present = tuple(k for k, name in enumerate(self.optional) if name in names)
         entries = places([self.optional[k] for k in present], names)
+        # Efforts count only if the message has those of all actuators.
+        efforts = None
         actuated = self._actuated or ()
-        efforts = places(actuated, names) if set(actuated) <= set(names) else None
+        if set(actuated) <= set(names):
+            efforts = places(actuated, names)
         return OtherJoints(present, entries, efforts)
 
     def _gather(self, message: JointState, index: Index, others: OtherJoints,

@@ -656,7 +656,7 @@ class NativeLoop:
 def _end_thread(process: int, thread: ctypes.c_ulong, library: ctypes.CDLL,
                 write: Callable[[int, int], None], stop: int, wake: Callable[[], None],
                 kept: object) -> None:
-    """Let the thread stop and wait for its end; a forked process has none."""
+    """Stop the thread and wait for its end; a forked process has none."""
     if process == os.getpid():
         write(stop, 1)
         wake()

@@ -254,7 +254,7 @@ class NativeTorquePath(TorquePath):
             self._time_source = node.get_clock()
 
     def use_guard(self, guard: 'GuardSide', requests: int) -> None:
-        """Let the thread ask torque_guard, by a publisher with a handle at an address."""
+        """Ask torque_guard from the thread, by a publisher with a handle at an address."""
         self._guard = guard
         self.native.ask_by(requests)
 
@@ -291,7 +291,7 @@ class NativeTorquePath(TorquePath):
         self._replan()
 
     def _replan(self) -> None:
-        """Let the next cycle use what is valid now; callable from any thread."""
+        """Make what is valid now the plan of the next cycle; callable from any thread."""
         if self._loop is None or not self.running:
             return
         with self._lock:
@@ -301,7 +301,7 @@ class NativeTorquePath(TorquePath):
 
     @contextmanager
     def one_change(self) -> Iterator[None]:
-        """Let no plan have a part of the changes in a `with` block, in any thread."""
+        """Make the changes in a `with` block effective together, in any thread."""
         with self._lock:
             self._changes_last = True
             try:
@@ -458,13 +458,13 @@ class NativeTorquePath(TorquePath):
         super().stop(reason)
 
     def time_out(self, reason: str) -> None:
-        """Let the thread command zeros until the next valid state."""
+        """Command zeros by the thread until the next valid state."""
         self._silence_reason = reason
         self._asked[1] += 1
         self._replan()
 
     def on_clock_jump(self) -> None:
-        """Let the thread drop motions and stamps of the time before the jump."""
+        """Drop motions and stamps of the time before the jump, in the thread."""
         if self._hears_time:
             return  # the thread sees it
         self._asked[0] += 1

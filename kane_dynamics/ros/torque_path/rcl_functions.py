@@ -166,7 +166,7 @@ class RclLoop:
         return int(ctypes.cast(self._functions[name], POINTER).value or 0)
 
     def wake(self) -> None:
-        """Let the thread look at the block."""
+        """Wake the thread, so that it looks at the block."""
         self._functions['rcl_trigger_guard_condition'](POINTER(self.guard))
 
     def close(self) -> None:

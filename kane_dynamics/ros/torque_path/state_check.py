@@ -115,7 +115,7 @@ def state_memory_size(n: int) -> int:
 
 class CheckSettings(NamedTuple):
     """
-    The settings of `judged`.
+    Settings by which a joint state is judged.
 
     Attributes
     ----------

@@ -123,7 +123,7 @@ class TorquePath:
 
     @contextmanager
     def one_change(self) -> Iterator[None]:
-        """Let no cycle use a part of the changes in a `with` block: the thread waits."""
+        """Make the changes in a `with` block effective together: the thread waits."""
         yield
 
     def add_observer(self, observer: CycleObserver, need_effort: bool) -> None:

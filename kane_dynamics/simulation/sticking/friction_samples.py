@@ -84,7 +84,7 @@ class ExactFriction:
 
 
 def exact_friction(robot: Robot, stops: bool) -> ExactFriction:
-    """Return the `ExactFriction` of a robot, which keeps it."""
+    """Return the `ExactFriction` of a robot, made once and kept with it."""
     key = 'exact friction', stops
     kept = robot.kernels.kept
     if key not in kept:

@@ -247,7 +247,7 @@ class FrictionState:
 
     @lazy_property
     def kernel(self) -> Kernel:
-        """Return the kernel of `Forces`."""
+        """Return the kernel of accelerations, responses and bounds of friction: `Forces`."""
         robot = self.robot
         joints = self.joints
         dual_to = self.dual_to
@@ -402,7 +402,7 @@ class FrictionState:
 
 def friction_state(robot: Robot, stops: bool,
                    dual_to: tuple[str, ...] | None = None) -> FrictionState:
-    """Return the `FrictionState` of a robot, which keeps it."""
+    """Return the `FrictionState` of a robot, made once and kept with it."""
     key = 'friction', stops, dual_to
     kept = robot.kernels.kept
     if key not in kept:

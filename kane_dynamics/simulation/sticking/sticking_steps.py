@@ -273,9 +273,12 @@ class _Path:
     def __init__(self, source: TorqueInput, contact: FrictionState, kernels: EventKernels,
                  step: float, start: float) -> None:
         """Store the kernels of steps."""
-        self.source, self.contact = source, contact
-        self._step, self._start = step, start
-        self._n_q, self._n = source.robot.n_q, source.robot.n
+        self.source = source
+        self.contact = contact
+        self._step = step
+        self._start = start
+        self._n_q = source.robot.n_q
+        self._n = source.robot.n
         self._places = search_places(len(state_names(source.robot)), len(contact.joints))
         # The length of the step is the constant after the gains.
         self._place_of_step = 2 * source.robot.n if source.follows else 0

@@ -220,7 +220,7 @@ class _PressedMotion(HeldMotion):
         return Held(self._joints, [side * side > 0.5 for side in modes])
 
     def results(self, stage: HeldStage) -> list[Scalar]:
-        """Return the entries of `_StageForces`."""
+        """Return the forces of a stage: of stops, accelerations, generalized."""
         solution = stage.solution
         return [*solution.f, *solution.accelerations, *solution.generalized]
 
