@@ -336,6 +336,7 @@ class Kernel:
         """
         signature = self._with_memory(memory)
         place = signature.memory
+        assert place is not None
         returned, = signature.shape
         call = fallback or self
 
