@@ -133,8 +133,8 @@ class Torsion:
                              'or more')
         for key, value in numbers.items():
             may_be_zero = key == 'tip_inertia'
-            # A body at the tip is optional; without modes, stiffness and inertia do not
-            # matter.
+            # A body at the tip is optional; without modes, stiffness and inertia have no
+            # influence.
             if value < 0.0 or (value == 0.0 and count and not may_be_zero):
                 sign = 'nonnegative' if may_be_zero else 'positive'
                 raise ModelError(f'{what}: torsion: {key} {value:g}; expected a {sign} '

@@ -68,7 +68,7 @@ class Motion:
         self.duration = float(times[-1])
         self._n = len(joint_names)
         self._coefficients = coefficients
-        # Kernels read these arrays: nobody may change them.
+        # Kernels read these arrays: they must not change.
         times.flags.writeable = False
         positions.flags.writeable = False
         if not callable(coefficients):

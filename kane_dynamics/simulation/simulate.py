@@ -271,8 +271,8 @@ def _require_arguments(robot: Any, progress: Any, integrator: Any, stops: Any,
                        sticking: Any) -> None:
     """Raise InputError for arguments of `simulate` of a wrong kind and limits that are NaN."""
     instance(robot, Robot, 'robot')
-    if not robot.n:
-        raise InputError('robot: no joints; expected one that moves')
+    if not robot.n_q:
+        raise InputError('robot: no joints; expected at least one')
     if not (progress is None or callable(progress)):
         raise InputError(f'progress: {progress!r}; expected None or a function of the '
                          'time')

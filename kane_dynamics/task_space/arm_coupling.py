@@ -267,7 +267,7 @@ class ArmCoupling:
         clock = fields['_clock_entries']
         timeout = fields['_timeout']
         last = memory.t
-        # A first call, or one after a gap: the memory begins again at this state.
+        # A first call, or one after a pause: the memory begins again at this state.
         if last is not None and 0.0 <= t - last <= timeout:
             clock[0] = t - last
         else:  # also for a time that is not finite

@@ -81,7 +81,7 @@ class DriveRecording:
         if len(self.t) < LEAST_ROWS:
             raise InputError(f'drive recording: {len(self.t)} rows; expected at least '
                              f'{LEAST_ROWS}')
-        # Derivatives by time need times that increase.
+        # Numerical differentiation needs times that increase.
         increasing(self.t, len(self.t), 'drive recording: t')
 
     @classmethod

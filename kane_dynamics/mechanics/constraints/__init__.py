@@ -54,7 +54,7 @@ def checked_names(value: Any, what: str) -> tuple[str, ...] | None:
     """Return names as a tuple, None unchanged; ConstraintError for anything else."""
     if value is None:
         return None
-    # A single text is a sequence of letters, which nobody means.
+    # A text alone would be read as a sequence of letters.
     if isinstance(value, str):
         raise ConstraintError(f'{what}: {value!r}; expected a sequence of names, such '
                               f"as ['{value}']")

@@ -33,7 +33,7 @@ Rows = Callable[[Array, float], tuple[Array, Array, Array]]
 def defined_rows(mechanism: Mechanism) -> Rows:
     """Return the rows of the definition."""
     def rows(q: Array, t: float) -> tuple[Array, Array, Array]:
-        # At a singular point a row may divide by zero; its numbers are then not finite.
+        # Where a row is singular it may divide by zero; its numbers are then not finite.
         with np.errstate(all='ignore'):
             all_rows = mechanism.rows(mechanism.state(q, t))
         J = np.array(all_rows.J, dtype=np.float64)
