@@ -29,6 +29,7 @@ from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
 ANSWERS = 'answers'
 SIMULATIONS = 'simulations'
 TIMINGS = 'time-optimal timings'
+POLL = 0.05  # s; requests that wait may be cancelled
 
 
 def shared_copy(robot: Robot) -> Robot:
@@ -127,9 +128,22 @@ class LaterKernels:
             self._closed = True
             self._changed.notify_all()
 
-    def require(self, group: str) -> None:
+    def require(self, group: str,
+                proceed: Callable[[], bool] = lambda: True) -> bool:
         """
         Wait until the kernels of a group are compiled; they are the next ones.
+
+        Parameters
+        ----------
+        group : str
+            A key of `groups`.
+        proceed : callable
+            Asked every `POLL` seconds whether to wait on.
+
+        Returns
+        -------
+        bool
+            False if `proceed` ended it.
 
         Raises
         ------
@@ -143,12 +157,19 @@ class LaterKernels:
             if group in self._waiting:
                 self._waiting.remove(group)
                 self._waiting.appendleft(group)
-            self._changed.wait_for(lambda: self._closed or group in self._done)
-            if group not in self._done:
-                raise InputError('node: not configured; expected a configured node')
-            if fault := self._done[group]:
-                raise CompileError(f'kernels of {group}: {fault}; expected kernels that '
-                                   'compile')
+        while not self._has_ended(group):
+            if not proceed():
+                return False
+        if group not in self._done:
+            raise InputError('node: not configured; expected a configured node')
+        if fault := self._done[group]:
+            raise CompileError(f'kernels of {group}: {fault}; expected kernels that compile')
+        return True
+
+    def _has_ended(self, group: str) -> bool:
+        """Return whether a group is done or never will be, after `POLL` seconds at most."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._closed or group in self._done, POLL)
 
     def _run(self) -> None:
         """Compile all groups, unless `close` ends it."""

@@ -37,7 +37,7 @@ class ServedRobot:
     measured : callable
         Returns the measured positions, (n,), or None.
     require_kernels : callable
-        Waits until the kernels of `SIMULATIONS` or `TIMINGS` are compiled; for workers.
+        `LaterKernels.require`; for workers.
 
     """
 
@@ -48,7 +48,7 @@ class ServedRobot:
     frames: WrenchFrames
     bending: QuasiStatic | None = None
     measured: Callable[[], Array | None] = lambda: None
-    require_kernels: Callable[[str], None] = lambda group: None
+    require_kernels: Callable[..., bool] = lambda group, proceed=None: True
 
     def apply_loads(self) -> None:
         """Set gravity and payload of the robots of the services' thread."""

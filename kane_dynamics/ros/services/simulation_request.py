@@ -45,7 +45,7 @@ class SimulationRequest:
     stops: bool
     sticking: bool
     assumption: str
-    require_kernels: Callable[[str], None]
+    require_kernels: Callable[..., bool]
 
     @classmethod
     def from_request(cls, request: Any, served: ServedRobot) -> 'SimulationRequest':
@@ -96,7 +96,8 @@ class SimulationRequest:
         Wait for the kernels, if they are not compiled yet. End early when `proceed(t)`
         returns False.
         """
-        self.require_kernels(SIMULATIONS)
+        if not self.require_kernels(SIMULATIONS, lambda: proceed(0.0)):
+            return
         # The payload and gravity of the node at the time of the request.
         self.loads.apply(self.robot)
         began = time.perf_counter()

@@ -96,7 +96,11 @@ def test_worker_requests_wait_for_their_kernels():
     robot, q, u = tree()
     asked = []
     served = served_robot(robot)
-    object.__setattr__(served, 'require_kernels', asked.append)
+
+    def require(group, proceed=None):
+        asked.append(group)
+        return True
+    object.__setattr__(served, 'require_kernels', require)
     SimulationRequest.from_request(Simulate.Request(
         position=q.tolist(), velocity=u.tolist(), duration=0.01),
         served).run(Simulate.Response(), lambda t: True)
@@ -154,6 +158,29 @@ def test_a_request_waits_for_its_group_which_is_the_next_one():
     assert groups.errors == ['kernels of b: CompileError: no such instruction']
     assert groups.lines[-1].startswith('kernels of a and b and c ready after ')
     groups.later.require('a')  # at once
+
+
+def test_a_simulation_that_waits_for_its_kernels_can_be_cancelled():
+    robot, q, u = tree()
+    groups = Groups()
+    groups.later.start()
+    served = served_robot(robot)
+    object.__setattr__(served, 'require_kernels',
+                       lambda group, proceed: groups.later.require('c', proceed))
+    times = []
+
+    def proceed(t):
+        times.append(t)
+        return len(times) < 3
+    response = Simulate.Response()
+    SimulationRequest.from_request(Simulate.Request(
+        position=q.tolist(), velocity=u.tolist(), duration=0.01), served).run(response, proceed)
+    assert times == [0.0, 0.0, 0.0]
+    assert not response.trajectory.points
+    for event in groups.allowed.values():
+        event.set()
+    for thread in threads():
+        thread.join(PATIENCE)
 
 
 def test_cleanup_ends_waiting_requests_at_once_and_the_thread_after_its_kernel():
