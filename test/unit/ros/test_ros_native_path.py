@@ -231,7 +231,7 @@ def test_both_paths_command_an_arm_on_a_base_without_motors_alike(base, mode):
     pair = OnBase(base, mode, 4)
     for _ in range(300):
         pair.step()
-    python, native = pair.sides
+    _, native = pair.sides
     assert native.path.messages.joints == NAMES
     assert native.statistics.commands > 80
     assert len(native.statistics.dropped) >= 5, 'every kind of fault'
