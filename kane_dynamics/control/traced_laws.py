@@ -1,6 +1,6 @@
 """The laws of the modes of `Controller` as functions over any scalar, to be compiled."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
@@ -94,6 +94,13 @@ class TracedLaw(NamedTuple):
     holds: bool = False
     variant: tuple[str, ...] = ()
     closes: bool = False
+
+    def of_joints(self, places: Sequence[int]) -> 'TracedLaw':
+        """Return the law with the torques of some of its joints alone."""
+        def torque(at: LawInput) -> tuple[Vector, Vector]:
+            tau, memory = self.torque(at)
+            return tau[list(places)], memory
+        return self._replace(torque=torque)
 
 
 def controller_laws(robot: Robot, terms: Terms) -> dict[Mode, TracedLaw]:

@@ -11,7 +11,7 @@ import pytest
 from std_msgs.msg import String
 
 POSE = [0.3, -0.4, 0.2]
-READY = 'kernels of simulations and time-optimal timings ready'
+READY = 'and time-optimal timings ready'
 NOT_CONFIGURED = 'node: not configured; expected a configured node'
 
 

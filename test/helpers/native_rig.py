@@ -156,7 +156,9 @@ class BothPaths:
         self.do_state('state')
 
     def do_mode(self, kind):
-        mode = self.rng.choice(self.choices.modes)
+        self.change_mode(self.rng.choice(self.choices.modes))
+
+    def change_mode(self, mode):
         for side in self.sides:
             side.path.active_motion.clear('mode')
             side.path.controller.update(mode=mode)
@@ -166,8 +168,14 @@ class BothPaths:
         effort = self.rng.choice(self.choices.efforts)
         rate = self.rng.choice([self.choices.rate, math.inf])
         for side in self.sides:
-            side.path.controller.update(effort_limit=effort, rate_limit=rate)
+            side.path.controller.update(effort_limit=self.limits(side, effort),
+                                        rate_limit=self.limits(side, rate))
             side.path.set_limits(self.values)
+
+    def limits(self, side, largest):
+        """Return limits of all joints; of those without motors as the node states them."""
+        motors = side.path.messages.of_all(np.ones(len(side.path.messages.joints)))
+        return np.where(motors > 0.0, largest, math.inf)
 
     def do_loads(self, kind):
         loads = GravityAndPayload(self.rng.uniform(-9.0, 9.0, 3))

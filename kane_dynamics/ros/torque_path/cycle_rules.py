@@ -10,6 +10,7 @@ Times are nanoseconds since the start of the path, which a double holds exactly 
 days, and to 1 us for 280 years. Flags are 1 or 0.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 from kane_dynamics._util.typing import Scalar, Vector
@@ -376,11 +377,12 @@ def initial_path(shape: PathShape, now: float, arbitration: Arbitration = UNGUAR
 
 def at_time(path: PathState, now: Scalar, settings: CycleSettings) -> PathState:
     """
-    Return the path at a time.
+    Return the path at a time, with new settings.
 
     After a backward jump of the clock, motions and stamps are of another time. The
     torque that acts stays: from zero the limit of its rate would let the arm fall.
     """
+    path = _with_new_law(path, settings)
     jumped = forgotten(resumed(dropped(path, BY_CLOCK), 0.0, NEVER))
     jumped = jumped._replace(last_heard=now, last_stamp=NEVER)
     backward = flag(now < path.last_now)
@@ -389,6 +391,15 @@ def at_time(path: PathState, now: Scalar, settings: CycleSettings) -> PathState:
     return path._replace(last_now=now, jumps=settings.jumps, publish=0.0,
                          reason=float(ACCEPTED), request=NO_REQUEST, retries=0.0,
                          searching=0.0, stops=0.0)
+
+
+def _with_new_law(path: PathState, settings: CycleSettings) -> PathState:
+    """Return the path whose law begins or changes, if the settings say so."""
+    begins = flag(path.restarts < settings.restarts)
+    path = branch(begins, restarted(path), path)
+    changes = flag(path.blends < settings.blends) * flag(settings.blend_time > 0.0)
+    path = branch(changes, path._replace(blending=1.0, blend_known=0.0), path)
+    return path._replace(restarts=settings.restarts, blends=settings.blends)
 
 
 def dropped(path: PathState, reason: int) -> PathState:
@@ -552,7 +563,9 @@ def answer(robot: Robot, law: TracedLaw, path: PathState, event: Event, state: V
     # The measured state; with closed loops that of the whole mechanism.
     stamp = event.stamp
     q, u = np.split(_measured(path, state), 2)
-    path = with_new_settings(path, settings)
+    # The last command obeys an effort limit that became smaller; otherwise the limit of
+    # the rate would hold a command above it.
+    path = path._replace(last=_within_effort(path.last, settings))
     desired = desired_motion(path, event, row, settings, q, law.holds)
     if loops is not None:
         measured = loops.search(loops.memory(path).measured)
@@ -602,18 +615,6 @@ def _external(robot: Robot, q: Vector, now: Scalar, settings: CycleSettings
         in_world.append(either(acts, wrench, 0.0 * wrench))
     external: Vector = robot.equations.external_force(q, np.array(in_world))
     return external
-
-
-def with_new_settings(path: PathState, settings: CycleSettings) -> PathState:
-    """Return the path whose law begins or changes, if the settings say so."""
-    begins = flag(path.restarts < settings.restarts)
-    path = branch(begins, restarted(path), path)
-    changes = flag(path.blends < settings.blends) * flag(settings.blend_time > 0.0)
-    path = branch(changes, path._replace(blending=1.0, blend_known=0.0), path)
-    # The last command obeys an effort limit that became smaller; otherwise the limit of
-    # the rate would hold a command above it.
-    return path._replace(restarts=settings.restarts, blends=settings.blends,
-                         last=_within_effort(path.last, settings))
 
 
 def desired_motion(path: PathState, event: Event, row: Vector, settings: CycleSettings,
@@ -671,8 +672,9 @@ def _differ(x: Vector, y: Vector) -> Vector:
 
 # A refused state.
 
-def refuse(robot: Robot, terms: Terms, path: PathState, event: Event, settings: CycleSettings,
-           parameters: Vector, loops: ClosedLoopRules | None = None) -> PathState:
+def refuse(robot: Robot, terms: Terms, commanded: Sequence[int], path: PathState,
+           event: Event, settings: CycleSettings, parameters: Vector,
+           loops: ClosedLoopRules | None = None) -> PathState:
     """
     Command what follows a state that is not answered; `path.reason` says why.
 
@@ -690,7 +692,8 @@ def refuse(robot: Robot, terms: Terms, path: PathState, event: Event, settings: 
         path_then = branch(ends, dropped(path_then, BY_LOOPS), path_then)
     lasts = flag(settings.grace < now - since) * (1.0 - path.fault)
     given_up = _given_up(path_then, reason, settings)
-    stopping = _stopping(robot, terms, given_up, reason, settings, parameters, loops)
+    stopping = _stopping(robot, terms, commanded, given_up, reason, settings, parameters,
+                         loops)
     confirmed = path_then.states.confirmed
     stops = settings.holds * confirmed
     begun = branch(stops, stopping, given_up)
@@ -702,7 +705,7 @@ def refuse(robot: Robot, terms: Terms, path: PathState, event: Event, settings: 
     # zeros.
     repeated = _repeated(path_then, settings)
     if loops is None:
-        held = _held(robot, terms, repeated, settings, parameters)
+        held = _held(robot, terms, commanded, repeated, settings, parameters)
     else:
         held = loops.begin_hold(repeated, settings)
     held = branch(confirmed, held, repeated)
@@ -738,17 +741,19 @@ def _repeated(path: PathState, settings: CycleSettings) -> PathState:
     return branch(path.fault, path._replace(publish=1.0), repeated)
 
 
-def _stopping(robot: Robot, terms: Terms, path: PathState, reason: Scalar,
-              settings: CycleSettings, parameters: Vector, loops: ClosedLoopRules | None
-              ) -> PathState:
+def _stopping(robot: Robot, terms: Terms, commanded: Sequence[int], path: PathState,
+              reason: Scalar, settings: CycleSettings, parameters: Vector,
+              loops: ClosedLoopRules | None) -> PathState:
     """Return the path whose arm begins to stop, from where the model says that it is."""
     # Where the arm is by now, if it followed the last command since the last state.
     states = path.states
     q, u = np.split(states.accepted, 2)
     elapsed = (path.last_heard - states.stamp) / NANO
     if loops is None:
-        reached = np.concatenate(reached_state(robot, terms, range(len(q)), q, u,
-                                               path.tau, elapsed, parameters))
+        tau = np.zeros(len(q), dtype=object)
+        tau[list(commanded)] = path.tau
+        reached = np.concatenate(reached_state(robot, terms, range(len(q)), q, u, tau,
+                                               elapsed, parameters))
     else:
         reached = loops.reached(path, elapsed, parameters)
     # Without a finite prediction it is taken to stay.
@@ -763,11 +768,11 @@ def _stopping(robot: Robot, terms: Terms, path: PathState, reason: Scalar,
     return path._replace(stop=stop, stop_began=path.last_heard)
 
 
-def _held(robot: Robot, terms: Terms, path: PathState, settings: CycleSettings,
-          parameters: Vector) -> PathState:
+def _held(robot: Robot, terms: Terms, commanded: Sequence[int], path: PathState,
+          settings: CycleSettings, parameters: Vector) -> PathState:
     """Return the path that commands the torque that brings the arm to rest."""
     torque = stopping_torque(robot, terms, *begun_stop(path, settings), parameters)
-    return torques_within_limits(path, torque, settings)
+    return torques_within_limits(path, torque[list(commanded)], settings)
 
 
 def begun_stop(path: PathState, settings: CycleSettings

@@ -28,8 +28,7 @@ from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, begun_stop, CON
                                                        Event, LOOP_LIMITS,
                                                        NEAR_SINGULAR, NO_MODE,
                                                        OFF_BRANCH, PathState,
-                                                       REFUSED, torques_within_limits,
-                                                       with_new_settings)
+                                                       REFUSED, torques_within_limits)
 from kane_dynamics.ros.torque_path.state_check import NEVER
 import numpy as np
 
@@ -179,7 +178,6 @@ class LoopRules:
     def aim(self, path: PathState, event: Event, state: Vector, row: Vector,
             settings: CycleSettings, law: TracedLaw) -> PathState:
         """Begin the search for the configuration of the desired motion, if there is one."""
-        path = with_new_settings(path, settings)
         q = state[:self.robot.n]
         desired = desired_motion(path, event, row, settings, q, law.holds)
         aimed = self._aimed(path, desired, settings)

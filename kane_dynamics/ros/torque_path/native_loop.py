@@ -70,8 +70,8 @@ class CycleKernels:
     laws : mapping of Mode to TracedLaw
     loops : LoopRules, optional
         With closed loops.
-    commanded : int, optional
-        Number of the joints with actuators. Default: all.
+    commanded : sequence of int, optional
+        The joints with actuators. Default: all.
 
     Attributes
     ----------
@@ -88,21 +88,26 @@ class CycleKernels:
     """
 
     def __init__(self, robot: Robot, terms: Terms, laws: Mapping[Mode, TracedLaw],
-                 loops: LoopRules | None = None, commanded: int | None = None) -> None:
+                 loops: LoopRules | None = None,
+                 commanded: Sequence[int] | None = None) -> None:
         self._robot = robot
+        if commanded is None:
+            commanded = range(robot.n_q)
         most_settings = max(law.settings for law in laws.values())
         most_memory = max(law.memory for law in laws.values())
         self.shape = PathShape(
-            robot.n, robot.n_q if commanded is None else commanded, robot.n_q,
+            robot.n, len(commanded), robot.n_q,
             len(robot.equations.wrench_frames), most_settings, most_memory,
             loops.size if loops else 0)
 
         # Names distinguish kernels, so that terms, sizes and joints are part of them.
         weights = ''.join(str(int(weight)) for weight in terms.weights)
         words = [weights, *map(str, self.shape)]
+        if len(commanded) < robot.n_q:
+            words += map(str, commanded)
         further: set[int] = set()
         if loops is not None:
-            words += map(str, (*loops.joints.followed, *loops.joints.commanded))
+            words += map(str, loops.joints.followed)
             further = set(range(robot.n_q)) - set(loops.joints.followed)
         self._label = '_'.join(words)
         # Joints beside those that follow, whose measured positions are compared.
@@ -118,7 +123,7 @@ class CycleKernels:
         self._make('CONFIRM', cycle_rules.confirm)
         self._make('HEAR', cycle_rules.hear)
         self._make('REFUSE', self._with_parameters(
-            partial(cycle_rules.refuse, robot, terms, loops=loops)))
+            partial(cycle_rules.refuse, robot, terms, tuple(commanded), loops=loops)))
         for mode, law in laws.items():
             self.answers[mode] = self._answer(mode, law, loops)
         if loops is not None:

@@ -89,8 +89,6 @@ def python_reason(values: Mapping[str, Any], controller: Controller) -> str:
         return 'flexible links'
     if robot.model.balls:
         return 'ball joints'
-    if not closes and len(commanded_joints(robot, controller.followed)) < robot.n:
-        return 'joints without actuators'
     if equations.carries_loads and not every_term:
         return 'friction that depends on loads, with arm_compensates'
     for mode in (values['mode'], *values['modes']):
@@ -185,18 +183,18 @@ class NativeTorquePath(TorquePath):
         controller = self.controller
         robot = controller.robot
         terms = controller.compensate
+        commanded = commanded_joints(robot, controller.followed)
         if self.loops is None:
             laws = controller_laws(robot, terms)
             laws |= {mode: law.traced() for mode, law in self._laws.items()}
-            return CycleKernels(robot, terms, laws)
-        joints = Actuation(tuple(self._follow),
-                           commanded_joints(robot, controller.followed),
-                           controller.preload)
+            laws = {mode: law.of_joints(commanded) for mode, law in laws.items()}
+            return CycleKernels(robot, terms, laws, commanded=commanded)
+        joints = Actuation(tuple(self._follow), commanded, controller.preload)
         # It explains why a desired configuration is refused.
         self._desired_loops = LoopTracker(robot, controller.followed,
                                           max_figure=SINGULAR)
         return CycleKernels(robot, terms, closed_loop_laws(robot, terms, joints),
-                            LoopRules(robot, terms, joints), len(joints.commanded))
+                            LoopRules(robot, terms, joints), commanded)
 
     def compile(self, *, other_modes: bool = False) -> None:  # noqa: A003
         """Compile what commands of the mode need, or of the other modes."""

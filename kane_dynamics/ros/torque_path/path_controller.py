@@ -16,6 +16,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.configuration_files import robot_options
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings, per_joint
+from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 import numpy as np
 
 RISE = 0.05  # s
@@ -75,8 +76,15 @@ def path_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
     """
     settings = controller_settings(values, robot.joint_names)
     follow = list(joints_that_follow(robot))
-    return settings | {name: settings[name][follow] for name in ('kp', 'kd')} | {
-        'rate_limit': rate_limit(values, robot)}
+    gains = {name: settings[name][follow] for name in ('kp', 'kd')}
+    # What a joint without a motor would need is not commanded, so that nothing limits it.
+    commanded = list(commanded_joints(robot, [robot.joint_names[k] for k in follow]))
+    limits = {'effort_limit': settings['effort_limit'],
+              'rate_limit': rate_limit(values, robot)}
+    for name, stated in limits.items():
+        limits[name] = np.full(len(stated), math.inf)
+        limits[name][commanded] = stated[commanded]
+    return settings | gains | limits
 
 
 def rate_limit(values: Mapping[str, Any], robot: Robot) -> Array:

@@ -1,7 +1,7 @@
 """The rules of the native torque path are those of the interpreter's, on random states."""
 
 import ctypes
-from functools import partial
+from functools import cache, partial
 import gc
 import math
 import mmap
@@ -55,9 +55,9 @@ def numbers(data):
     return np.frombuffer(data[-8 * len(NAMES):])
 
 
-def message(q, u, stamp):
-    n = len(NAMES)
-    writer, (positions, velocities, _) = write_joint_state(NAMES, '', (n, n, 0))
+def message(q, u, stamp, names=NAMES):
+    n = len(names)
+    writer, (positions, velocities, _) = write_joint_state(names, '', (n, n, 0))
     prepared = PreparedMessage(writer, positions, n)
     prepared.numbers[:] = q
     prepared.doubles(velocities, n)[:] = u
@@ -73,6 +73,11 @@ class Pair(BothPaths):
             'modes': list(NATIVE_MODES), 'blend_time': 0.05, 'target.timeout': 0.03,
             **(values or {})}, **settings)
         self.q = np.array([0.3, -0.2])
+
+    @property
+    def names(self):
+        """Return the joints of the states."""
+        return self.sides[0].path.controller.robot.joint_names
 
     def side(self, make, mode, **settings):
         values = self.values
@@ -95,26 +100,27 @@ class Pair(BothPaths):
 
     def do_state(self, kind):
         self.time += int(self.rng.integers(1_000_000, 9_000_000))
-        u = self.rng.uniform(-0.5, 0.5, 2)
+        n = len(self.q)
+        u = self.rng.uniform(-0.5, 0.5, n)
         self.q = self.q + 0.001 * u
         q = self.q.copy()
         age = 0
         if kind == 'jump':
-            q[self.rng.integers(2)] += 0.7
+            q[n - 1 - self.rng.integers(2)] += 0.7
         elif kind == 'far':
-            q[1] += 50.0
+            q[-1] += 50.0
         elif kind == 'fast':
-            u[self.rng.integers(2)] = 1e4
+            u[n - 1 - self.rng.integers(2)] = 1e4
         elif kind == 'nan':
-            q[self.rng.integers(2)] = self.rng.choice([math.nan, math.inf])
+            q[self.rng.integers(n)] = self.rng.choice([math.nan, math.inf])
         elif kind == 'turn':
-            q[0] += 2.0 * math.pi
+            q[-2] += 2.0 * math.pi
         age = {'stale': 300_000_000, 'ahead': -300_000_000, 'order': 30_000_000}.get(kind, 0)
-        self.send(message(q, u, self.time - age))
+        self.send(message(q, u, self.time - age, self.names))
 
     def do_motion(self, kind):
         motion = Motion.from_points([0.0, 0.1, 0.3], [self.q, self.q + 0.05, self.q],
-                                    joint_names=NAMES)
+                                    joint_names=self.names)
         self.follow(motion, 10_000_000)
 
     def do_gains(self, kind):
@@ -176,6 +182,60 @@ def test_both_paths_give_the_same_commands_and_drop_the_same_states(mode, compen
     texts = [[text for text in side.warnings if text[0] != 'no finite torque']
              for side in pair.sides]
     assert texts[1] == texts[0]
+
+
+@cache
+def on_base(kind):
+    """Return the arm on a heavy base that moves in a plane or in space."""
+    ball = {'ixx': 2.0, 'iyy': 2.0, 'izz': 2.0}
+    return Robot(load_urdf(
+        resource_path('urdf', 'two_link.urdf'), root_joint=kind, supplement={
+            'payload': {'link': 'base_link', 'mass': 40.0, 'inertia': ball}}))
+
+
+class OnBase(Pair):
+    """Both paths of an arm on a base whose joint has no motors."""
+
+    def __init__(self, base, mode, seed):
+        self.robot = on_base(base)
+        super().__init__(mode, seed)
+        self.q = np.append(np.full(self.robot.n - 2, 0.1), self.q)
+
+    def side(self, make, mode, **settings):
+        robot = self.robot.copy()
+        controller = Controller(robot, mode=mode, blend_time=self.values['blend_time'],
+                                **settings)
+        side = Side(make, controller, self.values, self.clock)
+        side.rejected = []
+        return side
+
+    def do_gains(self, kind):
+        kp = self.rng.uniform(1.0, 50.0)
+        for side in self.sides:
+            side.path.controller.update(kp=kp)
+            side.path.set_limits(self.values)
+
+    def do_mode(self, kind):
+        self.change_mode(self.rng.choice(list(map(str, traced_laws.MODES))))
+
+    def do_target(self, kind):
+        self.do_state('state')
+
+
+@pytest.mark.filterwarnings('ignore:moving links without')  # the base has a payload
+@pytest.mark.parametrize(('base', 'mode'), [
+    ('planar', 'computed_torque'), ('planar', 'inverse_dynamics'),
+    ('floating', 'computed_torque'),
+    pytest.param('floating', 'gravity_compensation', marks=pytest.mark.slow)])
+def test_both_paths_command_an_arm_on_a_base_without_motors_alike(base, mode):
+    pair = OnBase(base, mode, 4)
+    for _ in range(300):
+        pair.step()
+    _, native = pair.sides
+    assert native.path.messages.joints == NAMES
+    assert native.statistics.commands > 80
+    assert len(native.statistics.dropped) >= 5, 'every kind of fault'
+    assert not python_reason(pair.values | {'modes': []}, native.path.controller)
 
 
 @pytest.mark.parametrize('mode', ['computed_torque', 'inverse_dynamics',
