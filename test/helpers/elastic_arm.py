@@ -6,11 +6,14 @@ between motor and link of each joint, Coulomb and viscous friction on either sid
 """
 
 from dataclasses import dataclass, field
+from functools import partial
 import math
+import operator
 
 from kane_dynamics.identification import DriveRecording
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 LENGTH = 0.5  # of the first link, m
 MASS = 4.0, 2.5
@@ -35,7 +38,7 @@ URDF = """<robot name="elastic_arm"><link name="base"/>""" + ''.join(
 class Truth:
     """The drives of the arm; every number is joint-side."""
 
-    stiffness: tuple = (3000.0, 1200.0)
+    stiffness: tuple = (3000.0, 1200.0)  # or functions of the deflection
     damping: tuple = (4.0, 1.5)
     rotor_inertia: tuple = (0.9, 0.3)
     motor_damping: tuple = (3.0, 1.0)
@@ -115,14 +118,33 @@ def small_vibration(seed, size, center, gains):
     return torque
 
 
+def softening(first, last, level, sharpness=0.1):
+    """
+    Return a spring of stiffness `first`, beyond a torque `level` of stiffness `last`.
+
+    Its slope changes over about twice `sharpness` of the deflection there.
+    """
+    corner = level / first
+    width = sharpness * corner
+
+    def torque(deflection):
+        ahead, behind = (width * np.logaddexp(0.0, (sign * deflection - corner) / width)
+                         for sign in (1.0, -1.0))
+        return first * deflection + (last - first) * (ahead - behind)
+    return torque
+
+
 def simulated(torque, duration, truth=None, start=(0.0, 0.0)):
     """Return the motion of the arm with a torque law, from rest."""
     truth = truth or Truth()
+    springs = []
+    for stiffness in truth.stiffness:
+        springs.append(stiffness if callable(stiffness) else partial(operator.mul, stiffness))
 
     def rates(t, x):
         q, theta, u, speed = x[:2], x[2:4], x[4:6], x[6:]
         motor = torque(t, theta, speed)
-        gear = [truth.stiffness[k] * (theta[k] - q[k])
+        gear = [springs[k](theta[k] - q[k])
                 + truth.damping[k] * (speed[k] - u[k]) for k in range(2)]
         on_link, of_motor = [], []
         for k in range(2):
@@ -134,13 +156,19 @@ def simulated(torque, duration, truth=None, start=(0.0, 0.0)):
         return [*u, *speed, *_accelerations(q, u, on_link), *of_motor]
 
     t = np.arange(round(duration * RATE)) / RATE
-    sag = _gravity(*start) / np.array(truth.stiffness)
-    solution = solve_ivp(rates, (0.0, t[-1]), [*start, *(start + sag), 0, 0, 0, 0],
+    sag = [_deflection(spring, weight) for spring, weight in zip(springs, _gravity(*start))]
+    solution = solve_ivp(rates, (0.0, t[-1]), [*start, *np.add(start, sag), 0, 0, 0, 0],
                          t_eval=t, rtol=1e-8, atol=1e-10, method='RK45', max_step=2e-3)
     q, theta, u, speed = solution.y.reshape(4, 2, -1).transpose(0, 2, 1)
     motor = np.array([torque(*row) for row in zip(t, theta, speed, strict=True)])
-    gear = truth.stiffness * (theta - q) + truth.damping * (speed - u)
+    sprung = [spring(deflection) for spring, deflection in zip(springs, (theta - q).T)]
+    gear = np.transpose(sprung) + truth.damping * (speed - u)
     return Motion(t, q, theta, motor, gear, truth)
+
+
+def _deflection(spring, torque):
+    """Return the deflection of a spring under a torque."""
+    return brentq(lambda deflection: spring(deflection) - torque, -1.0, 1.0, xtol=1e-14)
 
 
 def _gravity(q1, q2):

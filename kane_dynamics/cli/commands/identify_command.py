@@ -56,8 +56,9 @@ def identification(options: Namespace) -> None:
     if options.drives:
         _identify_drives(options)
         return
-    if options.ratio is not None or options.skew is not None:
-        raise InputError('--ratio or --skew: given without --drives; expected both')
+    if any(x is not None for x in (options.ratio, options.skew, options.segments)):
+        raise InputError('--ratio, --skew or --segments: given without --drives; expected '
+                         'both')
     # A missing library is an error before the fit, which may take minutes.
     plot = pictures.plotter(options)  # errors early
     model, robot = load(options)
@@ -382,7 +383,8 @@ def _identify_drives(options: Namespace) -> None:
     if ratio.shape == (1,):
         ratio = ratio[0]
     recording = read_drive_recording(options.recording, model.joint_names, ratio)
-    result = identify_drives(model, recording, skew=options.skew)
+    segments = 1 if options.segments is None else options.segments
+    result = identify_drives(model, recording, skew=options.skew, segments=segments)
     files = []
     if options.out:
         text = written_drives(options.supplement, result.supplement())
@@ -406,8 +408,13 @@ def drive_data(result: DriveIdentification, files: list[str]) -> dict[str, Any]:
             for value in getattr(result, key):
                 numbers.append(float(value) if np.isfinite(value) else None)
             data[key] = numbers
-    return {**data, 'skew_share': result.skew_share, 'misfit': result.misfit,
-            'undetermined': result.undetermined, 'files': files}
+    curves = {}
+    for name, curve in result.curves.items():
+        curves[name] = {'deflection': curve.deflection, 'torque': curve.torque,
+                        'slopes': curve.slopes,
+                        'slope_deviation': result.slope_deviation[name]}
+    return {**data, 'curves': curves, 'skew_share': result.skew_share,
+            'misfit': result.misfit, 'undetermined': result.undetermined, 'files': files}
 
 
 def print_drives(data: dict[str, Any]) -> None:
@@ -425,6 +432,12 @@ def print_drives(data: dict[str, Any]) -> None:
             row += ['-', '-'] if value is None else [value, f'{deviation:.1g}']
         table.append(row)
     print_table(header, table)
+    for joint, curve in data['curves'].items():
+        slopes = [f'{slope:.4g} +- {deviation:.1g}' for slope, deviation
+                  in zip(curve['slopes'], curve['slope_deviation'], strict=True)]
+        corners = [f'{torque:.3g}' for torque in curve['torque'][:-1]]
+        print(f"'{joint}': stiffness {', '.join(slopes)}, with corners at "
+              f'{", ".join(corners)} N m')
     # The encoders' delay looks like a deflection: the user learns how much of it.
     for joint, share in zip(data['joint_names'], data['skew_share'], strict=True):
         if share > 0.05:

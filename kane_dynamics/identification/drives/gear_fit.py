@@ -51,11 +51,23 @@ class LinkTorque(NamedTuple):
         Without friction, N m or N, at the times of the links' encoders.
     inertia : (n,) array
         Row of the mass matrix, RMS over the motion.
+    noise : (n,) array
+        RMS of what a compliance that varies makes of the torque's noise, at each frequency
+        of the band, per standard deviation of the position of each link.
 
     """
 
     torque: Array
     inertia: Array
+    noise: Array
+
+
+class Elasticity(NamedTuple):
+    """Mean and spread of the compliance along the motion, and the time constant D / K, s."""
+
+    compliance: float
+    spread: float
+    eta: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +171,29 @@ class GearFit(NamedTuple):
         return float(np.sqrt(self.covariance[k, k]))
 
 
+class LinkSignals(NamedTuple):
+    """
+    Signals of a link at the times of its motor's samples.
+
+    Attributes
+    ----------
+    q, q_rate, sliding, rigid : (F,) arrays
+        Spectra of the position and its rate, of Coulomb friction of coefficient 1, and of
+        the torque of the gear without friction of the link.
+    speed, friction, torque : (N,) arrays
+        The last three over time.
+
+    """
+
+    q: Array
+    q_rate: Array
+    sliding: Array
+    rigid: Array
+    speed: Array
+    friction: Array
+    torque: Array
+
+
 class GearEquations:
     """The equations of a joint in the spectra of its signals."""
 
@@ -166,7 +201,7 @@ class GearEquations:
         self._signals = signals
         self._of = of
         self._given_skew = skew
-        self.names = _parameter_names(signals, skew)
+        self.names = parameter_names(signals, skew)
         spline = scientific('scipy.interpolate').CubicSpline
         columns = [signals.q, signals.link_speed.values]
         if signals.link is not None:
@@ -174,7 +209,7 @@ class GearEquations:
         self._links = spline(signals.t, np.column_stack(columns))
         self.varying = np.zeros(2)  # of the friction of motor and link, see `settle`
         # Spectra of the last parameters: most parameters leave them as they are.
-        self._cache: dict[tuple[float, float], tuple[Array, Array, Array, Array]] = {}
+        self._cache: dict[tuple[float, float], LinkSignals] = {}
         self._sliding: dict[float, Array] = {}
         self._constant = of.of(np.ones(len(signals.t)))
         self._theta = of.of(signals.theta)
@@ -212,23 +247,16 @@ class GearEquations:
 
     def weighted(self, x: Array) -> Array:
         """Return the residuals over their standard deviations, real, (R,)."""
-        value = dict.fromkeys(PARAMETERS, 0.0)
-        value['skew'] = self._given_skew or 0.0
-        value.update(zip(self.names, x.tolist(), strict=True))
+        value = self._values(x)
         signals = self._signals
-        slip = FIRST_SLIP
-        if 'log_slip' in self.names:
-            slip = float(np.exp(value['log_slip']))
-        q, q_rate, sliding, rigid = self._of_links(value['skew'], slip)
+        slip = float(np.exp(value['log_slip']))
+        link = self._of_links(value['skew'], slip)
         # The gear carries the link: its rigid dynamics and the friction of the link.
-        gear = rigid
+        gear = link.rigid
         if signals.link is not None:
-            gear = (rigid + value['link_damping'] * q_rate
-                    + value['link_friction'] * sliding)
-        # First equation, the spring: compliance times gear torque is the deflection.
-        spring = (value['compliance'] * gear - (self._theta - q)
-                  - value['eta'] * (self._theta_rate - q_rate)
-                  - value['deflection_offset'] * self._constant)
+            gear = (link.rigid + value['link_damping'] * link.q_rate
+                    + value['link_friction'] * link.sliding)
+        spring = self._spring(value, link, gear)
         # Second equation, the rotor: motor torque less inertia, losses and gear torque
         # is zero.
         rows = [spring]
@@ -239,38 +267,64 @@ class GearEquations:
                         - losses - gear - value['motor_offset'] * self._constant)
         return _whitened(np.array(rows), self._covariance(value, slip))
 
+    def _values(self, x: Array) -> dict[str, float]:
+        """Return parameters by name; 0 or the default of those that are not fitted."""
+        value = dict.fromkeys(PARAMETERS, 0.0)
+        value['skew'] = self._given_skew or 0.0
+        value['log_slip'] = float(np.log(FIRST_SLIP))
+        value.update(zip(self.names, x.tolist(), strict=True))
+        return value
+
+    def _spring(self, value: dict[str, float], link: LinkSignals, gear: Array) -> Array:
+        """Return the first equation: compliance times gear torque is the deflection."""
+        return np.asarray(value['compliance'] * gear - self._deflection(value, link)
+                          - value['eta'] * (self._theta_rate - link.q_rate))
+
+    def _deflection(self, value: dict[str, float], link: LinkSignals) -> Array:
+        """Return the spectrum of the deflection."""
+        return np.asarray(self._theta - link.q + value['deflection_offset'] * self._constant)
+
+    def _elasticity(self, value: dict[str, float]) -> 'Elasticity':
+        """Return how the noise of torque and deflection rate enters the first equation."""
+        return Elasticity(value['compliance'], 0.0, value['eta'])
+
     def settle(self, x: Array) -> None:
         """
         Update the noise that the varying slope of friction adds, from parameters.
 
         It stays in a fit: the residuals would be smallest for a friction of infinite noise.
         """
-        value: dict[str, float] = dict(zip(self.names, x.tolist(), strict=True))
-        slip = FIRST_SLIP
-        if 'log_slip' in value:
-            slip = float(np.exp(value['log_slip']))
+        value = self._values(x)
+        slip = float(np.exp(value['log_slip']))
         speeds = {'motor_friction': self._signals.speed,
                   'link_friction': self._signals.link_speed}
         # Friction of a slope that varies makes noise of the speed's noise.
         noise = []
         for name, speed in speeds.items():
             spread = friction_slope(speed.values, slip).spread
-            noise.append(value.get(name, 0.0) * np.sqrt(spread * speed.density))
+            noise.append(value[name] * np.sqrt(spread * speed.density))
         self.varying = np.array(noise)
 
-    def _of_links(self, skew: float, slip: float) -> tuple[Array, Array, Array, Array]:
-        """Return the spectra of q, q', Coulomb friction and torque at the motors' times."""
+    def _of_links(self, skew: float, slip: float) -> LinkSignals:
+        """Return the signals of the link at the motors' times."""
         # Only the last skew and slip are kept: the fit varies other parameters in
         # between.
         key = skew, slip
         if key not in self._cache:
             signals, of = self._signals, self._of
             shifted = self._links(signals.t + skew)
-            rigid = self._gear if signals.link is None else of.of(shifted[:, 2])
-            sliding = mean_coulomb(shifted[:, 1], slip, signals.link_speed.noise)
+            speed = shifted[:, 1]
+            if signals.link is None:
+                rigid, torque = self._gear, signals.gear_torque
+            else:
+                torque = shifted[:, 2]
+                rigid = of.of(torque)
+            assert torque is not None
+            friction = mean_coulomb(speed, slip, signals.link_speed.noise)
             self._cache.clear()
-            self._cache[key] = (of.of(shifted[:, 0]), of.rate_of(shifted[:, 0]),
-                                of.of_means(sliding), rigid)
+            self._cache[key] = LinkSignals(of.of(shifted[:, 0]), of.rate_of(shifted[:, 0]),
+                                           of.of_means(friction), rigid, speed, friction,
+                                           torque)
         return self._cache[key]
 
     def _motor_friction(self, slip: float) -> Array:
@@ -286,7 +340,8 @@ class GearEquations:
         """Return the covariance of the equations at each frequency, (F, e, e)."""
         signals, omega = self._signals, self._of.omega
         nothing, ones = np.zeros(len(omega)), np.ones(len(omega))
-        elastic = 1.0 + 1j * omega * value['eta']
+        compliance, spread, eta = self._elasticity(value)
+        elastic = 1.0 + 1j * omega * eta
         # Signals with their coefficients in the two equations; friction acts as damping
         # on the noise of a position, by its mean slope.
         on_motor = friction_slope(signals.speed.values, slip)
@@ -296,20 +351,23 @@ class GearEquations:
         # What the slope of friction varies by.
         terms.append((1.0, nothing, self.varying[0] * ones))
         if signals.link is None:
+            sensor = signals.noise['gear_torque']
             terms.append((signals.noise['q'], elastic, nothing))
-            terms.append((signals.noise['gear_torque'], value['compliance'] * ones, -ones))
+            terms.append((sensor, compliance * ones, -ones))
+            terms.append((sensor, spread * ones, nothing))
         else:
             on_link = friction_slope(signals.link_speed.values, slip)
             damping = value['link_damping'] + value['link_friction'] * on_link.mean
             varying = self.varying[1] * ones
-            terms.append((1.0, value['compliance'] * varying, -varying))
+            terms.append((1.0, compliance * varying, -varying))
             for k, deviation in enumerate(signals.of_links):
                 of_torque = -omega**2 * signals.link.inertia[k]
-                of_spring = value['compliance'] * of_torque
+                of_spring = compliance * of_torque
                 if k == signals.place:
                     of_torque = of_torque + 1j * omega * damping
-                    of_spring = value['compliance'] * of_torque + elastic
+                    of_spring = compliance * of_torque + elastic
                 terms.append((deviation, of_spring, -of_torque))
+                terms.append((deviation, spread * signals.link.noise[k] * ones, nothing))
         if signals.motor_torque is not None:
             terms.append((signals.noise['motor_torque'], nothing, ones))
         size = 1 if signals.motor_torque is None else 2
@@ -344,7 +402,7 @@ def covariance_of(jacobian: Array) -> Array:
     return np.asarray((vectors * inverse) @ vectors.T / np.outer(scale, scale))
 
 
-def _parameter_names(signals: JointSignals, skew: float | None) -> tuple[str, ...]:
+def parameter_names(signals: JointSignals, skew: float | None) -> tuple[str, ...]:
     """Return the parameters that the equations of a joint have."""
     names = ['compliance', 'eta', 'skew', 'deflection_offset']
     if skew is not None:

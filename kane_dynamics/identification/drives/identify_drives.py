@@ -11,6 +11,7 @@ from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.identification.drives.curve_fit import CurveFit, DAMPING, fitted_curve
 from kane_dynamics.identification.drives.drive_recording import DriveRecording, joint_count
 from kane_dynamics.identification.drives.gear_fit import (fitted, GearEquations, GearFit,
                                                           JointSignals, LinkTorque)
@@ -21,7 +22,7 @@ from kane_dynamics.identification.drives.spectra import (audible_band, BEYOND_BA
                                                          smooth_motion, smooth_speeds,
                                                          Spectra, spectra, white_noise)
 from kane_dynamics.identification.solvers import on_one_processor
-from kane_dynamics.model.drive import Drive
+from kane_dynamics.model.drive import Drive, StiffnessCurve
 from kane_dynamics.model.elastic_model import with_drives
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
@@ -35,6 +36,8 @@ SAMPLES = 200  # configurations for the mean of the mass matrix
 MOVES = 1e-3  # rad or m: a motor that moves less rests
 ALIKE = 0.2  # relative difference of the ranges of motor and link
 FITS = 4.0  # mean square of residuals over the noise, above which equations lack something
+MOST_SEGMENTS = 4
+DAMPING_NEEDS = 'N m s/rad', 'motion near the resonance, where the deflection is fast'
 BOTH_ENCODERS, SENSOR, MOTOR_SIDE = 'both encoders', 'torque sensor', 'motor side'
 
 
@@ -80,6 +83,10 @@ class DriveIdentification:
     misfit : (n,) array
         Mean square of the residuals over the noise; 1 if the equations hold. Of
         'motor side' one for all joints.
+    curves : dict of str to StiffnessCurve
+        Of the joints whose stiffness is a curve; `stiffness` has that at small torques.
+    slope_deviation : dict of str to (k,) array
+        Standard deviations of the slopes of `curves`, N m/rad.
     undetermined : dict of str to str
         Reasons of the numbers that the data do not determine, by '<joint> <number>'.
 
@@ -97,6 +104,8 @@ class DriveIdentification:
     skew_deviation: Array
     skew_share: Array
     misfit: Array
+    curves: dict[str, StiffnessCurve]
+    slope_deviation: dict[str, Array]
     undetermined: dict[str, str]
 
     def drives(self) -> dict[str, Drive]:
@@ -111,7 +120,7 @@ class DriveIdentification:
         for j, name in enumerate(self.joint_names):
             if not np.isfinite(self.stiffness[j]):
                 continue
-            values: dict[str, Any] = {'stiffness': float(self.stiffness[j])}
+            values: dict[str, Any] = {'stiffness': self.curves.get(name, self.stiffness[j])}
             if np.isfinite(self.damping[j]):
                 values['damping'] = float(self.damping[j])
             if np.isfinite(self.rotor_inertia[j]):
@@ -128,7 +137,12 @@ class DriveIdentification:
         # Numbers are joint-side, as they were identified.
         entries = {}
         for name, drive in self.drives().items():
-            entry: dict[str, Any] = {'side': 'joint', 'stiffness': drive.stiffness,
+            stiffness: Any = drive.stiffness
+            if isinstance(stiffness, StiffnessCurve):
+                stiffness = {'deflection': stiffness.deflection.tolist(),
+                             'torque': stiffness.torque.tolist(),
+                             'rounding': stiffness.rounding}
+            entry: dict[str, Any] = {'side': 'joint', 'stiffness': stiffness,
                                      'damping': drive.damping}
             if drive.rotor_inertia is not None:
                 entry['rotor_inertia'] = drive.rotor_inertia
@@ -141,7 +155,7 @@ class DriveIdentification:
 @hinting
 @on_one_processor
 def identify_drives(model: Model, recording: DriveRecording, *,
-                    skew: float | None = None) -> DriveIdentification:
+                    skew: float | None = None, segments: int = 1) -> DriveIdentification:
     """
     Identify stiffness, damping and rotor inertia of elastic joints from a recording.
 
@@ -168,12 +182,16 @@ def identify_drives(model: Model, recording: DriveRecording, *,
     skew : float, optional
         How late the positions of the links are after those of the motors, s, if it is
         known; 0 for synchronous encoders.
+    segments : int
+        Largest number of straight segments of a stiffness that grows or falls with the
+        torque, at most 4. A joint gets the fewest that its residuals justify, and a
+        constant stiffness if these are one. More than one needs positions of the links.
 
     Warns
     -----
     ModelWarning
         The residuals are more than twice the noise: the equations lack something, such as
-        masses, a stiffness that is a curve, or friction with memory. The deviations are
+        masses, more segments of the stiffness, or friction with memory. The deviations are
         increased, but they do not contain such errors.
 
     Raises
@@ -197,6 +215,12 @@ def identify_drives(model: Model, recording: DriveRecording, *,
         if recording.q is None:
             raise InputError('skew: given without positions of the links; expected None, '
                              'since the skew is theirs')
+    if type(segments) is not int or not 1 <= segments <= MOST_SEGMENTS:
+        raise InputError(f'segments: {segments!r}; expected an integer from 1 to '
+                         f'{MOST_SEGMENTS}')
+    if segments > 1 and recording.q is None:
+        raise InputError(f'segments: {segments} without positions of the links; expected 1, '
+                         'since a curve is that of the measured deflection')
     if recording.q is None and recording.motor_torque is None:
         raise InputError('recording: neither positions of the links nor motor torques; '
                          'expected one of them beside the torques of the gears')
@@ -211,14 +235,15 @@ def identify_drives(model: Model, recording: DriveRecording, *,
         result = _motor_side(model, even)
     else:
         _require_joint_side(model.joint_names, even.theta, even.q)
-        result = _with_encoders(model, even, skew)
+        result = _with_encoders(model, even, skew, segments)
     # Residuals far above the noise: the numbers would look better than they are.
     poor = np.flatnonzero(result.misfit > FITS)
     if len(poor):
         names = ', '.join(model.joint_names[j] for j in poor)
         warnings.warn(f'drives of {names}: residuals are {np.sqrt(result.misfit.max()):.3g} '
                       'times the noise; expected at most twice: the equations lack '
-                      'something (masses, a curve of stiffness, friction with memory)',
+                      'something (masses, more segments of the stiffness, friction with '
+                      'memory)',
                       ModelWarning, stacklevel=3)
     return result
 
@@ -244,11 +269,12 @@ def links_alone(model: Model) -> Robot:
 
 # Both encoders.
 
-def _with_encoders(model: Model, recording: DriveRecording, skew: float | None
-                   ) -> DriveIdentification:
+def _with_encoders(model: Model, recording: DriveRecording, skew: float | None,
+                   segments: int) -> DriveIdentification:
     """Return the drives from positions of motors and links."""
     of, signals = _joint_signals(model, recording)
     numbers = []
+    curves: dict[str, CurveFit] = {}
     misfits, shares = [], []
     for name, signal in zip(model.joint_names, signals, strict=True):
         # A motor at rest says nothing of its drive.
@@ -257,8 +283,18 @@ def _with_encoders(model: Model, recording: DriveRecording, skew: float | None
             misfits.append(1.0)
             shares.append(0.0)
             continue
-        fit = fitted(GearEquations(signal, of, skew))
-        numbers.append(_joint_numbers(name, fit, skew, signal))
+        equations = GearEquations(signal, of, skew)
+        fit = fitted(equations)
+        if _is_determined(fit) and fit.value('compliance') < 0.0:
+            raise InputError(f"recording: joint '{name}': the gear deflects against its torque; "
+                             'expected signs of positions and torques alike')
+        # A curve, where the residuals of a constant stiffness ask for one.
+        curve = None
+        if segments > 1 and _is_determined(fit):
+            fit, curve = fitted_curve(equations, fit, segments, DEVIATION)
+        if curve is not None:
+            curves[name] = curve
+        numbers.append(_joint_numbers(fit, curve, skew, signal))
         misfits.append(fit.misfit)
         # How much of the deflection the skew makes: a large share is a warning.
         late = fit.value('skew') if skew is None else skew
@@ -266,7 +302,7 @@ def _with_encoders(model: Model, recording: DriveRecording, skew: float | None
         shares.append(abs(late) * float(np.std(signal.link_speed.values)
                                         / np.std(deflection)))
     source = SENSOR if recording.gear_torque is not None else BOTH_ENCODERS
-    return _identification(model.joint_names, source, numbers, shares, misfits)
+    return _identification(model.joint_names, source, numbers, shares, misfits, curves)
 
 
 def _joint_signals(model: Model, recording: DriveRecording
@@ -307,7 +343,10 @@ def _link_torques(model: Model, q: Array, step: float,
     torque = robot.inverse_dynamics(*smooth)
     samples = np.linspace(0, len(q) - 1, SAMPLES).astype(int)
     inertia = np.sqrt(np.mean(robot.mass_matrix(smooth[0][samples])**2, axis=0))
-    return [LinkTorque(torque[:, j], inertia[j]) for j in range(model.n)]
+    # The acceleration of white noise below the cutoff: the mean of omega^4 over the band.
+    cutoff = 2.0 * np.pi * BEYOND_BAND * band
+    noise = cutoff**2 / np.sqrt(5.0) * inertia
+    return [LinkTorque(torque[:, j], inertia[j], noise[j]) for j in range(model.n)]
 
 
 def _noise(signal: Array, step: float) -> Array:
@@ -317,22 +356,27 @@ def _noise(signal: Array, step: float) -> Array:
     return np.asarray(np.maximum(white_noise(signal, step), rounding))
 
 
-def _joint_numbers(joint: str, fit: GearFit, skew: float | None, signal: JointSignals
-                   ) -> dict[str, DriveNumber]:
+def _is_determined(fit: GearFit) -> bool:
+    """
+    Return whether the data determine the compliance of a constant stiffness.
+
+    A compliance that may be zero determines no stiffness, only that it is large.
+    """
+    return fit.deviation('compliance') <= DEVIATION * abs(fit.value('compliance'))
+
+
+def _joint_numbers(fit: GearFit, curve: CurveFit | None, skew: float | None,
+                   signal: JointSignals) -> dict[str, DriveNumber]:
     """Return the numbers of a joint, with reasons of those that are not determined."""
-    compliance = fit.value('compliance')
-    of_compliance = fit.deviation('compliance')
     late = fit.value('skew')
     of_late = fit.deviation('skew')
-    # A compliance that may be zero determines no stiffness, only that it is large.
-    determined = of_compliance <= DEVIATION * abs(compliance)
-    if determined and compliance < 0.0:
-        raise InputError(f"recording: joint '{joint}': the gear deflects against its torque; "
-                         'expected signs of positions and torques alike')
-    if determined:
-        stiffness = DriveNumber(1.0 / compliance, of_compliance / compliance**2)
-    else:
+    if curve is not None:
+        stiffness = DriveNumber(curve.curve.slopes[0], float(curve.slope_deviation[0]))
+    elif not _is_determined(fit):
         stiffness = DriveNumber(np.nan, np.nan, _stiffness_reason(fit, signal))
+    else:
+        compliance = fit.value('compliance')
+        stiffness = DriveNumber(1.0 / compliance, fit.deviation('compliance') / compliance**2)
     numbers = {'stiffness': stiffness, 'damping': _damping(fit, stiffness.value)}
     numbers['rotor inertia'] = _rotor_inertia(fit, signal.motor_torque is not None)
     # The skew of both encoders is known, or a result like the others.
@@ -373,6 +417,8 @@ def _damping(fit: GearFit, stiffness: float) -> DriveNumber:
     if not np.isfinite(stiffness):
         reason = 'the stiffness is not determined; expected that first'
         return DriveNumber(np.nan, np.nan, reason)
+    if DAMPING in fit.names:  # of a curve
+        return _judged(fit.value(DAMPING), fit.deviation(DAMPING), *DAMPING_NEEDS)
     k = fit.names.index('compliance')
     e = fit.names.index('eta')
     eta = fit.x[e]
@@ -382,8 +428,7 @@ def _damping(fit: GearFit, stiffness: float) -> DriveNumber:
     of_both = fit.covariance[np.ix_([k, e], [k, e])]
     value = eta / compliance
     deviation = float(np.sqrt(gradient @ of_both @ gradient))
-    return _judged(value, deviation, 'N m s/rad', 'motion near the resonance, where the '
-                   'deflection is fast')
+    return _judged(value, deviation, *DAMPING_NEEDS)
 
 
 def _rotor_inertia(fit: GearFit, has_torque: bool) -> DriveNumber:
@@ -433,7 +478,7 @@ def _motor_side(model: Model, recording: DriveRecording) -> DriveIdentification:
         numbers.append(_motor_side_numbers(fit.of_joint(j)))
     count = len(numbers)
     return _identification(model.joint_names, MOTOR_SIDE, numbers, [0.0] * count,
-                           [fit.misfit] * count)
+                           [fit.misfit] * count, {})
 
 
 def _motor_side_numbers(fit: GearFit) -> dict[str, DriveNumber]:
@@ -455,7 +500,8 @@ def _motor_side_numbers(fit: GearFit) -> dict[str, DriveNumber]:
 
 def _identification(names: tuple[str, ...], source: str,
                     numbers: Sequence[dict[str, DriveNumber]], shares: Sequence[float],
-                    misfits: Sequence[float]) -> DriveIdentification:
+                    misfits: Sequence[float], curves: dict[str, CurveFit]
+                    ) -> DriveIdentification:
     """Return the result of numbers of all joints."""
     undetermined = {}
     for joint, of_joint in zip(names, numbers, strict=True):
@@ -470,5 +516,8 @@ def _identification(names: tuple[str, ...], source: str,
         of_joints = [of_joint[name] for of_joint in numbers]
         columns[key] = np.array([one.value for one in of_joints])
         columns[f'{key}_deviation'] = np.array([one.deviation for one in of_joints])
+    deviations = {name: curve.slope_deviation for name, curve in curves.items()}
     return DriveIdentification(names, source, **columns, skew_share=np.array(shares),
-                               misfit=np.array(misfits), undetermined=undetermined)
+                               misfit=np.array(misfits), slope_deviation=deviations,
+                               curves={name: fit.curve for name, fit in curves.items()},
+                               undetermined=undetermined)

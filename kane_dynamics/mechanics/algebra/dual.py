@@ -142,6 +142,8 @@ def select(condition: Scalar, x: Scalar, y: Scalar) -> Scalar:
         return _dual(value, select(condition, _rate(x), _rate(y)))
     if isinstance(x, Jet) or isinstance(y, Jet):
         return chosen(condition, x, y, select)
+    if isinstance(condition, np.ndarray):  # of many numbers
+        return np.where(condition, x, y)
     return condition.select(x, y)
 
 

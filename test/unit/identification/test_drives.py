@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from elastic_arm import large_motion, Noise, simulated, small_vibration, Truth, URDF
+from elastic_arm import (large_motion, Noise, simulated, small_vibration, softening, Truth,
+                         URDF)
 from kane_dynamics import Drive, InputError, load_urdf, ModelWarning, with_drives
 from kane_dynamics.identification import (DriveRecording, identify_drives,
                                           read_drive_recording)
@@ -38,6 +39,13 @@ def vibration():
     configuration = 0.4, 0.5
     return simulated(small_vibration(5, (12.0, 5.0), configuration, (600.0, 300.0)), 8.0,
                      start=configuration)
+
+
+@pytest.fixture(scope='module')
+def stiffening():
+    """Return five seconds of motion with a shoulder that is stiffer beyond 12 N m."""
+    truth = replace(Truth(), stiffness=(softening(1500.0, 4000.0, 12.0, 0.05), 1200.0))
+    return simulated(large_motion(3, (2000.0, 800.0)), 5.0, truth=truth)
 
 
 def scores(result, truth, skew):
@@ -93,6 +101,41 @@ def test_without_the_skew_the_stiffness_would_be_wrong(model, short):
     assert (np.abs(wrong.stiffness / short.truth.stiffness - 1.0) > 0.005).any()
 
 
+def assert_stiffening_shoulder(result):
+    """Check slopes, corner, damping and skew of `stiffening`, whose elbow is no curve."""
+    assert set(result.curves) == {'shoulder'} and (result.misfit < 1.2).all()
+    curve = result.curves['shoulder']
+    assert np.allclose(curve.slopes, [1500.0, 4000.0], rtol=0.03)
+    assert curve.torque[0] == pytest.approx(12.0, rel=0.03)
+    assert (result.slope_deviation['shoulder'] < 0.02 * np.array(curve.slopes)).all()
+    assert result.stiffness[0] == curve.slopes[0]
+    assert np.allclose(result.damping, [4.0, 1.5], rtol=0.1)
+    assert result.stiffness[1] == pytest.approx(1200.0, abs=3.0 * result.stiffness_deviation[1])
+    assert np.allclose(result.skew, 0.003, atol=3e-5)
+
+
+def test_a_stiffness_that_grows_is_a_curve_where_the_residuals_say_so(model, stiffening):
+    recording = stiffening.measured(1, use=('q', 'gear_torque', 'motor_torque'))
+    result = identify_drives(model, recording, segments=2)
+    assert_stiffening_shoulder(result)
+    assert result.drives()['shoulder'].stiffness is result.curves['shoulder']
+    supplement = load_urdf(URDF, supplement=yaml.safe_load(result.supplement()))
+    assert supplement.digest() == result.elastic(model).digest()
+    # Without a curve the residuals of the shoulder alone are warned of.
+    with pytest.warns(ModelWarning, match=r'drives of shoulder: residuals.*segments'):
+        straight = identify_drives(model, recording)
+    assert straight.curves == {} and straight.slope_deviation == {}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_the_torque_of_the_links_determines_a_curve(model, stiffening):
+    result = identify_drives(model, stiffening.measured(2, use=('q', 'motor_torque')),
+                             segments=3)
+    assert_stiffening_shoulder(result)
+    assert np.allclose(result.rotor_inertia, [0.9, 0.3], rtol=0.01)
+
+
 def test_a_recording_is_checked(model, short):
     good = short.measured(0, use=('q', 'gear_torque'))
     with pytest.raises(InputError, match='50 rows; expected at least 200'):
@@ -109,9 +152,9 @@ def test_a_recording_is_checked(model, short):
         identify_drives(model, replace(good, theta=100.0 * good.theta))
     with pytest.raises(InputError, match='the motor moves -'):
         identify_drives(model, replace(good, q=-good.q))
-    for skew in (0.003, None):
+    for options in ({'skew': 0.003}, {}, {'segments': 2}):
         with pytest.raises(InputError, match='the gear deflects against its torque'):
-            identify_drives(model, replace(good, gear_torque=-good.gear_torque), skew=skew)
+            identify_drives(model, replace(good, gear_torque=-good.gear_torque), **options)
     with pytest.raises(InputError, match='no motor moves'):
         identify_drives(model, replace(good, theta=0.0 * good.theta, q=0.0 * good.q))
     with pytest.raises(InputError, match='neither positions of the links'):
@@ -120,6 +163,12 @@ def test_a_recording_is_checked(model, short):
         identify_drives(model, DriveRecording(good.t, good.theta[:, :1], good.q[:, :1]))
     with pytest.raises(InputError, match='skew'):
         identify_drives(model, good, skew=np.nan)
+    for segments in (0, 5, 2.0, True, None):
+        with pytest.raises(InputError, match=r'segments: .*; expected an integer from 1 to 4'):
+            identify_drives(model, good, segments=segments)
+    motors = short.measured(0, use=('motor_torque',))
+    with pytest.raises(InputError, match='segments: 2 without positions of the links'):
+        identify_drives(model, motors, segments=2)
     elastic = with_drives(model, {'elbow': Drive(1000.0, rotor_inertia=0.1)})
     with pytest.raises(InputError, match='elastic joints already'):
         identify_drives(elastic, good)
