@@ -1,23 +1,82 @@
 """
 Time of a call of each law in task space: from Python, and of its machine code alone.
 
-All are of the FR3, measured in turns in one run, so that the ratios to `mass_matrix` are those of
-one state of the machine. The table in docs/task_space.md is from here.
+On an arm of seven axes and on a palletizer with closed loops, measured in turns in one run, so
+that the ratios to `mass_matrix` are those of one state of the machine. The code of each law is in
+memory `COPIES` times, since some places cost a fifth more; the best one counts. The table in
+docs/task_space.md is from here.
 """
 
 from collections.abc import Callable
+import sys
 import time
+import timeit
+from typing import Any
 
+from gates import exit_status
 from kane_dynamics import (ArmCoupling, CartesianImpedance, HandGuiding, HybridForce,
-                           JointImpedance, load_urdf, OperationalSpace, PartnerState, Robot)
+                           JointImpedance, load_constraints, load_urdf, OperationalSpace,
+                           PartnerState, Robot)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.native.runtime.kernel import Kernel
 import numpy as np
 
-FRAME = 'fr3_link8'
 CALLS = 200  # in a row
 ROUNDS = 150
+COPIES = 2
+LIMIT = 1e-6  # s, of a call from Python
 STIFFNESS = [2000.0] * 3 + [100.0] * 3
+
+
+def fr3() -> tuple[Robot, str, np.ndarray]:
+    """Return an arm of seven axes, a frame and a configuration."""
+    frame = 'fr3_link8'
+    robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), tip=frame))
+    return robot, frame, np.array([0.0, -0.7, 0.0, -2.2, 0.0, 1.5, 0.785])
+
+
+def palletizer() -> tuple[Robot, str, np.ndarray]:
+    """Return an arm with three closed loops, a frame and a configuration."""
+    options = load_constraints(resource_path('urdf', 'palletizer.constraints.yaml'))
+    robot = Robot(load_urdf(resource_path('urdf', 'palletizer.urdf')), **options)
+    near = np.zeros(robot.n_q)
+    near[:4] = 0.1, 0.2, -0.3, 0.1
+    return robot, 'tool', robot.closed_configuration(near)
+
+
+def calls_of(robot: Robot, frame: str, q: np.ndarray) -> dict[str, tuple[str, dict[str, Any]]]:
+    """Return the calls of a robot: a statement by what it calls, and its names."""
+    u = np.full(robot.n, 0.1)
+    followed = [robot.coordinate_names.index(name) for name in robot.speed_names]
+    partner = PartnerState(0.0, q[followed], u, u)
+    names = {
+        'robot': robot, 'q': q, 'u': u, 'q_d': q[followed], 'partner': partner,
+        'pose': robot.frame_pose(frame, q), 'wrench': np.array([0.0, 0.0, -10.0, 0.0, 0.0, 0.0]),
+        'JointImpedance': JointImpedance(robot, stiffness=100.0, damping=5.0,
+                                         followed=robot.speed_names),
+        'CartesianImpedance': CartesianImpedance(robot, frame, stiffness=STIFFNESS),
+        'HybridForce': HybridForce(robot, frame, stiffness=STIFFNESS, force_directions=['z']),
+        'OperationalSpace': OperationalSpace(robot, frame),
+        'HandGuiding': HandGuiding(robot, frame=frame),
+        'ArmCoupling': ArmCoupling(robot, stiffness=100.0, damping=5.0,
+                                   followed=robot.speed_names)}
+    if robot.equations.in_joint_rates:  # all joints follow
+        names['JointImpedance'] = JointImpedance(robot, stiffness=100.0, damping=5.0)
+        names['ArmCoupling'] = ArmCoupling(robot, stiffness=100.0, damping=5.0)
+    names['pose'][:3, 3] += 0.02
+    names['measured'] = -0.8 * names['wrench']
+    names['ArmCoupling'].engage(q, partner)
+    statements = {
+        'mass_matrix': 'robot.mass_matrix(q)',
+        'inverse_dynamics': 'robot.inverse_dynamics(q, u, u)',
+        'JointImpedance': 'JointImpedance.torque(q, u, q_d, u)',
+        'HandGuiding': 'HandGuiding.torque(q, u)',
+        'OperationalSpace': 'OperationalSpace.torque(q, u, pose)',
+        'CartesianImpedance': 'CartesianImpedance.torque(q, u, pose)',
+        'HybridForce': 'HybridForce.torque(q, u, pose, wrench=wrench, measured=measured, '
+                       'elapsed=1e-3)',
+        'ArmCoupling': 'ArmCoupling.torque(0.0, q, u, partner)'}
+    return {what: (statement, names) for what, statement in statements.items()}
 
 
 def machine_code(kernel: Kernel, q: np.ndarray, u: np.ndarray) -> Callable[[], None]:
@@ -30,61 +89,48 @@ def machine_code(kernel: Kernel, q: np.ndarray, u: np.ndarray) -> Callable[[], N
     return lambda: kernel.scan(inputs, result)
 
 
-def main() -> None:
-    """Print the table."""
-    robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), tip=FRAME))
-    q = np.array([0.0, -0.7, 0.0, -2.2, 0.0, 1.5, 0.785])
-    u = np.full(7, 0.1)
-    pose = robot.frame_pose(FRAME, q + 0.05)
-    wrench = np.array([0.0, 0.0, -10.0, 0.0, 0.0, 0.0])
-    measured = -wrench
-    joints = JointImpedance(robot, stiffness=100.0, damping=5.0)
-    impedance = CartesianImpedance(robot, FRAME, stiffness=STIFFNESS)
-    hybrid = HybridForce(robot, FRAME, stiffness=STIFFNESS, force_directions=['z'])
-    operational = OperationalSpace(robot, FRAME)
-    guiding = HandGuiding(robot, frame=FRAME)
-    coupling = ArmCoupling(robot, stiffness=100.0, damping=5.0)
-    partner = PartnerState(0.0, q, u, u)
-    coupling.engage(q, partner)
+def main() -> int:
+    """Print the table; return 1 if a call takes longer than `LIMIT`."""
+    timers: list[tuple[tuple[str, str], timeit.Timer]] = []
+    natives: list[tuple[tuple[str, str], Callable[[], None]]] = []
+    for arm in COPIES * (fr3, palletizer):
+        robot, frame, q = arm()
+        u = np.full(robot.n, 0.1)
+        for what, (statement, names) in calls_of(robot, frame, q).items():
+            timer = timeit.Timer(statement, globals=names)
+            timer.timeit(2)  # laws compile at their first call
+            timers.append(((arm.__name__, what), timer))
+        kernels = {label: kernel for (label, _), kernel in robot.kernels._made.items()}
+        for what in ('mass_matrix', 'inverse_dynamics'):
+            kernels[what] = robot.kernels.kernel(what)
+        for label, kernel in kernels.items():
+            natives.append(((arm.__name__, label), machine_code(kernel, q, u)))
 
-    calls: dict[str, Callable[[], object]] = {
-        'mass_matrix': lambda: robot.mass_matrix(q),
-        'inverse_dynamics': lambda: robot.inverse_dynamics(q, u, u),
-        'JointImpedance': lambda: joints.torque(q, u, q, u),
-        'HandGuiding': lambda: guiding.torque(q, u),
-        'OperationalSpace': lambda: operational.torque(q, u, pose),
-        'CartesianImpedance': lambda: impedance.torque(q, u, pose),
-        'HybridForce': lambda: hybrid.torque(q, u, pose, wrench=wrench, measured=measured,
-                                             elapsed=1e-3),
-        'ArmCoupling': lambda: coupling.torque(0.0, q, u, partner)}
-    for call in calls.values():  # laws compile at their first call
-        call()
-    natives = {}
-    for (name, _), kernel in robot.kernels._made.items():
-        natives[name] = machine_code(kernel, q, u)
-    for name in ('mass_matrix', 'inverse_dynamics'):
-        natives[name] = machine_code(robot.kernels.kernel(name), q, u)
-
-    best = dict.fromkeys(calls, np.inf)
-    native = dict.fromkeys(natives, np.inf)
+    best = {key: np.inf for key, _ in timers}
+    native = {key: np.inf for key, _ in natives}
     for _ in range(ROUNDS):
-        for name, call in calls.items():
-            begin = time.perf_counter()
-            for _ in range(CALLS):
-                call()
-            best[name] = min(best[name], (time.perf_counter() - begin) / CALLS)
-        for name, run in natives.items():
+        for key, timer in timers:
+            best[key] = min(best[key], timer.timeit(CALLS) / CALLS)
+        for key, run in natives:
             begin = time.perf_counter()
             run()
-            native[name] = min(native[name], (time.perf_counter() - begin) / CALLS)
+            native[key] = min(native[key], (time.perf_counter() - begin) / CALLS)
 
-    print('law                   call, ns  times mass_matrix   machine code, ns')
-    for name, seconds in best.items():
-        key = ''.join(f'_{c.lower()}' if c.isupper() else c for c in name).lstrip('_')
-        alone = min(value for label, value in native.items() if label.startswith(key))
-        print(f'{name:20} {1e9 * seconds:9.0f} {seconds / best["mass_matrix"]:12.1f}'
+    good = True
+    print('arm        law                   call, ns  times mass_matrix   machine code, ns')
+    for (arm_name, name), seconds in best.items():
+        words = ''.join(f'_{c.lower()}' if c.isupper() else c for c in name).lstrip('_')
+        alone = min(value for (of_arm, label), value in native.items()
+                    if of_arm == arm_name and label.startswith(words))
+        ratio = seconds / best[arm_name, 'mass_matrix']
+        print(f'{arm_name:10} {name:20} {1e9 * seconds:9.0f} {ratio:12.1f}'
               f' {1e9 * alone:20.0f}')
+        if seconds > LIMIT:
+            print(f'FAILED: {name} on {arm_name}: {1e6 * seconds:.2f} us; expected at most '
+                  f'{1e6 * LIMIT:g} us')
+            good = False
+    return exit_status(good)
 
 
 if __name__ == '__main__':
-    main()
+    sys.exit(main())

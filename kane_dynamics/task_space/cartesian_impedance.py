@@ -154,8 +154,9 @@ class CartesianImpedance(PoseLaw):
     speed_limit : float or array_like, optional
         Limits of the joint speeds, rad/s or m/s; inf for none. The reference motion is
         slower than the target where it needs more than 90 % of one, and a joint that is
-        about to exceed that is braked. Towards a position limit a joint with a finite
-        speed limit goes at most what is left of the way in 0.1 s. Default: the robot's.
+        about to exceed that is braked. Towards a position limit a joint goes at most what
+        is left of the way in 0.1 s, unless its limit is inf. Default: the robot's; a joint
+        without one is slow towards its position limits alone.
     compensate : Terms
         The terms of the model that are compensated.
     singular_mass : float, optional

@@ -7,7 +7,7 @@ velocity limits, all joints by one factor. A joint that would exceed `FREE` of i
 within `HORIZON` is braked by a torque against its motion, which takes energy out in every
 configuration. Slower joints, below `SLOW` of the limit, are never braked. Towards a
 joint limit the speed limit is what is left of the way, divided by `STOPPING`: joints come
-to their stops slowly.
+to their stops slowly, also those of a robot that states no speed limit.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ HORIZON = 0.01  # s: time constant of the approach to it; several periods of a c
 SLOW, RISING = 0.5, 0.8  # of the limit: the brake rises from none to its full torque
 STOPPING = 0.1  # s: time constant of the approach to a joint limit
 CREEPING = 0.02  # of the velocity limit, which is free at a joint limit and beyond it
+CROSSING = 1.0  # s: `CREEPING` is of at most a joint's range in this time
+UNSTATED = 1e9  # rad/s or m/s, of a robot without a limit: slow before joint limits alone
+FREED = 1e100  # rad/s or m/s: faster limits are those of a user who wants none
 SWEEPS = 2  # over the joints, which accelerate each other
 TINY = 1e-300
 
@@ -39,7 +42,7 @@ TINY = 1e-300
 def checked_speeds(robot: Robot, stated: ArrayLike | None) -> Array:
     """Return the speed limits of all joints, (n_j,): the stated ones, or the robot's."""
     if stated is None:
-        return np.asarray(robot.limits.velocity, np.float64)
+        return np.minimum(np.asarray(robot.limits.velocity, np.float64), UNSTATED)
     speeds = per_joint(stated, 'speed_limit', robot.joint_names, finite=False)
     if not speeds.all():
         raise InputError(f'speed_limit: {speeds.tolist()}; expected positive numbers, '
@@ -77,17 +80,23 @@ def speeds_towards_stops(robot: Robot, q: Vector, rates: Vector, speeds: Vector,
     # Other joints keep their speed limits.
     limits = np.array(speeds, dtype=object)
     if joints:
+        lower, upper = robot.limits.lower[places], robot.limits.upper[places]
+        range_speeds = (upper - lower) / CROSSING
+        # Of a joint with a single limit, 1 rad/s or m/s.
+        range_speeds = np.where(np.isfinite(range_speeds), range_speeds, 1.0)
         limits[joints] = by_entries(
-            _speed_towards_stop, lanes, q[places], rates[joints], limits[joints],
-            robot.limits.lower[places], robot.limits.upper[places])
+            _speed_towards_stop, lanes, q[places], rates[joints], limits[joints], lower,
+            upper, CREEPING * range_speeds)
     return np.array(limits.tolist())
 
 
 def _speed_towards_stop(position: Scalar, rate: Scalar, speed: Scalar, lower: Scalar,
-                        upper: Scalar) -> Scalar:
+                        upper: Scalar, least_of_range: Scalar) -> Scalar:
     """Return the speed limit of one joint in the direction of its rate."""
     way = select(rate < 0.0, position - lower, upper - position)
     least = CREEPING * speed
+    bound = select(speed < FREED, least_of_range, least)
+    least = select(bound < least, bound, least)
     slow = way * (1.0 / STOPPING)
     slow = select(slow < least, least, slow)
     return select(slow < speed, slow, speed)

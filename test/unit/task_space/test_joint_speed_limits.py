@@ -6,7 +6,7 @@ from functools import cache
 from kane_dynamics import (CartesianImpedance, InputError, load_urdf, ModelBuilder, Prescribed,
                            Robot, rod)
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.task_space.joint_speed_limits import (CREEPING, FREE, HORIZON,
+from kane_dynamics.task_space.joint_speed_limits import (checked_speeds, CREEPING, FREE, HORIZON,
                                                          slowdown, speeds_towards_stops,
                                                          STOPPING)
 import numpy as np
@@ -93,25 +93,55 @@ def test_the_speed_towards_a_stop_is_what_is_left_of_the_way():
         speeds_towards_stops(robot, q, -rates, limits.velocity), limits.velocity)
 
 
-@pytest.mark.parametrize('bounded', [True, False])
-def test_a_joint_that_a_spring_throws_at_its_stop_comes_there_slowly(bounded):
+def test_the_speed_of_a_joint_without_a_speed_limit_ends_at_its_stop():
+    robot = fr3().copy()
+    limits = robot.limits
+    robot.limits = replace(limits, velocity=np.full(7, np.inf))
+    at_upper = limits.upper.copy()
+    unstated = checked_speeds(robot, None)
+    speeds = speeds_towards_stops(robot, at_upper, np.ones(7), unstated)
+    np.testing.assert_allclose(speeds, CREEPING * (limits.upper - limits.lower))
+    speeds = speeds_towards_stops(robot, at_upper - 0.2, np.ones(7), unstated)
+    np.testing.assert_allclose(speeds, 0.2 / STOPPING)
+    # Unless the user states that there is none.
+    free = checked_speeds(robot, np.inf)
+    assert (speeds_towards_stops(robot, at_upper, np.ones(7), free) > 1e99).all()
+
+    # A joint with one limit, or none.
+    one_sided = robot.copy()
+    upper = limits.upper.copy()
+    upper[:] = np.inf
+    one_sided.limits = replace(limits, upper=upper)
+    speeds = speeds_towards_stops(one_sided, limits.lower, -np.ones(7), unstated)
+    np.testing.assert_allclose(speeds, CREEPING)
+    speeds = speeds_towards_stops(one_sided, limits.lower, np.ones(7), unstated)
+    np.testing.assert_array_equal(speeds, unstated)
+
+
+@pytest.mark.parametrize('speeds', ['stated', 'unstated', 'none'])
+def test_a_joint_that_a_spring_throws_at_its_stop_comes_there_slowly(speeds):
     # The elbow, bent to 0.5 rad before its stop, is pulled by a target beyond it.
     robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), tip=TIP), friction=False)
+    velocity = robot.limits.velocity
+    creeping = CREEPING * velocity[3]
+    if speeds == 'unstated':
+        robot.limits = replace(robot.limits, velocity=np.full(7, np.inf))
+        creeping = CREEPING * (robot.limits.upper[3] - robot.limits.lower[3])
     start = ORDINARY.copy()
     start[3] = robot.limits.lower[3] + 0.5
     beyond = start.copy()
     beyond[3] -= 1.0
     impedance = CartesianImpedance(robot, TIP, stiffness=K, limit_stiffness=0.0,
-                                   speed_limit=None if bounded else np.inf)
+                                   speed_limit=np.inf if speeds == 'none' else None)
     q, u = start, np.zeros(7)
     target = robot.frame_pose(TIP, beyond)
     arrival = 0.0
     for _ in range(600):
         q, u = stepped(robot, lambda q, u: impedance.torque(q, u, target), q, u, 0.001)
         if q[3] < robot.limits.lower[3]:
-            arrival = -u[3] / robot.limits.velocity[3]
+            arrival = -u[3]
             break
-    assert (arrival < 1.5 * CREEPING) == bounded
+    assert (arrival < 1.5 * creeping) == (speeds != 'none')
 
 
 def test_no_joint_exceeds_its_limit_while_the_spring_pulls_through_a_singularity():
