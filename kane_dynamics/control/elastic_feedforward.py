@@ -321,8 +321,10 @@ class ElasticFeedforward:
                 return last.links
         mechanism = robot.mechanism
         residuals = mechanism.rows(mechanism.state(neutral(robot.model))).residual
-        of_velocities = [label for label, residual in zip(mechanism.labels, residuals)
-                         if residual is None]
+        of_velocities = []
+        for label, residual in zip(mechanism.labels, residuals):
+            if residual is None:
+                of_velocities.append(label)
         if of_velocities:
             raise InputError(f"motion: constraint '{of_velocities[0]}' is one of velocities, "
                              'and the positions of joints do not determine the '
@@ -650,8 +652,11 @@ def _with_other_motors(mechanism: Mechanism, motors: Sequence[int]) -> list[Stac
         elsewhere = step.copy()
         elsewhere[list(motors)] += 0.3
         try:
-            return [stacked(mechanism, moved(model, neutral(model), change), INSTANT)
-                    for change in (step, elsewhere)]
+            stacks = []
+            for change in (step, elsewhere):
+                q = moved(model, neutral(model), change)
+                stacks.append(stacked(mechanism, q, INSTANT))
+            return stacks
         except NotFiniteError as error:
             failure = error
     assert failure is not None

@@ -66,8 +66,9 @@ class PayloadEstimator:
                 (self._sigma >= SMALLEST) & (self._sigma < np.inf)).all():
             raise InputError(f'sigma: {sigma!r}; expected {count} numbers of at least '
                              f'{SMALLEST:g}, of {", ".join(self._rows.names)}')
-        self._arguments = [Argument('q', (robot.n_q,), robot.coordinate_names), *(
-            Argument(name, (n,), robot.speed_names) for name in ('u', 'udot', 'tau'))]
+        self._arguments = [Argument('q', (robot.n_q,), robot.coordinate_names)]
+        for name in ('u', 'udot', 'tau'):
+            self._arguments.append(Argument(name, (n,), robot.speed_names))
         memory = number(memory, 'memory', 'more than 1 sample', lambda x: x > 1.0)
         self._kept = 1.0 - 1.0 / memory
         # Deviations of the belief: 10 kg, 1 kg m, 0.3 kg m^2.
