@@ -222,6 +222,7 @@ class ElasticFeedforward:
                              'or a Motion')
         require_angles(self._tree.model, 'motion')
         self.check_joints(motion.joint_names)
+        # A cubic or quintic motion is smooth enough if its jerk does not jump.
         if isinstance(motion, Motion):
             motion = SmoothMotion.from_motion(motion)
         self._warn_of_degrees(motion)
@@ -362,6 +363,7 @@ class ElasticFeedforward:
     @lazy_property
     def _damped_kernel(self) -> Kernel:
         """Return the step of the damped drives along a motion."""
+        # Each row is complete but for the damped drives, which the step fills in.
         n = self._tree.n
 
         def step(before: Matrix, link_before: Matrix, rows: Matrix, link: Matrix,
@@ -408,6 +410,7 @@ class ElasticFeedforward:
             A loop is open, or the state is singular.
 
         """
+        # The usual call has a kernel of its own, with less arithmetic.
         if gravity_rates is None and wrenches is None and t is None:
             return self._call(q, u, udot, jerk, snap)
         if self._damped:
@@ -468,6 +471,7 @@ class ElasticFeedforward:
 
     def _links(self, choice: LinkSpeeds) -> ElasticLinks:
         """Return the links in a choice."""
+        # Each choice of speeds and rows has its own equations, made once.
         if choice not in self._by_choice:
             robot = self.robot
             mechanism = robot.mechanism

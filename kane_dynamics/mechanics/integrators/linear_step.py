@@ -80,6 +80,7 @@ def tree_terms(equations: Equations, wrench: Matrix | None, parameters: Vector,
     if tree.friction and any(map(is_nonlinear, joints)):
         return None
 
+    # Terms in the middle of the step, which both stages share.
     def mass_matrix(q: Vector) -> Matrix:
         M: Matrix = tree.mass_matrix(q, parameters)
         return M
