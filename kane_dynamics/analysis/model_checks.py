@@ -201,14 +201,16 @@ def examine_units(model: Model) -> list[Finding]:
     that size, radii of gyration and centers of mass with the reach itself.
     """
     findings = []
-    lengths = {body.joint.name: float(np.linalg.norm(body.joint.translation))
-               for body in model.bodies}
     # The longest distance between joints, if all were in one line.
-    reach = sum(lengths.values())
+    reach = 0.0
+    too_long = []
+    for body in model.bodies:
+        length = float(np.linalg.norm(body.joint.translation))
+        reach += length
+        if length > LONGEST_LINK:
+            too_long.append(f'{body.joint.name} ({length:.4g} m)')
     # A link that is far too long says most; the inertias are only compared if lengths
     # are plausible.
-    too_long = [f'{name} ({length:.4g} m)' for name, length in lengths.items()
-                if length > LONGEST_LINK]
     if too_long:
         findings.append(Finding('problem',
                                 f'links of unusual length: {listed(too_long)}; '

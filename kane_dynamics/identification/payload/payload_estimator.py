@@ -122,12 +122,13 @@ class PayloadEstimator:
             motion there; the estimate is as before.
 
         """
-        state = [checked(argument, value) for argument, value in zip(
-            self._arguments, (q, u, udot, tau), strict=True)]
-        for argument, value in zip(self._arguments, state, strict=True):
+        state = []
+        for argument, stated in zip(self._arguments, (q, u, udot, tau), strict=True):
+            value = checked(argument, stated)
             if value.ndim != 1:
                 raise InputError(f'{argument.name}: shape {value.shape}; expected one '
                                  f'sample, {argument.shape}')
+            state.append(value)
         time = constant(t, (), 't (s)', InputError)
         with np.errstate(over='ignore', invalid='ignore'):  # asked for below
             Y, rates, left, held, acting = self._rows(state[0], state[1], state[2],

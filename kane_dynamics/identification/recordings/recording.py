@@ -76,8 +76,10 @@ class Recording:
 
     def rows(self, chosen: slice | Flags) -> 'Recording':
         """Return some of the rows, of a slice or of a mask (N,)."""
-        return replace(self, **{name: getattr(self, name)[chosen] for name in ('t',
-                                                                               *NAMES)})
+        columns = {}
+        for name in ('t', *NAMES):
+            columns[name] = getattr(self, name)[chosen]
+        return replace(self, **columns)
 
     @property
     def uneven(self) -> bool:
