@@ -114,8 +114,10 @@ def _examine_limits(model: Model, robot: Robot) -> list[Finding]:
     for limit, values, consequence in (
             ('effort limit', limits.effort, 'torques on them are not bounded'),
             ('speed limit', limits.velocity, 'speeds of motions are not checked')):
-        without = [name for name, value in zip(model.joint_names, values)
-                   if name in driven and not np.isfinite(value)]
+        without = []
+        for name, value in zip(model.joint_names, values):
+            if name in driven and not np.isfinite(value):
+                without.append(name)
         if without:
             findings.append(Finding('warning',
                                     f'no {limit}: {listed(without)}; {consequence}'))
@@ -199,14 +201,16 @@ def examine_units(model: Model) -> list[Finding]:
     that size, radii of gyration and centers of mass with the reach itself.
     """
     findings = []
-    lengths = {body.joint.name: float(np.linalg.norm(body.joint.translation))
-               for body in model.bodies}
     # The longest distance between joints, if all were in one line.
-    reach = sum(lengths.values())
+    reach = 0.0
+    too_long = []
+    for body in model.bodies:
+        length = float(np.linalg.norm(body.joint.translation))
+        reach += length
+        if length > LONGEST_LINK:
+            too_long.append(f'{body.joint.name} ({length:.4g} m)')
     # A link that is far too long says most; the inertias are only compared if lengths
     # are plausible.
-    too_long = [f'{name} ({length:.4g} m)' for name, length in lengths.items()
-                if length > LONGEST_LINK]
     if too_long:
         findings.append(Finding('problem',
                                 f'links of unusual length: {listed(too_long)}; '
@@ -272,14 +276,20 @@ def examine_masses(robot: Robot) -> list[Finding]:
                     'an <inertial> on what they move, or an armature in the supplement')]
 
 
+def _too_weak(robot: Robot, torques: Array, what: str) -> list[str]:
+    """Return the joints whose torque, (n_q,), exceeds their effort limit, in words."""
+    weak = []
+    for name, torque, limit in zip(robot.joint_names, torques, robot.limits.effort):
+        if torque > limit:
+            weak.append(f"'{name}' ({what} up to {torque:.5g}, effort {limit:.5g})")
+    return weak
+
+
 def _examine_weight(robot: Robot, uncertainty: Uncertainty | None) -> list[Finding]:
     """Return whether the effort limits can hold the arm everywhere within its limits."""
     # The largest torque of gravity that a search finds, joint by joint.
     weights = largest_gravity_forces(robot, uncertainty)
-    weak = [f"'{name}' (weight up to {weight:.5g}, effort {limit:.5g})"
-            for name, weight, limit in zip(robot.joint_names, weights,
-                                           robot.limits.effort)
-            if weight > limit]
+    weak = _too_weak(robot, weights, 'weight')
     if weak:
         return [Finding('problem', 'the arm cannot hold itself in every configuration: '
                         f'{listed(weak)} N m or N')]
@@ -305,10 +315,7 @@ def _examine_holding_torques(robot: Robot, uncertainty: Uncertainty | None
                         f'configurations; {error}')]
     efforts = robot.limits.effort
     # The configurations in which an actuator is too weak, and by how much.
-    weak = [f"'{name}' (torque up to {torque:.5g}, effort {limit:.5g})"
-            for name, torque, limit in zip(robot.joint_names, torques.max(axis=0),
-                                           efforts)
-            if torque > limit]
+    weak = _too_weak(robot, torques.max(axis=0), 'torque')
     beyond = int((torques > efforts).any(axis=1).sum())
     if weak:
         return [Finding('problem', f'the actuators cannot hold the arm in {beyond} of '

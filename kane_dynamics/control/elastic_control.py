@@ -219,6 +219,7 @@ class ElasticArm:
         rate = Jet((of_spring[1], 2.0 * of_spring[2], 0.0))
         deflection = spring_deflection(drive, torque - drive.damping * rate)
         position, speed, half_acceleration = series_of(deflection, 3)
+        # The motor's motion is the link's and the deflection's.
         link = motion[:, side.link]
         theta = [link[0] + position, link[1] + speed, link[2] + 2.0 * half_acceleration]
         gear_torque = value_of(torque)
@@ -385,6 +386,8 @@ class MotorSideControl(_MotionLaw):
         names = self.arm.names
         self.kp = per_joint(kp, 'kp', names)
         self.kd = per_joint(kd, 'kd', names)
+        # Desired motion and gains are arguments, so that they change without a new
+        # kernel.
         n = len(names)
         self._law = self._compiled(self.arm.motor_side_torque, desired=(DERIVATIVES, n),
                                    kp=(n,), kd=(n,))

@@ -222,6 +222,7 @@ class ElasticFeedforward:
                              'or a Motion')
         require_angles(self._tree.model, 'motion')
         self.check_joints(motion.joint_names)
+        # A cubic or quintic motion is smooth enough if its jerk does not jump.
         if isinstance(motion, Motion):
             motion = SmoothMotion.from_motion(motion)
         self._warn_of_degrees(motion)
@@ -321,8 +322,10 @@ class ElasticFeedforward:
                 return last.links
         mechanism = robot.mechanism
         residuals = mechanism.rows(mechanism.state(neutral(robot.model))).residual
-        of_velocities = [label for label, residual in zip(mechanism.labels, residuals)
-                         if residual is None]
+        of_velocities = []
+        for label, residual in zip(mechanism.labels, residuals):
+            if residual is None:
+                of_velocities.append(label)
         if of_velocities:
             raise InputError(f"motion: constraint '{of_velocities[0]}' is one of velocities, "
                              'and the positions of joints do not determine the '
@@ -360,6 +363,7 @@ class ElasticFeedforward:
     @lazy_property
     def _damped_kernel(self) -> Kernel:
         """Return the step of the damped drives along a motion."""
+        # Each row is complete but for the damped drives, which the step fills in.
         n = self._tree.n
 
         def step(before: Matrix, link_before: Matrix, rows: Matrix, link: Matrix,
@@ -406,6 +410,7 @@ class ElasticFeedforward:
             A loop is open, or the state is singular.
 
         """
+        # The usual call has a kernel of its own, with less arithmetic.
         if gravity_rates is None and wrenches is None and t is None:
             return self._call(q, u, udot, jerk, snap)
         if self._damped:
@@ -466,6 +471,7 @@ class ElasticFeedforward:
 
     def _links(self, choice: LinkSpeeds) -> ElasticLinks:
         """Return the links in a choice."""
+        # Each choice of speeds and rows has its own equations, made once.
         if choice not in self._by_choice:
             robot = self.robot
             mechanism = robot.mechanism
@@ -650,8 +656,11 @@ def _with_other_motors(mechanism: Mechanism, motors: Sequence[int]) -> list[Stac
         elsewhere = step.copy()
         elsewhere[list(motors)] += 0.3
         try:
-            return [stacked(mechanism, moved(model, neutral(model), change), INSTANT)
-                    for change in (step, elsewhere)]
+            stacks = []
+            for change in (step, elsewhere):
+                q = moved(model, neutral(model), change)
+                stacks.append(stacked(mechanism, q, INSTANT))
+            return stacks
         except NotFiniteError as error:
             failure = error
     assert failure is not None

@@ -138,6 +138,7 @@ def _detector(robot: Robot) -> Kernel:
              elapsed: Scalar) -> Vector:
         return detector_step(names, torque, threshold, settings, memory, elapsed)
     row = (robot.n,)
+    # Filtered torques, then what the detector remembers of the collision.
     memory = (robot.n + 3,)
     return robot.compiled(step, name='collision_detector', torque=row, threshold=row,
                           settings=(3,), memory=memory, elapsed=(), shape=memory)

@@ -267,8 +267,11 @@ class TrajectoryJoints:
         robot = self._robot
         none = np.zeros_like(tau)
         drift = robot.joint_rates(q, none)
-        columns = [(robot.joint_rates(q, none + unit) - drift)[:, self._columns]
-                   for unit in np.eye(robot.n)]
+        # T by columns: the rates of the driving joints for a unit of each speed.
+        columns = []
+        for unit in np.eye(robot.n):
+            rates = robot.joint_rates(q, none + unit) - drift
+            columns.append(rates[:, self._columns])
         T = np.stack(columns, axis=-1)
         return np.asarray(np.linalg.solve(np.swapaxes(T, 1, 2), tau[..., None])[..., 0])
 

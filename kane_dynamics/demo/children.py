@@ -118,8 +118,9 @@ class Waiting:
             self._moved = now
         if now - self._said > SAY:
             self._said = now
-            times = [f'{child.name} {seconds:.0f} s'
-                     for child, (_, seconds) in zip(self._children, state, strict=True)]
+            times = []
+            for child, (_, seconds) in zip(self._children, state, strict=True):
+                times.append(f'{child.name} {seconds:.0f} s')
             print(f'  waiting for {now - self._began:.0f} s: {self._what}; processor '
                   f'time: {", ".join(times)}', file=sys.stderr, flush=True)
         if now - self._moved > PATIENCE or now - self._began > MOST:

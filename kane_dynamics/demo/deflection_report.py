@@ -66,8 +66,9 @@ def report_deflections(robot: DemoRobot, run: DeflectionLog, folder: Path) -> in
     for (first, last), end in zip(forces, ends, strict=True):
         force = run.wrench[first, :3]
         # Means over the end of each phase, when the arm rests.
-        at_rest, pushed, recovered = (place[row - count:row].mean(axis=0)
-                                      for row in (first, last, end))
+        at_rest = place[first - count:first].mean(axis=0)
+        pushed = place[last - count:last].mean(axis=0)
+        recovered = place[end - count:end].mean(axis=0)
         magnitude = float(np.linalg.norm(force))
         # The deflection along the force.
         deflection = float((pushed - at_rest) @ force) / magnitude

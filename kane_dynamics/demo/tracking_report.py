@@ -157,9 +157,14 @@ def _print_fall(robot: DemoRobot, prediction: Any, fall: TrackingLog) -> None:
     """Print the prediction error of the fall of the arm."""
     points = prediction.trajectory.points
     columns = [prediction.trajectory.joint_names.index(name) for name in robot.joints]
-    t = np.array([point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
-                  for point in points])
-    predicted = np.array([point.positions for point in points])[:, columns]
+    times = []
+    positions = []
+    for point in points:
+        since = point.time_from_start
+        times.append(since.sec + 1e-9 * since.nanosec)
+        positions.append(point.positions)
+    t = np.array(times)
+    predicted = np.array(positions)[:, columns]
     # Both are sampled at the same times, of which the record may have fewer.
     actual = fall.q[:len(t)]
     predicted = predicted[:len(actual)]

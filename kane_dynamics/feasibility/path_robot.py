@@ -228,9 +228,13 @@ class PathRobot:
         if np.all(bounds[1:]):  # no limit is 0
             return
         if self.driving is not None:  # power counts for joints with actuators
-            robot, q = self.robot, section.q
-            torques = [robot.joint_torques(np.broadcast_to(unit, (len(q), robot.n)), q)
-                       for unit in np.eye(robot.n)]
+            robot = self.robot
+            q = section.q
+            # A joint has an actuator if a unit of some generalized force acts on it.
+            torques = []
+            for unit in np.eye(robot.n):
+                force = np.broadcast_to(unit, (len(q), robot.n))
+                torques.append(robot.joint_torques(force, q))
             acts = np.any(torques, axis=(0, 1))
             bounds = bounds._replace(power=np.where(acts, bounds.power, np.inf))
         for quantity in ('velocity', 'power', 'acceleration'):

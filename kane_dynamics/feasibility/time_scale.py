@@ -140,8 +140,8 @@ def fastest(robot: Robot, motion: Motion | SmoothMotion, *, most: float = math.i
     # do.
     def added_torques(additional: Array, speed: float) -> Array:
         """Return what the deflections at a speed add to the torques."""
-        bent, stiff = (demand_at(robot, motion, speed, step, power, additional, arm).tau
-                       for arm in (bending, None))
+        bent = demand_at(robot, motion, speed, step, power, additional, bending).tau
+        stiff = demand_at(robot, motion, speed, step, power, additional, None).tau
         return bent - stiff
 
     def deviation(additional: Array, speed: float) -> Array:
@@ -294,8 +294,10 @@ class SampledPath:
         else:
             whole = self._of_mechanism(robot, motion, t, q, udot)
             q = whole.q
-            rows = [robot.joint_torques(np.ascontiguousarray(term), q)
-                    for term in np.moveaxis(robot.torque_terms(*whole), 1, 0)]
+            # Each term by itself on the joints with actuators.
+            rows = []
+            for term in np.moveaxis(robot.torque_terms(*whole), 1, 0):
+                rows.append(robot.joint_torques(np.ascontiguousarray(term), q))
             terms = np.stack(rows)
         # At the speed s the torque is square s^2 + linear s + constant, by actuator.
         inertia, coriolis, gravity, _, spring = terms
@@ -324,8 +326,12 @@ class SampledPath:
         require_scalable(robot, whole.q)
         self.u = robot.joint_rates(whole.q, whole.u)
         self.friction = Robot(robot.model, friction=robot.friction).friction_force
-        self.rough = sorted({body.joint.coordinate for body in robot.model.bodies
-                             if robot.friction and is_nonlinear(body.joint)})
+        # Joints whose friction does not grow in proportion to the speed.
+        rough = set()
+        for body in robot.model.bodies:
+            if robot.friction and is_nonlinear(body.joint):
+                rough.add(body.joint.coordinate)
+        self.rough = sorted(rough)
         self.shared = unit_torques(robot, whole.q, self.rough)
         return whole
 

@@ -196,6 +196,7 @@ def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array,
     if not len(joints) == len(distinct) == robot.n or not distinct <= set(names):
         raise InputError(f'motion: joints {list(joints)}; expected {robot.n} of '
                          f'{", ".join(names)}, as many as independent speeds')
+    # Configurations by closing the loops, one after the other; rates by T at each.
     driving = [names.index(name) for name in joints]
     Q = closed_configurations(robot, driving, t, q)
     return motion_of_closed(robot, driving, t, Q, rates, accelerations)

@@ -302,6 +302,7 @@ class LoopSearch(NamedTuple):
 @lru_cache
 def search_places(n_q: int, n: int) -> LoopSearch:
     """Return where each field of a `LoopSearch` is in its array: an index, or a slice."""
+    # Fields that are numbers have one entry; the others are arrays.
     lengths = {'q': n_q, 'T': n_q * n, 'u': n, 'figures': FIGURES, 'last': n_q,
                'last_T': n_q * n, 'target': n}
     places: list[Any] = []
@@ -999,6 +1000,7 @@ class LoopTracker:
         if outcome == TOO_FAR:
             return (f'measured joints {dict(zip(self.measured, measured))}, too far from '
                     'the last configuration')
+        # The measured joint that is farthest from where the loops close.
         k = step.most_deviating(self._turning)
         name = self.robot.coordinate_names[k]
         return (f"'{name}' at {step.seen_at(k):.6g}, where the loops close at "

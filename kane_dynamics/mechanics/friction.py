@@ -392,13 +392,17 @@ def holding_interval(joint: Joint, load: Any) -> tuple[Any, Any]:
     carries the load. `load` may be an array.
     """
     forward, backward = breakaway_levels(joint)
+    # Forward of a lifting load the motor drives, backward the load drives; else the
+    # reverse.
     driving, backdriven = load_fractions(joint)
     lifts = np.asarray(load) >= 0.0
     up = np.where(lifts, driving, backdriven)
     down = np.where(lifts, backdriven, driving)
-    m = joint.multiplier
-    ends = (m * (joint.friction_offset - backward - down * np.abs(load)),
-            m * (joint.friction_offset + forward + up * np.abs(load)))
+    size = np.abs(load)
+    backward_end = joint.friction_offset - backward - down * size
+    forward_end = joint.friction_offset + forward + up * size
+    # On the coordinate, of which a negative multiplier exchanges the ends.
+    ends = (joint.multiplier * backward_end, joint.multiplier * forward_end)
     return min(ends, key=np.sum), max(ends, key=np.sum)
 
 
@@ -512,6 +516,7 @@ def require_solvable(model: Model) -> None:
 
     That is so of self-locking drives, in the smooth law.
     """
+    # The smooth law's slope must stay positive, so that each torque has one load.
     for body in model.bodies:
         driving, backdriven = load_fractions(body.joint)
         if least_load_slope(driving, backdriven) <= 0.0:

@@ -62,6 +62,7 @@ def header_text(robot: Any, prefix: str, about: Sequence[str], kernels: Sequence
 
 def _constants(robot: Any, upper: str, precision: Precision) -> list[str]:
     """Return the definitions of what identifies the robot, and of its sizes."""
+    # What identifies the robot first, then the sizes of the arrays of calls.
     generator = f'kane_dynamics {package_version()}'
     largest = f'{size_limit("q"):g}{precision.suffix}'
     return [f'#define {upper}_MODEL_NAME {string(robot.model.name)}',
@@ -125,6 +126,7 @@ def _data_declarations(robot: Any, prefix: str, upper: str) -> list[str]:
         ' * positions in the order of q. Infinite where there is none. rad or m, rad/s or m/s,',
         ' * N m or N. */',
         f'extern const char {prefix}_joint_names[{upper}_N_JOINTS][{upper}_NAME_SIZE];']
+    # Sizes of positions are those of q, of the other limits those of the joints.
     for name in joint_limits(robot):
         size = limit_size(robot, name, upper)
         lines.append(f'extern const {number} {prefix}_{name}[{size}];')
@@ -152,6 +154,7 @@ def _joint_enum(robot: Any, upper: str) -> list[str]:
         else:
             note = f'{joints[name].kind}; rad, rad/s, N m'
         entries.append((name, note))
+    # With chosen speeds the entries of u are no joints.
     lines = _enum(upper, 'joint', entries)
     if constrained(robot):
         lines += _enum(upper, 'speed', [(name, 'entry of u') for name in robot.speed_names])

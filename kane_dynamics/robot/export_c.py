@@ -74,6 +74,7 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str | Ke
     for law in laws:
         chosen.append(_reference(robot, prefix, law, law.name, law.name, precision))
 
+    # Both files begin alike, and the header declares what the source has.
     about = _about(robot, chosen)
     _write(header, header_text(robot, prefix, about, chosen, precision, self_test))
     _write(source, _source_text(robot, prefix, header.name, about, chosen, precision, self_test))

@@ -49,6 +49,7 @@ def change_kernel(robot: Robot) -> Kernel:
             return result
         return guarded(result, equations.margin(q, t, limits))
 
+    # At a singular state the same in other speeds, as of other quantities.
     def reason(state: dict[str, Array]) -> Kernel | None:
         """Return the kernel in speeds that are regular at a state, or raise the error."""
         regular = in_regular_speeds(robot, state)

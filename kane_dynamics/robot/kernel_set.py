@@ -405,6 +405,8 @@ class KernelSet:
                  shape: Shape | None = None) -> RobotFunction:
         """Return a function over any scalar, with what the robot supplies."""
         equations = self.equations
+        # What a function may ask for by name: wrench, time, parameters, limits of a
+        # state.
         block = len(self._parameters)
         supply = Supply(self.no_wrench, equations.timed, block, block - equations.limits)
         # Errors about states name the entry of q, u, udot or tau.
@@ -511,6 +513,7 @@ class KernelSet:
     def _arguments(self, quantity: Quantity) -> list[Argument]:
         """Return the arguments of the kernel of a quantity, before its parameters."""
         equations = self.equations
+        # q in coordinates, all else in speeds.
         arguments = []
         for name in quantity.arguments:
             if name == 'q':

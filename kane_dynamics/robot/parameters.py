@@ -68,6 +68,7 @@ class Parameters:
     def __repr__(self) -> str:
         """Return the values on one line."""
         words = [f'gravity {self.gravity.tolist()} m/s^2']
+        # Only a robot that declares a payload frame has a payload.
         if self._frame is not None:
             load = self._payload
             words.append('no payload' if load is None else

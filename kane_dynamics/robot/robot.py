@@ -350,6 +350,7 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
             The function branches on the value of an input.
 
         """
+        # The name is part of the symbol of the code.
         if name is None:
             name = getattr(function, '__name__', '')
         if not (name.isascii() and name.isidentifier()):
@@ -450,9 +451,11 @@ def in_choice(robot: Robot, free: Sequence[int], kept: Sequence[int]) -> Robot:
                  'parameters'):
         setattr(other, name, getattr(robot, name))
     other._choices = {**robot._choices, 'independent': kernels.equations.speed_names}
-    other.kernels, other.equations = kernels, kernels.equations
+    other.kernels = kernels
+    other.equations = kernels.equations
     other._others = {}
-    other.limits, other._entries = robot.limits, {}
+    other.limits = robot.limits
+    other._entries = {}
     return other
 
 
@@ -484,6 +487,7 @@ def _checked_shape(value: Any, what: str) -> Shape:
 def _restored(model: Model, options: dict[str, Any], gravity: Array,
               payload: Inertial | None, limits: JointLimits | None, bare: Model,
               carried: dict[str, Inertial]) -> Robot:
+    # Gravity, payload and limits are no options: they may have changed since.
     robot = Robot(model, **options)
     robot.__dict__.update(_bare=bare, _carried=carried)
     if limits is not None:

@@ -113,7 +113,7 @@ class Uncertainty:
 
     def __post_init__(self) -> None:
         """Check shapes and numbers."""
-        # The box has a row for each body; the payload is one body more.
+        # The box has numbers for each body or joint, and ten for the payload.
         bodies = len(np.atleast_1d(np.asarray(self.damping)))
         for field in fields(self):
             shape = {'inertial': (bodies, 10), 'payload': (10,)}.get(field.name, (bodies,))
@@ -125,6 +125,7 @@ class Uncertainty:
             if values.shape != shape:
                 raise InputError(f'uncertainty: {field.name}: shape {values.shape}; '
                                  f'expected {shape}')
+            # Half-widths of the box, which cannot be negative.
             if not ((values >= 0.0) & np.isfinite(values)).all():
                 worst = values[~((values >= 0.0) & np.isfinite(values))][0]
                 raise InputError(f'uncertainty: {field.name}: {worst}; expected finite '
@@ -399,6 +400,7 @@ def _kernel(robot: Any, place: tuple[str, str]) -> Kernel:
             DEVIATION: (deviation, (n,)),
             JOINT_DEVIATION: (deviation, (robot.n_q,))}
     law, shape = laws[place]
+    # A tree is never singular.
     explanation = None if equations.in_joint_rates else reason
     kernel: Kernel = robot.kernels.compiled(law, place[0], inputs, shape,
                                             reason=explanation)

@@ -129,6 +129,7 @@ def _constrained(robot: Any, model: Model, gravity: Array,
             mechanism, q, u, acceleration, t, gravity=gravity, friction=robot.friction,
             motors=robot.equations.actuated)
 
+    # The same motion by the definition, of which forward dynamics is the inverse.
     tau = torque(udot)
     M = nonholonomic.mass_matrix(mechanism, q, t)
     pairs = {'mass_matrix': (robot.mass_matrix(q, t=t), M),
@@ -167,6 +168,7 @@ def regular_state(robot: Any, rng: np.random.Generator) -> tuple[Array, float]:
         spread = 0.1
         latest = 0.01
     t = float(rng.uniform(0.0, latest)) if robot.equations.timed else 0.0
+    # Random starts often do not close, or are nearly singular.
     for _ in range(TRIES):
         try:
             start = moved(robot.model, middle,

@@ -339,6 +339,7 @@ class EnergyBalance(Observer):
         count = ''
         if len(failed) > 1:
             count = f' ({len(failed)} of {len(self.began)} simulations)'
+        # A cause that is known has a remedy of its own.
         remedy = self._cause
         if remedy is None:
             remedy = 'Shorten the step'

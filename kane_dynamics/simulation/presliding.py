@@ -63,6 +63,7 @@ class BristleFriction:
     def rows_at(self, states: Array, tau: Array, times: Array) -> Array:
         """Return the results of the kernel at K states, (K, size)."""
         n_q = self.robot.n_q
+        # The entries of the states, as the kernel's arguments.
         n = self.robot.n
         inputs = [states[:, :n_q], states[:, n_q:n_q + n], tau,
                   deflections_of(self.robot, states),

@@ -309,6 +309,7 @@ def _checked_times(t0: Any, step: Any) -> tuple[float, float]:
 def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,
                    bristles0: Any = None) -> Array:
     """Return the initial state or states, (size,) or (N, size), entries as `state_names`."""
+    # Configurations and speeds: one of each, or as many of both.
     q = checked(Argument('q0', (robot.n_q,), robot.coordinate_names), q0)
     u = checked(Argument('u0', (robot.n,), robot.equations.speed_names), u0)
     if robot.model.balls:
@@ -324,6 +325,8 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,
         time = robot.equations.time_inputs(np.full(len(rows), t0))
         kernel = robot.kernels.kernel('constraint_residual')
         residual = np.abs(kernel(rows, *time))
+        # Lengths and angles are compared in units of their own; the message has those
+        # of the row.
         in_units = residual / robot.mechanism.row_units
         i, k = np.unravel_index(np.argmax(in_units), residual.shape)
         if in_units[i, k] > loosened(robot.mechanism, CLOSED):

@@ -522,6 +522,7 @@ def _singular_choice(mechanism: Mechanism, q: Array, t: float, where: str,
 def _dead_point(mechanism: Mechanism, q: Array, t: float, where: str,
                 step: float) -> ConstraintError:
     """Return the error for a kinematic singularity between two rows."""
+    # The rows that depend on each other there name the loop.
     loop = constraints_at_fault(mechanism, stacked(mechanism, q, t), mechanism.free,
                                 mechanism.kept)
     return ConstraintError(
@@ -543,6 +544,7 @@ def residual_error(mechanism: Mechanism, stack: Stack, kept: bool, q: Array, t: 
     # The residual is within its share, or the worst row belongs to the other error.
     if np.linalg.norm(in_lengths_of_rows) <= SHARE * largest or kept != (worst in mechanism.kept):
         return
+    # Rows that are kept open by drift; others contradict those that are kept.
     constraint = f"{where}constraint '{mechanism.labels[worst]}'"
     unit = 'rad' if mechanism.turning[worst] else 'm'
     residual = f'{abs(stack.residual[worst]):.3g} {unit}'
@@ -565,6 +567,7 @@ class _StagesInNumbers:
                  step: float) -> None:
         """Store the arguments of `watched_configurations`."""
         self.equations: Any = robot.equations
+        # Where the margin is computed, filled in by the step itself.
         self.stages: list[tuple[float, Array]] = []
         self._tau = tau
         self._dual_to = dual_to

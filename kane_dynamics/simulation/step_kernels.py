@@ -79,6 +79,7 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
         The integrator is unknown.
 
     """
+    # The name is checked first; what the robot does not need is left out of the choice.
     integrator_of(integrator)
     choice = StepChoice(feedback, integrator, dual_to, tuple(followed)).needed(robot)
     name, inputs, constants = step_signature(robot, choice)

@@ -183,6 +183,7 @@ def is_clearly_stable(robot: Robot, q: Array, step: float, t: float) -> bool:
     n = robot.n
     if not (n and _may_limit_step(robot.model, robot.friction)):
         return True
+    # Gershgorin: no eigenvalue is larger than a sum of absolute entries of a row.
     rows = np.abs(_stiff_matrix(robot, q, np.zeros(n), t)[n:])
     by_q = float(rows[:, :n].sum(axis=1).max())
     by_u = float(rows[:, n:].sum(axis=1).max())
@@ -192,6 +193,7 @@ def is_clearly_stable(robot: Robot, q: Array, step: float, t: float) -> bool:
 def step_warning(robot: Robot, q: Any, step: float, integrator: str = 'rk4',
                  t: float = 0.0) -> str | None:
     """Return the warning for a step, s, that is too long at a configuration, else None."""
+    # Most steps are far from the limit, which a bound shows without eigenvalues.
     if integrator_of(integrator).damps or is_clearly_stable(robot, q, step, t):
         return None
     longest, name = longest_step(robot, q, t=t)

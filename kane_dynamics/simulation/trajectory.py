@@ -288,6 +288,7 @@ class Trajectory:
 
     def save_npz(self, path: Path) -> None:
         """Write all arrays and the joint names to a compressed npz file."""
+        # Names and events become arrays of text and numbers: a file of plain arrays.
         arrays: dict[str, Any] = {name: getattr(self, name) for name in ARRAYS}
         for name in (*NAMES, 'warnings'):
             arrays[name] = np.array(getattr(self, name), dtype=str)
@@ -402,6 +403,7 @@ def _events(name: str, table: Any) -> tuple[Any, ...]:
     # The columns are those of the event's fields; the state is last and may be empty.
     for *cells, state in table:
         fields: list[Any] = []
+        # Each field has the type of the event's record.
         for field_name, cell in zip(kind._fields, cells):
             if field_name in ('joint', 'limit'):
                 fields.append(str(cell))

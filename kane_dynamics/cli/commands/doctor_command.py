@@ -54,13 +54,18 @@ def doctor(options: Namespace) -> int:
             _stated_efforts(options))
 
     if options.json:
-        print_json([{'level': finding.level, 'words': finding.words}
-                    for finding in findings])
+        data = []
+        for finding in findings:
+            data.append({'level': finding.level, 'words': finding.words})
+        print_json(data)
     elif options.verbose:
         print_findings(findings)
     else:
-        print_findings([Finding(finding.level, brief(finding.words))
-                        for finding in findings])
+        # Long lists of names are shortened on a terminal.
+        shortened = []
+        for finding in findings:
+            shortened.append(Finding(finding.level, brief(finding.words)))
+        print_findings(shortened)
     return int(any(finding.level == 'problem' for finding in findings))
 
 

@@ -154,9 +154,12 @@ def print_facts(facts: dict[str, Any]) -> None:
         _print_constraints(constraints)
     if facts.get('frames'):
         print('\nframes, on the bodies that carry them:')
+        table = []
+        for frame in facts['frames']:
+            table.append([frame['frame'], frame['body'], *frame['position'],
+                          *frame['rpy']])
         print_table(['frame', 'body', 'x [m]', 'y', 'z', 'roll [rad]', 'pitch', 'yaw'],
-                    [[frame['frame'], frame['body'], *frame['position'], *frame['rpy']]
-                     for frame in facts['frames']])
+                    table)
     if facts.get('operations'):
         _print_operations(facts['operations'])
     # Problems first: warnings follow from the file, problems from what it says.

@@ -47,8 +47,7 @@ def send(options: Namespace) -> int:
     lost = did_not_follow(tracking.travel, tracking.largest_error)
     if not lost.any():
         return 0
-    names_lost = ', '.join(name for name, is_lost in zip(names, lost,
-                                                         strict=True) if is_lost)
+    names_lost = ', '.join(np.array(names)[lost])
     reasons = '; '.join(tracking.warnings) or 'none'
     warn(f'the motion was not followed by {names_lost}; warnings of the node '
          f'meanwhile: {reasons}')

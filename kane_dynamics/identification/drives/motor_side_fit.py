@@ -183,9 +183,10 @@ class MotorEquations:
         # How noise of the motor's position passes the springs and the links into the
         # equation.
         elastic = np.eye(n) * (1.0 + 1j * omega * spring[1]) / spring[0]
+        # The mean slope of friction, and the noise that its variation makes.
         slope = np.array([of_motor.mean for of_motor in self._slopes])
-        spread = np.array([of_motor.spread * speed.density for of_motor, speed
-                           in zip(self._slopes, self._signals.speeds, strict=True)])
+        densities = np.array([speed.density for speed in self._signals.speeds])
+        spread = np.array([of_motor.spread for of_motor in self._slopes]) * densities
         of_links = (self._gravity_slope + elastic - omega**2 * self.inertia
                     + 1j * omega * np.diag(spring[2]))
         followed = np.linalg.solve(of_links, elastic)

@@ -66,8 +66,9 @@ class PayloadEstimator:
                 (self._sigma >= SMALLEST) & (self._sigma < np.inf)).all():
             raise InputError(f'sigma: {sigma!r}; expected {count} numbers of at least '
                              f'{SMALLEST:g}, of {", ".join(self._rows.names)}')
-        self._arguments = [Argument('q', (robot.n_q,), robot.coordinate_names), *(
-            Argument(name, (n,), robot.speed_names) for name in ('u', 'udot', 'tau'))]
+        self._arguments = [Argument('q', (robot.n_q,), robot.coordinate_names)]
+        for name in ('u', 'udot', 'tau'):
+            self._arguments.append(Argument(name, (n,), robot.speed_names))
         memory = number(memory, 'memory', 'more than 1 sample', lambda x: x > 1.0)
         self._kept = 1.0 - 1.0 / memory
         # Deviations of the belief: 10 kg, 1 kg m, 0.3 kg m^2.
@@ -121,12 +122,13 @@ class PayloadEstimator:
             motion there; the estimate is as before.
 
         """
-        state = [checked(argument, value) for argument, value in zip(
-            self._arguments, (q, u, udot, tau), strict=True)]
-        for argument, value in zip(self._arguments, state, strict=True):
+        state = []
+        for argument, stated in zip(self._arguments, (q, u, udot, tau), strict=True):
+            value = checked(argument, stated)
             if value.ndim != 1:
                 raise InputError(f'{argument.name}: shape {value.shape}; expected one '
                                  f'sample, {argument.shape}')
+            state.append(value)
         time = constant(t, (), 't (s)', InputError)
         with np.errstate(over='ignore', invalid='ignore'):  # asked for below
             Y, rates, left, held, acting = self._rows(state[0], state[1], state[2],

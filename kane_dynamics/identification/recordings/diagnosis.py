@@ -22,7 +22,6 @@ from kane_dynamics.identification.recordings.signal_faults import (beyond_limits
                                                                    frozen_rows,
                                                                    interruptions,
                                                                    longest_stretch,
-                                                                   rows_of,
                                                                    without_outliers)
 from kane_dynamics.identification.recordings.torque_delay import (NOISE, smoothed,
                                                                   torque_delays,
@@ -296,7 +295,7 @@ def _signals(model: Model,
     # corrected.
     dead = frozen.all(axis=0)
     sound_rows: Flags = ~np.asarray((frozen & ~dead).any(axis=1))
-    sound = rows_of(sound, sound_rows)
+    sound = sound.rows(sound_rows)
     if dead.any():
         rigid = Robot(model, friction=False).inverse_dynamics(sound.q, sound.u,
                                                               sound.udot)

@@ -76,8 +76,10 @@ class Recording:
 
     def rows(self, chosen: slice | Flags) -> 'Recording':
         """Return some of the rows, of a slice or of a mask (N,)."""
-        return replace(self, **{name: getattr(self, name)[chosen] for name in ('t',
-                                                                               *NAMES)})
+        columns = {}
+        for name in ('t', *NAMES):
+            columns[name] = getattr(self, name)[chosen]
+        return replace(self, **columns)
 
     @property
     def uneven(self) -> bool:
@@ -150,8 +152,9 @@ class Recording:
                              f'{6 * ORDER}')
 
         # Forwards and backwards, so that nothing is delayed.
-        q, u, tau = (signal.sosfiltfilt(sections, x, axis=0) for x in (self.q, self.u,
-                                                                       self.tau))
+        q = signal.sosfiltfilt(sections, self.q, axis=0)
+        u = signal.sosfiltfilt(sections, self.u, axis=0)
+        tau = signal.sosfiltfilt(sections, self.tau, axis=0)
         # Derived columns are derived again, from what was filtered.
         if 'u' in self.derived:
             u = np.gradient(q, mean, axis=0)
@@ -168,9 +171,11 @@ class Recording:
         """
         if len(self) < 5:
             return np.full(self.tau.shape[1], np.nan)
-        left = sum(weight * self.udot[k:len(self) - 4 + k]
-                   for k, weight in enumerate(np.array([3.0, -12.0, 18.0, -12.0,
-                                                        3.0]) / 35.0))
+        # What the parabola leaves of the middle row: weights of the five rows.
+        weights = np.array([3.0, -12.0, 18.0, -12.0, 3.0]) / 35.0
+        left: Array = np.zeros((len(self) - 4, self.tau.shape[1]))
+        for k, weight in enumerate(weights):
+            left = left + weight * self.udot[k:len(self) - 4 + k]
         with np.errstate(invalid='ignore'):
             return np.asarray(np.sqrt(np.mean(left**2, axis=0) * 35.0 / 18.0
                                       / np.mean(self.udot**2, axis=0)))

@@ -4,7 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from kane_dynamics._util.typing import Array, Flags
-from kane_dynamics.identification.recordings.recording import NAMES, Recording
+from kane_dynamics.identification.recordings.recording import Recording
 import numpy as np
 from numpy.typing import NDArray
 
@@ -99,9 +99,3 @@ def beyond_limits(recording: Recording, limits: Array) -> Flags:
     usual = np.quantile(np.abs(recording.tau), 0.9, axis=0)
     beyond: Flags = usual > BEYOND * limits
     return beyond
-
-
-def rows_of(recording: Recording, rows: Flags) -> Recording:
-    """Return the rows of a mask, (N,)."""
-    return replace(recording, **{name: getattr(recording, name)[rows] for name in ('t',
-                                                                                   *NAMES)})

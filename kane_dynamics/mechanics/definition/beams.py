@@ -133,6 +133,7 @@ class Twist:
 def inertia_force(beam: Beam, configuration: Configuration, motion: BodyMotion,
                   q: Vector, u: Vector, udot: Vector) -> Vector:
     """Return the contribution of bending to F_r*, (n,), N m or N."""
+    # F_r* of the bent beam less that of the straight one, which the rigid body has.
     points = BeamPoints(beam, configuration, q)
     modes = list(beam.coordinates)
     eta_rate = u[modes]
@@ -155,6 +156,7 @@ def inertia_force(beam: Beam, configuration: Configuration, motion: BodyMotion,
         return bent, rigid_acceleration(points.straight[g])
 
     torsion = Twist(beam, configuration, len(q))
+    # The shafts' torsion is a motion of its own, about the beam.
     return -points.total(accelerations) - torsion.torques(motion, u, udot)
 
 

@@ -73,13 +73,14 @@ def tree_terms(equations: Equations, wrench: Matrix | None, parameters: Vector,
         return None
     if tree.flexible or tree.bristles:
         return None
-    if any(isinstance(elastic.drive.stiffness, StiffnessCurve)
-           for elastic in equations.model.drives):
-        return None
+    for elastic in equations.model.drives:
+        if isinstance(elastic.drive.stiffness, StiffnessCurve):
+            return None
     joints = [body.joint for body in equations.model.bodies]
     if tree.friction and any(map(is_nonlinear, joints)):
         return None
 
+    # Terms in the middle of the step, which both stages share.
     def mass_matrix(q: Vector) -> Matrix:
         M: Matrix = tree.mass_matrix(q, parameters)
         return M

@@ -131,6 +131,8 @@ class BlockMatrices:
         """Place the links."""
         self.blocks = blocks
         self.lanes = blocks.lanes_of
+        # From the root outward: a branch begins with the rotation that its parent ends
+        # with.
         self.placements: list[Matrix] = []
         for branch, table in zip(blocks.branches, blocks.constants.tables):
             carry = np.eye(3).ravel()
@@ -138,6 +140,8 @@ class BlockMatrices:
                 carry = self.placements[branch.parent][-1, :ROTATION]
             self.placements.append(blocks.repeat('place', self._place, carry,
                                                  blocks.by_blocks(branch, q), table))
+        # A row has the rotation, then D with its filling, then the rows of twists and
+        # moments.
         self.steps = [x[:, ROTATION:BEGIN] for x in self.placements]
         self.bodies = [x[:, BEGIN:] for x in self.placements]
 

@@ -131,6 +131,7 @@ def _pattern(L: Sequence[Sequence[Scalar]]) -> Flags:
 def _inverse_columns(L: Sequence[Sequence[Scalar]], lanes: Any) -> list[Row]:
     """Return the columns of W: W_ja = -sum W_jk L_ka over k that a carries."""
     columns: list[Row] = [{} for _ in L]
+    # From the last joint: the columns of the joints that a carries are known then.
     for a in reversed(range(len(L))):
         column = columns[a]
         unit = [0.0] * LANES

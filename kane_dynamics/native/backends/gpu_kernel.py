@@ -73,6 +73,7 @@ def declarations(host: bool) -> list[str]:
 
 def row_address(v: Vector, name: str, step: str = '') -> str:
     """Return the address of a state's row of an argument or of the result, at a step."""
+    # base + state * stride, and + step * its distance.
     row = f'%{name}.base'
     moves = [('%i', 'stride')]
     if step:

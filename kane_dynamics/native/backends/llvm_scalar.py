@@ -596,6 +596,7 @@ class Function:
         for k, name in enumerate(pointers):
             self.lines += [f'  %slot.{name} = getelementptr ptr, ptr %args, i64 {k}',
                            f'  %in.{name} = load ptr, ptr %slot.{name}']
+        # Each input that the program uses is loaded once.
         for node in schedule:
             if node.op == 'input':
                 name, k = node.args
@@ -649,6 +650,7 @@ class Function:
                        '  br label %clear', 'clear:',
                        ('  %clear.at = phi ptr [%clear.begin, %clear.before], '
                         '[%clear.next, %clear]')]
+        # Four rows a turn; the last turn may overlap the one before.
         for k in range(4):
             at = f'%clear.at{k}'
             self.lines += [f'  {at} = getelementptr i8, ptr %clear.at, i64 {k * row}',

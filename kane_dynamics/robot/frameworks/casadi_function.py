@@ -69,6 +69,7 @@ class Source:
         self._kernels = robot.kernels
         self._quantity = quantity
         self._at = at
+        # Parameters by which it can be differentiated may be arguments.
         differentiable = robot.kernels.differentiable(quantity)
         possible = [name for name in PARAMETERS if name in differentiable]
         names = [parameters] if isinstance(parameters, str) else list(parameters)
@@ -77,6 +78,7 @@ class Source:
                 valid = ', '.join(possible) or 'none'
                 raise InputError(f'parameters: {name!r}; expected for {quantity} of '
                                  f'this robot some of {valid}')
+        # Arguments as matrices, as CasADi has them.
         self._shapes = {}
         for name, shape in differentiable.items():
             if name in names or name not in PARAMETERS:

@@ -200,6 +200,8 @@ class Configurations(Dispatch):
 
         Robots in joint rates without constraints ignore q.
         """
+        # Joint rates: the force is that of the joints. Otherwise it depends on the
+        # configuration.
         if self.equations.in_joint_rates:
             return self._same('tau', tau, out)
         if q is None:
@@ -481,6 +483,7 @@ class Configurations(Dispatch):
         if count is None:
             return self._closed(rng, lower, upper)
         configurations = np.empty((count, len(lower)))
+        # Each from random starts of its own, of which the same seed gives the same.
         for row in configurations:
             row[:] = self._closed(rng, lower, upper)
         return configurations

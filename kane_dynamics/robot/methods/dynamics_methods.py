@@ -138,6 +138,7 @@ class DynamicsMethods(Dispatch):
         drive is in `inverse_dynamics` and `torque_terms`. With chosen speeds or
         constraints it depends on q; other robots ignore q and t.
         """
+        # In joint rates each joint has its own; otherwise T(q) projects it.
         if self.equations.in_joint_rates:
             return self._call('friction_force', (u,), out)
         if q is None:
@@ -463,6 +464,8 @@ class DynamicsMethods(Dispatch):
             raise InputError(f'tangents: a {type(tangents).__name__}; expected a '
                              'dictionary from '
                              "names of inputs to their rates, such as {'q': dq}")
+        # The rates are inputs beside the state: one pass, whatever the number of
+        # results.
         names, _ = self._by(name, tuple(tangents))
         result: Array = self._derived(name, Derivative('jvp', names),
                                       tuple(tangents.values()), arguments, wrench, t)
@@ -498,6 +501,7 @@ class DynamicsMethods(Dispatch):
             Names the argument, what was given and what is expected.
 
         """
+        # All derivatives as one matrix, split by inputs.
         names, single = self._by(name, by)
         flat = self._derived(name, Derivative('derivative', names), (), arguments,
                              wrench, t)

@@ -28,8 +28,10 @@ def commanders(node: Node, topic: str) -> list[str]:
     """
     publishers = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
     names = [full_name(end.node_name, end.node_namespace) for end in publishers]
+    # One node alone commands, guard or not.
     if len(names) < 2:
         return names
+    # The guard is known by the state that it publishes.
     for name in names:
         namespace, _, bare_name = name.rpartition('/')
         if _publishes(node, bare_name, namespace or '/', GUARD_STATE):

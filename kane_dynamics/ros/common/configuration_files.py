@@ -26,6 +26,7 @@ def resolve_path(parameter: str, name: str) -> Path:
 
     Raise InputError if the package is not installed, or the file does not exist.
     """
+    # Paths in packages work wherever these are installed.
     if name.startswith('package://'):
         package, _, inside = name.removeprefix('package://').partition('/')
         folder, _, file = inside.partition('/')
@@ -100,6 +101,7 @@ def _feedforward_friction(values: Mapping[str, Any]) -> str | float:
     """Return the friction of commands at rest and at reversals, as of `Robot`."""
     choice: str = values.get('feedforward.friction', DESIRED_SPEED)
     lead: float = values.get('feedforward.friction_lead', 0.0)
+    # A lead time chooses how far ahead the friction is that of the motion.
     if lead == 0.0:
         return choice
     if choice != AHEAD:

@@ -91,6 +91,7 @@ def vector(values: Sequence[float], index: Index | None, n: int, what: str,
         finite.
 
     """
+    # A field that may be empty has a default.
     if len(values) == 0 and empty is not None:
         return np.broadcast_to(np.asarray(empty, dtype=np.float64), (n,)).copy()
     if len(values) != n:

@@ -78,6 +78,7 @@ def send_motion(make: Callable[[Array], Motion], joint_names: tuple[str, ...], *
         No joint states, or no torques, within two minutes; the arm did not move.
 
     """
+    # A context of its own, so that the caller's nodes are not touched.
     context = Context()
     rclpy.init(context=context)
     try:
@@ -95,6 +96,7 @@ class _Sender:
         self._names = joint_names
         self._topic = joint_states
         self._node_name = node_name
+        # The states and torques during the motion, and what the node logs meanwhile.
         self._node = Node('kane_dynamics_sender', namespace=namespace, context=context)
         self._states: list[tuple[int, Array]] = []
         self._torques = 0
@@ -191,6 +193,7 @@ class _Sender:
 
 def _trajectory(motion: Motion, start: int) -> JointTrajectory:
     """Return the message of a motion that starts at a time, ns."""
+    # Dense points, so that the node's quintics are those of the motion.
     count = max(2, round(motion.duration * RATE) + 1)
     times = np.linspace(0.0, motion.duration, count)
     message = JointTrajectory(joint_names=list(motion.joint_names))

@@ -41,6 +41,7 @@ def events_executor() -> type | None:
 
 def make_executor(node: Node) -> Any:
     """Return an executor of a node: an EventsExecutor if rclpy has one."""
+    # The events executor wakes for a message without looking at all others.
     kind = events_executor()
     if kind is None:
         kind = SingleThreadedExecutor
@@ -61,6 +62,7 @@ def spin(node: Node, executor: Any, stop: Future,
 
     Report a failed callback and call `failed`.
     """
+    # A callback that fails must not end a node that commands torques.
     while not stop.done():
         try:
             executor.spin_until_future_complete(stop, timeout())

@@ -166,6 +166,7 @@ def check_arguments(program: RosProgram, outside: Sequence[str],
 
 def _intended(outside: Sequence[str]) -> str:
     """Return the arguments that were probably meant."""
+    # The most likely meaning by the form of the first argument.
     first = outside[0]
     if first in OPTIONS_OF_ROS:
         return ' '.join(outside)

@@ -71,6 +71,7 @@ def overrides_of(parameters: Mapping[str, Any], topics: Collection[str]) -> Over
 
     """
     overrides = Overrides([], [])
+    # Other parameters may be there, as ROS has some of its own.
     for name, value in parameters.items():
         if not name.startswith(PREFIX):
             continue
@@ -85,6 +86,7 @@ def overrides_of(parameters: Mapping[str, Any], topics: Collection[str]) -> Over
 
 def _check_policy(name: str, policy: str, value: Any) -> None:
     """Raise InputError unless a value is one of a policy."""
+    # Depths are numbers, all other policies words.
     kind = POLICIES[policy]
     if kind is None:
         valid = type(value) is int and value > 0

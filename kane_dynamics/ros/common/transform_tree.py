@@ -87,6 +87,7 @@ class TransformTree:
                static: bool) -> None:
         """Store one TransformStamped; InputError if it is not valid."""
         parent, child = stated.header.frame_id, stated.child_frame_id
+        # Frames of the model are known better from the model.
         if child in self._frames and parent in self._frames:
             return
         what = f"transform of '{child}' in '{parent}'"
@@ -96,6 +97,7 @@ class TransformTree:
             raise InputError(f'{what}: more than {MOST_FRAMES} frames; expected fewer')
         if child in _ancestors(transforms, parent):
             raise InputError(f'{what}: a cycle; expected a tree of frames')
+        # A static transform is valid for ever.
         now = self._now()
         stamp = None if static else nanoseconds(stated.header.stamp) or now
         previous = transforms.get(child)
@@ -139,6 +141,7 @@ class TransformTree:
     def _above(self, transforms: Mapping[str, _Transform],
                name: str) -> tuple[str, Array]:
         """Return the first frame of the model above a frame, else the root, and the pose in it."""
+        # From frame to frame toward the root, up to one that the model has.
         pose = np.eye(4)
         at = name
         while at in transforms and (at == name or at not in self._frames):

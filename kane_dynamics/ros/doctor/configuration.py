@@ -217,6 +217,7 @@ class ConfigurationExamination:
         Invalid ones are reported, and have defaults.
         """
         values = {}
+        # A value that is wrong is reported, and the default examined in its place.
         for name, spec in BY_NAME.items():
             value = self._attempt(read, spec,
                                   self._block.effective.get(name, spec.default))
@@ -277,6 +278,7 @@ class ConfigurationExamination:
         node = f'node {self._block.node}'
         if self._block.node == WILDCARD:
             node = 'every node'
+        # The robot's description comes from the first of these.
         if values['robot_description']:
             source = 'the URDF of robot_description'
         elif values['urdf']:
@@ -337,6 +339,7 @@ class ConfigurationExamination:
 
     def _check_node_name(self) -> None:
         """Report a block that takes no effect because of its name."""
+        # The program's name and the node's differ: only the node's counts in files.
         name = self._block.node.rpartition('/')[2]
         if name == PROGRAM:
             self._loads = False

@@ -65,6 +65,7 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '',
         The stated meaning of the efforts; default: not stated.
 
     """
+    # A node of its own, which leaves the graph when the examination ends.
     context = Context()
     rclpy.init(context=context)
     try:
@@ -216,6 +217,7 @@ def _spin(executor: SingleThreadedExecutor, seconds: float,
 
 def _incompatible(publisher: TopicEndpointInfo,
                   subscribers: list[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
+    # A subscriber that asks for more than the publisher offers gets nothing.
     """Return the subscribers whose QoS does not match that of a volatile publisher."""
     unreliable = publisher.qos_profile.reliability != ReliabilityPolicy.RELIABLE
     incompatible = []

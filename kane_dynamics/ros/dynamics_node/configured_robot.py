@@ -203,6 +203,7 @@ class ConfiguredRobot:
     def _examine_overrides(self) -> bool:
         """Return whether qos_overrides change a topic; warn of those that do not."""
         node = self._node
+        # Other topics have fixed profiles, on which the torque path depends.
         topics = [node.resolve_topic_name('joint_states') + '.subscription']
         if not self.values['guard.enabled']:
             topics.append(node.resolve_topic_name('commands') + '.publisher')
@@ -334,6 +335,8 @@ class ConfiguredRobot:
         except InputError as error:
             node.get_logger().warning(str(error))
             return
+        # In the services' thread, because transforms are many and the torque path needs
+        # few.
         for topic, static, qos in (('/tf', False, TRANSFORMS),
                                    ('/tf_static', True, STATIC_TRANSFORMS)):
             opened.callback(server.destroy_subscription, server.create_subscription(
@@ -625,6 +628,7 @@ class ConfiguredRobot:
             (com.x, com.y, com.z),
             (inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz,
              inertia.izz))
+        # Objects that a planning scene attaches are carried in addition.
         self._require_carried(payload, self._attached_payload)
         self._payload_from_service = True
         self._stated_payload = payload

@@ -158,6 +158,7 @@ class GuardLink:
 
     def _decide(self, rule: Callable[[], object], now: int) -> bool:
         """Return what a rule permits; send the request that it asks for."""
+        # The rule reads and writes one array, which the native path uses too.
         decided = self._from
         self._clock[0] = now
         rule()

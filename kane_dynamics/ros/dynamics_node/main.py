@@ -24,6 +24,7 @@ SWITCH_INTERVAL = 5e-5
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `dynamics_node`; return the exit code."""
     exit_on_signal()
+    # Imported late, so that signals are handled from the beginning.
     from kane_dynamics.ros.common.program_arguments import RosProgram, run_program
     to_controller = '-r commands:=/forward_effort_controller/commands'
     program = RosProgram(

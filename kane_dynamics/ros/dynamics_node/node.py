@@ -211,6 +211,7 @@ class DynamicsNode(LifecycleNode):
 
     def _is_simulated_for_long(self) -> bool:
         """Return whether only simulated robots have subscribed for `SETTLING`."""
+        # Discovery takes time: a real robot may be found a little later.
         now = time.monotonic()
         if self._simulated_time:
             return True
@@ -268,6 +269,7 @@ class DynamicsNode(LifecycleNode):
         try:
             self._configure()
         except Exception as error:
+            # Errors of the library explain themselves; of others the kind helps.
             kind = '' if isinstance(error, KaneError) else f'{type(error).__name__}: '
             self._configure_fault = f'{kind}{error}'
             self.get_logger().error(f'not configured: {self._configure_fault}')
@@ -438,6 +440,7 @@ class DynamicsNode(LifecycleNode):
 
     def _on_trajectory(self, data: bytes, received: int) -> None:
         """Schedule a new desired motion."""
+        # Trajectories are refused before the torque path hears of them.
         try:
             path, served = self._accepting()
             served.apply_loads()
@@ -484,6 +487,8 @@ class DynamicsNode(LifecycleNode):
         simulated_time = bool(self.get_clock().ros_time_is_active)
         clock_replaced = simulated_time != self._simulated_time
         self._simulated_time = simulated_time
+        # The watchdog's period follows from the timeout, on the clock that the states
+        # have.
         periods_changed = any(previous[name] != self.values[name]
                               for name in ('diagnostics_rate', 'state_timeout'))
         if clock_replaced or periods_changed:
@@ -512,6 +517,8 @@ class DynamicsNode(LifecycleNode):
         for owner, timer in self._timers_of_parameters:
             owner.destroy_timer(timer)
         self._timers_of_parameters = []
+        # Several looks within the timeout; a simulated clock that stands stops the
+        # watchdog, which another timer reports.
         watchdog_period = max(0.2 * self.values['state_timeout'], 1e-3)
         watchdog_clock = self.get_clock() if self._simulated_time else self._steady
         self._start_timer(self, watchdog_period, self._check_timeout, watchdog_clock)

@@ -162,6 +162,7 @@ class ConfiguredGuard:
         watch = self.path.watch
         now = time.perf_counter()
         watch.tick(now)
+        # Another guard acts, or has just acted: its states are the ones that count.
         if watch.listens(now):
             return
         self._message.numbers[:FIELDS] = (number, acting, watch.commanded_last,
@@ -173,6 +174,7 @@ class ConfiguredGuard:
         """Hand the topic over to the dynamics node, and answer."""
         if not self._request.read(data):
             return
+        # A node that stops itself needs no guard until it is back.
         if self._request.numbers[0] == STOPPED:
             self.path.on_stopped()
             return

@@ -116,6 +116,7 @@ class GuardNode(Node):
                        'node of the same version')
             return
         self._loads = loads_from_numbers(np.array(message.data))
+        # An unknown number means that the node has new parameters.
         if self._loads.configuration != self._configuration:
             self._configuration = self._loads.configuration
             self._source.request()
@@ -148,6 +149,7 @@ class GuardNode(Node):
         watch.tick(now)
         if watch.listens(now):
             return True
+        # The one that holds the arm goes on; of equal ones the number decides.
         _, acting, commanded_last, identity = state[:FIELDS]
         other_holds = bool(acting or (commanded_last and any(state[FIELDS:])))
         if other_holds != watch.holding:

@@ -14,6 +14,7 @@ from kane_dynamics.ros.common.early_signals import exit_on_signal
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `torque_guard`; return the exit code."""
     exit_on_signal()
+    # Imported late, so that signals are handled from the beginning.
     from kane_dynamics.ros.common.program_arguments import RosProgram, run_program
     program = RosProgram(
         'torque_guard', 'torque_guard',
@@ -42,6 +43,7 @@ def spin_guard(stop: Any) -> None:
     executor = make_executor(node)
     try:
         spin(node, executor, stop)
+    # The arm must not keep the last torque of a guard that ends.
     finally:
         node.close()
         executor.shutdown()

@@ -86,8 +86,9 @@ class AppliedTorque:
         self._robot = robot
         self._reject = reject
         self._zero = np.zeros(robot.n)
-        self._actuated = list(commanded_joints(robot, robot.speed_names)) if (
-            robot.constraint_names) else None
+        self._actuated: list[int] | None = None
+        if robot.constraint_names:
+            self._actuated = list(commanded_joints(robot, robot.speed_names))
         self.measured = False
         robot.compile('torque_terms', 'inverse_dynamics')
         if bending is not None:
@@ -154,6 +155,7 @@ class AppliedTorque:
         effort = state.effort
         q = state.q
         at_rest = np.abs(state.u).max(initial=0.0) < AT_REST
+        # At rest, efforts must hold the weight: compared once.
         if not self._compared and at_rest and effort.any():
             self._compared = True
             if words := efforts.contradiction(self._robot, q, effort):

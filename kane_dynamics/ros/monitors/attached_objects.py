@@ -50,6 +50,7 @@ def stated_masses(entries: Sequence[str]) -> dict[str, float]:
     """Return masses by object, kg, from parameter attached_objects.masses."""
     masses = {}
     for entry in entries:
+        # Names may have colons, numbers not.
         name, _, number = entry.rpartition(':=')
         try:
             mass = float(number)
@@ -116,6 +117,7 @@ class AttachedObjects:
     def on_scene(self, scene: Any) -> None:
         """Use the attached objects of a PlanningScene, which may be a difference."""
         state = scene.robot_state
+        # A whole scene replaces all objects; a difference names those that changed.
         if not scene.is_diff and not state.is_diff:
             self._attached = {}
         elif not state.attached_collision_objects:
@@ -260,6 +262,7 @@ def uniform_solid(stated: Any) -> Inertial:
         raise InputError('a plane; expected boxes, spheres, cylinders, cones, or closed meshes')
     solids = [*map(solid_primitive, stated.primitives), *map(solid_mesh, stated.meshes)]
     poses = [*stated.primitive_poses, *stated.mesh_poses]
+    # Each kind of shape has its own list of poses.
     of_each_kind = len(stated.primitive_poses) == len(stated.primitives)
     if not solids or len(poses) != len(solids) or not of_each_kind:
         raise InputError(f'{len(solids)} shapes with {len(poses)} poses; expected shapes '

@@ -218,6 +218,7 @@ class ContactMonitor:
             return
         self.collisions[self.detector.joint] += 1
         joints: Sequence[str] = self._robot.speed_names
+        # All joints beyond their thresholds, the first of which names the collision.
         words = ', '.join(
             f"'{name}' {torque[k]:.3g} (threshold {self._thresholds[k]:.3g})"
             for k, name in enumerate(joints) if name in self.detector.beyond)
@@ -227,6 +228,7 @@ class ContactMonitor:
     def _publish(self, sec: int, nanosec: int, q: Array, torque: Array) -> None:
         """Publish the torques, and the wrench in the axes of its frame."""
         self._workspace.q[:] = q
+        # The wrench at the frame that explains the torques best.
         world = frame_wrench(self._partials(), torque, damping=DAMPING).wrench
         for message, publisher, numbers in (
                 (self._torque_message, self._publishers.torques, torque),

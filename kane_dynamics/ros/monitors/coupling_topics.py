@@ -58,6 +58,7 @@ class CouplingTopics:
         self._publisher = publisher
         self._log = log
         self._reject = reject
+        # The partner feels external torques: measured ones, less those of the model.
         self._applied = AppliedTorque(robot, values, reject, bending)
         gain = per_joint(values, 'coupling.observer_gain', robot.speed_names, 100.0)
         self._observer = MomentumObserver(robot, gain=gain,
@@ -150,6 +151,7 @@ class CouplingTopics:
         except (RuntimeError, MemoryError, ValueError) as error:
             self._reject(MALFORMED, str(error)[:100])
             return None
+        # Names may differ between the arms, their number not.
         if len(names) != len(self._places):
             self._reject(OTHER_COUNT, f'{len(names)} joints; expected '
                          f'{len(self._places)}, as many as of this arm')

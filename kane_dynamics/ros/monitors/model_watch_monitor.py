@@ -141,6 +141,7 @@ class ModelWatchMonitor:
         """Queue a sample if one is due and the arm moves."""
         if 0 <= cycle.stamp - self._last < PERIOD:
             return
+        # At rest, friction is not known.
         state = cycle.state
         if state.has_velocity and np.abs(state.u).max(initial=0.0) <= STANDSTILL:
             return
@@ -244,6 +245,7 @@ class ModelWatchMonitor:
         if report is None:
             return {'model watch': 'no window yet; it fills while the arm moves'}
         words = '; '.join(map(str, report.alarms)) or 'no change'
+        # The joint that deviates most, in units of the reference.
         ratios = np.array(report.residual) / np.maximum(report.reference, 1e-12)
         worst = int(ratios.argmax())
         return {'model watch': words,

@@ -45,6 +45,7 @@ def estimator_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any
     if not values['payload.frame']:
         raise InputError("parameter 'payload.frame': empty; expected the frame of the "
                          'payload, as estimator.enabled is true')
+    # Deviations are those of the joints whose torques are measured.
     names = recorded_joints(robot)
     effort = np.array(robot.limits.effort)[[robot.joint_names.index(name)
                                             for name in names]]
@@ -97,6 +98,7 @@ class PayloadMonitor:
         self._reset_pending = False  # carried out by the services' thread
         self._samples: deque[TorqueSample] = deque(maxlen=MAX_SAMPLES)
         self._recent: list[TorqueSample] = []
+        # Compiled before the first sample, because the cycle must not wait.
         self._last = 0
         self._estimator.compile()
         self.start()
@@ -123,6 +125,8 @@ class PayloadMonitor:
         self._applied_torque.update(values)
 
     def on_cycle(self, cycle: Cycle) -> None:
+        # Samples at a steady rate, whatever the rate of the states is; also after a
+        # jump back.
         """Queue a sample if one is due."""
         if 0 <= cycle.stamp - self._last < PERIOD:
             return

@@ -68,6 +68,7 @@ class SwingMonitor:
         self._log = log
         self.warning = ''
         self.start()
+        # In steady time: a simulated clock that stands must not stop the watch.
         self._timer = server.create_timer(PERIOD, self._examine,
                                           clock=Clock(clock_type=ClockType.STEADY_TIME))
 

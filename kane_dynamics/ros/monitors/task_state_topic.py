@@ -66,6 +66,7 @@ class TaskStateTopic:
         self._robot = controller.robot
         self._laws = laws
         self._latest: _Moment | None = None
+        # A snapshot is taken only when the timer has asked for one.
         self._asked = True
         self._timer = server.create_timer(1.0 / rate, self._publish,
                                           clock=Clock(clock_type=ClockType.STEADY_TIME))

@@ -82,6 +82,7 @@ class TorqueBreakdownTopic:
 
     def _publish(self) -> None:
         latest = self._latest
+        # The latest state alone: older ones are of no interest.
         self._latest = None
         served = self._server.served
         if latest is None or served is None:
@@ -106,6 +107,8 @@ class TorqueBreakdownTopic:
         """Return the q, u, udot whose torques are broken down."""
         at_rest = np.zeros_like(u)
         mode = self._controller.mode
+        # The motion whose torques the mode commands: at rest, as measured, or as
+        # desired.
         if mode in (Mode.GRAVITY_COMPENSATION, Mode.HAND_GUIDING):
             return q, at_rest, at_rest
         if motion is None:

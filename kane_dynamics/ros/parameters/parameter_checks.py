@@ -249,6 +249,7 @@ def per_joint_of_effort(values: Mapping[str, Any], name: str, joints: Sequence[s
         The list has the wrong length, or it is empty and a joint has no effort limit.
 
     """
+    # By default a share of each joint's effort limit.
     result = per_joint(values, name, joints, share * limits)
     if not values[name].size and not np.isfinite(result).all():
         joint = joints[int(np.flatnonzero(~np.isfinite(result))[0])]

@@ -68,6 +68,7 @@ class Spec:
     @property
     def _range(self) -> str:
         """Return a description of the range of numbers."""
+        # The lower bound, then the upper one.
         if self.positive:
             words = 'positive'
         elif self.low == -math.inf:

@@ -51,6 +51,7 @@ def joint_stiffness(values: Mapping[str, Any], robot: Robot) -> Array:
         It has the wrong length, or it is not set and a joint has no effort limit.
 
     """
+    # By default so stiff that the whole effort belongs to a small deflection.
     name = 'joint_impedance.stiffness'
     joints = robot.joint_names
     limits = np.asarray(robot.limits.effort, dtype=np.float64)

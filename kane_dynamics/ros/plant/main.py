@@ -39,12 +39,14 @@ def spin_plant(stop: Any) -> None:
 
     Ticks come between callbacks.
     """
+    # Imported late, so that a wrong argument is answered at once.
     from kane_dynamics.ros.common.process import make_executor, spin
     from kane_dynamics.ros.common.realtime import exclude_existing_objects
     from kane_dynamics.ros.plant.plant_node import PlantNode
     node = PlantNode()
     executor = make_executor(node)
     exclude_existing_objects()
+    # Each turn of the executor ends when the next tick is due.
     node.schedule.start(time.monotonic_ns())
     spin(node, executor, stop, timeout=lambda: max(node.poll(), MIN_TIMEOUT))
     executor.shutdown()

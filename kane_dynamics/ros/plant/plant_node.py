@@ -106,6 +106,7 @@ class PlantNode(Node):
     def _load(self) -> Robot:
         """Return the robot that the parameters describe."""
         values = self.values
+        # The text has precedence over the path, as in the dynamics node.
         source = values['robot_description'] or (
             values['urdf'] and resolve_path('urdf', values['urdf']))
         if not source:
@@ -123,6 +124,7 @@ class PlantNode(Node):
         if unknown := [name for name in names if name not in arm.joint_names]:
             raise InputError(f"parameter 'measured': {', '.join(unknown)}; expected "
                              f'joints of {", ".join(arm.joint_names)}')
+        # Measured joints may be fewer than those of the arm, in any order.
         self._measured = [arm.joint_names.index(name) for name in names]
         n = len(names)
         self._commanded = arm.commanded(self._actuated)

@@ -237,6 +237,8 @@ class PlantState:
             self._torque = tau
             self._last_command = now
             self.braked = False
+        # As a drive does, the arm stops or keeps the last torque when commands stay
+        # out.
         timed_out = (self._last_command is not None
                      and now - self._last_command > self._timeout)
         self.timeouts += timed_out and not self.timed_out

@@ -35,6 +35,7 @@ def settle_drives(robot: Robot, q: Array) -> Array:
     settled = with_motors_at_links(model, q)
     if not model.drives:
         return settled
+    # The torque of each gear at rest determines how far its spring gives.
     torques = _gear_torques(robot, settled)
     for elastic, torque in zip(model.drives, torques, strict=True):
         motor = _place(model, elastic.motor)

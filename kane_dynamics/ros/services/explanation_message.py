@@ -30,6 +30,7 @@ def explanation_message(robot: Robot, state: Sequence[Array], wrench: Array | No
         Index of each of the robot's joints in `names`; default: the same order.
 
     """
+    # Columns in the order of the request, if it names joints.
     def table(rows: Array) -> Any:
         if index is None:
             return doubles(rows)

@@ -150,6 +150,7 @@ def _check_efforts(served: ServedRobot, motion: Motion) -> None:
     """Raise InputError if the motion needs more effort than the factor allows."""
     robot = served.robot
     values = served.values
+    # The limit of the command, by which the motion would be clipped.
     factor = values['trajectory.limit_factor']
     stated = per_joint(values, 'limits.effort', robot.joint_names, math.inf)
     limit = np.minimum(robot.limits.effort, stated)
@@ -247,6 +248,7 @@ def _check_limit(what: str, motion: Motion, names: Sequence[str], times: Array,
     excess = np.abs(values) - factor * limit * (1.0 + ROUNDING)
     if not (excess > 0.0).any():
         return
+    # The largest excess, relative to the limit.
     k, j = divmod(int(np.argmax(np.abs(values) / limit)), len(names))
     raise InputError(f"joint '{names[j]}': {what} {values[k, j]:.6g} "
                      f'{described_time(float(times[k]), motion.times)}; expected at '
@@ -258,6 +260,7 @@ def _times(motion: Motion, most: int) -> Array:
     """Return times at which a motion is judged: its points, and some between them."""
     knots = motion.times
     count = len(motion.times)
+    # Of very many points some are judged; of few, also places between them.
     if count > most:
         chosen: Array = knots[np.unique(np.linspace(0, count - 1, most).astype(int))]
         return chosen

@@ -154,6 +154,7 @@ class LaterKernels:
 
         """
         with self._changed:
+            # Kernels that a request waits for come first.
             if group in self._waiting:
                 self._waiting.remove(group)
                 self._waiting.appendleft(group)
@@ -174,6 +175,7 @@ class LaterKernels:
     def _run(self) -> None:
         """Compile all groups, unless `close` ends it."""
         began = time.perf_counter()
+        # In the background, so that requests for the torque path are served meanwhile.
         try:
             with reported_to(self._log), one_by_one(self._require_open):
                 while self._waiting:
@@ -188,6 +190,7 @@ class LaterKernels:
             self._require_open()
             group = self._waiting.popleft()
         fault = ''
+        # A group that fails is an error of the requests that need it, not of the node.
         try:
             self._groups[group]()
         except Exception as error:

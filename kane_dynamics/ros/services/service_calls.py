@@ -18,6 +18,7 @@ def _state(robot: Robot, request: Any, *fields: str) -> tuple[Any, ...]:
     An empty velocity means rest.
     """
     order = JointOrder.of(robot, request.joint_names)
+    # A request has the joints in its own order, and need not close the loops exactly.
     q = close_loops(robot, vector(request.position, order.joints, robot.n_q, 'position'))
     vectors = []
     for field in fields:
@@ -81,6 +82,7 @@ def get_dynamics(served: ServedRobot, request: Any, response: Any) -> None:
     order, q, u = _state(robot, request, 'velocity')
     response.joint_names = order.speed_names
     response.mass_matrix = doubles(_reordered(robot.mass_matrix(q), order.speeds))
+    # In the order of the joints of the request.
     friction = robot.torque_terms(q, u,
                                   np.zeros(robot.n))[TORQUE_TERMS.index('friction')]
     for field, values in (('bias_force', robot.bias_force(q, u)),

@@ -149,6 +149,8 @@ class Services(Node):
                                                                               Any]:
         """Return a service callback that calls `call` and handles its errors."""
         def callback(request: Any, response: Any) -> Any:
+            # Any error is an answer: a service that raises would leave its caller
+            # waiting.
             try:
                 served = self._require()
                 served.apply_loads()
@@ -163,6 +165,7 @@ class Services(Node):
                         response: Simulate.Response) -> Simulate.Response:
         """Serve ~/simulate; other requests are served while this one is queued."""
         try:
+            # The worker runs one simulation at a time, in order.
             simulation = SimulationRequest.from_request(request, self._require())
             await self.worker.submit(
                 lambda: simulation.run(response, lambda t: not self.worker.stopping),
@@ -223,6 +226,7 @@ class GoalProgress:
     def __call__(self, t: float) -> bool:
         """Report the simulated time, s; return False to end the simulation."""
         self.reached = t
+        # Returning False ends the simulation at its next chunk.
         if self._worker.stopping or self._handle.is_cancel_requested:
             return False
         if time.monotonic() >= self._due:

@@ -122,6 +122,7 @@ def _limit(request: Any, quantity: str, order: Sequence[int], places: Sequence[i
     values = np.array(getattr(request, f'max_{quantity}'))
     if len(values) == 0:
         return math.inf
+    # One number for each joint of the request, or one for all.
     if len(values) == len(order):
         limit = np.full(count, math.inf)
         limit[list(places)] = values[list(order)]

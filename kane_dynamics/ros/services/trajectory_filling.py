@@ -59,6 +59,7 @@ class FillSettings:
 
         Raise InputError if one does not fit.
         """
+        # An empty list is a parameter that is not set.
         def if_set(name: str) -> Array | None:
             if values[name].shape == (0,):
                 return None
@@ -81,6 +82,8 @@ def filled_message(served: ServedRobot, data: bytes) -> bytes:
     message = read_trajectory(data, max_points)
     if not message.points:
         return data
+    # A trajectory that starts on receipt begins where the arm is, which is checked
+    # then.
     names = message.joint_names
     columns = point_columns(message, names, max_points)
     on_receipt = not nanoseconds(message.header.stamp)

@@ -60,6 +60,7 @@ class Worker:
 
     def _run(self) -> None:
         """Run queued work until `stop`."""
+        # None wakes the thread at the end.
         while (item := self._queue.get()) is not None and not self.stopping:
             work, future = item
             try:

@@ -86,9 +86,11 @@ class ActiveMotion:
 
         """
         with self._lock:
+            # The motion was computed for a state of the path that is gone.
             if generation != self.generation:
                 return False
             current, upcoming = self._motions
+            # The scheduled motion has begun meanwhile: it is the present one now.
             if upcoming is not None and now >= upcoming[1]:
                 current = upcoming
             self._motions = current, (motion, start)
@@ -109,6 +111,8 @@ class ActiveMotion:
             self.reason = reason
             dropped = self._motions
             self._motions = successor, None
+            # Whoever computes a motion notices by the generation that it comes too
+            # late.
             self.generation += 1
             self.cleared_at = time.time_ns()
         self._changed()

@@ -152,6 +152,8 @@ class CartesianMode(NativeLaw):
         changed = differ(settings, self._settings)
         self._settings = settings
         self._use_target_limits(values)
+        # Orders are written anew into the settings, as limits of the target may have
+        # changed.
         self._ordered = None
         if changed:
             self.law.update(**{'posture': self._robot.neutral(), **settings})
@@ -198,9 +200,11 @@ class CartesianMode(NativeLaw):
 
     def snapshot(self, stamp: int) -> TaskSnapshot:
         """Return what is kept of the last cycle; nothing before the first one."""
+        # No cycle has run with the memory yet.
         if self._clock[1]:
             return TaskSnapshot()
         memory = unpacked_memory(self._memory.copy(), self._robot.n_q)
+        # Without a target the age has no meaning.
         age = -1.0
         if memory.posed_at > NEVER or self.target.twists > memory.twists:
             age = (stamp - self.target.moved_at) / NANO
@@ -264,6 +268,7 @@ class CartesianMode(NativeLaw):
             return desired[:3, :3]
         model = self._robot.model
         reference = model.frame(self._axes)
+        # Axes fixed to the world, or turned with the body of the controlled frame.
         if reference.body == WORLD:
             return reference.rotation
         return desired[:3, :3] @ model.frame(self.frame).rotation.T @ reference.rotation
@@ -275,6 +280,7 @@ class CartesianMode(NativeLaw):
         cycle = self._cycle_of(self._robot, lanes_of_single_states)
         size = len(self.settings_numbers())
 
+        # The same cycle as of the interpreter's path; its memory is the native path's.
         def torque(at: LawInput) -> tuple[Vector, Vector]:
             return cycle.torque(at.q, at.u, at.stamp, at.begins, at.memory,
                                 at.settings[:size], at.settings[size:], t=0.0,

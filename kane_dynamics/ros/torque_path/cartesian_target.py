@@ -59,6 +59,7 @@ class CartesianTarget:
     def __init__(self, timeout: float) -> None:
         self.timeout = timeout
         self.changed: Callable[[], Any] = lambda: None
+        # Numbers of messages, by which the law sees that one is new.
         self.changes = 0
         self.twists = 0
         self._count = 0
@@ -100,6 +101,7 @@ class CartesianTarget:
 
         Further parameters are the fields of `TargetOrders` of these names.
         """
+        # Numbers, time and axes of a twist or a wrench; without one, never.
         def of(directed: Directed | None) -> tuple[Array, float, float]:
             if directed is None:
                 return np.zeros(6), NEVER, 0.0

@@ -84,6 +84,7 @@ class Reader:
 
     def text(self) -> str:
         """Read a string."""
+        # The length counts the NUL at the end.
         length = self.word()
         begin = self.advance(1, length)
         body = self._data[begin:self.offset]

@@ -47,6 +47,7 @@ class CommandMessages:
 
     def publish(self, tau: Array, sec: int, nanosec: int) -> None:
         """Publish the torques of all joints, (n_q,), first the command."""
+        # The command first: the other topics show what it was.
         tau.take(self._places, out=self._command_message.numbers, mode='clip')
         numbers = self._command_message.numbers
         self._commands.publish(self._command_message.serialized())

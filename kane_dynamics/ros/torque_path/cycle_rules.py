@@ -383,6 +383,7 @@ def at_time(path: PathState, now: Scalar, settings: CycleSettings) -> PathState:
     torque that acts stays: from zero the limit of its rate would let the arm fall.
     """
     path = _with_new_law(path, settings)
+    # After a jump of the clock, stamps and motion of the time before mean nothing.
     jumped = forgotten(resumed(dropped(path, BY_CLOCK), 0.0, NEVER))
     jumped = jumped._replace(last_heard=now, last_stamp=NEVER)
     backward = flag(now < path.last_now)
@@ -622,6 +623,7 @@ def desired_motion(path: PathState, event: Event, row: Vector, settings: CycleSe
     """Return the desired motion; that which was scheduled before a drop counts no more."""
     moving = event.moving * (1.0 - flag(settings.drops < path.drops))
     x = event.x
+    # q, u and udot of the segment, from its coefficients in x from 0 to 1.
     powers = np.array([1.0, x, x * x, x * x * x, x * x * x * x, x * x * x * x * x])
     q_d, u_d, udot_d = np.split(powers @ row, 3)
     if holds:
@@ -635,10 +637,12 @@ def desired_motion(path: PathState, event: Event, row: Vector, settings: CycleSe
 def _blended(path: PathState, t: Scalar, tau: Vector, settings: CycleSettings
              ) -> tuple[Vector, PathState]:
     """Return the torque that goes on from the last one, and the path, as `TorqueBlend`."""
+    # The difference between the last command and the law's torque fades out.
     blending = path.blending * path.limit_known
     difference = either(path.blend_known, path.difference, path.last - tau)
     began = either(path.blend_known, path.blend_began, t)
     began = select(t < began, t, began)
+    # Without a duration, x is past 1 at once.
     duration = select(settings.blend_time > 0.0, settings.blend_time, 1.0)
     x = (t - began) / duration
     blending = blending * flag(x < 1.0)
@@ -650,6 +654,8 @@ def _blended(path: PathState, t: Scalar, tau: Vector, settings: CycleSettings
 def _limited(path: PathState, t: Scalar, tau: Vector, settings: CycleSettings
              ) -> tuple[Vector, Vector]:
     """Return the torque within the effort, then also within the rate."""
+    # The rate counts since the last command; a stamp that does not increase allows no
+    # change.
     elapsed = select(path.limit_stamp < t, (t - path.limit_stamp) / NANO, 0.0)
     elapsed = either(path.limit_known, elapsed, 0.0)
     change = settings.slope * elapsed + settings.free

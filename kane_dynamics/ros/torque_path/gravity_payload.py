@@ -128,6 +128,7 @@ def parameter_loads(model: Model, values: Mapping[str, Any]) -> GravityAndPayloa
     Raise InputError for an invalid payload.
     """
     payload = None
+    # A frame without mass declares where a payload may come later.
     if values['payload.frame'] or values['payload.mass'] > 0.0:
         try:
             payload = checked_payload(model, values, '', values['payload.mass'],

@@ -79,6 +79,7 @@ def loads_from_numbers(numbers: Array) -> NodeLoads:
     gravity = numbers[1:4]
     mass = numbers[4]
     com = numbers[5:8]
+    # The message has the upper triangle.
     inertia = np.zeros((3, 3))
     inertia[_UPPER] = numbers[8:14]
     inertia = inertia + np.triu(inertia, 1).T

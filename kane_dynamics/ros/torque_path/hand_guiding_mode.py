@@ -60,6 +60,7 @@ class HandGuidingMode(NativeLaw):
 
     def check(self, values: Mapping[str, Any]) -> None:
         """Raise InputError unless parameters fit the arm."""
+        # The number of planes is a size of the compiled law.
         settings = guiding_settings(values, self._robot)
         planes, configured = len(settings['planes']), len(self._settings['planes'])
         if planes != configured:
@@ -86,6 +87,7 @@ class HandGuidingMode(NativeLaw):
                t: float) -> Array:
         """Return joint torques (n_q,) at a state."""
         tau = self.law.torque(q, u, t)
+        # The law holds the whole weight; an arm that does so itself gets the rest.
         if self._adds_gravity:
             return tau
         gravity = self._robot.gravity_force(q)

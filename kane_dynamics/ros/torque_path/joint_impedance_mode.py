@@ -109,6 +109,7 @@ class JointImpedanceMode(NativeLaw):
         robot = self._robot
         values = self._values
         speeds = [robot.joint_names.index(name) for name in robot.speed_names]
+        # Joints that follow have the inertia of their speed.
         inertia = np.ones(len(robot.joint_names))
         inertia[speeds] = np.diag(robot.mass_matrix(q))
         stiffness = joint_stiffness(values, robot)

@@ -40,6 +40,7 @@ def time_fault(stamp: int, now: int, last: int, timeout: int,
         Reason to return for a stale message.
 
     """
+    # In either direction of time, then in order.
     if now - stamp > timeout:
         return stale, f'{(now - stamp) / NANO:.3f} s old'
     if stamp - now > timeout:
@@ -343,6 +344,7 @@ class JointStateReader:
         if missing:
             self.detail = ', '.join(missing)
             return self._note_missing(names, missing)
+        # Joints that nobody uses may be there twice.
         used = (*self.joints, *self.optional)
         repeated = [joint for joint in used if names.count(joint) > 1]
         if repeated:
@@ -356,6 +358,8 @@ class JointStateReader:
 
         Return the reason to drop it.
         """
+        # A message of other joints is from another device; one of some is a part of the
+        # arm's.
         if names and len(missing) == len(self.joints):
             if len(self.foreign_joints) < MAX_LAYOUTS:
                 self.foreign_joints.add(tuple(names))

@@ -248,12 +248,14 @@ class LoopRules:
     def hold(self, path: PathState, settings: CycleSettings, parameters: Vector,
              limits: Vector) -> PathState:
         """Command the torque of the stop, or the last one where there is none."""
+        # The desired state of the stop, with all joints by its closed loops.
         desired = self.whole(path, self._stop(path, settings))
         force = followed_feedforward(self.robot, self._terms, self.joints, desired,
                                      parameters)
         assert desired.configuration is not None
         torque = commanded_torques(self.robot, self.joints, force, desired.configuration,
                                    limits)
+        # Loops that do not close along the stop leave the last torque.
         search = self.search(self.memory(path).desired)
         held = torques_within_limits(path, torque, settings)
         found = path.stops * flag(search.outcome < 0.5)

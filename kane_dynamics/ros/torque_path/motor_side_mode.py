@@ -80,6 +80,7 @@ class MotorSideMode(LiveLaw):
             inertia[k] = side.drive.rotor_inertia
         kp = per_joint(values, 'drives.kp', names, default_kp)
         kd = per_joint(values, 'drives.kd', names, 2.0 * np.sqrt(kp * inertia))
+        # NaN is left where neither a gain nor a drive is given.
         for name, gains in (('drives.kp', kp), ('drives.kd', kd)):
             if not np.isfinite(gains).all():
                 joint = names[int(np.isnan(gains).argmax())]

@@ -131,6 +131,8 @@ class CycleKernels:
 
     def _make_of_loops(self, loops: LoopRules, laws: Mapping[Mode, TracedLaw]) -> None:
         """Make what arms with closed loops need in addition."""
+        # Closing the loops takes several cycles of the search: at a state, and along a
+        # motion.
         self._make('CLOSE', loops.close)
         self._make('CLOSING', loops.go_on_closing)
         self._make('AIMING', loops.go_on_aiming)
@@ -310,6 +312,7 @@ class CyclePlan:
         if scheduled is None:
             return 0
         motion, start = scheduled
+        # Segments as a table: the native path evaluates them as the interpreter's does.
         table = segment_table(motion)
         words = [start, len(table.times), self._at(table.times),
                  self._at(table.origins), self._at(table.rates), self._at(table.rows),
@@ -434,6 +437,8 @@ class NativeLoop:
 
     def publish_to(self, commands: int, torques: int, stamped: int | None = None) -> None:
         """Publish the torques by these publishers, by the addresses of their handles."""
+        # Each publisher with its message, and where the stamp is in it; commands have
+        # none.
         outputs = [(commands, self.command, 0)]
         if stamped is not None:
             outputs.append((stamped, self.stamped, STAMP_AT))
@@ -611,6 +616,7 @@ class NativeLoop:
 
     def _report(self, slot: NDArray[np.uint8]) -> Report:
         words = slot[:8 * len(message_loop.SLOT)].view(np.int64).tolist()
+        # A slot has words, then the event and the path as numbers, then the message.
         named = dict(zip(message_loop.SLOT, words))
         at = 8 * len(message_loop.SLOT)
         numbers = message_loop.EVENT_LENGTH + len(self.path)
@@ -647,6 +653,7 @@ class NativeLoop:
         The reports are freed first. Without `works` the same loop does nothing else than
         to read the clocks.
         """
+        # Reports of earlier cycles are skipped, so that the ring does not fill up.
         self._publish_word('TAIL', self._get('HEAD'))
         durations = np.zeros(count, dtype=np.int64)
         data = ctypes.create_string_buffer(message, len(message))

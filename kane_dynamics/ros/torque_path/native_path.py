@@ -719,6 +719,7 @@ class NativeTorquePath(TorquePath):
     def _refused_motion(self, path: PathState) -> tuple[str, str]:
         """Return reason and details of a motion, or a pose, without a torque; drop it."""
         robot = self.controller.robot
+        # The search along the desired motion knows more than the law's torque.
         memory = unpacked_loops(path.loops, robot.n_q, robot.n)
         detail = ('closed loops: the actuators do not determine the motion there; expected '
                   'a configuration that is not singular')

@@ -46,6 +46,7 @@ def path_controller(model: Model, values: Mapping[str, Any],
         A parameter does not fit the model.
 
     """
+    # Elastic joints are controlled as rigid ones, with the limits of their motors.
     rigid = with_rigid_joints(model) if model.drives else model
     robot, bending = rigid_and_bending(rigid, robot_options(values))
     if model.drives:
@@ -58,7 +59,8 @@ def path_controller(model: Model, values: Mapping[str, Any],
 
 def _limits_of_motors(model: Model, robot: Robot) -> JointLimits:
     """Return the limits of joints made rigid: those of the motors of elastic ones."""
-    effort, velocity = robot.limits.effort.copy(), robot.limits.velocity.copy()
+    effort = robot.limits.effort.copy()
+    velocity = robot.limits.velocity.copy()
     joints = {body.joint.name: body.joint.limits for body in model.bodies}
     for elastic in model.drives:
         place = robot.joint_names.index(elastic.name)

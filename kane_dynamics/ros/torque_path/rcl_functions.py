@@ -156,6 +156,7 @@ class RclLoop:
         self._allocator = self._default_allocator(utilities)
         self.wait_set = self._new_wait_set(handle_address(context))
         self._finish_message = utilities['rcutils_uint8_array_fini']
+        # One message for each subscription, whose memory grows once and stays.
         self.taken: list[SerializedMessage] = []
         for _ in subscriptions:
             self.taken.append(self._new_message(utilities['rcutils_uint8_array_init']))

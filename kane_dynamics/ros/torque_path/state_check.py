@@ -305,6 +305,8 @@ class StateCheck:
 
         `memory` is that of the thread after the state.
         """
+        # The thread has compared with limits of its time: they may differ from those of
+        # now.
         found: str | None = fault
         if fault is not NOT_FINITE:
             moved, allowed = self._moved(memory.elapsed)
@@ -328,6 +330,7 @@ class StateCheck:
         """Return the details of a fault of the last state, whose joints jumped, (n,)."""
         q, u = np.split(self._state, 2)
         lower, upper, fastest, _, _ = self.bounds
+        # The joint that is furthest off explains the fault.
         if fault is NOT_FINITE:
             finite = np.isfinite(q) & np.isfinite(u)
             return ', '.join(np.compress(~finite, self._joints))

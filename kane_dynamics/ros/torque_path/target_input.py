@@ -96,6 +96,7 @@ class TargetInput:
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next message on."""
+        # Limits as arrays of six, as poses and twists have their entries.
         self._timeout = round(values['target.timeout'] * NANO)
         self._target.timeout = values['target.timeout']
         self._farthest = values['target.max_distance']
@@ -279,6 +280,7 @@ class TargetInput:
 
         None, and the message is refused, if its frame is unknown.
         """
+        # Numbers in the controlled frame turn with the target.
         if message.frame == self._frame:
             return message.numbers, True
         try:
@@ -304,6 +306,7 @@ class TargetInput:
         pose = self._fixed.get(name)
         if pose is not None:
             return pose
+        # A frame that moves with the arm cannot hold a target.
         moves = name in self._path.controller.robot.frame_names
         if not moves and self._transforms is not None:
             frame = self._transforms.frame(name)

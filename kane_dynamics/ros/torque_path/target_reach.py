@@ -61,6 +61,8 @@ class TargetReach:
         Both are at most `REACHED` where the frame reaches it. The search begins at the
         last solution, since poses of a stream are near each other; then at q, (n_q,).
         """
+        # From the last solution first: a stream of goals moves little from one to the
+        # next.
         best = np.array([np.inf, np.inf])
         for start in (self._solution, q):
             if start is None:

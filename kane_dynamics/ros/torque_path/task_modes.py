@@ -63,6 +63,7 @@ class TaskModes:
         self.laws: dict[Mode, LiveLaw] = {}
         laws = LAWS | {Mode.MOTOR_SIDE: partial(MotorSideMode, model=model)}
         for mode, law in laws.items():
+            # Only the mode in use and those that may be used later are compiled.
             if mode in (values['mode'], *values['modes']):
                 try:
                     self.laws[mode] = law(robot, values)

@@ -407,11 +407,14 @@ class TorquePath:
         command is older than the timeout. The first change of torque is that of one
         period of the states.
         """
+        # As if the states until now had been answered here.
         self._last_good = self._last_heard = self._now()
         self.commanding = True
         self.messages.resume(tau)
         self.controller.resume(self._last_stamp / NANO if self._last_stamp else None,
                                self.messages.of_all(tau))
+        # A process that was silent for longer than the timeout missed a part of its
+        # motion.
         silent = time.perf_counter() - self.last_update if self.last_update else 0.0
         return silent > self._timeout / NANO and self.active_motion.clear(
             'torque_guard held the arm')

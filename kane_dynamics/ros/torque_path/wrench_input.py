@@ -87,6 +87,7 @@ class WrenchFrames:
             The frame is unknown, or on a body without a declared frame.
 
         """
+        # A frame on the body of a declared one: the wrench is moved there.
         if self._transforms is None or name in self.names:
             return self.row(name), wrench
         source = self._transforms.frame(name)
@@ -218,6 +219,7 @@ class WrenchInput:
         """
         if not self.latest:
             return None
+        # Each frame times out by itself.
         for row, (stamp, _) in list(self.latest.items()):
             if now - stamp > self.timeout:
                 del self.latest[row]

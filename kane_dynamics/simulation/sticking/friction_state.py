@@ -374,6 +374,7 @@ class FrictionState:
         robot = self.robot
         q = state[:robot.n_q]
         torques = tau
+        # The torque of the motor at the joint, without the offset of friction.
         if not robot.equations.in_joint_rates:
             torques = robot.joint_torques(tau, q, t=t)
         # f - a / A_jj is the force that would have held the joint by itself.

@@ -193,6 +193,7 @@ def _search_kernel(kind: str, function: Callable[..., list[Scalar]], choice: Ste
     choice = choice.needed(robot)
     free, inputs, constants = step_signature(robot, choice)
     length = sum(search_shapes(inputs['state'][0], len(contact.joints)))
+    # A kernel for each set of joints with friction, with stops or without.
     name = f'{kind}_{free}_{"_".join(map(str, contact.joints))}'
     if contact.stops:
         name += '_stops'
@@ -221,6 +222,7 @@ def settled_modes(kernel: Kernel, contact: FrictionState, state: Array, inputs: 
 
     """
     places = search_places(len(state_names(contact.robot)), len(contact.joints))
+    # The search begins at the state, with stops where the robot has them.
     search = np.zeros(places.end + 1)
     search[places.phase] = START
     begin = places.state.start

@@ -137,6 +137,7 @@ class JointStops:
             self._forget(i, done)
             if past[row]:
                 self._follow(source.alone(row), i, buffer[row], done)
+                # The repeated states replace the extremes of the first computation.
                 if extremes is not None:
                     low, high = extremes
                     low[row] = buffer[row, 1:].min(axis=0)
