@@ -345,10 +345,9 @@ def traced_step(robot: Robot, choice: StepChoice, state: Vector, inputs: Matrix,
     # With constraints, the margin is that of the stages or of the end; see
     # `watches_stages`.
     keeps_positions = False
-    watches_stages = False
-    if equations.watched:
+    if equations.mechanism.labels:  # loops are closed also where nothing is watched
         keeps_positions = equations.keeps_positions(state[layout.q], *start)
-        watches_stages = not keeps_positions
+    watches_stages = equations.watched and not keeps_positions
     motion = system(robot, inputs, gains if feedback else None, parameters, dual_to,
                     watches_stages, followed, start, h[0])
     after: Vector = integrator_of(integrator).step(motion, state, h[0])
