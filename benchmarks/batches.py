@@ -1,29 +1,35 @@
 """
 Large batches: ours in SIMD lanes, and Pinocchio's C++ state by state; two threads and one.
 
+Two threads are also compared with what two processors gain in pure arithmetic: a function of one
+number with 800 multiplications and additions, in the same lanes, started and joined in the same
+way, in a batch that takes as long, in the same interleaved run. If the second processor is half of
+a core, shared with other machines, or has to be woken, that function gains as little.
+
 Prints a table for the registers that our code may use: `KANE_DYNAMICS_SIMD=avx2` leaves AVX-512
 out. Pinocchio is compiled for the processor as it is.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 import os
 import sys
 from unittest.mock import patch
 import warnings
 
 from kane_dynamics import Robot
-from kane_dynamics.cli.commands.interleaved_timing import interleaved
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing
+from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 from native_loop import ARMS, Race, race, random_states, TOLERANCE
 import numpy as np
 from pinocchio_native import depth_first, library, Pinocchio, Unavailable
-from report import batch_name, ONE_THREAD, simd, STATES
+from report import AS_ARITHMETIC, batch_name, ONE_THREAD, simd, STATES
 
 PEER = 'Pinocchio C++'
 THREADS = 'KANE_DYNAMICS_THREADS'
 TURNS = 15
+CHAINS, LENGTH = 8, 100  # of `arithmetic`: enough chains to keep two units of products busy
 
 
 def peer_race(robot: Robot, what: str) -> Race:
@@ -69,17 +75,51 @@ def kernel_and_rows(robot: Robot, what: str,
     return kernel, [by_name[argument.name] for argument in kernel.arguments]
 
 
-def threads_race(robot: Robot, what: str) -> Race:
-    """Time a large batch of a quantity in two threads and in one."""
+def threads_races(robot: Robot, what: str) -> list[Race]:
+    """Time a large batch in two threads and in one, and relative to arithmetic alone."""
     kernel, rows = kernel_and_rows(robot, what, random_states(robot, STATES[what]))
-    result = np.empty((len(rows[0]), *kernel.shape))
+    calls = {'quantity': partial(kernel, *rows, out=np.empty((len(rows[0]), *kernel.shape))),
+             'arithmetic': arithmetic_call(kernel, rows)}
 
-    def run(count: int) -> None:
+    def run(name: str, count: int) -> None:
         with threads(count):
-            kernel(*rows, out=result)
-    timing = interleaved({'ours': partial(run, 2), 'theirs': partial(run, 1)}, turns=TURNS)
-    return race(robot, batch_name(what, 'two threads'), ONE_THREAD, timing, STATES[what],
-                ('theirs',))
+            calls[name]()
+    timing = interleaved({f'{name} {count}': partial(run, name, count)
+                          for name in calls for count in (1, 2)}, turns=TURNS)
+    # The time in two threads if the quantity gained as much as arithmetic, turn by turn.
+    seconds = timing.seconds
+    gain = seconds['arithmetic 1'] / seconds['arithmetic 2']
+    timing = Timing({'ours': seconds['quantity 2'], 'one': seconds['quantity 1'],
+                     'ideal': seconds['quantity 1'] / gain})
+    name = batch_name(what, 'two threads')
+    return [race(robot, name, ONE_THREAD, timing, STATES[what], ('one',)),
+            race(robot, name, AS_ARITHMETIC, timing, STATES[what], ('ideal',))]
+
+
+def arithmetic_call(kernel: Kernel, rows: list[np.ndarray]) -> Callable[[], object]:
+    """Return a call of `arithmetic` for a batch that takes as long as a kernel's, to 10 %."""
+    count = 1000
+    function = arithmetic()
+
+    def seconds(call: Callable[[], object]) -> float:
+        return float(np.median(interleaved({'call': call}, turns=5).seconds['call']))
+    with threads(1):
+        wanted = seconds(partial(kernel, *rows))
+        numbers = np.linspace(-1.0, 1.0, count)[:, None]
+        count = max(count, round(count * wanted / seconds(partial(function, numbers))))
+    numbers = np.linspace(-1.0, 1.0, count)[:, None]
+    return partial(function, numbers, out=np.empty((count, 1)))
+
+
+@cache
+def arithmetic() -> Kernel:
+    """Return the kernel of a sum of `CHAINS` recursions y' = x y + c of `LENGTH` steps."""
+    def function(x: np.ndarray) -> np.ndarray:
+        chains = [0.1 * k for k in range(CHAINS)]
+        for step in range(LENGTH):
+            chains = [x[0] * y + 1.0 / (1.0 + step + k) for k, y in enumerate(chains)]
+        return np.array([sum(chains)])
+    return batch_kernel('arithmetic', function, [('x', (1,))], (1,), ahead=False)
 
 
 @contextmanager
@@ -98,7 +138,7 @@ def races() -> list[Race]:
         for make in ARMS.values():
             robot = Robot(make(), friction=False)  # which Pinocchio does not know
             for what in STATES:
-                results += [peer_race(robot, what), threads_race(robot, what)]
+                results += [peer_race(robot, what), *threads_races(robot, what)]
     return results
 
 
@@ -106,19 +146,21 @@ def table(results: list[Race]) -> str:
     """Return the races as a Markdown table."""
     two_threads = {}
     for result in results:
-        if result.peer == ONE_THREAD:
+        if result.peer != PEER:
             name = result.what.replace('two threads', ONE_THREAD)
-            two_threads[result.robot, name] = result.ratio[0]
+            two_threads[result.robot, name, result.peer] = result.ratio[0]
     head = f'| widest registers: {simd()} | states | ours, ns a state | Pinocchio C++, ns '
-    lines = [f'{head}| ratio | two threads / one |', '|---|---|---|---|---|---|']
+    lines = [f'{head}| ratio | two threads / one | / arithmetic |',
+             '|---|---|---|---|---|---|---|']
     for r in results:
-        if r.peer == ONE_THREAD:
+        if r.peer != PEER:
             continue
         count, what = r.what.removeprefix('batch of ').removesuffix(f', {ONE_THREAD}').split(': ')
         middle, low, high = r.ratio
         lines.append(f'| {r.robot}: {what.replace("_", " ")} | {count} | {1e9 * r.ours:.1f} '
                      f'| {1e9 * r.theirs:.0f} | {middle:.1f} ({low:.1f} to {high:.1f}) '
-                     f'| {two_threads[r.robot, r.what]:.2f} |')
+                     f'| {two_threads[r.robot, r.what, ONE_THREAD]:.2f} '
+                     f'| {two_threads[r.robot, r.what, AS_ARITHMETIC]:.2f} |')
     return '\n'.join(lines)
 
 

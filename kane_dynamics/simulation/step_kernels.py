@@ -351,7 +351,7 @@ def traced_step(robot: Robot, choice: StepChoice, state: Vector, inputs: Matrix,
     # `watches_stages`.
     keeps_positions = False
     watches_stages = False
-    if equations.mechanism.labels:
+    if equations.mechanism.labels:  # loops are closed also where nothing is watched
         keeps_positions = equations.keeps_positions(state[layout.q], *start)
         watches_stages = equations.watched and not keeps_positions
     motion = system(robot, inputs, gains if feedback else None, parameters, dual_to,

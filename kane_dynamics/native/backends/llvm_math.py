@@ -161,9 +161,15 @@ class Vector:
     """Emits LLVM IR instructions on vectors of `width` numbers, with fresh names."""
 
     def __init__(self, lines: list[str], prefix: str, width: int,
-                 real: Real = DOUBLE) -> None:
-        """Emit into `lines`; `prefix` makes the names unique in the function."""
+                 real: Real = DOUBLE, few_operations: bool = False) -> None:
+        """
+        Emit into `lines`; `prefix` makes the names unique in the function.
+
+        With `few_operations`, functions take fewer operations in longer chains, for code
+        that has other operations to do meanwhile.
+        """
         self.lines = lines
+        self.few_operations = few_operations
         self.prefix = prefix
         self.width = width
         self.count = 0
@@ -229,8 +235,17 @@ class Vector:
         return self.bits(self.op('fsub', x, x))
 
     def polynomial(self, coefficients: tuple[float, ...], x: str) -> str:
-        """Evaluate sum c_k x^k by Estrin's scheme, which has short dependency chains."""
+        """
+        Evaluate sum c_k x^k.
+
+        Estrin's scheme has short chains of dependent operations, Horner's the fewest.
+        """
         terms = list(map(self.const, coefficients))
+        if self.few_operations:
+            value = terms.pop()
+            while terms:
+                value = self.fma(value, x, terms.pop())
+            return value
         power = x
         while len(terms) > 1:
             # Each pass combines pairs of terms; a last one without a partner stays.

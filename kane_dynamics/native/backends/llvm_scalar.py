@@ -1021,8 +1021,9 @@ class Function:
             abreast = self.abreast if self.lanes == 1 else 1
             for start in range(0, len(arguments), abreast):
                 chunk = arguments[start:start + abreast]
+                # States side by side keep the processor busy, a single state does not.
                 vector = Vector(self.lines, f'{label}{chunk[0].index}', self.width,
-                                self.real)
+                                self.real, few_operations=self.lanes > 1)
                 packed = self._packed(vector, chunk)
                 if label == 'sc':
                     results = dict(zip(ops, vector.sin_cos(packed)))

@@ -18,7 +18,8 @@ from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.tracing.expression import Expr
 from kane_dynamics.native.tracing.program import Program
 
-PREFETCH_BYTES = 4096  # distance between the processed rows and the prefetched ones
+# Distance between the processed rows and the prefetched ones, of arguments and results.
+READ_AHEAD, WRITE_AHEAD = 2048, 4096  # bytes
 MAX_PREFETCHED_ROW = 64  # entries; the hardware prefetcher handles longer rows
 CACHE_LINE = 8  # doubles
 # Lanes one after the other. Lanes after a batch's last state repeat it: they are left out,
@@ -228,28 +229,34 @@ class RowFunction(Function):
         Make flags NaN where a value is not finite or larger than its limit; else they stay 0.
 
         The flags of arguments are at place 0, those of the result at 1. One instruction a
-        value: 0 x + s with a sum s from +0 on is +0 for every finite x. Squares of values
+        value, an addition, of which these programs have fewer than products: a sum of
+        finite numbers is finite, but for numbers near the largest one. Squares of values
         with a limit are added instead, and overflow where they reach its square, so that
         several values near the limit may be flagged, too.
         """
         v = self._vector
         zero = v.const(0.0)
-        at = v.new(f'getelementptr {v.type}, ptr %bad, i64 {place}')
-        # Two sums, which the processor adds at the same time.
-        sums = [v.new(f'load {v.type}, ptr {at}'), zero]
+        terms: list[str] = []
         squares: dict[float, str] = {}
-        # x * 0 is 0 for a finite x, else NaN; a square above its limit overflows to
-        # infinity, and infinity * 0 is NaN.
-        for k, (x, most) in enumerate(values):
+        for x, most in values:
             if math.isfinite(most):
                 squares[most] = v.fma(x, x, squares.get(most, zero))
             else:
-                sums[k % 2] = v.fma(x, zero, sums[k % 2])
+                terms.append(x)
         for most, square in squares.items():
-            scaled = v.op('fmul', square, v.const(overflow_scale(most * most)))
-            sums[1] = v.fma(scaled, zero, sums[1])
-        total = v.op('fadd', *sums)
-        v.lines.append(f'  store {v.type} {total}, ptr {at}')
+            terms.append(v.op('fmul', square, v.const(overflow_scale(most * most))))
+        if not terms:
+            return
+
+        # Two sums, which the processor adds at the same time.
+        sums = terms[:2]
+        for k, x in enumerate(terms[2:]):
+            sums[k % 2] = v.op('fadd', sums[k % 2], x)
+        total = sums[0] if len(sums) == 1 else v.op('fadd', *sums)
+        # 0 s + f is +0 for flags f = +0 and a finite s, else NaN.
+        at = v.new(f'getelementptr {v.type}, ptr %bad, i64 {place}')
+        flags = v.fma(total, zero, v.new(f'load {v.type}, ptr {at}'))
+        v.lines.append(f'  store {v.type} {flags}, ptr {at}')
 
     def _prefetch(self, rows: list[str], size: int, writing: bool) -> None:
         """Prefetch the rows of a later block."""
@@ -257,8 +264,9 @@ class RowFunction(Function):
         if size > MAX_PREFETCHED_ROW or not size:
             return
         block = v.width * size
-        # As many blocks ahead as PREFETCH_BYTES.
-        distance = -(-PREFETCH_BYTES // (8 * block)) * block
+        # As many whole blocks ahead.
+        ahead = WRITE_AHEAD if writing else READ_AHEAD
+        distance = -(-ahead // (8 * block)) * block
         for row in rows:
             for k in range(0, size, CACHE_LINE):
                 at = v.new(f'getelementptr double, ptr {row}, i64 {distance + k}')

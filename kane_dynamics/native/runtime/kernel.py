@@ -75,26 +75,31 @@ def converted(argument: Argument, value: Any) -> Array:
     """Return a value as a C-contiguous float64 array of one state or a batch."""
     name = argument.name
     shape = argument.shape
-    expected = f'{shape} or (N, {", ".join(map(str, shape))})'
     # By the attribute, since numpy.ma is slow to import.
     masked = getattr(value, 'mask', None) if isinstance(value, np.ndarray) else None
     if masked is not None and np.any(masked):
         raise InputError(f'{name}: a masked array with {np.count_nonzero(masked)} '
-                         f'masked entries; expected numbers of shape {expected}')
+                         f'masked entries; expected numbers of shape {_shapes(shape)}')
     try:
         array = np.asarray(value)
     except ValueError:
         raise InputError(f'{name}: not a rectangular array; expected shape '
-                         f'{expected}') from None
+                         f'{_shapes(shape)}') from None
     # Kinds of numbers: floats, signed and unsigned integers; neither bool nor object.
     if array.dtype.kind not in 'fiu':
         raise InputError(f'{name}: dtype {array.dtype}; expected numbers of shape '
-                         f'{expected}')
+                         f'{_shapes(shape)}')
     if array.shape != shape and array.shape[1:] != shape:
+        expected = _shapes(shape)
         if argument.labels:
             expected += f', of {", ".join(argument.labels)}'
         raise InputError(f'{name}: shape {array.shape}; expected {expected}')
     return np.asarray(array, dtype=np.float64, order='C')
+
+
+def _shapes(shape: Shape) -> str:
+    """Return the shapes of one state and of a batch as text."""
+    return f'{shape} or (N, {", ".join(map(str, shape))})'
 
 
 def require_finite(argument: Argument, array: Array) -> None:
@@ -651,14 +656,13 @@ class Kernel:
         """Return the length of the batch, None for one state; arguments must agree."""
         # Single states have no length: mixed with batches, they are an error.
         lengths: list[int | None] = []
-        shapes = []
         for argument, value, array in zip(self.arguments, values, arrays):
-            if value is None:  # a default, which all states share
-                continue
-            is_batch = array.ndim > len(argument.shape)
-            lengths.append(array.shape[0] if is_batch else None)
-            shapes.append(f'{argument.name} {array.shape}')
+            if value is not None:  # a default is one that all states share
+                is_batch = array.ndim > len(argument.shape)
+                lengths.append(array.shape[0] if is_batch else None)
         if len(set(lengths)) > 1:
+            shapes = [f'{argument.name} {array.shape}' for argument, value, array
+                      in zip(self.arguments, values, arrays) if value is not None]
             raise InputError(f'{self.name}: arguments {", ".join(shapes)}; expected all '
                              'single states or all batches of one length')
         return lengths[0]

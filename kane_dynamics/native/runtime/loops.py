@@ -208,6 +208,7 @@ start:
   %rows = alloca [SLOTS x <W x ptr>], align 64
   %firsts = alloca [SLOTS x <W x ptr>], align 64
   %states = alloca <W x i64>, align 64
+  %distances = alloca [SLOTS x i64]
   %bad = alloca [2 x <W x i64>], align 64
   store [2 x <W x i64>] zeroinitializer, ptr %bad
   %last = sub i64 %end, 1
@@ -216,9 +217,30 @@ start:
   %result = sub i64 %slots, 1
   %result.rows = getelementptr <W x ptr>, ptr %rows, i64 %result
   %watched = icmp ne ptr %low, null
+  %is.single = icmp eq i64 %steps, 1
+  br label %regard
+regard:
+  ; Whether the rows of no argument are numbered, and the bytes between the rows of full blocks.
+  %r = phi i64 [0, %start], [%r.next, %regard]
+  %r.plain = phi i1 [true, %start], [%plain, %regard]
+  %r.row = getelementptr [ROW x i64], ptr %table, i64 %r
+  %r.stride.at = getelementptr i64, ptr %r.row, i64 1
+  %r.stride = load i64, ptr %r.stride.at
+  %r.distance = mul i64 %r.stride, W
+  %r.distance.at = getelementptr i64, ptr %distances, i64 %r
+  store i64 %r.distance, ptr %r.distance.at
+  %r.numbers.at = getelementptr i64, ptr %r.row, i64 3
+  %r.numbers = load ptr, ptr %r.numbers.at
+  %r.unnumbered = icmp eq ptr %r.numbers, null
+  %plain = and i1 %r.plain, %r.unnumbered
+  %r.next = add i64 %r, 1
+  %r.more = icmp slt i64 %r.next, %slots
+  br i1 %r.more, label %regard, label %regarded
+regarded:
+  %is.short = and i1 %plain, %is.single
   br label %block
 block:
-  %b = phi i64 [%begin, %start], [%b.next, %block.done]
+  %b = phi i64 [%begin, %regarded], [%b.next, %block.done]
   %b.lane = insertelement <W x i64> poison, i64 %b, i32 0
   %b.lanes = shufflevector <W x i64> %b.lane, <W x i64> poison, <W x i32> zeroinitializer
   %open = add <W x i64> %b.lanes, LANE_NUMBERS
@@ -229,7 +251,20 @@ block:
   %is.full = icmp sle i64 %b.end, %end
   %is.later = icmp sgt i64 %b, %begin
   %follows = and i1 %is.full, %is.later
-  br label %place
+  %is.shift = and i1 %follows, %is.short
+  br i1 %is.shift, label %shift, label %place
+shift:
+  ; Most batches: every block but the first and the last.
+  %h = phi i64 [0, %block], [%h.next, %shift]
+  %h.at = getelementptr <W x ptr>, ptr %rows, i64 %h
+  %h.before = load <W x ptr>, ptr %h.at
+  %h.distance.at = getelementptr i64, ptr %distances, i64 %h
+  %h.distance = load i64, ptr %h.distance.at
+  %h.following = getelementptr i8, <W x ptr> %h.before, i64 %h.distance
+  store <W x ptr> %h.following, ptr %h.at
+  %h.next = add i64 %h, 1
+  %h.more = icmp slt i64 %h.next, %slots
+  br i1 %h.more, label %shift, label %step
 place:
   %k = phi i64 [0, %block], [%k.next, %stored]
   %row = getelementptr [ROW x i64], ptr %table, i64 %k
@@ -245,7 +280,8 @@ unnumbered:
   br i1 %follows, label %follow, label %placed
 follow:
   %before = load <W x ptr>, ptr %first.at
-  %distance = mul i64 %stride, W
+  %distance.at = getelementptr i64, ptr %distances, i64 %k
+  %distance = load i64, ptr %distance.at
   %following = getelementptr i8, <W x ptr> %before, i64 %distance
   br label %stored
 look:
@@ -269,7 +305,7 @@ stored:
   %k.more = icmp slt i64 %k.next, %slots
   br i1 %k.more, label %place, label %step
 step:
-  %s = phi i64 [0, %stored], [%s.next, %move]
+  %s = phi i64 [0, %stored], [0, %shift], [%s.next, %move]
   call void %kernel(ptr %rows, ptr %bad)
   br i1 %watched, label %watch, label %step.done
 watch:
