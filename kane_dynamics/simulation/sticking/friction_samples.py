@@ -35,7 +35,7 @@ class ExactFriction:
         # The search of a step of 1 s under held torques.
         self._kernel = settling_kernel(StepChoice(False, dual_to=contact.dual_to), contact)
 
-    def compile(self) -> None:
+    def compile_kernels(self) -> None:
         """Compile the kernels."""
         self._contact.kernel.compile_lanes()
         if not self._contact.locks:

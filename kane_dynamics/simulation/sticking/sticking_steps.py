@@ -78,7 +78,7 @@ def compile_sticking(robot: Robot, choice: StepChoice, stops: bool) -> None:
     """Compile the kernels of `Sticking` for one choice of the step."""
     state = friction_state(robot, stops, choice.needed(robot).dual_to)
     if state.joints:
-        exact_friction(robot, stops).compile()
+        exact_friction(robot, stops).compile_kernels()
         energy_kernel(robot, True)
         _kernels(choice, state)
 

@@ -213,7 +213,7 @@ def settled_modes(kernel: Kernel, contact: FrictionState, state: Array, inputs: 
     kernel : Kernel
         `settling_kernel`.
     contact : FrictionState
-        Which joints stick or slide, at the step's begin.
+        Of the robot, with its stops if they act.
     state : array
         Entries as `step_kernels.state_names`; the margin may be missing.
     inputs, constants : arrays
