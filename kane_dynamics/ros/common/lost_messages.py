@@ -50,7 +50,7 @@ class LostMessages:
         if number is None:
             self.numbered = False
             return
-        # A number that does not follow the last one is a gap; numbers of a new
+        # A number that does not follow the last one is a loss; numbers of a new
         # publisher begin again.
         self._received += 1
         if 0 < self._last < number:
@@ -85,7 +85,7 @@ class LostMessages:
         """
         total = self.total
         received = self._received
-        # With several publishers, their numbers mix: gaps say nothing.
+        # With several publishers, their numbers mix: nothing follows from them.
         lost = total - self._reported[0]
         if publishers > 1:
             self.total = total = self._reported[0]

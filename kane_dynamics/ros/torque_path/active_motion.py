@@ -111,7 +111,7 @@ class ActiveMotion:
             self.reason = reason
             dropped = self._motions
             self._motions = successor, None
-            # Whoever computes a motion notices by the generation that it comes too
+            # A computation of a motion notices by the generation that it comes too
             # late.
             self.generation += 1
             self.cleared_at = time.time_ns()

@@ -152,7 +152,7 @@ class CartesianMode(NativeLaw):
         changed = differ(settings, self._settings)
         self._settings = settings
         self._use_target_limits(values)
-        # Orders are written anew into the settings, as limits of the target may have
+        # Orders are written again into the settings, as limits of the target may have
         # changed.
         self._ordered = None
         if changed:

@@ -344,7 +344,7 @@ class JointStateReader:
         if missing:
             self.detail = ', '.join(missing)
             return self._note_missing(names, missing)
-        # Joints that nobody uses may be there twice.
+        # Joints that are not used may be there twice.
         used = (*self.joints, *self.optional)
         repeated = [joint for joint in used if names.count(joint) > 1]
         if repeated:
