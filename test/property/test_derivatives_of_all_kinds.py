@@ -9,7 +9,7 @@ from kane_dynamics import (ball, ConstraintError, FlexibleLink, Inertial, InputE
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.native.tracing.program import evaluate
 from kane_dynamics.native.tracing.subroutine import inlined
-from kane_dynamics.robot.derivative_kernels import Derivative
+from kane_dynamics.robot.derivative_kernels import Derivative, PARAMETERS
 from linkages import at_angle, four_bar, sleigh
 from mechanisms import random_model
 import numpy as np
@@ -111,7 +111,7 @@ def test_derivatives_of_random_mechanisms_with_loops_are_the_definitions(seed):
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_every_quantity_has_a_vjp_and_a_jvp(kind):
+def test_every_quantity_has_a_vjp_and_a_jvp_by_all_of_its_inputs(kind):
     """Their reference: dual numbers through the program of the quantity."""
     robot, rng = robot_of(kind), np.random.default_rng(3)
     state = dict(zip(('q', 'u', 'udot'), state_of(kind, 2)))
@@ -120,20 +120,26 @@ def test_every_quantity_has_a_vjp_and_a_jvp(kind):
     for name in robot.kernels.names:
         if name.endswith('_derivatives'):
             continue
-        by = robot.kernels.arguments(name)
+        shapes = robot.kernels.differentiable(name)
+        by = tuple(shapes)
         program = robot.kernels.program(name)
         given = [state[key] for key, _ in program.inputs]
-        tangents = {key: rng.normal(size=shape) if key in by else np.zeros(shape)
-                    for key, shape in program.inputs}
-        numbers = [x for value, rate in zip(given, tangents.values())
-                   for x in np.ravel(moving(value, rate))]
+        tangents = {key: rng.normal(size=shape) for key, shape in shapes.items()}
+        # Gravity and payload are parts of the block of parameters.
+        of_parameters = np.zeros_like(robot.parameters.block)
+        for key in tangents.keys() & PARAMETERS.keys():
+            of_parameters[PARAMETERS[key]] = tangents[key]
+        changes = tangents | {'parameters': of_parameters}
+        numbers = []
+        for value, (key, _) in zip(given, program.inputs):
+            numbers.extend(np.ravel(moving(value, changes[key])))
         expected = rates(inlined(program, numbers)).reshape(program.shape)
         jvp = robot.kernels.program(name, '', Derivative('jvp', by))
-        assert_close(evaluate(jvp, [*(tangents[key] for key in by), *given]), expected)
+        assert_close(evaluate(jvp, [*tangents.values(), *given]), expected)
         w = rng.normal(size=program.shape)
         vjp = robot.kernels.program(name, '', Derivative('vjp', by))
         gradient = evaluate(vjp, [w, *given])
-        along = np.concatenate([tangents[key] for key in by])
+        along = np.concatenate([np.ravel(tangent) for tangent in tangents.values()])
         assert gradient @ along == pytest.approx(np.sum(w * expected), abs=1e-10 * (
             np.linalg.norm(gradient) * np.linalg.norm(along) + 1e-2))
 
