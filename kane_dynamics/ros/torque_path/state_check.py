@@ -3,9 +3,9 @@ Judge joint states by what the arm can do: its limits, and its last state.
 
 A state is impossible if it is not finite, if a joint lies far outside its position
 limits, is faster than it can be, or is farther from its last accepted position than it
-can have moved since then. A joint that has jumped stays impossible until it returns or
-its measured speeds explain where it is: an offset of an encoder does not become possible
-as time passes.
+can have moved since then. A joint that has jumped stays impossible until it jumps back
+or, within the grace time, its measured speeds explain where it is: an offset of an encoder
+does not become possible as time passes.
 
 `judged` is the rule, a function over any scalar: both torque paths compile it. Details of
 a reason are found only for a state that is refused.
@@ -352,7 +352,7 @@ class StateCheck:
         if share.max() < 1.0:
             j = int(np.argmax(jumped * np.abs(moved)))
             return (f"'{self._joints[j]}' still is {moved[j]:.4g} rad or m from its last "
-                    'accepted position, after a jump; expected a way back, or speeds that '
+                    'accepted position, after a jump; expected a jump back, or speeds that '
                     'explain the distance')
         j = int(np.argmax(share))
         return (f"'{self._joints[j]}' moved by {moved[j]:.4g} rad or m in "
@@ -418,7 +418,8 @@ def jumped_joints(memory: StateMemory, moment: Scalar, state: Vector, last: Vect
     jumped for as long as its positions go on from there without another jump, unless its
     mean speed explains where it is. So an offset that stays does not become possible
     when enough time has passed, and a joint that returns is accepted at once. Positions
-    that were late and have caught up are explained.
+    that were late and have caught up are explained. After the grace time nothing is: an
+    arm that falls or stops may bring a false position to the last accepted one.
 
     Parameters
     ----------
@@ -439,6 +440,7 @@ def jumped_joints(memory: StateMemory, moment: Scalar, state: Vector, last: Vect
     _, _, _, slope, step = np.split(settings.bounds, 5)
     since = (moment - memory.jumped_at) / NANO
     since = select(since > 0.0, since, 0.0)
+    in_grace = 1.0 - flag(memory.frozen_at > NEVER)
     jumped = []
     for j, turned in enumerate(settings.turned):
         moved = q[j] - q_last[j]
@@ -449,7 +451,7 @@ def jumped_joints(memory: StateMemory, moment: Scalar, state: Vector, last: Vect
         predicted = 0.5 * (u_last[j] + u[j]) * elapsed
         late = LATE_SHARE * select(predicted < 0.0, -predicted, predicted)
         is_explained = within(moved - predicted, step[j] + late, turned)
-        stays = memory.jumped[j] * continues * (1.0 - is_explained)
+        stays = memory.jumped[j] * continues * (1.0 - in_grace * is_explained)
         jumped.append(either(is_near, stays, 1.0))
     return np.array(jumped)
 

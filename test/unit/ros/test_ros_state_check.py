@@ -183,6 +183,22 @@ def test_an_offset_of_an_encoder_does_not_become_possible_as_time_passes(offset,
     assert rig.path.fault == ''
 
 
+@pytest.mark.parametrize('action', ['zero', 'hold'])
+def test_after_the_grace_time_an_arm_that_moves_does_not_make_an_offset_possible(action):
+    """Zeros let the arm fall, until the false position is the last accepted one."""
+    rig, q, speed = Rig(action=action), HOME.copy(), np.zeros(7)
+    rig.begin()
+    for k in range(200):
+        if k > 50:
+            speed[1] += 10.0 * PERIOD / NANO
+            q = q + speed * PERIOD / NANO
+        rig.state(q - 0.05 * np.eye(7)[1], speed)
+    assert q[1] - HOME[1] > 0.4
+    assert rig.path.fault == JUMP and rig.statistics.dropped == {JUMP: 200}
+    command, = rig.state()
+    np.testing.assert_allclose(command, ARM.gravity_force(HOME), rtol=1e-9, atol=1e-9)
+
+
 def test_a_joint_whose_positions_were_late_is_accepted_when_its_speed_explains_the_distance():
     """The driver repeats a position for 30 ms, with new stamps, while the joint moves."""
     rig, q, speed = Rig('inverse_dynamics'), HOME.copy(), np.zeros(7)
