@@ -19,7 +19,7 @@ def within_limits(compensation: Vector, task: Vector, limits: Vector, lanes: Any
 
     All torques of the task have the same factor, so that its wrench keeps its direction.
     Where the compensation alone exceeds a limit in the direction of the task, s is 0;
-    the result then exceeds it, too.
+    the result then exceeds it, too. Joints without a torque of the task do not limit s.
 
     Parameters
     ----------
@@ -41,8 +41,9 @@ def _share_within(held: Scalar, torque: Scalar, limit: Scalar) -> Scalar:
     sign = select(torque < 0.0, -1.0, 1.0)
     size = sign * torque
     # The reciprocal does not wait for what is held.
-    reciprocal = 1.0 / select(size < TINY, TINY, size)
-    room = limit - sign * held
+    is_idle = size < TINY
+    reciprocal = 1.0 / select(is_idle, 1.0, size)
+    room = select(is_idle, 1.0, limit - sign * held)
     return select(room < 0.0, 0.0, room) * reciprocal
 
 

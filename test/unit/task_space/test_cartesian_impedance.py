@@ -3,8 +3,9 @@
 from dataclasses import replace
 from functools import cache
 
-from kane_dynamics import (CartesianImpedance, InputError, load_urdf, pose_exp, Robot,
-                           rotation_exp, Terms)
+from kane_dynamics import (CartesianImpedance, InputError, load_urdf, ModelBuilder,
+                           OperationalSpace, point_mass, pose_exp, Robot, rod, rotation_exp,
+                           Terms)
 from kane_dynamics._util.resources import resource_path
 from linkages import four_bar
 import numpy as np
@@ -292,3 +293,23 @@ def test_a_posture_is_needed_for_its_stiffness_and_may_be_taken_back():
 def test_the_energy_is_that_of_one_state(q, pose, message):
     with pytest.raises(InputError, match=message):
         law().energy(q, pose)
+
+
+@pytest.mark.parametrize('weight', [5.0, -5.0])
+@pytest.mark.parametrize('kind', [CartesianImpedance, OperationalSpace])
+def test_an_overloaded_joint_that_the_frame_does_not_use_leaves_the_task_alone(kind, weight):
+    b = ModelBuilder('arm beside a heavy flap')
+    on, at = 'world', (0.0, 0.0, 0.0)
+    for name in ('upper', 'fore', 'wrist'):
+        b.body(name, on, axis=(0, 1, 0), at=at, inertial=rod(1.0, (0, 0, 0), (0.4, 0, 0)))
+        on, at = name, (0.4, 0.0, 0.0)
+    b.body('flap', axis=(0, 1, 0), inertial=point_mass(1.0, at=(weight / 9.81, 0, 0)))
+    robot = Robot(b.model())
+    q = np.array([0.3, 0.4, 0.5, 0.0])
+    pose = robot.frame_pose('wrist', q)
+    pose[2, 3] += 0.05
+    settings = {'stiffness': K} if kind is CartesianImpedance else {}
+    torques = [kind(robot, 'wrist', effort_limit=[200.0, 200.0, 200.0, flap], **settings).torque(
+        q, np.zeros(4), pose) for flap in (10.0, 1.0)]
+    np.testing.assert_allclose(torques[1], torques[0], rtol=1e-12, atol=1e-12)
+    assert np.abs(torques[0] - robot.gravity_force(q))[:3].max() > 1.0
