@@ -18,7 +18,8 @@ With the name of a mode, such as `cartesian_impedance`, the node runs in it; by 
 computed_torque. With `--no-gates` missed gates are printed and no failure.
 
 With `--tail N` the node and the echo in C alone are visited N times each under each load, one
-after the other without a pause, and all percentiles are printed up to the longest of N.
+after the other without a pause. All percentiles are printed up to the longest of N, and the
+histogram: how many took longer than each of some times.
 """
 
 import argparse
@@ -46,6 +47,7 @@ IDLE, BUSY = 'idle', 'beside simulations'
 PERIOD = 2e-3  # s between visits, on average
 BLOCK, LONG_BLOCK = 250, 2500  # rounds, with pauses and without
 PERCENTILES = (50.0, 90.0, 99.0, 99.9, 99.99, 99.999, 100.0)
+LIMITS = (1e-4, 2e-4, 3e-4, 5e-4, 1e-3, 2e-3, 3e-3, 5e-3, 1e-2, 2e-2)  # s, of the histogram
 WARM_UP = 200  # rounds
 # Most paired ratio by load and contender, and most states lost.
 MOST_RATIO = {'fr3': {(IDLE, DEFAULT): 0.70, (BUSY, DEFAULT): 0.65, (IDLE, IN_C): 2.0},
@@ -157,6 +159,16 @@ def show_tail(which: str, trips: dict[str, np.ndarray]) -> None:
         print(f'| {name} | {len(values)} | {np.isnan(values).sum()} | {row} |')
 
 
+def show_histogram(trips: dict[str, np.ndarray]) -> None:
+    """Print how many round trips took longer than each of some times; lost ones did."""
+    print(f'\n| longer than | {" | ".join(trips)} |\n{"|---" * (len(trips) + 1)}|')
+    for limit in LIMITS:
+        counts = []
+        for values in trips.values():
+            counts.append(str(np.count_nonzero(~(values <= limit))))
+        print(f'| {limit * 1e3:g} ms | {" | ".join(counts)} |')
+
+
 def show(which: str, trips: dict[str, np.ndarray]) -> dict[tuple[str, str], float]:
     """Print the figures under one load; return the paired ratios by load and contender."""
     print(f'\n{which}:\n\n| | p50, us | p99, us | lost | over {PERIOD * 1e3:g} ms |')
@@ -203,6 +215,7 @@ def main(*arguments: str, samples: int = 2500, tail: int = 0) -> int:
     if tail:
         for which, several in trips.items():
             show_tail(which, several)
+            show_histogram(several)
         return 0
     ratios = show(IDLE, trips[IDLE]) | show(BUSY, trips[BUSY])
     lost = np.isnan(trips[BUSY][OURS]).mean()

@@ -10,7 +10,7 @@ from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.control.collision_detection import detector_step
 from kane_dynamics.control.computed_torque import followed_joints, law_kernel
 from kane_dynamics.control.momentum_observer import residual_step
-from kane_dynamics.control.torque_limiter import clipped, within_rate
+from kane_dynamics.control.torque_limiter import within_effort, within_rates
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import require_angles
@@ -90,11 +90,7 @@ def _limiter(robot: Robot) -> Kernel:
     """Return the kernel of the torque limits of all joints."""
     def limits(tau: Vector, last: Vector, effort: Vector, change: Vector) -> Vector:
         # Clamped to the effort first, then within the largest change of a cycle.
-        limited = []
-        for x, last_x, largest, largest_change in zip(tau, last, effort, change):
-            clamped = clipped(x, -largest, largest)
-            limited.append(within_rate(clamped, last_x, largest_change))
-        return np.array(limited)
+        return np.array(within_rates(within_effort(tau, effort), last, change))
     row = (_torque_count(robot),)
     return robot.compiled(limits, name='limited_torque', tau=row, last=row, effort=row,
                           change=row, shape=row)

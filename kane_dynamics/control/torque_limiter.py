@@ -1,6 +1,11 @@
-"""Torque limits: the effort clamp, then the rate limit."""
+"""
+Torque limits: the effort clamp, then the rate limit.
 
-from collections.abc import Sequence
+The rules are functions over any scalar: `TorqueLimiter` applies them to floats, the native
+torque path and exported controllers compile them.
+"""
+
+from collections.abc import Iterable, Sequence
 import math
 from typing import NamedTuple
 
@@ -17,9 +22,17 @@ def clipped(x: Scalar, low: Scalar, high: Scalar) -> Scalar:
     return select(x < low, low, select(high < x, high, x))
 
 
-def within_rate(x: Scalar, last: Scalar, change: Scalar) -> Scalar:
-    """Return a torque that differs from the last one by at most a change."""
-    return clipped(x, last - change, last + change)
+def within_effort(tau: Iterable[Scalar], effort: Iterable[Scalar]) -> list[Scalar]:
+    """Return torques within the effort limits."""
+    return [clipped(x, -largest, largest)
+            for x, largest in zip(tau, effort, strict=True)]
+
+
+def within_rates(tau: Iterable[Scalar], last: Iterable[Scalar], change: Iterable[Scalar]
+                 ) -> list[Scalar]:
+    """Return torques that differ from the last ones by at most the largest changes."""
+    return [clipped(x, last_x - largest, last_x + largest)
+            for x, last_x, largest in zip(tau, last, change, strict=True)]
 
 
 class Command(NamedTuple):
@@ -109,9 +122,12 @@ class TorqueLimiter:
             raise InputError('torques: not finite, '
                              f'{dict(zip(self._names, torques, strict=True))}; expected '
                              'a state, a motion and gains in a physical range')
-        clamped = [clipped(x, -largest, largest)
-                   for x, largest in zip(torques, self._largest, strict=True)]
-        limited = self._within_rates(clamped, elapsed)
+        clamped = within_effort(torques, self._largest)
+        # The last command within the present effort limits: the limit of the rate would
+        # hold a command above one that has become smaller.
+        last = within_effort(self._last, self._largest)
+        change = [slope * elapsed + free for slope, free in zip(self._slope, self._free)]
+        limited = within_rates(clamped, last, change)
         self._last = limited
         self._stamp = t
         if limited == torques:
@@ -120,18 +136,6 @@ class TorqueLimiter:
         after_clamp = np.array(clamped)
         result = np.array(limited)
         return Command(result, after_clamp != tau, result != after_clamp, True)
-
-    def _within_rates(self, torques: list[float], elapsed: float) -> list[float]:
-        """Return torques that differ from the last by at most the rates allow."""
-        if not self._rated:
-            return torques
-        # The last command within the present effort limits: the limit of the rate would
-        # hold a command above one that has become smaller.
-        within = [clipped(last, -largest, largest)
-                  for last, largest in zip(self._last, self._largest, strict=True)]
-        limits = zip(torques, within, self._slope, self._free, strict=True)
-        return [within_rate(x, last, slope * elapsed + free)
-                for x, last, slope, free in limits]
 
     def _is_within(self, torques: list[float], elapsed: float) -> bool:
         """Return whether torques are finite and within all limits; as fast as may be."""

@@ -17,7 +17,7 @@ from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.stopping import reached_state, stopping_torque
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.torque_blend import share_left
-from kane_dynamics.control.torque_limiter import clipped, within_rate
+from kane_dynamics.control.torque_limiter import within_effort, within_rates
 from kane_dynamics.control.traced_laws import Desired, LawInput, TracedLaw
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.flags import branch, either, finite, flag, packed
@@ -564,9 +564,6 @@ def answer(robot: Robot, law: TracedLaw, path: PathState, event: Event, state: V
     # The measured state; with closed loops that of the whole mechanism.
     stamp = event.stamp
     q, u = np.split(_measured(path, state), 2)
-    # The last command obeys an effort limit that became smaller; otherwise the limit of
-    # the rate would hold a command above it.
-    path = path._replace(last=_within_effort(path.last, settings))
     desired = desired_motion(path, event, row, settings, q, law.holds)
     if loops is not None:
         measured = loops.search(loops.memory(path).measured)
@@ -659,16 +656,12 @@ def _limited(path: PathState, t: Scalar, tau: Vector, settings: CycleSettings
     elapsed = select(path.limit_stamp < t, (t - path.limit_stamp) / NANO, 0.0)
     elapsed = either(path.limit_known, elapsed, 0.0)
     change = settings.slope * elapsed + settings.free
-    last = _within_effort(path.last, settings)
-    clamped = _within_effort(tau, settings)
-    limited = [within_rate(x, y, most) for x, y, most in zip(clamped, last, change)]
-    return clamped, np.array(limited)
-
-
-def _within_effort(tau: Vector, settings: CycleSettings) -> Vector:
-    """Return torques within the effort limits."""
-    return np.array([clipped(x, -largest, largest)
-                     for x, largest in zip(tau, settings.effort)])
+    # An effort limit that became smaller holds for the last command too, as in
+    # `TorqueLimiter`.
+    last = within_effort(path.last, settings.effort)
+    clamped = within_effort(tau, settings.effort)
+    limited = within_rates(clamped, last, change)
+    return np.array(clamped), np.array(limited)
 
 
 def _differ(x: Vector, y: Vector) -> Vector:
