@@ -19,7 +19,7 @@ from typing import Any
 
 from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import finite_row, instance, per_joint
-from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.control.computed_torque import KD, KP
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
