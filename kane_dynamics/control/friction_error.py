@@ -127,11 +127,12 @@ def friction_beyond(rate: Scalar, coulomb: Scalar, damping: Scalar, offset: Scal
 
 def checked_friction_error(error: FrictionError, names: Sequence[str]) -> FrictionError:
     """Return the friction of these joints; InputError for anything else."""
-    instance(error, FrictionError, 'friction_error')
-    if error.joint_names != tuple(names):
-        raise InputError(f'friction_error: of {listing(error.joint_names)}; expected '
+    checked: FrictionError = error
+    instance(checked, FrictionError, 'friction_error')
+    if checked.joint_names != tuple(names):
+        raise InputError(f'friction_error: of {listing(checked.joint_names)}; expected '
                          f'{listing(names)}')
-    return error
+    return checked
 
 
 def _signed(value: ArrayLike, what: str, names: Sequence[str]) -> Array:

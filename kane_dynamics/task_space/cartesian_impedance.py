@@ -330,6 +330,11 @@ def compile_state(law: CartesianImpedance) -> None:
     _ = law._state_entry
 
 
+def joints_at_walls(law: CartesianImpedance, q: Array) -> list[str]:
+    """Return the names of the joints on which a wall acts at q, (n_q,)."""
+    return law._walls.reached(q, law._shapes.unpacked(law._block))
+
+
 def posture_place(law: CartesianImpedance) -> slice:
     """Return where its settings have the posture."""
     return law._shapes.place('posture')

@@ -83,6 +83,15 @@ class JointWalls:
             total = total + 0.5 * settings['wall_stiffness'][k] * depth * depth
         return total
 
+    def reached(self, q: Array, settings: Mapping[str, Any]) -> list[str]:
+        """Return the names of the joints on which a wall acts."""
+        names = []
+        for k, place in enumerate(self.places):
+            depth = _depth(q[place], settings['wall_lower'][k], settings['wall_upper'][k])
+            if depth and settings['wall_stiffness'][k]:
+                names.append(self._names[k])
+        return names
+
 
 def _wall_force(position: Scalar, rate: Scalar, stiffness: Scalar, lower: Scalar,
                 upper: Scalar, slope: Scalar) -> Scalar:

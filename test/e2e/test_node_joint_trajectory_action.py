@@ -74,17 +74,17 @@ class Arm:
         """Send a goal and return status, code and text of its result."""
         return self.result(self.send(*points, **fields)[1])
 
-    def rest(self, timeout=5.0):
+    def rest(self, timeout=30.0):
         """Return where the arm comes to rest, by states from now on."""
-        begin = len(self.states)
         now = time.time()
 
         def rests():
             # A busy machine delivers states late, when the arm has moved on.
-            later = [(q, u) for q, u, _, stamp in self.states[begin:] if stamp >= now]
-            recent = np.array(later[-30:])
-            return (len(recent) == 30 and np.ptp(recent[:, 0], axis=0).max() < 2e-4
-                    and np.abs(recent[:, 1]).max() < 2e-3)
+            recent = self.states[-30:]
+            if len(recent) < 30 or recent[0][-1] < now:
+                return False
+            q, u = (np.array([state[k] for state in recent]) for k in (0, 1))
+            return np.ptp(q, axis=0).max() < 2e-4 and np.abs(u).max() < 2e-3
         assert wait_until(rests, timeout), 'the arm does not come to rest'
         return self.states[-1][0]
 

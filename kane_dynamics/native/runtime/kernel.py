@@ -339,9 +339,7 @@ class Kernel:
             the kernel; returns its result.
 
         """
-        signature = self._with_memory(memory)
-        place = signature.memory
-        assert place is not None
+        place, signature = self._with_memory(memory)
         returned, = signature.shape
         call = fallback or self
 
@@ -370,16 +368,19 @@ class Kernel:
             As of `entry_with_memory`.
 
         """
-        signature = self._signature if memory is None else self._with_memory(memory)
+        signature = self._signature
+        if memory is not None:
+            _, signature = self._with_memory(memory)
         return entry.entry(self.name, doc, self.compile(),
                            replace(signature, kinds=form.kinds),
                            [*self.defaults, self.parameters], fallback, form)
 
-    def _with_memory(self, memory: str) -> Signature:
-        """Return the signature of calls that update an argument."""
+    def _with_memory(self, memory: str) -> tuple[int, Signature]:
+        """Return the number of an argument, and the signature of calls that update it."""
         place = [argument.name for argument in self.arguments].index(memory)
         size, = self.arguments[place].shape
-        return replace(self._signature, shape=(self.shape[0] - size,), memory=place)
+        shape = (self.shape[0] - size,)
+        return place, replace(self._signature, shape=shape, memory=place)
 
     def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[],
                                                                                     Any]:

@@ -23,7 +23,7 @@ from kane_dynamics.ros.torque_path.state_check import NEVER
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.cartesian_impedance import (CartesianImpedance,
                                                           compile_state, impedance_law,
-                                                          posture_place)
+                                                          joints_at_walls, posture_place)
 from kane_dynamics.task_space.law_kernel import (identifier, lanes_of_single_states,
                                                  LanesOf, Law, law_kernel, settings_of)
 from kane_dynamics.task_space.pose_filter import LIMITS
@@ -230,6 +230,8 @@ class CartesianMode(NativeLaw):
             saturated.append('speed of the joints')
         if state.regularization > 0.0:
             saturated.append('singular configuration')
+        for joint in joints_at_walls(self._describing, q):
+            saturated.append(f'wall of {joint}')
         # The target itself may be as fast as its limits allow.
         for what, part, limit in (('speed', twist[:3], self._limits[0]),
                                   ('angular speed', twist[3:], self._limits[1])):

@@ -504,3 +504,31 @@ def test_the_description_names_what_is_saturated():
     assert 'force of the spring' in described.saturated
     assert np.linalg.norm(described.wrench[:3]) > 1.0
     assert snapshot.target_age == -1.0
+
+
+def test_the_description_names_the_joints_at_their_walls():
+    rig = Rig(cartesian__stiffness=[100.0] * 6, walls__margin=0.1)
+    rig.run(0.01)
+    described = rig.law.describe(rig.q, rig.u, rig.law.snapshot(rig.now))
+    assert not any('wall' in what for what in described.saturated)
+    near = rig.q.copy()
+    near[1] = rig.robot.limits.lower[1] + 0.05
+    described = rig.law.describe(near, rig.u, rig.law.snapshot(rig.now))
+    assert [what for what in described.saturated if 'wall' in what] == ['wall of joint2']
+
+
+def test_hand_guiding_compensates_friction_beyond_the_model():
+    rig = Rig('hand_guiding', hand_guiding__friction=0.5)
+    law = rig.modes.laws[Mode.HAND_GUIDING]
+    u = np.array([0.1, -0.2])
+    before = law.torque(rig.q, u, None, 0.0, 0.0)
+    values = {'observer__friction__coulomb': [0.4, 0.2], 'observer__friction__damping': [0.1, 0.3],
+              'observer__friction__offset': [0.05, 0.0], 'observer__friction__speed': 0.02}
+    rig.adjust(**values)
+    error = [0.05, 0.0] + np.array([0.4, 0.2]) * np.tanh(u / 0.02) + np.array([0.1, 0.3]) * u
+    np.testing.assert_allclose(law.torque(rig.q, u, None, 0.0, 0.0), before + 0.5 * error,
+                               atol=1e-12)
+    rig.adjust(**values)
+    assert not law.update(rig.values), 'nothing changed'
+    with pytest.raises(InputError, match=r'observer\.friction\.coulomb'):
+        rig.adjust(observer__friction__coulomb=[0.1] * 3)

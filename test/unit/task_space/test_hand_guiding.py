@@ -3,7 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
-from kane_dynamics import HandGuiding, Inertial, InputError, load_urdf, Robot
+from kane_dynamics import FrictionError, HandGuiding, Inertial, InputError, load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from linkages import five_bar, five_bar_at
 import numpy as np
@@ -37,6 +37,36 @@ def test_in_motion_a_part_of_the_friction_is_compensated():
     tau = HandGuiding(robot, friction=0.75, damping=0.1).torque(Q, u)
     expected = robot.gravity_force(Q) + 0.75 * robot.friction_force(u) - 0.1 * u
     np.testing.assert_allclose(tau, expected, atol=1e-12)
+
+
+def test_a_part_of_the_friction_beyond_the_model_is_compensated_and_updated():
+    robot = ur10e()
+    u = 0.2 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, 0.0])
+    error = FrictionError(robot.speed_names, coulomb=[0.5, -0.4, 0.3, 0.2, -0.1, 0.1],
+                          damping=0.2, offset=0.1, friction_speed=0.02)
+    guiding = HandGuiding(robot, friction=0.75, friction_error=error)
+    plain = HandGuiding(robot, friction=0.75).torque(Q, u)
+    np.testing.assert_allclose(guiding.torque(Q, u), plain + 0.75 * error.torque(u), atol=1e-12)
+    # An object that adapts is read at `update`.
+    error.coulomb = error.coulomb + 1.0
+    expected = plain + 0.75 * error.torque(u)
+    assert np.abs(guiding.torque(Q, u) - expected).max() > 0.1
+    guiding.update(friction_error=error)
+    np.testing.assert_allclose(guiding.torque(Q, u), expected, atol=1e-12)
+    guiding.update(friction_error=None)
+    np.testing.assert_allclose(guiding.torque(Q, u), plain, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_friction_beyond_the_model_of_a_closed_loop_is_that_of_its_speeds():
+    robot = five_bar('left_crank', 'right_crank')
+    q = five_bar_at(2.1, 1.05)
+    u = np.array([0.3, -0.2])
+    error = FrictionError(robot.speed_names, coulomb=[0.5, 0.3], damping=0.1)
+    difference = (HandGuiding(robot, friction=0.5, friction_error=error).torque(q, u)
+                  - HandGuiding(robot, friction=0.5).torque(q, u))
+    np.testing.assert_allclose(robot.generalized_force(difference, q), 0.5 * error.torque(u),
+                               atol=1e-12)
 
 
 def test_speeds_beyond_the_limit_are_braked_with_the_inertia():
@@ -116,6 +146,8 @@ def test_torques_are_clamped():
     ({'planes': [[0, 0, 2, 1]]}, 'normals'), ({'planes': [[0, 0, 1]]}, '(k, 4)'),
     ({'planes': 'floor'}, 'planes'), ({'frame_speed': 1.0}, 'without a frame'),
     ({'frame': 'nowhere'}, 'nowhere'), ({'frame': 'base_link'}, 'does not move'),
+    ({'friction_error': FrictionError(['a'])}, 'friction_error: of a; expected'),
+    ({'friction_error': 0.1}, 'friction_error'),
     ({'plane_stiffness': -1.0}, 'plane_stiffness'), ({'speed_limit': [1.0]}, 'speed_limit')])
 def test_wrong_settings_are_refused(wrong, message):
     with pytest.raises(InputError) as error:
