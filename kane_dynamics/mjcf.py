@@ -467,6 +467,7 @@ class _Reader:
         if compiled.ntendon:
             tendons = self._names(mujoco.mjtObj.mjOBJ_TENDON, compiled.ntendon, 'tendon')
             unused.append(f'tendons: {listing(tendons)}')
+        # Connects, welds and linear couplings of joints become constraints; others do not.
         left_out = [k for k in range(compiled.neq)
                     if compiled.eq_active0[k] and not self._has_counterpart(k)]
         if left_out:

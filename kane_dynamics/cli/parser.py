@@ -96,6 +96,7 @@ def _main(arguments: list[str]) -> int:
     options = _options(parser, arguments)
     if options.unknown and options.command != 'demo':
         _refuse_unknown(parser, options)
+    # A mistake of the user is one line, no traceback; a closed pipe is the caller's.
     try:
         with compiling.reported_to(_on_stderr):
             return _run(options)

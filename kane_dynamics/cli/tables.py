@@ -112,6 +112,7 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
     header = list(map(str.strip, lines[0]))
     no_header(path, header, f't,q.{joint_names[0]},...')
     distinct(path, header)
+    # A quantity without a column is left out; some of its columns alone are an error.
     tables: dict[str, Any] = {}
     for quantity in QUANTITIES:
         columns = _columns_of(path, header, quantity, joint_names)
@@ -120,6 +121,7 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
     if not tables:
         raise InputError(f'{path}: no column of any joint; expected names like '
                          f"'q.{joint_names[0]}', found {header}")
+    # Times are optional, under either name.
     t = None
     for k, name in enumerate(header):
         if name in ('t', 'time') and t is None:

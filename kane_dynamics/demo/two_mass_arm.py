@@ -131,6 +131,8 @@ def _add_drive(spec: 'mujoco.MjSpec', elastic: ElasticJoint, motor: Joint,
     if friction and others:
         raise ModelError(f'{what}: motor friction {others}; expected only '
                          f'{", ".join(LINEAR_FRICTION)}, which MuJoCo has')
+    # The rotor turns about a fixed axis, so all its inertia is armature; MuJoCo refuses a
+    # body without mass, whose small inertia is subtracted again.
     rotor = spec.worldbody.add_body(name=motor.name, mass=ROTOR_MASS,
                                     inertia=[ROTOR_MASS] * 3, explicitinertial=True)
     hinge = mujoco.mjtJoint.mjJNT_HINGE
@@ -139,6 +141,7 @@ def _add_drive(spec: 'mujoco.MjSpec', elastic: ElasticJoint, motor: Joint,
     rotor.add_joint(name=motor.name, type=hinge, axis=[0, 0, 1],
                     armature=motor.armature - ROTOR_MASS,
                     damping=[motor.damping, 0, 0], frictionloss=motor.friction)
+    # A tendon as long as the difference of both positions is the spring between them.
     tendon = spec.add_tendon(name=elastic.name, stiffness=[drive.stiffness, 0, 0],
                              damping=[drive.damping, 0, 0], springlength=[0, 0])
     tendon.wrap_joint(motor.name, 1.0)

@@ -78,6 +78,7 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
     with styled(10.0, 1.3 + 1.55 * len(names), title, path) as figure:
         panels = figure.subplots(len(names), 2, sharex=True, squeeze=False)
         for j, (name, row) in enumerate(zip(names, panels, strict=True)):
+            # On the left both torques, with the limits that they come near.
             torque_panel, difference_panel = row
             unit = panel_unit('Torque', [name], prismatic)
             torque_panel.plot(t, measured[:, j], color=ORANGE, linewidth=THIN,
@@ -89,6 +90,7 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
                 both = np.concatenate([measured[:, j], computed[:, j]])
                 limit_lines(torque_panel, both, limits[j])
             torque_panel.set_ylabel(f'{name}\n[{unit}]')
+            # On the right what the model leaves unexplained, on a scale of its own.
             difference = measured[:, j] - computed[:, j]
             difference_panel.plot(t, difference, color=SKY, linewidth=THIN)
             hide_rounding(difference_panel, NOISE * largest, 0.01 * largest or 1.0)

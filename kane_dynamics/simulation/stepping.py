@@ -148,10 +148,10 @@ def run(steps: Steps, starts: Array, count: int, every: int,
     """
     sampled = np.append(np.arange(0, count, every), count)
     states = np.empty((len(starts), len(sampled), starts.shape[1]))
-    # One simulation begins with single steps; many share the cost of a chunk from the
-    # start.
     states[:, 0] = starts
-    least, length = 1, FIRST_CHUNK
+    # One simulation begins with few steps; many share the cost of a chunk from the start.
+    least = 1
+    length = FIRST_CHUNK
     if not steps.source.single:
         least = length = LEAST_CHUNK
     longest = max(1, CHUNK_BYTES // starts.nbytes) if len(starts) else count

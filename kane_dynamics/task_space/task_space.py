@@ -181,14 +181,17 @@ def _quantities(robot: Robot, task: FrameTask) -> Law:
         mobility = frame_mobility(equations, J, q, parameters, t)
         inertia = TaskInertia(task, mobility, mass[0])
 
+        # An inverse that inertia weighs: its motions have the least kinetic energy.
         rows = list(task.rows)
         Lambda = mirrored(inertia.Lambda[np.ix_(rows, rows)])
         inverse = mobility.P[:, rows] @ Lambda
 
+        # The frame accelerates by J' u even where u' is zero.
         drift = equations.frame_acceleration(frame, q, u, equations.zeros, t)
         bias = equations.bias_force(q, u, parameters, t)
         mu = inverse.T @ bias - Lambda @ in_axes(axes, drift)[rows]
         gravity = inverse.T @ equations.gravity_force(q, parameters, t)
+        # N keeps of a motion what J does not see.
         N = np.eye(len(u)) - inverse @ J[rows]
         W = mirrored(mobility.W[np.ix_(rows, rows)])
         parts = [J[rows], W, Lambda, mu, gravity, inverse, N]

@@ -178,11 +178,13 @@ class Window:
         gui.configure_theme(control_width='medium', show_logo=False,
                             show_share_button=False)
         gui.set_panel_label(self.robot.model.name)
+        # A trajectory sets the joints itself; without one they have sliders.
         if self.trajectory is None:
             with gui.add_folder('Joints'):
                 self._add_joints(gui)
         else:
             self._add_time(gui)
+        # Arrows are shown and hidden by their kind, under a legend of the colours.
         with gui.add_folder('Arrows'):
             gui.add_html('<div style="font-size: 0.8em; padding: 0 1em">'
                          f'{self._legend(KINDS)}</div>')
@@ -197,6 +199,7 @@ class Window:
             opacity.on_update(lambda event: self._stage.set_opacity(event.target.value))
             names = gui.add_checkbox('joint names', False)
             names.on_update(lambda event: self._stage.show('names', event.target.value))
+        # The numbers of the state shown, filled at each update.
         self._table = gui.add_markdown('')
 
     def _legend(self, kinds: Sequence[str]) -> str:

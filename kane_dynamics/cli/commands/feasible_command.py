@@ -227,6 +227,7 @@ def _time_path(options: Namespace, robot: Robot, motion: Motion | SmoothMotion,
                           jerk=_one_or_all(options.jerk),
                           torque_rate=_one_or_all(options.torque_rate),
                           uncertainty=uncertainty)
+    # The files come before the print, which names them.
     data = timing_data(timing, motion)
     if options.out:
         _write_timing(options.out, timing)

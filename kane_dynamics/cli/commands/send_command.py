@@ -31,6 +31,7 @@ def send(options: Namespace) -> int:
     if options.motion is not None:
         motion = read_motion(options.motion, names)
 
+    # There and back begins where the arm rests, which is known once its state came.
     def make(q: Array) -> Motion:
         if motion is not None:
             return motion
@@ -44,6 +45,7 @@ def send(options: Namespace) -> int:
                     'warnings': list(tracking.warnings)})
     else:
         print_tracking(tracking)
+    # A node may take a motion and the arm not move: its exit code tells a script.
     lost = did_not_follow(tracking.travel, tracking.largest_error)
     if not lost.any():
         return 0

@@ -503,6 +503,7 @@ def _identification(names: tuple[str, ...], source: str,
                     misfits: Sequence[float], curves: dict[str, CurveFit]
                     ) -> DriveIdentification:
     """Return the result of numbers of all joints."""
+    # Why a number could not be found, under the words that a user reads.
     undetermined = {}
     for joint, of_joint in zip(names, numbers, strict=True):
         for name, value in of_joint.items():

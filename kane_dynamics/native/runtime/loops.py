@@ -541,10 +541,12 @@ def run_job(width: int) -> str:
             continue
         arguments += [f'  %at{k} = getelementptr i64, ptr %job, i64 {k}',
                       f'  %given{k} = load {kind}, ptr %at{k}']
+    # A thread computes a piece of the states, in place of the job's own begin and end.
     for k, kind in enumerate(kinds):
         passed.append(f'{kind} %given{k}')
     passed[BEGIN] = 'i64 %begin'
     passed[END] = 'i64 %stop'
+    # A name that holds another is replaced before it: PIECES before PIECE.
     text = RUN_JOB.replace('ARGUMENTS', '\n'.join(arguments))
     text = text.replace('PASSED', ', '.join(passed))
     for name, number in (('PIECES', PIECES), ('PIECE', PIECE), ('STACK', STACK),

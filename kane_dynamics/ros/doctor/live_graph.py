@@ -180,6 +180,7 @@ class GraphExamination:
         if not subscribers:
             findings.append(Finding('warning', f'{topic}: no subscriber; expected an '
                                     'effort controller, with this topic of commands'))
+        # Settings are compared only where there are two ends.
         if not publishers or not subscribers:
             return findings
         incompatible = _incompatible(publishers[0], subscribers)

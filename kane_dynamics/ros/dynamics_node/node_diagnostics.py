@@ -134,6 +134,8 @@ def _warnings(arm: ConfiguredRobot, dropped: Counter[str],
         warnings.append(f'model watch: {change}: identify the arm again, or check it')
     if arm.swing is not None and arm.swing.warning:
         warnings.append(arm.swing.warning)
+
+    # Joint states that came and were refused, then those that never came.
     if dropped:
         reasons = []
         for reason in dropped:
@@ -144,6 +146,8 @@ def _warnings(arm: ConfiguredRobot, dropped: Counter[str],
         warnings.append(f'{lost_share:.0%} of the joint states lost: the node or the '
                         'network is too slow for their rate; lower it, free a '
                         'processor, or set realtime.*')
+
+    # Other nodes on the same topics, whose messages mix with those expected.
     if arm.state_publishers > 1:
         warnings.append(f'{arm.state_publishers} {SEVERAL_STATES}')
     if arm.parts_of_states:
@@ -189,10 +193,12 @@ class GraphLog:
             self._reminded_at = now
             if waiting_for:
                 self._log.warning(f'{state}: {waiting_for}')
+        # Without an arm nothing is known of others: the next is reported again.
         if arm is None:
             self._state_publishers = 1
             self._commanders = []
             return
+        # What others publish, compared with the last update.
         if arm.state_publishers > 1 and arm.state_publishers != self._state_publishers:
             self._log.warning(f'{arm.state_publishers} {SEVERAL_STATES}')
         self._state_publishers = arm.state_publishers

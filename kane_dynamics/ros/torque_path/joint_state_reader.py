@@ -325,6 +325,7 @@ class JointStateReader:
             return SHORT if speeds else NO_VELOCITY
         else:
             self._u.fill(0.0)
+        # Efforts of only some joints are as good as none.
         if self.need_effort:
             complete = len(message.effort) == count
             self._gather_effort(np.frombuffer(message.effort) if complete else None,

@@ -183,6 +183,7 @@ class WrenchInput:
         except InputError as error:
             self._reject(FRAME, str(error))
             return
+        # A stamp of zero means that the sender has no clock.
         stamp = stamp or now
         fault = time_fault(stamp, now, self._stamps[row], self.timeout, STALE)
         if fault is not None:
