@@ -47,6 +47,14 @@ def suspected_degrees(robot: Configurations, q: Array) -> str | None:
     rows = np.atleast_2d(q)
     model = robot.equations.model
     lower, upper = robot.limits.lower, robot.limits.upper
+    # Most positions are far from any suspicion, all joints at once.
+    least = rows.min(axis=0, initial=0.0)
+    largest = rows.max(axis=0, initial=0.0)
+    may_be_degrees = np.maximum(largest, -least) > 2.0 * TURN
+    may_be_degrees |= np.maximum(lower - least, largest - upper) > TURN
+    if not may_be_degrees.any():
+        return None
+
     words = []
     for j, name in enumerate(model.coordinate_names):
         without_limits = np.isinf(lower[j]) and np.isinf(upper[j])
