@@ -190,8 +190,10 @@ def test_no_false_state_moves_an_arm_of_mujoco(client, start, tmp_path):
     arm = Arm(client, start, joints, plant, urdf=urdf, joints=f'[{",".join(joints)}]')
     try:
         arm.node.wait_for('active, mode', 120.0)
-        assert client.call(SetBool, '/plant/reset', data=False).success
+        # A reset would be a jump, which an active node refuses: the servo ends where it holds.
+        assert client.call(SetBool, '/plant/servo', data=False).success
         arm.wait()
+        assert wait_until(lambda: rests(arm), 10.0)
         arm.check_each([
             (JUMP, {'joint': joints[1], 'by': 1.0}),
             (TOO_FAST, {'joint': joints[3], 'speed': 90.0}),

@@ -179,8 +179,8 @@ class Rig:
             assert words in process.log, self.logs()
         recorder.spin_until(lambda: recorder.states and len(recorder.of('node')) > 20
                             and recorder.motions.get_subscription_count() > 0, 90.0)
-        if self._mujoco:  # switch the servo off that held the arm
-            client = recorder.create_client(SetBool, '/plant/reset')
+        if self._mujoco:  # switch the servo off that held the arm; a reset would be a jump
+            client = recorder.create_client(SetBool, '/plant/servo')
             recorder.spin_until(client.service_is_ready)
             future = client.call_async(SetBool.Request(data=False))
             recorder.spin_until(future.done)
