@@ -4,6 +4,7 @@ import math
 import time
 
 from kane_dynamics import Robot
+from lifecycle_msgs.msg import Transition
 from node_process import DEEP, model, Process, Stall, URDF, wait_until
 import numpy as np
 import pytest
@@ -84,7 +85,10 @@ def pair(processes, client):
     pair.node = processes
     pair.adjust(rate_factor=1.0, dropout__states=0.0, reset_clock=False)
     pair.pause(False)
+    # The arm jumps: the node must be inactive, since no real arm jumps.
+    client.transition(Transition.TRANSITION_DEACTIVATE)
     pair.reset()
+    assert client.transition(Transition.TRANSITION_ACTIVATE)
     pair.client.adjust(mode='gravity_compensation', state_timeout=0.1)
     pair.answered()
     yield pair

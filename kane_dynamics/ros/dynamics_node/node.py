@@ -383,15 +383,10 @@ class DynamicsNode(LifecycleNode):
         log.info(f'torque path: {self.arm.torque_path}')
         added = words(self.values['arm_compensates'])
         log.info(f'the arm adds {added} to commanded efforts itself')
-        # Only now, when it is known whether the robot is a simulated one, which may add
-        # less.
-        real = self._real_robot()
+        # A simulated robot, which may add less, may not have been heard of yet; to a real
+        # one the activation warns.
         for contradiction in self._contradictions:
-            # In two lines of code: one that logs keeps its first severity in rclpy.
-            if real:
-                log.warning(contradiction)
-            else:
-                log.info(contradiction)
+            log.info(contradiction)
         if fault := self._activation_fault():
             log.info(f'the node remains inactive: {fault}')
         # Last, since commands come first.
