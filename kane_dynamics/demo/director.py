@@ -349,8 +349,8 @@ def run(arguments: Sequence[str] = ()) -> int:
     try:
         with children(commands(options.robot, record, options.mode)) as running:
             director.children = running
-            with stage('Start of the arm'):
-                director.ask(SetBool, f'{PLANT}/reset', data=True)
+            with stage('Start of the arm'):  # no reset: the node may be active already
+                director.ask(SetBool, f'{PLANT}/servo', data=True)
             with stage('Start of the node, which compiles its kernels'):
                 director.wait_until_active()
             if options.mode == ELASTIC:
