@@ -29,7 +29,8 @@ from kane_dynamics.mechanics.constraints.mechanism import (JointMotion, Mechanis
                                                            ReleasedJointState)
 from kane_dynamics.mechanics.constraints.redundant_forces import shared_forces
 from kane_dynamics.mechanics.constraints.transmission import (least_torques,
-                                                              transmission_margin)
+                                                              transmission_margin,
+                                                              undetermined)
 from kane_dynamics.mechanics.friction import carries_load
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Frame
@@ -572,8 +573,11 @@ class Equations:
 
         T = self.at_rest(q, t).T
         torques = np.zeros(self.tree.n).astype(object)
-        torques[self.actuated] = least_torques(T[self.actuated], self._inverse_weights,
-                                               tau)
+        try:
+            torques[self.actuated] = least_torques(T[self.actuated],
+                                                   self._inverse_weights, tau)
+        except ZeroDivisionError:
+            raise undetermined(self.mechanism, self.actuated) from None
         return torques
 
     def _dual_joint_forces(self, q: Vector, tau: Vector, t: Scalar) -> Vector:

@@ -10,6 +10,8 @@ from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.native.tracing.program import evaluate
 from kane_dynamics.native.tracing.subroutine import inlined
 from kane_dynamics.robot.derivative_kernels import Derivative, PARAMETERS
+from kane_dynamics.robot.kernel_set import FRAME_QUANTITIES
+from kinds_of_mechanism import case, ELASTIC, PAIRS
 from linkages import at_angle, four_bar, sleigh
 from mechanisms import random_model
 import numpy as np
@@ -110,19 +112,19 @@ def test_derivatives_of_random_mechanisms_with_loops_are_the_definitions(seed):
     assert_close(value, np.hstack(slopes_of_definition(robot.mechanism, q, u, udot)[:3]), 1e-10)
 
 
-@pytest.mark.parametrize('kind', KINDS)
-def test_every_quantity_has_a_vjp_and_a_jvp_by_all_of_its_inputs(kind):
-    """Their reference: dual numbers through the program of the quantity."""
-    robot, rng = robot_of(kind), np.random.default_rng(3)
-    state = dict(zip(('q', 'u', 'udot'), state_of(kind, 2)))
-    state |= {'tau': state['udot'], 't': np.array(T), 'parameters': robot.parameters.block,
-              'wrench': np.ones_like(robot.kernels.no_wrench)}
-    for name in robot.kernels.names:
-        if name.endswith('_derivatives'):
-            continue
+def assert_products_are_those_of_dual_numbers(robot, q, u, udot, t):
+    """Require jvp and vjp of all quantities by all of their inputs; dual numbers are traced."""
+    rng = np.random.default_rng(3)
+    state = {'q': q, 'u': u, 'udot': udot, 'tau': udot, 't': np.array(t),
+             'parameters': robot.parameters.block,
+             'wrench': np.ones_like(robot.kernels.no_wrench)}
+    quantities = [(name, '') for name in robot.kernels.names if not name.endswith('_derivatives')]
+    quantities += [(name, robot.frame_names[-1]) for name in FRAME_QUANTITIES]
+    quantities.append(('joint_reaction', robot.model.bodies[-1].joint.name))
+    for name, at in quantities:
         shapes = robot.kernels.differentiable(name)
         by = tuple(shapes)
-        program = robot.kernels.program(name)
+        program = robot.kernels.program(name, at)
         given = [state[key] for key, _ in program.inputs]
         tangents = {key: rng.normal(size=shape) for key, shape in shapes.items()}
         # Gravity and payload are parts of the block of parameters.
@@ -134,14 +136,26 @@ def test_every_quantity_has_a_vjp_and_a_jvp_by_all_of_its_inputs(kind):
         for value, (key, _) in zip(given, program.inputs):
             numbers.extend(np.ravel(moving(value, changes[key])))
         expected = rates(inlined(program, numbers)).reshape(program.shape)
-        jvp = robot.kernels.program(name, '', Derivative('jvp', by))
-        assert_close(evaluate(jvp, [*tangents.values(), *given]), expected)
+        jvp = robot.kernels.program(name, at, Derivative('jvp', by))
+        assert_close(evaluate(jvp, [*tangents.values(), *given]), expected.astype(float))
         w = rng.normal(size=program.shape)
-        vjp = robot.kernels.program(name, '', Derivative('vjp', by))
+        vjp = robot.kernels.program(name, at, Derivative('vjp', by))
         gradient = evaluate(vjp, [w, *given])
         along = np.concatenate([np.ravel(tangent) for tangent in tangents.values()])
         assert gradient @ along == pytest.approx(np.sum(w * expected), abs=1e-10 * (
             np.linalg.norm(gradient) * np.linalg.norm(along) + 1e-2))
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_every_quantity_has_a_vjp_and_a_jvp_by_all_of_its_inputs(kind):
+    assert_products_are_those_of_dual_numbers(robot_of(kind), *state_of(kind, 2), T)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('kinds', [*PAIRS, (ELASTIC,)], ids=' and '.join)
+def test_every_quantity_of_two_kinds_has_a_vjp_and_a_jvp_by_all_of_its_inputs(kinds):
+    one = case(*kinds)
+    assert_products_are_those_of_dual_numbers(one.robot, one.q, one.u, one.udot, one.time)
 
 
 @pytest.mark.parametrize('kind', ['tree', 'chosen speeds'])

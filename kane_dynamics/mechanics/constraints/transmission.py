@@ -53,12 +53,16 @@ def transmission_margin(mechanism: Mechanism, T: Matrix,
     try:
         factors = factorize(part, order)
     except ZeroDivisionError:
-        raise ConstraintError(
-            f'{_names(mechanism, places)}: these joints do not determine the motion in '
-            'any configuration; expected others') from None
+        raise undetermined(mechanism, places) from None
     # Entry k of the diagonal needs only column k of T^T T.
     ratio_2 = sum(solve(factors, order, whole[:, k])[k] for k in order)
     return 1.0 - ratio_2 * LARGEST_RATIO**-2
+
+
+def undetermined(mechanism: Mechanism, places: Sequence[int]) -> ConstraintError:
+    """Return the error for joints that determine the motion in no configuration."""
+    return ConstraintError(f'{_names(mechanism, places)}: these joints do not determine the '
+                           'motion in any configuration; expected others')
 
 
 def least_torques(T_A: Matrix, inverse_weights: Vector, force: Vector) -> Vector:
@@ -76,6 +80,11 @@ def least_torques(T_A: Matrix, inverse_weights: Vector, force: Vector) -> Vector
         One over the weights.
     force : (n,) array of scalars
         Dual to the independent speeds.
+
+    Raises
+    ------
+    ZeroDivisionError
+        The actuators determine the motion in no configuration.
 
     """
     order = list(range(T_A.shape[1]))

@@ -76,6 +76,8 @@ class Forces(NamedTuple):
         Rates and accelerations of the joints, also without these forces.
     B, A : (n, k), (k, k) arrays
         Accelerations of the speeds and of the joints per unit of each force.
+    regular : (k, k) array
+        A, made regular where constraints couple joints, which then share forces.
     least, largest : (k,) arrays
         Bounds of the force of friction on each joint at rest, N m or N.
     driving : (k,) array
@@ -90,6 +92,7 @@ class Forces(NamedTuple):
     a: Array
     B: Array
     A: Array
+    regular: Array
     least: Array
     largest: Array
     driving: Array
@@ -99,10 +102,13 @@ class Forces(NamedTuple):
         """Return the forces that hold joints, (k,), zero of the others."""
         # Rows and columns of the others are those of the unit matrix.
         both = held[..., :, None] & held[..., None, :]
-        A = np.where(both, self.A, np.eye(held.shape[-1]))
-        motion = np.where(held, -self.a, 0.0)
-        forces: Array = np.linalg.solve(A, motion[..., None])[..., 0]
-        return forces
+        unit = np.eye(held.shape[-1])
+        A, regular = np.where(both, self.A, unit), np.where(both, self.regular, unit)
+        motion = np.where(held, -self.a, 0.0)[..., None]
+        forces: Array = np.linalg.solve(regular, motion)
+        # One step of refinement, as of `held_response`.
+        forces += np.linalg.solve(regular, motion - A @ forces)
+        return forces[..., 0]
 
     def row(self, number: int) -> 'Forces':
         """Return those of one state of several."""
@@ -287,10 +293,11 @@ class FrictionState:
                         len(rows))
         udot, v, a, B, A, *bounds_and_friction = (rows[:, part] for part in self.parts)
         A = A.reshape(-1, k, k)
+        regular = A
         if self.constrained:  # may couple joints: then A is singular, and they share f
             size = A.diagonal(axis1=1, axis2=2).max(axis=1, initial=0.0)
-            A = A + REGULAR * size[:, None, None] * np.eye(k)
-        return Forces(udot, v, a, B.reshape(-1, n, k), A, *bounds_and_friction)
+            regular = A + REGULAR * size[:, None, None] * np.eye(k)
+        return Forces(udot, v, a, B.reshape(-1, n, k), A, regular, *bounds_and_friction)
 
     def sides_at(self, q: Array) -> Array:
         """Return the stops at which joints are, (..., k): 1 upper, -1 lower, else 0."""
@@ -353,7 +360,7 @@ class FrictionState:
         # all at once.
         resting = np.flatnonzero(directions == 0.0)
         least, largest = bounds(forces, at_stop * (directions == 0.0))
-        A = forces.A[np.ix_(resting, resting)]
+        A = forces.regular[np.ix_(resting, resting)]
         f = held_forces(forces.a[resting], A, least[resting], largest[resting])
         a = forces.a[resting] + A @ f
         moves = np.abs(a) > NEGLIGIBLE * np.abs(forces.a).max(initial=1e-300)

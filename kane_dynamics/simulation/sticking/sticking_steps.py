@@ -498,7 +498,7 @@ class _Path:
         forces = self.contact.forces(state, tau, np.zeros(len(self.contact.joints)), t)
         # Impulses p with v + A p = 0 end the rates of these joints; B p changes all
         # speeds.
-        A = forces.A[np.ix_(joints, joints)]
+        A = forces.regular[np.ix_(joints, joints)]
         impulses = np.linalg.solve(A, -forces.v[joints])
         state[n_q:n_q + n] += forces.B[:, joints] @ impulses
         for joint in joints.tolist():

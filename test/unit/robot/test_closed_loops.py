@@ -2,8 +2,8 @@
 
 from functools import partial
 
-from kane_dynamics import (Closure, ConstraintError, disc, InputError, ModelBuilder, power_balance,
-                           Prescribed, Robot, simulate)
+from kane_dynamics import (Closure, ConstraintError, disc, Drive, InputError, ModelBuilder,
+                           power_balance, Prescribed, Robot, simulate, with_drives)
 from kane_dynamics.mechanics.constraints import loop_closure
 from kinds_of_mechanism import case, PAIRS
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
@@ -221,3 +221,14 @@ def test_loops_with_rows_that_are_not_finite_are_said_not_to_close():
                   partial(loop_closure.closed_configuration, robot.mechanism)):
         with pytest.raises(ConstraintError, match=r"'tether/.*nan"):
             close([0.0, 0.0, 0.0])
+
+
+def test_actuators_that_move_no_motor_are_refused_in_words():
+    model = with_drives(four_bar_model(), {'crank': Drive(800.0, rotor_inertia=0.3)})
+    robot = Robot(model, constraints=[PIN], actuated=['crank', 'coupler'])
+    q = robot.closed_configuration([0.8, 0.0, -1.5, 0.8])
+    u = tau = np.zeros(robot.n)
+    for call in (lambda: robot.joint_torques(tau, q), lambda: simulate(robot, q, u, 0.01)):
+        with pytest.raises(ConstraintError, match=r'crank, coupler: these joints do not determine '
+                                                  'the motion in any configuration; expected'):
+            call()

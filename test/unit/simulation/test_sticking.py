@@ -4,8 +4,9 @@ from dataclasses import replace
 import itertools
 import json
 
-from kane_dynamics import (Closure, ComputedTorque, FlexibleLink, Inertial, Limits, ModelBuilder,
-                           Motion, point_mass, PointVelocity, Robot, rod, simulate, Trajectory)
+from kane_dynamics import (absolute_rates, Closure, ComputedTorque, FlexibleLink, Inertial, Limits,
+                           ModelBuilder, Motion, point_mass, PointVelocity, Robot, rod, simulate,
+                           Trajectory)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
 from kane_dynamics.errors import InputError
@@ -429,6 +430,24 @@ def test_a_joint_that_presses_stays_at_its_stop_whatever_the_speeds(kinds, joint
     assert np.abs(run.q[:, place] - q[place]).max() < 1e-14
     assert (run.stop_forces[:, robot.joint_names.index(joint)] > 0.0).all()
     check_fields(robot, run, tolerance=1e-7, torque=torque, sticking=True)
+
+
+@pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
+def test_a_heavy_joint_is_held_exactly_beside_a_link_that_weighs_nearly_nothing(integrator):
+    # A force on the slide accelerates it 1e-8 times as much as a torque does the link.
+    b = ModelBuilder('heavy slide', gravity=(0, 0, 0))
+    b.body('slide', kind='prismatic', axis=(0, 0, 1), inertial=point_mass(10.0), friction=2.0,
+           limits=Limits(-1.0, 0.0, 10.0, 1e4))
+    b.body('link', 'slide', axis=(0, 1, 0), inertial=rod(1e-3, (0, 0, 0), (0.02, 0, 0)),
+           friction=1e-8)
+    robot = Robot(b.model(), speeds=absolute_rates)
+    for force in (1.5, 900.0):  # held by friction; pressed against the stop
+        torque = np.array([force, 1e-6])
+        run = simulate(robot, [0.0, 0.3], [0.0, 20.0], 0.01, step=5e-4, torque=torque,
+                       sticking=True, stops=True, integrator=integrator)
+        assert run.sticking[:, 0].all()
+        assert np.abs(run.udot[:, 0]).max() < 1e-9 * force
+        check_fields(robot, run, samples=8, torque=torque, sticking=True)
 
 
 @pytest.mark.slow
