@@ -46,7 +46,8 @@ class ExactFriction:
         contact = self._contact
         robot = contact.robot
         directions, sides = self.modes_at(states, tau, times)
-        held = directions == 0.0
+        # A joint with neither friction nor a stop rests by itself: nothing holds it.
+        held = (directions == 0.0) & (contact.has_friction | (sides != 0.0))
         forces = contact.forces_at(states, tau, directions, times)
         f = forces.holding(held)
         udot = forces.udot + np.einsum('rik,rk->ri', forces.B, f)
