@@ -128,8 +128,8 @@ def test_any_layout_gives_the_same_numbers_and_the_result_follows_the_first():
     function = gpu.function(fr3(), 'inverse_dynamics')
     x = np.random.default_rng(5).normal(size=(3, 6, 7))
     rows, coalesced = on_gpu(*x, coalesced=False), on_gpu(*x)
-    expected = values_of(function(*rows))
-    agree(expected, fr3().inverse_dynamics(*x), 'float64')
+    # Calls of single states, whose functions are those of the GPU; batches take fewer operations.
+    expected = np.array([fr3().inverse_dynamics(*state) for state in x.transpose(1, 0, 2)])
     together = np.concatenate(x, axis=1)  # q, u and udot in one row, every second row used
     spaced = np.repeat(together, 2, axis=0)[::2]
     parts = [HostArray(spaced[:, 7 * k:7 * k + 7]) for k in range(3)]
