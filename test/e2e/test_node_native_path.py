@@ -12,6 +12,7 @@ from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.kinematics.poses import rotation_quaternion
 from kane_dynamics_interfaces.msg import TaskState
+from lifecycle_msgs.msg import Transition
 from node_process import DEEP, model, NAME, Process, wait_until
 import numpy as np
 from palletizer import DRIVEN, LOOPS, palletizer, positions, URDF as PALLETIZER
@@ -224,6 +225,29 @@ def test_the_node_ends_while_the_native_thread_works(node, client):
     assert code == 0
     assert seconds < 2.0
     assert wait_until(lambda: not any(client.commands[-1]), 1.0)
+
+
+def test_states_that_came_while_the_node_was_inactive_are_not_judged(start, client):
+    node = start(torque_path='native', real_states=True, state_timeout=1.0,
+                 mode='gravity_compensation', arm_compensates='none')
+    node.wait_for('torque path: native')
+    node.wait_for('active, mode')
+    client.connect()
+
+    def is_held(q):
+        client.send(q, np.zeros(3))
+        time.sleep(1.0 / RATE)
+        expected = Robot(model()).gravity_force(q)
+        return client.commands and np.allclose(client.commands[-1], expected, rtol=1e-9)
+    assert wait_until(lambda: is_held(np.zeros(3))), node.log
+    assert client.transition(Transition.TRANSITION_DEACTIVATE)
+    for _ in range(30):
+        client.send(np.zeros(3), np.zeros(3))
+        time.sleep(1.0 / RATE)
+    assert client.transition(Transition.TRANSITION_ACTIVATE)
+    # The arm was moved meanwhile, as by hand or by the reset of a simulation.
+    assert wait_until(lambda: is_held(Q)), node.log
+    assert 'position jumped' not in node.log
 
 
 def test_a_mode_without_native_code_runs_on_the_interpreter_with_a_warning(start, client, holding):

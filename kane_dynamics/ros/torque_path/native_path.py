@@ -25,6 +25,7 @@ from kane_dynamics.native.runtime.message_loop import (ELAPSED, HEARD, MOMENT, M
                                                        NOW, STAMP, UNKNOWN)
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.lost_messages import LostMessages
+from kane_dynamics.ros.common.qos import THREAD_STATES
 from kane_dynamics.ros.torque_path import cycle_rules
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
 from kane_dynamics.ros.torque_path.arbitration import Arbitration, UNGUARDED
@@ -161,6 +162,7 @@ class NativeTorquePath(TorquePath):
         self._laws = {} if self.loops else native_laws(controller)
         self._loop = NativeLoop(self._kernels(), self.messages.joints)
         self._rcl: RclLoop | None = None
+        self._states: Any = None  # the subscription
         self._guard: GuardSide | None = None
         self._time_source: Any = None  # the node's clock, if the thread hears /clock
         self._last = self._initial()  # as reported
@@ -247,6 +249,7 @@ class NativeTorquePath(TorquePath):
         loop.connect(rcl, *places)
         loop.publish_to(*[handle_address(publisher) for publisher in publishers])
         self._rcl = rcl
+        self._states = inputs.states
         self._lost_states = lost_states
         if inputs.clock is not None:
             self._time_source = node.get_clock()
@@ -439,6 +442,8 @@ class NativeTorquePath(TorquePath):
         self._applied_loads = None
         loop.begin(self._epoch, self._last)
         loop.simulate_time(self._hears_time)
+        if self._states is not None:
+            self._drop_waiting()
         self._replan()
         if self._rcl is None:
             return
@@ -747,15 +752,37 @@ class NativeTorquePath(TorquePath):
             if len(data) > LARGEST:
                 self._drop(MALFORMED, TOO_LARGE)
                 return
-        # The reader caches one layout of each length; two publishers may have the same.
-        if not any(layout.fits(data) for layout in self._layouts):
-            learned = [layout for layout in reader.layouts if layout.fits(data)]
-            self._layouts = [*self._layouts, *learned][-MAX_LAYOUTS:]
+        self._keep_layout(data)
         number, _ = self._replay
         self._replay = number + 1, data
         self._replan()
         if self._rcl is None:  # there is no thread
             self.native.answer(data)
+
+    def _keep_layout(self, data: bytes) -> None:
+        """Let the thread know the layout of a message that was read last."""
+        # The reader caches one layout of each length; two publishers may have the same.
+        if not any(layout.fits(data) for layout in self._layouts):
+            learned = [layout for layout in self._reader.layouts if layout.fits(data)]
+            self._layouts = [*self._layouts, *learned][-MAX_LAYOUTS:]
+
+    def _drop_waiting(self) -> None:
+        """
+        Drop the states that came while no thread read them; keep the layout of the last.
+
+        They are of a time in which the node did not command, as those that the
+        interpreter's path ignores then: a simulated arm may have been reset since.
+        """
+        last = None
+        waiting = self._states.handle
+        with waiting:
+            for _ in range(THREAD_STATES.depth):
+                taken = waiting.take_message(JointState, True)
+                if taken is None:
+                    break
+                last, _ = taken
+        if last and self._reader.read(last, self.need_velocity) in (None, NOT_FINITE):
+            self._keep_layout(last)
 
     def catch_up(self) -> None:
         """
