@@ -3,9 +3,10 @@ Choose the faster of two copies of long machine code.
 
 Straight-line code that fills the caches of instructions runs longer in some memory than
 elsewhere: on Zen 5 more than 1.2 times as long in one of ten to twenty allocations of 25
-to 45 kB. It depends on the physical pages of the code alone (the same pages take the same time at any
-virtual address, with any data, on any core; reading them as data takes no longer), on
-which a program has no influence. Two copies, in different pages, are rarely slow both.
+to 45 kB. It depends on the physical pages of the code alone (the same pages take the same
+time at any virtual address, with any data, on any core; reading them as data takes no
+longer), on which a program has no influence. Two copies, in different pages, are rarely
+slow both.
 """
 
 from collections.abc import Callable

@@ -397,14 +397,14 @@ class Kernel:
 
     def _fallback(self, arguments: Sequence[Array], result: Array) -> Callable[[], Any]:
         """Return the call for arrays that the machine code does not accept."""
+        read = ', '.join(argument.name for argument in self.arguments)
+
         def call(*values: Any, **named: Any) -> Any:
-            if not values and not named:
-                return self(*arguments, out=result if self.shape else None)
-            places = ', '.join(argument.name for argument in self.arguments)
-            types = [type(x).__name__ for x in values]
-            words = ', '.join([*types, *named])
-            raise InputError(f'workspace: {self.name}({words}); expected no arguments: it '
-                             f'reads the arrays of the workspace ({places})')
+            if values or named:
+                given = [*(type(value).__name__ for value in values), *named]
+                raise InputError(f'workspace: {self.name}({", ".join(given)}); expected no '
+                                 f'arguments: it reads the arrays of the workspace ({read})')
+            return self(*arguments, out=result if self.shape else None)
         return call
 
     def __call__(self, *values: Any, out: Any = None) -> Any:
