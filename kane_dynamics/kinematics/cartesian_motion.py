@@ -308,8 +308,6 @@ class _Follower:
         if self.loops is not None:
             q = self.loops.closed(q, np.zeros(len(q)), lambda k: self._place(float(t[k])))
         errors = pose_error(self.robot.frame_pose(self.frame, q),
-                            # The error of the pose that the robot has there, from the
-                            # pose of the path at this time.
                             self.desired.sample(t).pose)
         distances = np.linalg.norm(errors[:, :3], axis=1)
         angles = np.linalg.norm(errors[:, 3:self.rows], axis=1)

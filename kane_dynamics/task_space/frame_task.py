@@ -309,9 +309,9 @@ def independent_directions(robot: Robot, frame: str, axes: str) -> tuple[str, ..
 
 
 def ordinary_configuration(robot: Robot) -> Array:
+    """Return a configuration, (n_q,), that is not likely to be singular; closed."""
     # Without constraints any configuration is closed; joints stay away from their
     # zeros.
-    """Return a configuration, (n_q,), that is not likely to be singular; closed."""
     rng = np.random.default_rng(0)
     if not robot.constraint_names:
         lower = np.maximum(robot.limits.lower, -ORDINARY)

@@ -140,8 +140,8 @@ class Jet:
         return jet(y)
 
     def log(self) -> Any:
-        # y' = x' / x.
         """Return the natural logarithm; numpy.log calls this on object arrays."""
+        # y' = x' / x.
         return jet(_from_rate(np.log(self.c[0]), _quotient(_rate(self.c), self.c[:-1])))
 
     def arctan(self) -> Any:

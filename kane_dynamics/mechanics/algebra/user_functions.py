@@ -40,9 +40,9 @@ def _cosh(x: Scalar) -> Scalar:
 
 
 def _arctan2(y: Scalar, x: Scalar) -> Scalar:
+    """Return the angle of (x, y): by y / x near the x axis, by x / y elsewhere."""
     # With y / x near the x axis, where |x| > |y|, and x / y near the y axis, both
     # arguments are at most 1.
-    """Return the angle of (x, y): by y / x near the x axis, by x / y elsewhere."""
     steep = operator.lt(_absolute(x), _absolute(y))
     half_turn = select(operator.lt(y, 0.0), -math.pi, math.pi)
 

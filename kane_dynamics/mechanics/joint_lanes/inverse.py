@@ -92,8 +92,8 @@ def inverse_mass_matrix(factors: Factors, order: Sequence[int],
         in_block = range(g * LANES, min((g + 1) * LANES, n))
         for block in range(g + 1):
             rows = [_entries(columns, scaled, carries[r], r, block, lanes)
-                    # Entries of the block that are zero by structure are not computed.
                     for r in in_block]
+            # Blocks that are zero by structure stay zero.
             if all(is_zero(row) for row in rows):
                 continue
             mirrored = lanes.transposed(rows)

@@ -185,8 +185,8 @@ def literal(value: float, precision: Precision) -> str:
 def elementary_functions(upper: str, precision: Precision, names: set[str]) -> str:
     """Return the named C elementary functions; macros begin with `upper`."""
     def polynomial(coefficients: tuple[float, ...], x: str, square: str) -> str:
-        # (c_0 + c_1 x) + x^2 ((c_2 + c_3 x) + ...).
         """Return C code for sum c_k x^k by pairs: shorter chains than Horner's."""
+        # (c_0 + c_1 x) + x^2 ((c_2 + c_3 x) + ...).
         texts = [literal(c, precision) for c in coefficients]
         pairs = [f'{low} + {x} * {high}' for low, high in zip(texts[::2], texts[1::2])]
         if len(texts) % 2:

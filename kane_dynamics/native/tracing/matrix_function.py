@@ -268,8 +268,8 @@ def _union(depends: Mapping[int, int], values: Iterable[Any]) -> int:
 
 
 def _rates_by(rates: Program, x: list[Any], k: int) -> list[Any]:
-    # Its rate is a column of the Jacobian.
     """Return the results of a forward derivative for the unit rate of entry k of x."""
+    # Its rate is a column of the Jacobian.
     unit = [float(j == k) for j in range(len(x))]
     return call(rates, x, unit)
 

@@ -151,9 +151,9 @@ def _operator(count: int) -> Any:
     # The schema needs a fixed number of tensors: one operator for each number.
     names = ', '.join(f'Tensor x{k}' for k in range(count))
     operator: Any = torch.library.custom_op(
-        # Shapes for tracing, gradients, and `vmap`, each by functions of the handle.
         f'kane_dynamics::evaluate_{count}', _evaluated, mutates_args=(),
         schema=f'(str function, {names}) -> Tensor')
+    # Shapes for tracing, gradients, and `vmap`, each by functions of the handle.
     operator.register_fake(_shaped)
     operator.register_autograd(_backward, setup_context=_keep)
     operator.register_vmap(_mapped)

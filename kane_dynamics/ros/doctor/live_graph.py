@@ -218,8 +218,8 @@ def _spin(executor: SingleThreadedExecutor, seconds: float,
 
 def _incompatible(publisher: TopicEndpointInfo,
                   subscribers: list[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
-    # A subscriber that asks for more than the publisher offers gets nothing.
     """Return the subscribers whose QoS does not match that of a volatile publisher."""
+    # A subscriber that asks for more than the publisher offers gets nothing.
     unreliable = publisher.qos_profile.reliability != ReliabilityPolicy.RELIABLE
     incompatible = []
     for end in subscribers:

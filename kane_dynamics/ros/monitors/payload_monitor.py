@@ -125,9 +125,9 @@ class PayloadMonitor:
         self._applied_torque.update(values)
 
     def on_cycle(self, cycle: Cycle) -> None:
+        """Queue a sample if one is due."""
         # Samples at a steady rate, whatever the rate of the states is; also after a
         # jump back.
-        """Queue a sample if one is due."""
         if 0 <= cycle.stamp - self._last < PERIOD:
             return
         torque = self._applied_torque.torque(cycle)

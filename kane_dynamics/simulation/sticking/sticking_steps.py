@@ -353,9 +353,9 @@ class _Path:
         return rows[:computed + 1], refused_state, None
 
     def _settled(self, state: Array, step: int) -> FrictionModes | None:
+        """Return the modes at the beginning of a step, or None without a solution."""
         # The search settles first: which joints stick, given the forces at the
         # beginning.
-        """Return the modes at the beginning of a step, or None without a solution."""
         # The inputs of the beginning of the step, at all of its moments.
         inputs = self.source.inputs(step, 1)[0, 0]
         at_begin = np.tile(inputs[:1], (len(inputs), 1))
