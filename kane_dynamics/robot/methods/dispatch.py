@@ -82,8 +82,8 @@ def of_constraints(method: Method) -> Method:
     key = method.__name__, ''
 
     @wraps(method)
-    # The usual call: no keywords, all positional arguments, a kernel in use.
     def call(self: Any, *values: Any, **named: Any) -> Any:
+        # The usual call: no keywords, all positional arguments, a kernel in use.
         if not named and len(values) == count:
             entry = self._entries.get(key)
             if entry is not None:

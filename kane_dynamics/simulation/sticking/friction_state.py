@@ -228,7 +228,8 @@ class FrictionState:
             self.units = units[self.places]
         self.slow = AT_REST * self.units * self.constrained
         falls = np.zeros(len(self.joints), dtype=bool)
-        if self.constrained and robot.friction:
+        # A joint alone with friction has no other that could hold it at its bound.
+        if self.constrained and robot.friction and len(self.joints) > 1:
             falling = [body.joint.coordinate for body in model.bodies if drops(body.joint)]
             falls = np.isin(self.joints, falling)
         self.at_bound = np.where(falls, AT_BOUND, 1.0)
