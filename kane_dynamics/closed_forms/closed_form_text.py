@@ -16,7 +16,7 @@ Row = tuple[str, str, str]
 
 
 def as_text(form: ClosedForm, compiled: dict[str, OperationCount]) -> str:
-    """Return everything as plain text; `compiled` has the kernels' operation counts."""
+    """Return a closed form, and the operation counts of its kernels, as plain text."""
     n = len(form.q)
     lines = [f'{form.model.name}: M(q) udot + bias(q, u) = tau, u = qdot', '']
     for symbol, value, meaning in legend(form):

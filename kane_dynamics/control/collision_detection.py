@@ -146,7 +146,8 @@ class CollisionDetector:
 
 
 def _earlier(since: float | None, t: float) -> float:
-    """Return when something began: at `since`, or now, also after a backward jump."""
+    """Return since when a condition holds: `since`, or t if it holds only from now on."""
+    # A time after t is of a clock that has jumped back.
     if since is None or t < since:
         return t
     return since

@@ -138,7 +138,8 @@ class TorqueLimiter:
         return Command(result, after_clamp != tau, result != after_clamp, True)
 
     def _is_within(self, torques: list[float], elapsed: float) -> bool:
-        """Return whether torques are finite and within all limits; as fast as may be."""
+        """Return whether torques are finite and within all limits."""
+        # Plain numbers and early returns: it runs in every cycle.
         for x, (low, high) in zip(torques, self._bounds):
             if not low <= x <= high:  # nan and infinity too
                 return False

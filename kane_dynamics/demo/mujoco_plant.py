@@ -382,7 +382,7 @@ def _run_in_real_time(plant: MujocoPlant, executor: Any) -> None:
 
 
 def _run_by_answers(plant: MujocoPlant, executor: Any) -> None:
-    """Tick at the rate of the states at most, and not before the last one is answered."""
+    """Step in real time or slower: each step waits for the answer to the last state."""
     rate = plant.arm.rate
     period = round(1e9 / rate)
     tick = EPOCH

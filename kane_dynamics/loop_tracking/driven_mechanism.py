@@ -139,7 +139,7 @@ class DrivenLoops:
 
     def _check_distance(self, motion: Array, figure: Array,
                         described: Described) -> None:
-        """Raise LoopError where joints move by more than a part of what is safe."""
+        """Raise LoopError where the loops are near singular, or move too far at once."""
         largest = self._tracker.max_figure
         unsafe = ~((figure <= largest) & (figure * motion <= SHARE))
         if unsafe.any():

@@ -111,7 +111,7 @@ class Forces(NamedTuple):
         return forces[..., 0]
 
     def row(self, number: int) -> 'Forces':
-        """Return those of one state of several."""
+        """Return the forces at one of several states."""
         return Forces(*(array[number] for array in self))
 
 
