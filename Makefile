@@ -241,8 +241,8 @@ COLCON_TESTS ?= test/unit/_util/test_resources.py test/unit/ros/test_launch.py \
 COLCON_TEST = $(COLCON_ENV) colcon test $(COLCON_FOLDERS) --event-handlers console_direct+ \
   --return-code-on-test-failure --pytest-args $(COLCON_TESTS)
 
-# The tests of the node once more, with the native torque path wherever it can work.
-NATIVE_TEST = KANE_DYNAMICS_TEST_TORQUE_PATH=auto $(COLCON_ENV) colcon test $(COLCON_FOLDERS) \
+# Tests of the node once more, with the interpreter's torque path.
+INTERPRETER_TEST = KANE_DYNAMICS_TEST_TORQUE_PATH=python $(COLCON_ENV) colcon test $(COLCON_FOLDERS) \
   --packages-select kane_dynamics --event-handlers console_direct+ --return-code-on-test-failure \
   --pytest-args $(addprefix test/e2e/test_node_,torques.py faults.py false_states.py)
 
@@ -253,7 +253,7 @@ colcon-test: $(COLCON_VENV)/.tools
 	$(COLCON_ENV) colcon build $(COLCON_FOLDERS) --event-handlers console_cohesion+ \
 	  --cmake-args -DBUILD_TESTING=ON -DCMAKE_PROJECT_INCLUDE='$(CURDIR)/$(INTERFACES)/pip_ros.cmake'
 	$(COLCON_TEST) || { $(REPEATED) $(COLCON_TEST) $(FAILED_ONES:%=' %'); }
-	$(NATIVE_TEST) || { $(REPEATED) $(NATIVE_TEST) $(FAILED_ONES:%=' %'); }
+	$(INTERPRETER_TEST) || { $(REPEATED) $(INTERPRETER_TEST) $(FAILED_ONES:%=' %'); }
 	$(COLCON_ENV) colcon test-result --test-result-base $(COLCON_BASE)/build --all
 	@grep -q '<testcase' $(COLCON_BASE)/build/kane_dynamics/pytest.xml
 	@grep -q '<testcase' $(COLCON_BASE)/build/$(INTERFACES)/test_results/$(INTERFACES)/*.xml

@@ -13,9 +13,9 @@ less than 2 % of the states. With the argument `realtime` the node runs with its
 (which need the rights). With the argument `palletizer` it is that of an arm of four motors with
 three closed loops, whose other six joints follow from loop closure; only the gates to the echo on
 the default executor hold there. With `native` the torque path does without the interpreter, also
-with `palletizer`, each with gates of its own. With the name of a mode, such as
-`cartesian_impedance`, the node runs in it; by default in computed_torque. With `--no-gates` missed
-gates are printed and no failure.
+with `palletizer`, each with gates of its own; otherwise the interpreter computes the commands.
+With the name of a mode, such as `cartesian_impedance`, the node runs in it; by default in
+computed_torque. With `--no-gates` missed gates are printed and no failure.
 
 With `--tail N` the node and the echo in C alone are visited N times each under each load, one
 after the other without a pause. All percentiles are printed up to the longest of N, and the
@@ -198,8 +198,7 @@ def main(*arguments: str, samples: int = 2500, tail: int = 0) -> int:
     names = [name for name in visited if not (left_out and name == IN_C)]
     rclpy.init()
     settings = list(REALTIME) if 'realtime' in arguments else []
-    if NATIVE in arguments:
-        settings += ['-p', 'torque_path:=native']
+    settings += ['-p', f'torque_path:={NATIVE if NATIVE in arguments else "python"}']
     for mode in set(arguments) & set(LAW_MODES):
         settings += ['-p', f'mode:={mode}', '-p', f'cartesian.frame:={ROBOTS[robot].frame}']
     with contenders(robot, names[1:], *settings) as loader:

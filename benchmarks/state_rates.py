@@ -138,8 +138,7 @@ def main(*arguments: str) -> int:
     rclpy.init()
     is_native = NATIVE in arguments
     settings = list(REALTIME) if 'realtime' in arguments else []
-    if is_native:
-        settings += ['-p', f'torque_path:={NATIVE}']
+    settings += ['-p', f'torque_path:={NATIVE if is_native else "python"}']
     rates = NATIVE_RATES if is_native else RATES
     with contenders('fr3', [], *settings) as loader:
         assert loader.stdin is not None

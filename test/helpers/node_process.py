@@ -29,7 +29,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 NAME = '/kane_dynamics'
 DYNAMICS_NODE = 'kane_dynamics.ros.dynamics_node.main'
 JOINTS = ('turn', 'lift', 'reach')
-TORQUE_PATH = os.environ.get('KANE_DYNAMICS_TEST_TORQUE_PATH', 'python')
+TORQUE_PATH = os.environ.get('KANE_DYNAMICS_TEST_TORQUE_PATH', 'auto')
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 DEEP = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -355,7 +355,7 @@ SPECS = (
          'limit of the rate of effort, N m/s or N/s; empty: 20 '
          'times the effort limit each second',
          positive=True, infinite=True, low=0.0),
-    Spec('torque_path', 'text', 'python', 'what computes the commands: python, the '
+    Spec('torque_path', 'text', 'auto', 'what computes the commands: python, the '
          'interpreter; native, a thread that never waits for it (expected: what '
          'docs/node.md lists, else a warning and python); auto, native where it can',
          choices=('python', 'native', 'auto')),
