@@ -103,10 +103,11 @@ def test_every_state_gets_a_command_while_idle(node):
 
 def test_states_that_are_lost_while_the_node_stands_still_are_counted(node):
     def stand_still():
+        # For longer than the queue of the native thread lasts, 100 states at 500 Hz
         os.kill(node.process.pid, signal.SIGSTOP)
-        time.sleep(0.05)
+        time.sleep(0.35)
         os.kill(node.process.pid, signal.SIGCONT)
-        time.sleep(0.2)
+        time.sleep(0.3)
     assert drive(node, 3.0, stand_still)['lost'] > 0
 
 
