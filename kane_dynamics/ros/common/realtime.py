@@ -22,17 +22,22 @@ CAP_IPC_LOCK = 14  # capability number: lock memory without limit
 MCL_CURRENT, MCL_FUTURE = 1, 2
 
 
-def path_threads() -> list[int]:
-    """Return the ids of the threads that process a joint state."""
-    threads = [os.getpid()]
+def named_threads(beginning: str) -> list[int]:
+    """Return the ids of the threads of this process whose names begin with a text."""
+    threads = []
     for task in TASKS.iterdir():
         try:
             name = (task / 'comm').read_text()
         except OSError:  # the thread has ended
             continue
-        if name.startswith('dds.'):
+        if name.startswith(beginning):
             threads.append(int(task.name))
     return threads
+
+
+def path_threads() -> list[int]:
+    """Return the ids of the threads that process a joint state."""
+    return [os.getpid(), *named_threads('dds.')]
 
 
 def schedule(priority: int) -> None:

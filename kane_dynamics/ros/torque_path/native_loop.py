@@ -4,7 +4,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 import ctypes
 from functools import partial
 import os
-from pathlib import Path
 import signal
 from typing import Any, NamedTuple
 from weakref import finalize
@@ -19,6 +18,7 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array
+from kane_dynamics.ros.common.realtime import named_threads
 from kane_dynamics.ros.torque_path import cycle_rules
 from kane_dynamics.ros.torque_path.cdr import (float64_multi_array, joint_command,
                                                joint_state_of_efforts, PreparedMessage,
@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 Words = NDArray[np.int64]
 SLOTS = 1024  # cycles that Python may lag behind
 LARGEST = 8192  # bytes of a message
-NAME = b'torque_path'  # of the thread
+NAME = 'torque_path'  # of the thread
 INFO_SIZE = 256  # bytes, more than a message info has
 INPUTS_AT_MOST = 3  # subscriptions: of states, of torque_guard, of /clock
 DROPS = PathState._fields.index('drops')
@@ -557,7 +557,7 @@ class NativeLoop:
             signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
         if code:
             raise OSError(code, os.strerror(code))
-        self._library.pthread_setname_np(thread, NAME)
+        self._library.pthread_setname_np(thread, NAME.encode())
         stop = self.block.ctypes.data + 8 * message_loop.BLOCK.index('STOP')
         # It ends before its memory does, also when the interpreter exits without a stop.
         self._end = finalize(self, _end_thread, os.getpid(), thread, self._library,
@@ -568,9 +568,8 @@ class NativeLoop:
         main = os.getpid()
         policy = os.sched_getscheduler(main)
         parameters = os.sched_getparam(main)
-        for task in Path('/proc/self/task').iterdir():
-            if (task / 'comm').read_bytes().strip() == NAME:
-                os.sched_setscheduler(int(task.name), policy, parameters)
+        for thread in named_threads(NAME):
+            os.sched_setscheduler(thread, policy, parameters)
 
     def stop_thread(self) -> None:
         """Stop the thread and wait for its end; a forked process has none."""
