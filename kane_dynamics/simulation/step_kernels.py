@@ -16,7 +16,8 @@ from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution,
                                                              linear_system)
 from kane_dynamics.mechanics.integrators.interface import StageRates
-from kane_dynamics.mechanics.integrators.linear_step import tree_terms, TreeTerms
+from kane_dynamics.mechanics.integrators.linear_step import (is_linear, tree_terms,
+                                                                    TreeTerms)
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -88,9 +89,12 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     single = None
     if method_in_lanes(robot.equations, 'forward_dynamics') is not None:
         single = partial(step, system=SingleRobotMotion)
+    # Both stages of a linear step are in its own program: forces, mass matrix, factors.
+    linear = integrator == 'implicit' and is_linear(robot.equations)
     return robot.kernels.compiled(step, name, inputs, inputs['state'],
                                   constants=constants, single=single,
-                                  by_states=robot.kernels.by_states('forward_dynamics'))
+                                  by_states=robot.kernels.by_states('forward_dynamics'),
+                                  interleaved=linear)
 
 
 def step_signature(robot: Robot, choice: StepChoice) -> tuple[str, dict[str, Shape], Shape]:

@@ -62,22 +62,28 @@ class TreeTerms(NamedTuple):
     friction_factors: Any
 
 
+def is_linear(equations: Equations) -> bool:
+    """Return whether `LinearStep` serves a robot: elastic joints, all forces linear."""
+    tree = equations.tree
+    # Only linear springs and dampers are constant within a step; see the module.
+    if not equations.model.drives:
+        return False
+    if not equations.in_joint_rates or equations.timed:
+        return False
+    if tree.flexible or tree.bristles:
+        return False
+    for elastic in equations.model.drives:
+        if isinstance(elastic.drive.stiffness, StiffnessCurve):
+            return False
+    joints = [body.joint for body in equations.model.bodies]
+    return not (tree.friction and any(map(is_nonlinear, joints)))
+
+
 def tree_terms(equations: Equations, wrench: Matrix | None, parameters: Vector,
                friction_factors: Any = 1.0) -> TreeTerms | None:
     """Return the terms for `LinearStep`; None for robots that it does not serve."""
     tree = equations.tree
-    # Only linear springs and dampers are constant within a step; see the module.
-    if not equations.model.drives:
-        return None
-    if not equations.in_joint_rates or equations.timed:
-        return None
-    if tree.flexible or tree.bristles:
-        return None
-    for elastic in equations.model.drives:
-        if isinstance(elastic.drive.stiffness, StiffnessCurve):
-            return None
-    joints = [body.joint for body in equations.model.bodies]
-    if tree.friction and any(map(is_nonlinear, joints)):
+    if not is_linear(equations):
         return None
 
     # Terms in the middle of the step, which both stages share.

@@ -27,6 +27,7 @@ from kane_dynamics.native.python_call.entry import (CallForm, EntryTable, Kernel
 from kane_dynamics.native.runtime.faster_copy import faster_copy, Trial
 from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, driver, repeat,
                                                 repeat_until, run_batch)
+from kane_dynamics.native.tracing.latency_order import by_latency
 from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
 import numpy as np
 from numpy.typing import NDArray
@@ -166,6 +167,8 @@ class Kernel:
     by_states : bool
         Compute the states of a batch one after the other, by the program for single
         states, where that of a batch would be much longer.
+    interleaved : bool
+        Order the operations of single states by `by_latency`.
 
     """
 
@@ -173,7 +176,8 @@ class Kernel:
                  arguments: Sequence[Argument], parameters: Array, shape: Shape,
                  reason: ResultCheck | None = None,
                  single: Callable[[], Program] | None = None,
-                 in_order: bool = False, by_states: bool = False) -> None:
+                 in_order: bool = False, by_states: bool = False,
+                 interleaved: bool = False) -> None:
         """Store the program, and what its calls are checked with."""
         self.name = name
         self.shape = shape
@@ -184,6 +188,7 @@ class Kernel:
         self._program = program
         self._program_of_one = program if single is None else single
         self._in_order = in_order
+        self._interleaved = interleaved
         self._of_batch = lane_text, program
         if by_states:
             self._of_batch = text_by_states, self._program_of_one
@@ -211,6 +216,8 @@ class Kernel:
             origin_of_single = origin(single) if single else ''
             self._key = '|'.join([key, origin(program), origin_of_single,
                                   f'{inputs} {parameters.shape} {shape}'])
+            if interleaved:
+                self._key += '|interleaved'
         self._compiling = ForkSafeLock()
         # By kind of code; copies with other parameters share it.
         self._functions: dict[str, KernelFunction] = {}
@@ -266,8 +273,14 @@ class Kernel:
         kind = ''
         if kind in self._functions:
             return self._functions[kind]
-        return self._function(kind, lambda: module_text(self._program_of_one(), SYMBOL),
-                              self._trial, self._in_order)
+        return self._function(kind, self._text_of_one, self._trial, self._in_order)
+
+    def _text_of_one(self) -> str:
+        """Return the code of single states as LLVM IR."""
+        program = self._program_of_one()
+        if self._interleaved:
+            program = by_latency(program)
+        return module_text(program, SYMBOL)
 
     def compile_entry(self) -> None:
         """Compile the entry points of calls with one state, and the code of single states."""
