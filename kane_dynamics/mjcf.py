@@ -66,8 +66,9 @@ def load_mjcf(source: str | os.PathLike[str], *, strict: bool = True) -> MjcfMec
     Load a mechanism from MJCF; needs the extra `mjcf`.
 
     Used: bodies, joints of every type, inertial properties (of geoms too, as MuJoCo
-    computes them), armature, damping, friction loss, joint springs, position limits,
-    force limits of joints and of actuators on joints, sites, gravity; equality
+    computes them), armature and damping of joints and of actuators on them, friction
+    loss, joint springs, position limits, force limits of joints and of actuators on
+    joints (also by the limits of their controls), sites, gravity; equality
     constraints `connect`, `weld` and linear `joint` as rigid constraints, where MuJoCo's
     are soft. Everything else that exerts forces is named by a warning: contacts,
     tendons, muscles, fluid, gravity compensation, and so on.
@@ -295,6 +296,9 @@ class _Reader:
             'damping': _first(compiled.dof_damping[dof]),
             'friction': float(compiled.dof_frictionloss[dof]),
             'armature': float(compiled.dof_armature[dof])}
+        # Actuators add their own, at the joint by the square of the gear.
+        for name in ('damping', 'armature'):
+            properties[name] += self._of_actuators(name, joint)
         stiffness = _first(compiled.jnt_stiffness[joint])
         if stiffness:
             properties['stiffness'] = stiffness
@@ -322,13 +326,47 @@ class _Reader:
         limits = []
         if compiled.jnt_actfrclimited[joint]:
             limits.append(float(np.abs(compiled.jnt_actfrcrange[joint]).max()))
-        motors = [k for k in self._actuators_on(joint)
-                  if compiled.actuator_forcelimited[k]]
-        if motors:
-            forces = np.abs(compiled.actuator_forcerange[motors]).max(axis=1)
-            gears = np.abs(compiled.actuator_gear[motors, 0])
-            limits.append(float(forces @ gears))
+        actuators = self._actuators_on(joint)
+        if actuators:
+            total = 0.0  # an actuator without limit leaves the joint without one
+            for k in actuators:
+                gear = abs(float(compiled.actuator_gear[k, 0]))
+                total += gear * self._largest_force(k) if gear else 0.0
+            limits.append(total)
         return min(limits, default=math.inf)
+
+    def _largest_force(self, actuator: int) -> float:
+        """Return the largest force of an actuator, N m or N, before its gear."""
+        compiled = self.compiled
+        forces = [math.inf]
+        if compiled.actuator_forcelimited[actuator]:
+            forces.append(float(np.abs(compiled.actuator_forcerange[actuator]).max()))
+        # A motor's force is proportional to its control, which may be limited too.
+        if self._is_motor(actuator) and not self._disabled('mjDSBL_CLAMPCTRL'):
+            gain = abs(float(compiled.actuator_gainprm[actuator, 0]))
+            control = float(np.abs(compiled.actuator_ctrlrange[actuator]).max())
+            if compiled.actuator_ctrllimited[actuator]:
+                forces.append(gain * control)
+        return min(forces)
+
+    def _is_motor(self, actuator: int) -> bool:
+        """Return whether the force of an actuator is its control times a constant."""
+        compiled, mujoco = self.compiled, self.mujoco
+        if len(compiled.actuator_ctrlrange) != len(compiled.actuator_trntype):
+            return False  # an actuator with several controls: theirs have other indices
+        return bool(compiled.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
+                    and compiled.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
+                    and compiled.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_NONE)
+
+    def _of_actuators(self, name: str, joint: int) -> float:
+        """Return damping or armature of the actuators on a joint, of newer MuJoCo."""
+        values = getattr(self.compiled, f'actuator_{name}', None)
+        total = 0.0
+        if values is not None:
+            for k in self._actuators_on(joint):
+                gear = float(self.compiled.actuator_gear[k, 0])
+                total += gear * gear * _first(values[k])
+        return total
 
     def _actuators_on(self, joint: int) -> list[int]:
         """Return the actuators whose transmission is a joint."""
@@ -370,7 +408,9 @@ class _Reader:
 
     def _constraints(self) -> list[Closure | Coupling]:
         """Return the active equality constraints that have a counterpart."""
-        constraints = []
+        constraints: list[Closure | Coupling] = []
+        if self._disabled('mjDSBL_EQUALITY') or self._disabled('mjDSBL_CONSTRAINT'):
+            return constraints
         for k in range(self.compiled.neq):
             if self.compiled.eq_active0[k]:
                 constraint = self._constraint(k)
@@ -480,6 +520,10 @@ class _Reader:
         servos = self._servos()
         if servos:
             unused.append(f'control laws of actuators: {listing(servos)}')
+        uneven = self._uneven_joints()
+        if uneven:
+            unused.append('the smaller of two unequal limits of force and effort of '
+                          f'{listing(uneven)}')
         if compiled.opt.density or compiled.opt.viscosity:
             unused.append('forces of a fluid')
         # Compensation of single bodies by MuJoCo would make them weightless.
@@ -514,6 +558,19 @@ class _Reader:
             on_joints.update(self._actuators_on(joint))
         return [name for k, name in enumerate(names) if k not in on_joints]
 
+    def _uneven_joints(self) -> list[str]:
+        """Return the joints and actuators whose force limits differ by direction."""
+        compiled = self.compiled
+        names = self._names(self.mujoco.mjtObj.mjOBJ_ACTUATOR, compiled.nu, 'actuator')
+        uneven = []
+        for ranges, limited, owners in (
+                (compiled.jnt_actfrcrange, compiled.jnt_actfrclimited, self.joints),
+                (compiled.actuator_forcerange, compiled.actuator_forcelimited, names)):
+            for name, (lower, upper), is_limited in zip(owners, ranges, limited):
+                if is_limited and lower != -upper:
+                    uneven.append(name)
+        return uneven
+
     def _servos(self) -> list[str]:
         """Return the actuators whose force depends on the state, such as servos."""
         names = self._names(self.mujoco.mjtObj.mjOBJ_ACTUATOR, self.compiled.nu,
@@ -543,10 +600,15 @@ class _Reader:
         """Return disabled passive forces, and nonlinear ones, which newer MuJoCo has."""
         compiled = self.compiled
         for flag, what in (('mjDSBL_SPRING', 'springs'), ('mjDSBL_DAMPER', 'damping'),
-                           ('mjDSBL_FRICTIONLOSS', 'friction loss')):
+                           ('mjDSBL_FRICTIONLOSS', 'friction loss'),
+                           ('mjDSBL_LIMIT', 'position limits'),
+                           ('mjDSBL_CONSTRAINT', 'friction loss and position limits')):
             if self._disabled(flag):
                 yield f'the option that disables {what}'
         for field, what in (('dof_dampingpoly', 'nonlinear damping'),
+                            ('actuator_dampingpoly', 'nonlinear damping of actuators'),
+                            ('actuator_delay', 'delays of actuators'),
+                            ('jnt_springyield', 'plasticity of joint springs'),
                             ('jnt_stiffnesspoly', 'nonlinear stiffness of joints')):
             if np.any(getattr(compiled, field, 0.0)):
                 yield what

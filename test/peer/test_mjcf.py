@@ -7,6 +7,7 @@ import warnings
 from kane_dynamics import Closure, load_mjcf, Robot
 from kane_dynamics.cli.commands.sweep_command import read_sweep
 from kane_dynamics.errors import InputError, ModelError, ModelWarning
+from kane_dynamics.mechanics.definition import kane
 import numpy as np
 import pytest
 
@@ -98,6 +99,60 @@ def test_dynamics_of_published_models_are_those_of_mujoco(name):
 
 def test_every_kind_of_joint_has_the_dynamics_of_mujoco():
     check_unconstrained_dynamics(*loaded(EVERYTHING))
+
+
+def numbers(rng, count, size=1.0):
+    """Return random numbers as text."""
+    return ' '.join(f'{x:.6g}' for x in size * rng.normal(size=count))
+
+
+def random_body(rng, index, inner):
+    """Return a body with joints, orientation and inertia of any form, and bodies on it."""
+    forms = ('', f'quat="{numbers(rng, 4)}"', f'euler="{numbers(rng, 3, 60.0)}"',
+             f'axisangle="{numbers(rng, 4)}"', f'xyaxes="{numbers(rng, 6)}"')
+    joints = []
+    for k in range(rng.integers(0 if index else 1, 4)):
+        name = f'j{index}_{k}'
+        kind = rng.choice(['hinge', 'slide', 'ball'], p=[0.6, 0.3, 0.1])
+        text = f'name="{name}" type="{kind}" pos="{numbers(rng, 3, 0.1)}" damping="0.7"'
+        if kind != 'ball':
+            text += (f' axis="{numbers(rng, 3)}" ref="{numbers(rng, 1)}"'
+                     f' armature="{rng.uniform():.4g}" stiffness="{rng.uniform(0, 9):.4g}"'
+                     f' springref="{numbers(rng, 1)}"')
+        joints.append(f'<joint {text}/>')
+        if kind == 'ball':
+            break  # other joints behind a ball are no MJCF
+    shape = rng.choice(['sphere', 'box', 'capsule', 'cylinder', 'ellipsoid'])
+    geom = (f'<geom type="{shape}" size="0.1 0.2 0.15" pos="{numbers(rng, 3, 0.2)}" '
+            f'{rng.choice(forms)} density="{rng.uniform(100, 2000):.4g}"/>')
+    return (f'<body name="b{index}" pos="{numbers(rng, 3, 0.4)}" {rng.choice(forms)}>'
+            f'{"".join(joints)}{geom}{inner}</body>')
+
+
+def random_file(seed):
+    """Return a random chain in MJCF with motors that have a gear, armature and damping."""
+    rng, chain = np.random.default_rng(seed), ''
+    for index in reversed(range(rng.integers(1, 5))):
+        chain = random_body(rng, index, chain)
+    motors = [f'<motor joint="{name}" gear="{numbers(rng, 1, 10.0)}" armature="0.002" '
+              'damping="0.01"/>' for name, kind in re.findall(r'name="(j\S*)" type="(\w*)"', chain)
+              if kind != 'ball' and rng.random() < 0.5]
+    sequence = rng.choice(['xyz', 'ZYX', 'zxz'])
+    return (f'<mujoco><compiler angle="degree" eulerseq="{sequence}"/><option gravity='
+            f'"{numbers(rng, 3, 5.0)}"/><worldbody>{chain}</worldbody><actuator>'
+            f'{"".join(motors)}</actuator></mujoco>')
+
+
+@pytest.mark.parametrize('seed', range(60))
+def test_random_files_have_the_inertia_and_forces_of_mujoco(seed):
+    model, (tree, _) = loaded(random_file(seed))
+    data, q, u = random_state(model, np.random.default_rng(seed))
+    M = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, M)
+    force = kane.inverse_dynamics(tree, q, u, 0.0 * u)
+    peer = data.qfrc_bias - data.qfrc_passive
+    np.testing.assert_allclose(kane.mass_matrix(tree, q), M, rtol=0, atol=1e-11 * M.max())
+    np.testing.assert_allclose(force, peer, rtol=0, atol=1e-9 * max(M.max(), abs(peer).max()))
 
 
 def test_damping_of_every_joint_is_that_of_mujoco():
@@ -204,6 +259,41 @@ def test_limits_are_those_of_joints_and_actuators():
     assert (joints['slide'].limits.lower, joints['slide'].limits.upper) == (-1.0, 1.0)
     assert joints['j4'].friction == 0.4
     assert joints['j4'].armature == 0.3
+
+
+ARM = """<mujoco><option><flag {flags}/></option><worldbody>
+<body><joint name="a"/><geom size=".1" pos="1 0 0"/>
+<body pos="1 0 0"><joint name="b" range="-9 9"/><geom size=".1" pos="0 1 0"/></body></body>
+</worldbody><equality><joint joint1="b" joint2="a" polycoef="0 2 0 0 0"/></equality>
+<actuator>{actuators}</actuator></mujoco>"""
+
+
+@pytest.mark.filterwarnings('ignore::kane_dynamics.errors.ModelWarning')
+@pytest.mark.parametrize(('flags', 'actuators', 'effort'), [
+    ('', '<motor joint="b" gear="-3" ctrlrange="-2 1"/>', 6.0),
+    ('', '<general joint="b" gear="3" gainprm="5" ctrlrange="-2 2" forcerange="-4 4"/>', 12.0),
+    ('', '<motor joint="b" forcerange="-2 2"/><motor joint="b"/>', np.inf),
+    ('', '<motor joint="b" forcerange="-2 2"/><motor joint="b" ctrlrange="-1 1"/>', 3.0),
+    ('', '<general joint="b" dyntype="integrator" ctrlrange="-1 1"/>', np.inf),
+    ('clampctrl="disable"', '<motor joint="b" ctrlrange="-1 1"/>', np.inf)])
+def test_the_effort_of_a_joint_is_what_all_its_actuators_reach_together(flags, actuators, effort):
+    model, _ = load_mjcf(ARM.format(flags=flags, actuators=actuators))
+    assert model.bodies[1].joint.limits.effort == effort
+
+
+def test_unequal_limits_of_force_are_named():
+    with pytest.warns(ModelWarning, match='the smaller of two unequal limits .* of strong'):
+        load_mjcf(ARM.format(flags='', actuators='<motor name="strong" joint="b" '
+                                                 'forcerange="-2 5"/>'))
+
+
+@pytest.mark.parametrize(('flags', 'words'), [
+    ('equality="disable"', ''), ('constraint="disable"', 'friction loss and position limits')])
+def test_constraints_that_the_file_disables_are_left_out(flags, words):
+    with pytest.warns(ModelWarning, match=words):
+        assert load_mjcf(ARM.format(flags=flags, actuators='')).options == {}
+    with pytest.warns(ModelWarning):
+        assert load_mjcf(ARM.format(flags='', actuators='')).options['constraints']
 
 
 def test_unused_elements_of_mjcf_are_named_in_one_warning():
