@@ -32,7 +32,7 @@ from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
-from kane_dynamics.mechanics.constraints.conditioning import guarded
+from kane_dynamics.mechanics.constraints.conditioning import guarded, largest_residuals
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.mechanics.constraints.transmission import (require_transmission,
                                                               transmission_margin)
@@ -154,7 +154,7 @@ def require_closed(robot: Robot, positions: Array, times: Array) -> None:
     if limits is None:
         return
     residual = np.abs(robot.constraint_residual(positions, t=times))
-    allowed = np.where(robot.mechanism.turning, limits[1], limits[0])
+    allowed = largest_residuals(robot.mechanism, limits)
     if (residual <= allowed).all():
         return
     # The largest violation, relative to its limit.

@@ -108,6 +108,8 @@ class Parameters:
         """
         Largest constraint residual that calls accept, (m, rad); None for no limit.
 
+        The first is that of the largest loop, those of others are smaller in proportion.
+
         Set it to a number for both, to a pair, or to None. It applies to the 2-norm of
         the residuals.
         """

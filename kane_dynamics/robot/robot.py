@@ -75,8 +75,9 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         unless it is given a start. By default configurations within the limits are tried.
     closure_tolerance : float, (float, float) or None
         Largest residual of loops and other position constraints that calls accept, m and
-        rad; None accepts any. Default: 1e-4 times `mechanism.length` (the longest
-        distance between neighbouring joints), and 1e-4 rad.
+        rad; None accepts any. The first is that of the largest loop, those of others are
+        smaller as their loops are. Default: 1e-4 times the length of a loop (the longest
+        distance between its neighbouring joints), and 1e-4 rad.
         `parameters.closure_tolerance` changes it.
     redundant : 'minimum_norm' or 'kept'
         Forces of redundant constraint rows: minimum norm, with moments divided by

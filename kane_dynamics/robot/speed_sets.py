@@ -7,7 +7,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import moving
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described,
-                                                              EXCESS, figure, loosened,
+                                                              EXCESS, figure,
+                                                              largest_residuals, loosened,
                                                               scaled_rows, SHARE,
                                                               SINGULAR, singular_error,
                                                               Stack, stacked, system)
@@ -122,16 +123,16 @@ class SpeedSets:
                         limits: tuple[float, float]) -> None:
         """Raise ConstraintError for a residual above the closure tolerance."""
         # Each residual as a share of its limit, in rad or m.
-        share = np.abs(stack.residual) / np.where(self.asked.turning, limits[1],
-                                                  limits[0])
+        largest = largest_residuals(self.asked, limits)
+        share = np.abs(stack.residual) / largest
         if np.linalg.norm(share) < SHARE:
             return
         k = int(np.argmax(share))
-        unit, most = ('rad', limits[1]) if self.asked.turning[k] else ('m', limits[0])
+        unit = 'rad' if self.asked.turning[k] else 'm'
         raise ConstraintError(
             f"constraint '{self.asked.labels[k]}': its residual is "
             f'{abs(stack.residual[k]):.3g} {unit} at {described(self.asked, q)}, t = '
-            f'{t:.6g} s; expected at most {most:g} {unit} (closure_tolerance), as from '
+            f'{t:.6g} s; expected at most {largest[k]:g} {unit} (closure_tolerance), as from '
             'robot.closed_configuration')
 
 

@@ -327,7 +327,7 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,
         residual = np.abs(kernel(rows, *time))
         # Lengths and angles are compared in units of their own; the message has those
         # of the row.
-        in_units = residual / robot.mechanism.row_units
+        in_units = residual / robot.mechanism.closure_units
         i, k = np.unravel_index(np.argmax(in_units), residual.shape)
         if in_units[i, k] > loosened(robot.mechanism, CLOSED):
             which = '' if q.ndim == 1 else f' of state {i}'

@@ -539,7 +539,7 @@ def residual_error(mechanism: Mechanism, stack: Stack, kept: bool, q: Array, t: 
 
     With `kept`, if the largest is that of a kept row, else if it is that of another.
     """
-    in_lengths_of_rows = stack.residual / mechanism.row_units
+    in_lengths_of_rows = stack.residual / mechanism.closure_units
     worst = int(np.argmax(np.abs(in_lengths_of_rows)))
     # The residual is within its share, or the worst row belongs to the other error.
     if np.linalg.norm(in_lengths_of_rows) <= SHARE * largest or kept != (worst in mechanism.kept):
@@ -552,7 +552,7 @@ def residual_error(mechanism: Mechanism, stack: Stack, kept: bool, q: Array, t: 
         raise ConstraintError(
             f'{constraint} opens by {residual} within one step of {step:g} s at '
             f'{described(mechanism, q)}; expected at most '
-            f'{largest * mechanism.row_units[worst]:.3g} {unit}, as with a shorter step')
+            f'{largest * mechanism.closure_units[worst]:.3g} {unit}, as with a shorter step')
     raise ConstraintError(
         f'{constraint} contradicts the others at {described(mechanism, q)}, t = {t:.6g} '
         f's: its residual is {residual} where the others hold; expected 0')

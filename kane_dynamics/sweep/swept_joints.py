@@ -125,7 +125,7 @@ class SweptJoints:
         """Return a closed configuration near a guess, (n_q,), as `closed`."""
         robot = self._robot
         fixed = [name for name in robot.speed_names if name in robot.coordinate_names]
-        residual = robot.constraint_residual(guess, t=t0) / robot.mechanism.row_units
+        residual = robot.constraint_residual(guess, t=t0) / robot.mechanism.closure_units
         nearly_closed = np.abs(residual).max(initial=0.0) <= NEARLY_CLOSED
         start = guess if fixed and nearly_closed else None
         return robot.closed_configuration(guess, t=t0, fixed=fixed, start=start)

@@ -74,7 +74,8 @@ def margin(mechanism: Mechanism, q: Vector, t: Scalar, limits: Vector,
         Configuration and time; rad or m, and s.
     limits : (4,) array
         One over the square of the largest figure, of the largest residual of positions
-        in m, in rad, and of the largest violation of redundant rows; 0 for no limit.
+        in m (of the largest loop), in rad, and of the largest violation of redundant
+        rows; 0 for no limit.
     links : sequence of Link, optional
         Use the kinematics of these links, which are compiled.
 
@@ -88,12 +89,16 @@ def margin(mechanism: Mechanism, q: Vector, t: Scalar, limits: Vector,
     # Residuals of translations, m^2, and of rotations, rad^2.
     length_2: Scalar = 0.0
     angle_2: Scalar = 0.0
-    for residual, turning in zip(rows.residual, mechanism.turning):
+    for residual, turning, unit in zip(rows.residual, mechanism.turning,
+                                       mechanism.closure_units.tolist()):
         if residual is None or is_zero(residual):
             continue
         if turning:
             angle_2 = angle_2 + residual * residual
         else:
+            # A smaller loop than the largest is judged in its own length.
+            if unit != mechanism.closure_length:
+                residual = residual * (mechanism.closure_length / unit)
             length_2 = length_2 + residual * residual
 
     # Each figure, divided by its limit, uses a part of the margin 1.
@@ -278,8 +283,14 @@ def loosened(mechanism: Mechanism, limit: float) -> float:
 
 
 def in_lengths(mechanism: Mechanism, limit: float) -> tuple[float, float]:
-    """Return a limit of residuals: `limit` lengths of the mechanism, m, and rad."""
-    return limit * mechanism.length, limit
+    """Return a limit of residuals: `limit` lengths of the largest loop, m, and rad."""
+    return limit * mechanism.closure_length, limit
+
+
+def largest_residuals(mechanism: Mechanism, tolerance: tuple[float, float]) -> Array:
+    """Return the largest residual of each row, (m,), for those of `closure_tolerance`."""
+    lengths = tolerance[0] * mechanism.closure_units / mechanism.closure_length
+    return np.where(mechanism.turning, tolerance[1], lengths)
 
 
 def pivots(C: Array, count: int) -> list[int]:

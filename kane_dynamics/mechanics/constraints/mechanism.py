@@ -33,7 +33,8 @@ from kane_dynamics.mechanics.ball_joints import (axis_acceleration, coordinate_r
 from kane_dynamics.mechanics.constraints import (Closure, Constraint, ConstraintRows,
                                                  DependentSpeeds, PointVelocity,
                                                  Prescribed, Rolling)
-from kane_dynamics.mechanics.constraints.row_units import length_of, turning_rows
+from kane_dynamics.mechanics.constraints.row_units import (closure_length, length_of,
+                                                           turning_rows)
 from kane_dynamics.mechanics.constraints.speeds import (chosen, JOINT_RATES,
                                                         speed_places, Speeds)
 from kane_dynamics.mechanics.definition import kinematics
@@ -307,6 +308,11 @@ class Mechanism:
         `length` for joints that slide, 1 rad for others.
     row_units : (m,) array
         Of each row's residual: 1 rad where it constrains a rotation, `length` elsewhere.
+    closure_units : (m,) array
+        The same, but of closures the length of their own loop: whether it is closed does
+        not depend on the rest of the mechanism.
+    closure_length : float
+        The largest of `closure_units` of translations, m; `length` without any.
 
     """
 
@@ -362,6 +368,15 @@ class Mechanism:
             turning += turning_rows(constraint, model)
         self.turning = tuple(turning)
         self.row_units = np.where(self.turning, 1.0, self.length)
+        lengths: list[float] = []
+        for constraint in self.constraints:
+            own = self.length
+            if isinstance(constraint, Closure):
+                own = closure_length(model, constraint, self.length)
+            lengths += [own] * len(constraint.labels)
+        self.closure_units = np.where(self.turning, 1.0, lengths)
+        translations = self.closure_units[~np.array(self.turning, dtype=bool)]
+        self.closure_length = float(translations.max(initial=0.0)) or self.length
 
     def _wheels_with_surface_rows(self) -> list[Rolling]:
         """Return the wheels whose `surface_rows` can stand for their rows: all kept."""

@@ -4,10 +4,13 @@ from collections.abc import Sequence
 import math
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.mechanics.constraints import (Constraint, Coupling, PointVelocity,
-                                                 Prescribed)
+from kane_dynamics.mechanics.constraints import (Closure, Constraint, Coupling,
+                                                 PointVelocity, Prescribed)
 from kane_dynamics.model.model import Inertial, Model, WORLD
 import numpy as np
+
+SHORTEST = 1e-3  # of the mechanism: the smallest loop whose residual rounding permits
+ROUNDING = 1e-9  # of the mechanism: points of a loop that are nearer coincide
 
 
 def length_of(model: Model, constraints: Sequence[Constraint] = ()) -> float:
@@ -41,6 +44,37 @@ def length_of(model: Model, constraints: Sequence[Constraint] = ()) -> float:
     # Radii of gyration, where all joints and frames coincide.
     radii = [_gyration(body.inertial) for body in model.bodies]
     return max(radii, default=0.0) or 1.0
+
+
+def closure_length(model: Model, closure: Closure, longest: float) -> float:
+    """
+    Return the characteristic length of one loop, m, by which its residual is judged.
+
+    It is the longest distance between neighbouring joints and frames of the loop alone,
+    so that a small loop counts as open although a distant frame makes the mechanism
+    long. `longest`, the mechanism's, stands for it where the points of the loop
+    coincide; it is at least `SHORTEST` of that.
+    """
+    ends = [model.frame(closure.first), model.frame(closure.second)]
+    branches = [list(model.path(frame.body)) for frame in ends]
+    shared = set(branches[0]) & set(branches[1])
+
+    # Along both branches down to the body that they share, or the world.
+    distances = [closure.length or 0.0]
+    roots = []
+    for frame, branch in zip(ends, branches):
+        place = frame.translation
+        for body in branch:
+            if body in shared:
+                break
+            distances.append(float(np.linalg.norm(place)))
+            place = model.bodies[body].joint.translation
+        roots.append(place)
+    # On the shared body: between the joints that begin the branches.
+    distances.append(float(np.linalg.norm(roots[0] - roots[1])))
+
+    own = max(distances)
+    return max(own, SHORTEST * longest) if own > ROUNDING * longest else longest
 
 
 def _gyration(inertial: Inertial) -> float:

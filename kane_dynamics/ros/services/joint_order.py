@@ -63,13 +63,13 @@ def close_loops(robot: Robot, q: Array) -> Array:
     # A request is rounded, so that its loops may be open by a little; farther ones are
     # another configuration.
     residual = np.abs(robot.constraint_residual(q))
-    in_units = residual / robot.mechanism.row_units
+    in_units = residual / robot.mechanism.closure_units
     if not in_units.max() <= NEARLY_CLOSED:
         worst = int(in_units.argmax())
         raise InputError(f'position: residual {residual[worst]:.3g} m or rad of '
                          'constraint '
                          f"'{robot.constraint_names[worst]}'; expected at most "
-                         f'{NEARLY_CLOSED * robot.mechanism.row_units[worst]:.3g}')
+                         f'{NEARLY_CLOSED * robot.mechanism.closure_units[worst]:.3g}')
     # The independent coordinates stay as requested, the others follow.
     closed = robot.closed_configuration(q, fixed=robot.speed_names, start=q)
     moved = np.abs(difference(robot.model, q, closed))

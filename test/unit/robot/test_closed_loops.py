@@ -2,8 +2,9 @@
 
 from functools import partial
 
-from kane_dynamics import (Closure, ConstraintError, disc, Drive, InputError, ModelBuilder,
-                           power_balance, Prescribed, Robot, simulate, with_drives)
+from kane_dynamics import (Closure, ComputedTorque, ConstraintError, disc, Drive, InputError,
+                           ModelBuilder, Motion, power_balance, Prescribed, Robot, simulate,
+                           with_drives)
 from kane_dynamics.mechanics.constraints import loop_closure
 from kinds_of_mechanism import case, PAIRS
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
@@ -86,7 +87,7 @@ def test_joints_carry_what_redundant_rows_exert():
 def test_every_call_refuses_an_open_loop(call, more):
     robot, q = four_bar('crank'), at_angle(0.8) + [0.0, 0.0, 0.3]
     with pytest.raises(ConstraintError, match=r"constraint 'pin/.': its residual is 0\.\d* m at "
-                                              r"\{'crank': 0.8.*expected at most 9e-05 m"):
+                                              r"\{'crank': 0.8.*expected at most 0.0001 m"):
         getattr(robot, call)(q, *[np.ones(1)] * more)
 
 
@@ -103,6 +104,47 @@ def test_the_tolerance_of_closures_can_be_set_and_put_off():
         robot.mass_matrix(q)
     with pytest.raises(InputError, match='closure_tolerance: -1; expected a positive number'):
         robot.parameters.closure_tolerance = -1
+
+
+def two_four_bars(*sizes, far=0.46):
+    """Return four-bars of these sizes, m, with a frame that is far away, and q of both."""
+    b, pins = ModelBuilder('four-bars'), []
+    for k, size in enumerate(sizes):
+        on, at = 'world', (0.0, k, 0.0)
+        for bar, length in (('crank', 0.3), ('coupler', 0.9), ('rocker', 0.7)):
+            b.body(f'{bar}{k}', on, axis=(0, -1, 0), at=at,
+                   inertial=disc(1.0, 0.1 * size))
+            on, at = f'{bar}{k}', (length * size, 0, 0)
+        b.frame(f'end{k}', on, at=at)
+        b.frame(f'ground{k}', 'world', at=(size, k, 0))
+        pins.append(Closure(f'end{k}', f'ground{k}', 'spherical', name=f'pin{k}'))
+    b.frame('far', 'crank0', at=(far, 0, 0))
+    robot = Robot(b.model(), constraints=pins)
+    return robot, robot.closed_configuration([0.8, -1.2, -1.0] * len(sizes))
+
+
+@pytest.mark.parametrize('sizes', [(1.0, 1e-3), (1e-3, 1.0), (1e-3,)])
+def test_every_loop_is_judged_by_its_own_length(sizes):
+    robot, q = two_four_bars(*sizes)
+    assert robot.mechanism.closure_length == pytest.approx(max(sizes))
+    u, calls = np.zeros(robot.n), (
+        robot.mass_matrix, lambda q: simulate(robot, q, u, 1e-3, step=1e-3),
+        lambda q: ComputedTorque(robot, Motion.from_points(
+            [0.0, 1.0], [q, q], joint_names=robot.joint_names), kp=1.0, kd=1.0))
+    for call in calls:
+        call(q)
+    for k, size in enumerate(sizes):
+        for angle, is_open in ((1e-5, False), (0.05, True)):
+            moved = q.copy()
+            moved[3 * k + 2] += angle
+            if not is_open:
+                robot.mass_matrix(moved)
+                continue
+            residual = np.abs(robot.constraint_residual(moved)).max()
+            assert residual == pytest.approx(0.034 * size, rel=0.1)
+            for call in calls:
+                with pytest.raises((ConstraintError, InputError), match=f'pin{k}'):
+                    call(moved)
 
 
 def test_calls_at_singular_speeds_are_errors_and_near_them_right():
