@@ -609,6 +609,54 @@ def drift_at_rest(arm: Arm, law: HandGuiding) -> float:
     return farthest
 
 
+THROWS = 5
+FORCES = (20.0, 60.0)  # N, of a hand
+MOMENT = 0.5  # N m, at most
+LASTING = (0.1, 0.5)  # s
+AFTER = 2.0  # s
+
+
+class ThrowFigures(NamedTuple):
+    """An arm that a hand throws at its joint limits."""
+
+    fastest: float  # rad/s, of a joint
+    beyond: float  # rad, farthest past a position limit; negative inside of it
+
+
+def thrown_by_hand(arm: Arm) -> ThrowFigures:
+    """
+    Throw the flange by random wrenches of a hand, without friction, in MuJoCo.
+
+    Neither do the joints have speed limits, nor the plant stops: the law alone holds
+    the position limits.
+    """
+    robot = Robot(load_urdf(arm.urdf, tip=arm.frame), friction=False)
+    robot.limits = replace(robot.limits, velocity=np.full(robot.n, np.inf))
+    plant = Plant(robot, arm.urdf)
+    plant.model.jnt_limited[:] = 0
+    law = HandGuiding(robot)
+    fastest = 0.0
+    beyond = -np.inf
+    for seed in range(THROWS):
+        rng = np.random.default_rng(seed)
+        plant.reset(arm.home)
+        force, moment = rng.normal(size=3), rng.normal(size=3)
+        force *= rng.uniform(*FORCES) / np.linalg.norm(force)
+        moment *= rng.uniform(0.0, MOMENT) / np.linalg.norm(moment)
+        wrench = np.concatenate([force, moment])
+        lasts = rng.uniform(*LASTING)
+        for k in range(int((lasts + AFTER) * RATE)):
+            q, u = plant.state
+            past = np.maximum(q - robot.limits.upper, robot.limits.lower - q)
+            beyond = max(beyond, float(past.max()))
+            fastest = max(fastest, float(np.abs(u).max()))
+            tau = law.torque(q, u)
+            if k < lasts * RATE:
+                tau = tau + robot.jacobian(arm.frame, q).T @ wrench
+            plant.step(tau)
+    return ThrowFigures(fastest, beyond)
+
+
 class FrictionFigures(NamedTuple):
     """Position errors of the FR3 with friction, m, at 2000 N/m."""
 
@@ -717,6 +765,13 @@ def main() -> int:
         print(f'{name:6} circle with {DRAWN:g} N: force within {drawn.force_error:.2f} N, '
               f'position within {1e3 * drawn.circle_error:.2f} mm', flush=True)
         gate(drawn.force_error <= FORCE_ERROR and not drawn.losses, f'{name}: hybrid force')
+
+    print('Hand guiding without speed limits: thrown by random forces')
+    for name, arm in arms().items():
+        thrown = thrown_by_hand(arm)
+        print(f'{name:6} joints up to {thrown.fastest:.0f} rad/s, '
+              f'{1e3 * thrown.beyond:+.1f} mrad past a limit', flush=True)
+        gate(thrown.beyond <= 0.0, f'{name}: joint limits')
 
     arm = arms()['FR3']
     led = guiding(arm)

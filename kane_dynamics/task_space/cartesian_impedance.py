@@ -439,7 +439,8 @@ class ImpedanceForces(NamedTuple):
             force = plus_scaled(force, scale, part, lanes)
         # Friction that the arm compensates itself does not slow its joints down.
         bias = resisting_force(equations, q, u, self.weights, parameters, t)
-        brakes = brake_torques(self.motion, self.mobility, force - bias, self.speeds)
+        brakes = brake_torques(self.motion, self.mobility.inverse_mass, force - bias,
+                               self.speeds, lanes)
         braking = equations.shared_torques(q, self.motion.projected(brakes), t)
         return clamped(tau, braking, effort, lanes), scale, brakes
 

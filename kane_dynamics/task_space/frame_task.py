@@ -190,10 +190,17 @@ class FrameMobility(NamedTuple):
 def frame_mobility(equations: Equations, J: Matrix, q: Vector, parameters: Vector,
                    t: Scalar, lanes: Any = Lanes) -> FrameMobility:
     """Return the mobility of a frame with the Jacobian J, (6, n)."""
+    inverse = inverse_mass(equations, q, parameters, t, lanes)
+    P = transpose(product(J, inverse, lanes), lanes)
+    return FrameMobility(inverse, J, P, product(J, P, lanes), lanes)
+
+
+def inverse_mass(equations: Equations, q: Vector, parameters: Vector, t: Scalar,
+                 lanes: Any = Lanes) -> Matrix:
+    """Return M^-1, (n, n)."""
     factors, order = equations.mass_factors(q, parameters, t)
-    inverse_mass = solutions(factors, order, np.eye(len(order)), lanes)
-    P = transpose(product(J, inverse_mass, lanes), lanes)
-    return FrameMobility(inverse_mass, J, P, product(J, P, lanes), lanes)
+    inverse: Matrix = solutions(factors, order, np.eye(len(order)), lanes)
+    return inverse
 
 
 class TaskInertia:

@@ -3,6 +3,7 @@ Hand guiding: an arm that an operator leads by hand, lighter than its friction.
 
     tau = gravity + springs + a fraction of the friction at the measured rates
           - damping of rates beyond the limits + walls at joint limits and planes
+          - brakes of joints that come to their limits too fast
 
 Friction is compensated in part, so that what remains still resists: with the fraction
 below one, and a model whose friction is not above the real one divided by it, the arm
@@ -31,16 +32,20 @@ from kane_dynamics.control.friction_error import (checked_friction_error,
                                                   values_of)
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.lane_products import product, transpose
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
 from kane_dynamics.model.model import Frame, WORLD
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.task_space.frame_task import frame_mobility
+from kane_dynamics.task_space.frame_task import inverse_mass
+from kane_dynamics.task_space.joint_speed_limits import (brake_torques,
+                                                         speeds_towards_stops, UNSTATED)
 from kane_dynamics.task_space.joint_walls import DAMPING, JointWalls
 from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, lanes_of_scalars,
                                                  LanesOf, Law, law_kernel,
                                                  RunTimeSettings, Settings)
-from kane_dynamics.task_space.reference_dynamics import rated_friction
+from kane_dynamics.task_space.reference_dynamics import (rated_friction,
+                                                         resisting_force)
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -52,6 +57,7 @@ SHARE = 0.5  # of the joints' speed limits: the default limit
 SLOW = 1e-12  # m^2/s^2: squared speed of a frame at rest
 # Settings: the values of a `FrictionError`, in the order of `friction_beyond`.
 ERROR = ('error_coulomb', 'error_damping', 'error_offset', 'error_speed')
+RESISTING = (1.0, 1.0, 1.0, 1.0)  # weights of all terms that resist the motion
 
 
 @guarded
@@ -76,7 +82,8 @@ class HandGuiding(RunTimeSettings):
         Further damping of every joint, N m s/rad or N s/m.
     speed_limit : float or array_like, optional
         rad/s or m/s, of every joint: faster motion is braked. Default: half of the
-        robot's limits.
+        robot's limits. Towards its position limit a joint is braked whatever its speed
+        limit, as of `CartesianImpedance`, unless that is stated as inf.
     frame_speed : float
         m/s: faster motion of the frame's origin is braked.
     limit_stiffness, limit_margin : float or array_like, optional
@@ -127,9 +134,9 @@ class HandGuiding(RunTimeSettings):
         joints = self._walls.count
         super().__init__(Settings({
             'friction': (), 'damping': (names,), 'speed_limit': (names,),
-            'frame_speed': (), 'planes': (self._planes, 4), 'plane_stiffness': (),
-            'effort': (names,), 'wall_stiffness': (joints,), 'wall_lower': (joints,),
-            'wall_upper': (joints,), 'wall_damping': (joints,),
+            'far_speed': (names,), 'frame_speed': (), 'planes': (self._planes, 4),
+            'plane_stiffness': (), 'effort': (names,), 'wall_stiffness': (joints,),
+            'wall_lower': (joints,), 'wall_upper': (joints,), 'wall_damping': (joints,),
             **dict.fromkeys(ERROR, (robot.n,))}))
         self.update(friction=friction, friction_error=friction_error, damping=damping,
                     speed_limit=speed_limit, frame_speed=frame_speed,
@@ -153,11 +160,16 @@ class HandGuiding(RunTimeSettings):
         if values['speed_limit'] is not None:
             speed = per_joint(values['speed_limit'], 'speed_limit', robot.joint_names,
                               finite=False)
+        # Brakes before joint limits act at every speed, unless the user wants none.
+        far_speed = np.full(len(speed), UNSTATED)
+        if values['speed_limit'] is not None:
+            far_speed[np.isinf(speed)] = np.inf
         return {
             'friction': number(values['friction'], 'friction', 'a number from 0 to 1',
                                lambda x: 0.0 <= x <= 1.0),
             'damping': per_joint(values['damping'], 'damping', robot.joint_names),
             'speed_limit': speed,
+            'far_speed': far_speed,
             'frame_speed': number(values['frame_speed'], 'frame_speed',
                                   'a positive number, m/s', lambda x: x > 0.0),
             'planes': planes,
@@ -286,11 +298,19 @@ def _law(robot: Robot, frame: Frame | None, walls: JointWalls, shapes: Settings,
                  + walls.force(q, rates, values))
         beyond = friction_beyond(u, *[values[name] for name in ERROR])
         total = motion.projected(force) + values['friction'] * beyond
+        lanes = lanes_of(q[0])
+        inverse = inverse_mass(equations, q, parameters, t, lanes)
         if frame is not None:
             J = equations.partial_velocities(frame, q, t)[:3]
-            mobility = frame_mobility(equations, J, q, parameters, t, lanes_of(q[0]))
+            W = product(J, transpose(product(J, inverse, lanes), lanes), lanes)
             position = equations.frame_pose(frame, q, t)[:3, 3]
-            total = total + J.T @ _frame_force(position, J @ u, mobility.W, values)
+            total = total + J.T @ _frame_force(position, J @ u, W, values)
+
+        # Brakes of joints that come to their limits faster than what is left of the way.
+        speeds = speeds_towards_stops(robot, q, rates, values['far_speed'], lanes)
+        bias = resisting_force(equations, q, u, RESISTING, parameters, t)
+        stopping = brake_torques(motion, inverse, total - bias, speeds, lanes)
+        total = total + motion.projected(stopping)
         tau = _clamped(equations.shared_torques(q, total, t), values['effort'])
         if equations.actuated is not None:
             tau = nan_unless(tau, transmission_margin(equations.mechanism, motion.T,

@@ -15,7 +15,7 @@ from __future__ import annotations
 from typing import Any
 
 from kane_dynamics._util.checks import per_joint
-from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import magnitude, select, smallest
 from kane_dynamics.mechanics.algebra.lane_products import by_entries, product
@@ -23,7 +23,6 @@ from kane_dynamics.mechanics.algebra.lanes import Lanes
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.task_space.frame_task import FrameMobility
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -113,8 +112,8 @@ def _share_of_rate(rate: Scalar, limit: Scalar) -> Scalar:
     return FREE * limit * (1.0 / select(size < TINY, TINY, size))
 
 
-def brake_torques(motion: JointMotion, mobility: FrameMobility, force: Vector,
-                  limits: Vector) -> Vector:
+def brake_torques(motion: JointMotion, inverse_mass: Matrix, force: Vector,
+                  limits: Vector, lanes: Any = Lanes) -> Vector:
     """
     Return the torques, (n_j,), that keep joints within their speed limits.
 
@@ -125,18 +124,19 @@ def brake_torques(motion: JointMotion, mobility: FrameMobility, force: Vector,
     ----------
     motion : JointMotion
         At u, with udot = 0.
-    mobility : FrameMobility
-        Has the inverse of the mass matrix.
+    inverse_mass : (n, n) array
+        M^-1.
     force : (n,) array
         The generalized force that acts, less the bias force of what resists the joints:
         not of what the arm compensates itself.
     limits : (n_j,) array
         Of the joint speeds, rad/s; infinite for none.
+    lanes : class or object
+        The functions of `Lanes`.
 
     """
     T = motion.T
-    lanes = mobility.lanes
-    udot = product(force, mobility.inverse_mass, lanes)
+    udot = product(force, inverse_mass, lanes)
 
     # By how much the accelerations, in the direction of motion, are too large.
     accelerations = motion.qddot + T @ udot
@@ -145,7 +145,7 @@ def brake_torques(motion: JointMotion, mobility: FrameMobility, force: Vector,
     excesses = by_entries(_excess, lanes, motion.qdot, accelerations, limits)
 
     # Accelerations by torques, and the torque by which a joint alone loses one.
-    responses = mobility.inverse_mass
+    responses = inverse_mass
     if not motion.unit:
         responses = product(T, product(responses, T.T, lanes), lanes)
     inertias: list[Scalar] = []

@@ -5,6 +5,7 @@ from functools import cache
 
 from kane_dynamics import FrictionError, HandGuiding, Inertial, InputError, load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
+from kane_dynamics.task_space.joint_speed_limits import CREEPING
 from linkages import five_bar, five_bar_at
 import numpy as np
 import pytest
@@ -76,6 +77,42 @@ def test_speeds_beyond_the_limit_are_braked_with_the_inertia():
     expected = np.zeros(6)
     expected[2] = -20.0 * robot.mass_matrix(Q)[2, 2] * 0.2
     np.testing.assert_allclose(tau, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize('speeds', ['stated', 'unstated', 'none'])
+def test_a_joint_that_a_hand_throws_at_its_limit_comes_there_slowly(speeds):
+    robot = Robot(ur10e().model, friction=False)
+    upper = robot.limits.upper.copy()
+    upper[2] = Q[2] + 0.4
+    robot.limits = replace(robot.limits, upper=upper)
+    if speeds == 'unstated':
+        robot.limits = replace(robot.limits, velocity=np.full(6, np.inf))
+    guiding = HandGuiding(robot, limit_stiffness=0.0,
+                          speed_limit=np.inf if speeds == 'none' else None)
+    q, u = Q, np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0])
+    arrival = 0.0
+    for _ in range(600):
+        q, u = stepped(robot, guiding.torque, q, u, 1e-3)
+        if q[2] > upper[2]:
+            arrival = u[2]
+            break
+    creeping = CREEPING * (upper[2] - robot.limits.lower[2])
+    assert (arrival < 1.5 * creeping) == (speeds != 'none')
+
+
+def test_brakes_before_joint_limits_take_energy_out_of_every_motion():
+    robot = ur10e()
+    rng = np.random.default_rng(0)
+    free = HandGuiding(robot, limit_stiffness=0.0, speed_limit=np.inf)
+    braked = HandGuiding(robot, limit_stiffness=0.0, speed_limit=1e6)
+    acted = 0
+    for _ in range(100):
+        q = rng.uniform(robot.limits.lower, robot.limits.upper)
+        u = rng.uniform(-20.0, 20.0, 6)
+        brake = braked.torque(q, u) - free.torque(q, u)
+        assert (brake * u < 1e-6).all()
+        acted += bool(np.abs(brake).max() > 1e-6)
+    assert acted > 10
 
 
 @pytest.mark.slow

@@ -97,6 +97,14 @@ def test_a_force_is_kept_while_a_circle_is_drawn(name):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize('name', ARMS)
+def test_a_guided_arm_without_speed_limits_is_not_thrown_past_its_joint_limits(name):
+    figures = experiments.thrown_by_hand(ARMS[name])
+    assert figures.fastest > 5.0
+    assert figures.beyond <= 0.0
+
+
+@pytest.mark.slow
 def test_a_hand_needs_a_fifth_of_the_force_with_a_model_of_20_percent_more_or_less_friction():
     """As it is with more friction in the model; both with a recording without contact."""
     figures = experiments.guiding(ARMS['FR3'])
