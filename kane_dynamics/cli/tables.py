@@ -239,8 +239,6 @@ def joint_rows(robot: Robot, state: State) -> dict[str, Array]:
     """Return positions, speeds, accelerations and torques of all joints along a motion."""
     q, u, udot = state
     tau = robot.inverse_dynamics(q, u, udot)
-    if not robot.constraint_names:
-        return {'q': q, 'u': u, 'udot': udot, 'tau': tau}
     return {'q': q, 'u': robot.joint_rates(q, u),
             'udot': robot.joint_accelerations(q, u, udot),
             'tau': robot.joint_torques(tau, q)}

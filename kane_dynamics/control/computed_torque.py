@@ -147,7 +147,7 @@ def require_closed(robot: Robot, positions: Array, times: Array) -> None:
 
     The limit is `closure_tolerance`; None for none.
     """
-    if not robot.constraint_names or positions.shape[1] != robot.n_q:
+    if positions.shape[1] != robot.n_q:  # of the joints that follow alone
         return
     # The tolerance that calls of the robot have, unless the user switched it off.
     limits = robot.parameters.closure_tolerance

@@ -290,7 +290,7 @@ class ElasticFeedforward:
         inputs = list(state)
         # Configurations in which the loops are closed, then the law at all times at
         # once.
-        time = [times] if self.robot.equations.timed else []
+        time = self.robot.equations.time_inputs(times)
         inputs[0] = self.closed(times, state.q, joints)
         kernel = self._compiled(choice, self._law, 'elastic_feedforward')
         rows = np.asarray(kernel(*inputs, *time))
@@ -311,8 +311,6 @@ class ElasticFeedforward:
     def closed(self, times: Array, positions: Array, joints: Sequence[str]) -> Array:
         """Return the coordinates of the links, (N, n), for positions of `joints`, (N, k)."""
         robot = self.robot
-        if not robot.constraint_names:
-            return positions
         # At other speeds of a motion the configurations are the same. Threads read and
         # replace the record as a whole.
         last = self._last_closed
@@ -320,16 +318,6 @@ class ElasticFeedforward:
             is_same = np.array_equal(last.positions, positions)
             if is_same and not robot.equations.timed:
                 return last.links
-        mechanism = robot.mechanism
-        residuals = mechanism.rows(mechanism.state(neutral(robot.model))).residual
-        of_velocities = []
-        for label, residual in zip(mechanism.labels, residuals):
-            if residual is None:
-                of_velocities.append(label)
-        if of_velocities:
-            raise InputError(f"motion: constraint '{of_velocities[0]}' is one of velocities, "
-                             'and the positions of joints do not determine the '
-                             'configuration; expected constraints of positions')
         # All coordinates, with the motors at zero.
         motors = [elastic.drive.motor for elastic in robot.drives]
         fixed = (*joints, *motors)
@@ -432,8 +420,7 @@ class ElasticFeedforward:
         if times.ndim and times.shape != batch:
             raise InputError(f't: shape {times.shape}; expected one time, or one a state of '
                              f'{batch}')
-        if self.robot.equations.timed:
-            inputs.append(np.broadcast_to(times, batch))
+        inputs += self.robot.equations.time_inputs(times, batch)
         return np.asarray(self._general_kernel(*inputs))
 
     @lazy_property

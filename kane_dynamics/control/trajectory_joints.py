@@ -1,6 +1,7 @@
 """The joints of a filled trajectory, and the motion of the robot that follows."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 import math
 
 from kane_dynamics._util.checks import finite_row, per_joint
@@ -11,8 +12,7 @@ from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.trajectory_limits import described_time
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.closed_path import ClosedPath
-from kane_dynamics.loop_tracking.driven_mechanism import motion_of_closed
-from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
+from kane_dynamics.loop_tracking.driven_mechanism import DrivenLoops, motion_of_closed
 from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.motion.points import checked_joint_names, State
 from kane_dynamics.robot.parameters import JointLimits
@@ -21,6 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 TURN = 2.0 * math.pi
+# Of trajectories; in joint rates without constraints the last three need no kernel.
+QUANTITIES_ALONG = ('inverse_dynamics', 'torque_terms', 'joint_rates',
+                    'joint_accelerations', 'joint_torques')
 
 
 class TrajectoryJoints:
@@ -278,13 +281,6 @@ class TrajectoryJoints:
     def _motion(self, q: Array, rates: Array, accelerations: Array) -> State:
         """Return q (K, n_q), u, udot (K, n) of the robot, in the order of time."""
         configurations = self._configurations(q)
-        # A tree: the joints of the trajectory move, all others rest.
-        if self._plain:
-            u = np.zeros_like(configurations)
-            udot = np.zeros_like(configurations)
-            u[:, self._columns] = rates
-            udot[:, self._columns] = accelerations
-            return configurations, u, udot
         return motion_of_closed(self._robot, self._columns.tolist(), np.zeros(len(q)),
                                 configurations, rates, accelerations)
 
@@ -364,8 +360,8 @@ def _driving(robot: Robot, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def compile_trajectories(robot: Robot) -> None:
-    """Compile what trajectories of a robot with chosen speeds or constraints need."""
-    robot.compile('inverse_dynamics', 'torque_terms', 'joint_rates',
-                  'joint_accelerations', 'joint_torques', batches=True)
-    if robot.constraint_names:
-        LoopTracker(robot, driving_joints(robot))
+    """Compile what trajectories need."""
+    names = [name for name in QUANTITIES_ALONG if name in robot.kernels.names]
+    robot.compile(*names, batches=True)
+    with suppress(InputError):  # refused where a trajectory is filled
+        DrivenLoops(robot, driving_joints(robot))

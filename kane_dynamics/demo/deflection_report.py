@@ -47,7 +47,7 @@ class DeflectionLog(SavedRecord):
 def places(robot: DemoRobot, q: Array) -> Array:
     """Return the origin of the pushed frame at positions of the joints (K, n), (K, 3)."""
     arm = loaded_arm(robot)
-    coordinates = closed_along(arm, robot.joints, q, np.zeros_like(q))
+    coordinates = closed_along(arm, robot.joints, q)
     return arm.frame_pose(robot.frame, coordinates)[:, :3, 3]
 
 

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Self
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.demo.demo_settings import DemoRobot
-from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
+from kane_dynamics.loop_tracking.driven_mechanism import closed_configurations
 from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import load_urdf
@@ -32,17 +32,11 @@ def loaded_arm(robot: DemoRobot) -> Robot:
     return Robot(load_urdf(robot.urdf), **load_constraints(robot.constraints))
 
 
-def closed_along(arm: Robot, joints: Sequence[str], q: Array, u: Array) -> Array:
+def closed_along(arm: Robot, joints: Sequence[str], q: Array) -> Array:
     """
-    Return all coordinates along states of the joints with motors, (K, n_q).
+    Return all coordinates along positions of the joints with motors, (K, n_q).
 
     Loops are closed from one configuration to the next.
     """
-    if not arm.constraint_names:
-        return q
-    tracker = LoopTracker(arm, joints)
-    coordinates = []
-    for positions, speeds in zip(q, u, strict=True):
-        tracker.update(positions, speeds)
-        coordinates.append(tracker.q.copy())
-    return np.array(coordinates)
+    driving = [arm.coordinate_names.index(name) for name in joints]
+    return closed_configurations(arm, driving, np.zeros(len(q)), q)

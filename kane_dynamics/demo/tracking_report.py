@@ -196,7 +196,7 @@ def torques_by_source(robot: DemoRobot, motion: Motion, t: Array) -> Array:
     arm = loaded_arm(robot)
     # The rates of the joints with motors are the independent speeds, in another order.
     order = [robot.joints.index(name) for name in arm.speed_names]
-    coordinates = closed_along(arm, robot.joints, q, u)
+    coordinates = closed_along(arm, robot.joints, q)
     terms = np.empty((len(t), 5, len(order)))
     terms[:, :, order] = arm.torque_terms(coordinates, u[:, order], udot[:, order])
     return terms

@@ -85,7 +85,6 @@ class PathRobot:
         self.uncertainty = uncertainty
         self.names = robot.joint_names
         self.driving: list[int] | None = None
-        self._loops: DrivenLoops | None = None
         self._rest: Array | None = None
         # Trees follow the path by themselves; closed loops by their driving joints.
         if robot.equations.in_joint_rates:
@@ -112,8 +111,7 @@ class PathRobot:
         self.driving = [coordinates.index(name) for name in joints]
         if rest is not None:
             self._rest = finite_row(rest, 'rest', coordinates)
-        if robot.constraint_names:
-            self._loops = DrivenLoops(robot, joints)
+        self._loops = DrivenLoops(robot, joints)
 
     def sections(self, points: int, ends: tuple[bool, bool]) -> list[Section]:
         """Return the sections of the path, of all joints; as the function `sections`."""
@@ -126,12 +124,12 @@ class PathRobot:
         for part in parts:
             q = np.empty((len(part.q), self.robot.n_q))
             q[:, self.driving] = part.q
-            if self._loops is not None:
-                # Each section continues on the branch on which the previous one ended.
-                start = self._begin(part.q[0]) if start is None else start
-                t = np.zeros(len(q))
-                q = self._loops.followed(start, q, t, partial(self._place, q))
-                start = q[-1]
+            # Each section continues on the branch on which the previous one ended.
+            if start is None:
+                start = self._begin(part.q[0])
+            q = self._loops.followed(start, q, np.zeros(len(q)),
+                                     partial(self._place, q))
+            start = q[-1]
             whole.append(self._of_all_joints(part, q, self.driving))
         return whole
 
@@ -191,10 +189,9 @@ class PathRobot:
         if self.driving is None:
             return q, rates, accelerations, self._largest(q, rates, accelerations)
         # The path states the driving joints; loops decide where the others are.
-        if self._loops is not None:
-            near = q
-            q = self._loops.closed(near, np.zeros(len(q)),
-                                   lambda k: f'path: {self._stated(near[k])}')
+        near = q
+        q = self._loops.closed(near, np.zeros(len(q)),
+                               lambda k: f'path: {self._stated(near[k])}')
         # At time zero: nothing here depends on time (`require_scalable`).
         t = np.zeros(len(q))
         whole = motion_of_closed(robot, self.driving, t, q, rates, accelerations)
@@ -294,8 +291,7 @@ def _columns(coefficients: Callable[[], Array], joints: list[int]) -> Array:
 
 def compile_timing(robot: Robot) -> None:
     """Compile what `time_optimal` needs for limits of effort and velocity."""
-    if robot.model.balls or robot.model.flexible or (
-            robot.constraint_names and velocity_rows(robot)):
+    if robot.model.balls or robot.model.flexible or velocity_rows(robot):
         return  # refused
     # Kernels of the path and its profile, of trees or of mechanisms.
     compile_splines(robot.n)

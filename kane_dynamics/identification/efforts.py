@@ -179,10 +179,7 @@ class Efforts:
             return recording
         r = recording
 
-        # With loops the recording has the actuators, whose states give those of all
-        # joints.
-        if not robot.constraint_names:
-            return replace(r, tau=self.torque(robot, r.q, r.u, r.tau, r.udot))
+        # The recording has the actuators, whose states give those of all joints.
         recorded = recorded_joints(robot)
         order = [recorded.index(name) for name in actuated_joints(robot)]
         states = recorded_states(robot, recorded, r)

@@ -167,7 +167,7 @@ class _Follower:
         self.columns = [robot.coordinate_names.index(name) for name in names]
         self.rows = 6 if desired.path.oriented else 3
         self.rank = 1  # of the Jacobian, the largest one along the motion
-        self.loops = DrivenLoops(robot, names) if robot.constraint_names else None
+        self.loops = DrivenLoops(robot, names)
 
     def follow(self, start: Array) -> CartesianMotion:
         """Return the motion from a configuration, with as many points as needed."""
@@ -305,8 +305,7 @@ class _Follower:
         intervals = np.diff(whole.times)
         t = (whole.times[:-1, None] + intervals[:, None] * FRACTIONS).ravel()
         q = whole.positions_at(t)
-        if self.loops is not None:
-            q = self.loops.closed(q, np.zeros(len(q)), lambda k: self._place(float(t[k])))
+        q = self.loops.closed(q, np.zeros(len(q)), lambda k: self._place(float(t[k])))
         errors = pose_error(self.robot.frame_pose(self.frame, q),
                             self.desired.sample(t).pose)
         distances = np.linalg.norm(errors[:, :3], axis=1)

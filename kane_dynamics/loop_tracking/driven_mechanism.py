@@ -8,8 +8,8 @@ from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.loop_tracking.loop_error import BRANCH, LoopError, SINGULAR
 from kane_dynamics.loop_tracking.loop_tracker import (CONDITIONING, FIGURES,
                                                       INDEPENDENT_RESIDUAL, LoopTracker,
-                                                      MOTION, SHARE, STRIDE,
-                                                      tracking_kernel)
+                                                      MOTION, path_rows, SHARE,
+                                                      STRIDE, tracking_kernel)
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints import conditioning
 from kane_dynamics.robot.robot import Robot
@@ -31,21 +31,23 @@ def driving_tracker(robot: Robot, joints: Sequence[str], **limits: float) -> Loo
     So one kernel serves every order of the joints. `limits` are those of `LoopTracker`.
     InputError as from `LoopTracker`, or if a constraint is one of velocities.
     """
+    rows = path_rows(robot)
+    if rows:
+        raise InputError(f"motion: constraint '{rows[0]}' is one of velocities, and the "
+                         'positions of driving joints do not determine the '
+                         'configuration; expected constraints of positions')
     names = robot.coordinate_names
     if set(joints) <= set(names):  # else `LoopTracker` refuses them
         joints = sorted(joints, key=names.index)
-    tracker = LoopTracker(robot, joints, **limits)
-    if tracker.path_rows:
-        raise InputError(f"motion: constraint '{tracker.path_rows[0]}' is one of "
-                         'velocities, and the positions of driving joints do not '
-                         'determine the configuration; expected constraints of '
-                         'positions')
-    return tracker
+    return LoopTracker(robot, joints, **limits)
 
 
 class DrivenLoops:
     """
     Closed configurations for rows of positions of driving joints, in one assembly mode.
+
+    Without constraints the driving joints are all joints, and every configuration is
+    closed.
 
     Arguments `q`, (K, n_q) with K > 0, are configurations, rad or m; `t`, (K,), times,
     s; `described` returns what a row is of, in words, for errors.
@@ -53,7 +55,7 @@ class DrivenLoops:
     Parameters
     ----------
     robot : Robot
-        With constraints on positions.
+        Its constraints are those of positions.
     joints : sequence of n str
         The driving joints, as many as independent speeds.
 
@@ -65,26 +67,41 @@ class DrivenLoops:
     """
 
     def __init__(self, robot: Robot, joints: Sequence[str]) -> None:
-        self._tracker = driving_tracker(robot, joints, max_figure=conditioning.SINGULAR)
+        self._tracker: LoopTracker | None = None  # nothing follows without constraints
+        if robot.constraint_names:
+            self._tracker = driving_tracker(robot, joints,
+                                            max_figure=conditioning.SINGULAR)
 
     def followed(self, start: Array, q: Array, t: Array, described: Described) -> Array:
         """
         Return configurations, (K, n_q), each from the last, the first from a start.
 
         Only the driving joints of `q` are used; they keep their positions. LoopError if
-        a configuration does not follow, or is near a singular one; it names the row.
+        a configuration does not follow, or is near a singular one; InputError if a
+        driving joint moves too far for that. Both name the row.
         """
         tracker = self._tracker
+        if tracker is None:
+            return q
+        # A far step could end on another branch.
+        targets = q[:, tracker.places]
+        moves = np.abs(np.diff(targets, axis=0, prepend=targets[:1])).max(axis=1,
+                                                                          initial=0.0)
+        farthest = int(moves.argmax())
+        if moves[farthest] > FARTHEST:
+            raise InputError(f'{described(farthest)}: a joint is {moves[farthest]:.4g} '
+                             'rad or m from the row before; expected at most '
+                             f'{FARTHEST:g} between two rows')
         at_rest = np.zeros(tracker.robot.n)
         result = np.empty_like(q)
         last = start[tracker.places]
         k = 0
         try:
             tracker.restart(start, t[0])
-            for k, target in enumerate(q[:, tracker.places]):
+            for k, target in enumerate(targets):
                 # The driving joints alone do not state how far time moves the others.
                 if tracker.robot.equations.timed and k:
-                    self._approach(last, target, t[k - 1], t[k])
+                    self._approach(tracker, last, target, t[k - 1], t[k])
                 tracker.update(target, at_rest, t=t[k])
                 result[k] = tracker.q
                 last = target
@@ -92,14 +109,14 @@ class DrivenLoops:
             raise LoopError(error.reason, f'{described(k)}: {error.detail}') from None
         return self.closed(result, t, described)
 
-    def _approach(self, last: Array, target: Array, t_0: float, t_1: float) -> None:
+    def _approach(self, tracker: LoopTracker, last: Array, target: Array, t_0: float,
+                  t_1: float) -> None:
         """Move towards a row in steps of the driving joints and of time."""
         distance = np.abs(target - last).max(initial=0.0)
         steps = max(int(distance / STRIDE), STEPS_IN_TIME)
         at_rest = np.zeros(len(target))
         for x in np.linspace(0.0, 1.0, steps + 1)[1:-1]:
-            self._tracker.update(last + x * (target - last), at_rest,
-                                 t=t_0 + x * (t_1 - t_0))
+            tracker.update(last + x * (target - last), at_rest, t=t_0 + x * (t_1 - t_0))
 
     def closed(self, q: Array, t: Array, described: Described) -> Array:
         """
@@ -110,6 +127,8 @@ class DrivenLoops:
         might not return.
         """
         tracker = self._tracker
+        if tracker is None:
+            return q
         robot = tracker.robot
         kernel = tracking_kernel(robot, tracker.places)
         target = np.ascontiguousarray(q[:, tracker.places])
@@ -127,7 +146,8 @@ class DrivenLoops:
             kernel.run([np.ascontiguousarray(q), T, target, rates, seen, weights, *time],
                        rows, len(q))
             figures = np.sqrt(rows[:, -FIGURES:])
-            self._check_distance(figures[:, MOTION], figures[:, CONDITIONING], described)
+            _check_distance(tracker.max_figure, figures[:, MOTION],
+                            figures[:, CONDITIONING], described)
             q = rows[:, :robot.n_q].copy()
             q[:, tracker.places] = target
             residual = figures[:, INDEPENDENT_RESIDUAL]
@@ -137,17 +157,17 @@ class DrivenLoops:
         raise LoopError(BRANCH, f'{described(k)}: residual {residual[k]:.3g} rad or '
                         'lengths; expected joints for which the loops close')
 
-    def _check_distance(self, motion: Array, figure: Array,
-                        described: Described) -> None:
-        """Raise LoopError where the loops are near singular, or move too far at once."""
-        largest = self._tracker.max_figure
-        unsafe = ~((figure <= largest) & (figure * motion <= SHARE))
-        if unsafe.any():
-            k = int(unsafe.argmax())
-            raise LoopError(SINGULAR, f'{described(k)}: conditioning figure '
-                            f'{figure[k]:.3g}; expected at most {largest:g}, and less '
-                            'between points next to which the joints move by '
-                            f'{motion[k]:.3g} rad or lengths')
+
+def _check_distance(largest: float, motion: Array, figure: Array,
+                    described: Described) -> None:
+    """Raise LoopError where the loops are near singular, or move too far at once."""
+    unsafe = ~((figure <= largest) & (figure * motion <= SHARE))
+    if unsafe.any():
+        k = int(unsafe.argmax())
+        raise LoopError(SINGULAR, f'{described(k)}: conditioning figure '
+                        f'{figure[k]:.3g}; expected at most {largest:g}, and less '
+                        'between points next to which the joints move by '
+                        f'{motion[k]:.3g} rad or lengths')
 
 
 class MechanismMotion(NamedTuple):
@@ -171,8 +191,7 @@ def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array,
     Parameters
     ----------
     robot : Robot
-        With chosen speeds or constraints; velocity constraints (rolling, knife edges) do
-        not determine positions.
+        Velocity constraints (rolling, knife edges) do not determine positions.
     joints : sequence of n str
         Driving joints, as many as independent speeds.
     t : (N,) array
@@ -206,20 +225,13 @@ def closed_configurations(robot: Robot, driving: list[int], t: Array, q: Array) 
     """Return closed configurations, (N, n_q), with the driving joints at q, (N, n)."""
     Q = np.zeros((len(t), robot.n_q))
     Q[:, driving] = q
-    if not robot.constraint_names or not len(t):
+    if not len(t):
         return Q
     # The first configuration closes from the stated one, all others from their
     # predecessor.
     joints = [robot.coordinate_names[k] for k in driving]
     loops = DrivenLoops(robot, joints)
     start = _first_closed(robot, Q[0], float(t[0]), joints)
-    # A far step could end on another branch.
-    moves = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1, initial=0.0)
-    k = int(moves.argmax())
-    if moves[k] > FARTHEST:
-        raise InputError(f'motion: a joint moves by {moves[k]:.4g} rad or m in the '
-                         f'interval that ends at {t[k]:.4g} s; expected at most '
-                         f'{FARTHEST:g} between two times')
     return loops.followed(start, Q, t, lambda row: f'motion: at {t[row]:.4g} s')
 
 
@@ -248,9 +260,16 @@ def motion_of_closed(robot: Robot, driving: Sequence[int], t: Array, Q: Array,
     Return the motion through closed configurations, (N, n_q), of a robot.
 
     `driving` are the indices of the driving joints; the other arguments are those of
-    `mechanism_motion`.
+    `mechanism_motion`. In joint rates without constraints they may be some of the
+    joints; the others rest.
     """
     at_rest = np.zeros((len(t), robot.n))
+    if robot.equations.in_joint_rates:  # T = 1
+        u = at_rest.copy()
+        udot = at_rest.copy()
+        u[:, driving] = rates
+        udot[:, driving] = accelerations
+        return MechanismMotion(Q, u, udot)
     # Columns of T: the rates at unit speeds, less those at rest, x.
     drift = robot.joint_rates(Q, at_rest, t=t)
     columns = [robot.joint_rates(Q, at_rest + unit, t=t) - drift

@@ -822,7 +822,7 @@ class LoopTracker:
         if equations.in_joint_rates:
             raise InputError('robot: without constraints; expected closed loops')
         mechanism = equations.mechanism
-        self.path_rows = _velocity_rows(mechanism, mechanism.kept)
+        self.path_rows = path_rows(robot)
         distinct = set(names_of_joints(measured, 'measured'))
         if not len(measured) == len(distinct) == robot.n or not distinct <= set(names):
             raise InputError(f'measured: {list(measured)}; expected {robot.n} of the '
@@ -1052,6 +1052,11 @@ def velocity_rows(robot: Robot) -> tuple[str, ...]:
     """Return the rows of velocity constraints; positions then depend on the path."""
     mechanism = robot.mechanism
     return _velocity_rows(mechanism, range(len(mechanism.labels)))
+
+
+def path_rows(robot: Robot) -> tuple[str, ...]:
+    """Return the independent ones of `velocity_rows`."""
+    return _velocity_rows(robot.mechanism, robot.mechanism.kept)
 
 
 def _velocity_rows(mechanism: Mechanism, rows: Iterable[int]) -> tuple[str, ...]:

@@ -480,10 +480,8 @@ class Target:
         robot = self._robot
         q = self.configuration(target, 'target')
         # Constraints that depend on time are closed at every time.
-        if robot.equations.timed and robot.constraint_names:
+        if robot.equations.timed:
             q = np.array([robot.closed_configuration(q, t=float(time)) for time in t])
-        elif robot.equations.timed:
-            q = np.tile(q, (len(t), 1))
         at_rest = np.zeros((*q.shape[:-1], len(robot.joint_names)))
         return np.concatenate([q, at_rest, self.holding(q, t)], axis=-1)
 

@@ -427,10 +427,8 @@ class KernelSet:
             return OF_PARTS[name]
         quantity = ALL.get(name)
         if self.equations.in_joint_rates:
-            # Friction depends on u alone there, and there are no rows.
+            # Friction depends on u alone there.
             quantity = QUANTITIES.get(name, quantity)
-            if quantity is not None and 'rows' in quantity.shape:
-                quantity = None
         # Without a recursion, derivatives of a quantity are those of its traced
         # program.
         has_recursion = quantity is not None and self._has(name)

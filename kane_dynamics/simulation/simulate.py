@@ -13,6 +13,7 @@ in SIMD lanes.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 import math
 from operator import attrgetter
@@ -22,7 +23,7 @@ import warnings
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, instance, positive_time
 from kane_dynamics._util.typing import Array
-from kane_dynamics.control.computed_torque import law_kernel
+from kane_dynamics.control.computed_torque import joints_that_follow, law_kernel
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.mechanics.ball_joints import require_unit
 from kane_dynamics.mechanics.constraints.conditioning import loosened
@@ -404,7 +405,8 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> No
     """
     Compile every kernel of `simulate` in advance, except those for many simulations at once.
 
-    `names` are further quantities to compile concurrently.
+    Computed torque is that of the joints that follow motions by default, if there are
+    any. `names` are further quantities to compile concurrently.
 
     Raises
     ------
@@ -415,9 +417,10 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> No
     support()  # the loop that steps
     driver(width())  # and that of batches
     jobs: list[Callable[[], Any]] = [partial(step_kernel, robot, False, integrator)]
-    if not robot.constraint_names:
-        jobs.append(partial(step_kernel, robot, True, integrator))
-        jobs.append(lambda: law_kernel(robot).compile_lanes())
+    with suppress(InputError):  # no joints follow by default
+        followed = joints_that_follow(robot)
+        jobs.append(partial(step_kernel, robot, True, integrator, None, followed))
+        jobs.append(lambda: law_kernel(robot, followed).compile_lanes())
     jobs.append(partial(compile_balance, robot))
     for name in loop_kernels(robot):
         jobs.append(partial(robot.compile, name, batches=name in AFTERWARDS))

@@ -182,8 +182,8 @@ class Trajectory:
             defaults['speed_names'] = self.joint_names
         if not self.coordinate_names:
             defaults['coordinate_names'] = self.joint_names
-        if not self.constraint_names:
-            for name in OF_CONSTRAINTS:
+        for name in OF_CONSTRAINTS:
+            if not getattr(self, name).size:
                 defaults[name] = np.zeros((*shape, 0))
         if not self.stop_forces.size:
             defaults['stop_forces'] = np.zeros((*shape, len(self.joint_names)))
@@ -249,14 +249,11 @@ class Trajectory:
         # Kinetic and potential energy, as columns.
         energy = np.stack([robot.kinetic_energy(q, u, t=t), robot.potential_energy(q)],
                           axis=-1)
-        rows: dict[str, Any] = {}
-        # Residuals and forces of rows, where there are any.
-        if robot.constraint_names:
-            rows = constraint_residuals(robot, q, u, t)
-            rows['constraint_forces'] = robot.constraint_forces(q, u, tau, t=t)
+        of_rows: dict[str, Any] = constraint_residuals(robot, q, u, t)
         return cls(t, q, u, udot, tau, energy, robot.joint_names,
                    speed_names=robot.speed_names,
-                   constraint_names=robot.constraint_names, **rows,
+                   constraint_names=robot.constraint_names,
+                   constraint_forces=robot.constraint_forces(q, u, tau, t=t), **of_rows,
                    coordinate_names=robot.coordinate_names)
 
     @property

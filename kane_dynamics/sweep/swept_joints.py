@@ -75,23 +75,16 @@ class SweptJoints:
     def start(self, motion: Motion | None, t0: float) -> tuple[list[float], list[float]]:
         """Return the usual initial q, (n_q,), and u, (n,)."""
         robot = self._robot
-        if motion is not None and not self.constrained:
-            q, u, _ = motion.sample(t0)
-            return q.tolist(), u.tolist()
+        if motion is not None:
+            # The joints that follow begin on the motion, and the loops give the others.
+            desired = [x[None, self.columns(motion)] for x in motion.sample(t0)]
+            driven = mechanism_motion(robot, self.followed_names, np.array([t0]), *desired)
+            return driven.q[0].tolist(), driven.u[0].tolist()
         # A closed loop begins at the robot's configuration, or at the neutral one.
         configuration = robot.configuration if self.constrained else None
         if configuration is None:
             configuration = neutral(robot.model)
-        q, u = np.array(configuration), np.zeros(robot.n)
-        if motion is not None:
-            # The joints that follow begin on the motion, and the loops give the others.
-            desired = [x[None, self.columns(motion)] for x in motion.sample(t0)]
-            q[list(self.followed)] = desired[0][0]
-            if robot.constraint_names:
-                driven = mechanism_motion(robot, self.followed_names, np.array([t0]),
-                                          *desired)
-                q, u = driven.q[0], driven.u[0]
-        return q.tolist(), u.tolist()
+        return np.asarray(configuration).tolist(), [0.0] * robot.n
 
     def closed(self, q0: Array, t0: float) -> tuple[Array, list[str | None]]:
         """
@@ -104,13 +97,13 @@ class SweptJoints:
         robot = self._robot
         closed = np.array([on_unit_quaternions(robot.model, q) for q in q0])
         errors: list[str | None] = [None] * len(closed)
-        if not robot.constraint_names:
-            return closed, errors
-        # Equal configurations are closed once.
-        distinct, numbers = np.unique(closed, axis=0, return_inverse=True)
+        # Those without any residual are closed; equal ones are closed once.
+        residual = robot.constraint_residual(closed, t=t0)
+        is_open = np.flatnonzero(residual.any(axis=1))
+        distinct, numbers = np.unique(closed[is_open], axis=0, return_inverse=True)
         numbers = numbers.ravel()
         for k, guess in enumerate(distinct):
-            rows = np.flatnonzero(numbers == k)
+            rows = is_open[numbers == k]
             try:
                 closed[rows] = self._closed_near(guess, t0)
             except ConstraintError as error:

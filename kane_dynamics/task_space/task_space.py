@@ -146,7 +146,7 @@ class TaskSpace:
 
         """
         speeds = np.zeros(self.robot.n) if u is None else u
-        time = (t,) if self.robot.equations.timed else ()
+        time = self.robot.equations.time_inputs(t)
         parts = self._parts.unpacked(self._kernel(q, speeds, self._mass, *time))
         scales = np.array(self._task.scales)
         scaled = scales[:, None] * parts['mobility'] * scales

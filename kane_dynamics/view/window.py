@@ -248,12 +248,11 @@ class Window:
         # One joint changes; in a closed loop the dependent ones follow it.
         with self._lock:
             q = np.where(np.arange(len(self._q)) == i, value, self._q)
-            if self.robot.constraint_names:
-                turned_names = [self.robot.joint_names[k] for k in self._turned]
-                try:
-                    q = self.robot.closed_configuration(q, fixed=turned_names)
-                except ConstraintError:
-                    return  # beyond the reach of the mechanism: the picture stays
+            turned_names = [self.robot.joint_names[k] for k in self._turned]
+            try:
+                q = self.robot.closed_configuration(q, fixed=turned_names)
+            except ConstraintError:
+                return  # beyond the reach of the mechanism: the picture stays
             self._q = q
         self._show()
 

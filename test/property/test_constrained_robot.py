@@ -240,6 +240,25 @@ def test_a_trajectory_of_a_mechanism_is_saved_whole(tmp_path):
     assert {'q.rocker', 'u.crank', 'tau.crank', 'constraint_force.pin/x'} <= set(header)
 
 
+def test_a_robot_without_constraints_has_no_rows():
+    tree = Robot(four_bar_model())
+    zero, rows = np.zeros(3), np.zeros((4, 3))
+    assert tree.constraint_residual(zero).shape == (0,)
+    assert tree.constraint_residual(rows).shape == (4, 0)
+    assert tree.constraint_velocity_residual(rows, rows).shape == (4, 0)
+    assert tree.constraint_forces(rows, rows, rows).shape == (4, 0)
+    out = np.empty((4, 0))
+    assert tree.constraint_residual(rows, out=out) is out
+    # Arguments are checked all the same, and nothing is compiled.
+    with pytest.raises(InputError, match='q'):
+        tree.constraint_residual(np.full(3, np.nan))
+    with pytest.raises(InputError, match='q'):
+        tree.constraint_residual(np.full((4, 3), np.inf))
+    with pytest.raises(InputError, match='q'):
+        tree.constraint_forces(np.zeros(2), zero, zero)
+    assert not tree.kernels.kernel('constraint_residual').is_compiled
+
+
 def test_misuse_is_rejected_by_name():
     model = four_bar_model()
     with pytest.raises(InputError, match=r"residual of 'pin/.' is .*closed_configuration"):
@@ -253,8 +272,6 @@ def test_misuse_is_rejected_by_name():
         Robot(model, constraints=[PIN], actuated=['motor'])
     with pytest.raises(ConstraintError, match='actuated: 2 joints; expected at least 3'):
         Robot(model, actuated=['crank', 'rocker'])
-    with pytest.raises(InputError, match=r'constraint_forces: a robot in joint rates'):
-        Robot(model).constraint_forces(np.zeros(3), np.zeros(3), np.zeros(3))
     with pytest.raises(InputError, match='q: missing'):
         four_bar('crank').joint_torques(np.ones(1))
     wrong = Speeds(lambda q, t: np.eye(2))

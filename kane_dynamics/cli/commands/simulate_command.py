@@ -68,15 +68,13 @@ def simulation(options: Namespace) -> None:
 def _data(robot: Robot, result: Trajectory, wall_time: float) -> dict[str, Any]:
     """Return the end of a simulation as plain data."""
     first_energy, last_energy = result.energy[[0, -1]].sum(axis=1).tolist()
-    data = {'joint_names': robot.joint_names, 'duration': float(result.t[-1]),
+    return {'joint_names': robot.joint_names, 'duration': float(result.t[-1]),
             'wall_time': wall_time, 'q': result.q[-1], 'u': result.u[-1],
             'tau': result.tau[-1], 'energy_before': first_energy,
             'energy_after': last_energy,
             'limit_events': [str(event) for event in result.limit_events],
-            'stop_events': [str(event) for event in result.stop_events]}
-    if robot.constraint_names:
-        data |= {'speed_names': robot.speed_names, 'drift': result.drift}
-    return data
+            'stop_events': [str(event) for event in result.stop_events],
+            'speed_names': robot.speed_names, 'drift': result.drift}
 
 
 def _print_last_state(robot: Robot, result: Trajectory) -> None:

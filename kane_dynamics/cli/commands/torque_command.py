@@ -89,11 +89,9 @@ def _print_state(options: Namespace, robot: Robot) -> None:
     tau = robot.joint_torques(robot.inverse_dynamics(q, u, udot), q)
     terms = [robot.joint_torques(term, q) for term in robot.torque_terms(q, u, udot)]
     if options.json:
-        data: dict[str, Any] = {'joint_names': robot.joint_names}
-        if robot.constraint_names:
-            data |= {'q': q, 'speed_names': robot.speed_names}
-        print_json({**data, 'tau': tau, 'terms': dict(zip(TORQUE_TERMS, terms,
-                                                          strict=True))})
+        print_json({'joint_names': robot.joint_names, 'q': q,
+                    'speed_names': robot.speed_names, 'tau': tau,
+                    'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
         return
     rows = without_rounding(np.column_stack([tau, *terms]), torque_size(robot.model))
     table = []

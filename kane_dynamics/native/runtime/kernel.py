@@ -329,6 +329,8 @@ class Kernel:
 
     def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
         """Return a native entry point, or the fallback without support for it."""
+        if 0 in self.shape:  # nothing to compute, and no code
+            return fallback
         return entry.entry(self.name, doc, self.compile(), self._signature,
                            [*self.defaults, self.parameters], fallback)
 
@@ -467,13 +469,17 @@ class Kernel:
         """Compute the result of one state."""
         for argument, array in zip(self.arguments, arrays):
             require_finite(argument, array)
+        if not result.size:  # such as the rows of a robot without constraints
+            return
         blocks = [*arrays, self.parameters, result]
         repeat(self.compile().address, [address(block) for block in blocks], [0] * len(blocks), 1)
         self._check(result, arrays, None)
 
     def _batch(self, arrays: Sequence[Array], result: Array, count: int) -> None:
         """Compute the results of a batch; the native code flags non-finite numbers."""
-        flags = self.run(arrays, result, count)
+        flags = BAD_INPUT
+        if result.size:
+            flags = self.run(arrays, result, count)
         if flags & BAD_INPUT:
             for argument, array in zip(self.arguments, arrays):
                 require_finite(argument, array)

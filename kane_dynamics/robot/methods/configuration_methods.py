@@ -253,7 +253,6 @@ class Configurations(Dispatch):
         `mechanism.length` (or as `Robot(redundant=)`). `wrench` is as in
         `inverse_dynamics`.
         """
-        self._require('constraint_forces')
         return self._loaded('constraint_forces', (q, u, tau), wrench, out, t)
 
     @of_constraints
@@ -362,18 +361,11 @@ class Configurations(Dispatch):
 
     def _special(self, name: str, arguments: tuple[Any, ...], t: ArrayLike,
                  out: Array | None) -> Array:
-        self._require(name)
         if self.equations.timed:
             return self._call(name, arguments, out, t)
         entry = self._entry(name, '', lambda _: self.kernels.quantity(name))
         result: Array = entry(*arguments) if out is None else entry(*arguments, out=out)
         return result
-
-    def _require(self, name: str) -> None:
-        if self.equations.in_joint_rates:
-            raise InputError(f'{name}: a robot in joint rates without constraints; '
-                             'expected Robot(..., speeds=...) or Robot(..., '
-                             'constraints=...)')
 
     @lazy_property
     def limits(self) -> JointLimits:
@@ -586,17 +578,15 @@ class Configurations(Dispatch):
     def _relaxed(self, q: Array) -> Array:
         """Return closed configurations near q, springs of drives without deflection."""
         model = self.equations.model
-        if not self.constraint_names:
-            return with_motors_at_links(model, q)  # several configurations, too
-        closed = self.closed_configuration(with_motors_at_links(model, q))
+        closed = self._closed_all(with_motors_at_links(model, q), 0.0)
         if not model.drives:
             return closed
         # Closing the loops has moved the links; constraints may hold motors, too.
-        return self.closed_configuration(with_motors_at_links(model, closed))
+        return self._closed_all(with_motors_at_links(model, closed), 0.0)
 
-    def _closed_all(self, q: Array, t: Array) -> Array:
+    def _closed_all(self, q: Array, t: Array | float) -> Array:
         """Return configurations, (n_q,) or (N, n_q), with closed loops."""
-        if not self.constraint_names:
+        if not self.constraint_names:  # all are closed, and there may be many
             return q
         times = np.broadcast_to(t, q.shape[:-1]).ravel()
         rows = q.reshape(-1, self.n_q)

@@ -204,20 +204,15 @@ def trajectory_message(trajectory: Trajectory, robot: Robot,
     Return a simulated trajectory as a message with the torques as `effort`.
 
     The columns follow the order of `names`, which holds each of the robot's joints once;
-    default: the robot's order. Under constraints, velocities are of all joints and there
-    are no accelerations.
+    default: the robot's order. Velocities, accelerations and torques are those of all
+    joints, whatever the speeds.
     """
-    # With constraints the motion and torques of all joints, not those of the speeds.
     names = list(names) or list(trajectory.joint_names)
     order = [trajectory.joint_names.index(name) for name in names]
-    q = trajectory.q
-    u = trajectory.u
-    tau = trajectory.tau
-    rows = {'positions': q, 'velocities': u, 'accelerations': trajectory.udot,
-            'effort': tau}
-    if robot.constraint_names:
-        rows = {'positions': q, 'velocities': robot.joint_rates(q, u),
-                'effort': robot.joint_torques(tau, q)}
+    t, q, u = trajectory.t, trajectory.q, trajectory.u
+    rows = {'positions': q, 'velocities': robot.joint_rates(q, u, t=t),
+            'accelerations': robot.joint_accelerations(q, u, trajectory.udot, t=t),
+            'effort': robot.joint_torques(trajectory.tau, q, t=t)}
     return message_of_points(names, trajectory.t, {
         field: row[:, order] for field, row in rows.items()})
 

@@ -379,9 +379,7 @@ def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None,
         return [Finding('problem', words)] if words else [
             Finding('fine', f'efforts at rest fit {efforts}')]
     if effort.any():
-        if robot.constraint_names:
-            effort = generalized_force(robot, effort, q)
-        return examine_efforts(robot, q, effort)
+        return examine_efforts(robot, q, generalized_force(robot, effort, q))
     if np.abs(robot.gravity_force(q)).max(initial=0.0) < WEIGHTLESS:
         return []
     return [Finding('warning',

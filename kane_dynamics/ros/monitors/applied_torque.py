@@ -6,7 +6,7 @@ from typing import Any
 from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError, KaneError
-from kane_dynamics.identification.efforts import Efforts
+from kane_dynamics.identification.efforts import actuated_joints, Efforts
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
@@ -41,10 +41,8 @@ def stated_efforts(values: Mapping[str, Any], robot: Robot) -> Efforts:
                          'estimator would have to find; expected the torque of the arm '
                          'itself, or '
                          "observer.torque 'command'")
-    joints = commanded_joints(robot, robot.speed_names) if robot.constraint_names else (
-        range(len(robot.joint_names)))
     # Constants are stated for joints with motors only.
-    per_joint(values, 'efforts.constants', [robot.joint_names[k] for k in joints], 1.0)
+    per_joint(values, 'efforts.constants', actuated_joints(robot), 1.0)
     return efforts
 
 

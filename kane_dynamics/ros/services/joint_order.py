@@ -58,11 +58,11 @@ def close_loops(robot: Robot, q: Array) -> Array:
     is larger than `NEARLY_CLOSED`, rad or lengths of the mechanism, or if the loops
     close further than `MOST_MOVED` away.
     """
-    if not robot.constraint_names:
+    residual = np.abs(robot.constraint_residual(q))
+    if not residual.any():
         return q
     # A request is rounded, so that its loops may be open by a little; farther ones are
     # another configuration.
-    residual = np.abs(robot.constraint_residual(q))
     in_units = residual / robot.mechanism.closure_units
     if not in_units.max() <= NEARLY_CLOSED:
         worst = int(in_units.argmax())

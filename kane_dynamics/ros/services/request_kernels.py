@@ -22,7 +22,6 @@ from kane_dynamics.native.runtime.loops import driver, support
 from kane_dynamics.native.runtime.threads import one_by_one
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.simulate import compile_simulation, loop_kernels
-from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.sticking.sticking_steps import compile_sticking_steps
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
 
@@ -59,12 +58,9 @@ def compile_answers(robots: Sequence[Robot], locks: bool) -> None:
     else:
         robot.compile(*loop_kernels(robot), 'external_force', 'body_torques')
     compile_splines(robot.n)
-    # Robots with loops fill trajectories with kernels of their own.
-    if robot.constraint_names:
-        compile_trajectories(robot)
-        return
-    for tree in robots:
-        tree.compile('inverse_dynamics', 'torque_terms', batches=True)
+    compile_trajectories(robot)
+    for flexible in robots[1:]:
+        flexible.compile('inverse_dynamics', 'torque_terms', batches=True)
 
 
 def compile_simulations(robot: Robot, integrators: Sequence[str], sticking: bool,
@@ -78,9 +74,6 @@ def compile_simulations(robot: Robot, integrators: Sequence[str], sticking: bool
             compile_sticking_steps(robot, integrator, follow, stops)
         elif stops:
             compile_pressed_steps(robot, integrator, follow)
-        # Robots with loops simulate computed torque with kernels of their own.
-        if robot.constraint_names:
-            step_kernel(robot, True, integrator, None, follow)
 
 
 class _ClosedError(Exception):

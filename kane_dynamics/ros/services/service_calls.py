@@ -40,8 +40,7 @@ def _reordered(values: Any, index: Index | None) -> Any:
 def _constraint_forces(robot: Robot, response: Any, *state: Any) -> None:
     """Fill in the constraint forces."""
     response.constraint_names = list(robot.constraint_names)
-    if robot.constraint_names:
-        response.constraint_forces = doubles(robot.constraint_forces(*state))
+    response.constraint_forces = doubles(robot.constraint_forces(*state))
 
 
 def inverse_dynamics(served: ServedRobot, request: Any, response: Any) -> None:

@@ -193,7 +193,8 @@ class JointStops:
 
     def _refused(self, rows: Array) -> Any:
         """Return which states, (..., size), have no positive margin (`step_kernels`)."""
-        return ~(rows[..., -1] > 0.0) & bool(self._robot.constraint_names)
+        margin = rows[..., state_layout(self._robot).without_margin:]
+        return ~(margin > 0.0).all(axis=-1)
 
     def _follow(self, source: TorqueInput, i: int, rows: Array, done: int) -> None:
         """

@@ -4,10 +4,12 @@ import os
 from pathlib import Path
 import subprocess
 import sys
-from types import SimpleNamespace
 
 from builtin_interfaces.msg import Duration
 from kane_dynamics.errors import InputError
+from kane_dynamics.model.builder import ModelBuilder
+from kane_dynamics.model.primitive_inertias import point_mass
+from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import duration, order, trajectory_message
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.simulation.trajectory import Trajectory
@@ -37,8 +39,10 @@ def test_a_trajectory_message_follows_the_given_order():
     rows = np.arange(6.0).reshape(2, 3)
     trajectory = Trajectory(t=np.array([0.0, 0.25]), q=rows, u=rows + 10, udot=rows + 20,
                             tau=rows + 30, energy=np.zeros((2, 2)), joint_names=JOINTS)
-    message = trajectory_message(trajectory, SimpleNamespace(constraint_names=()),
-                                 ['c', 'a', 'b'])
+    model = ModelBuilder('arm')
+    for name, carrier in zip(JOINTS, ('world', 'link_a', 'link_b')):
+        model.body(f'link_{name}', carrier, joint=name, inertial=point_mass(1.0))
+    message = trajectory_message(trajectory, Robot(model.model()), ['c', 'a', 'b'])
     last = message.points[1]
     assert list(message.joint_names) == ['c', 'a', 'b']
     assert list(last.positions) == [5, 3, 4]
