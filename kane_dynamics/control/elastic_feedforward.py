@@ -449,9 +449,7 @@ class ElasticFeedforward:
             return self._choice_of_speeds()
         names = robot.model.joint_names
         motors = [elastic.motor for elastic in robot.drives]
-        free = [*[names.index(name) for name in joints], *motors]
-        if not robot.constraint_names:
-            free = sorted(free)  # all
+        free = sorted([*[names.index(name) for name in joints], *motors])
         speeds = [free.index(names.index(name)) for name in joints]
         return LinkSpeeds(False, tuple(free), tuple(mechanism.kept), tuple(speeds),
                           self._actuators)

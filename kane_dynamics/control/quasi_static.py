@@ -274,10 +274,9 @@ def rigid_and_bending(model: Model, options: Mapping[str, Any]
 def _check(robot: Robot) -> None:
     """Raise InputError unless a robot has deflections that follow from the load."""
     model, equations = robot.model, robot.equations
-    if not model.flexible or (not robot.constraint_names
-                              and robot.speed_names != robot.coordinate_names):
-        raise InputError('quasi-static deflections: a robot without beams, or with '
-                         'chosen speeds; expected one with beams, in joint rates')
+    if not model.flexible:
+        raise InputError('quasi-static deflections: a robot without beams; expected one '
+                         'with beams')
     # Deflections follow from a load, which moves with joints.
     if len(model.modal_coordinates) == model.n:
         raise InputError('quasi-static deflections: a robot whose only motions are '

@@ -240,19 +240,18 @@ class UserSpeeds:
         `friction`, (K, n_j), is given where it does not follow the smooth law.
         """
         equations = robot.equations
+        of_joints = (equations.tree.n,)
+        rows = (len(robot.constraint_names),)
+        shapes = {'q': (robot.n_q,), 'u': (robot.n,), 'udot': (robot.n,),
+                  'applied': of_joints}
         # With friction computed apart, it is among the applied forces; else the motors
         # decide the loads of drives.
         if friction is not None:
-            shapes = {'q': (robot.n_q,), 'u': (robot.n,), 'udot': (robot.n,),
-                      'applied': (robot.equations.tree.n,)}
-            return self._called(robot, 'constraint_forces_without_friction', shapes,
-                                (len(robot.constraint_names),),
+            return self._called(robot, 'constraint_forces_without_friction', shapes, rows,
                                 equations.constraint_forces_without_friction,
                                 (q, u, udot, applied - friction), times)
-        shapes = {'q': (robot.n_q,), 'u': (robot.n,), 'udot': (robot.n,),
-                  'applied': (robot.equations.tree.n,), 'motors': (robot.equations.tree.n,)}
-        return self._called(robot, 'constraint_forces_of_motion', shapes,
-                            (len(robot.constraint_names),),
+        shapes['motors'] = of_joints
+        return self._called(robot, 'constraint_forces_of_motion', shapes, rows,
                             equations.constraint_forces_of_motion,
                             (q, u, udot, applied, motors), times)
 

@@ -15,7 +15,6 @@ LONGEST = 0.4  # length of the longest arrow, in units of the robot's size
 _LEAST = 0.01  # of the longest; shorter arrows are not drawn
 _ROUNDING = 1e-9
 _SAMPLES = 100  # configurations in the search for the largest gravity torques
-_CLOSED_SAMPLES = 20  # of closed loops: each takes some milliseconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,11 +120,4 @@ class LoadArrows:
 
 def sampled_configurations(robot: Robot) -> Array:
     """Return closed configurations in the range of the joints, (K, n_q), rad or m."""
-    if robot.constraint_names:
-        return robot.random_configuration(0, _CLOSED_SAMPLES)
-    limits = robot.limits
-    lower = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
-    upper = np.where(np.isfinite(limits.upper), limits.upper, np.pi)
-    random = np.random.default_rng(0)
-    q = random.uniform(lower, np.maximum(lower, upper), (_SAMPLES, robot.n_q))
-    return np.asarray(q)
+    return robot.random_configuration(0, _SAMPLES)

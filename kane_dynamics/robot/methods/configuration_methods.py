@@ -329,7 +329,7 @@ class Configurations(Dispatch):
 
     def _compiled_rows(self) -> Rows | None:
         """Return the rows of the constraints in native code, if there are any."""
-        if not self.constraint_names:
+        if not self.constraint_names:  # a call that compiles nothing takes a quarter
             return None
         result = np.empty((len(self.constraint_names), self.equations.model.n + 2))
         kernel = self._kernel('closure_rows', {'q': (self.equations.n_q,)}, result.shape)

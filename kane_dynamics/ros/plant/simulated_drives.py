@@ -52,9 +52,6 @@ def _gear_torques(robot: Robot, q: Array) -> Array:
     rest = np.zeros(robot.n)
     needed = robot.inverse_dynamics(q, rest, rest)
     links = [_place(robot.model, elastic.link) for elastic in robot.drives]
-    if not robot.constraint_names:
-        return needed[links]
-
     # The generalized force of a unit torque at each joint that has an actuator.
     forces = []
     for place in (*links, *_rigid_actuators(robot, links)):

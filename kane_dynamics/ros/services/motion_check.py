@@ -202,11 +202,7 @@ def _constrained_efforts(served: ServedRobot, motion: Motion, times: Array,
     driving = joints_that_follow(robot)
     columns = [motion.joint_names.index(robot.joint_names[k]) for k in driving]
     q, rates, accelerations = (values[:, columns] for values in state)
-    Q = np.zeros((len(times), robot.n_q))
-    if robot.constraint_names:
-        Q[:] = _closed(served, motion, times, q, driving)
-    else:
-        Q[:, driving] = q
+    Q = _closed(served, motion, times, q, driving)
     check_positions(served, robot.joint_names, Q, motion.times, times, served.measured())
     whole = motion_of_closed(robot, driving, np.zeros(len(times)), Q, rates,
                              accelerations)
