@@ -361,10 +361,9 @@ class Configurations(Dispatch):
 
     def _special(self, name: str, arguments: tuple[Any, ...], t: ArrayLike,
                  out: Array | None) -> Array:
-        if self.equations.timed:
-            return self._call(name, arguments, out, t)
         entry = self._entry(name, '', lambda _: self.kernels.quantity(name))
-        result: Array = entry(*arguments) if out is None else entry(*arguments, out=out)
+        at_time = self._at_time(arguments, t)
+        result: Array = entry(*at_time) if out is None else entry(*at_time, out=out)
         return result
 
     @lazy_property

@@ -50,8 +50,7 @@ def of_frame(quantity: str) -> Callable[[Method], Method]:
     Return a decorator of a method whose first argument is a frame.
 
     The method calls the entry point of the frame's kernel, or else its body: for the
-    first call, for other arguments than its positional ones and `out`, and where the
-    equations depend on time.
+    first call, and for other arguments than its positional ones and `out`.
     """
     def decorate(method: Method) -> Method:
         checked = hinting_method(method)
@@ -192,13 +191,10 @@ class Dispatch:
         if not isinstance(frame, str):
             raise InputError(f'frame: a {type(frame).__name__}; expected a name (str): '
                              'the order is (frame, q)')
-        if self.equations.timed:
-            at_time = self._at_time(arguments, t)
-            result: Array = self.kernels.at_frame(name, frame)(*at_time, out=out)
-            # Kernels of a frame are made once and called directly.
-            return result
+        # Kernels of a frame are made once and called directly.
         entry = self._entry(name, frame, lambda at: self.kernels.at_frame(name, at))
-        result = entry(*arguments) if out is None else entry(*arguments, out=out)
+        at_time = self._at_time(arguments, t)
+        result: Array = entry(*at_time) if out is None else entry(*at_time, out=out)
         return result
 
     def _entry(self, name: str, at: str, kernel: Callable[[str],

@@ -149,10 +149,9 @@ def _at_stops(contact: FrictionState, modes: Matrix, after: Vector,
               constants: Vector) -> Vector:
     """Return a state in which joints that press against stops are at them."""
     robot = contact.robot
-    equations: Any = robot.equations
     # Places and rates of the joints at stops are corrected by the loops' own equations.
-    q, u, time_and_margin = np.split(after, [robot.n_q, robot.n_q + robot.n])
-    time = list(time_and_margin[:int(equations.timed)])
+    layout = state_layout(robot)
+    q, u, time = after[layout.q], after[layout.u], after[layout.time]
     parameters = constants[-len(robot.parameters.block):]
     coordinates = []
     touching = []
@@ -163,8 +162,9 @@ def _at_stops(contact: FrictionState, modes: Matrix, after: Vector,
             coordinates.append(place)
             touching.append(side * side > 0.5)
             stops.append(select(side > 0.0, upper, lower))
-    q, u, _ = corrected(robot, coordinates, touching, stops, q, u, time, parameters)
-    return np.array([*q, *u, *time_and_margin])
+    q, u, _ = corrected(robot, coordinates, touching, stops, q, u, list(time),
+                        parameters)
+    return np.array([*q, *u, *after[layout.u.stop:]])
 
 
 def _without_creep(contact: FrictionState, directions: Vector, after: Vector,

@@ -1,0 +1,100 @@
+"""
+Trees and mechanisms with constraints share their code: few places tell them apart.
+
+A mechanism without constraints has no rows: its residual is empty, every configuration is closed,
+and all joints drive. Code that serves any number of rows serves trees, too.
+"""
+
+import ast
+from collections import Counter
+from pathlib import Path
+
+PACKAGE = Path(__file__).resolve().parents[2] / 'kane_dynamics'
+
+# Modules that ask whether a robot has constraints, how often, and why no general rule serves both.
+ASKS_FOR_CONSTRAINTS = {
+    # Faster without rows.
+    'robot/methods/configuration_methods.py': (2, 'closing compiles nothing'),
+    'loop_tracking/driven_mechanism.py': (1, 'without rows no kernel tracks loops'),
+    'control/trajectory_joints.py': (1, 'without rows no path of loops is followed'),
+    'feasibility/path_robot.py': (1, 'without rows no kernel tracks loops'),
+    'control/quasi_static.py': (1, 'without rows deflections move no other joint'),
+    'kinematics/damped_least_squares.py': (1, 'without rows a step is clipped, not closed'),
+    'ros/monitors/applied_torque.py': (1, 'in each cycle, efforts are forces already'),
+    'ros/plant/simulated_arm.py': (1, 'in each step, rates are speeds already'),
+    # The rows leave the choice of the joints that drive; without rows all do, in one order.
+    'control/elastic_feedforward.py': (2, 'each link of a tree has its own motion and torque'),
+    'feasibility/elastic_timing.py': (1, 'as `ElasticFeedforward`'),
+    'kinematics/cartesian_motion.py': (1, 'chosen speeds of a tree move all joints'),
+    'identification/payload/recorded_motion.py': (1, 'a recording of a tree is of all joints'),
+    # Assembly modes: only loops have them, and arguments that state one are refused elsewhere.
+    'feasibility/time_optimal.py': (1, 'refuses `rest`'),
+    'task_space/frame_task.py': (1, 'loops stay near the stated configuration'),
+    'task_space/task_speeds.py': (1, 'loops close on the branch of the configuration'),
+    'cli/robot_options.py': (1, 'positions of independent joints are enough'),
+    'ros/plant/plant_state.py': (1, 'loops begin at the configuration of the file'),
+    'ros/services/time_optimal_request.py': (1, 'the path begins in the mode of the states'),
+    'ros/services/trajectory_filling.py': (1, 'joints that are not given follow, and do not rest'),
+    'ros/torque_path/closed_loop_reader.py': (2, 'joint states close the loops'),
+    'ros/torque_path/native_path.py': (1, 'the features of the native path'),
+    # What is printed, or checked before a command uses it.
+    'cli/commands/doctor_command.py': (1, 'a URDF alone states no loops'),
+    'cli/commands/identify_command.py': (1, 'recordings are examined joint by joint'),
+    'cli/commands/inspect_command.py': (1, 'a section of the constraints'),
+    'cli/commands/simulate_command.py': (1, 'a line and a table of the constraints'),
+    'cli/tables.py': (1, 'rows without times follow no order'),
+    'ros/doctor/live_graph.py': (1, 'a finding on the loops'),
+}
+# Everywhere in the package, at most: questions that could stand in for the one above, and those
+# for the time, which callers pass always and `Equations.time_inputs` leaves out.
+MOST = {'timed': 34, 'in_joint_rates': 102, 'watched': 39}
+
+
+def nodes_of(path):
+    return ast.walk(ast.parse(path.read_text()))
+
+
+def is_attribute(node, name):
+    return isinstance(node, ast.Attribute) and node.attr == name
+
+
+def conditions(node):
+    """Return the expressions of a node that count as true or false."""
+    if isinstance(node, ast.If | ast.IfExp | ast.While | ast.Assert):
+        return [node.test]
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+        return [node.operand]
+    if isinstance(node, ast.BoolOp):
+        return node.values
+    if isinstance(node, ast.comprehension):
+        return node.ifs
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == 'bool':
+        return node.args
+    return []
+
+
+def test_modules_that_ask_whether_a_robot_has_constraints_are_listed_with_a_reason():
+    counts = Counter()
+    for path in PACKAGE.rglob('*.py'):
+        for node in nodes_of(path):
+            asked = [is_attribute(condition, 'constraint_names') for condition in conditions(node)]
+            if any(asked):
+                counts[path.relative_to(PACKAGE).as_posix()] += sum(asked)
+    listed = {module: count for module, (count, _) in ASKS_FOR_CONSTRAINTS.items()}
+    assert dict(counts) == listed
+
+
+def test_no_further_places_ask_for_joint_rates_rows_or_the_time():
+    counts = Counter()
+    for path in PACKAGE.rglob('*.py'):
+        for node in nodes_of(path):
+            if isinstance(node, ast.Attribute) and node.attr in MOST:
+                counts[node.attr] += 1
+    assert all(counts[name] <= most for name, most in MOST.items()), counts
+
+
+def test_no_place_asks_for_the_class_of_the_equations():
+    for path in PACKAGE.rglob('*.py'):
+        for node in nodes_of(path):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == 'isinstance':
+                assert 'Equations' not in ast.unparse(node.args[1]), f'{path}:{node.lineno}'
