@@ -217,12 +217,15 @@ def module_hint(name: str, public: Sequence[str]) -> str:
 
 def keyword_error(what: str, given: Iterable[str], known: Sequence[str]) -> str | None:
     """Return the message for the first unknown keyword, with the closest, or None."""
-    unknown = next((name for name in given if name not in known), None)
-    if unknown is None:
+    unknown = [name for name in given if name not in known]
+    if not unknown:
         return None
-    meant = meant_keyword(unknown, known)
-    expected = f'{meant}=' if meant else f'some of {", ".join(known)}'
-    return f"{what}() got an unexpected keyword argument '{unknown}'; expected {expected}"
+    expected = f'some of {", ".join(known)}'
+    meant = meant_keyword(unknown[0], known)
+    if meant:
+        expected = f'{meant}='
+    return (f"{what}() got an unexpected keyword argument '{unknown[0]}'; expected "
+            f'{expected}')
 
 
 def meant_keyword(unknown: str, known: Sequence[str]) -> str | None:

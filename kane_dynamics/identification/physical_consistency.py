@@ -37,9 +37,13 @@ for _k, (_r, _s) in enumerate(zip(*np.tril_indices(4), strict=True)):
 
 def prior_metric(prior: Inertial) -> Array:
     """Return G, (10, 10): the distance |Z|^2 from the prior is dp^T G dp for a change dp."""
+    # With the prior's pseudo-inertia P = L L^T, a change dP has Z = L^-1 dP L^-T.
     inverse = np.linalg.inv(_root(prior.pseudo_inertia))
-    Z = np.column_stack([(inverse @ pseudo_inertia_of(unit) @ inverse.T).ravel()
-                         for unit in np.eye(10)])
+    columns = []
+    for unit in np.eye(10):
+        change = inverse @ pseudo_inertia_of(unit) @ inverse.T
+        columns.append(change.ravel())
+    Z = np.column_stack(columns)
     return np.asarray(Z.T @ Z)
 
 

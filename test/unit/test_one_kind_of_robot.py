@@ -19,7 +19,7 @@ ASKS_FOR_CONSTRAINTS = {
     'control/trajectory_joints.py': (1, 'without rows no path of loops is followed'),
     'feasibility/path_robot.py': (1, 'without rows no kernel tracks loops'),
     'control/quasi_static.py': (1, 'without rows deflections move no other joint'),
-    'kinematics/damped_least_squares.py': (1, 'without rows a step is clipped, not closed'),
+    'kinematics/damped_least_squares.py': (1, 'a step of a tree is clipped, not closed'),
     'ros/monitors/applied_torque.py': (1, 'in each cycle, efforts are forces already'),
     'ros/plant/simulated_arm.py': (1, 'in each step, rates are speeds already'),
     # The rows leave the choice of the joints that drive; without rows all do, in one order.

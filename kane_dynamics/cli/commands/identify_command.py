@@ -1,7 +1,7 @@
 """The command `identify`: tables, JSON, pictures, and files for load_urdf."""
 
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 import sys
@@ -433,11 +433,7 @@ def print_drives(data: dict[str, Any]) -> None:
         table.append(row)
     print_table(header, table)
     for joint, curve in data['curves'].items():
-        slopes = [f'{slope:.4g} +- {deviation:.1g}' for slope, deviation
-                  in zip(curve['slopes'], curve['slope_deviation'], strict=True)]
-        corners = [f'{torque:.3g}' for torque in curve['torque'][:-1]]
-        print(f"'{joint}': stiffness {', '.join(slopes)}, with corners at "
-              f'{", ".join(corners)} N m')
+        _print_curve(joint, curve)
     # The encoders' delay looks like a deflection: the user learns how much of it.
     for joint, share in zip(data['joint_names'], data['skew_share'], strict=True):
         if share > 0.05:
@@ -448,6 +444,16 @@ def print_drives(data: dict[str, Any]) -> None:
         for name, reason in data['undetermined'].items():
             print(f'{name}: {reason}')
     _print_files(data)
+
+
+def _print_curve(joint: str, curve: Mapping[str, Sequence[float]]) -> None:
+    """Print the slopes of a stiffness curve, and the torques where they change."""
+    slopes = []
+    for slope, deviation in zip(curve['slopes'], curve['slope_deviation'], strict=True):
+        slopes.append(f'{slope:.4g} +- {deviation:.1g}')
+    corners = [f'{torque:.3g}' for torque in curve['torque'][:-1]]
+    print(f"'{joint}': stiffness {', '.join(slopes)}, with corners at "
+          f'{", ".join(corners)} N m')
 
 
 # A payload.

@@ -98,7 +98,9 @@ class CurveEquations(GearEquations):
         torque = self._signals.gear_torque
         if self._signals.link is not None:
             torque = self._signals.link.torque
-        return float(np.abs(torque).max()) if torque is not None else 0.0
+        if torque is None:
+            return 0.0
+        return float(np.abs(torque).max())
 
     def _spring_load(self, value: dict[str, float], link: LinkSignals) -> Array:
         """Return the torque of the spring alone, tau_J - D (theta' - q'), (N,)."""

@@ -517,8 +517,13 @@ def _identification(names: tuple[str, ...], source: str,
         of_joints = [of_joint[name] for of_joint in numbers]
         columns[key] = np.array([one.value for one in of_joints])
         columns[f'{key}_deviation'] = np.array([one.deviation for one in of_joints])
-    deviations = {name: curve.slope_deviation for name, curve in curves.items()}
+
+    # Curves are of the joints that have more than one segment.
+    stiffness_curves = {}
+    slope_deviations = {}
+    for name, fit in curves.items():
+        stiffness_curves[name] = fit.curve
+        slope_deviations[name] = fit.slope_deviation
     return DriveIdentification(names, source, **columns, skew_share=np.array(shares),
-                               misfit=np.array(misfits), slope_deviation=deviations,
-                               curves={name: fit.curve for name, fit in curves.items()},
-                               undetermined=undetermined)
+                               misfit=np.array(misfits), slope_deviation=slope_deviations,
+                               curves=stiffness_curves, undetermined=undetermined)

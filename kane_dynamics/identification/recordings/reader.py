@@ -236,10 +236,12 @@ def _stacked(columns: Mapping[str, Any], names: Sequence[str], path: Any) -> Arr
     lacking = [name for name in names if name not in columns]
     if lacking:
         raise InputError(f'{path}: no columns {lacking}; expected one per joint')
-    if any(columns[name].ndim != 1 for name in names):
-        raise InputError(f"{path}: '{names[0]}' or the same of another joint has "
-                         'several columns; expected arrays of shape (N,)')
-    return np.column_stack([columns[name] for name in names])
+    of_joints = [columns[name] for name in names]
+    for name, column in zip(names, of_joints):
+        if column.ndim != 1:
+            raise InputError(f"{path}: '{name}' of shape {column.shape}; expected arrays of "
+                             'shape (N,)')
+    return np.column_stack(of_joints)
 
 
 def _of_array(columns: Mapping[str, Any], word: str, joint_names: Sequence[str],

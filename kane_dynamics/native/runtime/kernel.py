@@ -413,13 +413,15 @@ class Kernel:
     def _fallback(self, arguments: Sequence[Array], result: Array) -> Callable[[], Any]:
         """Return the call for arrays that the machine code does not accept."""
         read = ', '.join(argument.name for argument in self.arguments)
+        out = result if self.shape else None  # a number is returned, not written
 
         def call(*values: Any, **named: Any) -> Any:
             if values or named:
-                given = [*(type(value).__name__ for value in values), *named]
-                raise InputError(f'workspace: {self.name}({", ".join(given)}); expected no '
+                passed = [type(value).__name__ for value in values]
+                passed += named
+                raise InputError(f'workspace: {self.name}({", ".join(passed)}); expected no '
                                  f'arguments: it reads the arrays of the workspace ({read})')
-            return self(*arguments, out=result if self.shape else None)
+            return self(*arguments, out=out)
         return call
 
     def __call__(self, *values: Any, out: Any = None) -> Any:

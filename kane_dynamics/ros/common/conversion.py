@@ -209,12 +209,14 @@ def trajectory_message(trajectory: Trajectory, robot: Robot,
     """
     names = list(names) or list(trajectory.joint_names)
     order = [trajectory.joint_names.index(name) for name in names]
-    t, q, u = trajectory.t, trajectory.q, trajectory.u
+    t = trajectory.t
+    q = trajectory.q
+    u = trajectory.u
     rows = {'positions': q, 'velocities': robot.joint_rates(q, u, t=t),
             'accelerations': robot.joint_accelerations(q, u, trajectory.udot, t=t),
             'effort': robot.joint_torques(trajectory.tau, q, t=t)}
-    return message_of_points(names, trajectory.t, {
-        field: row[:, order] for field, row in rows.items()})
+    ordered = {field: table[:, order] for field, table in rows.items()}
+    return message_of_points(names, t, ordered)
 
 
 def message_of_points(names: Sequence[str], t: Array, rows: Mapping[str, Array]
