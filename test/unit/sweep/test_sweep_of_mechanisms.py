@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 from kane_dynamics import (ComputedTorque, ConstraintError, Drive, InputError, ModelBuilder,
-                           Motion, Prescribed, Robot, rod, simulate, with_drives)
+                           Motion, Prescribed, Robot, rod, simulate, Speeds, with_drives)
 from kane_dynamics.cli.commands.sweep_command import read_sweep
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.sweep import read_table, run_sweep, Sweep
@@ -236,3 +236,17 @@ def test_factors_on_friction_leave_the_damping_of_drives():
     assert abs(run.u[-1]).max() > 1e-2
     np.testing.assert_allclose([found[f'q.{name}'][0] for name in robot.joint_names], run.q[-1],
                                atol=1e-12)
+
+
+def test_trials_with_chosen_speeds_begin_with_the_velocity_of_their_motion():
+    tree = Robot(linkage().model)
+    t = np.array([0.0, 0.2])
+    motion = Motion.from_points(t, [[0.1, 0.2, 0.3], [0.5, 0.1, 0.4]],
+                                [[1.0, -2.0, 0.5], [0.0, 0.0, 0.0]], joint_names=tree.joint_names)
+    # The speeds are twice the joint rates.
+    robot = Robot(tree.model, speeds=Speeds(lambda q, t: 2.0 * np.eye(3)),
+                  actuated=tree.joint_names)
+    found = columns(Sweep(robot, samples=2, duration=0.01, step=STEP, motion=motion,
+                          controller={'kind': 'computed_torque'}))
+    np.testing.assert_allclose(rows_of(found, 'q0', robot.joint_names)[0], [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(rows_of(found, 'u0', robot.speed_names)[0], [2.0, -4.0, 1.0])
