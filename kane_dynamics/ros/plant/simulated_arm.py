@@ -163,11 +163,7 @@ class SimulatedArm:
         self.stop_contacts = self.clamped = 0
         self.lower = robot.limits.lower[:n]
         self.upper = robot.limits.upper[:n]
-        if self._constrained:
-            start = self._closed(None)
-        else:
-            start = robot.feasible_configuration()
-        self._state[:n_q] = self._next[:n_q] = start
+        self._state[:n_q] = self._next[:n_q] = robot.feasible_configuration()
 
         # The kernel of a step, with constants that follow the live parameters.
         self._integrator, self.integrator_choice = _chosen_integrator(
@@ -236,19 +232,16 @@ class SimulatedArm:
         Put the arm at rest at q, (n,), without torque and wrenches.
 
         The springs of elastic joints hold the links there. With closed loops the
-        independent joints are at q. None is the configuration of the robot, for a tree
-        `Robot.feasible_configuration`.
+        independent joints are at q. None is `Robot.feasible_configuration`.
         """
         self._rates[:] = 0.0
         self._u[:] = 0.0
         deflections_of(self.robot, self._state)[:] = 0.0
         self.effort[:] = 0.0
-        if self._constrained:
-            self._q[:] = self._closed(q)
-        elif q is None:  # without the modes of beams, which are behind the joints
-            self.q[:] = self.robot.feasible_configuration()[:len(self.q)]
+        if q is None:
+            self._q[:] = self.robot.feasible_configuration()
         else:
-            self.q[:] = q
+            self._q[:] = self._closed(q)
         if self._bending is not None:
             self._q[:] = self._bent()
         self._q[:] = settle_drives(self.robot, self._q)
@@ -263,16 +256,12 @@ class SimulatedArm:
         others = [k for k in range(self.robot.n_q) if k not in modes]
         return self._bending.configuration(relaxed[others])
 
-    def _closed(self, q: Array | None) -> Array:
+    def _closed(self, q: Array) -> Array:
         """Return the closed configuration whose independent joints are at q."""
         robot = self.robot
-        if q is not None:
-            whole = np.append(q, np.zeros(robot.n_q - len(q)))  # straight beams
-            whole = with_motors_at_links(robot.model, whole)
-            return robot.closed_configuration(whole, fixed=robot.speed_names)
-        if robot.configuration is not None:
-            return robot.closed_configuration(robot.configuration)
-        return robot.neutral()
+        whole = np.append(q, np.zeros(robot.n_q - len(q)))  # straight beams
+        whole = with_motors_at_links(robot.model, whole)
+        return robot.closed_configuration(whole, fixed=robot.speed_names)
 
     def step(self, torque: Array) -> None:
         """
