@@ -119,7 +119,6 @@ class HandGuiding(RunTimeSettings):
         """Check the settings and compile the kernel."""
         instance(robot, Robot, 'robot')
         require_rigid(robot)
-        self.robot = robot
         self._frame: Frame | None = None
         if frame is not None:
             self._frame = robot.model.frame(frame)
@@ -127,12 +126,11 @@ class HandGuiding(RunTimeSettings):
                 raise InputError(f"frame: '{frame}', which does not move; expected a "
                                  'frame of a moving body')
         self._walls = JointWalls(robot)
-        self._timed = robot.equations.timed
         # The number of planes is a size in the kernel; their numbers may change.
         self._planes = len(_checked_planes(planes))
         names = len(robot.joint_names)
         joints = self._walls.count
-        super().__init__(Settings({
+        super().__init__(robot, Settings({
             'friction': (), 'damping': (names,), 'speed_limit': (names,),
             'far_speed': (names,), 'frame_speed': (), 'planes': (self._planes, 4),
             'plane_stiffness': (), 'effort': (names,), 'wall_stiffness': (joints,),

@@ -67,14 +67,12 @@ class JointImpedance(RunTimeSettings):
         """Check the settings and compile the kernel."""
         instance(robot, Robot, 'robot')
         require_angles(robot.model, 'JointImpedance')
-        self.robot = robot
         self._places = followed_joints(robot, followed)
         self.followed = tuple(robot.coordinate_names[k] for k in self._places)
-        self._timed = robot.equations.timed
         # Settings in one row, so that they change without a new kernel.
         n = robot.n
-        super().__init__(Settings({'stiffness': (n,), 'damping': (n,),
-                                   'weights': (len(WEIGHTS),)}))
+        super().__init__(robot, Settings({'stiffness': (n,), 'damping': (n,),
+                                          'weights': (len(WEIGHTS),)}))
         self._zero = np.zeros(n)
         self.update(stiffness=stiffness, damping=damping, compensate=compensate)
         self._law = self._compiled()

@@ -89,7 +89,9 @@ class RunTimeSettings:
     _changeable: tuple[str, ...] = ()
     _shapes: Settings
 
-    def __init__(self, shapes: Settings) -> None:
+    def __init__(self, robot: Robot, shapes: Settings) -> None:
+        self.robot = robot
+        self._timed = robot.equations.timed  # whether the kernel has the time as an input
         self._shapes = shapes
         self._values: dict[str, Any] = {}
         self._block = np.zeros(shapes.size)
@@ -134,12 +136,10 @@ class PoseLaw(RunTimeSettings):
         ('acceleration', OPTIONAL), ('wrench', OPTIONAL))
 
     def __init__(self, robot: Robot, shapes: Settings) -> None:
-        super().__init__(shapes)
-        self.robot = robot
+        super().__init__(robot, shapes)
         # What a call reads, at once: each attribute of a class with hints takes as long
         # to read as ten entries of a tuple.
         self._call: tuple[Any, ...] | None = None
-        self._timed = robot.equations.timed
         self._zero = np.zeros(6)
 
     def __getstate__(self) -> dict[str, Any]:

@@ -47,7 +47,7 @@ ASKS_FOR_CONSTRAINTS = {
 }
 # Everywhere in the package, at most: questions that could stand in for the one above, and those
 # for the time, which callers pass always and `Equations.time_inputs` leaves out.
-MOST = {'timed': 34, 'in_joint_rates': 102, 'watched': 39}
+MOST = {'timed': 32, 'in_joint_rates': 102, 'watched': 39}
 
 
 def nodes_of(path):
