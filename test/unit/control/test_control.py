@@ -22,7 +22,6 @@ class ClosedForm:
 
     joint_names = coordinate_names = speed_names = NAMES
     n = n_q = len(NAMES)
-    constraint_names = ()
 
     def __init__(self, effort=(np.inf, np.inf)):
         none = np.full(self.n, np.inf)
@@ -34,7 +33,7 @@ class ClosedForm:
                                          carries_loads=False)
         law = SimpleNamespace(entry=lambda doc, fallback: self.computed_torque)
         self.kernels = SimpleNamespace(compiled=lambda *_: law, no_wrench=())
-        self.parameters = SimpleNamespace(block=None)
+        self.parameters = SimpleNamespace(block=None, closure_tolerance=None)
 
     def computed_torque(self, q, u, q_d, u_d, udot_d, gains):
         """Return the law of computed torque with friction at the desired speed."""
