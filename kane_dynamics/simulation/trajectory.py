@@ -183,7 +183,7 @@ class Trajectory:
         if not self.coordinate_names:
             defaults['coordinate_names'] = self.joint_names
         for name in OF_CONSTRAINTS:
-            if not getattr(self, name).size:
+            if getattr(self, name).shape[:-1] != shape:  # not given
                 defaults[name] = np.zeros((*shape, 0))
         if not self.stop_forces.size:
             defaults['stop_forces'] = np.zeros((*shape, len(self.joint_names)))
