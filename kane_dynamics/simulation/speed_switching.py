@@ -137,7 +137,7 @@ class SwitchingSteps(Steps):
 
     def _groups(self, count: int) -> list[list[int]]:
         """Return the simulations in groups of the same phase."""
-        if not self._switched:
+        if count and not self._switched:
             return [list(range(count))]
         groups: dict[tuple[int, float], list[int]] = {}
         for i, phase in enumerate(self._phases[:count]):

@@ -173,6 +173,13 @@ class UserSpeeds:
 
         """
         results: dict[str, Array] = {}
+        if not len(states):  # no simulation has a choice, but results have their shapes
+            quantities = self._derived(self._user_robot, states.reshape(0, states.shape[-1]),
+                                       tau.reshape(0, tau.shape[-1]), times[:0])
+            for name, quantity in quantities.items():
+                results[name] = np.empty((*states.shape[:2], *quantity.shape[1:]),
+                                         dtype=quantity.dtype)
+            return results
         for robot, parts in _parts_by_robot(history, sampled):
             rows = np.concatenate([states[part] for part in parts])
             forces = np.concatenate([tau[part] for part in parts])

@@ -8,6 +8,7 @@ from kane_dynamics.native.backends import llvm_simd
 from kane_dynamics.native.runtime import loops, threads
 from kane_dynamics.simulation import limit_events, simulate as simulation, stepping
 from kane_dynamics.simulation.simulate import compile_simulation
+from kinds_of_mechanism import case, KINDS
 from mechanisms import random_model
 import numpy as np
 import pytest
@@ -115,6 +116,17 @@ def test_progress_is_reported_and_can_end_many_simulations(robot):
     assert 0.0 < run.t[-1] < 10.0 and run.q.shape == (N, len(run.t), 4)
     alone = simulate(robot, Q0[1], U0[1], run.t[-1])
     np.testing.assert_allclose(run.q[1, -1], alone.q[-1], atol=1e-9)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_no_initial_states_are_simulated_with_every_kind_of_mechanism(kind):
+    robot = case(kind).robot
+    none = simulate(robot, np.zeros((0, robot.n_q)), np.zeros((0, robot.n)), 0.01)
+    rows, joints = len(robot.constraint_names), len(robot.joint_names)
+    assert none.q.shape == (0, 11, robot.n_q)
+    assert none.u.shape == none.udot.shape == none.tau.shape == (0, 11, robot.n)
+    assert none.constraint_forces.shape == none.constraint_residual.shape == (0, 11, rows)
+    assert none.stop_forces.shape == (0, 11, joints)
 
 
 def test_no_and_one_initial_state_are_many_too(robot):
