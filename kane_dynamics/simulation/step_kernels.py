@@ -17,7 +17,7 @@ from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution
                                                              linear_system)
 from kane_dynamics.mechanics.integrators.interface import StageRates
 from kane_dynamics.mechanics.integrators.linear_step import (is_linear, tree_terms,
-                                                                    TreeTerms)
+                                                             TreeTerms)
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
