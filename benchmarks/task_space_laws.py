@@ -454,15 +454,23 @@ def draw_circle(arm: Arm) -> DrawingFigures:
 FRICTION = Path(__file__).resolve().parents[1] / 'examples' / 'fr3_friction.yaml'
 
 
-def with_friction(arm: Arm, factor: float) -> Robot:
-    """Return the FR3 with the friction of the examples, times a factor."""
+def with_friction(arm: Arm, factor: float, friction_speed: float | None = None,
+                  feedforward: str = 'desired_speed') -> Robot:
+    """
+    Return the FR3 with the friction of the examples, times a factor.
+
+    Its friction speed, rad/s, and the friction of commands at rest and at reversals may
+    be others.
+    """
     model = load_urdf(arm.urdf, tip=arm.frame, supplement=FRICTION)
     bodies = []
     for body in model.bodies:
         joint = replace(body.joint, friction=factor * body.joint.friction,
                         damping=factor * body.joint.damping)
+        if friction_speed is not None:
+            joint = replace(joint, friction_speed=friction_speed)
         bodies.append(replace(body, joint=joint))
-    return Robot(replace(model, bodies=tuple(bodies)))
+    return Robot(replace(model, bodies=tuple(bodies)), feedforward_friction=feedforward)
 
 
 HAND = (4000.0, 150.0)  # N/m and N s/m: the operator holds on to a point that moves
@@ -657,6 +665,13 @@ def thrown_by_hand(arm: Arm) -> ThrowFigures:
     return ThrowFigures(fastest, beyond)
 
 
+NARROW = 0.005  # rad/s, friction speed of a model; that of the examples is ten times it
+STANDING = 1.5  # s after the line
+LAST = 0.5  # s of it, in which the torques are at rest
+CALM = 0.01  # N m in a period: no chatter
+REMAINING = 0.05  # of the error without compensation
+
+
 class FrictionFigures(NamedTuple):
     """Position errors of the FR3 with friction, m, at 2000 N/m."""
 
@@ -665,20 +680,54 @@ class FrictionFigures(NamedTuple):
     deflection: float  # largest difference of a deflection by 20 N from F / K
 
 
-def friction_errors(arm: Arm, compensated: bool, factor: float = 1.0) -> FrictionFigures:
-    """Follow a line with friction, rest, and bear a force."""
+def line(robot: Robot, arm: Arm) -> PoseMotion:
+    """Return the motion of the flange along a line, at 0.25 m/s."""
+    start = robot.frame_pose(arm.frame, arm.home)
+    end = start.copy()
+    end[:3, 3] += [0.1, 0.2, 0.1]
+    return PoseMotion(PosePath.through([start, end]),
+                      PoseLimits((0.25, 1.0, 10.0), (1.0, 4.0, 40.0)))
+
+
+class SensedFigures(NamedTuple):
+    """Errors of a line with friction, encoders and a late command; torques at its end."""
+
+    moving: float  # m, largest
+    resting: float  # m
+    chatter: float  # N m, largest change of a torque in a period, at rest
+
+
+def sensed_friction(arm: Arm, model: Robot) -> SensedFigures:
+    """Follow a line with readings of encoders and a command one period late."""
+    actual = with_friction(arm, 1.0)
+    plant = TablePlant(actual, arm, 0.0)  # above the table
+    plant.rub(actual)
+    law = CartesianImpedance(model, arm.frame,
+                             stiffness=[2000.0] * 3 + [TURNING] * 3)
+    desired = line(actual, arm)
+    errors = []
+    torques = []
+    for k in range(int((desired.duration + STANDING) * RATE)):
+        target = desired.sample(k / RATE)
+        position = actual.frame_pose(arm.frame, plant.state[0])[:3, 3]
+        errors.append(float(np.linalg.norm(position - target.pose[:3, 3])))
+        torques.append(law.torque(*plant.measured(), *target))
+        plant.command(torques[-1])
+    moving = errors[:int(desired.duration * RATE)]
+    at_rest = np.array(torques[-int(LAST * RATE):])
+    return SensedFigures(max(moving), errors[-1],
+                         float(np.abs(np.diff(at_rest, axis=0)).max()))
+
+
+def friction_errors(arm: Arm, model: Robot, compensated: bool = True) -> FrictionFigures:
+    """Follow a line with friction and a model of it, rest, and bear a force."""
     actual = with_friction(arm, 1.0)
     plant = Plant(actual, arm.urdf)
     plant.rub(actual)
     terms = Terms(friction=compensated)
-    law = CartesianImpedance(with_friction(arm, factor), arm.frame, stiffness=STIFFNESS,
-                             compensate=terms)
+    law = CartesianImpedance(model, arm.frame, stiffness=STIFFNESS, compensate=terms)
     plant.reset(arm.home)
-    start = actual.frame_pose(arm.frame, arm.home)
-    end = start.copy()
-    end[:3, 3] += [0.1, 0.2, 0.1]
-    desired = PoseMotion(PosePath.through([start, end]),
-                         PoseLimits((0.25, 1.0, 10.0), (1.0, 4.0, 40.0)))
+    desired = line(actual, arm)
     moving = resting = 0.0
     force = np.array([0.0, 0.0, -20.0])
     loaded = desired.duration + 1.5
@@ -801,13 +850,30 @@ def main() -> int:
     gate(drift < STILL, 'at rest')
 
     print('Friction of the FR3, 2000 N/m: errors moving, at rest, of a deflection')
-    for what, compensated, factor in (('not compensated', False, 1.0),
-                                      ('compensated', True, 1.0),
-                                      ('compensated, 20 % more', True, 1.2),
-                                      ('compensated, 20 % less', True, 0.8)):
-        errors = friction_errors(arm, compensated, factor)
+    exact = with_friction(arm, 1.0)
+    narrow = with_friction(arm, 1.0, NARROW)
+    uncompensated = friction_errors(arm, exact, compensated=False)
+    rows = {'not compensated': uncompensated}
+    for what, model in (
+            ('compensated', exact),
+            ('friction ahead', with_friction(arm, 1.0, feedforward='ahead')),
+            (f'friction speed {NARROW:g} rad/s', narrow),
+            ('compensated, 20 % more', with_friction(arm, 1.0 + ERROR)),
+            ('compensated, 20 % less', with_friction(arm, 1.0 - ERROR))):
+        rows[what] = friction_errors(arm, model)
+    for what, errors in rows.items():
         listed = ', '.join(f'{1e3 * error:.2f} mm' for error in errors)
-        print(f'{what:24} {listed}', flush=True)
+        print(f'{what:28} {listed}', flush=True)
+    for what in ('friction ahead', f'friction speed {NARROW:g} rad/s'):
+        errors = rows[what]
+        gate(errors.moving < REMAINING * uncompensated.moving
+             and errors.resting < REMAINING * uncompensated.resting, what)
+    sensed = sensed_friction(arm, narrow)
+    print(f'friction speed {NARROW:g} rad/s, encoders and a late command: '
+          f'{1e3 * sensed.moving:.2f} mm, {1e3 * sensed.resting:.2f} mm, torques at rest '
+          f'change by {sensed.chatter:.0e} N m in a period')
+    gate(sensed.moving < REMAINING * uncompensated.moving and sensed.chatter < CALM,
+         'friction with encoders')
     return exit_status(good)
 
 
