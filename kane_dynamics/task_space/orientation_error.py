@@ -10,8 +10,10 @@ At half a turn phi changes its sign, and the direction of the moment would jump.
 `FADE` the angle in phi is therefore replaced by a smooth g(theta) whose slope falls to
 zero at half a turn. V and the moment are then smooth everywhere. About the error's axis
 the moment is zero at half a turn, an unstable equilibrium; up to `FADE` phi is the
-logarithm. Source of the logarithm's derivative: F. Bullo, R. Murray, "Proportional
-derivative (PD) control on the Euclidean group", ECC 1995.
+logarithm. A term that is odd in phi, such as d . C phi of a spring that couples it with a
+displacement d, would still jump: it has the factor `coupling`, which falls from one at
+`FADE` to zero at half a turn. Source of the logarithm's derivative: F. Bullo, R. Murray,
+"Proportional derivative (PD) control on the Euclidean group", ECC 1995.
 """
 
 import math
@@ -41,6 +43,10 @@ class OrientationError(NamedTuple):
     along, across, twist : scalars
         The rate of phi for an angular velocity w is ``across w - twist unit x w + along
         unit (unit . w)``.
+    coupling : scalar
+        The factor of terms that are odd in phi.
+    coupling_slope : scalar
+        The gradient of `coupling` is ``coupling_slope unit``.
 
     """
 
@@ -49,6 +55,8 @@ class OrientationError(NamedTuple):
     along: Scalar
     across: Scalar
     twist: Scalar
+    coupling: Scalar
+    coupling_slope: Scalar
 
     def moment(self, u: Vector) -> Vector:
         """Return the transposed rate of phi times u, (3,): the gradient for u = K phi."""
@@ -128,4 +136,9 @@ def orientation_error(R: Matrix) -> OrientationError:
     across = 0.5 * scale * cosine
     far = (g_rate - across) / select(is_small, 1.0, sine_2)
     along = select(is_small, bracket / (h * h), far)
-    return OrientationError(scale * unit, unit, along, across, 0.5 * scale)
+
+    # Terms odd in phi vanish with the cosine, as the slope does; cos' = -unit . w / 2.
+    bend = select(near_half_turn, 1.5 * (1.0 - x_2), 0.0)
+    coupling_slope = (-0.5 / COSINE_OF_FADE) * bend
+    return OrientationError(scale * unit, unit, along, across, 0.5 * scale, slope,
+                            coupling_slope)

@@ -100,8 +100,9 @@ class Spring:
     The spring between a frame and its target, over any scalar.
 
     Its energy is V = 1/2 e^T K e with e the displacement and the orientation error, in
-    the axes of the task; with limits, V grows as the square root beyond `bounds`, so
-    that force and moment stay bounded in their directions and have an energy.
+    the axes of the task; what couples the two fades towards half a turn. With limits, V
+    grows as the square root beyond `bounds`, so that force and moment stay bounded in
+    their directions and have an energy.
 
     Parameters
     ----------
@@ -128,15 +129,24 @@ class Spring:
                  settings: Mapping[str, Any], lanes: Any = Lanes) -> None:
         displacement, orientation = pose_difference(pose, target, axes)
         self.error = np.concatenate([displacement, orientation.vector])
-        pull = product(self.error, settings['stiffness'], lanes)
+        # Pulls by the displacement and by the rotation; what couples the two fades towards
+        # half a turn.
+        K = settings['stiffness']
+        by_displacement = product(displacement, K[:3], lanes)
+        by_rotation = product(orientation.vector, K[3:], lanes)
+        fading = orientation.coupling
+        pull = by_displacement[:3] + fading * by_rotation[:3]
+        turn = by_rotation[3:] + fading * by_displacement[3:]
+        coupled_energy = by_displacement[3:] @ orientation.vector
 
         # Twice the energies of translation and rotation decide on the saturation.
-        force_scale = _saturation(0.5 * (displacement @ pull[:3]), settings['bounds'][0])
-        moment_scale = _saturation(0.5 * (orientation.vector @ pull[3:]),
+        force_scale = _saturation(0.5 * (displacement @ pull), settings['bounds'][0])
+        moment_scale = _saturation(0.5 * (orientation.vector @ turn),
                                    settings['bounds'][1])
         self.saturation = np.array([force_scale, moment_scale])
-        moment = orientation.moment(pull[3:])
-        self.wrench = -np.concatenate([force_scale * pull[:3], moment_scale * moment])
+        slope = orientation.coupling_slope * coupled_energy
+        moment = orientation.moment(turn) + slope * orientation.unit
+        self.wrench = -np.concatenate([force_scale * pull, moment_scale * moment])
 
 
 def _saturation(energy: Scalar, bound: Scalar) -> Scalar:
@@ -150,12 +160,11 @@ def spring_energy(pose: Array, target: Array, axes: Array, K: Array,
     """Return the energy stored in a `Spring`, J; of floats only."""
     displacement, orientation = pose_difference(pose, target, axes)
     e = np.concatenate([displacement, np.array(orientation.vector, dtype=np.float64)])
-    if np.isinf(bounds).all():
-        return float(0.5 * e @ K @ e)
-    energy = 0.0
+    fading = float(orientation.coupling)
+    energy = float(0.5 * e @ K @ e - (1.0 - fading) * (e[:3] @ K[:3, 3:] @ e[3:]))
+    # Beyond its bound the energy of a part grows as its square root.
     for part, bound in ((slice(0, 3), bounds[0]), (slice(3, 6), bounds[1])):
         V = 0.5 * float(e[part] @ K[part, part] @ e[part])
         if bound < V:
-            V = 2.0 * math.sqrt(bound * V) - bound
-        energy += V
+            energy += 2.0 * math.sqrt(bound * V) - bound - V
     return energy

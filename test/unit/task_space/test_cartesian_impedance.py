@@ -52,6 +52,33 @@ def test_the_torque_is_that_of_the_definition():
         np.testing.assert_allclose(tau, expected, atol=2e-5 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize('angle', [0.4, 2.7, 2.9, np.pi - 1e-7, np.pi])
+@pytest.mark.parametrize('axes', ['world', 'frame'])
+def test_a_spring_that_couples_force_and_moment_is_the_gradient_of_its_energy(axes, angle):
+    robot = fr3()
+    root = np.random.default_rng(0).normal(size=(6, 6))
+    impedance = law(stiffness=100.0 * root @ root.T, axes=axes)
+    axis = np.array([1.0, -2.0, 3.0]) / np.sqrt(14.0)
+    target = robot.frame_pose(TIP, ORDINARY) @ pose_exp([0.05, -0.02, 0.03, *angle * axis])
+    h = 1e-6
+    gradient = [(impedance.energy(ORDINARY + h * step, target)
+                 - impedance.energy(ORDINARY - h * step, target)) / (2.0 * h)
+                for step in np.eye(7)]
+    tau = impedance.torque(ORDINARY, np.zeros(7), target) - robot.gravity_force(ORDINARY)
+    np.testing.assert_allclose(tau, -np.array(gradient), atol=1e-7 * np.abs(gradient).max())
+
+
+def test_a_coupled_spring_does_not_jump_at_half_a_turn():
+    robot = fr3()
+    root = np.random.default_rng(0).normal(size=(6, 6))
+    impedance = law(stiffness=100.0 * root @ root.T)
+    torques = []
+    for angle in (np.pi - 1e-9, np.pi + 1e-9):
+        target = robot.frame_pose(TIP, ORDINARY) @ pose_exp([0.05, -0.02, 0.03, angle, 0.0, 0.0])
+        torques.append(impedance.torque(ORDINARY, np.zeros(7), target))
+    np.testing.assert_allclose(torques[0], torques[1], atol=1e-5)
+
+
 @pytest.mark.slow
 def test_a_moving_target_is_followed_exactly_on_the_exact_model():
     """Without errors the frame has the acceleration of the target, in turning axes too."""
