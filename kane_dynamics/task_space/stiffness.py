@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 ROUNDING = 1e-12  # relative: asymmetry and negative eigenvalues of a stiffness
 AMPLIFIED = 0.5 * math.pi  # largest moment of a spring of unequal stiffness over K phi
-TINY = 1e-300
+LARGEST = 1e100  # of a matrix: larger entries overflow in its eigenvalues
 
 
 def checked_matrix(value: ArrayLike, what: str) -> Array:
@@ -45,11 +45,13 @@ def checked_matrix(value: ArrayLike, what: str) -> Array:
                          'then angular')
     if not np.isfinite(array).all():
         raise InputError(f'{what}: {SHORT.repr(array.tolist())}; expected finite numbers')
+    largest = float(np.abs(array).max())
+    if largest > LARGEST:
+        raise InputError(f'{what}: {largest:g}; expected numbers up to {LARGEST:g}')
 
     # The diagonal, or the whole matrix, symmetric to rounding.
     if array.ndim == 1:
         array = np.diag(array)
-    largest = float(np.abs(array).max())
     if np.abs(array - array.T).max() > ROUNDING * largest:
         raise InputError(f'{what}: not symmetric; expected a symmetric matrix')
     array = 0.5 * (array + array.T)
@@ -160,11 +162,11 @@ def spring_energy(pose: Array, target: Array, axes: Array, K: Array,
     """Return the energy stored in a `Spring`, J; of floats only."""
     displacement, orientation = pose_difference(pose, target, axes)
     e = np.concatenate([displacement, np.array(orientation.vector, dtype=np.float64)])
-    fading = float(orientation.coupling)
-    energy = float(0.5 * e @ K @ e - (1.0 - fading) * (e[:3] @ K[:3, 3:] @ e[3:]))
+    energy = float(orientation.coupling * (e[:3] @ K[:3, 3:] @ e[3:]))
     # Beyond its bound the energy of a part grows as its square root.
     for part, bound in ((slice(0, 3), bounds[0]), (slice(3, 6), bounds[1])):
         V = 0.5 * float(e[part] @ K[part, part] @ e[part])
         if bound < V:
-            energy += 2.0 * math.sqrt(bound * V) - bound - V
+            V = 2.0 * math.sqrt(bound * V) - bound
+        energy += V
     return energy

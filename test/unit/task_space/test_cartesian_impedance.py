@@ -225,6 +225,7 @@ def test_settings_change_without_compiling():
 @pytest.mark.parametrize('wrong, message', [
     ({'stiffness': [1.0, 2.0]}, 'expected (6,) or (6, 6)'), ({'stiffness': -K}, 'eigenvalue'),
     ({'stiffness': np.arange(36.0).reshape(6, 6)}, 'symmetric'), ({'stiffness': 'x'}, 'stiffness'),
+    ({'stiffness': 1e308 * np.eye(6)}, 'up to 1e+100'),
     ({'damping_ratio': -1.0}, "damping_ratio of direction 'x'"),
     ({'null_damping': np.inf}, 'null_damping'),
     ({'damping': np.ones(6), 'damping_ratio': 0.5}, 'both given'),
