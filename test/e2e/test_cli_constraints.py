@@ -7,12 +7,14 @@ from command_in_process import command
 from kane_dynamics import box, load_constraints, load_urdf, Robot
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.feasibility import time_optimal
+from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
 from kane_dynamics.mechanics.definition import nonholonomic
 from kane_dynamics.model.model import with_payload
 from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 from palletizer import DRIVEN, LOOPS, palletizer, positions, URDF
 import pytest
+import yaml
 
 ARM = [str(URDF), '--constraints', str(LOOPS)]
 AT, RATES, ACCELERATIONS = [0.2, 0.3, 0.1, -0.4], [0.5, -0.3, 0.2, 1.0], [1.0, 2.0, -1.0, 0.3]
@@ -248,3 +250,37 @@ def test_an_empty_constraints_file_is_named(tmp_path):
     done = command('inspect', str(URDF), '--constraints', str(empty))
     assert done.returncode == 2
     assert f"file '{empty}': no constraint; expected at least one" in done.stderr
+
+
+def test_drives_of_loops_are_identified(tmp_path):
+    # Motors of the palletizer lead its driven joints by the torques that its links need.
+    frictionless = palletizer(friction=False, independent=DRIVEN, actuated=None)
+    t = 2e-3 * np.arange(3000)
+    frequency = np.array([[1.1, 1.7, 1.3, 1.9], [4.3, 5.9, 5.1, 6.1], [11.0, 13.0, 12.0, 14.0]])
+    size = np.array([[0.4], [0.05], [0.006]])
+    phase = t[:, None, None] * frequency
+    center = np.array([0.0, 0.4, 0.0, 0.0])  # of swivel, shoulder, lever and turn
+    q = center + (size * np.sin(phase)).sum(axis=1)
+    u = (size * frequency * np.cos(phase)).sum(axis=1)
+    udot = -(size * frequency**2 * np.sin(phase)).sum(axis=1)
+    motion = mechanism_motion(frictionless, DRIVEN, t, q, u, udot)
+    torque = frictionless.inverse_dynamics(*motion)
+    stiffness = np.array([4e5, 6e5, 5e5, 2e3])
+    noise = np.random.default_rng(4).normal(size=(2, *q.shape))
+    columns = {'theta': q + torque / stiffness + 2e-6 * noise[0], 'q': q + 2e-6 * noise[1]}
+    names = palletizer().actuated_names
+    order = [DRIVEN.index(name) for name in names]
+    recording, out = tmp_path / 'drives.npz', tmp_path / 'drives.yaml'
+    np.savez(recording, t=t, **{key: value[:, order] for key, value in columns.items()})
+    done = command('identify', str(URDF), str(recording), '--drives', '--constraints', str(LOOPS),
+                   '--skew', '0', '--out', str(out), '--json')
+    assert done.returncode == 0, done.stderr
+    data = json.loads(done.stdout)
+    assert data['joint_names'] == list(names)
+    np.testing.assert_allclose(data['stiffness'], stiffness[order], rtol=0.02)
+    # The result is a supplement of the same mechanism, whose rotors have no inertia yet.
+    written = yaml.safe_load(out.read_text(encoding='utf-8'))['drives']
+    assert list(written) == list(names)
+    supplement = {'drives': {name: drive | {'rotor_inertia': 1.0}
+                             for name, drive in written.items()}}
+    assert [drive.name for drive in load_urdf(URDF, supplement=supplement).drives] == list(names)

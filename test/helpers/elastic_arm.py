@@ -1,8 +1,9 @@
 """
 A planar arm with two elastic joints, from its Lagrangian, and what its sensors measure.
 
-It shares no code with the library: two links in a vertical plane, a spring and a damper
-between motor and link of each joint, Coulomb and viscous friction on either side.
+It shares no code with the library: links in a vertical plane, a spring and a damper
+between motor and link of each driven joint, Coulomb and viscous friction on either side. The
+links are two in series, or a parallelogram whose lever turns the second one.
 """
 
 from dataclasses import dataclass, field
@@ -10,6 +11,7 @@ from functools import partial
 import math
 import operator
 
+from kane_dynamics import Closure, Inertial, ModelBuilder, Robot
 from kane_dynamics.identification import DriveRecording
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -104,12 +106,12 @@ def large_motion(seed, gains):
     return torque
 
 
-def small_vibration(seed, size, center, gains):
+def small_vibration(seed, size, center, gains, links=None):
     """Return a torque law that shakes the motors at a configuration, 3 to 30 Hz."""
     rng = np.random.default_rng(seed)
     frequency = 2.0 * math.pi * np.geomspace(3.0, 30.0, 40)
     phase = rng.uniform(0.0, 2.0 * math.pi, (2, 40))
-    weight = _gravity(*center)
+    weight = (links or SerialLinks()).gravity(*center)
 
     def torque(t, theta, speed):
         shaken = np.sin(frequency * t + phase).sum(axis=1)
@@ -134,9 +136,10 @@ def softening(first, last, level, sharpness=0.1):
     return torque
 
 
-def simulated(torque, duration, truth=None, start=(0.0, 0.0)):
+def simulated(torque, duration, truth=None, start=(0.0, 0.0), links=None):
     """Return the motion of the arm with a torque law, from rest."""
     truth = truth or Truth()
+    links = links or SerialLinks()
     springs = []
     for stiffness in truth.stiffness:
         springs.append(stiffness if callable(stiffness) else partial(operator.mul, stiffness))
@@ -153,10 +156,10 @@ def simulated(torque, duration, truth=None, start=(0.0, 0.0)):
             losses = (truth.motor_damping[k] * speed[k]
                       + truth.motor_friction[k] * math.tanh(speed[k] / SLIP))
             of_motor.append((motor[k] - gear[k] - losses) / truth.rotor_inertia[k])
-        return [*u, *speed, *_accelerations(q, u, on_link), *of_motor]
+        return [*u, *speed, *links.accelerations(q, u, on_link), *of_motor]
 
     t = np.arange(round(duration * RATE)) / RATE
-    sag = [_deflection(spring, weight) for spring, weight in zip(springs, _gravity(*start))]
+    sag = [_deflection(spring, weight) for spring, weight in zip(springs, links.gravity(*start))]
     solution = solve_ivp(rates, (0.0, t[-1]), [*start, *np.add(start, sag), 0, 0, 0, 0],
                          t_eval=t, rtol=1e-8, atol=1e-10, method='RK45', max_step=2e-3)
     q, theta, u, speed = solution.y.reshape(4, 2, -1).transpose(0, 2, 1)
@@ -171,25 +174,93 @@ def _deflection(spring, torque):
     return brentq(lambda deflection: spring(deflection) - torque, -1.0, 1.0, xtol=1e-14)
 
 
-def _gravity(q1, q2):
-    """Return the torques that hold the links, N m; angles from the horizontal, upwards."""
-    second = MASS[1] * GRAVITY * COM[1] * math.cos(q1 + q2)
-    first = (MASS[0] * COM[0] + MASS[1] * LENGTH) * GRAVITY * math.cos(q1)
-    return np.array([first + second, second])
+class SerialLinks:
+    """Two links in series; the second angle is relative to the first link."""
+
+    def gravity(self, q1, q2):
+        """Return the torques that hold the links, N m; angles from the horizontal, upwards."""
+        second = MASS[1] * GRAVITY * COM[1] * math.cos(q1 + q2)
+        first = (MASS[0] * COM[0] + MASS[1] * LENGTH) * GRAVITY * math.cos(q1)
+        return np.array([first + second, second])
+
+    def accelerations(self, q, u, torque):
+        """Return the accelerations of the links, by Lagrange's equations of two rods."""
+        cosine, sine = math.cos(q[1]), math.sin(q[1])
+        coupling = MASS[1] * LENGTH * COM[1]
+        elbow = INERTIA[1] + MASS[1] * COM[1]**2
+        shoulder = (INERTIA[0] + MASS[0] * COM[0]**2 + elbow + MASS[1] * LENGTH**2
+                    + 2.0 * coupling * cosine)
+        mixed = elbow + coupling * cosine
+        gravity = self.gravity(q[0], q[1])
+        centrifugal = coupling * sine
+        right_1 = torque[0] - gravity[0] + centrifugal * (2.0 * u[0] + u[1]) * u[1]
+        right_2 = torque[1] - gravity[1] - centrifugal * u[0]**2
+        determinant = shoulder * elbow - mixed**2
+        return [(elbow * right_1 - mixed * right_2) / determinant,
+                (shoulder * right_2 - mixed * right_1) / determinant]
 
 
-def _accelerations(q, u, torque):
-    """Return the accelerations of the links, by Lagrange's equations of two rods."""
-    cosine, sine = math.cos(q[1]), math.sin(q[1])
-    coupling = MASS[1] * LENGTH * COM[1]
-    elbow = INERTIA[1] + MASS[1] * COM[1]**2
-    shoulder = (INERTIA[0] + MASS[0] * COM[0]**2 + elbow + MASS[1] * LENGTH**2
-                + 2.0 * coupling * cosine)
-    mixed = elbow + coupling * cosine
-    gravity = _gravity(q[0], q[1])
-    centrifugal = coupling * sine
-    right_1 = torque[0] - gravity[0] + centrifugal * (2.0 * u[0] + u[1]) * u[1]
-    right_2 = torque[1] - gravity[1] - centrifugal * u[0]**2
-    determinant = shoulder * elbow - mixed**2
-    return [(elbow * right_1 - mixed * right_2) / determinant,
-            (shoulder * right_2 - mixed * right_1) / determinant]
+class Parallelogram:
+    """
+    A parallelogram: arm and lever are driven at one point, and turn by q1 and q2.
+
+    A rod from the lever's end, parallel to the arm, keeps the forearm parallel to the lever,
+    which is `ahead` of the arm.
+    """
+
+    joint_names = 'arm', 'lever'
+    ahead = 1.5  # rad, of the lever at position zero
+    lever = 0.2  # length, m
+    # Of each part: mass, center of mass from its joint, and inertia about it.
+    arm, rod = (4.0, 0.25, 0.12), (1.0, 0.25, 0.03)
+    forearm, crank = (2.5, 0.3, 0.05), (1.5, 0.1, 0.02)
+
+    def constants(self):
+        """Return the inertias of arm and lever, their coupling, and their moments of mass."""
+        arm, lever, rod, forearm = self.arm, self.crank, self.rod, self.forearm
+        of_arm = (arm[2] + arm[0] * arm[1]**2 + rod[2] + rod[0] * rod[1]**2
+                  + forearm[0] * LENGTH**2)
+        of_lever = (lever[2] + lever[0] * lever[1]**2 + forearm[2]
+                    + forearm[0] * forearm[1]**2 + rod[0] * self.lever**2)
+        coupling = rod[0] * self.lever * rod[1] + forearm[0] * LENGTH * forearm[1]
+        moments = (arm[0] * arm[1] + rod[0] * rod[1] + forearm[0] * LENGTH,
+                   lever[0] * lever[1] + rod[0] * self.lever + forearm[0] * forearm[1])
+        return of_arm, of_lever, coupling, moments
+
+    def gravity(self, q1, q2):
+        """Return the torques that hold arm and lever, N m; angles from the horizontal."""
+        moments = self.constants()[3]
+        return GRAVITY * np.array([moments[0] * math.cos(q1),
+                                   moments[1] * math.cos(q2 + self.ahead)])
+
+    def accelerations(self, q, u, torque):
+        """Return the accelerations of arm and lever, by Lagrange's equations."""
+        of_arm, of_lever, coupling, _ = self.constants()
+        angle = q[0] - q[1] - self.ahead
+        mixed = coupling * math.cos(angle)
+        centrifugal = coupling * math.sin(angle)
+        gravity = self.gravity(q[0], q[1])
+        right_1 = torque[0] - gravity[0] - centrifugal * u[1]**2
+        right_2 = torque[1] - gravity[1] + centrifugal * u[0]**2
+        determinant = of_arm * of_lever - mixed**2
+        return [(of_lever * right_1 - mixed * right_2) / determinant,
+                (of_arm * right_2 - mixed * right_1) / determinant]
+
+    def robot(self, **options):
+        """Return the mechanism with rigid joints, its loop closed."""
+        b = ModelBuilder('parallelogram')
+
+        def part(name, carrier, place, ahead, stated):
+            mass, center, inertia = stated
+            about = inertia * np.eye(3)
+            b.body(name, carrier, axis=(0, -1, 0), at=(place, 0, 0), rpy=(0, -ahead, 0),
+                   inertial=Inertial(mass, (center, 0, 0), about))
+        part('arm', 'world', 0.0, 0.0, self.arm)
+        part('lever', 'world', 0.0, self.ahead, self.crank)
+        part('rod', 'lever', self.lever, -self.ahead, self.rod)
+        part('forearm', 'arm', LENGTH, self.ahead, self.forearm)
+        b.frame('rod end', 'rod', at=(LENGTH, 0, 0))
+        b.frame('forearm pin', 'forearm', at=(self.lever, 0, 0))
+        options = {'independent': self.joint_names} | options
+        return Robot(b.model(), constraints=[Closure('rod end', 'forearm pin', 'revolute',
+                                                     axis=(0, 1, 0))], **options)

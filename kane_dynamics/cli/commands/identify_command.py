@@ -369,7 +369,7 @@ def _identify_drives(options: Namespace) -> None:
     _refuse_unused(options, '--drives')
     # Options of other fits would be ignored, so that they are refused.
     others = {'--payload': options.payload, '--base-parameters': options.base_parameters,
-              '--constraints': options.constraints, '--cutoff': options.cutoff,
+              '--cutoff': options.cutoff,
               '--resample': options.resample, '--topic': options.topic,
               '--plot': options.plot, '--efforts': options.efforts}
     for name, value in others.items():
@@ -378,13 +378,14 @@ def _identify_drives(options: Namespace) -> None:
     if options.out and not options.out.endswith(('.yaml', '.yml')):
         raise InputError(f"--out: '{options.out}'; expected a name that ends in .yaml, "
                          'since with --drives it is a supplement')
-    model, _ = load(options)
+    _, robot = load(options)
     ratio = np.array(options.ratio or 1.0)
     if ratio.shape == (1,):
         ratio = ratio[0]
-    recording = read_drive_recording(options.recording, model.joint_names, ratio)
+    # With closed loops, the joints with drives are those with actuators.
+    recording = read_drive_recording(options.recording, recorded_joints(robot), ratio)
     segments = 1 if options.segments is None else options.segments
-    result = identify_drives(model, recording, skew=options.skew, segments=segments)
+    result = identify_drives(robot, recording, skew=options.skew, segments=segments)
     files = []
     if options.out:
         text = written_drives(options.supplement, result.supplement())

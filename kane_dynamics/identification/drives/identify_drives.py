@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 import warnings
 
@@ -13,6 +13,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.drives.curve_fit import CurveFit, DAMPING, fitted_curve
 from kane_dynamics.identification.drives.drive_recording import DriveRecording, joint_count
+from kane_dynamics.identification.drives.driven_links import DrivenLinks
 from kane_dynamics.identification.drives.gear_fit import (fitted, GearEquations, GearFit,
                                                           JointSignals, LinkTorque)
 from kane_dynamics.identification.drives.motor_side_fit import (motor_side_fit,
@@ -63,11 +64,12 @@ class DriveNumber(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class DriveIdentification:
     """
-    Identified drives; joints are in the order of the model, numbers joint-side.
+    Identified drives; joints are in the order of the recording, numbers joint-side.
 
     Attributes
     ----------
     joint_names : tuple of n str
+        Joints with drives.
     source : str
         Equations that were fitted: 'torque sensor', 'both encoders' (with the torque of
         the links' model), or 'motor side'.
@@ -154,7 +156,7 @@ class DriveIdentification:
 
 @hinting
 @on_one_processor
-def identify_drives(model: Model, recording: DriveRecording, *,
+def identify_drives(model: Model | Robot, recording: DriveRecording, *,
                     skew: float | None = None, segments: int = 1) -> DriveIdentification:
     """
     Identify stiffness, damping and rotor inertia of elastic joints from a recording.
@@ -174,11 +176,15 @@ def identify_drives(model: Model, recording: DriveRecording, *,
 
     Parameters
     ----------
-    model : Model
-        The mechanism with rigid joints.
+    model : Model or Robot
+        The mechanism with rigid joints. A robot may have closed loops. Friction of joints
+        without drives is then that of the model.
     recording : DriveRecording
         Of the joints of the model, in their order, unfiltered: the noise of the signals
-        is taken from their high frequencies.
+        is taken from their high frequencies. With closed loops, of the joints of
+        `Robot(actuated=)` in the order of `Robot.actuated_names`, or else of those whose
+        rates are the independent speeds, in the order of `Robot.speed_names`. More drives
+        than degrees of freedom need torques of the gears and positions of the links.
     skew : float, optional
         How late the positions of the links are after those of the motors, s, if it is
         known; 0 for synchronous encoders.
@@ -198,18 +204,24 @@ def identify_drives(model: Model, recording: DriveRecording, *,
     ------
     InputError
         The recording has other joints, or its positions are not joint-side; the model has
-        drives already, or quaternions.
+        drives already, or quaternions; its constraints are not constant ones of positions;
+        there are more drives than degrees of freedom, and their torques are not recorded.
+    ConstraintError
+        The recorded positions do not close the loops.
 
     """
-    instance(model, Model, 'model')
+    if not isinstance(model, Robot):
+        instance(model, Model, 'model')
     instance(recording, DriveRecording, 'recording')
-    if model.drives:
+    rigid = model.model if isinstance(model, Robot) else model
+    if rigid.drives:
         raise InputError('model: has elastic joints already; expected the one with rigid '
                          'joints, to which drives are added')
-    if model.balls:
+    if rigid.balls:
         raise InputError('model: has ball or free joints; expected joints with one '
                          'coordinate each, whose motors turn about them')
-    joint_count(recording, model.joint_names)
+    links = DrivenLinks(model)
+    joint_count(recording, links.joint_names)
     if skew is not None:
         skew = number(skew, 'skew', 'a finite time in s', np.isfinite)
         if recording.q is None:
@@ -232,14 +244,14 @@ def identify_drives(model: Model, recording: DriveRecording, *,
                          'motors in motion')
     # Without encoders at the links, their motion is a part of the unknowns.
     if even.q is None:
-        result = _motor_side(model, even)
+        result = _motor_side(links, even)
     else:
-        _require_joint_side(model.joint_names, even.theta, even.q)
-        result = _with_encoders(model, even, skew, segments)
+        _require_joint_side(links.joint_names, even.theta, even.q)
+        result = _with_encoders(links, even, skew, segments)
     # Residuals far above the noise: the numbers would look better than they are.
     poor = np.flatnonzero(result.misfit > FITS)
     if len(poor):
-        names = ', '.join(model.joint_names[j] for j in poor)
+        names = ', '.join(links.joint_names[j] for j in poor)
         warnings.warn(f'drives of {names}: residuals are {np.sqrt(result.misfit.max()):.3g} '
                       'times the noise; expected at most twice: the equations lack '
                       'something (masses, more segments of the stiffness, friction with '
@@ -261,22 +273,16 @@ def _require_joint_side(names: Sequence[str], theta: Array, q: Array) -> None:
                              '(DriveRecording.from_motor_side), signs alike, units alike')
 
 
-def links_alone(model: Model) -> Robot:
-    """Return the links of a model: without rotors and friction."""
-    bodies = [replace(body, joint=replace(body.joint, armature=0.0)) for body in model.bodies]
-    return Robot(replace(model, bodies=tuple(bodies)), friction=False)
-
-
 # Both encoders.
 
-def _with_encoders(model: Model, recording: DriveRecording, skew: float | None,
+def _with_encoders(links: DrivenLinks, recording: DriveRecording, skew: float | None,
                    segments: int) -> DriveIdentification:
     """Return the drives from positions of motors and links."""
-    of, signals = _joint_signals(model, recording)
+    of, signals = _joint_signals(links, recording)
     numbers = []
     curves: dict[str, CurveFit] = {}
     misfits, shares = [], []
-    for name, signal in zip(model.joint_names, signals, strict=True):
+    for name, signal in zip(links.joint_names, signals, strict=True):
         # A motor at rest says nothing of its drive.
         if np.ptp(signal.theta) <= MOVES:
             numbers.append(_at_rest(name))
@@ -302,10 +308,10 @@ def _with_encoders(model: Model, recording: DriveRecording, skew: float | None,
         shares.append(abs(late) * float(np.std(signal.link_speed.values)
                                         / np.std(deflection)))
     source = SENSOR if recording.gear_torque is not None else BOTH_ENCODERS
-    return _identification(model.joint_names, source, numbers, shares, misfits, curves)
+    return _identification(links.joint_names, source, numbers, shares, misfits, curves)
 
 
-def _joint_signals(model: Model, recording: DriveRecording
+def _joint_signals(driven: DrivenLinks, recording: DriveRecording
                    ) -> tuple[Spectra, list[JointSignals]]:
     """Return the spectra, and what was measured of each joint."""
     step = float(np.diff(recording.t).mean())
@@ -318,11 +324,12 @@ def _joint_signals(model: Model, recording: DriveRecording
     speeds = smooth_speeds(recording.theta, noise['theta'], step, band)
     link_speeds = smooth_speeds(recording.q, noise['q'], step, band)
     # Without sensors, the torque of a gear is that of the links' motion.
-    links: list[LinkTorque | None] = [None] * model.n
+    count = len(driven.joint_names)
+    links: list[LinkTorque | None] = [None] * count
     if recording.gear_torque is None:
-        links = _link_torques(model, recording.q, step, band)
+        links = _link_torques(driven, recording.q, step, band)
     signals = []
-    for j in range(model.n):
+    for j in range(count):
         columns = {}
         deviations = {}
         for name in recording.signals:
@@ -335,18 +342,18 @@ def _joint_signals(model: Model, recording: DriveRecording
     return of, signals
 
 
-def _link_torques(model: Model, q: Array, step: float,
+def _link_torques(links: DrivenLinks, q: Array, step: float,
                   band: float) -> list[LinkTorque | None]:
     """Return the torques of the links' measured motion, with the inertia that noise has."""
-    robot = links_alone(model)
     smooth = smooth_motion(q, step, BEYOND_BAND * band)
-    torque = robot.inverse_dynamics(*smooth)
     samples = np.linspace(0, len(q) - 1, SAMPLES).astype(int)
-    inertia = np.sqrt(np.mean(robot.mass_matrix(smooth[0][samples])**2, axis=0))
+    t = step * np.arange(len(q), dtype=np.float64)
+    torque, mass_matrices = links.motion(t, *smooth, samples)
+    inertia = np.sqrt(np.mean(mass_matrices**2, axis=0))
     # The acceleration of white noise below the cutoff: the mean of omega^4 over the band.
     cutoff = 2.0 * np.pi * BEYOND_BAND * band
     noise = cutoff**2 / np.sqrt(5.0) * inertia
-    return [LinkTorque(torque[:, j], inertia[j], noise[j]) for j in range(model.n)]
+    return [LinkTorque(torque[:, j], inertia[j], noise[j]) for j in range(q.shape[1])]
 
 
 def _noise(signal: Array, step: float) -> Array:
@@ -456,7 +463,7 @@ def _at_rest(joint: str) -> dict[str, DriveNumber]:
 
 # The motors' side.
 
-def _motor_side(model: Model, recording: DriveRecording) -> DriveIdentification:
+def _motor_side(links: DrivenLinks, recording: DriveRecording) -> DriveIdentification:
     """Return the drives from positions and torques of motors."""
     assert recording.motor_torque is not None
     # Noise of the signals bounds the frequencies that count.
@@ -467,17 +474,17 @@ def _motor_side(model: Model, recording: DriveRecording) -> DriveIdentification:
     speeds = smooth_speeds(recording.theta, noise['theta'], step, band)
     signals = MotorSignals(recording.t, recording.theta, recording.motor_torque, speeds,
                            noise)
-    equations = MotorEquations(links_alone(model), signals, of)
+    equations = MotorEquations(links, signals, of)
     # One fit of all joints, because each motor moves the links of the others.
     fit = motor_side_fit(equations)
     numbers = []
-    for j, name in enumerate(model.joint_names):
+    for j, name in enumerate(links.joint_names):
         if np.ptp(recording.theta[:, j]) <= MOVES:
             numbers.append(_at_rest(name))
             continue
         numbers.append(_motor_side_numbers(fit.of_joint(j)))
     count = len(numbers)
-    return _identification(model.joint_names, MOTOR_SIDE, numbers, [0.0] * count,
+    return _identification(links.joint_names, MOTOR_SIDE, numbers, [0.0] * count,
                            [fit.misfit] * count, {})
 
 

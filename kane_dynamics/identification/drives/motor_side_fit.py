@@ -17,14 +17,17 @@ Noise of theta is seen through the drive and the links. Its part of the residual
 of the equations linearized about the mean configuration.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.identification.drives.driven_links import DrivenLinks
 from kane_dynamics.identification.drives.gear_fit import (covariance_of, FIRST_SLIP,
                                                           friction_slope,
                                                           GearFit, mean_coulomb, ROUNDS)
 from kane_dynamics.identification.drives.spectra import SmoothSpeed, Spectra
 from kane_dynamics.identification.solvers import scientific
+from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -39,6 +42,7 @@ FREQUENCIES = np.geomspace(2.0, 60.0, 24)  # Hz, tried for each joint at first
 FIRST_DAMPING = 0.02  # damping ratio
 SWEEPS = 2  # over all joints
 MOST_EVALUATIONS = 40
+LARGEST_TORQUE = 1e9  # N m or N, of a simulation that diverges
 
 
 class MotorSignals(NamedTuple):
@@ -79,15 +83,17 @@ class MotorSideFit(NamedTuple):
 class MotorEquations:
     """The equations of all motors, with the links simulated."""
 
-    def __init__(self, robot: Robot, signals: MotorSignals, of: Spectra) -> None:
-        self._robot = robot
+    def __init__(self, links: DrivenLinks, signals: MotorSignals, of: Spectra) -> None:
+        self._links = links
+        self._robot = links.robot
         self._signals = signals
         self._of = of
-        n = robot.n
-        self._mean = signals.theta.mean(axis=0)
-        self.inertia = robot.mass_matrix(self._mean)
-        self._gravity_slope = _gravity_slope(robot, self._mean)
-        self._kernel = _link_step(robot, signals.t[1] - signals.t[0])
+        n = self._robot.n
+        mean = signals.theta.mean(axis=0)
+        self.inertia = self._robot.mass_matrix(links.closed(mean[None])[0])
+        self._gravity_slope = _gravity_slope(links, mean)
+        self._driven = [self._robot.coordinate_names.index(name) for name in links.joint_names]
+        self._kernel = _link_step(self._robot, self._driven, signals.t[1] - signals.t[0])
         # Motors at the beginning, in the middle and at the end of each step.
         spline = scientific('scipy.interpolate').CubicSpline(signals.t, signals.theta)
         middle = 0.5 * (signals.t[:-1] + signals.t[1:])
@@ -108,17 +114,21 @@ class MotorEquations:
 
     def gear_torque(self, spring: Array, start: Array) -> Array:
         """Return the torque of the springs along the motion, (N, n)."""
-        n = self._robot.n
+        n_q = self._robot.n_q
         stiffness = 1.0 / spring[0]
         values = np.ascontiguousarray(np.array([stiffness, spring[1] * stiffness,
                                                 spring[2], spring[3]]))
-        states = np.empty((len(self._signals.t), 2 * n))
-        states[0] = start.ravel()
+        states = np.empty((len(self._signals.t), n_q + self._robot.n))
+        try:
+            states[0, :n_q] = self._links.closed(start[:1])[0]
+        except LoopError:  # a start beyond the reach of the loops fits nothing
+            return np.full_like(self._signals.theta, LARGEST_TORQUE)
+        states[0, n_q:] = start[1]
         self._kernel.scan([states[:-1], self._motors, values], states[1:])
-        deflection = self._signals.theta - states[:, :n]
-        torque = stiffness * deflection + values[1] * (self._rate - states[:, n:])
+        deflection = self._signals.theta - states[:, self._driven]
+        torque = stiffness * deflection + values[1] * (self._rate - states[:, n_q:])
         # A simulation that diverges fits nothing; its residual stays a number.
-        return np.asarray(np.nan_to_num(np.clip(torque, -1e9, 1e9)))
+        return np.asarray(np.nan_to_num(np.clip(torque, -LARGEST_TORQUE, LARGEST_TORQUE)))
 
     def weighted(self, x: Array) -> Array:
         """Return the residuals over their standard deviations, real, (R,)."""
@@ -157,7 +167,8 @@ class MotorEquations:
         """Return parameters with the static start and the motors that fit a simulation best."""
         x = x.copy()
         # At rest the springs carry the weight.
-        weight = self._robot.gravity_force(self._signals.theta[0])
+        first = self._links.closed(self._signals.theta[:1])[0]
+        weight = self._robot.gravity_force(first)
         x[4] = self._signals.theta[0] - x[0] * weight
         x[5] = self._rate[0]
         gear = self._spectra(self.gear_torque(x[:4], x[4:6]))
@@ -224,32 +235,37 @@ def motor_side_fit(equations: MotorEquations) -> MotorSideFit:
     return MotorSideFit(values, misfit * covariance_of(solution.jac), misfit)
 
 
-def _link_step(robot: Robot, step: float) -> Kernel:
+def _link_step(robot: Robot, driven: Sequence[int], step: float) -> Kernel:
     """Return the kernel of one step of the links, driven by their motors."""
-    n = robot.n
+    n, n_q = robot.n, robot.n_q
 
     def driven_links(state: Any, motors: Any, values: Any, parameters: Any) -> Any:
         stiffness, damping, link_damping, link_friction = values
+        equations = robot.equations
 
         def rates(x: Any, motor: Any) -> Any:
             # Spring and damper of the drive, less the friction of the link's side.
-            q = x[:n]
-            u = x[n:]
-            torque = (stiffness * (motor[0] - q) + damping * (motor[1] - u)
+            q = x[:n_q]
+            u = x[n_q:]
+            torque = (stiffness * (motor[0] - q[driven]) + damping * (motor[1] - u)
                       - link_damping * u - link_friction * coulomb(u, FIRST_SLIP))
-            udot = robot.equations.forward_dynamics(q, u, torque, None, parameters)
-            return np.concatenate([u, udot])
+            return equations.state_rates(q, u, torque, None, parameters)
 
         # The motors' motion is recorded; the links follow it by the equations of
         # motion.
-        return runge_kutta_4(rates, state, motors, step)
+        after = runge_kutta_4(rates, state, motors, step)
+        if robot.constraint_names:
+            after[:n_q] = equations.closure_step(after[:n_q])
+        return after
 
-    return robot.compiled(driven_links, name='driven_links', state=(2 * n,),
-                          motors=(3, 2, n), values=(4, n), shape=(2 * n,))
+    return robot.compiled(driven_links, name='driven_links', state=(n_q + n,),
+                          motors=(3, 2, n), values=(4, n), shape=(n_q + n,))
 
 
-def _gravity_slope(robot: Robot, q: Array) -> Array:
-    """Return the derivative of the gravity force by the positions, (n, n)."""
-    change = 1e-5 * np.eye(robot.n)
-    return np.asarray((robot.gravity_force(q + change) - robot.gravity_force(q - change)).T
-                      / 2e-5)
+def _gravity_slope(links: DrivenLinks, q: Array) -> Array:
+    """Return the derivative of the gravity force by the driven positions, (n, n)."""
+    change = 1e-5 * np.eye(len(q))
+    robot = links.robot
+    ahead = robot.gravity_force(links.closed(q + change))
+    behind = robot.gravity_force(links.closed(q - change))
+    return np.asarray((ahead - behind).T / 2e-5)
