@@ -14,6 +14,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.control.exported_controller import controller_kernels
     from kane_dynamics.control.friction_error import FrictionError
     from kane_dynamics.control.momentum_observer import MomentumObserver
+    from kane_dynamics.control.motor_tracking import MotorTracking
     from kane_dynamics.control.quasi_static import QuasiStatic
     from kane_dynamics.control.terms import Terms
     from kane_dynamics.control.trajectory_feedforward import (fill_trajectory,
@@ -75,7 +76,7 @@ __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMot
            'JointTorqueFeedback', 'KaneError', 'Limits',
            'LinkDistances', 'LinkShape', 'LinkSideControl', 'LoopError',
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
-           'MomentumObserver', 'Motion', 'MotorSideControl',
+           'MomentumObserver', 'Motion', 'MotorSideControl', 'MotorTracking',
            'OperationalSpace', 'PartnerState', 'PointVelocity',
            'PoseFilter',
            'PoseLimits', 'PoseMotion', 'PosePath',
@@ -104,6 +105,7 @@ _NAMES_BY_MODULE = {
     'control.exported_controller': 'controller_kernels',
     'control.friction_error': 'FrictionError',
     'control.momentum_observer': 'MomentumObserver',
+    'control.motor_tracking': 'MotorTracking',
     'control.quasi_static': 'QuasiStatic',
     'control.terms': 'Terms',
     'control.trajectory_feedforward': 'fill_trajectory FilledTrajectory',

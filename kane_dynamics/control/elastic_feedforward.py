@@ -123,6 +123,8 @@ class ElasticFeedforward:
     speed_names : tuple of str
         The independent speeds of the links, in the order of u, udot, jerk and snap; by
         default the joints.
+    actuated_names : tuple of str
+        The joints with actuators: all of a tree.
     kernel : Kernel
         The compiled function, also of batches.
 
@@ -183,6 +185,14 @@ class ElasticFeedforward:
         if self._actuators is not None:
             actuated = {self.joint_names[k]: weight for k, weight in self._actuators}
         return partial(type(self), actuated=actuated), (self.robot,)
+
+    @property
+    def actuated_names(self) -> tuple[str, ...]:
+        """Return the joints with actuators, rigid or elastic, in the order of the columns."""
+        if self._actuators is None:
+            return self.joint_names
+        places = sorted(k for k, _ in self._actuators)
+        return tuple(self.joint_names[k] for k in places)
 
     def _refuse(self, *state: Any) -> Array:
         """Raise InputError: a call has no state of the deflection."""

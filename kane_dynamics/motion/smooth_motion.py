@@ -143,6 +143,25 @@ class SmoothMotion:
         smooth._require_continuous_jerk()
         return smooth
 
+    def with_rest(self, seconds: float) -> SmoothMotion:
+        """
+        Return the motion with a rest at its last point as a part of it.
+
+        Motors of drives with damping still move then.
+
+        Parameters
+        ----------
+        seconds : float
+            Duration of the rest, s, positive.
+
+        """
+        rest = number(seconds, 'seconds', 'a positive finite number, s',
+                      lambda x: 0.0 < x < np.inf)
+        last = np.zeros((1, *self._coefficients.shape[1:]))
+        last[0, 0] = self.sample(self.times[-1:])[0][0]
+        return SmoothMotion(self.joint_names, np.append(self.times, self.duration + rest),
+                            np.concatenate([self._coefficients, last]))
+
     def _require_continuous_jerk(self) -> None:
         """Raise InputError where speed, acceleration or jerk jumps."""
         lengths = np.diff(self.times)

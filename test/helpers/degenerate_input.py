@@ -14,11 +14,12 @@ import re
 import signal
 import warnings
 
-from kane_dynamics import (box, CollisionDetector, Controller, Drive, FlexibleLink, FrictionError,
-                           HandGuiding, JointImpedance, KaneError, LinkDistances, LinkShape,
+from kane_dynamics import (box, CollisionDetector, Controller, Drive, ElasticFeedforward,
+                           FlexibleLink, FrictionError, HandGuiding, JointImpedance,
+                           KaneError, LinkDistances, LinkShape,
                            load_urdf, LoopError, LoopTracker, ModelBuilder, ModelWarning,
                            MomentumObserver, Motion, PoseFilter, PoseMotion, PosePath, QuasiStatic,
-                           Robot, Uncertainty, with_drives)
+                           Robot, SmoothMotion, Uncertainty, with_drives)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.identification import (DriveRecording, Efforts, PayloadEstimator, Recording,
                                           rows)
@@ -212,6 +213,10 @@ def stated():
             'times': np.array([0.0, 1.0]), 'coefficients': np.zeros((1, 8, 2))},
         'MotorSideControl': {'robot': elastic()}, 'LinkSideControl': {'robot': all_elastic()},
         'JointTorqueFeedback': {'robot': elastic()},
+        'MotorTracking': {'feedforward': ElasticFeedforward(elastic()),
+                          'motion': SmoothMotion.from_points(
+                              [0.0, 0.4], [[0.0, 0.0], [0.2, 0.1]],
+                              joint_names=('joint1', 'joint2'))},
         'with_rigid_joints': {'model': elastic().model},
         'with_locked': {'positions': {'joint1': 0.3}}, 'with_names': {'names': {'link1': 'a'}},
         'with_model': {'prefix': 'left_'},

@@ -1,0 +1,122 @@
+"""
+PD of motors around a computed motion of elastic joints, for every kind of mechanism.
+
+It is the law of `MotorSideControl`,
+
+    tau_m = tau_m,d + kp (theta_d - theta) + kd (theta'_d - theta'),
+
+whose desired motion is computed before, by `ElasticFeedforward.along`: loops are closed
+along the motion, and damped deflections are integrated. In generalized coordinates the
+torques of motors and of rigid joints with actuators are T^T tau_m.
+"""
+
+from __future__ import annotations
+
+from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.checks import instance, number, per_joint
+from kane_dynamics._util.typing import Array
+from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
+from kane_dynamics.model.drive import StiffnessCurve
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.smooth_motion import SmoothMotion
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+from numpy.typing import ArrayLike
+
+STEP = 5e-4  # s
+SETTLED = 30.0  # time constants D / k until a deflection rests
+
+
+@hinting
+class MotorTracking:
+    """
+    PD of the motors around the elastic feedforward along a motion, also of closed loops.
+
+    The desired motion of the motors is computed once, at the construction. Between its rows
+    the motors' positions are quintics, the torques linear. Before and after the motion the
+    motors hold its ends; motors of damped drives come to rest after the links.
+
+    Parameters
+    ----------
+    feedforward : ElasticFeedforward
+        Of the robot, with its gravity and payload.
+    motion : SmoothMotion or Motion
+        As of `ElasticFeedforward.along`: of all links of a tree; under constraints, of as
+        many joints as independent speeds.
+    kp, kd : float or (n,) array_like
+        N m/rad and N m s/rad, joint-side, one or one for each of `joint_names`.
+    lead : float
+        By which the feedforward torque is ahead, s: half of the cycle for which a torque is
+        held, and the delay until it acts.
+    step : float
+        Time between the rows, s.
+
+    Attributes
+    ----------
+    joint_names : tuple of n str
+        Joints with actuators, elastic or rigid.
+    command : ElasticMotion
+        The rows. The first ones of `link_position` and `motor_position` are the state at
+        rest in which the motion begins.
+
+    Raises
+    ------
+    InputError
+        As of `ElasticFeedforward.along`; the robot has ball joints, or a gain is invalid.
+    LoopError
+        The loops do not close along the motion.
+
+    """
+
+    def __init__(self, feedforward: ElasticFeedforward, motion: SmoothMotion | Motion, *,
+                 kp: ArrayLike, kd: ArrayLike, lead: float = 0.0,
+                 step: float = STEP) -> None:
+        """Compute the motion of the motors, and find their coordinates."""
+        instance(feedforward, ElasticFeedforward, 'feedforward')
+        self.lead = number(lead, 'lead', 'a finite number >= 0, s', lambda x: 0.0 <= x < np.inf)
+        robot = feedforward.robot
+        self.robot = robot
+        self.command = feedforward.along(_with_settling(motion, robot), step)
+        self.joint_names = feedforward.actuated_names
+        self.kp = per_joint(kp, 'kp', self.joint_names)
+        self.kd = per_joint(kd, 'kd', self.joint_names)
+        # Coordinates of the motors; of a rigid joint, its own.
+        names = robot.model.joint_names
+        motor_of = {elastic.name: elastic.motor for elastic in robot.drives}
+        self._motors = [motor_of.get(name, names.index(name)) for name in self.joint_names]
+        columns = [feedforward.joint_names.index(name) for name in self.joint_names]
+        rows = self.command
+        self._torque = rows.motor_torque[:, columns]
+        self._path = Motion.from_points(
+            rows.time, rows.motor_position[:, columns], rows.motor_speed[:, columns],
+            rows.motor_acceleration[:, columns], joint_names=self.joint_names)
+
+    def __call__(self, t: float, q: ArrayLike, u: ArrayLike) -> Array:
+        """Return tau, (n,), at a time and a state, as `simulate` needs it."""
+        robot = self.robot
+        position, speed, _ = self._path.sample(np.array([t]))
+        rates = robot.joint_rates(q, u, t=t)
+        torques = np.zeros(robot.model.n)
+        for k, motor in enumerate(self._motors):
+            ahead = np.interp(t + self.lead, self.command.time, self._torque[:, k])
+            torques[motor] = (ahead + self.kp[k] * (position[0, k] - np.asarray(q)[motor])
+                              + self.kd[k] * (speed[0, k] - rates[motor]))
+        if robot.equations.in_joint_rates:
+            return torques
+        return np.asarray(robot.generalized_force(torques, q, t=t))
+
+
+def _with_settling(motion: SmoothMotion | Motion, robot: Robot) -> SmoothMotion | Motion:
+    """Return a motion with a rest in which the deflections of damped drives settle."""
+    constants = [0.0]
+    for elastic in robot.drives:
+        stiffness = elastic.drive.stiffness
+        if isinstance(stiffness, StiffnessCurve):
+            stiffness = min(stiffness.slopes)
+        constants.append(elastic.drive.damping / stiffness)
+    if not (robot.friction and any(constants)):
+        return motion
+    if isinstance(motion, Motion):
+        motion = SmoothMotion.from_motion(motion)
+    instance(motion, SmoothMotion, 'motion')
+    return motion.with_rest(SETTLED * max(constants))
