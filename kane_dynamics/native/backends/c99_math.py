@@ -76,10 +76,15 @@ HEAD = """\
 #define @UPPER@_PLAIN 0
 #endif
 /* On x86 with glibc, gcc adds versions for processors with AVX-512 and with AVX and FMA,
- * chosen at start; not in strict C (-std=c99). */
+ * chosen at start; not in strict C (-std=c99). x86-64-v4, known from gcc 12 on, is AVX-512
+ * with the instructions on narrower registers. */
 #if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__GLIBC__) \\
     && !defined(__STRICT_ANSI__) && !defined(@UPPER@_PORTABLE)
+#if __GNUC__ >= 12
+#define @UPPER@_VERSIONS __attribute__((target_clones("arch=x86-64-v4", "fma", "default")))
+#else
 #define @UPPER@_VERSIONS __attribute__((target_clones("avx512f", "fma", "default")))
+#endif
 #else
 #define @UPPER@_VERSIONS
 #endif
