@@ -24,7 +24,6 @@ from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry import (CallForm, EntryTable, KernelFunction,
                                                     Signature)
-from kane_dynamics.native.runtime.faster_copy import faster_copy, Trial
 from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, driver, repeat,
                                                 repeat_until, run_batch)
 from kane_dynamics.native.tracing.latency_order import by_latency
@@ -35,6 +34,7 @@ from numpy.typing import NDArray
 SYMBOL = 'kernel'  # name of the kernel function in its object file
 _TRACING = ForkSafeLock()  # concurrent tracing would only contend for the GIL
 ResultCheck = Callable[[dict[str, Array]], 'Kernel | None']
+Run = Callable[[llvm.Address, Sequence[int]], object]  # of code, on rows at addresses
 NO_NUMBERS: Mapping[str, NDArray[np.intp]] = {}
 # Of a trial of long code: values, at which results need not be finite, and calls.
 TRIAL_VALUE = 0.1
@@ -126,6 +126,21 @@ def _same_rows(a: Array, b: Array) -> bool:
     return address(a) == address(b) and a.strides[:1] == b.strides[:1]
 
 
+def _text_by_latency(program: Program, symbol: str) -> str:
+    """Return the code of single states, its operations in the order of latencies."""
+    return module_text(by_latency(program), symbol)
+
+
+def _run_states(function: llvm.Address, rows: Sequence[int]) -> None:
+    """Run code of single states some times, each time on the same rows."""
+    repeat(function, rows, [0] * len(rows), TRIAL_CALLS)
+
+
+def _run_rows(function: llvm.Address, rows: Sequence[int]) -> None:
+    """Run code of batches some times, on the same rows of one state."""
+    run_batch(function, [(row, 0, 0, 0) for row in rows], TRIAL_CALLS * width())
+
+
 def windows(rows: Array, length: int, step: int = 1) -> Array:
     """Return overlapping views of `length` rows each, which begin `step` rows apart."""
     count = (len(rows) - length) // step + 1
@@ -186,12 +201,12 @@ class Kernel:
         self._reason = reason
         # Programs are traced when code is needed: a hit of the cache traces nothing.
         self._program = program
-        self._program_of_one = program if single is None else single
         self._in_order = in_order
-        self._interleaved = interleaved
+        of_one = program if single is None else single
+        self._of_one = _text_by_latency if interleaved else module_text, of_one
         self._of_batch = lane_text, program
         if by_states:
-            self._of_batch = text_by_states, self._program_of_one
+            self._of_batch = text_by_states, of_one
         self.defaults: list[Array] = []
         # Of the arguments that every call must have; a scalar is an array of one number.
         shapes: list[Shape] = []
@@ -222,14 +237,13 @@ class Kernel:
         # By kind of code; copies with other parameters share it.
         self._functions: dict[str, KernelFunction] = {}
 
-    def _function(self, kind: str, text: Callable[[], str],
-                  trial: Callable[[], Trial],
+    def _function(self, kind: str, text: Callable[[], str], run: Run,
                   in_order: bool = False) -> KernelFunction:
         """
         Return the machine code of a text: compiled once, or from the cache on disk.
 
-        Without a key, the text is traced now and is the key itself. `trial` returns what
-        runs the code some times.
+        Without a key, the text is traced now and is the key itself. `run` runs the code
+        some times, on the rows of one state.
         """
         def assembled() -> bytes:
             with logged(self.name):
@@ -245,7 +259,7 @@ class Kernel:
                     key = text()
                 text = partial(str, key)  # not traced again
             objects = llvm.cached(assembled, self.name, key, kind)
-            code = faster_copy(objects, SYMBOL, trial)
+            code = llvm.faster_copy(objects, SYMBOL, partial(self._try, run))
             function = KernelFunction(code, code.address(SYMBOL))
             self._functions[kind] = function
         return function
@@ -273,14 +287,9 @@ class Kernel:
         kind = ''
         if kind in self._functions:
             return self._functions[kind]
-        return self._function(kind, self._text_of_one, self._trial, self._in_order)
-
-    def _text_of_one(self) -> str:
-        """Return the code of single states as LLVM IR."""
-        program = self._program_of_one()
-        if self._interleaved:
-            program = by_latency(program)
-        return module_text(program, SYMBOL)
+        text, program = self._of_one
+        return self._function(kind, lambda: text(program(), SYMBOL), _run_states,
+                              self._in_order)
 
     def compile_entry(self) -> None:
         """Compile the entry points of calls with one state, and the code of single states."""
@@ -298,29 +307,13 @@ class Kernel:
         driver(width())
         # Lanes need many registers: in program order fewer values are spilled.
         return self._function(kind, lambda: text(program(), SYMBOL, width()),
-                              self._lane_trial, in_lanes or self._in_order).address
+                              _run_rows, in_lanes or self._in_order).address
 
-    def _trial(self) -> Trial:
-        """Return a function that runs code of single states some times."""
-        blocks = self._trial_blocks()
-
-        def run(function: llvm.Address) -> None:
-            repeat(function, list(map(address, blocks)), [0] * len(blocks), TRIAL_CALLS)
-        return run
-
-    def _lane_trial(self) -> Trial:
-        """Return a function that runs code of batches some times, on one state's rows."""
-        blocks = self._trial_blocks()
-
-        def run(function: llvm.Address) -> None:
-            rows = [(address(block), 0, 0, 0) for block in blocks]
-            run_batch(function, rows, TRIAL_CALLS * width())
-        return run
-
-    def _trial_blocks(self) -> list[Array]:
-        """Return arguments, parameters and result of one state."""
+    def _try(self, run: Run, function: llvm.Address) -> None:
+        """Run code some times on arguments, parameters and result of one state."""
         blocks = [np.full(argument.shape, TRIAL_VALUE) for argument in self.arguments]
-        return [*blocks, self.parameters.copy(), np.empty(self.shape)]
+        blocks += [self.parameters.copy(), np.empty(self.shape)]
+        run(function, [address(block) for block in blocks])
 
     @property
     def address(self) -> llvm.Address:

@@ -5,9 +5,7 @@ import time
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.runtime import faster_copy as module
-from kane_dynamics.native.runtime import kernel as kernels
-from kane_dynamics.native.runtime.faster_copy import faster_copy
+from kane_dynamics.native.machine_code.llvm import faster_copy
 import numpy as np
 import pytest
 
@@ -37,17 +35,17 @@ def trial_with_slow_copies(slow, seen):
 
 @pytest.mark.parametrize(('slow', 'kept'), [((0,), 1), ((1,), 0)])
 def test_the_faster_of_two_copies_is_kept(objects, monkeypatch, slow, kept):
-    monkeypatch.setattr(module, 'LONG', 0)
+    monkeypatch.setattr(llvm, 'LONG_CODE', 0)
     seen = []
-    code = faster_copy(objects, 'kernel', lambda: trial_with_slow_copies(slow, seen))
+    code = faster_copy(objects, 'kernel', trial_with_slow_copies(slow, seen))
     assert len(seen) == 2
     assert code.address('kernel') == seen[kept]
 
 
 def test_short_code_is_loaded_once_and_not_timed(objects):
-    def trial():
+    def trial(address):
         raise AssertionError('timed')
-    assert len(objects) < module.LONG
+    assert len(objects) < llvm.LONG_CODE
     assert faster_copy(objects, 'kernel', trial).address('kernel')
 
 
@@ -56,17 +54,17 @@ def test_results_are_those_of_either_copy(monkeypatch, kind):
     # A kernel of 22 axes is long, as a function of one state and of a batch.
     trials = []
 
-    def counted(objects, symbol, make_trial):
+    def counted(objects, symbol, run):
         trials.append(len(objects))
-        return faster_copy(objects, symbol, make_trial)
-    monkeypatch.setattr(kernels, 'faster_copy', counted)
+        return faster_copy(objects, symbol, run)
+    monkeypatch.setattr(llvm, 'faster_copy', counted)
     robot = Robot(load_urdf(resource_path('urdf', 'human_hand.urdf')))
     q, u, udot = np.random.default_rng(1).uniform(-1.0, 1.0, (3, 4, robot.n))
     if kind == 'single':
         tau = [robot.inverse_dynamics(*state) for state in zip(q, u, udot)]
     else:
         tau = robot.inverse_dynamics(q, u, udot)
-    assert max(trials) > module.LONG
+    assert max(trials) > llvm.LONG_CODE
     for k in range(4):
         back = robot.forward_dynamics(q[k], u[k], tau[k])
         np.testing.assert_allclose(back, udot[k], atol=1e-6)
