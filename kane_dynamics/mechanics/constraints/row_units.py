@@ -55,7 +55,10 @@ def closure_length(model: Model, closure: Closure, longest: float) -> float:
     long. `longest`, the mechanism's, stands for it where the points of the loop
     coincide; it is at least `SHORTEST` of that.
     """
-    ends = [model.frame(closure.first), model.frame(closure.second)]
+    frames = {frame.name: frame for frame in model.frames}
+    if closure.first not in frames or closure.second not in frames:
+        return longest  # the closure itself names the unknown frame where it is used
+    ends = [frames[closure.first], frames[closure.second]]
     branches = [list(model.path(frame.body)) for frame in ends]
     shared = set(branches[0]) & set(branches[1])
 
