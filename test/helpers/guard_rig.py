@@ -260,15 +260,17 @@ def ideal_stop(model, states, failed, taken_over):
     law = Controller(robot, mode='computed_torque', kp=0.0, kd=DAMPING)
     arm.reset(states[k][1])
     arm.u[:] = states[k][2]
-    positions = []
-    for stamp, _, _ in states[k:]:
-        positions.append(arm.q.copy())
-        if stamp < taken_over:
-            arm.q[:] += PERIOD * arm.u
-        else:
+    positions = [arm.q.copy()]
+    for before, after in pairwise(stamp for stamp, _, _ in states[k:]):
+        # A busy recorder loses states: as many periods as the stamps are apart.
+        for period in range(round((after - before) * 1e-9 / PERIOD)):
+            if before + period * PERIOD * 1e9 < taken_over:
+                arm.q[:] += PERIOD * arm.u
+                continue
             tau = law.command(0.0, arm.q, arm.u).tau
             for _ in range(2):
                 arm.step(tau)
+        positions.append(arm.q.copy())
     return k, np.array(positions)
 
 
