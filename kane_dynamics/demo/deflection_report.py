@@ -80,7 +80,9 @@ def report_deflections(robot: DemoRobot, run: DeflectionLog, folder: Path) -> in
         fine &= abs(deflection - expected) <= MAX_DEVIATION * expected
         fine &= remaining <= MAX_REMAINING
     picture = folder / 'demo_cartesian.png'
-    start = place[:count].mean(axis=0)
+    # Zero is where the arm rests before the first force, not where the servo left it.
+    first = forces[0][0]
+    start = place[first - count:first].mean(axis=0)
     plot_deflection(run.t, place - start, run.wrench[:, :3], STIFFNESS[:3], picture,
                     torques=run.command, joint_names=robot.joints,
                     title=f'{robot.title}, pushed, in mode cartesian_impedance')
