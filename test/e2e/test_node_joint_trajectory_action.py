@@ -158,8 +158,16 @@ def is_cancelled(arm, random):
         return 'too late'
     assert (status, code) == (CANCELED, 0), text
     assert time.monotonic() - asked < 2.0
+    # On a busy machine the request may arrive before the motion begins or after its end.
+    if re.fullmatch(r'cancelled before its motion of \S+ s began', text):
+        np.testing.assert_allclose(arm.rest(), before, atol=SETTLED)
+        return 'before'
+    if re.match(r'cancelled \S+ s after the end of its motion', text):
+        np.testing.assert_allclose(arm.rest(), rows[-1], atol=SETTLED)
+        return 'after'
     stated = re.fullmatch(r'cancelled at (\S+) s of (\S+) s; the arm rests at (\S+) s of its '
                           r'motion', text)
+    assert stated, text
     began, duration, rest = map(float, stated.groups())
     assert began < rest <= duration
     motion = Motion.from_points(times, rows, joint_names=JOINTS, start=(before, None, None))
@@ -236,6 +244,7 @@ def test_a_hundred_random_plans_end_with_their_codes(arm):
     ends = drive(arm, {'succeeded': 40, 'cancelled': 20, 'preempted': 20, 'violated': 20}, 2)
     print(ends)
     assert ends['cancelled', 'too late'] <= 2
+    assert ends['cancelled', 'before'] + ends['cancelled', 'after'] <= 3
 
 
 REFUSED = {  # fields of the goal or changes of its trajectory, code, reason
