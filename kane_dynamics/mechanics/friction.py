@@ -132,8 +132,11 @@ def drops(joint: Joint) -> bool:
 
 def _of_sliding(joint: Joint, direction: Scalar) -> Scalar:
     """Return a direction of the set-valued law, of a joint at its bound also -1 or 1."""
-    if not drops(joint):
-        return direction
+    return direction_of_sliding(direction) if drops(joint) else direction
+
+
+def direction_of_sliding(direction: Scalar) -> Scalar:
+    """Return -1 or 1 of a direction of sliding, which may be times `AT_BOUND`."""
     return select(direction * direction > 1.5, direction / AT_BOUND, direction)
 
 

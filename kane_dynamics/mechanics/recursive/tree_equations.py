@@ -29,7 +29,8 @@ from kane_dynamics.mechanics.elastic_joints import (damping_slope, damping_torqu
 from kane_dynamics.mechanics.friction import (bristle_energy, bristle_rate,
                                               bristle_torque, carries_load,
                                               carries_loads, deflection_after,
-                                              DESIRED_SPEED, elastic_bristle_torque,
+                                              DESIRED_SPEED, direction_of_sliding,
+                                              drops, elastic_bristle_torque,
                                               feedforward_direction, friction_slope,
                                               friction_torque,
                                               has_bristles, load_of_drive, load_slope,
@@ -510,13 +511,23 @@ class TreeEquations:
             elif directions is None:
                 torque = friction_torque(joint, rate, loads[k])
             else:
-                direction = _direction(directions, joint)
+                direction = self._direction(directions, joint)
                 torque = friction_torque(joint, rate, loads[k], direction)
             forces.append(joint.multiplier * torque)
 
         # Damping of beams and drives has matrices of its own.
         friction = self._by_coordinate(forces)
         return self._with_damping(friction, u) if self.is_damped else friction
+
+    def _direction(self, directions: Vector, joint: Joint) -> Scalar:
+        """Return the direction in which a joint slides."""
+        # A joint with a negative multiplier slides against its coordinate.
+        direction = math.copysign(1.0, joint.multiplier) * directions[joint.coordinate]
+        # Of the joints of one coordinate at its bound, some may have no drop.
+        if not drops(joint) and any(drops(other) for other in self.joints
+                                    if other.coordinate == joint.coordinate):
+            direction = direction_of_sliding(direction)
+        return direction
 
     def scaled_friction(self, u: Vector, factors: Vector | None = None,
                         directions: Vector | None = None,
@@ -657,7 +668,7 @@ class TreeEquations:
                 factor = 1.0 if factors is None else factors[k]
                 direction = None
                 if directions is not None:
-                    direction = _direction(directions, joint)
+                    direction = self._direction(directions, joint)
                 unloaded = friction_torque(joint, u[k], 0.0, direction)
                 torque = loads[k] + factor * unloaded
                 loads[k] = load_of_drive(joint, u[k], torque, direction, factor)
@@ -831,9 +842,3 @@ def _own_inertia_resists(body: Body, central: bool) -> bool:
     mass = 0.0 if central else inertial.mass
     about_joint = inertial.inertia + mass * offset
     return bool(joint.axis @ about_joint @ joint.axis > RESISTS * np.trace(about_joint))
-
-
-def _direction(directions: Vector, joint: Joint) -> Scalar:
-    """Return the direction in which a joint slides."""
-    # A joint with a negative multiplier slides against its coordinate.
-    return math.copysign(1.0, joint.multiplier) * directions[joint.coordinate]

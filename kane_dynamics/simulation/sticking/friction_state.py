@@ -23,7 +23,7 @@ from kane_dynamics.mechanics.constraints.row_units import coordinate_units
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.friction import (AT_BOUND, driving_torque, drops,
                                               held_forces, holding_friction, HOLDS,
-                                              is_self_locking, slides)
+                                              is_self_locking, slides, stribeck_excess)
 from kane_dynamics.mechanics.integrators.held_joints import linear_system, REGULAR
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
@@ -33,6 +33,7 @@ import numpy as np
 AT_REST = 1e-9  # rad/s, or lengths of the mechanism per second, with constraints
 TOUCHING = 1e-9  # rad, or lengths of the mechanism: distance of a joint at its stop
 NEGLIGIBLE = 1e-9  # acceleration, relative to the largest one without the forces
+TRIALS = 4  # changes of joints that break away together, for each joint
 
 
 class FrictionModes(NamedTuple):
@@ -145,10 +146,22 @@ class StateFriction(Protocol):
 
 
 class _Begins(NamedTuple):
-    """Joints that begin to slide, (m,), and the forces that would hold them, N m or N."""
+    """
+    Joints that begin to slide.
+
+    Attributes
+    ----------
+    joints : (m,) array of int
+    needed : (m,) array
+        The forces that would hold them, N m or N.
+    tried : bool
+        Whether joints at their bounds changed their directions instead.
+
+    """
 
     joints: Array
     needed: Array
+    tried: bool
 
 
 class FrictionState:
@@ -173,9 +186,13 @@ class FrictionState:
     lower, upper : (k,) arrays
         Their stops, rad or m; infinite where there is none.
     has_friction : (k,) array of bool
+    drop : (k,) array
+        By how much friction falls where joints begin to slide that constraints may hold at
+        the bound of friction, N m or N; 0 of all others.
     at_bound : (k,) array
-        `friction.AT_BOUND` of joints that constraints may hold at the bound of friction,
-        where sliding would begin with a drop; else 1.
+        `friction.AT_BOUND` of joints with such a drop; else 1.
+    drops : bool
+        Whether any joint has one.
     locks : bool
         Whether any of their drives is self-locking.
 
@@ -227,12 +244,16 @@ class FrictionState:
             units = coordinate_units(model, robot.mechanism.constraints)
             self.units = units[self.places]
         self.slow = AT_REST * self.units * self.constrained
-        falls = np.zeros(len(self.joints), dtype=bool)
+        drop = np.zeros(model.n)
         # A joint alone with friction has no other that could hold it at its bound.
         if self.constrained and robot.friction and len(self.joints) > 1:
-            falling = [body.joint.coordinate for body in model.bodies if drops(body.joint)]
-            falls = np.isin(self.joints, falling)
-        self.at_bound = np.where(falls, AT_BOUND, 1.0)
+            for body in model.bodies:
+                if drops(body.joint):
+                    size = abs(body.joint.multiplier)
+                    drop[body.joint.coordinate] += size * stribeck_excess(body.joint)
+        self.drop = drop[self.joints]
+        self.at_bound = np.where(self.drop > 0.0, AT_BOUND, 1.0)
+        self.drops = bool(self.drop.any())
 
     @lazy_property
     def finite_stops(self) -> Array:
@@ -341,7 +362,9 @@ class FrictionState:
 
         # Joints that begin to slide have another friction then, which changes the forces
         # on those that still rest.
-        open_rows = np.flatnonzero((directions == 0.0).any(axis=1))
+        at_begin = directions.copy()
+        trials = np.zeros(len(directions), dtype=int)
+        open_rows = np.flatnonzero((np.abs(directions) != 1.0).any(axis=1))
         while len(open_rows):
             forces = self.forces_at(states[open_rows], tau[open_rows],
                                     directions[open_rows], times[open_rows])
@@ -350,7 +373,13 @@ class FrictionState:
                 begins = self._begins(forces.row(number), directions[row], at_stop[row])
                 if self.locks:
                     self._require_driven(states[row], tau[row], times[row], begins)
-                if len(begins.joints) and (directions[row] == 0.0).any():
+                if begins.tried:
+                    trials[row] += 1
+                    # Without an answer, joints at their bounds slide once they move.
+                    if trials[row] > TRIALS * len(self.joints):
+                        directions[row] = at_begin[row]
+                        continue
+                if begins.tried or (len(begins.joints) and (directions[row] == 0.0).any()):
                     changed.append(row)
             open_rows = np.array(changed, dtype=int)
         return FrictionModes(directions, at_stop * (directions == 0.0))
@@ -365,12 +394,69 @@ class FrictionState:
         f = held_forces(forces.a[resting], A, least[resting], largest[resting])
         a = forces.a[resting] + A @ f
         moves = np.abs(a) > NEGLIGIBLE * np.abs(forces.a).max(initial=1e-300)
+        begins = np.sign(a[moves])
+        needed = (f - a / np.diag(A))[moves]
+        tried = False
         # Nothing moves: constraints may hold joints whose friction is at its bound.
-        if not moves.any() and self.constrained:
-            self._saturate(directions, resting, f, least[resting], largest[resting])
+        if self.constrained and not moves.any():
+            reached = np.abs(directions) > 1.5
+            of_all = forces.a + forces.regular[:, resting] @ f
+            tried = self.drops and self._returns(forces, of_all, directions)
+            if not tried:
+                self._saturate(directions, resting, f, least[resting], largest[resting])
+                tried = bool(reached.any()) and self._break_away(forces, directions)
         # The others begin to slide the way they accelerate.
-        directions[resting[moves]] = np.sign(a[moves])
-        return _Begins(resting[moves], (f - a / np.diag(A))[moves])
+        directions[resting[moves]] = begins
+        return _Begins(resting[moves], needed, tried)
+
+    def _returns(self, forces: Forces, accelerations: Array, directions: Array) -> bool:
+        """
+        Hold the first joint at rest that does not accelerate in its direction of sliding.
+
+        One whose friction has dropped must accelerate, one at its bound may rest.
+
+        Parameters
+        ----------
+        forces : Forces
+            With the friction of these directions.
+        accelerations : (k,) array
+            Of the joints, with the forces that hold those at rest.
+        directions : (k,) array
+            Changed in place.
+
+        Returns
+        -------
+        bool
+            Whether any direction changed.
+
+        """
+        # Accelerations that are zero but for rounding, by those that the drops cause.
+        by_drops = np.abs(forces.A) @ self.drop
+        zero = NEGLIGIBLE * (by_drops + np.abs(forces.a).max(initial=0.0))
+        dropped = (np.abs(directions) == 1.0) & (self.drop > 0.0)
+        starts = (directions != 0.0) & (np.abs(forces.v) <= 2.0 * self.slow)
+        along = np.sign(directions) * accelerations
+        wrong = np.flatnonzero(starts & (along <= np.where(dropped, zero, -zero)))
+        directions[wrong[:1]] = 0.0
+        return bool(len(wrong))
+
+    def _break_away(self, forces: Forces, directions: Array) -> bool:
+        """
+        Let joints at their bounds slide if no others hold them; arguments as `_returns`.
+
+        They break away together, and their friction drops.
+        """
+        # The accelerations due to the drops, while joints at rest are held by any force.
+        at_bound = np.abs(directions) > 1.5
+        signs = np.sign(directions)
+        response = forces.A @ np.where(at_bound, signs * self.drop, 0.0)
+        held = directions == 0.0
+        response += forces.A @ forces._replace(a=response).holding(held)
+        by_drops = np.abs(forces.A) @ self.drop
+        begins = at_bound & (signs * response > NEGLIGIBLE * by_drops)
+        if begins.any():
+            directions[at_bound] = np.where(begins, signs, 0.0)[at_bound]
+        return bool(begins.any())
 
     def _require_driven(self, state: Array, tau: Array, t: float,
                         begins: '_Begins') -> None:

@@ -32,7 +32,7 @@ from kane_dynamics.simulation.step_kernels import (RobotMotion, state_layout, st
 from kane_dynamics.simulation.sticking.friction_state import (FrictionModes,
                                                               FrictionState, NEGLIGIBLE,
                                                               of_all_joints, TOUCHING,
-                                                              traced_forces)
+                                                              traced_forces, TRIALS)
 from kane_dynamics.simulation.sticking.sticking_kernel import (FrictionMotion,
                                                                without_drift)
 import numpy as np
@@ -45,7 +45,7 @@ MARGIN = 1e-12  # of a force that holds a joint, relative
 FAR = 1e300  # value of a function without a root
 START, SETTLE, BEGIN, END, SEARCH = -1.0, 0.0, 1.0, 2.0, 3.0  # phases
 DONE, REFUSED = 1.0, 2.0  # ends of a search
-SCALARS = 11  # fields of `Search` before its arrays
+SCALARS = 12  # fields of `Search` before its arrays
 KINDS = 4  # reversal, breakaway forward and backward, distance from a stop
 
 
@@ -57,6 +57,8 @@ class Search(NamedTuple):
     ----------
     phase, transitions, turn : scalar
         The phase, the transitions so far and the iteration of a root, modulo 4.
+    trials : scalar
+        Changes of joints that break away together, since the last transition.
     passed : scalar
         Time from the beginning of the step to that of the part, s.
     power : scalar
@@ -85,6 +87,7 @@ class Search(NamedTuple):
     phase: Scalar
     transitions: Scalar
     turn: Scalar
+    trials: Scalar
     passed: Scalar
     power: Scalar
     holds: Scalar
@@ -122,6 +125,8 @@ class AtRest(NamedTuple):
         Bounds of the forces.
     touching : (k,) array
         As `FrictionState.sides_at`.
+    A : (k, k) array
+        Acceleration of the joints per unit of each force.
     size : scalar
         The largest acceleration without forces.
     rounding : (k,) array
@@ -135,6 +140,7 @@ class AtRest(NamedTuple):
     least: Vector
     largest: Vector
     touching: Vector
+    A: Matrix
     size: Scalar
     rounding: Vector
 
@@ -280,7 +286,7 @@ def _traced_settling(contact: FrictionState, choice: StepChoice, row: Vector,
     here = _at_rest(contact, choice, search, inputs, constants)
     ones = np.ones(len(contact.joints))
     started = search._replace(phase=SETTLE, directions=_moving(contact, here.rates),
-                              held=ones, at_largest=0.0 * ones)
+                              held=ones, at_largest=0.0 * ones, trials=0.0)
     settled = _settled(contact, search, here, step)
     return _entries(_where(search.phase < -0.5, started, settled))
 
@@ -445,7 +451,7 @@ def _at_rest(contact: FrictionState, choice: StepChoice, search: Search, inputs:
         of_all = _largest(of_all, size)
         at_rest = _largest(at_rest, size * rests)
     return AtRest(rates, a + A @ forces, forces, least, largest, np.array(touching),
-                  of_all, _rounding(A, forces, at_rest))
+                  A, of_all, _rounding(A, forces, at_rest))
 
 
 def _resting(directions: Vector) -> list[Scalar]:
@@ -476,10 +482,10 @@ def _forces_of_sets(search: Search, resting: list[Scalar], A: Matrix, a: Vector,
 
 def _rounding(A: Matrix, forces: Vector, at_rest: Scalar) -> Vector:
     """Return bounds of the rounding errors of the accelerations A forces, (k,)."""
-    magnitudes = np.array([magnitude(force) for force in forces])
+    magnitudes = _magnitudes(forces)
     bounds = []
     for row in A:
-        terms = np.array([magnitude(entry) for entry in row]) @ magnitudes
+        terms = _magnitudes(row) @ magnitudes
         bounds.append(MARGIN * _largest(at_rest, terms))
     return np.array(bounds)
 
@@ -557,12 +563,19 @@ def _settled(contact: FrictionState, search: Search, here: AtRest,
     sliding = _sliding(search, here, resting, sets.right)
     settled = sets.right * sliding.nothing
     directions = sliding.directions
+    trials = search.trials
     if contact.constrained:
         saturated = _saturated(contact, resting, search.directions, here)
         directions = _selected(settled, saturated, directions)
+    if contact.drops:
+        tried = _tried(contact, search, here, saturated)
+        tries = settled * (1.0 - tried.nothing)
+        directions = _selected(tries, tried.directions, directions)
+        settled = settled - tries
+        trials = trials + tries
 
     # For the others that rest, the problem is then another one.
-    starts_again = sets.right * (1.0 - sliding.nothing)
+    starts_again = sets.right * (1.0 - settled)
     k = len(contact.joints)
     held = _selected(starts_again, np.ones(k), sets.held)
     at_largest = _selected(starts_again, np.zeros(k), sets.at_largest)
@@ -574,10 +587,12 @@ def _settled(contact: FrictionState, search: Search, here: AtRest,
     for rests in still:
         holds = _largest(holds, rests)
     short = 1.0 - (SHORT * step < step - search.passed)
-    return search._replace(phase=select(settled > 0.5, BEGIN, SETTLE),
+    refused = trials > TRIALS * k + 0.5
+    return search._replace(phase=select(settled > 0.5, BEGIN, SETTLE), trials=trials,
                            directions=directions, sides=here.touching * still,
                            rates=here.rates, holds=holds, held=held,
-                           at_largest=at_largest, end=settled * short * DONE)
+                           at_largest=at_largest,
+                           end=select(refused, REFUSED, settled * short * DONE))
 
 
 class _Sets(NamedTuple):
@@ -635,6 +650,62 @@ def _sliding(search: Search, here: AtRest, resting: list[Scalar],
         nothing = nothing * (1.0 - begins)
         directions.append(select(begins > 0.5, _sign(a), direction))
     return _Sliding(np.array(directions), nothing)
+
+
+def _tried(contact: FrictionState, search: Search, here: AtRest,
+           saturated: Vector) -> _Sliding:
+    """
+    Return directions as `FrictionState._returns`, else as `FrictionState._break_away`.
+
+    `saturated` are the directions that joints at their bounds have otherwise.
+    """
+    of_drops = [_magnitudes(row) @ contact.drop for row in here.A]
+
+    # The first joint that does not accelerate in its direction of sliding is held.
+    returning: Scalar = 0.0
+    reached: Scalar = 0.0
+    directions = []
+    for j, direction in enumerate(search.directions):
+        is_at_bound = direction * direction > 1.5
+        reached = _largest(reached, is_at_bound)
+        zero = NEGLIGIBLE * (of_drops[j] + here.size)
+        least = -zero
+        if contact.drop[j]:
+            least = select(is_at_bound, -zero, zero)
+        starts = (direction * direction > 0.5) * (
+            1.0 - (2.0 * contact.slow[j] < magnitude(here.rates[j])))
+        wrong = starts * (1.0 - (least < _sign(direction) * here.a[j]))
+        changes = wrong * (1.0 - returning)
+        returning = _largest(returning, wrong)
+        directions.append(select(changes > 0.5, 0.0, direction))
+
+    # The accelerations due to the drops, while joints at rest are held by any force.
+    at_bounds = []
+    drops = []
+    for direction, drop in zip(saturated, contact.drop):
+        is_at_bound = direction * direction > 1.5
+        at_bounds.append(is_at_bound)
+        drops.append(select(is_at_bound, _sign(direction) * drop, 0.0))
+    response = here.A @ np.array(drops)
+    held = [rests > 0.5 for rests in _resting(saturated)]
+    response = response - here.A @ masked_solution(here.A, held, response)
+
+    # Those whose friction drops along the motion break away together.
+    breaks: Scalar = 0.0
+    sliding = []
+    for direction, is_at_bound, a, size in zip(saturated, at_bounds, response, of_drops):
+        begins = is_at_bound * (NEGLIGIBLE * size < _sign(direction) * a)
+        breaks = _largest(breaks, begins)
+        dropped = select(begins > 0.5, _sign(direction), 0.0)
+        sliding.append(select(is_at_bound, dropped, direction))
+    breaks = breaks * reached
+    changed = _selected(returning, np.array(directions), np.array(sliding))
+    return _Sliding(changed, (1.0 - returning) * (1.0 - breaks))
+
+
+def _magnitudes(values: Vector) -> Vector:
+    """Return the magnitudes of numbers."""
+    return np.array([magnitude(value) for value in values])
 
 
 def _selected(condition: Scalar, of_one: Vector, otherwise: Vector) -> Vector:
@@ -739,7 +810,8 @@ def _located(contact: FrictionState, search: Search, phase: Scalar,
     refused = _largest(hits, transitions > MOST - 0.5)
     ones = np.ones(len(contact.joints))
     after = search._replace(
-        phase=SETTLE, transitions=transitions, state=state, directions=np.array(directions),
+        phase=SETTLE, transitions=transitions, trials=0.0, state=state,
+        directions=np.array(directions),
         passed=search.passed + select(at_once, 0.0, search.high), held=ones,
         at_largest=0.0 * ones, end=refused * REFUSED)
     return _where(located, after, search)

@@ -4,6 +4,7 @@ from dataclasses import replace
 import itertools
 import json
 
+from coupled_sliders import exact_motion, random_sliders, Sliders, state_at
 from kane_dynamics import (absolute_rates, Closure, ComputedTorque, FlexibleLink, Inertial, Limits,
                            ModelBuilder, Motion, point_mass, PointVelocity, Robot, rod, simulate,
                            Trajectory)
@@ -11,7 +12,8 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.definition import kane
-from kane_dynamics.mechanics.friction import friction_torque, held_forces, holding_interval
+from kane_dynamics.mechanics.friction import (AT_BOUND, friction_torque, held_forces,
+                                              holding_interval)
 from kane_dynamics.simulation.sticking import sticking_steps, transition_kernel
 from kinds_of_mechanism import case, elastic_case, torque_of
 from linkages import at_angle, four_bar_model, PIN, sleigh
@@ -365,6 +367,57 @@ def test_native_transitions_of_a_loop_are_those_of_the_readable_search(monkeypat
     np.testing.assert_array_equal(native.sticking, readable.sticking)
     assert 0 < native.sticking.all(axis=1).sum() < len(native.t) - 50
     check_fields(robot, native, samples=60, tolerance=1e-7, sticking=True)
+
+
+def follows_the_exact_motion(sliders, u0, step=1e-2):
+    """Require the exact motion of coupled sliders, and return the simulation."""
+    phases = exact_motion(sliders, u0, 3.0)
+    robot = sliders.robot()
+    run = exact(robot, np.zeros(robot.n_q), u0, 3.0, step=step, sample=0.05,
+                torque=sliders.torque)
+    q, u = zip(*(state_at(phases, t) for t in run.t))
+    np.testing.assert_allclose(run.u, u, atol=2e-9)
+    np.testing.assert_allclose(run.q[:, 1:1 + len(u0)], q, atol=4e-9)
+    return run
+
+
+# Of one to three speeds; several transitions, or one at which others are at their bounds.
+@pytest.mark.parametrize('seed', [3, 7, *(
+    pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1, 5, 6, 8, 9, 10))])
+def test_coupled_joints_break_away_when_no_forces_hold_them(seed):
+    sliders = random_sliders(seed)
+    run = follows_the_exact_motion(sliders, np.zeros(sliders.T.shape[1]))
+    assert run.sticking.any() and not run.sticking.all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', [3, 7, 9])
+def test_the_readable_search_breaks_coupled_joints_away_at_the_same_time(monkeypatch, seed):
+    search_in_python(monkeypatch)
+    sliders = random_sliders(seed)
+    follows_the_exact_motion(sliders, np.zeros(sliders.T.shape[1]))
+
+
+def test_coupled_joints_at_their_bounds_stay_at_rest_when_the_load_turns():
+    sliders = Sliders(np.ones((2, 1)), np.ones(2), np.array([0.2, 0.2]), np.array([1.0, 0.7]),
+                      np.zeros(3), np.zeros(1))
+    robot = sliders.robot()
+    # Less than the sum of both bounds, 1.7 N; the first one alone has reached its own.
+    torque = np.repeat([1.5, -1.5, 1.65, -1.65, 1.7], 20)[:, None]
+    run = exact(robot, np.zeros(robot.n_q), [0.0], 0.1, torque=torque)
+    assert run.sticking[:, 1:].all() and (run.u == 0.0).all()
+
+
+def test_joints_without_a_drop_keep_their_friction_where_their_master_is_at_its_bound():
+    builder = ModelBuilder('gripper', gravity=(0, 0, 0))
+    builder.body('left', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0),
+                 friction=2.0, breakaway_friction=3.0)
+    builder.body('right', kind='prismatic', axis=(-1, 0, 0), inertial=point_mass(1.0),
+                 friction=0.5, mimic='left', multiplier=-1.0)
+    equations = Robot(builder.model()).equations
+    for direction, friction in ((1.0, 2.5), (AT_BOUND, 3.5), (-AT_BOUND, -3.5)):
+        force = equations.tree.friction_force([0.0], None, np.array([direction]))
+        np.testing.assert_allclose(force, [friction])
 
 
 @pytest.mark.slow
