@@ -7,8 +7,13 @@ independently of the others, the torque of each actuator lies within tau_0 +- |Y
 and reaches both ends: the bounds are exact for the box.
 
 The friction speed enters nonlinearly and is taken as known; so are quadratic damping and
-what breakaway friction exceeds Coulomb friction by. With load friction the torque is not
-linear in the inertial parameters, and there are no such bounds.
+what breakaway friction exceeds Coulomb friction by.
+
+With load friction, tau = L + friction(v, L), where the load L is linear in the inertial
+parameters and in the armatures, and lies within L_0 +- delta_L. At a given rate the right
+side is linear on either side of L = 0. Its extremes are therefore at the ends of the
+interval of loads, or at zero where that is inside; the other terms of friction add their own
+half-widths. These bounds are exact, too, but not symmetric about tau_0.
 """
 
 from __future__ import annotations
@@ -27,8 +32,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.mechanics.friction import (coulomb_levels, friction_torque,
-                                              refuse_load_friction)
+from kane_dynamics.mechanics.friction import (carries_loads, coulomb_levels,
+                                              friction_torque, refuse_load_friction)
 from kane_dynamics.mechanics.recursive.regressor import parameters_of, pseudo_inertia_of
 from kane_dynamics.model.model import FRICTION as LAW_FIELDS, Inertial, Joint, Model, WORLD
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -286,7 +291,9 @@ class OfSameBox:
 def torque_bounds(robot: Any, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
                   uncertainty: Uncertainty, wrench: Any, t: ArrayLike) -> TorqueBounds:
     """Return the smallest and the largest torque; see `Robot.torque_bounds`."""
-    if wrench is None:
+    if wrench is None or _is_loaded(robot):
+        if wrench is not None:
+            refuse_load_friction(robot.model, 'torque_bounds with a wrench')
         return TorqueBounds(_of_box(robot, BOUNDS, (q, u, udot), uncertainty, t))
     deviation = torque_deviation(robot, q, u, udot, uncertainty, t)
     torque = robot.inverse_dynamics(q, u, udot, wrench=wrench, t=t)
@@ -355,12 +362,22 @@ def _compiled(robot: Any, place: tuple[str, str]) -> Callable[..., Any]:
     if robot.model.flexible:
         raise InputError('robot: with beams; expected a rigid one, as the torque of '
                          'beams is not linear in their parameters')
-    if robot.friction:
-        refuse_load_friction(robot.model, 'torque_bounds')
+    # Half-widths of bounds that are not symmetric, and loads of the drives of a mechanism,
+    # are not stated by one number.
+    if _is_loaded(robot):
+        if place != BOUNDS:
+            refuse_load_friction(robot.model, 'uncertainty')
+        if not robot.equations.in_joint_rates:
+            refuse_load_friction(robot.model, 'torque_bounds of chosen speeds or constraints')
     kernel = _kernel(robot, place)
     entry: Callable[..., Any] = kernel.entry('', kernel)
     robot._entries[place] = entry
     return entry
+
+
+def _is_loaded(robot: Any) -> bool:
+    """Return whether the friction of any joint depends on the torque that it transmits."""
+    return bool(robot.friction and carries_loads(robot.model))
 
 
 def _kernel(robot: Any, place: tuple[str, str]) -> Kernel:
@@ -371,6 +388,8 @@ def _kernel(robot: Any, place: tuple[str, str]) -> Kernel:
     # parameters are linear.
     def bounds(q: Vector, u: Vector, udot: Vector, box: Vector, t: Scalar,
                parameters: Vector, limits: Vector) -> Matrix:
+        if equations.carries_loads:
+            return loaded_bounds(equations, q, u, udot, box, parameters, t)
         torque = equations.inverse_dynamics(q, u, udot, None, parameters, t)
         deviation = deviation_law(equations, q, u, udot, box, parameters, t)
         return guarded_result(np.stack([torque - deviation, torque + deviation]), q, t,
@@ -405,6 +424,33 @@ def _kernel(robot: Any, place: tuple[str, str]) -> Kernel:
     kernel: Kernel = robot.kernels.compiled(law, place[0], inputs, shape,
                                             reason=explanation)
     return kernel
+
+
+def loaded_bounds(equations: Equations, q: Vector, u: Vector, udot: Vector, box: Vector,
+                  parameters: Vector, t: Scalar) -> Matrix:
+    """Return the least and the largest torque of a tree with load friction, (2, n)."""
+    tree = equations.tree
+    bodies = len(equations.model.bodies)
+    # The numbers of the box on which loads depend: all but those of friction.
+    of_loads = np.ones(box_size(bodies))
+    losses = of_loads[-len(LOSSES) * bodies:].reshape(len(LOSSES), bodies)
+    losses[:len(FRICTION)] = 0.0
+    load = tree.rigid_dynamics(q, u, udot, None, parameters)
+    of_load = deviation_law(equations, q, u, udot, of_loads * box, parameters, t)
+    of_friction = deviation_law(equations, q, u, udot, (1.0 - of_loads) * box, parameters, t)
+
+    # The torque as a function of the load has a kink at zero: the load in the interval
+    # that is nearest to zero is a place of an extreme, beside both ends.
+    least = load - of_load
+    largest = load + of_load
+    nearest = np.array([select(low > 0.0, low, select(high < 0.0, high, 0.0))
+                        for low, high in zip(least, largest)])
+    lower = upper = least + tree.friction_force(u, least)
+    for loads in (nearest, largest):
+        torque = loads + tree.friction_force(u, loads)
+        lower = np.array([select(x < y, x, y) for x, y in zip(torque, lower)])
+        upper = np.array([select(x < y, y, x) for x, y in zip(torque, upper)])
+    return np.stack([lower - of_friction, upper + of_friction])
 
 
 def deviation_law(equations: Equations, q: Vector, u: Vector, udot: Vector, box: Vector,

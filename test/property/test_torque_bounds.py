@@ -4,10 +4,12 @@ from dataclasses import replace
 from statistics import median
 from time import perf_counter
 
-from kane_dynamics import Inertial, InputError, load_urdf, Robot, Uncertainty
+from kane_dynamics import (absolute_rates, Inertial, InputError, load_urdf, Robot,
+                           Uncertainty)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.mechanics.recursive.regressor import (inertial_parameters, parameters_of,
                                                          pseudo_inertia_of)
+from kane_dynamics.robot.torque_bounds import torque_deviation
 from kinds_of_mechanism import case, KINDS
 from mechanisms import random_model
 import numpy as np
@@ -253,6 +255,49 @@ def test_boxes_of_other_robots_are_refused():
         bare.torque_bounds(c.q, c.u, c.udot, Uncertainty.of(bare.model, payload_mass=1.0))
 
 
+@pytest.mark.parametrize('loaded', [True, False])
+@pytest.mark.parametrize('backdriven', [0.05, 0.4, 1.3])  # of the last, no load moves the drive
+def test_bounds_with_load_friction_are_reached(backdriven, loaded):
+    law = {'damping': 1.0, 'friction': 2.0, 'armature': 0.5, 'load_friction': 0.2,
+           'load_friction_backdriven': backdriven}
+    model = random_model(3, 3, branching=0.0)
+    model = replace(model, bodies=tuple(
+        replace(body, joint=replace(body.joint, **law)) for body in model.bodies))
+    robot = Robot(model)
+    box = box_of(model)
+    rng = np.random.default_rng(1)
+    q, u, udot = rng.uniform(-2.0, 2.0, (3, 3))
+    bare = Robot(model, friction=False)
+    if not loaded:  # loads of zero, where friction of the load has its kink
+        udot = bare.forward_dynamics(q, u, np.zeros(3))
+    bounds = robot.torque_bounds(q, u, udot, box)
+    Y = robot.regressor(q, u, udot)
+    load = bare.inverse_dynamics(q, u, udot)
+
+    def torque(row, load_share, friction_sign):
+        """Return the torque of a joint at a share of its load's half-width."""
+        inertial_signs = np.sign(Y[row]).reshape(-1, 10)
+        friction = friction_sign * np.array([np.sign(u), np.sign(u), np.ones(3)])
+        changed = at_vertex(robot, box, load_share * inertial_signs,
+                            [*friction, load_share * np.sign(udot)])
+        return torque_of(changed, q, u, udot, 0.0)[row]
+    for row in range(3):
+        width = np.abs(Y[row]) @ box.inertial.ravel() + abs(udot[row]) * box.armature[row]
+        shares = [-1.0, 1.0]
+        if abs(load[row]) < width:
+            shares.append(-load[row] / width)
+        assert (len(shares) == 3) is not loaded
+        scale = np.abs(bounds.upper).max() + np.abs(bounds.lower).max()
+        largest = max(torque(row, share, 1.0) for share in shares)
+        least = min(torque(row, share, -1.0) for share in shares)
+        assert abs(bounds.upper[row] - largest) < 1e-10 * scale
+        assert abs(bounds.lower[row] - least) < 1e-10 * scale
+        # Nothing between is beyond them.
+        for share in np.linspace(-1.0, 1.0, 21):
+            between = torque(row, share, rng.uniform(-1.0, 1.0))
+            assert least - 1e-10 * scale < between < largest + 1e-10 * scale
+
+
 def test_bounds_know_the_whole_law_of_friction_and_refuse_friction_of_the_load():
     model = random_model(2, 3, branching=0.0)
     body, *others = model.bodies
@@ -266,8 +311,15 @@ def test_bounds_know_the_whole_law_of_friction_and_refuse_friction_of_the_load()
     assert 0.5 * (bounds.upper - bounds.lower)[0] == pytest.approx(width, rel=1e-12)
     loaded = replace(model, bodies=(replace(body, joint=replace(
         body.joint, load_friction=0.1)), *others))
-    with pytest.raises(InputError, match=r'torque_bounds: joint .* has load friction'):
-        Robot(loaded).torque_bounds(q, u, udot, Uncertainty.of(loaded, mass=0.1))
+    # Where they are no numbers on both sides of one torque, or loads are not those of joints.
+    box = Uncertainty.of(loaded, mass=0.1)
+    framed = Robot(loaded, wrench_frames=['frame2'])
+    with pytest.raises(InputError, match=r'torque_bounds with a wrench: joint .* load friction'):
+        framed.torque_bounds(q, u, udot, box, wrench=np.zeros((1, 6)))
+    with pytest.raises(InputError, match=r'torque_bounds of chosen speeds.* load friction'):
+        Robot(loaded, speeds=absolute_rates).torque_bounds(q, u, udot, box)
+    with pytest.raises(InputError, match=r'uncertainty: joint .* load friction'):
+        torque_deviation(Robot(loaded), q, u, udot, box)
 
 
 @pytest.mark.parametrize('rate', [-0.8, 0.8])
