@@ -40,6 +40,7 @@ import numpy as np
 ROWS = ('gear_torque', 'gear_torque_rate', 'gear_torque_acceleration', 'motor_position',
         'motor_speed', 'motor_acceleration', 'motor_torque')
 WHAT = 'elastic feedforward'
+MOST_ROWS = 10_000_000  # of a motion
 TRIES = 50  # configurations for that check
 INSTANT = 0.3  # s, at which it is checked that constraints do not depend on motors
 GRAVITY_RATES = np.zeros((2, 3)).astype(object)  # of a base at rest
@@ -241,8 +242,12 @@ class ElasticFeedforward:
         start = float(motion.times[0])
         step = number(step, 'step', 'a positive number, s, of at most the duration',
                       lambda h: 0.0 < h <= motion.duration - start)
+        intervals = (motion.duration - start) / step
+        if intervals > MOST_ROWS:
+            raise InputError(f'step: {step:g} s for a motion of {motion.duration - start:g} s; '
+                             f'expected at most {MOST_ROWS} rows')
         # A last step that ends beyond the motion is evaluated at its end.
-        count = round((motion.duration - start) / step) + 1
+        count = round(intervals) + 1
         times: Array = start + step * np.arange(count, dtype=np.float64)
         state = motion.sample(np.minimum(times, motion.duration))
         rows, links = self.rows_along(times, state, motion.joint_names, deflection)

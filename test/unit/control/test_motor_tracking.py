@@ -112,5 +112,7 @@ def test_arguments_are_checked():
         MotorTracking(feedforward, turn, kp=1.0, kd=1.0, lead=-1.0)
     with pytest.raises(InputError, match='step'):
         MotorTracking(feedforward, turn, kp=1.0, kd=1.0, step=0.0)
+    with pytest.raises(InputError, match='10000000 rows'):
+        MotorTracking(feedforward, turn, kp=1.0, kd=1.0, step=1e-300)
     with pytest.raises(InputError, match='motion'):
         MotorTracking(feedforward, MOVE, kp=1.0, kd=1.0)
