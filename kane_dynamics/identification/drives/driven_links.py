@@ -89,18 +89,19 @@ class DrivenLinks:
             bodies.append(body)
         links = replace(self.model, bodies=tuple(bodies))
         given = self._given
-        if not self.has_loops:
-            robot = Robot(links, friction=False)
+        if not isinstance(given, Robot):
+            return Robot(links, friction=False)
+        if self.has_loops:
+            robot = self._in_driven_rates(links, given)
         else:
-            robot = self._in_driven_rates(links)
-        if isinstance(given, Robot):
-            robot.parameters.gravity = given.parameters.gravity
+            robot = Robot(links, friction=False, payload_frame=given.options['payload_frame'])
+        robot.parameters.gravity = given.parameters.gravity
+        if given.parameters.payload is not None:
+            robot.parameters.payload = given.parameters.payload
         return robot
 
-    def _in_driven_rates(self, links: Model) -> Robot:
+    def _in_driven_rates(self, links: Model, given: Robot) -> Robot:
         """Return the robot with closed loops whose speeds are the driven joints' rates."""
-        given = self._given
-        assert isinstance(given, Robot)
         count = len(self.joint_names)
         if count > given.n:
             raise InputError(f'recording: {count} drives of a mechanism with {given.n} '
@@ -112,8 +113,6 @@ class DrivenLinks:
         if robot.equations.timed:
             raise InputError('model: constraints that depend on time; expected constant '
                              'ones, because the times of a recording have another origin')
-        if given.parameters.payload is not None:
-            robot.parameters.payload = given.parameters.payload
         return robot
 
     def motion(self, t: Array, q: Array, u: Array, udot: Array,

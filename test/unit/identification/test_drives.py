@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from elastic_arm import (large_motion, Noise, simulated, small_vibration, softening, Truth,
                          URDF)
-from kane_dynamics import Drive, InputError, load_urdf, ModelWarning, with_drives
+from kane_dynamics import Drive, InputError, load_urdf, ModelWarning, Robot, with_drives
 from kane_dynamics.identification import (DriveRecording, identify_drives,
                                           read_drive_recording)
 import numpy as np
@@ -134,6 +134,21 @@ def test_the_torque_of_the_links_determines_a_curve(model, stiffening):
                              segments=3)
     assert_stiffening_shoulder(result)
     assert np.allclose(result.rotor_inertia, [0.9, 0.3], rtol=0.01)
+
+
+def test_gravity_and_payload_of_a_robot_count(model, short):
+    recording = short.measured(1, use=('q', 'motor_torque'))
+    # The same arm, with a part of its second link as a payload, and gravity changed later.
+    whole = model.bodies[1].inertial
+    half = replace(whole, mass=0.5 * whole.mass, inertia=0.5 * whole.inertia)
+    bodies = model.bodies[0], replace(model.bodies[1], inertial=half)
+    weightless = replace(model, bodies=bodies, gravity=np.zeros(3))
+    robot = Robot(weightless, payload_frame='link1')
+    robot.parameters.gravity = model.gravity
+    robot.parameters.payload = half
+    expected = identify_drives(model, recording)
+    result = identify_drives(robot, recording)
+    np.testing.assert_allclose(result.stiffness, expected.stiffness, rtol=1e-9)
 
 
 def test_a_recording_is_checked(model, short):
