@@ -33,8 +33,9 @@ class MotorTracking:
     PD of the motors around the elastic feedforward along a motion, also of closed loops.
 
     The desired motion of the motors is computed once, at the construction, with the gravity
-    and the payload that the robot has then. Between its rows the motors' positions are quintics, the torques linear. Before and after the motion the
-    motors hold its ends; motors of damped drives come to rest after the links.
+    and the payload that the robot has then. Between its rows the motors' positions are
+    quintics, the torques linear. Before and after the motion the motors hold its ends; motors
+    of damped drives come to rest after the links.
 
     Parameters
     ----------
