@@ -350,6 +350,13 @@ class _Path:
         refused_state: Array | None = None
         if refused:
             refused_state = rows[computed + 1, :size]
+
+        # The begin of a step shows whether held joints broke away in the last one. After the
+        # last step it is examined here.
+        if computed == count and rows[count, size + 1] != EVENT and search[places.holds]:
+            now = FrictionModes(search[places.directions], search[places.sides])
+            if self.happens(rows[count, :size], done + count - 1, self._step, now):
+                return rows[:count], None, now
         return rows[:computed + 1], refused_state, None
 
     def _settled(self, state: Array, step: int) -> FrictionModes | None:

@@ -390,6 +390,12 @@ def test_coupled_joints_break_away_when_no_forces_hold_them(seed):
     assert run.sticking.any() and not run.sticking.all()
 
 
+def test_joints_that_break_away_in_the_last_step_of_native_code_do_so_at_the_exact_time():
+    # At 2.5553 s, in the 256th step: as many are computed at a time.
+    sliders = replace(random_sliders(20), torque=np.array([-2.55482818]))
+    follows_the_exact_motion(sliders, np.array([-0.15093434]))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', [3, 7, 9])
 def test_the_readable_search_breaks_coupled_joints_away_at_the_same_time(monkeypatch, seed):
