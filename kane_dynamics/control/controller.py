@@ -17,7 +17,7 @@ from kane_dynamics.control.computed_torque import (corrected_acceleration,
                                                    law_kernel, require_rigid)
 from kane_dynamics.control.followed_motion import FollowedMotion
 from kane_dynamics.control.quasi_static import QuasiStatic
-from kane_dynamics.control.stopping import state_after
+from kane_dynamics.control.stopping import motion_to_rest, state_after
 from kane_dynamics.control.terms import EVERY_TERM, Mode, Terms
 from kane_dynamics.control.torque_blend import TorqueBlend
 from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
@@ -422,14 +422,7 @@ class Controller:
         It comes to rest after half its duration, s, times the speeds of the motion.
         """
         begin, speeds, _ = self._motion.desired(motion, moment)
-        return self._stop_from(begin, speeds, duration)
-
-    def _stop_from(self, begin: Array, speeds: Array, duration: float) -> Motion:
-        """Return the motion that brings the joints that follow to rest."""
-        end = begin + 0.5 * duration * speeds
-        rest = 0.0 * speeds
-        return Motion.from_points([0.0, duration], [begin, end], [speeds, rest],
-                                  [rest, rest], joint_names=self._follow)
+        return motion_to_rest(begin, speeds, duration, self._follow)
 
     def stopping_motion(self, q: Array, u: Array, tau: Array, elapsed: float,
                         duration: float, t: float = 0.0) -> Motion:
@@ -458,7 +451,7 @@ class Controller:
         """
         q_end, _, rates = self._state_after(q, u, tau, elapsed, t)
         begin = q_end[list(self._motion.places)]
-        return self._stop_from(begin, rates, duration)
+        return motion_to_rest(begin, rates, duration, self._follow)
 
     def predicted_state(self, q: Array, u: Array, tau: Array, duration: float,
                         t: float = 0.0) -> tuple[Array, Array]:

@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 
-from kane_dynamics._util.typing import Scalar, Vector
+from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.traced_laws import motion_torque
 from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
 
@@ -145,3 +146,12 @@ def stopping_motion(q: Vector, u: Vector, elapsed: Scalar, duration: Scalar
     rate = 1.0 - 3.0 * x * x + 2.0 * x * x * x
     change = 6.0 * (x * x - x) / duration
     return q + passed * u, rate * u, change * u
+
+
+def motion_to_rest(q: Array, u: Array, duration: float, joint_names: Sequence[str]
+                   ) -> Motion:
+    """Return `stopping_motion` of joints as a motion, of a duration in s."""
+    end = q + 0.5 * duration * u
+    at_rest = 0.0 * u
+    return Motion.from_points([0.0, duration], [q, end], [u, at_rest],
+                              [at_rest, at_rest], joint_names=joint_names)

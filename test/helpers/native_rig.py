@@ -96,7 +96,7 @@ class Side:
                 'commanding': path.commanding, 'fault': path.fault,
                 'lost': self.loops is not None and self.loops.lost,
                 'commands': len(self.commands.sent), 'counted': self.statistics.commands,
-                'clamped': self.statistics.clamped, 'known': path.states.known,
+                'clamped': self.statistics.clamped, 'known': path.known,
                 'motion': path.active_motion.scheduled[0] is not None}
 
 

@@ -584,7 +584,7 @@ class ConfiguredRobot:
             if self.path.loops is not None:
                 self.path.loops.update(values)
             if self.modes.update(values):
-                self.path.controller.blend()
+                self.path.blend()
             self.path.controller.update(**path_settings(values, self.robot))
             self.path.set_limits(values)
         if self._targets is not None:

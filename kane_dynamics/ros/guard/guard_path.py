@@ -4,19 +4,23 @@ from collections.abc import Callable, Mapping
 import time
 from typing import Any
 
+from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.controller import Controller, Mode
-from kane_dynamics.control.torque_limiter import Command
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.guard.node_watch import NodeWatch
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings, per_joint
+from kane_dynamics.ros.torque_path import cycle_rules
 from kane_dynamics.ros.torque_path.cdr import joint_state_of_efforts, STAMP, STAMP_AT
 from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader
+from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, PathState,
+                                                       torques_within_limits)
 from kane_dynamics.ros.torque_path.guard_messages import LOST
 from kane_dynamics.ros.torque_path.path_controller import rate_limit
-from kane_dynamics.ros.torque_path.torque_path import FALSE, TorquePath
+from kane_dynamics.ros.torque_path.state_check import NEVER
+from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
 from rclpy.publisher import Publisher
 
@@ -109,14 +113,14 @@ class GuardPath(TorquePath):
     def on_state(self, data: bytes) -> None:
         """Check one serialized JointState; command while the guard acts."""
         super().on_state(data)
-        self.commanding &= self.watch.acting
+        self.commanding = self.commanding and self.watch.acting
         if self._pending_report:  # after the command, which must not wait for the log
             text = self._pending_report
             self._pending_report = ''
             self._report('error', text)
 
-    def _command(self, stamp: int, motion: Motion | None, moment: float,
-                 external: Array | None) -> Command:
+    def _torque(self, stamp: int, motion: Motion | None, moment: float,
+                external: Array | None) -> Array:
         """Return the guard's torques at the latest state."""
         controller = self.controller
         reader = self._reader
@@ -152,7 +156,7 @@ class GuardPath(TorquePath):
                                     f"commanding '{values['guard.action']}'")
         if elapsed < self._ramp:
             tau = tau + (1.0 - elapsed / self._ramp) * self._offset
-        return controller.limit(stamp / NANO, tau)
+        return tau
 
     def on_torques(self, data: bytes) -> None:
         """Note a command of the node, a serialized JointState."""
@@ -176,12 +180,14 @@ class GuardPath(TorquePath):
                          'the dynamics node commands without a request; watching it')
         self.commanding = False
         if self.fault and torque.any() and not self.watch.armed:
-            self._forget_states()  # the node was activated again and accepts the states
+            # The node was activated again and accepts the states.
+            self._change(cycle_rules.forgotten)
         if self.loops is not None and self.loops.lost:
             self.loops.restart()  # the node knows the assembly mode again
         # It acts from its state on; a stamp ahead must not delay what follows.
         self._last_command = min(stamp or self._now(), self._now())
-        self._predict(self._last_command)
+        if self._refusing:
+            self._predict(self._last_command)
         self.watch.note_node_command(torque, now)
 
     def on_stopped(self) -> None:
@@ -226,30 +232,31 @@ class GuardPath(TorquePath):
         """Command what the parameters say, from the next impossible state on."""
         self.watch.take_over(now)
         self._took_over = self._now()
+        # The torque does not change until the next state, where another stop begins from
+        # where the model says that the arm is.
         self.resume(self.watch.torque)
-        self.controller.resume(self._last_heard / NANO, self.messages.last)
-        # Another stop begins where the model says that the arm is at the next state.
-        self._stop = None
+        self._change(lambda path: cycle_rules.resumed(path, 1.0, path.last_heard)._replace(
+            stop_began=NEVER))
         self._report('error',
                      f'no command for {self.watch.silent_for * 1e3:.1f} ms, and joint '
                      f'states are impossible ({self.fault}): {self.reaction}')
 
     # The motion that is not measured.
 
-    def _keep(self, stamp: int, now: int) -> None:
-        """Keep the state as the last accepted one, from which a prediction begins."""
-        super()._keep(stamp, now)
-        self._predicted = self._accepted(), self._accepted_speeds(), self.states.stamp
-
-    def _forget_states(self) -> None:
-        super()._forget_states()
-        self._predicted = None
-
-    def _refuse(self, reason: str, detail: str, now: int) -> None:
+    def _refuse(self, code: int, reason: str, detail: str, now: int) -> None:
         """Refuse a state; the model says where the arm is meanwhile."""
-        self._refused_since = self._refused_since or now
+        if not self._refusing:
+            self._predicted = self._last_accepted
         self._predict(self._last_heard)
-        super()._refuse(reason, detail, now)
+        super()._refuse(code, reason, detail, now)
+
+    @property
+    def _last_accepted(self) -> tuple[Array, Array, int] | None:
+        """Return the last accepted state and its time, ns; None without one."""
+        if not self.known:
+            return None
+        stamp = round(float(self._memory.path.states.stamp)) + self._epoch
+        return self._accepted(), self._accepted_speeds(), stamp
 
     def _predict(self, moment: int) -> None:
         """
@@ -258,7 +265,7 @@ class GuardPath(TorquePath):
         Called before each change of the torque, so that every torque counts for as long
         as it acted.
         """
-        if self._predicted is None or not self._refused_since:
+        if self._predicted is None:
             return
         q, u, since = self._predicted
         if moment <= since:
@@ -283,65 +290,58 @@ class GuardPath(TorquePath):
     @property
     def _node_has_stopped_it(self) -> bool:
         """Return whether the node's stop was over when it commanded last."""
-        if self._stop is None or self.watch.commanded_last:
+        began = float(self._memory.path.stop_began)
+        if began <= NEVER or self.watch.commanded_last:
             return False
-        _, began = self._stop
-        return self._last_command - began > self._stop_time * NANO
+        return self._last_command - self._epoch - began > self._stop_time * NANO
 
-    def _stopping_motion(self, moment: int) -> Motion:
-        """Return the stop from where the model says that the arm is, at a time, ns."""
-        self._predict(moment)
+    def reached(self, path: PathState, elapsed: Scalar, parameters: Vector) -> Vector:
+        """Return where the model says that the arm is, and how fast, as `StopRules`."""
         if self._predicted is None:
-            return self._rest()
+            return np.full(len(path.stop), np.nan)
         q, u, _ = self._predicted
-        return self.controller.stopping_motion(q, u, self._acting(), 0.0, self._stop_time,
-                                               moment / NANO)
+        return self._reached_from(q, u, 0.0)
 
-    def _hold(self, moment: int) -> None:
+    def begin_hold(self, path: PathState, settings: CycleSettings, parameters: Vector
+                   ) -> PathState:
         """
-        Command the torque of the stop, which a takeover begins, at a time, ns.
+        Command the torque of the stop, which a takeover begins.
 
         The torque is that of the normal law at the predicted state: the prediction has
         the limits of commands, and that they are constant between two states.
         """
         # The stop goes on from where the arm is predicted to be, without states.
-        if self._stop is None and self.states.known:
-            self._begin_stop(self.fault in FALSE)
-        if self._stop is None or self._predicted is None:
-            super()._hold(moment)
-            return
-        stop, began = self._stop
+        if path.stop_began <= NEVER:
+            path = cycle_rules.stopping(path, self, settings, parameters)
+        if self._predicted is None:
+            return super().begin_hold(path, settings, parameters)
+        stop, elapsed = self._stop_of(path, settings)
         q, u, _ = self._predicted
         controller = self.controller
         if controller.mode is not Mode.COMPUTED_TORQUE:
             controller.update(mode=Mode.COMPUTED_TORQUE)
         try:
-            tau = controller.torque(q, u, stop, max(moment - began, 0) / NANO, None,
-                                    moment / NANO)
-            command = controller.limit(moment / NANO, tau)
+            torque = controller.torque(q, u, stop, elapsed, None, self._last_heard / NANO)
         except (InputError, ConstraintError):  # along the stop alone
-            super()._hold(moment)
-            return
-        self._publish(command.tau, *divmod(moment, NANO))
+            return super().begin_hold(path, settings, parameters)
+        return torques_within_limits(path, self.messages.of_commanded(torque), settings)
 
     def _acting(self) -> Array:
         """Return the torques of all joints that act, (n_q,): those of the commander."""
         return self.messages.of_all(self.watch.torque)
 
-    def command_zeros(self) -> None:
-        """Command zeros immediately; a later command starts from them."""
-        super().command_zeros()
-        self._offset = np.zeros(len(self._offset))
+    def _send(self, stamp: int) -> None:
+        """Publish the torques, and note them; a command after zeros starts from them."""
+        super()._send(stamp)
+        self.watch.note(self._memory.tau.copy(), True)
+        if not self.commanding:
+            self._offset = np.zeros(len(self._offset))
 
-    def _publish(self, tau: Array, sec: int, nanosec: int) -> None:
-        super()._publish(tau, sec, nanosec)
-        self.watch.note(self.messages.of_commanded(tau), True)
-
-    def on_clock_jump(self) -> None:
-        """Forget the stamps of the time before the jump; torques continue."""
-        super().on_clock_jump()
-        self._took_over = self._now()
-        self.controller.resume(None, self.messages.of_all(self.watch.torque))
+    def _note_drop(self, before: PathState, path: PathState, now: int) -> bool:
+        """Say what happened; after a jump of the clock, a ramp begins again."""
+        if path.drops > before.drops and path.dropped_by == cycle_rules.BY_CLOCK:
+            self._took_over = now
+        return super()._note_drop(before, path, now)
 
     def stop(self, reason: str = '') -> None:
         """Ignore further states; command zeros if the guard commands."""

@@ -46,36 +46,17 @@ class CommandMessages:
         self._stamped_message = joint_command(self.joints, 'effort')
 
     def publish(self, tau: Array, sec: int, nanosec: int) -> None:
-        """Publish the torques of all joints, (n_q,), first the command."""
+        """Publish torques of the commanded joints, first the command."""
         # The command first: the other topics show what it was.
-        tau.take(self._places, out=self._command_message.numbers, mode='clip')
-        numbers = self._command_message.numbers
+        self._command_message.numbers[:] = tau
         self._commands.publish(self._command_message.serialized())
         if self._stamped is not None:
             self._stamped_message.stamp(sec, nanosec)
-            self._stamped_message.numbers[:] = numbers
+            self._stamped_message.numbers[:] = tau
             self._stamped.publish(self._stamped_message.serialized())
         self._torque_message.stamp(sec, nanosec)
-        self._torque_message.numbers[:] = numbers
+        self._torque_message.numbers[:] = tau
         self._torques.publish(self._torque_message.serialized())
-
-    def repeat(self) -> None:
-        """Publish the last torques again, with their stamp."""
-        self._commands.publish(self._command_message.serialized())
-        if self._stamped is not None:
-            self._stamped.publish(self._stamped_message.serialized())
-        self._torques.publish(self._torque_message.serialized())
-
-    def resume(self, tau: Array) -> None:
-        """Continue torques that another process published, by `repeat`."""
-        for message in (self._command_message, self._torque_message,
-                        self._stamped_message):
-            message.numbers[:] = tau
-
-    @property
-    def last(self) -> Array:
-        """Return the last torques of all joints, (n_q,)."""
-        return self.of_all(self._command_message.numbers)
 
     def of_commanded(self, tau: Array) -> Array:
         """Return the torques of the commanded joints, of all torques."""

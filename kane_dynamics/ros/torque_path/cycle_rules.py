@@ -3,24 +3,26 @@ The rules of one cycle of the native torque path, as functions over any scalar.
 
 A cycle judges a state, then answers or refuses it. Between states the path may time out.
 Each rule returns a new `PathState` for the last one, without a branch on a value, so
-that it is traced and compiled. `TorquePath` has the same rules for the interpreter; a
-test compares both on random states.
+that it is traced and compiled. `TorquePath` uses the same rules for the interpreter's
+path: those of every cycle compiled, the others on numbers.
 
 Times are nanoseconds since the start of the path, which a double holds exactly for 104
 days, and to 1 us for 280 years. Flags are 1 or 0.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
-from kane_dynamics._util.typing import Scalar, Vector
+from kane_dynamics._util.typing import Flags, Scalar, Vector
 from kane_dynamics.control.stopping import reached_state, stopping_torque
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.torque_blend import share_left
 from kane_dynamics.control.torque_limiter import within_effort, within_rates
 from kane_dynamics.control.traced_laws import Desired, LawInput, TracedLaw
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.flags import branch, either, finite, flag, packed
+from kane_dynamics.mechanics.algebra.flags import (branch, changed_if, either, finite,
+                                                   flag, packed)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.arbitration import (after_computing, Arbitration,
@@ -288,7 +290,25 @@ class Event(NamedTuple):
     steady: Scalar
 
 
-class ClosedLoopRules(Protocol):
+class StopRules(Protocol):
+    """Rules of the stop of an arm whose states are refused."""
+
+    def given_up(self, path: PathState) -> PathState:
+        """Return the path whose states are refused for longer than the grace time."""
+
+    def reached(self, path: PathState, elapsed: Scalar, parameters: Vector) -> Vector:
+        """
+        Return where the joints that are measured are some time after the last state, s.
+
+        The result is positions and rates, (2 n,), under the torque that acts.
+        """
+
+    def begin_hold(self, path: PathState, settings: CycleSettings, parameters: Vector
+                   ) -> PathState:
+        """Command the torque of the stop, or begin the search for its configuration."""
+
+
+class ClosedLoopRules(StopRules, Protocol):
     """The rules of closed loops, `LoopRules`."""
 
     def memory(self, path: PathState) -> Any:
@@ -299,15 +319,6 @@ class ClosedLoopRules(Protocol):
 
     def whole(self, path: PathState, desired: Desired) -> Desired:
         """Return a desired motion with the configuration that was found for it."""
-
-    def given_up(self, path: PathState) -> PathState:
-        """Return the path whose states are refused for long, maybe near a singularity."""
-
-    def reached(self, path: PathState, elapsed: Scalar, parameters: Vector) -> Vector:
-        """Return positions and rates of the joints that follow, some time later."""
-
-    def begin_hold(self, path: PathState, settings: CycleSettings) -> PathState:
-        """Begin the search for the configuration of the stop."""
 
 
 EVENT_SIZE = len(Event._fields)
@@ -383,21 +394,24 @@ def at_time(path: PathState, now: Scalar, settings: CycleSettings) -> PathState:
     torque that acts stays: from zero the limit of its rate would let the arm fall.
     """
     path = _with_new_law(path, settings)
-    # After a jump of the clock, stamps and motion of the time before mean nothing.
-    jumped = forgotten(resumed(dropped(path, BY_CLOCK), 0.0, NEVER))
-    jumped = jumped._replace(last_heard=now, last_stamp=NEVER)
     backward = flag(now < path.last_now)
     has_jumped = select(path.jumps < settings.jumps, 1.0, backward)
-    path = branch(has_jumped, jumped, path)
+    path = changed_if(has_jumped, path, partial(_after_jump, now=now))
     return path._replace(last_now=now, jumps=settings.jumps, publish=0.0,
                          reason=float(ACCEPTED), request=NO_REQUEST, retries=0.0,
                          searching=0.0, stops=0.0)
 
 
+def _after_jump(path: PathState, now: Scalar) -> PathState:
+    """Return the path for which stamps and motion of the time before mean nothing."""
+    jumped = forgotten(resumed(dropped(path, BY_CLOCK), 0.0, NEVER))
+    return jumped._replace(last_heard=now, last_stamp=NEVER)
+
+
 def _with_new_law(path: PathState, settings: CycleSettings) -> PathState:
     """Return the path whose law begins or changes, if the settings say so."""
     begins = flag(path.restarts < settings.restarts)
-    path = branch(begins, restarted(path), path)
+    path = changed_if(begins, path, restarted)
     changes = flag(path.blends < settings.blends) * flag(settings.blend_time > 0.0)
     path = branch(changes, path._replace(blending=1.0, blend_known=0.0), path)
     return path._replace(restarts=settings.restarts, blends=settings.blends)
@@ -434,20 +448,33 @@ def with_zeros(path: PathState, now: Scalar) -> PathState:
                                     publish=1.0, sent_at=now, request=STOPPED)
 
 
-def elapse(path: PathState, event: Event, settings: CycleSettings) -> PathState:
-    """Command zeros, once, if the last state in time has timed out, or if asked to."""
+def elapse(path: PathState, event: Event, settings: CycleSettings,
+           decide: Callable[[Arbitration, Scalar], Arbitration] = before_zeros
+           ) -> PathState:
+    """
+    Command zeros, once, if the last state in time has timed out, or if asked to.
+
+    `decide` says whether the node may command zeros at a steady time.
+    """
     now = event.now
     path = at_time(path, now, settings)
     late = flag(settings.timeout < now - path.last_heard) * (1.0 - path.timed_out)
     late = select(path.silences < settings.silences, 1.0, late)
+
     # torque_guard may hold the arm by now; after its answer, the next look decides.
-    decided = before_zeros(Arbitration(*path.arbitration), event.steady)
-    path = branch(late * path.commanding, _decided(path, decided), path)
-    late = late * either(path.commanding, decided.permitted, 1.0)
+    def asked(path: PathState) -> PathState:
+        return _decided(path, decide(Arbitration(*path.arbitration), event.steady))
+    path = changed_if(late * path.commanding, path, asked)
+    permitted = Arbitration(*path.arbitration).permitted
+    late = late * either(path.commanding, permitted, 1.0)
+    return changed_if(late, path, partial(_silent, now=now, settings=settings))
+
+
+def _silent(path: PathState, now: Scalar, settings: CycleSettings) -> PathState:
+    """Return the path whose states have timed out."""
     silent = forgotten(dropped(path, BY_TIMEOUT))._replace(
         timed_out=1.0, silences=settings.silences)
-    silent = branch(path.commanding, with_zeros(silent, now), silent)
-    return branch(late, silent, path)
+    return changed_if(path.commanding, silent, partial(with_zeros, now=now))
 
 
 # Who commands.
@@ -462,7 +489,7 @@ def permit(path: PathState, event: Event, state: Vector) -> PathState:
     asked = _decided(path, decided)
     accepted = flag(path.reason < 0.5)
     waits = accepted * (1.0 - decided.permitted)
-    asked = branch(waits, _waiting(asked, event, state), asked)
+    asked = branch(waits, waiting(asked, event, state), asked)
     # Only refused states of an arm that is commanded lead to a command.
     refused = flag(path.reason > NOT_FINITE - 0.5) * path.commanding
     return branch(either(accepted, 1.0, refused), asked, path)
@@ -472,7 +499,7 @@ def confirm(path: PathState, event: Event, state: Vector) -> PathState:
     """Keep a state for later whose command was late, so that the guard is asked again."""
     decided = after_computing(Arbitration(*path.arbitration), event.steady)
     asked = _decided(path, decided)
-    return branch(decided.permitted, asked, _waiting(asked, event, state))
+    return branch(decided.permitted, asked, waiting(asked, event, state))
 
 
 def hear(path: PathState, event: Event, numbers: Vector, settings: CycleSettings) -> PathState:
@@ -480,15 +507,21 @@ def hear(path: PathState, event: Event, numbers: Vector, settings: CycleSettings
     path = at_time(path, event.now, settings)
     known = heard(Arbitration(*path.arbitration), numbers, event.steady)
     noted = _decided(path, known)._replace(retries=known.retries)
-    acting = noted._replace(last_heard=event.now, commanding=1.0, tau=numbers[FIELDS:])
+    continued = taken_back(noted, event, numbers[FIELDS:], settings)
+    noted = branch(known.answered * known.resumes, continued, noted)
+    return branch(finite(numbers), noted, path)
+
+
+def taken_back(path: PathState, event: Event, tau: Vector, settings: CycleSettings
+               ) -> PathState:
+    """Return the path that goes on from torques of another process, of now."""
+    acting = path._replace(last_heard=event.now, commanding=1.0, tau=tau)
     stamped = flag(path.last_stamp > NEVER)
     continued = resumed(acting, stamped, path.last_stamp)
     # As after a pause of the states, a motion ends with a silence that was too long.
     silent = flag(settings.timeout < event.steady - path.commanded_at)
     silent = silent * flag(path.commanded_at > 0.0)
-    continued = branch(silent, dropped(continued, BY_GUARD), continued)
-    noted = branch(known.answered * known.resumes, continued, noted)
-    return branch(finite(numbers), noted, path)
+    return branch(silent, dropped(continued, BY_GUARD), continued)
 
 
 def _decided(path: PathState, decided: Arbitration) -> PathState:
@@ -497,7 +530,7 @@ def _decided(path: PathState, decided: Arbitration) -> PathState:
     return path._replace(arbitration=np.array(decided), request=request)
 
 
-def _waiting(path: PathState, event: Event, state: Vector) -> PathState:
+def waiting(path: PathState, event: Event, state: Vector) -> PathState:
     """Return the path whose accepted state waits for torque_guard."""
     stamp = select(event.now < event.stamp, event.now, event.stamp)
     path = _kept(path, stamp, state)
@@ -507,11 +540,13 @@ def _waiting(path: PathState, event: Event, state: Vector) -> PathState:
 
 # A state.
 
-def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings) -> PathState:
+def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings,
+          turning: Flags) -> PathState:
     """
     Compare a state with the clock, the limits and the last state.
 
-    `state` is as long as `PathShape.state`.
+    `state` is as long as `PathShape.state`. Only joints that are `turning`, (n,), may
+    jump by whole turns: others need no comparison on the circle.
     """
     now = event.now
     stamp = event.stamp
@@ -519,8 +554,8 @@ def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings)
     path = at_time(path, now, settings)
     moment = select(now < stamp, now, stamp)
     # Judged at its stamp, but not in the future.
-    check = CheckSettings(settings.timeout, settings.compares, settings.turned,
-                          settings.bounds)
+    turned = np.where(turning, settings.turned, 0.0)
+    check = CheckSettings(settings.timeout, settings.compares, turned, settings.bounds)
     outcome, states = judged(path.states, moment, state, check)
     heard = path.with_states(states)._replace(last_heard=moment, reason=_reason(outcome))
     # Faults of the stamp say nothing about the arm, not even that it is heard.
@@ -573,18 +608,8 @@ def answer(robot: Robot, law: TracedLaw, path: PathState, event: Event, state: V
         q, u, stamp, desired, 1.0 - path.law_known, path.memory[:law.memory],
         settings.law[:law.settings], parameters, limits,
         _external(robot, q, event.now, settings)))
-    is_finite = finite(torque)
-    # Blended from the last command after a change, then limited in effort and in rate.
-    blended, path_then = _blended(path, stamp, torque, settings)
-    clamped, tau = _limited(path_then, stamp, blended, settings)
-    stamp_kept = select(event.now < stamp, event.now, stamp)
-    # Faults end with a command, and its stamp is that of the last one.
-    commanded = _kept(path_then, stamp_kept, state)._replace(
-        reason=float(ACCEPTED), publish=1.0, sent_at=stamp, last_stamp=stamp_kept,
-        refusing=0.0, fault=0.0, stop_began=NEVER, timed_out=0.0, commanding=1.0,
-        commanded_at=event.steady, limit_known=1.0,
-        limit_stamp=stamp, tau=tau, last=tau, clamped=_differ(clamped, blended),
-        rate_limited=_differ(tau, clamped), law_known=1.0,
+    commanded = answered(path, event, state, torque, settings)
+    commanded = commanded._replace(
         memory=np.concatenate([memory, path.memory[law.memory:]]))
     if law.holds:
         # The first state without a motion is the pose that is held next.
@@ -593,7 +618,24 @@ def answer(robot: Robot, law: TracedLaw, path: PathState, event: Event, state: V
     if loops is not None:
         # The first torque alone says that they are not determined.
         reason = either(finite(torque[1:]), float(REFUSED), reason)
-    return branch(is_finite, commanded, path._replace(reason=reason))
+    return branch(finite(torque), commanded, path._replace(reason=reason))
+
+
+def answered(path: PathState, event: Event, state: Vector, torque: Vector,
+             settings: CycleSettings) -> PathState:
+    """Command a finite torque of the law at an accepted state."""
+    stamp = event.stamp
+    # Blended from the last command after a change, then limited in effort and in rate.
+    blended, path_then = _blended(path, stamp, torque, settings)
+    clamped, tau = _limited(path_then, stamp, blended, settings)
+    stamp_kept = select(event.now < stamp, event.now, stamp)
+    # Faults end with a command, and its stamp is that of the last one.
+    return _kept(path_then, stamp_kept, state)._replace(
+        reason=float(ACCEPTED), publish=1.0, sent_at=stamp, last_stamp=stamp_kept,
+        refusing=0.0, fault=0.0, stop_began=NEVER, timed_out=0.0, commanding=1.0,
+        commanded_at=event.steady, limit_known=1.0,
+        limit_stamp=stamp, tau=tau, last=tau, clamped=_differ(clamped, blended),
+        rate_limited=_differ(tau, clamped), law_known=1.0)
 
 
 def _external(robot: Robot, q: Vector, now: Scalar, settings: CycleSettings
@@ -671,107 +713,132 @@ def _differ(x: Vector, y: Vector) -> Vector:
 
 # A refused state.
 
-def refuse(robot: Robot, terms: Terms, commanded: Sequence[int], path: PathState,
-           event: Event, settings: CycleSettings, parameters: Vector,
-           loops: ClosedLoopRules | None = None) -> PathState:
+def refuse(stop: StopRules, path: PathState, event: Event, settings: CycleSettings,
+           parameters: Vector) -> PathState:
     """
     Command what follows a state that is not answered; `path.reason` says why.
 
     The last command goes on during the grace time. After it the torques are zero, or
-    bring the arm to rest; with closed loops that torque follows from `LoopRules.hold`.
+    bring the arm to rest.
     """
     now = event.now
     reason = path.reason
     # Refused states are bridged for the grace period; longer ones end the motion.
     since = either(path.refusing, path.refused_since, now)
-    path_then = path._replace(refusing=1.0, refused_since=since)
-    if loops is not None:
-        # A motion that the loops cannot follow ends at once.
-        ends = flag(reason > REFUSED - 0.5)
-        path_then = branch(ends, dropped(path_then, BY_LOOPS), path_then)
+    refused = path._replace(refusing=1.0, refused_since=since)
+    # A motion without a torque, as one that the loops cannot follow, ends at once.
+    ends = flag(reason > REFUSED - 0.5)
+    refused = changed_if(ends, refused, partial(dropped, reason=BY_LOOPS))
     lasts = flag(settings.grace < now - since) * (1.0 - path.fault)
-    given_up = _given_up(path_then, reason, settings)
-    stopping = _stopping(robot, terms, commanded, given_up, reason, settings, parameters,
-                         loops)
-    confirmed = path_then.states.confirmed
-    stops = settings.holds * confirmed
-    begun = branch(stops, stopping, given_up)
-    if loops is not None:
-        begun = loops.given_up(begun)
-    path_then = branch(lasts, begun, path_then)
+    refused = changed_if(lasts, refused, partial(_given_up, stop=stop, settings=settings,
+                                                 parameters=parameters))
 
-    # The commands meanwhile: the last one within the grace period, then the held pose or
-    # zeros.
-    repeated = _repeated(path_then, settings)
-    if loops is None:
-        held = _held(robot, terms, commanded, repeated, settings, parameters)
-    else:
-        held = loops.begin_hold(repeated, settings)
-    held = branch(confirmed, held, repeated)
-    after_grace = branch(settings.holds, held, with_zeros(path_then, now))
-    commanded = branch(path_then.fault, after_grace, repeated)
     # Without the guard's permission nothing is commanded; states that are no refusal
     # change nothing.
-    permitted = Arbitration(*path.arbitration).permitted
-    path_then = branch(path_then.commanding * permitted, commanded, path_then)
-    return branch(flag(reason > NOT_FINITE - 0.5), path_then, path)
+    commands = refused.commanding * Arbitration(*path.arbitration).permitted
+    refused = changed_if(commands, refused,
+                         partial(_commanded, stop=stop, now=now, settings=settings,
+                                 parameters=parameters))
+    return branch(flag(reason > NOT_FINITE - 0.5), refused, path)
 
 
-def _given_up(path: PathState, reason: Scalar, settings: CycleSettings) -> PathState:
+def _given_up(path: PathState, stop: StopRules, settings: CycleSettings,
+              parameters: Vector) -> PathState:
     """Return the path when states are refused for longer than the grace."""
     faulty = dropped(path, BY_REFUSAL)._replace(fault=1.0)
     # A false state must not become possible because time passes.
-    is_false = flag(reason < OFF_BRANCH + 0.5)
+    is_false = flag(path.reason < OFF_BRANCH + 0.5)
     states = path.states
     faulty = faulty.with_states(states._replace(frozen_at=either(
         is_false, states.stamp + settings.grace, states.frozen_at)))
     # The torque goes on, but the pose that was held is left: meanwhile the arm can have
     # moved, and the position gain would throw it back.
     holds = path.commanding * settings.holds
-    return branch(holds, resumed(faulty, 1.0, path.last_heard), faulty)
+    faulty = branch(holds, resumed(faulty, 1.0, path.last_heard), faulty)
+    stops = settings.holds * states.confirmed
+    faulty = changed_if(stops, faulty, partial(stopping, stop=stop, settings=settings,
+                                               parameters=parameters))
+    return stop.given_up(faulty)
 
 
-def _repeated(path: PathState, settings: CycleSettings) -> PathState:
-    """Return the path that publishes its last torque again."""
-    # The limit of the rate counts from here on: the torque did not change until now.
-    _, last = _limited(path, path.last_heard, path.tau, settings)
-    repeated = path._replace(last=last, limit_known=1.0, limit_stamp=path.last_heard,
-                             publish=1.0)
-    return branch(path.fault, path._replace(publish=1.0), repeated)
-
-
-def _stopping(robot: Robot, terms: Terms, commanded: Sequence[int], path: PathState,
-              reason: Scalar, settings: CycleSettings, parameters: Vector,
-              loops: ClosedLoopRules | None) -> PathState:
+def stopping(path: PathState, stop: StopRules, settings: CycleSettings, parameters: Vector
+             ) -> PathState:
     """Return the path whose arm begins to stop, from where the model says that it is."""
     # Where the arm is by now, if it followed the last command since the last state.
     states = path.states
     q, u = np.split(states.accepted, 2)
     elapsed = (path.last_heard - states.stamp) / NANO
-    if loops is None:
-        tau = np.zeros(len(q), dtype=object)
-        tau[list(commanded)] = path.tau
-        reached = np.concatenate(reached_state(robot, terms, range(len(q)), q, u, tau,
-                                               elapsed, parameters))
-    else:
-        reached = loops.reached(path, elapsed, parameters)
+    reached = stop.reached(path, elapsed, parameters)
     # Without a finite prediction it is taken to stay.
     rest = np.concatenate([q, 0.0 * u])
-    stop = either(finite(reached), reached, rest)
-    began, speeds = np.split(stop, 2)
+    begin = either(finite(reached), reached, rest)
+    began, speeds = np.split(begin, 2)
     # The next accepted state is near where the arm comes to rest.
     end = began + 0.5 * settings.stop_time / NANO * speeds
-    is_false = flag(reason < OFF_BRANCH + 0.5)
+    is_false = flag(path.reason < OFF_BRANCH + 0.5)
     expected = either(is_false, np.concatenate([end, 0.0 * u]), states.accepted)
     path = path.with_states(states._replace(accepted=expected))
-    return path._replace(stop=stop, stop_began=path.last_heard)
+    return path._replace(stop=begin, stop_began=path.last_heard)
 
 
-def _held(robot: Robot, terms: Terms, commanded: Sequence[int], path: PathState,
-          settings: CycleSettings, parameters: Vector) -> PathState:
-    """Return the path that commands the torque that brings the arm to rest."""
-    torque = stopping_torque(robot, terms, *begun_stop(path, settings), parameters)
-    return torques_within_limits(path, torque[list(commanded)], settings)
+def _commanded(path: PathState, stop: StopRules, now: Scalar, settings: CycleSettings,
+               parameters: Vector) -> PathState:
+    """Return the path with the command at a refused state."""
+    # The last one within the grace period, then that of the stop or zeros.
+    repeated = _repeated(path, settings)
+    holds = path.fault * settings.holds * path.states.confirmed
+    held = changed_if(holds, repeated, partial(stop.begin_hold, settings=settings,
+                                               parameters=parameters))
+    ends = path.fault * (1.0 - settings.holds)
+    return changed_if(ends, held, lambda _: with_zeros(path, now))
+
+
+def _repeated(path: PathState, settings: CycleSettings) -> PathState:
+    """Return the path that publishes its last torque again."""
+    # The limit of the rate counts from here on: the torque did not change until now.
+    def counted(path: PathState) -> PathState:
+        _, last = _limited(path, path.last_heard, path.tau, settings)
+        return path._replace(last=last, limit_known=1.0, limit_stamp=path.last_heard)
+    return changed_if(1.0 - path.fault, path, counted)._replace(publish=1.0)
+
+
+class ModelStop:
+    """
+    The stop of an arm in joint rates, by its model.
+
+    Parameters
+    ----------
+    robot : Robot
+    terms : Terms
+        Terms of the commands.
+    commanded : sequence of int
+        The joints with actuators.
+
+    """
+
+    def __init__(self, robot: Robot, terms: Terms, commanded: Sequence[int]) -> None:
+        self._robot = robot
+        self._terms = terms
+        self._commanded = list(commanded)
+
+    def given_up(self, path: PathState) -> PathState:
+        """Return the same path."""
+        return path
+
+    def reached(self, path: PathState, elapsed: Scalar, parameters: Vector) -> Vector:
+        """Return positions and rates of the joints, some time after the last state."""
+        q, u = np.split(path.states.accepted, 2)
+        tau = np.zeros(len(q), dtype=object)
+        tau[self._commanded] = path.tau
+        return np.concatenate(reached_state(self._robot, self._terms, range(len(q)), q, u,
+                                            tau, elapsed, parameters))
+
+    def begin_hold(self, path: PathState, settings: CycleSettings, parameters: Vector
+                   ) -> PathState:
+        """Command the torque that brings the arm to rest."""
+        torque = stopping_torque(self._robot, self._terms, *begun_stop(path, settings),
+                                 parameters)
+        return torques_within_limits(path, torque[self._commanded], settings)
 
 
 def begun_stop(path: PathState, settings: CycleSettings

@@ -240,7 +240,8 @@ class LoopRules:
                                 tau, elapsed, parameters)
         return np.concatenate(reached)
 
-    def begin_hold(self, path: PathState, settings: CycleSettings) -> PathState:
+    def begin_hold(self, path: PathState, settings: CycleSettings, parameters: Vector
+                   ) -> PathState:
         """Begin the search for the configuration of the stop."""
         desired = self._stop(path, settings)
         return self._aimed(path._replace(stops=1.0), desired, settings)

@@ -23,12 +23,14 @@ from kane_dynamics.ros.torque_path import cycle_rules
 from kane_dynamics.ros.torque_path.cdr import (float64_multi_array, joint_command,
                                                joint_state_of_efforts, PreparedMessage,
                                                STAMP_AT)
-from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, Event, EVENT_SIZE,
+from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, Event, ModelStop,
                                                        PathShape, PathState)
 from kane_dynamics.ros.torque_path.guard_messages import FIELDS
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateLayout
 from kane_dynamics.ros.torque_path.loop_rules import LoopRules
+from kane_dynamics.ros.torque_path.path_memory import INPUTS, rule_kernel, WITH_PARAMETERS
 from kane_dynamics.ros.torque_path.rcl_functions import message_of, RclLoop
+from kane_dynamics.ros.torque_path.state_check import turning_joints
 from kane_dynamics.task_space.law_kernel import identifier
 import numpy as np
 from numpy.typing import NDArray
@@ -40,21 +42,6 @@ NAME = 'torque_path'  # of the thread
 INFO_SIZE = 256  # bytes, more than a message info has
 INPUTS_AT_MOST = 3  # subscriptions: of states, of torque_guard, of /clock
 DROPS = PathState._fields.index('drops')
-# The arguments of the rules, by the name of their kernel.
-INPUTS = {
-    'JUDGE': ('path', 'event', 'state', 'settings'),
-    'ANSWER': ('path', 'event', 'state', 'row', 'settings'),
-    'REFUSE': ('path', 'event', 'settings'),
-    'ELAPSE': ('path', 'event', 'settings'),
-    'PERMIT': ('path', 'event', 'state'),
-    'CONFIRM': ('path', 'event', 'state'),
-    'HEAR': ('path', 'event', 'numbers', 'settings'),
-    'CLOSE': ('path', 'event', 'state', 'settings'),
-    'CLOSING': ('path', 'event', 'state', 'settings'),
-    'AIM': ('path', 'event', 'state', 'row', 'settings'),
-    'AIMING': ('path', 'settings'),
-    'HOLD': ('path', 'settings')}
-WITH_PARAMETERS = ('ANSWER', 'REFUSE', 'HOLD')  # of the robot
 OF_GUARD = ('PERMIT', 'CONFIRM', 'HEAR')  # only with torque_guard
 
 
@@ -105,25 +92,30 @@ class CycleKernels:
         words = [weights, *map(str, self.shape)]
         if len(commanded) < robot.n_q:
             words += map(str, commanded)
-        further: set[int] = set()
+        measured: Sequence[int] = range(robot.n_q)
         if loops is not None:
             words += map(str, loops.joints.followed)
-            further = set(range(robot.n_q)) - set(loops.joints.followed)
+            measured = loops.joints.followed
+        turning = turning_joints(robot, [robot.joint_names[k] for k in measured])
         self._label = '_'.join(words)
         # Joints beside those that follow, whose measured positions are compared.
-        self.further = np.array(sorted(further), dtype=np.int64)
+        further = sorted(set(range(robot.n_q)) - set(measured))
+        self.further = np.array(further, dtype=np.int64)
 
         # A kernel for each rule of the cycle; answers and aims depend on the mode.
         self.by_name: dict[str, Kernel] = {}
         self.answers: dict[Mode, Kernel] = {}
         self.aims: dict[Mode, Kernel] = {}
-        self._make('JUDGE', cycle_rules.judge)
+        self.by_name['JUDGE'] = self._kernel(
+            'JUDGE', partial(cycle_rules.judge, turning=turning),
+            '_' + ''.join(map(str, turning.astype(int))))
         self._make('ELAPSE', cycle_rules.elapse)
         self._make('PERMIT', cycle_rules.permit)
         self._make('CONFIRM', cycle_rules.confirm)
         self._make('HEAR', cycle_rules.hear)
         self._make('REFUSE', self._with_parameters(
-            partial(cycle_rules.refuse, robot, terms, tuple(commanded), loops=loops)))
+            partial(cycle_rules.refuse,
+                    loops or ModelStop(robot, terms, tuple(commanded)))))
         for mode, law in laws.items():
             self.answers[mode] = self._answer(mode, law, loops)
         if loops is not None:
@@ -181,32 +173,8 @@ class CycleKernels:
 
     def _kernel(self, name: str, rule: Callable[..., PathState], variant: str = ''
                 ) -> Kernel:
-        """Make the kernel of a rule: arguments and result are arrays."""
-        shape = self.shape
-        path_shape = (cycle_rules.path_size(shape),)
-        shapes = {'path': path_shape, 'event': (EVENT_SIZE,), 'state': (shape.state,),
-                  'row': (6, 3 * shape.n), 'numbers': (FIELDS + shape.commanded,),
-                  'settings': (cycle_rules.settings_size(shape),)}
-        inputs = INPUTS[name]
-
-        # Rules take and return records; kernels have arrays.
-        def compiled(*arrays: Vector, parameters: Vector, limits: Vector) -> Vector:
-            arguments: list[Any] = []
-            for key, array in zip(inputs, arrays, strict=True):
-                if key == 'path':
-                    arguments.append(cycle_rules.unpacked_path(array, shape))
-                elif key == 'settings':
-                    arguments.append(cycle_rules.unpacked_settings(array, shape))
-                elif key == 'event':
-                    arguments.append(Event(*array))
-                else:
-                    arguments.append(array)
-            if name in WITH_PARAMETERS:
-                return packed(rule(*arguments, parameters=parameters, limits=limits))
-            return packed(rule(*arguments))
-        return self._robot.kernels.compiled(
-            compiled, f'{name.lower()}_{self._label}{variant}',
-            {key: shapes[key] for key in inputs}, path_shape, ahead=False)
+        """Make the kernel of a rule."""
+        return rule_kernel(self._robot, self.shape, name, rule, self._label + variant)
 
 
 class CyclePlan:
@@ -347,6 +315,7 @@ class Report(NamedTuple):
     sequence: int
     event: Array
     path: PathState
+    numbers: Array
     message: bytes
 
 
@@ -625,7 +594,7 @@ class NativeLoop:
         message = slot[begin:begin + named['MESSAGE_LENGTH']].tobytes()
         return Report(named['KIND'], named['ALL_LOST'], named['BEGIN'], named['END'],
                       named['SEQUENCE'], event, cycle_rules.unpacked_path(path, self.shape),
-                      message)
+                      path, message)
 
     def answer(self, message: bytes) -> None:
         """Run one cycle in the calling thread, with the latest plan, for tests."""

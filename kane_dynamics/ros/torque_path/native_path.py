@@ -13,7 +13,6 @@ import time
 from typing import Any, NamedTuple, Protocol
 
 from kane_dynamics.control.controller import Controller
-from kane_dynamics.control.torque_limiter import Command
 from kane_dynamics.control.traced_laws import (Actuation, closed_loop_laws,
                                                controller_laws, MODES)
 from kane_dynamics.loop_tracking.loop_tracker import (LoopTracker, mirror, refusal,
@@ -31,35 +30,35 @@ from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
 from kane_dynamics.ros.torque_path.arbitration import Arbitration, UNGUARDED
 from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
                                                               commanded_joints)
-from kane_dynamics.ros.torque_path.cycle_observer import Cycle
+from kane_dynamics.ros.torque_path.cycle_observer import Cycle, CycleObserver
 from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, initial_path,
                                                        PathState)
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateLayout,
                                                               MALFORMED, MAX_LAYOUTS,
-                                                              NOT_FINITE, time_fault)
+                                                              NOT_FINITE)
 from kane_dynamics.ros.torque_path.loop_rules import (initial_loops, LoopRules,
                                                       unpacked_loops)
 from kane_dynamics.ros.torque_path.native_loop import (CycleKernels, CyclePlan, LARGEST,
                                                        NativeLoop, Report)
+from kane_dynamics.ros.torque_path.path_memory import PathMemory
 from kane_dynamics.ros.torque_path.rcl_functions import handle_address, RclLoop
 from kane_dynamics.ros.torque_path.state_check import FAULTS, NEVER
 from kane_dynamics.ros.torque_path.task_modes import native_laws, NATIVE_MODES
-from kane_dynamics.ros.torque_path.torque_path import (CLOCK_JUMPED, NO_TORQUE, REFUSED,
-                                                       TorquePath, WITHOUT_CLOCK)
+from kane_dynamics.ros.torque_path.torque_path import (NO_TORQUE, OF_LOOPS, REFUSED,
+                                                       TOO_LARGE_TORQUE, TorquePath)
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
-LONGEST_AGE = 2**63  # ns
 LONGEST_WAIT = 0.2  # of the timeout, between two looks at the clock
 LONGEST_LAG = 0.1  # s, that a new motion waits for a report of now
 LOOK_AGAIN = 0.001  # s
 ENDED = 'the native torque path ended'
 TOO_LARGE = (f'empty or more than {LARGEST} bytes; expected at most as many, or '
              'torque_path: python')
-OF_LOOPS = (cycle_rules.CONTRADICTORY, cycle_rules.OFF_BRANCH,
-            cycle_rules.NEAR_SINGULAR, cycle_rules.NO_MODE)
+# The thread has judged with limits of its time.
+CHANGED = 'compared with limits, or a state, that have changed since'
 # A reason to drop a state.
 LEARNED = 'layout learned after newer states'
 
@@ -159,19 +158,11 @@ class NativeTorquePath(TorquePath):
         self._loop: NativeLoop | None = None
         super().__init__(controller, *arguments, **named)
         self.active_motion = ActiveMotion(self._replan)
-        self._laws = {} if self.loops else native_laws(controller)
-        self._loop = NativeLoop(self._kernels(), self.messages.joints)
         self._rcl: RclLoop | None = None
         self._states: Any = None  # the subscription
         self._guard: GuardSide | None = None
         self._time_source: Any = None  # the node's clock, if the thread hears /clock
         self._last = self._initial()  # as reported
-        self._epoch = 0
-        self._mode = controller.mode
-        self._law_settings = self._numbers()
-        self._changes = [0, 0]  # of the mode, and of the law
-        self._asked = [0, 0]  # jumps of the clock, silences
-        self._silence_reason = ''
         self._replay = 0, b''
         self._message_fault: str | None = None  # of the last report, by the reader
         self._layouts: list[JointStateLayout] = []  # that the thread knows
@@ -179,6 +170,12 @@ class NativeTorquePath(TorquePath):
         self._unsent = self._not_taken = 0
         self._noted = 0  # reports that were read since the start
         self._lost_states = LostMessages()
+
+    def _open(self) -> None:
+        """Make the memory of the thread, and what computes in it."""
+        self._laws = {} if self.loops else native_laws(self.controller)
+        self._loop = NativeLoop(self._kernels(), self.messages.joints)
+        self._memory = PathMemory(self._loop.shape)
 
     def _kernels(self) -> CycleKernels:
         """Return the rules and laws of the thread as kernels."""
@@ -281,11 +278,6 @@ class NativeTorquePath(TorquePath):
 
     # What Python passes to the thread.
 
-    def set_limits(self, values: Mapping[str, Any]) -> None:
-        """Judge states, and command, by new parameters from the next cycle on."""
-        super().set_limits(values)
-        self._replan()
-
     def set_loads(self, loads: GravityAndPayload) -> None:
         """Use gravity and payload from the next cycle on; callable from any thread."""
         super().set_loads(loads)
@@ -314,16 +306,6 @@ class NativeTorquePath(TorquePath):
     def _plan(self, loop: NativeLoop) -> CyclePlan:
         """Return the plan of the next cycle."""
         controller = self.controller
-        numbers = self._numbers()
-        # A counter of each kind of change shows the thread that its memory is of another
-        # law.
-        if controller.mode != self._mode:
-            self._changes[0] += 1
-            self._changes[1] += 1
-        elif not np.array_equal(numbers, self._law_settings):
-            self._changes[1] += 1
-        self._mode = controller.mode
-        self._law_settings = numbers
         parameters = controller.robot.parameters
         if self._loads is not None:
             parameters = self._loads.parameters_of(controller.robot)
@@ -348,36 +330,21 @@ class NativeTorquePath(TorquePath):
 
     def _numbers(self) -> Array:
         """Return the settings of the law of the mode."""
-        controller = self.controller
-        law = self._laws.get(controller.mode)
-        if law is None:
-            return np.concatenate([controller.kp, controller.kd])
-        return law.settings_numbers()
+        law = self._laws.get(self.controller.mode)
+        return super()._numbers() if law is None else law.settings_numbers()
 
     def _settings(self) -> CycleSettings:
         """Return the numbers of a plan."""
-        controller = self.controller
+        settings = super()._settings()
         law = np.zeros(self.native.shape.law)
-        numbers = self._law_settings
-        own_law = self._laws.get(controller.mode)
+        numbers = self._law_numbers
+        own_law = self._laws.get(self.controller.mode)
         if own_law is not None:
             numbers = np.concatenate([numbers, own_law.order_numbers(self._epoch)])
         law[:len(numbers)] = numbers
-        # A rate without a limit is a factor of 0 and an infinite bound: the kernel has no
-        # branch.
-        rate = self.messages.of_commanded(controller.rate_limit)
-        effort = self.messages.of_commanded(controller.effort_limit)
-        is_limited = np.isfinite(rate)
-        check = self.states
-        return CycleSettings(
-            float(self._timeout), float(self._grace), float(self._holds),
-            self._stop_time * NANO, float(check.compares), controller.blend_time * NANO,
-            float(self._changes[0]), float(self._changes[1]), float(self._asked[0]),
-            float(self._asked[1]), float(self._last.drops), self._wrench_timeout,
-            check.bounds.ravel(), check.turned.copy(),
-            effort, np.where(is_limited, rate, 0.0),
-            np.where(is_limited, 0.0, np.inf), self._measured_wrenches(),
-            self._loop_limits(), law)
+        return settings._replace(
+            drops=float(self._last.drops), wrench_timeout=self._wrench_timeout,
+            wrenches=self._measured_wrenches(), loop_limits=self._loop_limits(), law=law)
 
     def _loop_limits(self) -> Array:
         """Return the limits of the measured and the desired closed loops."""
@@ -430,10 +397,7 @@ class NativeTorquePath(TorquePath):
         # Counts and clocks begin again; what was unsent or not taken before is not
         # reported.
         loop = self.native
-        self._epoch = self._now()
-        self._last = self._initial()
-        self._changes = [0, 0]
-        self._asked = [0, 0]
+        self._last = self._memory.path
         self._replay = 0, b''
         self.unobserved = 0
         self._unsent = loop.unsent
@@ -468,10 +432,9 @@ class NativeTorquePath(TorquePath):
 
     def on_clock_jump(self) -> None:
         """Drop motions and stamps of the time before the jump, in the thread."""
-        if self._hears_time:
-            return  # the thread sees it
-        self._asked[0] += 1
-        self._replan()
+        if not self._hears_time:  # else the thread sees it
+            self._asked[0] += 1
+            self._replan()
 
     def on_clock_replaced(self) -> None:
         """Use another clock, whose stamps have nothing in common with those before."""
@@ -552,7 +515,7 @@ class NativeTorquePath(TorquePath):
             return
         # Times of the thread count from the activation.
         now = round(float(report.event[NOW])) + self._epoch
-        dropped = self._note_drop(report, now)
+        dropped = self._note_drop(self._last, report.path, now)
         if self._guard is not None:
             self._note_guard(self._guard, report.path, dropped)
         if is_of_state:
@@ -561,7 +524,8 @@ class NativeTorquePath(TorquePath):
             self._mirror_loops(self.loops, report.path)
         if is_of_state:
             self._note_state(report, now)
-        self._mirror(report.path)
+        self._last = report.path
+        self._memory.array[:] = report.numbers
 
     def _note_state(self, report: Report, now: int) -> None:
         """Count and observe what followed a state."""
@@ -590,28 +554,14 @@ class NativeTorquePath(TorquePath):
         mirror(loops.tracker, memory.measured)
         mirror(self._desired_loops, memory.desired)
 
-    def _mirror(self, path: PathState) -> None:
-        """Copy the state of the thread."""
-        self._last = path
-        self.timed_out = bool(path.timed_out)
-        self.commanding = bool(path.commanding)
-        self._last_heard = round(float(path.last_heard)) + self._epoch
-        self.states.mirror(path.check)
-        if not path.fault:
-            self.fault = ''
-
     def _note_command(self, report: Report, now: int) -> None:
         """Count a command and call the observers."""
         path = report.path
         stamp = round(float(report.event[STAMP])) + self._epoch
-        clamped = path.clamped > 0.5
-        rate_limited = path.rate_limited > 0.5
-        limited = bool(clamped.any() or rate_limited.any())
-        self.last_update = report.begin / NANO
+        is_limited = bool((path.clamped > 0.5).any() or (path.rate_limited > 0.5).any())
         self._last_good = min(stamp, now)
-        self._last_stamp = self._last_good
         self.statistics.command((report.end - report.begin) / NANO,
-                                (now - stamp) / NANO, limited)
+                                (now - stamp) / NANO, is_limited)
         self.statistics.full_parses = self._reader.full_parses
         motion = None
         if report.event[MOVING]:
@@ -620,55 +570,18 @@ class NativeTorquePath(TorquePath):
         # A report from before a change of the mode has the memory of another law.
         if law is not None and path.restarts == self._changes[0]:
             law.mirror(path.memory, self._epoch)
-        of_all = self.messages.of_all
-        tau = of_all(path.tau)
-        command = Command(tau, of_all(clamped) > 0.5, of_all(rate_limited) > 0.5, limited)
         external = None
         if self.wrenches is not None:
             external = self.wrenches.torques(self._reader.q, now)
-        cycle = Cycle(stamp, self._reader, motion, float(report.event[MOMENT]), tau,
-                      external, command)
-        for observer in self._observers:
-            try:
-                observer.on_cycle(cycle)
-            except Exception as error:  # the torques do not depend on an observer
-                self._report_fault('observer', f'{type(observer).__name__}: '
-                                   f'{type(error).__name__}: {error}')
+        self._observe(path, stamp, motion, float(report.event[MOMENT]), external)
 
-    def _note_drop(self, report: Report, now: int) -> bool:
-        """
-        Drop the desired motion where the thread did, and say what happened.
-
-        Return whether there was one.
-        """
-        path = report.path
-        before = self._last
-        dropped = False
-        if path.drops == before.drops or self._begins_fault(path):
-            return dropped
-        if path.dropped_by == cycle_rules.BY_CLOCK:
-            dropped = self._clear_motion('the clock jumped backward or was replaced', path)
-            if self.wrenches is not None:
-                self.wrenches.clear()
-            self._warn(*CLOCK_JUMPED)
-        elif path.dropped_by == cycle_rules.BY_GUARD:
-            dropped = self._clear_motion('torque_guard held the arm', path)
-        elif path.dropped_by == cycle_rules.BY_LOOPS:  # with the reason of the state
-            return dropped
-        elif path.dropped_by == cycle_rules.BY_REFUSAL:  # the report of the fault was lost
-            dropped = self._clear_motion('joint states were refused', path)
-        elif path.dropped_by == cycle_rules.BY_TIMEOUT:
-            reason = f'none for {(now - self._last_heard) / NANO:.3f} s'
-            if path.silences > before.silences:
-                reason = self._silence_reason
-            dropped = self._clear_motion(f'joint states: {reason}', path)
-            if before.commanding:
-                self._report_timeout(reason, dropped)
-        return dropped
-
-    def _begins_fault(self, path: PathState) -> bool:
-        """Return whether a report is of the state with which a lasting fault began."""
-        return bool(path.fault and not self.fault and path.reason >= cycle_rules.NOT_FINITE)
+    def _call(self, observer: CycleObserver, cycle: Cycle) -> None:
+        """Call an observer, on which the torques do not depend."""
+        try:
+            super()._call(observer, cycle)
+        except Exception as error:
+            self._report_fault('observer', f'{type(observer).__name__}: '
+                               f'{type(error).__name__}: {error}')
 
     def _clear_motion(self, reason: str, path: PathState) -> bool:
         """Drop the desired motion, as the thread did; return whether there was one."""
@@ -682,44 +595,31 @@ class NativeTorquePath(TorquePath):
         """Count and explain a state that was not answered."""
         path = report.path
         stamp = round(float(report.event[STAMP])) + self._epoch
-        if code == cycle_rules.NO_CLOCK:
-            self._drop(*WITHOUT_CLOCK)
-            return
         if code == cycle_rules.OUT_OF_ORDER and report.message == self._replay[1]:
             # It came in order, but the thread answered other publishers meanwhile.
             self._drop(LEARNED, f'{len(report.message)} bytes; the next one of its '
                        'publisher is judged at once')
             return
-        # Faults of the stamp are explained as the interpreter's path does.
         if code < cycle_rules.NOT_FINITE:
-            last = round(float(path.last_stamp)) + self._epoch
-            # state_timeout may have changed since the thread has compared the times.
-            exceeded = LONGEST_AGE if code == cycle_rules.OUT_OF_ORDER else 0
-            fault = time_fault(stamp, now, last, exceeded)
-            assert fault is not None
-            self._drop(*fault)
+            self._drop_stamp(code, stamp, now)
             return
         if code == cycle_rules.NO_TORQUE:
-            reason, detail = NO_TORQUE, ('torques: not finite; expected a state, a motion '
-                                         'and gains in a physical range')
+            reason, detail = NO_TORQUE, TOO_LARGE_TORQUE
         elif code == cycle_rules.NOT_FINITE and self._message_fault is not None:
             reason, detail = self._message_fault, self._reader.detail
         elif code == cycle_rules.REFUSED:
             reason, detail = self._refused_motion(path)
-        elif code in OF_LOOPS:
+        elif code in OF_LOOPS.values():
             assert self.loops is not None
             error = refusal(self.loops.tracker)
             reason, detail = error.reason, error.detail
         else:
             reason = FAULTS[code - cycle_rules.NOT_FINITE + 1] or ''
-            detail = self.states.explain(reason, path.states)
-        self._drop(reason, detail)
-        # The first refusal of a fault clears the motion; later ones are counted.
-        if self._begins_fault(path):
-            self.fault = reason
-            dropped = self._clear_motion(f'joint states are refused: {reason}', path)
-            lasted = now - self._epoch - float(path.refused_since)
-            self._report_lasting_fault(lasted, bool(self._last.commanding), dropped)
+            memories = self._last.states, path.states
+            detail = CHANGED
+            if self.states.finds(reason, *memories):
+                detail = self.states.explain(reason, *memories)
+        self._note_refusal(self._last, path, reason, detail, now)
 
     def _refused_motion(self, path: PathState) -> tuple[str, str]:
         """Return reason and details of a motion, or a pose, without a torque; drop it."""

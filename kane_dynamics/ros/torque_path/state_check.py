@@ -7,21 +7,19 @@ can have moved since then. A joint that has jumped stays impossible until it jum
 or, within the grace time, its measured speeds explain where it is: an offset of an encoder
 does not become possible as time passes.
 
-`judged` is the rule, a function over any scalar: both torque paths compile it. Details of
-a reason are found only for a state that is refused.
+`judged` is the rule, a function over any scalar, which both torque paths compile with
+`cycle_rules.judge`. Details of a reason are found only for a state that is refused.
 """
 
 from collections.abc import Mapping, Sequence
 import math
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.typing import Scalar, Vector
+from kane_dynamics._util.typing import Flags, Scalar, Vector
 from kane_dynamics.control.terms import Mode
-from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.flags import branch, either, finite, flag, packed
+from kane_dynamics.mechanics.algebra.flags import branch, either, finite, flag
 from kane_dynamics.mechanics.algebra.vector import is_zero
-from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
@@ -82,10 +80,11 @@ class StateMemory(NamedTuple):
     def of(cls, array: Vector) -> 'StateMemory':
         """Return the memory of an array, as `packed` makes it."""
         n = (len(array) - ACCEPTED_AT) // 4
-        accepted, jumped, refused = np.split(array[ACCEPTED_AT:], [2 * n, 3 * n])
+        jumped = ACCEPTED_AT + 2 * n
         known, stamp, frozen_at, confirmed, elapsed, jumped_at = array[:ACCEPTED_AT]
-        return cls(known, stamp, frozen_at, confirmed, elapsed, jumped_at, accepted,
-                   jumped, refused)
+        return cls(known, stamp, frozen_at, confirmed, elapsed, jumped_at,
+                   array[ACCEPTED_AT:jumped], array[jumped:jumped + n],
+                   array[jumped + n:])
 
     @classmethod
     def empty(cls, n: int) -> 'StateMemory':
@@ -139,9 +138,7 @@ class CheckSettings(NamedTuple):
 
 class StateCheck:
     """
-    Compares each joint state with the limits and with the last accepted state.
-
-    The rules are those of `judged`.
+    The settings by which joint states are judged, and why states are refused.
 
     Parameters
     ----------
@@ -150,17 +147,13 @@ class StateCheck:
     joints : sequence of n str
         The joints that are measured.
     state : (2 n,) array
-        Positions and velocities of the state to judge, rad or m and s; overwritten by
-        the caller.
+        Positions and velocities of the state that is judged, rad or m and s; overwritten
+        by the caller.
     values : mapping
         The node's parameters; state_check.*, state_timeout and limits.velocity are used.
 
     Attributes
     ----------
-    accepted : (2 n,) array
-        The last accepted state.
-    detail : str
-        Details of the last reason.
     bounds : (5, n) array
         Lower and upper positions, speeds, and the largest change of a position as slope
         and constant.
@@ -176,37 +169,11 @@ class StateCheck:
         self._robot = robot
         self._joints = tuple(joints)
         self._places = [robot.coordinate_names.index(name) for name in joints]
-        count = len(self._joints)
         self._state = state
-        self._memory = packed(StateMemory.empty(count))
-        # Views of the memory.
-        parts = ACCEPTED_AT + count * np.array([0, 2, 3])
-        _, self.accepted, self._jumped, _ = np.split(self._memory, parts)
-        self._epoch = 0  # of the stamps in the memory, ns
-        self.bounds = np.zeros((5, count))
-        # Timeout, whether a first state is compared, and the stamp, ns.
-        self._numbers = np.zeros(3)
-        # Continuous joints, whose angle a driver may publish between -pi and pi.
-        lower = robot.limits.lower[self._places]
-        upper = robot.limits.upper[self._places]
-        sliding = [name in robot.model.sliding for name in joints]
-        self._turning = np.isinf(lower) & np.isinf(upper) & ~np.array(sliding, dtype=bool)
-        self.turned = np.zeros(count)
-        result = np.zeros(1 + 2 * len(self._memory))
-        _, judged_memory, kept = np.split(result, [1, 1 + len(self._memory)])
-        _, _, self._jumped_now, _ = np.split(judged_memory, parts)
-        # Views are read and copied several times as fast as the arrays.
-        self._outcome = memoryview(result)
-        self._moment = memoryview(self._numbers[2:])
-        self._entries = memoryview(self._memory)
-        self._judged = memoryview(judged_memory)
-        self._kept = memoryview(kept)
-        self._judge = state_kernel(robot, self._turning).bind(
-            [self._memory, self._numbers, state, self.turned, self.bounds.ravel()],
-            result, 'Judge a joint state.')
-        self.detail = ''
+        self._turning = turning_joints(robot, joints)
+        self.turned = np.zeros(len(self._joints))
+        self.bounds = np.zeros((5, len(self._joints)))
         self.update(values)
-        self.forget()
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next state on."""
@@ -230,104 +197,27 @@ class StateCheck:
         self.bounds[:] = np.clip([lower, upper, fastest, slope, step], -UNLIMITED,
                                  UNLIMITED)
         self.compares = bool(limited.any())
-        self._grace = round(values['state_check.grace'] * NANO)
-        self._numbers[:2] = round(values['state_timeout'] * NANO), self.compares
 
-    def forget(self) -> None:
-        """Compare the next state with no earlier one."""
-        memory = self._memory
-        memory[KNOWN] = memory[CONFIRMED] = 0.0
-        memory[STAMP] = memory[FROZEN_AT] = NEVER
-        self._jumped[:] = 0.0
+    def finds(self, fault: str, before: StateMemory, after: StateMemory) -> bool:
+        """Return whether the limits of now show a fault that a thread has found."""
+        if fault is NOT_FINITE:
+            return True
+        moved, allowed = self._moved(before.accepted, after.elapsed)
+        jumped = np.where(np.abs(moved) < allowed, after.jumped, 1.0)
+        return FAULTS[int(state_fault(self._state, self.bounds.ravel(), jumped))] is fault
 
-    def freeze(self) -> None:
-        """
-        Compare states as if no more than the grace time had passed.
-
-        This ends with the next accepted state.
-        """
-        self._memory[FROZEN_AT] = self._memory[STAMP] + self._grace
-
-    def expect(self, positions: Array) -> None:
-        """Compare the next states with a state at rest at these positions, (n,)."""
-        q, u = np.split(self.accepted, 2)
-        q[:] = positions
-        u[:] = 0.0
-
-    @property
-    def stamp(self) -> int:
-        """Return the stamp of the last accepted state, ns."""
-        return self._epoch + int(self._entries[STAMP])
-
-    @property
-    def speeds(self) -> Array:
-        """Return a copy of the speeds of the last accepted state, (n,)."""
-        _, u = np.split(self.accepted, 2)
-        return u.copy()
-
-    @property
-    def known(self) -> bool:
-        """Return whether there is an accepted state."""
-        return bool(self._entries[CONFIRMED])
-
-    def reason(self, stamp: int) -> str | None:
-        """
-        Return why the state with this stamp, ns, is refused.
-
-        The result is None if it is possible.
-        """
-        if not self._entries[KNOWN]:
-            self._epoch = stamp
-        self._moment[0] = stamp - self._epoch
-        try:
-            self._judge()
-        except InputError:  # kernels do not accept numbers that are not finite
-            self.detail = self._explained(NOT_FINITE, 0.0, self._jumped)
-            return NOT_FINITE
-        fault = FAULTS[int(self._outcome[0])]
-        if fault is not None and fault is not FIRST:
-            # Before the memory changes: a state may be kept for the next one to confirm.
-            self.detail = self._explained(fault, self._judged[ELAPSED], self._jumped_now)
-        self._entries[:] = self._judged
-        return fault
-
-    def accept(self) -> None:
-        """Keep the state that was judged last as the last accepted one."""
-        self._entries[:] = self._kept
-
-    def mirror(self, memory: Vector) -> None:
-        """Use the memory of the native thread."""
-        self._memory[:] = memory
-
-    def explain(self, fault: str, memory: StateMemory) -> str:
-        """
-        Return the details of a fault that the native thread has found.
-
-        `memory` is that of the thread after the state.
-        """
-        # The thread has compared with limits of its time: they may differ from those of
-        # now.
-        found: str | None = fault
-        if fault is not NOT_FINITE:
-            moved, allowed = self._moved(memory.elapsed)
-            jumped = np.where(np.abs(moved) < allowed, memory.jumped, 1.0)
-            found = FAULTS[int(state_fault(self._state, self.bounds.ravel(), jumped))]
-        if found is not fault:
-            return 'compared with limits, or a state, that have changed since'
-        return self._explained(fault, memory.elapsed, memory.jumped)
-
-    def _moved(self, elapsed: float) -> tuple[Array, Array]:
+    def _moved(self, accepted: Array, elapsed: float) -> tuple[Array, Array]:
         """Return how far the joints moved in a time, s, and could have moved, (n,)."""
         n = len(self._joints)
-        moved = self._state[:n] - self.accepted[:n]
+        moved = self._state[:n] - accepted[:n]
         # A driver may publish the angle of such a joint between -pi and pi.
         wrapped = np.remainder(moved + math.pi, WHOLE_TURN) - math.pi
         moved = np.where(self.turned > 0.0, wrapped, moved)
         _, _, _, slope, step = self.bounds
         return moved, step + slope * elapsed
 
-    def _explained(self, fault: str, elapsed: float, jumped: Array) -> str:
-        """Return the details of a fault of the last state, whose joints jumped, (n,)."""
+    def explain(self, fault: str, before: StateMemory, after: StateMemory) -> str:
+        """Return the details of a fault of the state, by the memories before and after it."""
         q, u = np.split(self._state, 2)
         lower, upper, fastest, _, _ = self.bounds
         # The joint that is furthest off explains the fault.
@@ -347,17 +237,30 @@ class StateCheck:
             j = int(np.argmax(np.abs(u) / fastest))
             return (f"'{self._joints[j]}' at {u[j]:.6g} rad/s or m/s; expected at most "
                     f'{fastest[j]:.4g}, its limit times state_check.speed_factor')
-        moved, allowed = self._moved(elapsed)
+        moved, allowed = self._moved(before.accepted, after.elapsed)
         share = np.abs(moved) / allowed
         if share.max() < 1.0:
-            j = int(np.argmax(jumped * np.abs(moved)))
+            j = int(np.argmax(after.jumped * np.abs(moved)))
             return (f"'{self._joints[j]}' still is {moved[j]:.4g} rad or m from its last "
                     'accepted position, after a jump; expected a jump back, or speeds that '
                     'explain the distance')
         j = int(np.argmax(share))
         return (f"'{self._joints[j]}' moved by {moved[j]:.4g} rad or m in "
-                f'{elapsed:.4f} s; expected at most {allowed[j]:.4g}, as '
+                f'{after.elapsed:.4f} s; expected at most {allowed[j]:.4g}, as '
                 'its speed limit, state_check.speed_factor, jitter and noise allow')
+
+
+def turning_joints(robot: Robot, joints: Sequence[str]) -> Flags:
+    """
+    Return which of n joints are continuous, (n,).
+
+    A driver may publish their angles between -pi and pi.
+    """
+    places = [robot.coordinate_names.index(name) for name in joints]
+    unlimited = np.isinf(robot.limits.lower[places]) & np.isinf(robot.limits.upper[places])
+    sliding = [name in robot.model.sliding for name in joints]
+    turning: Flags = unlimited & ~np.array(sliding, dtype=bool)
+    return turning
 
 
 def speed_limits(robot: Robot, values: Mapping[str, Any]) -> Array:
@@ -529,29 +432,3 @@ def judged(memory: StateMemory, moment: Scalar, state: Vector, settings: CheckSe
     waits = settings.compares * (1.0 - has_earlier)
     outcome = either(is_possible, waits * float(FAULTS.index(FIRST)), fault)
     return outcome, branch(has_earlier, compared, first)
-
-
-def state_kernel(robot: Robot, turning: Array) -> Kernel:
-    """
-    Return the kernel of `judged`; some of its joints may turn, (n,).
-
-    Its numbers are the timeout, whether a first state is compared, and the stamp. Its
-    result is the outcome, the memory, and the memory where the state is kept.
-    """
-    count = len(turning)
-    size = state_memory_size(count)
-
-    def compiled(memory: Vector, numbers: Vector, state: Vector, turned: Vector,
-                 bounds: Vector) -> Vector:
-        timeout, compares, moment = numbers
-        # Joints that have limits need no comparison on the circle.
-        can_turn = np.where(turning, turned, 0.0)
-        fault, then = judged(StateMemory.of(memory), moment, state,
-                             CheckSettings(timeout, compares, can_turn, bounds))
-        # After a fault the last accepted state stays the one to compare with.
-        kept = then.kept(moment, state)
-        return np.array([fault, *packed(then), *packed(kept)])
-    joints = ''.join(str(int(turns)) for turns in turning)
-    return robot.compiled(compiled, name=f'judged_state_{joints}', memory=(size,),
-                          numbers=(3,), state=(2 * count,), turned=(count,),
-                          bounds=(5 * count,), shape=(1 + 2 * size,))

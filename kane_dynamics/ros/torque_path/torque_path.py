@@ -9,35 +9,51 @@ from contextlib import contextmanager
 import time
 from typing import Any
 
+from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.controller import Controller, Mode
+from kane_dynamics.control.stopping import motion_to_rest
 from kane_dynamics.control.torque_limiter import Command
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.loop_tracking.loop_error import BRANCH, CONTRADICTION
+from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTION, SINGULAR,
+                                                    UNKNOWN)
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
+from kane_dynamics.ros.torque_path import cycle_rules
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
-from kane_dynamics.ros.torque_path.arbitration import Arbitration
+from kane_dynamics.ros.torque_path.arbitration import Arbitration, UNGUARDED
 from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
                                                               commanded_joints)
 from kane_dynamics.ros.torque_path.command_messages import CommandMessages
 from kane_dynamics.ros.torque_path.cycle_observer import Arbiter, Cycle, CycleObserver
+from kane_dynamics.ros.torque_path.cycle_rules import (begun_stop, CycleSettings, Event,
+                                                       initial_path, PathShape,
+                                                       PathState, torques_within_limits)
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
+from kane_dynamics.ros.torque_path.guard_messages import STOPPED
 from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN, JointStateReader,
                                                               MISSING, NO_CLOCK,
                                                               NOT_FINITE, time_fault)
-from kane_dynamics.ros.torque_path.state_check import (FIRST, JUMP, OUTSIDE, StateCheck,
-                                                       TOO_FAST)
+from kane_dynamics.ros.torque_path.path_memory import (COMMANDED_AT, COMMANDING,
+                                                       CycleRules, DROPS, FAULT,
+                                                       LAST_HEARD, LAST_STAMP, LAW_KNOWN,
+                                                       PathMemory, REFUSING, TIMED_OUT)
+from kane_dynamics.ros.torque_path.state_check import (FAULTS, NEVER, StateCheck,
+                                                       UNLIMITED)
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput
+import numpy as np
 from rclpy.publisher import Publisher
 
+NO_PARAMETERS = np.zeros(0)
 NO_TORQUE, REFUSED = 'no finite torque', 'closed loop without a torque'
 # Reasons with their details
 WITHOUT_CLOCK = NO_CLOCK, 'use_sim_time is true and no time was received'
 CLOCK_JUMPED = 'clock', 'jumped backward or replaced; desired motion dropped'
-# Reasons that show a false state: after a fault that lasts, states must come back to the
-# last accepted one. Other reasons are of the arm or of the motion.
-FALSE = frozenset((NOT_FINITE, JUMP, TOO_FAST, OUTSIDE, CONTRADICTION, BRANCH))
+TOO_LARGE_TORQUE = ('torques: not finite; expected a state, a motion and gains in a '
+                    'physical range')
+LONGEST_AGE = 2**63  # ns
+OF_LOOPS = {CONTRADICTION: cycle_rules.CONTRADICTORY, BRANCH: cycle_rules.OFF_BRANCH,
+            SINGULAR: cycle_rules.NEAR_SINGULAR, UNKNOWN: cycle_rules.NO_MODE}
 
 
 class TorquePath:
@@ -66,8 +82,6 @@ class TorquePath:
 
     Attributes
     ----------
-    fault : str
-        Why states are refused, for longer than the grace time; empty if they are not.
     ended : str
         Why the path stopped by itself; empty if it did not, and after `stop`.
 
@@ -83,10 +97,6 @@ class TorquePath:
         self.controller = controller
         self.statistics = statistics
         self.running = False
-        self.commanding = False  # whether the last command may be non-zero
-        self.timed_out = False
-        # Time of the last command, s of `perf_counter`; 0: none yet
-        self.last_update = 0.0
         self.active_motion = ActiveMotion()
         self._now = now
         self._warn = warn
@@ -105,13 +115,29 @@ class TorquePath:
         self._observers: list[CycleObserver] = []
         self._loads: GravityAndPayload | None = None
         self._applied_loads: GravityAndPayload | None = None
-        self._last_good = self._last_heard = self._last_now = self._last_stamp = 0
-        self._refused_since = 0  # since when states are refused, ns; 0: they are not
-        self.fault = ''
+        self._epoch = 0  # of the times in the memory, ns
+        self._last_good = 0  # time of the last valid state, ns
+        self._reason = ''  # of a fault
+        self._silence_reason = ''
         self.ended = ''
-        # The motion that brings the arm to rest in a fault, and its begin, ns.
-        self._stop: tuple[Motion, int] | None = None
+        # Counted for the rules: restarts and changes of the law; jumps of the clock and
+        # silences that were asked for.
+        self._changes = [0, 0]
+        self._asked = [0, 0]
+        # When the last stop by the controller began, and its motion.
+        self._stop: tuple[float, Motion | None] = NEVER, None
+        self._open()
+        self._mode = controller.mode
+        self._law_numbers = self._numbers()
         self.set_limits(values)
+
+    def _open(self) -> None:
+        """Make the memory, and what computes in it."""
+        robot = self.controller.robot
+        reader = self._reader
+        shape = PathShape(len(reader.joints), len(self.messages.joints), robot.n_q)
+        self._memory = PathMemory(shape)
+        self._rules = CycleRules(robot, self._memory, reader.joints, reader.state)
 
     def set_limits(self, values: Mapping[str, Any]) -> None:
         """Judge states by checked parameters from the next one on."""
@@ -120,6 +146,91 @@ class TorquePath:
         self._holds = values['state_check.action'] == 'hold'
         self._stop_time = float(values['state_check.stop_time'])
         self.states.update(values)
+        self._replan()
+
+    def _replan(self) -> None:
+        """Use the settings of now from the next cycle on."""
+        self._rules.use(self._settings())
+
+    def _settings(self) -> CycleSettings:
+        """Return the settings of now, for the rules."""
+        controller = self.controller
+        # A counter of each kind of change shows the rules that their memory is of
+        # another law.
+        numbers = self._numbers()
+        if controller.mode != self._mode:
+            self._changes[0] += 1
+            self._changes[1] += 1
+        elif not np.array_equal(numbers, self._law_numbers):
+            self._changes[1] += 1
+        self._mode = controller.mode
+        self._law_numbers = numbers
+        # A rate without a limit is a factor of 0 and an unlimited bound: the kernel has
+        # no branch.
+        rate = self.messages.of_commanded(controller.rate_limit)
+        effort = self.messages.of_commanded(controller.effort_limit)
+        is_limited = np.isfinite(rate)
+        check = self.states
+        nothing = np.zeros(0)
+        return CycleSettings(
+            float(self._timeout), float(self._grace), float(self._holds),
+            self._stop_time * NANO, float(check.compares), controller.blend_time * NANO,
+            float(self._changes[0]), float(self._changes[1]), float(self._asked[0]),
+            float(self._asked[1]), drops=0.0, wrench_timeout=0.0,
+            bounds=check.bounds.ravel(), turned=check.turned.copy(),
+            effort=np.minimum(effort, UNLIMITED), slope=np.where(is_limited, rate, 0.0),
+            free=np.where(is_limited, 0.0, UNLIMITED), wrenches=nothing,
+            loop_limits=nothing, law=nothing)
+
+    def _numbers(self) -> Array:
+        """Return the settings of the law of the mode."""
+        return np.concatenate([self.controller.kp, self.controller.kd])
+
+    def blend(self) -> None:
+        """Continue from the last command, as after a change of a law."""
+        self._changes[1] += 1
+        self._replan()
+
+    # What the rules know of the path.
+
+    @property
+    def known(self) -> bool:
+        """Return whether there is an accepted state."""
+        return self._memory.known
+
+    @property
+    def commanding(self) -> bool:
+        """Return whether the last command may be non-zero."""
+        return self._memory.entries[COMMANDING] > 0.5
+
+    @commanding.setter
+    def commanding(self, commanding: bool) -> None:
+        self._memory.array[COMMANDING] = commanding
+
+    @property
+    def timed_out(self) -> bool:
+        """Return whether joint states have timed out."""
+        return self._memory.entries[TIMED_OUT] > 0.5
+
+    @property
+    def last_update(self) -> float:
+        """Return the time of the last command, s of `perf_counter`; 0: none yet."""
+        return self._memory.entries[COMMANDED_AT] / NANO
+
+    @property
+    def fault(self) -> str:
+        """Return why states are refused for longer than the grace time, if they are."""
+        return self._reason if self._memory.entries[FAULT] > 0.5 else ''
+
+    @property
+    def _refusing(self) -> bool:
+        """Return whether the last state in time was refused."""
+        return self._memory.entries[REFUSING] > 0.5
+
+    @property
+    def _last_heard(self) -> int:
+        """Return the time of the last state in time, ns."""
+        return round(self._memory.entries[LAST_HEARD]) + self._epoch
 
     @contextmanager
     def one_change(self) -> Iterator[None]:
@@ -150,7 +261,7 @@ class TorquePath:
         The result is None before the first accepted state.
         """
         state = self.active_motion.desired(stamp)
-        if state is None and self.last_update and self.states.known:
+        if state is None and self.last_update and self.known:
             pose = self._held_pose
             q = self._accepted()[self._follow] if pose is None else pose.copy()
             state = q, 0.0 * q, 0.0 * q
@@ -159,7 +270,8 @@ class TorquePath:
     @property
     def _held_pose(self) -> Array | None:
         """Return the positions of the joints that follow which are held, (n,), or None."""
-        return self.controller.pose
+        begins = self._memory.entries[LAW_KNOWN] < 0.5
+        return None if begins else self.controller.pose
 
     def measured(self) -> Array | None:
         """
@@ -168,7 +280,7 @@ class TorquePath:
         The result is None without a valid state, as before the first one.
         """
         lost = self.loops is not None and self.loops.lost
-        valid = self.running and self.last_update and self.states.known and not (
+        valid = self.running and self.last_update and self.known and not (
             lost or self.timed_out or self.fault)
         return self._accepted() if valid else None
 
@@ -176,11 +288,13 @@ class TorquePath:
         """Return a copy of all positions in the last accepted state, (n_q,)."""
         if self.loops is not None:
             return self.loops.q.copy()
-        return self.states.accepted[:len(self._reader.joints)].copy()
+        return self._memory.accepted[:len(self._reader.joints)].copy()
 
     def _accepted_speeds(self) -> Array:
         """Return a copy of the speeds of the last accepted state, (n,)."""
-        return self.states.speeds if self.loops is None else self.loops.u.copy()
+        if self.loops is not None:
+            return self.loops.u.copy()
+        return self._memory.accepted[len(self._reader.joints):].copy()
 
     def take_foreign_joints(self) -> set[tuple[str, ...]]:
         """Return and clear the name lists of states that contained other joints only."""
@@ -207,11 +321,11 @@ class TorquePath:
         self.active_motion.clear('the node was activated')
         # Everything that refers to an earlier activation is forgotten.
         self.ended = ''
-        self.timed_out = False
-        self.last_update = 0.0
-        self._last_now = self._last_good = self._last_heard = self._now()
-        self._last_stamp = 0
-        self._forget_states()
+        self._epoch = self._last_good = self._now()
+        self._changes = [0, 0]
+        self._asked = [0, 0]
+        self._memory.path = self._initial()
+        self._stop = NEVER, None
         self.controller.stop()
         if self.loops is not None:
             self.loops.restart()
@@ -221,7 +335,12 @@ class TorquePath:
             observer.start()
         if self.arbiter is not None:
             self.arbiter.start()
+        self._replan()
         self.running = True
+
+    def _initial(self) -> PathState:
+        """Return the state of the path at its start."""
+        return initial_path(self._memory.shape, 0.0)
 
     def stop(self, reason: str = 'the node was deactivated') -> None:
         """Command zeros and ignore further states, for a reason."""
@@ -234,29 +353,61 @@ class TorquePath:
 
     def command_zeros(self) -> None:
         """Command zeros immediately, without the rate limit."""
-        self.commanding = False
-        self._publish(self.controller.stop().tau, *divmod(max(self._now(), 0), NANO))
-        if self.arbiter is not None:
-            self.arbiter.note_zeros()
+        self.controller.stop()
+        self._change(cycle_rules.with_zeros, float(self._now() - self._epoch))
 
     def check_timeout(self) -> None:
         """Command zeros, once, if the last state in time has timed out."""
-        now = self._clock()
-        late = now - self._last_heard > self._timeout
-        if self.running and late and not self.timed_out:
-            self.time_out(f'none for {(now - self._last_heard) / NANO:.3f} s')
+        if not self.running:
+            return
+        now = self._now()
+        before, path = self._change(cycle_rules.elapse, self._event(now),
+                                    self._rules.settings, self._decide_zeros)
+        self._note_drop(before, path, now)
+
+    def _decide_zeros(self, known: Arbitration, steady: Scalar) -> Arbitration:
+        """Ask the arbiter, if there is one, whether this process may command zeros."""
+        permitted = self.arbiter is None or self.arbiter.may_stop(steady / NANO)
+        return known._replace(permitted=float(permitted))
 
     def time_out(self, reason: str) -> None:
         """Command zeros until the next valid state, and drop the desired motion."""
-        if self.commanding and self.arbiter is not None and not self.arbiter.may_stop(
-                time.perf_counter()):
-            return  # another process may hold the arm; the next check decides
-        self.timed_out = True
-        self._forget_states()
-        dropped = self.active_motion.clear(f'joint states: {reason}')
-        if self.commanding:
-            self.command_zeros()
-            self._report_timeout(reason, dropped)
+        self._silence_reason = reason
+        self._asked[1] += 1
+        self._replan()
+        self.check_timeout()
+
+    def on_clock_jump(self) -> None:
+        """Drop motions, wrenches and stamps, which refer to the time before the jump."""
+        self.controller.stop()
+        self._asked[0] += 1
+        self._replan()
+        self.check_timeout()
+
+    def on_clock_replaced(self) -> None:
+        """Use another clock, whose stamps have nothing in common with those before."""
+        self.on_clock_jump()
+        self.time_out('clock replaced')
+
+    def _change(self, rule: Callable[..., PathState], *arguments: Any
+                ) -> tuple[PathState, PathState]:
+        """Change the path by a rule, and publish; return the path before and after."""
+        # What the last cycle published is not published again.
+        before = self._memory.path._replace(publish=0.0, request=cycle_rules.NO_REQUEST)
+        path = rule(before, *arguments)
+        self._memory.path = path
+        # In a fault the law was restarted before the stop.
+        if before.law_known > path.law_known and not path.fault:
+            self.controller.stop()
+        if path.publish > 0.5:
+            self._send(round(path.sent_at) + self._epoch)
+        if path.request == STOPPED and self.arbiter is not None:
+            self.arbiter.note_zeros()
+        return before, path
+
+    def _send(self, stamp: int) -> None:
+        """Publish the torques of the path, with a stamp, ns."""
+        self.messages.publish(self._memory.tau, *divmod(max(stamp, 0), NANO))
 
     @property
     def arbitration(self) -> Arbitration | None:
@@ -298,47 +449,89 @@ class TorquePath:
             return
         # 1. Read and judge the state.
         began = time.perf_counter()
-        now = self._clock()
-        stamp = self._accept(data, now)
-        if stamp is None:
+        now = self._now()
+        reader = self._reader
+        # Faults of the message: it says nothing about the arm, not even that it is
+        # heard.
+        fault = reader.read(data, self.need_velocity)
+        if fault is not None and fault is not NOT_FINITE:
+            self._drop_message(fault)
             return
+        stamp = reader.stamp or now
+        if not self._accept(fault, stamp, now, began):
+            return
+        rules = self._rules
         if self.arbiter is not None and not self.arbiter.may_command(began):
-            self._keep(stamp, now)
-            self._waiting = data
+            self._wait(data, stamp, now)
             return
         # 2. Compute the command. New loads are applied between two cycles, so that each
         # command is computed with consistent ones.
         if self._loads is not self._applied_loads:
             self._apply_loads()
-        reader = self._reader
         motion, moment = self.active_motion.at(stamp)
         try:
             external = None if self.wrenches is None else self.wrenches.torques(reader.q,
                                                                                 now)
-            command = self._command(stamp, motion, moment, external)
+            torque = self._torque(stamp, motion, moment, external)
         except InputError as error:  # the torques of a finite state overflowed
-            self._refuse(NO_TORQUE, str(error), now)
+            self._refuse(cycle_rules.NO_TORQUE, NO_TORQUE, str(error), now)
             return
         except ConstraintError as error:
             dropped = self.active_motion.clear(str(error))
-            self._refuse(REFUSED, str(error) + '; desired motion dropped' * dropped, now)
+            self._refuse(cycle_rules.REFUSED, REFUSED,
+                         str(error) + '; desired motion dropped' * dropped, now)
+            return
+        try:
+            rules.answer(self.messages.of_commanded(torque))
+        except InputError:
+            self._refuse(cycle_rules.NO_TORQUE, NO_TORQUE, TOO_LARGE_TORQUE, now)
             return
         # 3. Publish it, unless the guard may have taken over meanwhile.
-        self._keep(stamp, now)
         if self.arbiter is not None and not self.arbiter.confirm(time.perf_counter()):
+            self._wait(data, stamp, now)
             return
-        self.timed_out = False
-        self.commanding = True
-        self.last_update = began
+        rules.keep()
         self._waiting = b''
-        self._publish(command.tau, reader.sec, reader.nanosec)
+        self._send(stamp)
+        self._last_good = min(stamp, now)
+        clamped, rate_limited = self._memory.limited
+        is_limited = any(clamped.tolist()) or any(rate_limited.tolist())
         self.statistics.command(time.perf_counter() - began, (now - stamp) / NANO,
-                                command.limited)
+                                is_limited)
         self.statistics.full_parses = reader.full_parses
         # After the command, which must not wait for them
+        if self._observers:
+            self._observe(self._memory.path, stamp, motion, moment, external)
+
+    def _observe(self, path: PathState, stamp: int, motion: Motion | None, moment: float,
+                 external: Array | None) -> None:
+        """Call the observers after a command."""
+        of_all = self.messages.of_all
+        tau = of_all(path.tau)
+        clamped = of_all(path.clamped) > 0.5
+        rate_limited = of_all(path.rate_limited) > 0.5
+        command = Command(tau, clamped, rate_limited,
+                          bool(clamped.any() or rate_limited.any()))
+        cycle = Cycle(stamp, self._reader, motion, moment, tau, external, command)
         for observer in self._observers:
-            observer.on_cycle(Cycle(stamp, reader, motion, moment, command.tau,
-                                    external, command))
+            self._call(observer, cycle)
+
+    def _call(self, observer: CycleObserver, cycle: Cycle) -> None:
+        """Call an observer."""
+        observer.on_cycle(cycle)
+
+    def _torque(self, stamp: int, motion: Motion | None, moment: float,
+                external: Array | None) -> Array:
+        """Return the torques of the law at the latest state, (n_q,)."""
+        return self.controller.torque(self._reader.q, self._reader.u, motion, moment,
+                                      external, stamp / NANO)
+
+    def _wait(self, data: bytes, stamp: int, now: int) -> None:
+        """Keep a state whose command the arbiter denied, and its message."""
+        self._rules.wait()
+        self._rules.keep()
+        self._last_good = min(stamp, now)
+        self._waiting = data
 
     def retry(self) -> None:
         """Answer the latest state, if the arbiter denied its command."""
@@ -347,57 +540,102 @@ class TorquePath:
         if data:
             self.on_state(data)
 
-    def _accept(self, data: bytes, now: int) -> int | None:
-        """Read a serialized state; return its stamp, ns, or None if it is dropped."""
-        reader = self._reader
-        # Faults of the message: it says nothing about the arm, not even that it is
-        # heard.
-        fault = reader.read(data, self.need_velocity)
-        stamp = reader.stamp or now
-        if fault is not None and fault is not NOT_FINITE:
-            self._drop_message(fault)
-            return None
-        if not now:  # no timeout would ever expire
-            self._drop(*WITHOUT_CLOCK)
-            return None
-        stamp_fault = time_fault(stamp, now, self._last_stamp, self._timeout)
-        if stamp_fault is not None:
-            self._drop(*stamp_fault)
-            return None
+    def _accept(self, fault: str | None, stamp: int, now: int, began: float) -> bool:
+        """Judge the state that was read; return whether it is to be answered."""
+        rules = self._rules
+        rules.begin(now - self._epoch, stamp - self._epoch, bool(now), began)
+        code = rules.judge(fault is None)
+        # A backward jump of the clock drops the motion, before the state is answered.
+        if rules.next.entries[DROPS] != self._memory.entries[DROPS]:
+            self.controller.stop()
+            self._note_drop(self._memory.path, rules.next.path, now)
+        if code < cycle_rules.NOT_FINITE:
+            rules.keep()
+            if code > cycle_rules.FIRST:
+                self._drop_stamp(code, stamp, now)
+            return code == cycle_rules.ACCEPTED and self._complete(stamp, now)
         # Faults of the numbers: the arm is heard, and the last command goes on for a
         # time.
-        self._last_heard = moment = min(stamp, now)
-        if fault is not None:
-            self._refuse(fault, reader.detail, now)
-            return None
-        # Before the loops are closed, so that a false state does not move them.
-        fault = self.states.reason(moment)
-        if fault is not None:
-            if fault is not FIRST:
-                self._refuse(fault, self.states.detail, now)
-            return None
-        fault = reader.complete(moment)
-        if fault is not None:
-            self._refuse(fault, reader.detail, now)
-            return None
-        return stamp
+        reason = fault or FAULTS[code - cycle_rules.NOT_FINITE + 1] or ''
+        detail = self._reader.detail
+        if fault is None:
+            detail = self.states.explain(reason, self._memory.path.states,
+                                         rules.next.path.states)
+        rules.keep()
+        self._refuse(code, reason, detail, now)
+        return False
 
-    def _keep(self, stamp: int, now: int) -> None:
-        """Keep the state as the last accepted one."""
-        # A stamp ahead must not delay the next state
-        self._last_good = moment = min(stamp, now)
-        self._last_stamp = moment
-        self.states.accept()
-        if self._refused_since:
-            self._refused_since = 0
-            self.fault = ''
-            self._stop = None
+    def _complete(self, stamp: int, now: int) -> bool:
+        """Close the loops of an accepted state; return whether that is possible."""
+        # After the check, so that a false state does not move them.
+        fault = self._reader.complete(min(stamp, now))
+        if fault is None:
+            return True
+        self._refuse(OF_LOOPS[fault], fault, self._reader.detail, now)
+        return False
 
-    def _command(self, stamp: int, motion: Motion | None, moment: float,
-                 external: Array | None) -> Command:
-        """Return the command at the latest state."""
-        return self.controller.command_checked(stamp / NANO, self._reader.q,
-                                               self._reader.u, motion, moment, external)
+    def _refuse(self, code: int, reason: str, detail: str, now: int) -> None:
+        """Refuse a state: command what `cycle_rules.refuse` says."""
+        rules = self._rules
+
+        def refused(path: PathState) -> PathState:
+            may_command = not path.commanding or self.arbiter is None or (
+                self.arbiter.may_repeat(time.perf_counter()))
+            arbitration = UNGUARDED._replace(permitted=float(may_command))
+            path = path._replace(reason=float(code), arbitration=np.array(arbitration))
+            return cycle_rules.refuse(self, path, rules.event, rules.settings,
+                                      NO_PARAMETERS)
+        before, path = self._change(refused)
+        self._note_refusal(before, path, reason, detail, now)
+
+    # The stop in a fault, by the controller: `StopRules`.
+
+    def given_up(self, path: PathState) -> PathState:
+        """Restart the law; closed loops may have passed a singular configuration."""
+        if path.commanding:
+            self.controller.stop()
+        if self.loops is not None:
+            self.loops.give_up()
+        return path
+
+    def reached(self, path: PathState, elapsed: Scalar, parameters: Vector) -> Vector:
+        """Return where the arm is and how fast, (2 n,), as `StopRules`; nan if unknown."""
+        return self._reached_from(self._accepted(), self._accepted_speeds(), elapsed)
+
+    def _reached_from(self, q: Array, u: Array, elapsed: Scalar) -> Array:
+        """Return what the torque that acts reaches some time after a state, (2 n,)."""
+        try:
+            stop = self.controller.stopping_motion(q, u, self._acting(), elapsed,
+                                                   self._stop_time,
+                                                   self._last_heard / NANO)
+        except (InputError, ConstraintError):  # no finite state, or singular loops
+            return np.full(2 * len(self._follow), np.nan)
+        begin, speeds, _ = stop.sample(0.0)
+        return np.concatenate([begin, speeds])
+
+    def begin_hold(self, path: PathState, settings: CycleSettings, parameters: Vector
+                   ) -> PathState:
+        """Command the torque that brings the arm to rest, as `StopRules`."""
+        stop, elapsed = self._stop_of(path, settings)
+        try:
+            torque = self.controller.motion_torque(self._accepted(), stop, elapsed,
+                                                   self._last_heard / NANO)
+        except (InputError, ConstraintError):  # the loops are singular there
+            return path
+        return torques_within_limits(path, self.messages.of_commanded(torque), settings)
+
+    def _stop_of(self, path: PathState, settings: CycleSettings) -> tuple[Motion, float]:
+        """Return the motion of the stop, and the time since its begin, s."""
+        q, u, elapsed, duration = begun_stop(path, settings)
+        began, stop = self._stop
+        if stop is None or began != path.stop_began or began <= NEVER:
+            stop = motion_to_rest(q, u, duration, self.controller.followed)
+            self._stop = path.stop_began, stop
+        return stop, max(elapsed, 0.0)
+
+    def _acting(self) -> Array:
+        """Return the torques of all joints that act, (n_q,)."""
+        return self.messages.of_all(self._memory.tau)
 
     def resume(self, tau: Array) -> bool:
         """
@@ -407,17 +645,23 @@ class TorquePath:
         command is older than the timeout. The first change of torque is that of one
         period of the states.
         """
-        # As if the states until now had been answered here.
-        self._last_good = self._last_heard = self._now()
-        self.commanding = True
-        self.messages.resume(tau)
-        self.controller.resume(self._last_stamp / NANO if self._last_stamp else None,
-                               self.messages.of_all(tau))
-        # A process that was silent for longer than the timeout missed a part of its
-        # motion.
-        silent = time.perf_counter() - self.last_update if self.last_update else 0.0
-        return silent > self._timeout / NANO and self.active_motion.clear(
-            'torque_guard held the arm')
+        now = self._now()
+        settings = self._rules.settings
+        event = self._event(now)
+
+        def taken_back(path: PathState) -> PathState:
+            path = cycle_rules.at_time(path, event.now, settings)
+            return cycle_rules.taken_back(path, event, tau, settings)
+        self.controller.stop()
+        before, path = self._change(taken_back)
+        self._last_good = now
+        return self._note_drop(before, path, now)
+
+    def _event(self, now: int) -> Event:
+        """Return the times of a look at the clock."""
+        time_of_path = float(now - self._epoch)
+        return Event(time_of_path, time_of_path, 0.0, 0.0, float(bool(now)),
+                     time.perf_counter() * NANO)
 
     def _apply_loads(self) -> None:
         """Set gravity and payload as parameters of the kernels."""
@@ -427,35 +671,7 @@ class TorquePath:
         for observer in self._observers:
             observer.on_loads_changed()
 
-    def _publish(self, tau: Array, sec: int, nanosec: int) -> None:
-        self.messages.publish(tau, sec, nanosec)
-
-    def _clock(self) -> int:
-        """Return the node's time, ns; handle a backward jump."""
-        now = self._now()
-        if now < self._last_now:
-            self.on_clock_jump()
-        self._last_now = now
-        return now
-
-    def on_clock_jump(self) -> None:
-        """Drop motions, wrenches and stamps, which refer to the time before the jump."""
-        self.active_motion.clear('the clock jumped backward or was replaced')
-        self._last_good = self._last_heard = self._last_now = self._now()
-        self._last_stamp = 0
-        self._forget_states()
-        # The torque that acts stays: from zero the limit of its rate would let the arm
-        # fall. The limit counts from the next stamp on.
-        acting = self.messages.last if self.commanding else 0.0 * self.messages.last
-        self.controller.resume(None, acting)
-        if self.wrenches is not None:
-            self.wrenches.clear()
-        self._warn(*CLOCK_JUMPED)
-
-    def on_clock_replaced(self) -> None:
-        """Use another clock, whose stamps have nothing in common with those before."""
-        self.on_clock_jump()
-        self.time_out('clock replaced')
+    # What happened, for log, diagnostics and motions: from the path before and after.
 
     def _drop(self, reason: str, detail: str) -> None:
         """Count a dropped state and warn."""
@@ -469,66 +685,74 @@ class TorquePath:
         else:  # without other states, a state of other joints only is a fault
             self._drop(MISSING if fault is FOREIGN else fault, self._reader.detail)
 
-    def _report_timeout(self, reason: str, dropped: bool) -> None:
-        """Count a timeout of the states, and warn; a motion may have been dropped."""
-        self.statistics.timeouts += 1
-        self._warn('no joint state', f'{reason}; commanding zeros until the next one'
-                   + ', desired motion dropped' * dropped)
+    def _drop_stamp(self, code: int, stamp: int, now: int) -> None:
+        """Count a state whose stamp says nothing about the arm, and explain it."""
+        if code == cycle_rules.NO_CLOCK:  # no timeout would ever expire
+            self._drop(*WITHOUT_CLOCK)
+            return
+        last = round(self._memory.entries[LAST_STAMP]) + self._epoch
+        # state_timeout may have changed since the rule has compared the times.
+        exceeded = LONGEST_AGE if code == cycle_rules.OUT_OF_ORDER else 0
+        fault = time_fault(stamp, now, last, exceeded)
+        assert fault is not None
+        self._drop(*fault)
 
-    def _report_lasting_fault(self, lasted: float, commanding: bool, dropped: bool
-                              ) -> None:
-        """Count a fault that has lasted some time, ns; report it if it changes commands."""
+    def _note_refusal(self, before: PathState, path: PathState, reason: str, detail: str,
+                      now: int) -> None:
+        """Count and explain a refused state, and a fault that lasts."""
+        self._drop(reason, detail)
+        # The first refusal of a fault clears the motion; later ones are counted.
+        if not self._begins_fault(before, path):
+            return
+        self._reason = reason
+        dropped = self._clear_motion(f'joint states are refused: {reason}', path)
         self.statistics.faults += 1
-        if commanding:
-            self._report_fault('fault', f'{self.fault} for {lasted / NANO:.3f} s; '
+        if before.commanding:  # the fault changes commands
+            lasted = now - self._epoch - float(path.refused_since)
+            self._report_fault('fault', f'{reason} for {lasted / NANO:.3f} s; '
                                f'{self.reaction}' + ', desired motion dropped' * dropped)
 
-    def _forget_states(self) -> None:
-        """Compare the next state with none before it."""
-        self.states.forget()
-        self._refused_since = 0
-        self.fault = ''
-        self._stop = None
+    @staticmethod
+    def _begins_fault(before: PathState, path: PathState) -> bool:
+        """Return whether a lasting fault began with a refused state."""
+        return bool(path.fault and not before.fault
+                    and path.reason >= cycle_rules.NOT_FINITE)
 
-    def _refuse(self, reason: str, detail: str, now: int) -> None:
+    def _note_drop(self, before: PathState, path: PathState, now: int) -> bool:
         """
-        Refuse a state; the last command goes on during the grace time.
+        Drop the desired motion where the rules did, and say what happened.
 
-        After it the torques are zero, or bring the arm to rest, as configured.
+        Return whether there was one.
         """
-        self._refused_since = self._refused_since or now
-        self._drop(reason, detail)
-        if now - self._refused_since > self._grace and not self.fault:
-            self._give_up(reason, now)
-        if not self.commanding:
-            return
-        if self.arbiter is not None and not self.arbiter.may_repeat(time.perf_counter()):
-            return
-        if not self.fault:
-            # The limit of the rate counts from here on: the torque did not change until
-            # now.
-            self.controller.limit(self._last_heard / NANO, self.messages.last)
-            self.messages.repeat()
-        elif self._holds:
-            self._hold(self._last_heard)
-        else:
-            self.command_zeros()
+        dropped = False
+        if path.drops == before.drops or self._begins_fault(before, path):
+            return dropped
+        if path.dropped_by == cycle_rules.BY_CLOCK:
+            dropped = self._clear_motion('the clock jumped backward or was replaced', path)
+            self._last_good = now
+            if self.wrenches is not None:
+                self.wrenches.clear()
+            self._warn(*CLOCK_JUMPED)
+        elif path.dropped_by == cycle_rules.BY_GUARD:
+            dropped = self._clear_motion('torque_guard held the arm', path)
+        elif path.dropped_by == cycle_rules.BY_LOOPS:  # with the reason of the state
+            return dropped
+        elif path.dropped_by == cycle_rules.BY_REFUSAL:  # the report of the fault was lost
+            dropped = self._clear_motion('joint states were refused', path)
+        elif path.dropped_by == cycle_rules.BY_TIMEOUT:
+            reason = f'none for {(now - self._last_heard) / NANO:.3f} s'
+            if path.silences > before.silences:
+                reason = self._silence_reason
+            dropped = self._clear_motion(f'joint states: {reason}', path)
+            if before.commanding:
+                self.statistics.timeouts += 1
+                self._warn('no joint state', f'{reason}; commanding zeros until the next '
+                           'one' + ', desired motion dropped' * dropped)
+        return dropped
 
-    def _give_up(self, reason: str, now: int) -> None:
-        """End the desired motion, as states are refused for longer than the grace."""
-        self.fault = reason
-        dropped = self.active_motion.clear(f'joint states are refused: {reason}')
-        if reason in FALSE:
-            self.states.freeze()
-        if self.commanding and self._holds:
-            # The torque continues, but the pose that was held is left: meanwhile the arm
-            # can have moved, and the position gain would throw it back.
-            self.controller.resume(self._last_heard / NANO, self.messages.last)
-        if self._holds and self.states.known:
-            self._begin_stop(reason in FALSE)
-        if self.loops is not None:
-            self.loops.give_up()
-        self._report_lasting_fault(now - self._refused_since, self.commanding, dropped)
+    def _clear_motion(self, reason: str, path: PathState) -> bool:
+        """Drop the desired motion, as the rules did; return whether there was one."""
+        return self.active_motion.clear(reason)
 
     def interrupt(self, stamp: int, reason: str) -> bool:
         """
@@ -543,48 +767,3 @@ class TorquePath:
         stop = self.controller.interrupted(motion, moment, self._stop_time)
         self.active_motion.replace(stop, stamp, reason)
         return True
-
-    def _begin_stop(self, false_states: bool) -> None:
-        """Plan how the arm comes to rest, from where the model says that it is now."""
-        moment = self._last_heard
-        try:
-            stop = self._stopping_motion(moment)
-        except (InputError, ConstraintError):  # no finite state, or singular loops
-            stop = self._rest()
-        self._stop = stop, moment
-        if false_states:  # the next accepted state is near where the arm comes to rest
-            self.states.expect(stop.positions[-1])
-
-    def _stopping_motion(self, moment: int) -> Motion:
-        """Return the stop from where the last torque has brought the arm by a time, ns."""
-        elapsed = (moment - self.states.stamp) / NANO
-        return self.controller.stopping_motion(self._accepted(), self._accepted_speeds(),
-                                               self._acting(), elapsed, self._stop_time,
-                                               moment / NANO)
-
-    def _rest(self) -> Motion:
-        """Return the motion that rests at the last accepted state."""
-        return Motion.from_points([0.0], [self._accepted()[self._follow]],
-                                  joint_names=self.controller.followed)
-
-    def _acting(self) -> Array:
-        """Return the torques of all joints that act, (n_q,)."""
-        return self.messages.last
-
-    def _hold(self, moment: int) -> None:
-        """Command the torque that brings the arm to rest, at a time, ns."""
-        if not self.states.known:
-            self.messages.repeat()
-            return
-        if self._stop is None:  # parameter state_check.action has changed since
-            self._stop = self._rest(), moment
-        stop, began = self._stop
-        elapsed = max(moment - began, 0) / NANO
-        try:
-            tau = self.controller.motion_torque(self._accepted(), stop, elapsed,
-                                                moment / NANO)
-            command = self.controller.limit(moment / NANO, tau)
-        except (InputError, ConstraintError):  # the loops are singular there
-            self.messages.repeat()
-            return
-        self._publish(command.tau, *divmod(moment, NANO))

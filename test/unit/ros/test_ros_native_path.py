@@ -1,5 +1,6 @@
-"""The rules of the native torque path are those of the interpreter's, on random states."""
+"""The native torque path does what the interpreter's does, on random states."""
 
+from collections import Counter
 import ctypes
 from functools import cache, partial
 import gc
@@ -29,6 +30,7 @@ from kane_dynamics.ros.torque_path.native_path import LEARNED, python_reason  # 
 from kane_dynamics.ros.torque_path.rcl_functions import (handle_address,  # noqa: E402
                                                          message_of, SerializedMessage,
                                                          UnsupportedError)
+from kane_dynamics.ros.torque_path.state_check import turning_joints  # noqa: E402
 from kane_dynamics.ros.torque_path.task_modes import (native_laws,  # noqa: E402
                                                       NATIVE_MODES, TaskModes)
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput  # noqa: E402
@@ -132,7 +134,7 @@ class Pair(BothPaths):
         for side in self.sides:
             side.path.controller.update(kp=kp)
             if side.modes.update(self.values | {'mode': side.path.controller.mode}):
-                side.path.controller.blend()
+                side.path.blend()
             side.path.set_limits(self.values)
 
     def do_target(self, kind):
@@ -340,7 +342,7 @@ def test_a_posture_that_equals_the_default_is_blended_in():
         name: pair.values[name] for name in CHANGED}
     for side in pair.sides:
         if side.modes.update(pair.values):
-            side.path.controller.blend()
+            side.path.blend()
         side.path.set_limits(pair.values)
     for _ in range(20):
         pair.do_state('state')
@@ -377,26 +379,35 @@ def test_the_compiled_rules_equal_the_readable_ones(mode):
     robot = path.controller.robot
     laws = traced_laws.controller_laws(robot, path.controller.compensate)
     laws |= {mode: law.traced() for mode, law in native_laws(path.controller).items()}
-    compared = 0
+    stop = cycle_rules.ModelStop(robot, path.controller.compensate, range(robot.n))
+    compared = Counter()
     for _ in range(60):
         pair.step()
         before = cycle_rules.unpacked_path(loop.path.copy(), loop.shape)
-        pair.do_state('state')
+        pair.do_state(pair.rng.choice(['state', 'state', 'jump', 'far', 'fast']))
         settings = path._settings()
         event = cycle_rules.Event(float(loop.event[NOW]), float(loop.event[STAMP]), 0.0, 0.0, 1.0,
                                   float(loop.event[STEADILY]))
-        judged = cycle_rules.judge(before, event, loop.state.copy(), settings)
+        judged = cycle_rules.judge(before, event, loop.state.copy(), settings,
+                                   turning_joints(robot, NAMES))
         after = cycle_rules.unpacked_path(loop.path.copy(), loop.shape)
-        if path.active_motion.scheduled != (None, None) or after.reason:
+        if path.active_motion.scheduled != (None, None):
             continue
         parameters = path.controller.robot.parameters.block
-        expected = cycle_rules.answer(
-            robot, laws[path.controller.mode], judged, event, loop.state.copy(), np.zeros((6, 6)),
-            settings, parameters, parameters[3:])
+        if after.reason >= cycle_rules.NOT_FINITE:
+            expected = cycle_rules.refuse(stop, judged, event, settings, parameters)
+        elif after.reason == cycle_rules.ACCEPTED:
+            expected = cycle_rules.answer(
+                robot, laws[path.controller.mode], judged, event, loop.state.copy(),
+                np.zeros((6, 6)), settings, parameters, parameters[3:])
+        else:
+            expected = judged
         np.testing.assert_allclose(cycle_rules.packed(after), cycle_rules.packed(expected),
                                    rtol=1e-9, atol=1e-9)
-        compared += 1
-    assert compared > 10
+        compared[int(after.reason)] += 1
+    assert compared[cycle_rules.ACCEPTED] > 10
+    refused = range(cycle_rules.NOT_FINITE, cycle_rules.REFUSED)
+    assert any(compared[code] for code in refused)
 
 
 def test_durations_of_cycles_and_of_an_empty_loop_are_measured():
@@ -627,7 +638,7 @@ def test_a_new_motion_waits_for_a_report_of_now():
     q, _, _ = side.path.desired(pair.time)
     stops.set()
     states.join()
-    np.testing.assert_allclose(q, side.path.states.accepted[:2])
+    np.testing.assert_allclose(q, side.path.measured())
     np.testing.assert_allclose(q, pair.q)
 
 

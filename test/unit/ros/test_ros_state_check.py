@@ -12,12 +12,14 @@ pytest.importorskip('rclpy')
 from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402, I100
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
+from kane_dynamics.mechanics.algebra.flags import packed  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
 from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE,  # noqa: E402
                                                               NOT_FINITE, OUT_OF_ORDER, STALE)
-from kane_dynamics.ros.torque_path.state_check import (FIRST, JUMP, OUTSIDE,  # noqa: E402
-                                                       StateCheck, TOO_FAST)
+from kane_dynamics.ros.torque_path.state_check import (CheckSettings, FAULTS,  # noqa: E402
+                                                       FIRST, judged, JUMP, OUTSIDE,
+                                                       StateCheck, StateMemory, TOO_FAST)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from node_values import node_values  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
@@ -362,10 +364,39 @@ def test_states_of_a_slow_publisher_may_be_far_apart():
         assert len(rig.state(q, after=9 * NANO // 100)) == 1
 
 
+class JudgedStates:
+    """States of a robot, judged by the rule of both torque paths on numbers."""
+
+    def __init__(self, robot, checks):
+        values = {f'state_check.{name}': x for name, x in checks.items()}
+        self.state = np.zeros(2 * robot.n)
+        self.settings = StateCheck(robot, robot.joint_names, self.state, node_values(values))
+        self.memory = StateMemory.empty(robot.n)
+        self.detail = ''
+
+    def reason(self, stamp):
+        """Return why the state with this stamp, ns, is refused; None if it is possible."""
+        check = self.settings
+        settings = CheckSettings(NANO // 10, check.compares, check.turned, check.bounds.ravel())
+        outcome, after = judged(self.memory, stamp, self.state, settings)
+        fault = FAULTS[int(outcome)]
+        if fault not in (None, FIRST):
+            self.detail = check.explain(fault, self.memory, after)
+        self.memory = StateMemory.of(packed(after))
+        self._kept = self.memory.kept(stamp, self.state.copy())
+        return fault
+
+    def accept(self):
+        """Keep the state that was judged last as the last accepted one."""
+        self.memory = self._kept
+
+    def forget(self):
+        self.memory = self.memory.forgotten()
+
+
 def check(robot=ARM, **checks):
-    state = np.zeros(2 * robot.n)
-    values = {f'state_check.{name}': x for name, x in checks.items()}
-    return state, StateCheck(robot, robot.joint_names, state, node_values(values))
+    states = JudgedStates(robot, checks)
+    return states.state, states
 
 
 FRACTION = st.floats(-1.0, 1.0)
@@ -462,7 +493,7 @@ def test_joints_without_limits_are_not_compared_with_them():
         state[:] = position, speed
         assert state_check.reason(NANO) is None
         state_check.accept()
-    state_check.update(node_values({'limits.velocity': 2.0}))
+    state_check.settings.update(node_values({'limits.velocity': 2.0}))
     state[:] = 0.0, 0.0
     state_check.forget()
     state_check.reason(NANO)
@@ -473,7 +504,7 @@ def test_joints_without_limits_are_not_compared_with_them():
     state_check.reason(NANO)
     state[0] -= 2.0 * math.pi  # a driver that publishes the angle between -pi and pi
     assert state_check.reason(NANO) is None
-    state_check.update(node_values({'limits.velocity': 2.0, 'mode': 'computed_torque'}))
+    state_check.settings.update(node_values({'limits.velocity': 2.0, 'mode': 'computed_torque'}))
     state_check.accept()
     state[0] += 2.0 * math.pi
     assert state_check.reason(NANO) is JUMP  # a whole turn would be an error of the position
@@ -539,4 +570,4 @@ def test_the_guard_accepts_what_the_node_accepts_after_an_activation():
     guard.on_torques(torques.serialized())
     assert guard.fault == ''
     rig.state(there), rig.state(there)
-    assert guard.states.known
+    assert guard.known

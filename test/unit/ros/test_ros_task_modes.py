@@ -19,6 +19,7 @@ from kane_dynamics.ros.common.configuration_files import load_model  # noqa: E40
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.common.transform_tree import TransformTree  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import LAW_MODES  # noqa: E402
+from kane_dynamics.ros.torque_path import cycle_rules  # noqa: E402
 from kane_dynamics.ros.torque_path.path_controller import (path_controller,  # noqa: E402
                                                            path_settings)
 from kane_dynamics.ros.torque_path.target_input import TargetInput  # noqa: E402
@@ -91,9 +92,14 @@ class Rig:
         self.modes.check(new)
         self.values = new
         if self.modes.update(new):
-            self.controller.blend()
+            self.path.blend()
         self.controller.update(**path_settings(new, self.robot))
+        self.path.set_limits(new)
         self.targets.update(new)
+
+    def forget_states(self):
+        """Compare the next state with no earlier one, as it is elsewhere."""
+        self.path._change(cycle_rules.forgotten)
 
     def state(self):
         """Pass the present state to the path; return the torque, or None."""
@@ -158,7 +164,7 @@ def test_an_operator_leads_the_arm_up_to_its_limits():
     assert 'speed of joint1' in described.saturated
     rig.adjust(hand_guiding__max_speed=9.0)
     rig.q, rig.u = START.copy(), np.zeros(2)
-    rig.path.states.forget()
+    rig.forget_states()
     rig.run(1.5)
     assert 0.3 < fast < 0.7 < rig.u[0]
 
@@ -455,7 +461,7 @@ def test_the_arm_is_held_where_the_guard_left_it():
     rig.run(0.3)
     rig.q, rig.u = rig.q + [0.2, 0.1], np.zeros(2)
     torque = rig.robot.gravity_force(rig.q)
-    rig.path.states.forget()
+    rig.forget_states()
     rig.path.resume(torque)
     held = rig.q.copy()
     rig.run(1.0)
