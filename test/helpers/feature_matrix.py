@@ -100,8 +100,7 @@ ROWS = (
     Row('regressor', check.regressor, {BEAM: NO_TEN}),
     Row('torque bounds of uncertain parameters', check.torque_bounds, {BEAM: NO_TEN}),
     Row('joint reactions', check.joint_reactions),
-    Row('constraint forces', check.constraint_forces, {
-        (TREE,): NO_CONSTRAINT, (BEAM,): NO_CONSTRAINT, ELASTIC: NO_CONSTRAINT}),
+    Row('constraint forces', check.constraint_forces, {ELASTIC: NO_CONSTRAINT}),
     Row('workspace', check.workspace, pairs=False),
     Row('batches', check.batches, pairs=False),
     Row('batches on a GPU: quantities, roll-outs', check.on_a_gpu, pairs=False),

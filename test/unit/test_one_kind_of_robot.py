@@ -27,6 +27,8 @@ ASKS_FOR_CONSTRAINTS = {
     'feasibility/elastic_timing.py': (1, 'as `ElasticFeedforward`'),
     'kinematics/cartesian_motion.py': (1, 'chosen speeds of a tree move all joints'),
     'identification/payload/recorded_motion.py': (1, 'a recording of a tree is of all joints'),
+    'identification/drives/driven_links.py': (1, 'recordings are completed by closing loops'),
+    'identification/drives/motor_side_fit.py': (1, 'a step of a tree opens no loop'),
     # Assembly modes: only loops have them, and arguments that state one are refused elsewhere.
     'feasibility/time_optimal.py': (1, 'refuses `rest`'),
     'task_space/frame_task.py': (1, 'loops stay near the stated configuration'),
@@ -47,7 +49,7 @@ ASKS_FOR_CONSTRAINTS = {
 }
 # Everywhere in the package, at most: questions that could stand in for the one above, and those
 # for the time, which callers pass always and `Equations.time_inputs` leaves out.
-MOST = {'timed': 32, 'in_joint_rates': 102, 'watched': 39}
+MOST = {'timed': 33, 'in_joint_rates': 104, 'watched': 39}
 
 
 def nodes_of(path):
