@@ -51,7 +51,7 @@ from kane_dynamics.task_space.joint_walls import JointWalls
 from kane_dynamics.task_space.law_kernel import (checked_effort, checked_terms,
                                                  identifier, LanesOf, Law, law_kernel,
                                                  PoseLaw, Settings, StateAt)
-from kane_dynamics.task_space.modal_damping import inverse_root_times
+from kane_dynamics.task_space.modal_damping import inverse_root_times, RATIO
 from kane_dynamics.task_space.pose_checks import pose_margin, require_pose
 from kane_dynamics.task_space.posture import null_damping, posture_force
 from kane_dynamics.task_space.reference_dynamics import (compensation_weights,
@@ -63,7 +63,6 @@ from kane_dynamics.task_space.stiffness import (checked_matrix, factor, Spring,
 import numpy as np
 from numpy.typing import ArrayLike
 
-RATIO = 0.7  # default damping ratio
 NULL_DAMPING = 5.0  # 1/s: default rate at which motion that the frame does not see decays
 
 

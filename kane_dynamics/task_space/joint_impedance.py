@@ -5,9 +5,10 @@ Joint impedance: joints held to a desired motion by springs and dampers.
           + T_c^T (K (q_d - q_c) + D (q'_d - q'_c))
 
 for the joints c that follow, q'_c = T_c u + X_c, with the speeds u_r at which they have
-the desired rates. In joint rates without constraints T_c = 1 and u_r = u_d. The inertia
-is not shaped, so that stiffness and damping are those that a hand feels; while the
-target rests, kinetic plus spring energy does not rise (`reference_dynamics`).
+the desired rates. In joint rates without constraints T_c = 1 and u_r = u_d. D is stated,
+or gives every mode of the inertia on the springs a damping ratio (`modal_damping`). The
+inertia is not shaped, so that stiffness and damping are those that a hand feels; while
+the target rests, kinetic plus spring energy does not rise (`reference_dynamics`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from kane_dynamics._util.checks import finite_row, instance, per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.computed_torque import followed_joints, law_margin
 from kane_dynamics.control.terms import EVERY_TERM, Terms
+from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion
@@ -27,6 +29,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.law_kernel import (checked_terms, identifier, LanesOf, Law,
                                                  law_kernel, RunTimeSettings, Settings,
                                                  StateAt)
+from kane_dynamics.task_space.modal_damping import joint_damping, RATIO
 from kane_dynamics.task_space.reference_dynamics import (compensation_weights,
                                                          reference_dynamics, WEIGHTS)
 import numpy as np
@@ -44,8 +47,11 @@ class JointImpedance(RunTimeSettings):
         A robot without beams and ball joints.
     stiffness : float or (n,) array_like
         N m/rad or N/m, of the joints that follow.
-    damping : float or (n,) array_like
-        N m s/rad or N s/m.
+    damping : float or (n,) array_like, optional
+        N m s/rad or N s/m, in place of the damping by ratio.
+    damping_ratio : float or (n,) array_like, optional
+        Of the modes of the joints' inertia on their springs, at each state; 0.7 by
+        default. A mode of joints with several ratios has one between them.
     compensate : Terms
         The terms of the model that are compensated. Springs of the model always are.
     followed : sequence of str, optional
@@ -59,10 +65,11 @@ class JointImpedance(RunTimeSettings):
 
     """
 
-    _changeable = ('stiffness', 'damping', 'compensate')
+    _changeable = ('stiffness', 'damping', 'damping_ratio', 'compensate')
 
-    def __init__(self, robot: Robot, *, stiffness: ArrayLike, damping: ArrayLike,
-                 compensate: Terms = EVERY_TERM,
+    def __init__(self, robot: Robot, *, stiffness: ArrayLike,
+                 damping: ArrayLike | None = None,
+                 damping_ratio: ArrayLike | None = None, compensate: Terms = EVERY_TERM,
                  followed: Sequence[str] | None = None) -> None:
         """Check the settings and compile the kernel."""
         instance(robot, Robot, 'robot')
@@ -72,16 +79,44 @@ class JointImpedance(RunTimeSettings):
         # Settings in one row, so that they change without a new kernel.
         n = robot.n
         super().__init__(robot, Settings({'stiffness': (n,), 'damping': (n,),
-                                          'weights': (len(WEIGHTS),)}))
+                                          'ratio': (n,), 'weights': (len(WEIGHTS),)}))
         self._zero = np.zeros(n)
-        self.update(stiffness=stiffness, damping=damping, compensate=compensate)
-        self._law = self._compiled()
+        # Damping by ratio takes time, so that it has a kernel of its own.
+        self._entries: dict[bool, Callable[..., Array]] = {}
+        self.update(stiffness=stiffness, damping=damping, damping_ratio=damping_ratio,
+                    compensate=compensate)
+
+    def update(self, **settings: Any) -> None:
+        """
+        Change settings of the constructor between two calls; the others stay.
+
+        On an InputError no setting changes. Damping by ratio after a stated one, or the
+        other way round, is compiled at its first use.
+        """
+        super().update(**settings)
+        self._law = self._entry(self._values['damping'] is None)
+
+    def _entry(self, by_ratio: bool) -> Callable[..., Array]:
+        """Return the entry point for a kind of damping, compiled at its first use."""
+        if by_ratio not in self._entries:
+            self._entries[by_ratio] = self._compiled(by_ratio)
+        return self._entries[by_ratio]
 
     def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return the numbers of the kernel by name, from checked settings."""
+        damping = values['damping']
+        ratio = values['damping_ratio']
+        if damping is None:
+            damping = 0.0
+            ratio = RATIO if ratio is None else ratio
+        elif ratio is None:
+            ratio = 0.0
+        else:
+            raise InputError('damping, damping_ratio: both given; expected one')
         return {
             'stiffness': per_joint(values['stiffness'], 'stiffness', self.followed),
-            'damping': per_joint(values['damping'], 'damping', self.followed),
+            'damping': per_joint(damping, 'damping', self.followed),
+            'ratio': per_joint(ratio, 'damping_ratio', self.followed),
             'weights': compensation_weights(checked_terms(values['compensate']))}
 
     def torque(self, q: ArrayLike, u: ArrayLike, q_d: ArrayLike,
@@ -130,33 +165,40 @@ class JointImpedance(RunTimeSettings):
         with np.errstate(over='ignore'):  # infinite far beyond every mechanism
             return float(0.5 * stiffness @ stretch**2)
 
-    def _compiled(self) -> Callable[..., Array]:
-        """Return the entry point of the law."""
+    def _compiled(self, by_ratio: bool) -> Callable[..., Array]:
+        """Return the entry point of the law with damping by ratio, or a stated one."""
         robot = self.robot
         n = robot.n
         shapes = self._shapes
         places = self._places
 
-        def law_of(choice: Robot, _: LanesOf) -> Law:
-            return _law(choice, places, shapes)
+        def law_of(choice: Robot, lanes_of: LanesOf) -> Law:
+            return _law(choice, places, shapes, by_ratio, lanes_of)
         inputs = {'q': (robot.n_q,), 'u': (n,), 'q_d': (n,), 'u_d': (n,),
                   'udot_d': (n,), 'settings': (shapes.size,)}
-        name = identifier('joint_impedance', *map(str, places))
+        damper = 'by_ratio' if by_ratio else 'stated'
+        name = identifier('joint_impedance', damper, *map(str, places))
         kernel = law_kernel(robot, law_of, name, inputs, (robot.n_q,), places)
         return kernel.entry('', kernel)
 
 
-def joint_impedance_law(law: JointImpedance) -> Law:
+def compile_dampers(law: JointImpedance) -> None:
+    """Compile the law of an object for both kinds of damping, between which it changes."""
+    for by_ratio in (False, True):
+        law._entry(by_ratio)
+
+
+def joint_impedance_law(law: JointImpedance, lanes_of: LanesOf) -> Law:
     """
-    Return the law of an object as a function over any scalar.
+    Return the law of an object as a function over any scalar, for either damping.
 
-    Its arguments are q, u, q_d, u_d, udot_d and the settings: stiffness, damping, weights
-    of the compensation.
+    Its arguments are q, u, q_d, u_d, udot_d and the settings of the object.
     """
-    return _law(law.robot, law._places, law._shapes)
+    return _law(law.robot, law._places, law._shapes, True, lanes_of)
 
 
-def _law(robot: Robot, followed: Sequence[int], shapes: Settings) -> Law:
+def _law(robot: Robot, followed: Sequence[int], shapes: Settings, by_ratio: bool,
+         lanes_of: LanesOf) -> Law:
     """Return the law as a function over any scalar; see the module."""
     equations = robot.equations
     places = list(followed)
@@ -165,8 +207,13 @@ def _law(robot: Robot, followed: Sequence[int], shapes: Settings) -> Law:
             settings: Vector, *, t: Scalar, parameters: Vector) -> Vector:
         values = shapes.unpacked(settings)
         motion = equations.joint_motion(q, u, equations.zeros, t)
-        force = (values['stiffness'] * (q_d - q[places])
-                 + values['damping'] * (u_d - motion.qdot[places]))
+        rates = u_d - motion.qdot[places]
+        force = values['stiffness'] * (q_d - q[places]) + values['damping'] * rates
+        if by_ratio:
+            T_c = motion.T[places]
+            W = T_c @ equations.inverse_mass_matrix(q, parameters, t) @ T_c.T
+            force = force + joint_damping(W, values['stiffness'], values['ratio'], rates,
+                                          lanes_of(q[0]))
         return compensated_torques(robot, places, (q, u, t, parameters), motion,
                                    (u_d, udot_d), force, values['weights'])
     return law

@@ -20,6 +20,7 @@ from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.native.python_call.entry import CallForm
 from kane_dynamics.native.python_call.entry_ir import FIXED, OPTIONAL, REQUIRED
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.tracing.expression import Expr
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.native.tracing.wide import WideLanes
 from kane_dynamics.robot.robot import in_regular_speeds, Robot
@@ -313,8 +314,8 @@ def law_kernel(robot: Robot, law_of: Callable[[Robot, LanesOf], Law], name: str,
 
 
 def lanes_of_single_states(scalar: Scalar) -> Any:
-    """Return the functions of lanes of SIMD instructions, for a traced scalar."""
-    return WideLanes(scalar.trace)
+    """Return the functions of lanes: of SIMD instructions for a traced scalar."""
+    return WideLanes(scalar.trace) if isinstance(scalar, Expr) else Lanes
 
 
 def lanes_of_scalars(scalar: Scalar) -> Any:

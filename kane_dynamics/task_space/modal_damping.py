@@ -19,12 +19,13 @@ is positive definite, so that D is, too.
 
 from typing import Any
 
-from kane_dynamics._util.typing import Matrix, Vector
+from kane_dynamics._util.typing import Array, Matrix, Vector
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 import numpy as np
 
+RATIO = 0.7  # default damping ratio of the laws
 SLOWEST = 1e-5  # modes slower than this fraction of the fastest are damped less
 POLES = 24  # relative error of the inverse square root: 3e-7
 TINY = 1e-280
@@ -56,6 +57,48 @@ def _resolvents() -> tuple[tuple[float, float], ...]:
 
 
 RESOLVENTS = _resolvents()
+
+
+def joint_damping(W: Matrix, stiffness: Vector, ratio: Vector, rates: Vector,
+                  lanes: Any = Lanes) -> Vector:
+    """
+    Return the force of a damper by ratio at joints with springs, (n,), over any scalar.
+
+    It is D times the rates, for J = 1 and a spring at each joint.
+
+    Parameters
+    ----------
+    W : (n, n) array
+        Inverse of the inertia of the joints, 1/(kg m^2) or 1/kg.
+    stiffness, ratio : (n,) arrays
+        N m/rad or N/m; damping ratios, of which modes have a mean if they differ.
+    rates : (n,) array
+        rad/s or m/s.
+    lanes : class or object
+        As of `inverse_root_times`.
+
+    """
+    F = np.sqrt(stiffness)
+    root = np.sqrt(2.0 * ratio)
+    modes = F[:, None] * W * F
+    return root * F * inverse_root_times(modes, F * root * rates, lanes)
+
+
+def damping_by_ratio(M: Array, stiffness: Array, ratio: Array) -> Array:
+    """
+    Return the matrix of the damper by ratio at joints with springs, (n, n).
+
+    It is that of `joint_damping`, by the eigenvalues of F M^-1 F.
+    """
+    F = np.sqrt(stiffness)
+    modes = F[:, None] * np.linalg.inv(M) * F
+    squares, vectors = np.linalg.eigh(modes)
+    slowest = SLOWEST**2 * squares.sum()
+    if slowest <= 0.0:  # no springs
+        return np.zeros_like(modes)
+    roots = np.sqrt(np.maximum(squares, 0.0) + slowest)
+    scaled = (np.sqrt(2.0 * ratio) * F)[:, None] * vectors
+    return np.asarray((scaled / roots) @ scaled.T)
 
 
 def inverse_root_times(B: Matrix, y: Vector, lanes: Any = Lanes) -> Vector:

@@ -254,12 +254,8 @@ def test_stiffness_changes_live(arm):
 @pytest.mark.parametrize('mode', ['joint_impedance', 'cartesian_impedance'])
 def test_the_guard_takes_over_and_hands_back_without_a_step(tmp_path, mode, mujoco):
     """The node hangs; it then goes on from the torques of the guard, where the arm is."""
-    arm = mujoco_arm() if mujoco else PLANT_ARM
-    settings = {'cartesian__frame': 'fr3_hand' if mujoco else 'c'}
-    if mujoco and mode == 'joint_impedance':
-        # With more the FR3 swings up at states each 2 ms, of which the node warns.
-        settings['joint_impedance__stiffness'] = [80.0] * 4 + [12.0] * 3
-    rig = Rig(tmp_path, arm, mujoco=mujoco, mode=mode, **settings)
+    rig = Rig(tmp_path, mujoco_arm() if mujoco else PLANT_ARM, mujoco=mujoco, mode=mode,
+              cartesian__frame='fr3_hand' if mujoco else 'c')
     try:
         rig.wait()
         recorder = rig.recorder

@@ -133,6 +133,6 @@ class SwingMonitor:
         joint = robot.speed_names[motion.joint]
         return (f"{watched.mode}: joint '{joint}' swings up: with joint states each "
                 f'{watched.period * 1e3:.3g} ms its amplitude grows by '
-                f'{motion.growth:.2g} in each; expected at most {share:.0%} of the '
+                f'{motion.growth:.2g} in each; expected at most {100.0 * share:.2g}% of the '
                 'stiffness, states more often, or the inertia of the rotors as '
                 '`armature` in the supplement')

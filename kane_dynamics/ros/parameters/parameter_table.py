@@ -216,8 +216,8 @@ SPECS = (
          'its damping, N m s/rad or N s/m; empty: by joint_impedance.damping_ratio',
          low=0.0),
     live('joint_impedance.damping_ratio', 'per_joint', 0.7,
-         'damping ratio of each joint on its spring, for its inertia where the mode '
-         'begins, if joint_impedance.damping is empty', low=0.0, high=10.0),
+         'damping ratio of the modes of the arm on these springs, at each state, if '
+         'joint_impedance.damping is empty', low=0.0, high=10.0),
     Spec('drives.sensor_side', 'text', 'motor',
          'where the joint states of elastic joints are measured: motor (divided by the '
          'gear ratio) or link; used by mode motor_side', choices=('motor', 'link')),

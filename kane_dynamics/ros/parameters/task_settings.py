@@ -63,25 +63,18 @@ def joint_stiffness(values: Mapping[str, Any], robot: Robot) -> Array:
     return stiffness
 
 
-def joint_damping(values: Mapping[str, Any], robot: Robot, stiffness: Array,
-                  inertia: Array) -> Array:
+def joint_damping(values: Mapping[str, Any], robot: Robot) -> dict[str, Array | None]:
     """
-    Return the damping of mode joint_impedance, (n_q,), N m s/rad or N s/m.
+    Return the settings of damping of `JointImpedance`, (n_q,): the stated one or a ratio.
 
-    Parameters
-    ----------
-    values : mapping
-        The node's parameters.
-    robot : Robot
-        Names the joints.
-    stiffness, inertia : (n_q,) arrays
-        N m/rad and kg m^2, or N/m and kg.
-
+    The other one is None.
     """
     joints = robot.joint_names
+    if values['joint_impedance.damping'].size:
+        damping = per_joint(values, 'joint_impedance.damping', joints, 0.0)
+        return {'damping': damping, 'damping_ratio': None}
     ratio = per_joint(values, 'joint_impedance.damping_ratio', joints, 0.0)
-    by_ratio = 2.0 * ratio * np.sqrt(stiffness * inertia)
-    return per_joint(values, 'joint_impedance.damping', joints, by_ratio)
+    return {'damping': None, 'damping_ratio': ratio}
 
 
 def cartesian_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:

@@ -72,12 +72,12 @@ def test_a_spring_too_stiff_for_the_rate_of_the_states_is_named(mode):
 @pytest.mark.parametrize('mode', SPRINGS)
 def test_the_share_that_the_warning_states_is_steady(mode):
     """Settings with the stated share of the stiffness give no warning; with more they do."""
-    rig = Rig(mode, joint_impedance__stiffness=400.0, cartesian__stiffness=STIFF)
+    rig = Rig(mode, joint_impedance__stiffness=200.0, cartesian__stiffness=STIFF)
     rig.states(0.05)
     share = float(rig.monitor.warning.split('expected at most ')[1].split('%')[0]) / 100.0
     assert 0.01 <= share < 0.9
     for factor, steady in ((0.9, True), (1.2, False)):
-        other = Rig(mode, joint_impedance__stiffness=400.0 * factor * share,
+        other = Rig(mode, joint_impedance__stiffness=200.0 * factor * share,
                     cartesian__stiffness=factor * share * STIFF)
         other.states(0.05)
         assert (other.monitor.warning == '') == steady

@@ -2,11 +2,15 @@
 
 from functools import cache
 
-from kane_dynamics import InputError, JointImpedance, Robot, Terms
+from kane_dynamics import InputError, JointImpedance, load_urdf, Robot, Terms
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.task_space.modal_damping import damping_by_ratio
+from kane_dynamics.task_space.sampled_spring import JointSpring, swing
 from linkages import five_bar, five_bar_at
 from mechanisms import random_model
 import numpy as np
 import pytest
+from scipy.linalg import sqrtm
 from stepping import stepped
 
 
@@ -51,6 +55,80 @@ def test_on_the_exact_model_a_closed_loop_follows_its_motion():
     np.testing.assert_allclose(result, accelerations, atol=1e-9)
 
 
+def geometric_mean(A, B):
+    """Return A (A^-1 B)^(1/2), the geometric mean of positive definite matrices."""
+    return A @ np.real(sqrtm(np.linalg.solve(A, B)))
+
+
+def damper_of(law, q, q_d):
+    """Return the matrix D of a law, from its torques at unit rates."""
+    n = law.robot.n
+    law.update(compensate=Terms(gravity=False, coriolis=False, inertia=False, friction=False))
+    at_rest = law.torque(q, np.zeros(n), q_d)
+    return np.column_stack([at_rest - law.torque(q, unit, q_d) for unit in np.eye(n)])
+
+
+def test_the_damper_by_ratio_is_the_geometric_mean_of_inertia_and_stiffness():
+    robot = arm()
+    stiffness = np.array([100.0, 80.0, 60.0, 40.0])
+    law = JointImpedance(robot, stiffness=stiffness, damping_ratio=0.6)
+    q = np.random.default_rng(2).normal(size=robot.n)
+    M = robot.mass_matrix(q)
+    expected = 1.2 * geometric_mean(np.diag(stiffness), M)
+    np.testing.assert_allclose(damper_of(law, q, q), expected, atol=1e-6 * expected.max())
+    compared = damping_by_ratio(M, stiffness, np.full(4, 0.6))
+    np.testing.assert_allclose(compared, expected, atol=1e-6 * expected.max())
+
+
+def test_every_mode_of_a_closed_loop_has_the_damping_ratio():
+    robot = five_bar('left_crank', 'right_crank')
+    stiffness = np.array([50.0, 20.0])
+    law = JointImpedance(robot, stiffness=stiffness, damping_ratio=0.3)
+    q = five_bar_at(2.1, 1.05)
+    cranks = [robot.coordinate_names.index(name) for name in law.followed]
+    law.update(compensate=Terms(gravity=False, coriolis=False, inertia=False, friction=False))
+    rates = np.column_stack([robot.joint_rates(q, unit)[cranks] for unit in np.eye(2)])
+    K = rates.T @ np.diag(stiffness) @ rates
+    inverse = np.linalg.inv(robot.mass_matrix(q))
+    D = np.column_stack([robot.generalized_force(
+        law.torque(q, np.zeros(2), q[cranks]) - law.torque(q, unit, q[cranks]), q)
+        for unit in np.eye(2)])
+    motion = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ K, -inverse @ D]])
+    roots = np.linalg.eigvals(motion)
+    np.testing.assert_allclose(-roots.real / np.abs(roots), 0.3, atol=1e-6)
+
+
+def test_kinds_of_damping_change_live():
+    robot = arm()
+    law = JointImpedance(robot, stiffness=100.0)
+    q, u = np.random.default_rng(3).normal(size=(2, robot.n))
+    by_ratio = law.torque(q, u, q)
+    law.update(damping=3.0, damping_ratio=None)
+    stated = JointImpedance(robot, stiffness=100.0, damping=3.0)
+    np.testing.assert_array_equal(law.torque(q, u, q), stated.torque(q, u, q))
+    law.update(damping=None, damping_ratio=0.7)
+    np.testing.assert_array_equal(law.torque(q, u, q), by_ratio)
+    without = JointImpedance(robot, stiffness=0.0)
+    still = JointImpedance(robot, stiffness=0.0, damping=0.0)
+    np.testing.assert_array_equal(without.torque(q, u, q), still.torque(q, u, q))
+
+
+def test_an_fr3_does_not_swing_up_at_500_hz():
+    """The default stiffness of the node, torques a period late, at random configurations."""
+    robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), tip='fr3_link7'))
+    stiffness = 5.0 * np.array(robot.limits.effort)
+    rng = np.random.default_rng(4)
+    by_joint = 0
+    for _ in range(100):
+        q = rng.uniform(robot.limits.lower, robot.limits.upper)
+        M = robot.mass_matrix(q)
+        damping = damping_by_ratio(M, stiffness, np.full(7, 0.7))
+        assert not swing(M, JointSpring(np.diag(stiffness), damping, True), 0.002).swings_up
+        of_joints = np.diag(1.4 * np.sqrt(stiffness * np.diag(M)))
+        by_joint += swing(M, JointSpring(np.diag(stiffness), of_joints, True), 0.002).swings_up
+    assert by_joint > 20, 'the inertia of each joint alone is no measure'
+
+
 @pytest.mark.slow
 def test_the_energy_of_a_closed_loop_does_not_rise_while_the_target_rests():
     robot = five_bar('left_crank', 'right_crank')
@@ -68,6 +146,8 @@ def test_the_energy_of_a_closed_loop_does_not_rise_while_the_target_rests():
 @pytest.mark.parametrize('wrong, message', [
     ({'stiffness': -1.0}, 'stiffness of joint'), ({'damping': np.nan}, 'damping of joint'),
     ({'stiffness': [1.0]}, 'expected one number, or 4'), ({'compensate': True}, 'expected Terms'),
+    ({'damping_ratio': 0.5}, 'both given'),
+    ({'damping': None, 'damping_ratio': -1.0}, 'damping_ratio of joint'),
     ({'stifness': 1.0}, 'expected some of stiffness')])
 def test_wrong_settings_change_nothing(wrong, message):
     robot = arm()
