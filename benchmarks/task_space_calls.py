@@ -52,16 +52,16 @@ def calls_of(robot: Robot, frame: str, q: np.ndarray) -> dict[str, tuple[str, di
     names = {
         'robot': robot, 'q': q, 'u': u, 'q_d': q[followed], 'partner': partner,
         'pose': robot.frame_pose(frame, q), 'wrench': np.array([0.0, 0.0, -10.0, 0.0, 0.0, 0.0]),
-        'JointImpedance': JointImpedance(robot, stiffness=100.0, damping=5.0,
-                                         followed=robot.speed_names),
         'CartesianImpedance': CartesianImpedance(robot, frame, stiffness=STIFFNESS),
         'HybridForce': HybridForce(robot, frame, stiffness=STIFFNESS, force_directions=['z']),
         'OperationalSpace': OperationalSpace(robot, frame),
         'HandGuiding': HandGuiding(robot, frame=frame),
         'ArmCoupling': ArmCoupling(robot, stiffness=100.0, damping=5.0,
                                    followed=robot.speed_names)}
+    leading = {} if robot.equations.in_joint_rates else {'followed': robot.speed_names}
+    names['stated'] = JointImpedance(robot, stiffness=100.0, damping=5.0, **leading)
+    names['by_ratio'] = JointImpedance(robot, stiffness=100.0, **leading)
     if robot.equations.in_joint_rates:  # all joints follow
-        names['JointImpedance'] = JointImpedance(robot, stiffness=100.0, damping=5.0)
         names['ArmCoupling'] = ArmCoupling(robot, stiffness=100.0, damping=5.0)
     names['pose'][:3, 3] += 0.02
     names['measured'] = -0.8 * names['wrench']
@@ -69,7 +69,8 @@ def calls_of(robot: Robot, frame: str, q: np.ndarray) -> dict[str, tuple[str, di
     statements = {
         'mass_matrix': 'robot.mass_matrix(q)',
         'inverse_dynamics': 'robot.inverse_dynamics(q, u, u)',
-        'JointImpedance': 'JointImpedance.torque(q, u, q_d, u)',
+        'JointImpedance_stated': 'stated.torque(q, u, q_d, u)',
+        'JointImpedance_by_ratio': 'by_ratio.torque(q, u, q_d, u)',
         'HandGuiding': 'HandGuiding.torque(q, u)',
         'OperationalSpace': 'OperationalSpace.torque(q, u, pose)',
         'CartesianImpedance': 'CartesianImpedance.torque(q, u, pose)',
@@ -123,7 +124,7 @@ def main() -> int:
         alone = min(value for (of_arm, label), value in native.items()
                     if of_arm == arm_name and label.startswith(words))
         ratio = seconds / best[arm_name, 'mass_matrix']
-        print(f'{arm_name:10} {name:20} {1e9 * seconds:9.0f} {ratio:12.1f}'
+        print(f'{arm_name:10} {name:24} {1e9 * seconds:5.0f} {ratio:12.1f}'
               f' {1e9 * alone:20.0f}')
         if seconds > LIMIT:
             print(f'FAILED: {name} on {arm_name}: {1e6 * seconds:.2f} us; expected at most '
