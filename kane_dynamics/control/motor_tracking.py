@@ -82,10 +82,14 @@ class MotorTracking:
         self.kp = per_joint(kp, 'kp', self.joint_names)
         self.kd = per_joint(kd, 'kd', self.joint_names)
         # Coordinates of the motors; of a rigid joint, its own.
-        names = robot.model.joint_names
         motor_of = {elastic.name: elastic.motor for elastic in robot.drives}
-        self._motors = [motor_of.get(name, names.index(name)) for name in self.joint_names]
-        columns = [feedforward.joint_names.index(name) for name in self.joint_names]
+        self._motors: list[int] = []
+        columns = []
+        for name in self.joint_names:
+            own = robot.model.joint_names.index(name)
+            self._motors.append(motor_of.get(name, own))
+            columns.append(feedforward.joint_names.index(name))
+        # The motion of the motors, as a path that can be sampled at any time.
         rows = self.command
         self._torque = rows.motor_torque[:, columns]
         self._path = Motion.from_points(

@@ -17,7 +17,7 @@ Noise of theta is seen through the drive and the links. Its part of the residual
 of the equations linearized about the mean configuration.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
@@ -94,21 +94,14 @@ class MotorEquations:
         self._gravity_slope = _gravity_slope(links, mean)
         self._driven = [self._robot.coordinate_names.index(name) for name in links.joint_names]
         self._kernel = _link_step(self._robot, self._driven, signals.t[1] - signals.t[0])
-        # Motors at the beginning, in the middle and at the end of each step.
+        # The motion of the motors, of which the links are simulated.
         spline = scientific('scipy.interpolate').CubicSpline(signals.t, signals.theta)
-        middle = 0.5 * (signals.t[:-1] + signals.t[1:])
-        theta = np.stack([signals.theta[:-1], spline(middle), signals.theta[1:]], axis=1)
-        rate = np.stack([spline(signals.t[:-1], 1), spline(middle, 1),
-                         spline(signals.t[1:], 1)], axis=1)
-        self._motors = np.ascontiguousarray(np.stack([theta, rate], axis=2))
+        self._motors = _motors_of_steps(spline, signals.t)
         self._rate = spline(signals.t, 1)
+        # The torque of each motor is linear in its inertia, viscous and Coulomb friction
+        # and offset, beside the torque of its gear.
         self._motor = self._spectra(signals.motor_torque)
-        columns = [[of.acceleration_of(x) for x in signals.theta.T],
-                   [of.rate_of(x) for x in signals.theta.T],
-                   [of.of_means(mean_coulomb(speed.values, FIRST_SLIP, speed.noise))
-                    for speed in signals.speeds],
-                   [of.of(np.ones(len(signals.t)))] * n]
-        self._columns = np.array(columns)  # (4, n, F)
+        self._columns = _linear_columns(signals, of)
         self.varying = np.zeros(n)  # motor friction whose noise counts, see `gear_fit`
         self._slopes = [friction_slope(speed.values, FIRST_SLIP) for speed in signals.speeds]
 
@@ -260,6 +253,27 @@ def _link_step(robot: Robot, driven: Sequence[int], step: float) -> Kernel:
 
     return robot.compiled(driven_links, name='driven_links', state=(n_q + n,),
                           motors=(3, 2, n), values=(4, n), shape=(n_q + n,))
+
+
+def _motors_of_steps(spline: Callable[..., Array], t: Array) -> Array:
+    """Return positions and speeds of the motors in each step, (N - 1, 3, 2, n)."""
+    middle = 0.5 * (t[:-1] + t[1:])
+    parts = []
+    for times in (t[:-1], middle, t[1:]):  # its beginning, middle and end
+        parts.append(np.stack([spline(times), spline(times, 1)], axis=1))
+    return np.ascontiguousarray(np.stack(parts, axis=1))
+
+
+def _linear_columns(signals: MotorSignals, of: Spectra) -> Array:
+    """Return the spectra of what the motor torques are linear in, (4, n, F)."""
+    columns: list[list[Array]] = [[], [], [], []]
+    constant = of.of(np.ones(len(signals.t)))
+    for theta, speed in zip(signals.theta.T, signals.speeds, strict=True):
+        columns[0].append(of.acceleration_of(theta))
+        columns[1].append(of.rate_of(theta))
+        columns[2].append(of.of_means(mean_coulomb(speed.values, FIRST_SLIP, speed.noise)))
+        columns[3].append(constant)
+    return np.array(columns)
 
 
 def _gravity_slope(links: DrivenLinks, q: Array) -> Array:

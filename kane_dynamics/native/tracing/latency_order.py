@@ -56,11 +56,14 @@ class _Schedule:
     def __init__(self, nodes: list[Expr]) -> None:
         """Count the operands of each node, and the latency of what follows it."""
         self._nodes = nodes
-        place = {node.index: k for k, node in enumerate(nodes)}
-        self._latency = [LATENCY.get(node.op, USUAL_LATENCY) for node in nodes]
+        self._latency: list[int] = []
         self._operands: list[set[int]] = []
-        self._users: list[list[int]] = [[] for _ in nodes]
+        self._users: list[list[int]] = []
+        place: dict[int, int] = {}
         for k, node in enumerate(nodes):
+            place[node.index] = k
+            self._latency.append(LATENCY.get(node.op, USUAL_LATENCY))
+            self._users.append([])
             needed = {place[operand.index] for operand in operands(node)}
             self._operands.append(needed)
             for j in needed:
