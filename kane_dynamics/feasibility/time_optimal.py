@@ -316,6 +316,7 @@ def _fastest(along: PathRobot, speeds: tuple[float, float], points: int
     # a finer one.
     fine = min(max(FINE, DIVISIONS * segments), FINEST)
     best: list[Checked] = []
+    shortest = math.inf
     while True:
         parts = along.sections(points, (not speeds[0], not speeds[1]))
         for part in parts:
@@ -323,9 +324,10 @@ def _fastest(along: PathRobot, speeds: tuple[float, float], points: int
         excess = SMALL if points < FINEST else LARGEST
         slower = math.inf
         try:
-            timings, slower = _all_solved(along, parts, speeds, excess)
-            if not best or _time(timings) < _time(best):
+            timings, time, slower = _all_solved(along, parts, speeds, excess)
+            if time < shortest:
                 best = timings
+                shortest = time
         except _Coarse as error:
             if points >= (error.finest or fine) and not best:
                 raise error.reason from None
@@ -337,9 +339,14 @@ def _fastest(along: PathRobot, speeds: tuple[float, float], points: int
 
 
 def _all_solved(along: PathRobot, parts: Sequence[Section], speeds: tuple[float, float],
-                excess: float) -> tuple[list[Checked], float]:
-    """Return all sections with their timings, and how much tighter limits slow them."""
+                excess: float) -> tuple[list[Checked], float, float]:
+    """
+    Return all sections with their timings, the whole time, and how much slower it is.
+
+    That is by the limits that were tightened, as a share of the time without them.
+    """
     timings = []
+    whole = 0.0
     untightened = 0.0
     # The motion rests between sections; speeds are asked for at its ends alone.
     for k, part in enumerate(parts):
@@ -351,12 +358,9 @@ def _all_solved(along: PathRobot, parts: Sequence[Section], speeds: tuple[float,
             # The points are too far apart beside a singular configuration.
             raise _Coarse(str(error), None, error) from None
         timings.append(timing)
+        whole += float(timing.points.t[-1])
         untightened += time
-    return timings, _time(timings) / untightened - 1.0
-
-
-def _time(parts: Sequence[Checked]) -> float:
-    return float(sum(part.points.t[-1] for part in parts))
+    return timings, whole, whole / untightened - 1.0
 
 
 def _solve(along: PathRobot, section: Section, start: float, end: float, excess: float
@@ -397,21 +401,11 @@ def _solve(along: PathRobot, section: Section, start: float, end: float, excess:
         'expected a path without sharp corners', FINEST)
 
 
-def _squared_speeds_at_ends(limits: PathLimits, start: float, end: float
-                            ) -> tuple[float | None, float | None]:
-    """Return s'^2 at both ends of the path; None where no speed is asked for."""
-    first = None
-    last = None
-    if start:
-        first = start**2 / limits.speed_squared(0)
-    if end:
-        last = end**2 / limits.speed_squared(-1)
-    return first, last
-
-
 def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> Array:
     """Return the fastest profile of x = s'^2, from a guess; None starts without friction."""
-    ends = _squared_speeds_at_ends(limits, start, end)
+    # s'^2 at both ends of the path; None where no speed is asked for.
+    at_start = start**2 / limits.speed_squared(0) if start else None
+    at_end = end**2 / limits.speed_squared(-1) if end else None
     # Limits depend on x by friction and power: programs of limits at the last x are
     # solved until x settles.
     slower = 0
@@ -419,7 +413,7 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
     for _ in range(PROGRAMS):
         limited = limits.at(x, calm)
         try:
-            sets = _sets(limits, limited, ends[1])
+            sets = _sets(limits, limited, at_end)
         except Infeasible as error:
             if limits.powered and not calm:
                 break  # by rounding, since x is a solution
@@ -428,7 +422,7 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
                 raise _refusal(limits, limited, error.vertex, start, end) from None
             x = SLOW * limits.most if x is None else 0.25 * x
             continue
-        first = _free_start(limits, sets) if ends[0] is None else ends[0]
+        first = _free_start(limits, sets) if at_start is None else at_start
         if not sets[0, 0] * (1.0 - ROUNDING) <= first <= sets[0, 1] * (1.0 + ROUNDING):
             scale = start / math.sqrt(first)
             raise _Coarse(f'start_speed: {start:g}; expected '
@@ -436,10 +430,10 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
                           f'{scale * math.sqrt(sets[0, 1]):.6g}, from which the path '
                           'can be followed')
         new = np.maximum(fastest_profile(sets, first), SMALLEST * limits.size)
-        if ends[0] is not None:
-            new[0] = ends[0]
-        if ends[1] is not None:
-            new[-1] = ends[1]
+        if at_start is not None:
+            new[0] = at_start
+        if at_end is not None:
+            new[-1] = at_end
         longer = math.inf
         if x is not None and not limits.linear:
             longer = duration(new) / duration(x) - 1.0

@@ -96,22 +96,27 @@ class Series:
     ended: float = -SLOW
     reported: float = 0.0
 
-    def begin(self, name: str, now: float) -> str:
-        """Count a kernel that begins to compile; return a line, or '' if none is due."""
-        if not self.running and now - self.ended > SLOW:
-            self.ready = 0
-            self.began = self.reported = now
-        self.running += 1
-        if now - self.reported <= SLOW:
-            return ''
-        self.reported = now
-        return f'compiling {name}; kernels ready: {self.ready}, after {now - self.began:.0f} s'
-
-    def end(self, now: float) -> None:
-        """Count a kernel that has been compiled."""
-        self.running = max(self.running - 1, 0)  # a fork ends those of other threads
-        self.ready += 1
-        self.ended = now
+    @contextmanager
+    def counted(self, name: str) -> Iterator[str]:
+        """Count a kernel that a block compiles; yield a line, or '' if none is due."""
+        with _lock.held():
+            now = time.monotonic()
+            if not self.running and now - self.ended > SLOW:
+                self.ready = 0
+                self.began = self.reported = now
+            self.running += 1
+            line = ''
+            if now - self.reported > SLOW:
+                self.reported = now
+                line = (f'compiling {name}; kernels ready: {self.ready}, '
+                        f'after {now - self.began:.0f} s')
+        try:
+            yield line
+        finally:
+            with _lock.held():
+                self.running = max(self.running - 1, 0)  # a fork ends those of other threads
+                self.ready += 1
+                self.ended = time.monotonic()
 
 
 _series = Series()
@@ -134,17 +139,14 @@ def logged(name: str) -> Iterator[None]:
     timer = Timer(SLOW, _report, (f'compiling {name}, more than {SLOW:g} s so far',))
     timer.daemon = True
     begin = time.monotonic()
-    with _lock.held():
-        line = _series.begin(name, begin)
-    if line:
-        _report(line)
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
-        with _lock.held():
-            _series.end(time.monotonic())
+    with _series.counted(name) as line:
+        if line:
+            _report(line)
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
     took = time.monotonic() - begin
     if took > SLOW:
         _report(f'compiled {name} in {took:.1f} s')

@@ -2,6 +2,7 @@
 
 import logging
 import time
+from types import SimpleNamespace
 
 from kane_dynamics import Inertial, InputError, Robot
 from kane_dynamics.native.machine_code import compiling, llvm
@@ -27,20 +28,29 @@ def test_a_line_says_what_is_compiled_and_one_how_long_it_took(caplog, monkeypat
 
 def test_short_kernels_of_a_long_series_are_reported_with_how_many_are_ready(monkeypatch):
     monkeypatch.setattr(compiling, 'SLOW', 2.0)
+    clock = SimpleNamespace(now=0.0)
+    monkeypatch.setattr(compiling, 'time', SimpleNamespace(monotonic=lambda: clock.now))
     series = compiling.Series()
     lines = []
     for k in range(6):  # 0.9 s each
-        line = series.begin(f'kernel{k}', 100.0 + k)
-        lines.append(line)
-        series.end(100.9 + k)
+        clock.now = 100.0 + k
+        with series.counted(f'kernel{k}') as line:
+            lines.append(line)
+            clock.now = 100.9 + k
     assert lines == ['', '', '', 'compiling kernel3; kernels ready: 3, after 3 s', '', '']
-    assert series.begin('kernel6', 106.0) == 'compiling kernel6; kernels ready: 6, after 6 s'
-    # A kernel that another thread compiles meanwhile does not begin a series of its own.
-    assert series.begin('kernel7', 110.0) == 'compiling kernel7; kernels ready: 6, after 10 s'
-    series.end(111.0)
-    series.end(112.0)
-    assert series.begin('later', 115.0) == ''
-    assert series.ready == 0
+    clock.now = 106.0
+    with series.counted('kernel6') as line:
+        assert line == 'compiling kernel6; kernels ready: 6, after 6 s'
+        # A kernel that another thread compiles meanwhile does not begin a series of its own.
+        clock.now = 110.0
+        with series.counted('kernel7') as line:
+            assert line == 'compiling kernel7; kernels ready: 6, after 10 s'
+            clock.now = 111.0
+        clock.now = 112.0
+    clock.now = 115.0
+    with series.counted('later') as line:
+        assert line == ''
+        assert series.ready == 0
 
 
 def test_lines_go_where_a_program_asks_for_them(caplog, monkeypatch):
