@@ -82,8 +82,8 @@ class HandGuiding(RunTimeSettings):
         Further damping of every joint, N m s/rad or N s/m.
     speed_limit : float or array_like, optional
         rad/s or m/s, of every joint: faster motion is braked. Default: half of the
-        robot's limits. Towards its position limit a joint is braked whatever its speed
-        limit, as of `CartesianImpedance`, unless that is stated as inf.
+        robot's limits. Before its position limit a joint is braked, too, as by
+        `CartesianImpedance`, unless its speed limit is stated as inf.
     frame_speed : float
         m/s: faster motion of the frame's origin is braked.
     limit_stiffness, limit_margin : float or array_like, optional
@@ -141,6 +141,11 @@ class HandGuiding(RunTimeSettings):
                     limit_stiffness=limit_stiffness, limit_margin=limit_margin,
                     planes=planes, plane_stiffness=plane_stiffness,
                     effort_limit=effort_limit)
+        self._law = self._compiled()
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a copy, and compile its law for its own robot."""
+        self.__dict__.update(state)
         self._law = self._compiled()
 
     def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
@@ -304,7 +309,7 @@ def _law(robot: Robot, frame: Frame | None, walls: JointWalls, shapes: Settings,
             position = equations.frame_pose(frame, q, t)[:3, 3]
             total = total + J.T @ _frame_force(position, J @ u, W, values)
 
-        # Brakes of joints that come to their limits faster than what is left of the way.
+        # Brakes of joints that come to their position limits too fast.
         speeds = speeds_towards_stops(robot, q, rates, values['far_speed'], lanes)
         bias = resisting_force(equations, q, u, RESISTING, parameters, t)
         stopping = brake_torques(motion, inverse, total - bias, speeds, lanes)

@@ -93,7 +93,19 @@ class JointImpedance(RunTimeSettings):
         On an InputError no setting changes. Damping by ratio after a stated one, or the
         other way round, is compiled at its first use.
         """
+        # Compile first, so that no call meets the new settings with the old law meanwhile.
+        damping = {**self._values, **settings}['damping']
+        law = self._entry(damping is None)
         super().update(**settings)
+        self._law = law
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy has: no entry points of this object."""
+        return {**super().__getstate__(), '_entries': {}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a copy, and compile its law for its own robot."""
+        self.__dict__.update(state)
         self._law = self._entry(self._values['damping'] is None)
 
     def _entry(self, by_ratio: bool) -> Callable[..., Array]:

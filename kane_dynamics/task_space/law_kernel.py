@@ -117,6 +117,12 @@ class RunTimeSettings:
         """Return the numbers of the kernel by name, from checked settings."""
         raise NotImplementedError
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy has: its own settings, and no compiled function."""
+        state = {**self.__dict__, '_block': self._block.copy()}
+        state.pop('_law', None)
+        return state
+
 
 def settings_of(law: RunTimeSettings) -> Array:
     """Return the settings of a law as its kernel takes them."""
@@ -144,8 +150,8 @@ class PoseLaw(RunTimeSettings):
         self._zero = np.zeros(6)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy has: its own settings, and no entry point of this object."""
-        state = {**self.__dict__, '_call': None, '_block': self._block.copy()}
+        """Return what a copy has: no entry point of this object either."""
+        state = {**super().__getstate__(), '_call': None}
         state.pop('torque', None)
         return state
 

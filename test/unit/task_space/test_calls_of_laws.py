@@ -3,11 +3,12 @@
 import copy
 from functools import cache
 import gc
+import pickle
 import sys
 import weakref
 
-from kane_dynamics import (CartesianImpedance, HybridForce, InputError, load_urdf,
-                           OperationalSpace, Robot)
+from kane_dynamics import (CartesianImpedance, HandGuiding, HybridForce, InputError,
+                           JointImpedance, load_urdf, OperationalSpace, Robot)
 from kane_dynamics._util.resources import resource_path
 import numpy as np
 from palletizer import palletizer, positions
@@ -120,7 +121,12 @@ def test_torques_belong_to_the_caller_and_no_reference_is_lost(name):
     assert counts == [sys.getrefcount(x) for x in (*state, WRENCH, law._zero, law._block)]
 
 
-@pytest.mark.parametrize('copied', [copy.copy, copy.deepcopy])
+def unpickled(law):
+    """Return a copy by way of bytes, as another process gets it."""
+    return pickle.loads(pickle.dumps(law))
+
+
+@pytest.mark.parametrize('copied', [copy.copy, copy.deepcopy, unpickled])
 @pytest.mark.parametrize('name', ['CartesianImpedance', 'HybridForce'])
 def test_a_copy_has_its_own_settings(name, copied):
     law, state = law_and_state(name)
@@ -130,6 +136,32 @@ def test_a_copy_has_its_own_settings(name, copied):
     twin.update(stiffness=[500.0] * 3 + [20.0] * 3)
     assert np.abs(twin.torque(*state) - expected).max() > 0.1
     np.testing.assert_array_equal(law.torque(*state), expected)
+
+
+@pytest.mark.parametrize('copied', [copy.copy, copy.deepcopy, unpickled])
+@pytest.mark.parametrize('make, changes', [
+    (lambda robot: JointImpedance(robot, stiffness=50.0), {'stiffness': 80.0}),
+    (lambda robot: JointImpedance(robot, stiffness=50.0), {'damping': 9.0}),
+    (lambda robot: JointImpedance(robot, stiffness=50.0, damping=9.0),
+     {'damping': None, 'damping_ratio': 0.2}),
+    (HandGuiding, {'damping': 4.0})])
+def test_a_copy_of_a_law_of_joints_has_its_own_settings(make, changes, copied):
+    robot = fr3()
+    _, (q, u, _) = law_and_state('CartesianImpedance')
+    law = make(robot)
+    state = (q, u, q + 0.1) if isinstance(law, JointImpedance) else (q, u)
+    expected = law.torque(*state)
+    twin = copied(law)
+    np.testing.assert_array_equal(twin.torque(*state), expected)
+    twin.update(**changes)
+    assert np.abs(twin.torque(*state) - expected).max() > 0.1
+    np.testing.assert_array_equal(law.torque(*state), expected)
+    # A copy of the robot has its own gravity.
+    if twin.robot is not robot:
+        before = twin.torque(*state)
+        twin.robot.parameters.gravity = [0.0, 0.0, 0.0]
+        assert np.abs(twin.torque(*state) - before).max() > 1.0
+        np.testing.assert_array_equal(law.torque(*state), expected)
 
 
 def test_update_changes_the_next_call():
