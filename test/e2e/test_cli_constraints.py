@@ -163,8 +163,10 @@ def test_exported_c_is_that_of_the_closed_loops(tmp_path):
     (['torque', str(URDF), '--constraints', 'none.yaml'], 'none.yaml'),
     (['torque', *ARM, '--q', '0', '0', '3', '0'], 'expected'),
     (['inspect', *ARM, '--against', 'pinocchio'], '--against: given with --constraints'),
-    (['identify', *ARM, 'r.csv'], '--constraints: given without --payload; expected both'),
-    (['identify', *ARM, 'r.csv', '--base-parameters'], '--constraints: given without --payload'),
+    (['identify', *ARM, 'r.csv'],
+     '--constraints: given without --payload or --drives; expected one of them'),
+    (['identify', *ARM, 'r.csv', '--base-parameters'],
+     '--constraints: given without --payload or --drives'),
 ])
 def test_errors_name_what_is_expected(arguments, message):
     done = command(*arguments)

@@ -90,8 +90,8 @@ def identification(options: Namespace) -> None:
 def _require_tree_torques(options: Namespace) -> None:
     """Raise InputError for options that only the fit of a payload takes."""
     if options.constraints:
-        raise InputError('--constraints: given without --payload; expected both, as the '
-                         'other fits take recordings of trees')
+        raise InputError('--constraints: given without --payload or --drives; expected one '
+                         'of them, as the other fits take recordings of trees')
     if stated_efforts(options).kind is EffortKind.EXTERNAL_TORQUE:
         raise InputError('--efforts external_torque: excludes the torques of the arm itself, '
                          'which are identified; expected other efforts, or --payload')
@@ -369,9 +369,9 @@ def _identify_drives(options: Namespace) -> None:
     _refuse_unused(options, '--drives')
     # Options of other fits would be ignored, so that they are refused.
     others = {'--payload': options.payload, '--base-parameters': options.base_parameters,
-              '--cutoff': options.cutoff,
-              '--resample': options.resample, '--topic': options.topic,
-              '--plot': options.plot, '--efforts': options.efforts}
+              '--cutoff': options.cutoff, '--resample': options.resample,
+              '--topic': options.topic, '--plot': options.plot,
+              '--efforts': options.efforts}
     for name, value in others.items():
         if value:
             raise InputError(f'--drives: given with {name}; expected it without {name}')
