@@ -51,7 +51,8 @@ class JointImpedance(RunTimeSettings):
         N m s/rad or N s/m, in place of the damping by ratio.
     damping_ratio : float or (n,) array_like, optional
         Of the modes of the joints' inertia on their springs, at each state; 0.7 by
-        default. A mode of joints with several ratios has one between them.
+        default. If the ratios of joints differ, each mode has one between the smallest
+        and the largest.
     compensate : Terms
         The terms of the model that are compensated. Springs of the model always are.
     followed : sequence of str, optional

@@ -64,24 +64,25 @@ def joint_damping(W: Matrix, stiffness: Vector, ratio: Vector, rates: Vector,
     """
     Return the force of a damper by ratio at joints with springs, (n,), over any scalar.
 
-    It is D times the rates, for J = 1 and a spring at each joint.
+    It is D times the rates, for J = 1 and a spring at each joint. Where the ratios Z of
+    the joints differ, D is twice the geometric mean of inertia and Z K Z, which grows with
+    Z: the ratio of each mode is from the smallest to the largest of Z.
 
     Parameters
     ----------
     W : (n, n) array
         Inverse of the inertia of the joints, 1/(kg m^2) or 1/kg.
     stiffness, ratio : (n,) arrays
-        N m/rad or N/m; damping ratios, of which modes have a mean if they differ.
+        N m/rad or N/m; damping ratios.
     rates : (n,) array
         rad/s or m/s.
     lanes : class or object
         As of `inverse_root_times`.
 
     """
-    F = np.sqrt(stiffness)
-    root = np.sqrt(2.0 * ratio)
+    F = ratio * np.sqrt(stiffness)
     modes = F[:, None] * W * F
-    return root * F * inverse_root_times(modes, F * root * rates, lanes)
+    return 2.0 * F * inverse_root_times(modes, F * rates, lanes)
 
 
 def damping_by_ratio(M: Array, stiffness: Array, ratio: Array) -> Array:
@@ -90,15 +91,15 @@ def damping_by_ratio(M: Array, stiffness: Array, ratio: Array) -> Array:
 
     It is that of `joint_damping`, by the eigenvalues of F M^-1 F.
     """
-    F = np.sqrt(stiffness)
+    F = ratio * np.sqrt(stiffness)
     modes = F[:, None] * np.linalg.inv(M) * F
     squares, vectors = np.linalg.eigh(modes)
     slowest = SLOWEST**2 * squares.sum()
-    if slowest <= 0.0:  # no springs
+    if slowest <= 0.0:  # no springs, or no damping
         return np.zeros_like(modes)
     roots = np.sqrt(np.maximum(squares, 0.0) + slowest)
-    scaled = (np.sqrt(2.0 * ratio) * F)[:, None] * vectors
-    return np.asarray((scaled / roots) @ scaled.T)
+    scaled = F[:, None] * vectors
+    return np.asarray(2.0 * (scaled / roots) @ scaled.T)
 
 
 def inverse_root_times(B: Matrix, y: Vector, lanes: Any = Lanes) -> Vector:

@@ -10,7 +10,7 @@ from linkages import five_bar, five_bar_at
 from mechanisms import random_model
 import numpy as np
 import pytest
-from scipy.linalg import sqrtm
+from scipy.linalg import eigh, sqrtm
 from stepping import stepped
 
 
@@ -78,6 +78,24 @@ def test_the_damper_by_ratio_is_the_geometric_mean_of_inertia_and_stiffness():
     np.testing.assert_allclose(damper_of(law, q, q), expected, atol=1e-6 * expected.max())
     compared = damping_by_ratio(M, stiffness, np.full(4, 0.6))
     np.testing.assert_allclose(compared, expected, atol=1e-6 * expected.max())
+
+
+def test_modes_of_joints_with_different_ratios_have_ratios_between_them():
+    robot = arm()
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        q = rng.normal(size=robot.n)
+        stiffness = 10.0**rng.uniform(0.0, 3.0, 4)
+        ratios = rng.permutation([0.1, 0.1, 1.0, 1.0])
+        law = JointImpedance(robot, stiffness=stiffness, damping_ratio=ratios)
+        M = robot.mass_matrix(q)
+        D = damper_of(law, q, q)
+        compared = damping_by_ratio(M, stiffness, ratios)
+        np.testing.assert_allclose(D, compared, atol=1e-6 * compared.max())
+        squares, modes = eigh(np.diag(stiffness), M)
+        of_modes = np.diag(modes.T @ D @ modes) / (2.0 * np.sqrt(squares))
+        assert of_modes.min() >= ratios.min() - 1e-6
+        assert of_modes.max() <= ratios.max() + 1e-6
 
 
 def test_every_mode_of_a_closed_loop_has_the_damping_ratio():
