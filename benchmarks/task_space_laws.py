@@ -635,8 +635,8 @@ def thrown_by_hand(arm: Arm) -> ThrowFigures:
     """
     Throw the flange by random wrenches of a hand, without friction, in MuJoCo.
 
-    Neither do the joints have speed limits, nor the plant stops: the law alone holds
-    the position limits.
+    The joints have no speed limits and the plant has no stops: the law alone keeps the
+    joints within their position limits.
     """
     robot = Robot(load_urdf(arm.urdf, tip=arm.frame), friction=False)
     robot.limits = replace(robot.limits, velocity=np.full(robot.n, np.inf))

@@ -122,8 +122,9 @@ class CartesianImpedance(PoseLaw):
     stiffness : (6,) or (6, 6) array_like
         N/m, then N m/rad, in the axes; positive semidefinite.
     damping_ratio : float or (6,) array_like
-        Of the modes of the frame's inertia on the spring; 0.7 by default. Six ratios
-        scale the axes.
+        Of the modes of the frame's inertia on the spring; 0.7 by default. With six
+        ratios, one for each axis, and a diagonal stiffness each mode has one between the
+        smallest and the largest.
     damping : (6,) or (6, 6) array_like, optional
         N s/m and N m s/rad, in place of the damping by ratio.
     axes : str
@@ -153,9 +154,9 @@ class CartesianImpedance(PoseLaw):
     speed_limit : float or array_like, optional
         Limits of the joint speeds, rad/s or m/s; inf for none. The reference motion is
         slower than the target where it needs more than 90 % of one, and a joint that is
-        about to exceed that is braked. Towards a position limit a joint goes at most what
-        is left of the way in 0.1 s, unless its limit is inf. Default: the robot's; a joint
-        without one is slow towards its position limits alone.
+        about to exceed that is braked. Towards its position limit the speed of a joint is
+        at most the distance that is left, divided by 0.1 s, unless its speed limit is inf.
+        Default: the robot's; a joint without one is slow towards its position limits alone.
     compensate : Terms
         The terms of the model that are compensated.
     singular_mass : float, optional
@@ -206,7 +207,7 @@ class CartesianImpedance(PoseLaw):
         robot = self.robot
         joints = self._walls.count
         return {
-            'stiffness': (6, 6), 'factor': (6, 6), 'root': (6,), 'damping': (6, 6),
+            'stiffness': (6, 6), 'damping_factor': (6, 6), 'damping': (6, 6),
             'bounds': (2,), 'weights': (len(WEIGHTS),), 'posture': (robot.n_q,),
             'posture_stiffness': (joints,), 'null_damping': (), 'singular_mass': (),
             'effort': (len(robot.joint_names),), 'speed': (len(robot.joint_names),),
@@ -244,8 +245,7 @@ class CartesianImpedance(PoseLaw):
                 raise InputError(f'posture_stiffness: {values["posture_stiffness"]!r}, '
                                  'without a posture; expected a posture, (n_q,)')
         return {
-            'stiffness': K, 'factor': factor(K), 'root': np.sqrt(2.0 * ratios),
-            'damping': D,
+            'stiffness': K, 'damping_factor': factor(K) * ratios, 'damping': D,
             'bounds': stored_energy_limits(K, limits['force_limit'],
                                            limits['moment_limit']),
             'weights': compensation_weights(checked_terms(values['compensate'])),
@@ -491,8 +491,8 @@ def impedance_forces(robot: Robot, task: FrameTask, walls: JointWalls, at: State
 def damping_wrench(W: Matrix, velocity: Vector, values: Mapping[str, Any],
                    lanes: Any) -> Vector:
     """Return D times a velocity, (6,): the damping by ratio and the stated one."""
-    F = np.triu(values['factor'])
+    F = np.triu(values['damping_factor'])  # of the stiffness, times the ratios
     modes = product(F, transpose(product(F, W, lanes), lanes), lanes)
-    in_modes = product(values['root'] * velocity, transpose(F, lanes), lanes)
+    in_modes = product(2.0 * velocity, transpose(F, lanes), lanes)
     by_ratio = product(inverse_root_times(modes, in_modes, lanes), F, lanes)
-    return values['root'] * by_ratio + product(velocity, values['damping'], lanes)
+    return by_ratio + product(velocity, values['damping'], lanes)

@@ -94,7 +94,8 @@ class JointImpedance(RunTimeSettings):
         On an InputError no setting changes. Damping by ratio after a stated one, or the
         other way round, is compiled at its first use.
         """
-        # Compile first, so that no call meets the new settings with the old law meanwhile.
+        # Compile before the settings change: calls of other threads have the old ones
+        # meanwhile.
         damping = {**self._values, **settings}['damping']
         law = self._entry(damping is None)
         super().update(**settings)

@@ -6,8 +6,8 @@ cannot follow accelerates them. So the reference motion is slowed down to `FREE`
 velocity limits, all joints by one factor. A joint that would exceed `FREE` of its limit
 within `HORIZON` is braked by a torque against its motion, which takes energy out in every
 configuration. Slower joints, below `SLOW` of the limit, are never braked. Towards a
-joint limit the speed limit is what is left of the way, divided by `STOPPING`: joints come
-to their stops slowly, also those of a robot that states no speed limit.
+joint limit the speed limit is the distance that is left, divided by `STOPPING`: joints
+come to their stops slowly, also those of a robot that states no speed limit.
 """
 
 from __future__ import annotations

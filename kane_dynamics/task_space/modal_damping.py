@@ -64,9 +64,9 @@ def joint_damping(W: Matrix, stiffness: Vector, ratio: Vector, rates: Vector,
     """
     Return the force of a damper by ratio at joints with springs, (n,), over any scalar.
 
-    It is D times the rates, for J = 1 and a spring at each joint. Where the ratios Z of
-    the joints differ, D is twice the geometric mean of inertia and Z K Z, which grows with
-    Z: the ratio of each mode is from the smallest to the largest of Z.
+    It is D times the rates, for J = 1 and a spring at each joint. With the ratios Z of
+    the joints D is twice the geometric mean of inertia and Z K Z. Since that mean grows
+    with Z, each mode has a ratio from the smallest to the largest of Z.
 
     Parameters
     ----------

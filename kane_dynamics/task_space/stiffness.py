@@ -102,9 +102,9 @@ class Spring:
     The spring between a frame and its target, over any scalar.
 
     Its energy is V = 1/2 e^T K e with e the displacement and the orientation error, in
-    the axes of the task; what couples the two fades towards half a turn. With limits, V
-    grows as the square root beyond `bounds`, so that force and moment stay bounded in
-    their directions and have an energy.
+    the axes of the task; the part of V that couples the two fades towards half a turn.
+    With limits, V grows as the square root beyond `bounds`, so that force and moment stay
+    bounded in their directions and have an energy.
 
     Parameters
     ----------
@@ -131,8 +131,7 @@ class Spring:
                  settings: Mapping[str, Any], lanes: Any = Lanes) -> None:
         displacement, orientation = pose_difference(pose, target, axes)
         self.error = np.concatenate([displacement, orientation.vector])
-        # Pulls by the displacement and by the rotation; what couples the two fades towards
-        # half a turn.
+        # K e, by displacement and by rotation; the coupling fades towards half a turn.
         K = settings['stiffness']
         by_displacement = product(displacement, K[:3], lanes)
         by_rotation = product(orientation.vector, K[3:], lanes)

@@ -12,6 +12,7 @@ import numpy as np
 from palletizer import joint_angles, palletizer
 import pytest
 from readable_impedance import arm_numbers, cartesian_impedance
+from scipy.linalg import eigh
 from stepping import stepped
 
 K = np.array([2000.0, 1500.0, 1000.0, 20.0, 60.0, 100.0])
@@ -77,6 +78,27 @@ def test_a_coupled_spring_does_not_jump_at_half_a_turn():
         target = robot.frame_pose(TIP, ORDINARY) @ pose_exp([0.05, -0.02, 0.03, angle, 0.0, 0.0])
         torques.append(impedance.torque(ORDINARY, np.zeros(7), target))
     np.testing.assert_allclose(torques[0], torques[1], atol=1e-5)
+
+
+def test_modes_of_axes_with_different_ratios_have_ratios_between_them():
+    robot = fr3()
+    rng = np.random.default_rng(6)
+    stiffness = np.array([2000.0, 500.0, 20.0, 50.0, 5.0, 1.0])
+    ratios = np.array([0.1, 1.0, 0.1, 1.0, 0.1, 1.0])
+    target = robot.frame_pose(TIP, ORDINARY)
+    J = robot.jacobian(TIP, ORDINARY)
+    Lambda = robot.operational_space_inertia(TIP, ORDINARY)
+    squares, modes = eigh(np.diag(stiffness), Lambda)
+    for _ in range(6):
+        impedance = law(stiffness=stiffness, damping_ratio=rng.permutation(ratios),
+                        null_damping=0.0)
+        at_rest = impedance.torque(ORDINARY, np.zeros(7), target)
+        dampers = [at_rest - impedance.torque(ORDINARY, unit, target) for unit in np.eye(7)]
+        # The damper of the joints is J^T D J.
+        inverse = np.linalg.pinv(J)
+        D = inverse.T @ np.column_stack(dampers) @ inverse
+        of_modes = np.diag(modes.T @ D @ modes) / (2.0 * np.sqrt(squares))
+        assert of_modes.min() >= 0.1 - 1e-5 and of_modes.max() <= 1.0 + 1e-5
 
 
 @pytest.mark.slow
