@@ -399,7 +399,7 @@ class FrictionState:
         tried = False
         # Nothing moves: constraints may hold joints whose friction is at its bound.
         if self.constrained and not moves.any():
-            reached = np.abs(directions) > 1.5
+            reached = self._starts(forces, directions)
             of_all = forces.a + forces.regular[:, resting] @ f
             tried = self.drops and self._returns(forces, of_all, directions)
             if not tried:
@@ -408,6 +408,10 @@ class FrictionState:
         # The others begin to slide the way they accelerate.
         directions[resting[moves]] = begins
         return _Begins(resting[moves], needed, tried)
+
+    def _starts(self, forces: Forces, directions: Array) -> Array:
+        """Return which joints at rest have a direction of sliding, (k,) array of bool."""
+        return (directions != 0.0) & (np.abs(forces.v) <= 2.0 * self.slow)
 
     def _returns(self, forces: Forces, accelerations: Array, directions: Array) -> bool:
         """
@@ -434,8 +438,8 @@ class FrictionState:
         by_drops = np.abs(forces.A) @ self.drop
         zero = NEGLIGIBLE * (by_drops + np.abs(forces.a).max(initial=0.0))
         dropped = (np.abs(directions) == 1.0) & (self.drop > 0.0)
-        starts = (directions != 0.0) & (np.abs(forces.v) <= 2.0 * self.slow)
         along = np.sign(directions) * accelerations
+        starts = self._starts(forces, directions)
         wrong = np.flatnonzero(starts & (along <= np.where(dropped, zero, -zero)))
         directions[wrong[:1]] = 0.0
         return bool(len(wrong))

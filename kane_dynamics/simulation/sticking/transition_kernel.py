@@ -667,13 +667,13 @@ def _tried(contact: FrictionState, search: Search, here: AtRest,
     directions = []
     for j, direction in enumerate(search.directions):
         is_at_bound = direction * direction > 1.5
-        reached = _largest(reached, is_at_bound)
         zero = NEGLIGIBLE * (of_drops[j] + here.size)
         least = -zero
         if contact.drop[j]:
             least = select(is_at_bound, -zero, zero)
         starts = (direction * direction > 0.5) * (
             1.0 - (2.0 * contact.slow[j] < magnitude(here.rates[j])))
+        reached = _largest(reached, starts)
         wrong = starts * (1.0 - (least < _sign(direction) * here.a[j]))
         changes = wrong * (1.0 - returning)
         returning = _largest(returning, wrong)

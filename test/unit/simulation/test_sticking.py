@@ -396,6 +396,15 @@ def test_joints_that_break_away_in_the_last_step_of_native_code_do_so_at_the_exa
     follows_the_exact_motion(sliders, np.array([-0.15093434]))
 
 
+def test_a_joint_whose_friction_drops_breaks_away_with_one_whose_friction_does_not():
+    # The latter reaches its bound last: neither waits until it has begun to move.
+    coupling = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, -1.0]])
+    sliders = Sliders(coupling, np.array([0.5, 2.2, 1.6]), np.ones(3), np.array([1.1, 1.0, 1.3]),
+                      np.array([0.0, -9.0, 4.5]), np.array([-0.85, -0.77]))
+    run = follows_the_exact_motion(sliders, np.zeros(2))
+    assert run.sticking[:, 1:].all(axis=1).any() and not run.sticking[:, 1:].all()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', [3, 7, 9])
 def test_the_readable_search_breaks_coupled_joints_away_at_the_same_time(monkeypatch, seed):
