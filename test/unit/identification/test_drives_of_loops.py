@@ -74,10 +74,10 @@ def test_motors_alone_determine_the_drives_of_a_loop_near_its_resonances(robot, 
     assert (result.stiffness_deviation < 0.001 * result.stiffness).all()
 
 
-def test_the_open_tree_would_have_other_stiffnesses(large):
+def test_drives_of_a_loop_are_identified_with_the_gravity_of_the_robot(large):
     whole = LINKS.robot()
     lighter = LINKS.robot()
-    lighter.parameters.gravity = [0.0, 0.0, -5.0]  # the gravity of the robot counts
+    lighter.parameters.gravity = [0.0, 0.0, -5.0]
     recording = large.measured(1, use=('q', 'motor_torque'))
     right = identify_drives(whole, recording)
     with pytest.warns(match='residuals'):
