@@ -23,7 +23,8 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
-from kane_dynamics.mechanics.integrators.held_joints import masked_solution, REGULAR
+from kane_dynamics.mechanics.integrators.held_joints import (held_response, masked_solution,
+                                                             REGULAR)
 from kane_dynamics.native.runtime.event_loop import SearchPlaces
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.simulation.step_kernels import (RobotMotion, state_layout, state_names,
@@ -430,18 +431,19 @@ def _at_rest(contact: FrictionState, choice: StepChoice, search: Search, inputs:
                             parameters[:robot.parameters.physical])
     _, rates, a, _, A, least, largest, _, _ = np.split(results, contact.ends)
     A = A.reshape(k, k)
+    regular = A
     if contact.constrained:
         scale: Scalar = 0.0
         for i in range(k):
             scale = _largest(scale, A[i, i])
-        A = A + REGULAR * scale * np.eye(k)
+        regular = A + REGULAR * scale * np.eye(k)
 
     # Stops widen the bounds of the joints at rest that touch them.
     resting = _resting(search.directions)
     touching = _sides_at(contact, q, search)
     sides = [side * rests for side, rests in zip(touching, resting)]
     least, largest = _with_stops(sides, least, largest)
-    forces = _forces_of_sets(search, resting, A, a, least, largest)
+    forces = _forces_of_sets(search, resting, regular, a, least, largest)
 
     # The largest accelerations without forces, by which rounding is judged.
     of_all: Scalar = 0.0
@@ -450,8 +452,8 @@ def _at_rest(contact: FrictionState, choice: StepChoice, search: Search, inputs:
         size = magnitude(acceleration)
         of_all = _largest(of_all, size)
         at_rest = _largest(at_rest, size * rests)
-    return AtRest(rates, a + A @ forces, forces, least, largest, np.array(touching),
-                  A, of_all, _rounding(A, forces, at_rest))
+    return AtRest(rates, a + regular @ forces, forces, least, largest, np.array(touching),
+                  A, of_all, _rounding(regular, forces, at_rest))
 
 
 def _resting(directions: Vector) -> list[Scalar]:
@@ -688,7 +690,7 @@ def _tried(contact: FrictionState, search: Search, here: AtRest,
         drops.append(select(is_at_bound, _sign(direction) * drop, 0.0))
     response = here.A @ np.array(drops)
     held = [rests > 0.5 for rests in _resting(saturated)]
-    response = response - here.A @ masked_solution(here.A, held, response)
+    response = response - here.A @ held_response(here.A, held, response)
 
     # Those whose friction drops along the motion break away together.
     breaks: Scalar = 0.0

@@ -405,6 +405,13 @@ def test_a_joint_whose_friction_drops_breaks_away_with_one_whose_friction_does_n
     assert run.sticking[:, 1:].all(axis=1).any() and not run.sticking[:, 1:].all()
 
 
+def test_a_joint_at_its_bound_waits_for_a_slow_one_that_holds_it():
+    # The second one moves a fiftieth as far as the first, and holds it nevertheless.
+    sliders = Sliders(np.array([[1.0], [-0.0207]]), np.array([1.6, 1.9]), np.array([1.8, 1.3]),
+                      np.array([2.7, 1.3]), np.array([0.0, -12.0, 6.0]), np.zeros(1))
+    follows_the_exact_motion(sliders, np.zeros(1))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', [3, 7, 9])
 def test_the_readable_search_breaks_coupled_joints_away_at_the_same_time(monkeypatch, seed):
