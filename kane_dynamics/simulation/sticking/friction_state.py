@@ -411,7 +411,8 @@ class FrictionState:
 
     def _starts(self, forces: Forces, directions: Array) -> Array:
         """Return which joints at rest have a direction of sliding, (k,) array of bool."""
-        return (directions != 0.0) & (np.abs(forces.v) <= 2.0 * self.slow)
+        is_slow = np.abs(forces.v) <= 2.0 * self.slow
+        return np.asarray(is_slow & (directions != 0.0))
 
     def _returns(self, forces: Forces, accelerations: Array, directions: Array) -> bool:
         """
