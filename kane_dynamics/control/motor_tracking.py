@@ -13,7 +13,7 @@ torques of motors and of rigid joints with actuators are T^T tau_m.
 from __future__ import annotations
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics._util.checks import instance, number, per_joint
+from kane_dynamics._util.checks import finite_row, instance, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
 from kane_dynamics.model.drive import StiffnessCurve
@@ -99,12 +99,15 @@ class MotorTracking:
     def __call__(self, t: float, q: ArrayLike, u: ArrayLike) -> Array:
         """Return tau, (n,), at a time and a state, as `simulate` needs it."""
         robot = self.robot
+        t = number(t, 't', 'a finite number, s', np.isfinite)
+        q = finite_row(q, 'q', robot.coordinate_names)
+        u = finite_row(u, 'u', robot.speed_names, part='speed')
         position, speed, _ = self._path.sample(np.array([t]))
         rates = robot.joint_rates(q, u, t=t)
         torques = np.zeros(robot.model.n)
         for k, motor in enumerate(self._motors):
             ahead = np.interp(t + self.lead, self.command.time, self._torque[:, k])
-            torques[motor] = (ahead + self.kp[k] * (position[0, k] - np.asarray(q)[motor])
+            torques[motor] = (ahead + self.kp[k] * (position[0, k] - q[motor])
                               + self.kd[k] * (speed[0, k] - rates[motor]))
         if robot.equations.in_joint_rates:
             return torques

@@ -116,3 +116,9 @@ def test_arguments_are_checked():
         MotorTracking(feedforward, turn, kp=1.0, kd=1.0, step=1e-300)
     with pytest.raises(InputError, match='motion'):
         MotorTracking(feedforward, MOVE, kp=1.0, kd=1.0)
+    control = MotorTracking(feedforward, turn, kp=1.0, kd=1.0)
+    at_rest = np.zeros(control.robot.n)
+    with pytest.raises(InputError, match=r'q: .*crank_motor'):
+        control(0.1, control.command.link_position[0, :1], at_rest)
+    with pytest.raises(InputError, match='t: nan'):
+        control(np.nan, np.zeros(control.robot.n_q), at_rest)
