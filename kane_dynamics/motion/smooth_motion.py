@@ -30,6 +30,7 @@ MOST_POINTS = 2000  # the system for the coefficients is dense
 DERIVATIVES = 4  # that `sample` returns
 FASTEST = 1e6  # largest factor of the speed of a motion
 JUMP = 1e-6  # of the largest jerk: a larger difference at a point is a jump
+WITHIN = 0.3  # share of a segment: not its middle or ends, where derivatives may vanish
 
 
 class SmoothState(NamedTuple):
@@ -171,8 +172,10 @@ class SmoothMotion:
             ends = _polynomials(self._coefficients, lengths, order)
             # Left and right of every point; it rests outside.
             jumps = np.abs(np.vstack([begins, rest]) - np.vstack([rest, ends]))
-            # A jump counts relative to the largest value of its order.
-            size = max(np.abs(begins).max(), np.abs(ends).max())
+            # A jump counts relative to the largest value of its order, also of a motion
+            # between two points at rest.
+            within = _polynomials(self._coefficients, WITHIN * lengths, order)
+            size = np.abs([begins, within, ends]).max()
             point, joint = np.unravel_index(int(jumps.argmax()), jumps.shape)
             if jumps[point, joint] > JUMP * size:
                 raise InputError(

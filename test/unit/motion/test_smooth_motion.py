@@ -111,3 +111,10 @@ def test_a_scaled_motion_has_the_derivatives_of_the_faster_one():
     for factor in (0.0, -1.0, np.nan, np.inf, 1e-300, 1e300, True):
         with pytest.raises(InputError, match=r'speed: .*; expected a number from 1e-06'):
             motion.scaled(factor)
+
+
+def test_a_motion_between_two_points_is_refused_for_what_jumps():
+    # Speeds vanish at both points but for rounding, which is no jump.
+    motion = Motion.from_points([0.0, 0.6], [[0.1, -0.2], [0.9, 0.5]], joint_names=['a', 'b'])
+    with pytest.raises(InputError, match="acceleration of joint 'a' jumps by 13"):
+        SmoothMotion.from_motion(motion)
