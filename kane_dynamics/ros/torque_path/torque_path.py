@@ -358,6 +358,10 @@ class TorquePath:
 
     def check_timeout(self) -> None:
         """Command zeros, once, if the last state in time has timed out."""
+        self._look_at_clock()
+
+    def _look_at_clock(self) -> None:
+        """Apply what is due without a state: a jump, a timeout, and what was asked for."""
         if not self.running:
             return
         now = self._now()
@@ -375,14 +379,14 @@ class TorquePath:
         self._silence_reason = reason
         self._asked[1] += 1
         self._replan()
-        self.check_timeout()
+        self._look_at_clock()
 
     def on_clock_jump(self) -> None:
         """Drop motions, wrenches and stamps, which refer to the time before the jump."""
         self.controller.stop()
         self._asked[0] += 1
         self._replan()
-        self.check_timeout()
+        self._look_at_clock()
 
     def on_clock_replaced(self) -> None:
         """Use another clock, whose stamps have nothing in common with those before."""

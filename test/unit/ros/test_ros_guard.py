@@ -373,6 +373,17 @@ def test_stale_states_give_zeros_of_the_guard_when_the_node_is_dead(pair):
     assert not again.machine.commands[-1][2].any()
 
 
+def test_states_that_stop_at_a_jump_of_the_clock_give_zeros_of_the_guard(pair, monkeypatch):
+    both = pair()
+    both.node_process.dead = True
+    monkeypatch.setattr(time, 'time_ns', lambda: round((both.machine.now - 100.0) * NANO))
+    both.guard.on_clock_jump()
+    both.run(0.2, states=False)
+    commands = [each[1:] for each in both.machine.commands if each[1] == 'guard']
+    assert len(commands) == 1
+    np.testing.assert_array_equal(commands[0][1], TAU)
+
+
 def test_a_node_that_gets_no_states_does_not_command_zeros_while_the_guard_holds_the_arm(pair):
     both = pair()
     both.node_process.dead = True
