@@ -596,6 +596,8 @@ class TorquePath:
 
     def given_up(self, path: PathState) -> PathState:
         """Restart the law; closed loops may have passed a singular configuration."""
+        # Before a jump of the clock, another stop may have begun at the same time.
+        self._stop = NEVER, None
         if path.commanding:
             self.controller.stop()
         if self.loops is not None:

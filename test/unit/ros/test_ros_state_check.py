@@ -320,6 +320,19 @@ def test_after_a_jump_of_the_clock_the_torque_continues_within_the_limit_of_its_
     assert np.abs(rig.state()[0]).max() <= 0.2 + 1e-9
 
 
+def test_a_stop_that_begins_at_the_time_of_one_before_a_jump_of_the_clock_is_another():
+    rig = Rig(action='hold', grace=0.02)
+    began = rig.time
+    for q in (HOME, home_moved(1, 1.0)):
+        rig.time = began  # a simulator begins again elsewhere
+        rig.begin(q)
+        for _ in range(100):
+            commands = rig.state(home_moved(3, 1.0))
+        assert rig.path.fault == JUMP
+        np.testing.assert_allclose(commands, [ARM.gravity_force(q)], rtol=1e-12,
+                                   atol=1e-12)
+
+
 @pytest.mark.parametrize('action', ['zero', 'hold'])
 def test_a_fault_is_reported_as_an_error_once_it_lasts_longer_than_the_grace_time(action):
     rig, (reason, state) = Rig(action=action, grace=0.02), FALSE['jump']
