@@ -515,7 +515,9 @@ def hear(path: PathState, event: Event, numbers: Vector, settings: CycleSettings
 def taken_back(path: PathState, event: Event, tau: Vector, settings: CycleSettings
                ) -> PathState:
     """Return the path that goes on from torques of another process, of now."""
-    acting = path._replace(last_heard=event.now, commanding=1.0, tau=tau)
+    # Zeros that were asked for while the other process commanded are of that time.
+    acting = path._replace(last_heard=event.now, commanding=1.0, tau=tau,
+                           silences=settings.silences)
     stamped = flag(path.last_stamp > NEVER)
     continued = resumed(acting, stamped, path.last_stamp)
     # As after a pause of the states, a motion ends with a silence that was too long.

@@ -312,6 +312,19 @@ def test_a_node_that_returns_gets_the_topic_without_step_and_without_two_voices(
     assert both.largest_step(began) <= 1.0 + 1e-9
 
 
+def test_zeros_that_the_guard_denied_do_not_follow_its_torques(pair):
+    both = pair()
+    both.node_process.running = False
+    both.run(0.1)
+    resumed = both.machine.now
+    both.node_process.resume()
+    both.path.time_out('/clock has no publisher')
+    both.run(0.3)
+    assert both.voices(resumed) == ['node']
+    assert all(tau.any() for now, _, tau in both.machine.commands if now >= resumed)
+    assert both.largest_step(resumed) <= 1.0 + 1e-9
+
+
 @pytest.mark.parametrize(('length', 'kept'), [(0.05, True), (0.5, False)])
 def test_a_motion_survives_a_short_stall_only(pair, length, kept):
     both = pair()
