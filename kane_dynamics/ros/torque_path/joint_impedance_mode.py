@@ -95,11 +95,12 @@ class JointImpedanceMode(NativeLaw):
         # The independent speeds of an arm of the node are rates of joints that follow.
         order = [self._places.index(robot.joint_names.index(name))
                  for name in robot.speed_names]
-        stiffness = self._settings['stiffness'][order]
-        stated = self._settings['damping']
+        settings = self._settings  # the main thread may replace them meanwhile
+        stiffness = settings['stiffness'][order]
+        stated = settings['damping']
         if stated is not None:
             return JointSpring(np.diag(stiffness), np.diag(stated[order]), False)
-        ratio = self._settings['damping_ratio'][order]
+        ratio = settings['damping_ratio'][order]
         damping = damping_by_ratio(robot.mass_matrix(q), stiffness, ratio)
         return JointSpring(np.diag(stiffness), damping, True)
 
