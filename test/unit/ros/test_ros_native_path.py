@@ -127,9 +127,12 @@ class Pair(BothPaths):
 
     def do_gains(self, kind):
         kp = self.rng.uniform(1.0, 50.0)
+        # Damping that is stated and damping by ratio follow each other.
+        damping = [0.05 * kp, 0.1 * kp] if self.rng.random() < 0.5 else []
         self.values |= node_values({
-            'joint_impedance.stiffness': [kp] * 2, 'hand_guiding.damping': [0.1 * kp] * 2,
-            'cartesian.stiffness': [10.0 * kp] * 6}) | {
+            'joint_impedance.stiffness': [kp] * 2, 'joint_impedance.damping': damping,
+            'joint_impedance.damping_ratio': [0.3, 1.2],
+            'hand_guiding.damping': [0.1 * kp] * 2, 'cartesian.stiffness': [10.0 * kp] * 6}) | {
             name: self.values[name] for name in CHANGED}
         for side in self.sides:
             side.path.controller.update(kp=kp)
