@@ -1,10 +1,10 @@
 """
-The rules of one cycle of the native torque path, as functions over any scalar.
+The rules of one cycle of a torque path, as functions over any scalar.
 
 A cycle judges a state, then answers or refuses it. Between states the path may time out.
 Each rule returns a new `PathState` for the last one, without a branch on a value, so
-that it is traced and compiled. `TorquePath` uses the same rules for the interpreter's
-path: those of every cycle compiled, the others on numbers.
+that it is traced and compiled. The native torque path compiles all rules. The
+interpreter's path compiles those of every cycle and evaluates the others on numbers.
 
 Times are nanoseconds since the start of the path, which a double holds exactly for 104
 days, and to 1 us for 280 years. Flags are 1 or 0.
@@ -226,9 +226,9 @@ class CycleSettings(NamedTuple):
         Of `CheckSettings`.
     turned : (n,) array
         Whether a joint may jump by whole turns.
-    effort, slope, free : (n,) arrays
-        Effort limits, rate limits where there are, and what else a torque may change
-        by: infinity where there are none.
+    effort, slope, free : (c,) arrays
+        Of the commanded joints: effort limits; rate limits, N m/s or N/s, 0 where there
+        is none; and the change beyond the rate, `UNLIMITED` where there is none, else 0.
     wrench_timeout : Scalar
         Age after which a measured wrench counts no more, ns.
     wrenches : (7 k,) array

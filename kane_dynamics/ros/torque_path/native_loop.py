@@ -304,6 +304,8 @@ class Report(NamedTuple):
         The publisher's number of the message.
     event : (8,) array
     path : PathState
+    numbers : array
+        The `PathState` as an array.
     message : bytes
 
     """

@@ -171,7 +171,7 @@ class NativeTorquePath(TorquePath):
         self._noted = 0  # reports that were read since the start
         self._lost_states = LostMessages()
 
-    def _open(self) -> None:
+    def _make_memory(self) -> None:
         """Make the memory of the thread, and what computes in it."""
         self._laws = {} if self.loops else native_laws(self.controller)
         self._loop = NativeLoop(self._kernels(), self.messages.joints)

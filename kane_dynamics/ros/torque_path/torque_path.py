@@ -126,12 +126,12 @@ class TorquePath:
         self._asked = [0, 0]
         # When the last stop by the controller began, and its motion.
         self._stop: tuple[float, Motion | None] = NEVER, None
-        self._open()
+        self._make_memory()
         self._mode = controller.mode
         self._law_numbers = self._numbers()
         self.set_limits(values)
 
-    def _open(self) -> None:
+    def _make_memory(self) -> None:
         """Make the memory, and what computes in it."""
         robot = self.controller.robot
         reader = self._reader
@@ -152,31 +152,39 @@ class TorquePath:
         """Use the settings of now from the next cycle on."""
         self._rules.use(self._settings())
 
-    def _settings(self) -> CycleSettings:
-        """Return the settings of now, for the rules."""
-        controller = self.controller
-        # A counter of each kind of change shows the rules that their memory is of
-        # another law.
+    def _count_changes(self) -> None:
+        """Count a change of the mode or of the law's settings since the last call."""
+        # The counters show the rules that their memory is of another law.
+        mode = self.controller.mode
         numbers = self._numbers()
-        if controller.mode != self._mode:
+        if mode != self._mode:
             self._changes[0] += 1
             self._changes[1] += 1
         elif not np.array_equal(numbers, self._law_numbers):
             self._changes[1] += 1
-        self._mode = controller.mode
+        self._mode = mode
         self._law_numbers = numbers
+
+    def _settings(self) -> CycleSettings:
+        """Count changes of the law, and return the settings of now, for the rules."""
+        self._count_changes()
+        controller = self.controller
         # A rate without a limit is a factor of 0 and an unlimited bound: the kernel has
         # no branch.
         rate = self.messages.of_commanded(controller.rate_limit)
         effort = self.messages.of_commanded(controller.effort_limit)
         is_limited = np.isfinite(rate)
         check = self.states
+        restarts, blends = self._changes
+        jumps, silences = self._asked
+        # Motions, wrenches, loops and the law are not of the rules in the interpreter.
         nothing = np.zeros(0)
         return CycleSettings(
-            float(self._timeout), float(self._grace), float(self._holds),
-            self._stop_time * NANO, float(check.compares), controller.blend_time * NANO,
-            float(self._changes[0]), float(self._changes[1]), float(self._asked[0]),
-            float(self._asked[1]), drops=0.0, wrench_timeout=0.0,
+            timeout=float(self._timeout), grace=float(self._grace),
+            holds=float(self._holds), stop_time=self._stop_time * NANO,
+            compares=float(check.compares), blend_time=controller.blend_time * NANO,
+            restarts=float(restarts), blends=float(blends), jumps=float(jumps),
+            silences=float(silences), drops=0.0, wrench_timeout=0.0,
             bounds=check.bounds.ravel(), turned=check.turned.copy(),
             effort=np.minimum(effort, UNLIMITED), slope=np.where(is_limited, rate, 0.0),
             free=np.where(is_limited, 0.0, UNLIMITED), wrenches=nothing,
