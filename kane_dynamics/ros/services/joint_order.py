@@ -55,8 +55,8 @@ def close_loops(robot: Robot, q: Array) -> Array:
     Without constraints it is q itself.
 
     The independent joints keep their values. InputError if the constraint residual at q
-    is larger than `NEARLY_CLOSED`, rad or lengths of the mechanism, or if the loops
-    close further than `MOST_MOVED` away.
+    is larger than `NEARLY_CLOSED`, rad or lengths of its loop, or if the loops close
+    further than `MOST_MOVED` away, rad or lengths of the mechanism.
     """
     residual = np.abs(robot.constraint_residual(q))
     if not residual.any():

@@ -177,7 +177,7 @@ class TorquePath:
         check = self.states
         restarts, blends = self._changes
         jumps, silences = self._asked
-        # Motions, wrenches, loops and the law are not of the rules in the interpreter.
+        # This path evaluates motions, wrenches, closed loops and the law by itself.
         nothing = np.zeros(0)
         return CycleSettings(
             timeout=float(self._timeout), grace=float(self._grace),
