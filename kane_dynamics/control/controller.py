@@ -238,10 +238,6 @@ class Controller:
         """Return the modes of this controller: those with a law."""
         return (*OWN_MODES, *self.laws)
 
-    def blend(self) -> None:
-        """Continue from the last command, as after a change of a law."""
-        self._blend.begin()
-
     @property
     def mode(self) -> Mode:
         """Return the mode; `update` changes it."""
@@ -356,16 +352,6 @@ class Controller:
             external = finite_row(external, 'the measured external torque', self._speeds)
         moment = t if motion_time is None else motion_time
         # Sampled at the time of the state, unless the motion has a time of its own.
-        return self.command_checked(t, q, u, motion, moment, external)
-
-    def command_checked(self, t: float, q: Array, u: Array, motion: Motion | None,
-                        moment: float, external: Array | None = None) -> Command:
-        """
-        Return the torques to apply, as `command`, without checks of the arguments.
-
-        For a loop that has checked them: `q` and `u` are (n,) float64, finite and
-        contiguous, and the motion is of the robot's joints in the robot's order.
-        """
         tau = self.torque(q, u, motion, moment, external, t)
         if self._blend.active:
             tau = self._blend.apply(t, tau, self._limiter.last)
@@ -373,7 +359,12 @@ class Controller:
 
     def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
                external: Array | None = None, t: float = 0.0) -> Array:
-        """Return the torques, (n,), before the limits, as `command_checked`."""
+        """
+        Return the torques, (n,), as `command`, before blending and limits, unchecked.
+
+        For a loop that has checked the arguments: `q` and `u` are (n,) float64, finite
+        and contiguous, and the motion is of the robot's joints in the robot's order.
+        """
         # Laws of task space are complete; the others add what is measured.
         if self._law_of_mode is not None:
             tau = self._law_of_mode.torque(q, u, motion, moment, t)
@@ -495,15 +486,6 @@ class Controller:
         n_q = self.robot.n_q
         q_end, u_end, rates = np.split(after, [n_q, n_q + self.robot.n])
         return q_end, u_end, rates
-
-    def limit(self, t: float, tau: Array) -> Command:
-        """Return `tau`, (n,), within the limits, as the command at stamp `t`, s."""
-        return self._limiter.apply(t, tau)
-
-    def resume(self, t: float | None, tau: Array) -> None:
-        """Continue from `tau`, (n,), commanded elsewhere at t, s; by default at the next t."""
-        self._restart()
-        self._limiter.resume(t, tau)
 
     def stop(self) -> Command:
         """Return zeros, regardless of limits, and restart with the next state."""

@@ -150,11 +150,6 @@ class TorqueLimiter:
                     return False
         return True
 
-    def resume(self, t: float | None, tau: Array) -> None:
-        """Continue from `tau`, (n,), commanded elsewhere at t, s; by default at the next t."""
-        self._last = tau.tolist()
-        self._stamp = t
-
     def stop(self) -> Command:
         """Return zeros, regardless of limits, and restart with the next stamp."""
         self._last = self._zero.tolist()

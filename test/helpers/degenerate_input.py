@@ -64,8 +64,8 @@ LEFT_OUT = frozenset((
     'Robot.with_payload', 'Robot.derivative', 'Robot.jvp', 'Robot.vjp',
     'Robot.operational_space_inertia', 'Robot.operational_space_bias', 'Robot.torque_bounds',
     # Called by loops that have checked their arrays.
-    'Controller.command_checked', 'Controller.torque', 'Controller.limit', 'Controller.resume',
-    'Controller.gravity_torque', 'Controller.motion_torque', 'Controller.stopping_motion',
+    'Controller.torque', 'Controller.gravity_torque', 'Controller.motion_torque',
+    'Controller.stopping_motion',
     'Controller.interrupted', 'Controller.predicted_state', 'LoopTracker.update_checked',
     'FrictionError.torque',
     'FrictionError.adapt', 'Motion.positions_at', 'Motion.velocities_at',
