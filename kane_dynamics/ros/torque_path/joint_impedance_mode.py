@@ -13,8 +13,9 @@ from kane_dynamics.ros.parameters.parameter_checks import terms
 from kane_dynamics.ros.parameters.task_settings import (differ, joint_damping,
                                                         joint_stiffness)
 from kane_dynamics.ros.torque_path.live_law import NativeLaw
-from kane_dynamics.task_space.joint_impedance import (compile_dampers, JointImpedance,
-                                                      joint_impedance_law)
+from kane_dynamics.task_space.joint_impedance import (compile_dampers,
+                                                      joint_impedance_law,
+                                                      JointImpedance)
 from kane_dynamics.task_space.law_kernel import lanes_of_single_states, settings_of
 from kane_dynamics.task_space.modal_damping import damping_by_ratio
 from kane_dynamics.task_space.sampled_spring import JointSpring
