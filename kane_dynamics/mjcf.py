@@ -341,13 +341,16 @@ class _Reader:
         forces = [math.inf]
         if compiled.actuator_forcelimited[actuator]:
             forces.append(float(np.abs(compiled.actuator_forcerange[actuator]).max()))
-        # A motor's force is proportional to its control, which may be limited too.
-        if self._is_motor(actuator) and not self._disabled('mjDSBL_CLAMPCTRL'):
+        if self._is_limited_by_control(actuator):
             gain = abs(float(compiled.actuator_gainprm[actuator, 0]))
-            control = float(np.abs(compiled.actuator_ctrlrange[actuator]).max())
-            if compiled.actuator_ctrllimited[actuator]:
-                forces.append(gain * control)
+            forces.append(gain * float(np.abs(compiled.actuator_ctrlrange[actuator]).max()))
         return min(forces)
+
+    def _is_limited_by_control(self, actuator: int) -> bool:
+        """Return whether limits of its control limit the force of a motor."""
+        if self._disabled('mjDSBL_CLAMPCTRL') or not self._is_motor(actuator):
+            return False
+        return bool(self.compiled.actuator_ctrllimited[actuator])
 
     def _is_motor(self, actuator: int) -> bool:
         """Return whether the force of an actuator is its control times a constant."""
@@ -568,6 +571,11 @@ class _Reader:
                 (compiled.actuator_forcerange, compiled.actuator_forcelimited, names)):
             for name, (lower, upper), is_limited in zip(owners, ranges, limited):
                 if is_limited and lower != -upper:
+                    uneven.append(name)
+        for k, name in enumerate(names):
+            if self._is_limited_by_control(k) and name not in uneven:
+                lower, upper = compiled.actuator_ctrlrange[k]
+                if lower != -upper:
                     uneven.append(name)
         return uneven
 

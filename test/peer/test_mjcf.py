@@ -281,10 +281,10 @@ def test_the_effort_of_a_joint_is_what_all_its_actuators_reach_together(flags, a
     assert model.bodies[1].joint.limits.effort == effort
 
 
-def test_unequal_limits_of_force_are_named():
+@pytest.mark.parametrize('limits', ['forcerange="-2 5"', 'ctrlrange="-2 1"'])
+def test_unequal_limits_of_force_are_named(limits):
     with pytest.warns(ModelWarning, match='the smaller of two unequal limits .* of strong'):
-        load_mjcf(ARM.format(flags='', actuators='<motor name="strong" joint="b" '
-                                                 'forcerange="-2 5"/>'))
+        load_mjcf(ARM.format(flags='', actuators=f'<motor name="strong" joint="b" {limits}/>'))
 
 
 @pytest.mark.parametrize(('flags', 'words'), [
