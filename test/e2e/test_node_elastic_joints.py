@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 mujoco = pytest.importorskip('mujoco')
@@ -136,7 +137,8 @@ def simulated(module_node, tmp_path):
     process = Process(module='kane_dynamics.ros.plant.main', supplement=supplement,
                       urdf=resource_path('urdf', 'fr3.urdf'), joints=f'[{",".join(JOINTS)}]',
                       drives__sensor_side='motor', initial__position=HOME.tolist(),
-                      publish_clock=True, rate=1000.0, rate_factor=0.1, command_timeout=600.0)
+                      publish_clock=True, rate=1000.0, rate_factor=0.1, command_timeout=600.0,
+                      start_paused=True)
     process.wait_for('drives of fr3_joint1')
     yield process
     assert process.end()[0] == 0
@@ -152,6 +154,10 @@ def test_the_node_moves_an_elastic_arm_in_plant_node(module_node, client, simula
         client.create_subscription(JointState, 'joint_states', states.append, DEEP),
         client.create_subscription(Clock, '/clock', clock.append, DEEP)]
     try:
+        # The arm waits for its first command, which must not be the one to an unseen state.
+        assert client.call(ChangeState, f'{NAME}/change_state', transition=Transition(
+            id=Transition.TRANSITION_DEACTIVATE)).success
+        assert client.call(SetBool, '/plant/pause', data=False).success
         assert wait_until(lambda: len(states) > 5, 60.0), simulated.log
         model = load_urdf(resource_path('urdf', 'fr3.urdf'), joints=JOINTS,
                           supplement={'drives': DRIVES})
@@ -162,8 +168,6 @@ def test_the_node_moves_an_elastic_arm_in_plant_node(module_node, client, simula
             return links + weight / stiffness
         assert tuple(states[-1].name) == JOINTS
         np.testing.assert_allclose(states[0].position, motors_at(HOME), atol=1e-9)
-        assert client.call(ChangeState, f'{NAME}/change_state', transition=Transition(
-            id=Transition.TRANSITION_DEACTIVATE)).success
         assert client.adjust(mode='motor_side').successful
         assert client.call(ChangeState, f'{NAME}/change_state', transition=Transition(
             id=Transition.TRANSITION_ACTIVATE)).success
