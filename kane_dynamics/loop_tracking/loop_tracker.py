@@ -121,7 +121,7 @@ def tracking_step(robot: Robot, places: Sequence[int]) -> Callable[..., Vector]:
     n_q, n = robot.n_q, robot.n
     E = np.eye(n_q)[list(places)].astype(object)
     per_unit = 1.0 / mechanism.units
-    per_row_unit = 1.0 / mechanism.row_units
+    per_row_unit = 1.0 / mechanism.closure_units
 
     def system(q: Vector, t: Scalar) -> LoopSystem:
         state = mechanism.state(q, t, equations.tree.geometry)
@@ -150,7 +150,8 @@ def tracking_step(robot: Robot, places: Sequence[int]) -> Callable[..., Vector]:
         qdot = mechanism.solved(reached.S, np.concatenate([rates, reached.drift]))
         Y, Z = reached.state.speed_rows(mechanism.speed_names)
 
-        # What tells whether the step is valid, in units of the mechanism.
+        # What tells whether the step is valid: motion in units of the mechanism, residuals
+        # in lengths of their own loops.
         motion = (closed - q) * per_unit
         residual = reached.residual * per_row_unit
         independent_residual = residual[mechanism.kept]

@@ -89,7 +89,7 @@ def _rounding(mechanism: Mechanism, nearly_closed: list[Array]) -> float:
         # but for rounded lengths.
         small = singular_values[(singular_values > ROUNDING) & (singular_values < SMALL)]
         if small.size:
-            residual = np.abs(stack.residual / mechanism.row_units)
+            residual = np.abs(stack.residual / mechanism.closure_units)
             largest = max(largest, small.max(), residual.max(initial=0.0))
     return largest
 
@@ -124,7 +124,7 @@ def _freedom_near(mechanism: Mechanism, constraints: Sequence[Constraint],
     model = mechanism.model
     changed = Mechanism(model, mechanism.speeds, constraints)
     # Only kinds whose loop is almost closed at q describe this mechanism.
-    residual = np.abs(stacked(changed, q).residual / changed.row_units)
+    residual = np.abs(stacked(changed, q).residual / changed.closure_units)
     if residual.max(initial=0.0) > OPEN:
         return 0
     moves = np.ones(model.n, dtype=bool)

@@ -110,8 +110,8 @@ def closed_configuration(mechanism: Mechanism, q: Any, *, t: float = 0.0,
     result = closing_iterations(mechanism, start, moves, t, rows=rows)
     if result.converged:
         return result.q
-    # The worst row, each relative to its unit: rad, or lengths of the mechanism.
-    unit_of_label = dict(zip(mechanism.labels, mechanism.row_units))
+    # The worst row, each relative to its unit: rad, or lengths of its loop.
+    unit_of_label = dict(zip(mechanism.labels, mechanism.closure_units))
     units = list(map(unit_of_label.__getitem__, result.labels))
     worst = int(np.argmax(np.abs(result.residual / units)))
     raise ConstraintError(
@@ -159,12 +159,13 @@ def closing_iterations(mechanism: Mechanism, start: Array, moves: Array, t: floa
     Iterate by Newton's method from a start, (n_q,).
 
     `moves`, (n_j,), says of each joint whether it moves; ball joints rotate on their
-    sphere. Residuals and steps are judged in units of the mechanism, so that its size
-    has no influence.
+    sphere. Steps are judged in units of the mechanism and residuals in lengths of their
+    own loops, so that sizes have no influence.
     """
     q = start.copy()
     tolerance = mechanism.rank_tolerance
     rows = rows or defined_rows(mechanism)
+    last_largest = np.inf
     for _ in range(iterations):
         # The rows of position constraints, and the largest residual.
         J, residual, of_positions = rows(q, t)
@@ -173,9 +174,14 @@ def closing_iterations(mechanism: Mechanism, start: Array, moves: Array, t: floa
         residual = residual[places]
         labels = [mechanism.labels[k] for k in places]
         row_units = mechanism.row_units[places]
-        largest = np.abs(residual / row_units).max(initial=0.0)
-        if largest < CLOSED:
+        largest = np.abs(residual / mechanism.closure_units[places]).max(initial=0.0)
+        in_mechanism = np.abs(residual / row_units).max(initial=0.0)
+        # A loop that is far smaller than the mechanism is closed when rounding of the
+        # mechanism's positions keeps the residual from decreasing further.
+        stays = in_mechanism < CLOSED and largest > 0.5 * last_largest
+        if largest < CLOSED or stays:
             return ClosingResult(q, residual, labels, True)
+        last_largest = largest
         finite = np.isfinite(J).all(axis=1) & np.isfinite(residual)
         if not finite.all():
             return ClosingResult(q, np.where(finite, residual, np.nan), labels, False)

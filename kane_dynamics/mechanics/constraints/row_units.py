@@ -6,7 +6,7 @@ import math
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.constraints import (Closure, Constraint, Coupling,
                                                  PointVelocity, Prescribed)
-from kane_dynamics.model.model import Inertial, Model, WORLD
+from kane_dynamics.model.model import Inertial, Joint, Model, WORLD
 import numpy as np
 
 SHORTEST = 1e-3  # of the mechanism: the smallest loop whose residual rounding permits
@@ -62,7 +62,8 @@ def closure_length(model: Model, closure: Closure, longest: float) -> float:
     branches = [list(model.path(frame.body)) for frame in ends]
     shared = set(branches[0]) & set(branches[1])
 
-    # Along both branches down to the body that they share, or the world.
+    # Along both branches down to the body that they share, or the world. Where the zero
+    # of a joint that slides lies along its axis says nothing about the size of the loop.
     distances = [closure.length or 0.0]
     roots = []
     for frame, branch in zip(ends, branches):
@@ -71,13 +72,21 @@ def closure_length(model: Model, closure: Closure, longest: float) -> float:
             if body in shared:
                 break
             distances.append(float(np.linalg.norm(place)))
-            place = model.bodies[body].joint.translation
+            place = _beside_axis(model.bodies[body].joint)
         roots.append(place)
     # On the shared body: between the joints that begin the branches.
     distances.append(float(np.linalg.norm(roots[0] - roots[1])))
 
     own = max(distances)
     return max(own, SHORTEST * longest) if own > ROUNDING * longest else longest
+
+
+def _beside_axis(joint: Joint) -> Array:
+    """Return a joint's translation, m; without the part along the axis if it slides."""
+    if joint.kind != 'prismatic':
+        return joint.translation
+    axis = joint.rotation @ joint.axis
+    return np.asarray(joint.translation - (axis @ joint.translation) * axis)
 
 
 def _gyration(inertial: Inertial) -> float:

@@ -160,8 +160,8 @@ class MechanismStep:
 
     @property
     def residual_units(self) -> Vector:
-        """Return the units of `residual`: 1 rad, or the mechanism's length."""
-        return self.equations.mechanism.row_units[self._positions]
+        """Return the units of `residual`: 1 rad, or the length of the loop."""
+        return self.equations.mechanism.closure_units[self._positions]
 
     def tangent(self, q: Vector, t: Scalar) -> Matrix:
         """Return joint speeds per unit of each direction, (n_j, n_p)."""

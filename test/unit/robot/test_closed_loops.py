@@ -3,8 +3,8 @@
 from functools import partial
 
 from kane_dynamics import (Closure, ComputedTorque, ConstraintError, disc, Drive, InputError,
-                           ModelBuilder, Motion, power_balance, Prescribed, Robot, simulate,
-                           with_drives)
+                           LoopTracker, ModelBuilder, Motion, power_balance, Prescribed, Robot,
+                           simulate, with_drives)
 from kane_dynamics.mechanics.constraints import loop_closure
 from kinds_of_mechanism import case, PAIRS
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
@@ -106,8 +106,12 @@ def test_the_tolerance_of_closures_can_be_set_and_put_off():
         robot.parameters.closure_tolerance = -1
 
 
-def two_four_bars(*sizes, far=0.46):
-    """Return four-bars of these sizes, m, with a frame that is far away, and q of both."""
+def two_four_bars(*sizes, far=0.46, rounded=0.0, **choice):
+    """
+    Return four-bars of these sizes, m, with a frame that is far away, and q of both.
+
+    The pin of the last one is `rounded` beside its plane, m.
+    """
     b, pins = ModelBuilder('four-bars'), []
     for k, size in enumerate(sizes):
         on, at = 'world', (0.0, k, 0.0)
@@ -116,10 +120,11 @@ def two_four_bars(*sizes, far=0.46):
                    inertial=disc(1.0, 0.1 * size))
             on, at = f'{bar}{k}', (length * size, 0, 0)
         b.frame(f'end{k}', on, at=at)
-        b.frame(f'ground{k}', 'world', at=(size, k, 0))
+        beside = rounded if k == len(sizes) - 1 else 0.0
+        b.frame(f'ground{k}', 'world', at=(size, k + beside, 0))
         pins.append(Closure(f'end{k}', f'ground{k}', 'spherical', name=f'pin{k}'))
     b.frame('far', 'crank0', at=(far, 0, 0))
-    robot = Robot(b.model(), constraints=pins)
+    robot = Robot(b.model(), constraints=pins, **choice)
     return robot, robot.closed_configuration([0.8, -1.2, -1.0] * len(sizes))
 
 
@@ -145,6 +150,40 @@ def test_every_loop_is_judged_by_its_own_length(sizes):
             for call in calls:
                 with pytest.raises((ConstraintError, InputError), match=f'pin{k}'):
                     call(moved)
+
+
+def test_every_loop_is_closed_in_its_own_length():
+    robot, q = two_four_bars(1.0, 1e-3)
+    q[5] += 8e-9  # rad: 5e-12 m
+    units = robot.mechanism.closure_units
+    assert np.abs(robot.constraint_residual(q) / units).max() > 5e-9
+    closed = robot.closed_configuration(q)
+    assert np.abs(robot.constraint_residual(closed) / units).max() < 1e-11
+
+
+@pytest.mark.parametrize('other', [0.1, 1.0])
+def test_a_rounded_loop_is_judged_alike_beside_loops_of_any_size(other):
+    tolerance = {'rank_tolerance': 5e-4}
+    robot, q = two_four_bars(other, 0.1, rounded=2e-5, **tolerance)
+    tracker = LoopTracker(robot, ['crank0', 'crank1'])
+    tracker.restart(q)
+    tracker.update(q[[0, 3]], np.zeros(2))
+    assert tracker.residual == pytest.approx(2e-4)  # lengths of this loop
+    with pytest.raises(ConstraintError, match='pin1/y'):
+        two_four_bars(other, 0.1, rounded=1e-4, **tolerance)
+
+
+@pytest.mark.parametrize('zero', [0.0, 1000.0])
+def test_the_place_of_a_sliders_zero_does_not_make_its_loop_larger(zero):
+    b = ModelBuilder('slider-crank')
+    b.body('crank', axis=(0, -1, 0), inertial=disc(1.0, 0.1))
+    b.body('rod', 'crank', axis=(0, -1, 0), at=(0.1, 0, 0), inertial=disc(1.0, 0.1))
+    b.body('slide', kind='prismatic', rpy=(0, -0.3, 0), axis=(1, 0, 0),
+           at=(zero * np.cos(0.3), 0, zero * np.sin(0.3)), inertial=disc(1.0, 0.1))
+    b.frame('end', 'rod', at=(0.3, 0, 0))
+    robot = Robot(b.model(), constraints=[Closure('end', 'slide', 'spherical')],
+                  configuration=[0.3, 0.0, 0.4 - zero])
+    assert robot.mechanism.closure_length == pytest.approx(0.3)
 
 
 def test_calls_at_singular_speeds_are_errors_and_near_them_right():
