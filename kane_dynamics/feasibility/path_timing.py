@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags, Scalar, Vector
 from kane_dynamics.feasibility.path_geometry import Section
-from kane_dynamics.feasibility.segment_peaks import (ACTIVE, DENSE, MotionStates,
+from kane_dynamics.feasibility.segment_peaks import (ACTIVE, DENSE, MIDDLE, MotionStates,
                                                      QUANTITIES, require_finite,
                                                      SegmentPeaks)
 from kane_dynamics.mechanics.algebra.dual import select
@@ -264,7 +264,7 @@ def largest_shares(coulomb: Sequence[Joint], peaks: SegmentPeaks, states: Motion
     """
     # An estimate at the middle of each segment; only segments that may exceed 1 are
     # examined inside.
-    shares, largest, smooth_places, estimate = peaks.middles(states, segments)
+    shares, largest, smooth_places, estimate = peaks.at(states, MIDDLE, segments)
     examined = estimate > 1.0
     # Coulomb friction jumps where a joint turns around.
     turning = _turning(coulomb, states.u, segments) if coulomb else None

@@ -34,6 +34,7 @@ CHANGING = 0.005  # range of a share in a segment from which it counts between t
 DENSE, SMOOTH = 200.0, 60.0
 MARGIN = 5e-4  # of all limits, for the motion between the points
 ACTIVE = 1.0 - 0.5 * MARGIN  # share from which a limit is tightened
+MIDDLE = np.array(0.5)  # place in a segment
 BLOCK = 1024  # places of a mechanism computed together, for arrays that fit the caches
 STATE = ('q', 'u', 'udot', 'tau')
 
@@ -159,9 +160,27 @@ class SegmentPeaks:
         require_finite(kernel.run([q, u, udot, *kernel.defaults], tau, len(q)))
         return tau
 
-    def middles(self, states: MotionStates, segments: Segments | None = None) -> Peaks:
-        """Return the shares of the limits at both ends and in the middle of segments."""
-        return self._peaks(states, np.array(0.5), segments)
+    def at(self, states: MotionStates, x: Array, segments: Segments | None = None) -> Peaks:
+        """
+        Return the shares of the limits at both ends of segments and at a place x in each.
+
+        `x` is one for all segments, such as `MIDDLE`, or one for each of some.
+        """
+        count = len(states.h) if segments is None else len(segments)
+        table = np.empty((count, *self._kernel.shape))
+        # Trees by the compiled table; closed loops need the states on both sides, block
+        # by block.
+        if self._states is None:
+            self._compiled(states, x, segments, table)
+        else:
+            numbers = np.arange(count) if segments is None else segments
+            places = np.broadcast_to(x, count)
+            for begin in range(0, count, BLOCK):
+                block = slice(begin, begin + BLOCK)
+                self._closed(self._states, states, places[block], numbers[block],
+                             table[block])
+        shares = table[:, :-3].reshape(count, len(self.quantities), self.n)
+        return Peaks(shares, *table.T[-3:])
 
     def inside(self, states: MotionStates, segments: Segments, places: Segments,
                least: float = 0.0) -> tuple[Array, Segments, Array]:
@@ -196,7 +215,7 @@ class SegmentPeaks:
         first = (begins - 1.0).repeat(places)
         step = (1.0 / (1.0 + places)).repeat(places)
         x = (np.arange(ends[-1]) - first) * step
-        peaks = self._peaks(states, x, segments.repeat(places))
+        peaks = self.at(states, x, segments.repeat(places))
         # The largest share of each segment; details only of those that may decide.
         worst = np.maximum.reduceat(peaks.largest, begins)
         is_needed = worst >= least
@@ -207,24 +226,6 @@ class SegmentPeaks:
             rows = peaks.shares[is_needed.repeat(places)]
             shares = np.maximum.reduceat(rows, counts.cumsum() - counts)
         return worst, needed, shares
-
-    def _peaks(self, states: MotionStates, x: Array, segments: Segments | None) -> Peaks:
-        """Return the shares at a place in all segments, or at one in each of some."""
-        count = len(states.h) if segments is None else len(segments)
-        table = np.empty((count, *self._kernel.shape))
-        # Trees by the compiled table; closed loops need the states on both sides, block
-        # by block.
-        if self._states is None:
-            self._compiled(states, x, segments, table)
-        else:
-            numbers = np.arange(count) if segments is None else segments
-            places = np.broadcast_to(x, count)
-            for begin in range(0, count, BLOCK):
-                block = slice(begin, begin + BLOCK)
-                self._closed(self._states, states, places[block], numbers[block],
-                             table[block])
-        shares = table[:, :-3].reshape(count, len(self.quantities), self.n)
-        return Peaks(shares, *table.T[-3:])
 
     def _compiled(self, states: MotionStates, x: Array, segments: Segments | None,
                   table: Array) -> None:

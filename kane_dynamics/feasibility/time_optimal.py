@@ -204,9 +204,8 @@ def _require_linear_damping(robot: Robot, rates: RateBounds) -> None:
 
 def _speed(value: float, name: str) -> float:
     """Return the checked speed at an end of the path."""
-    def valid(speed: float) -> bool:
-        return 0.0 <= speed <= FASTEST and not isinstance(value, bool | np.bool_)
-    return number(value, name, f'a number from 0 to {FASTEST:g}', valid)
+    return number(value, name, f'a number from 0 to {FASTEST:g}',
+                  lambda speed: 0.0 <= speed <= FASTEST)
 
 
 def _rate_limited(along: PathRobot, rates: RateBounds, speeds: tuple[float, float],

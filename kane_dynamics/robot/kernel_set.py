@@ -540,40 +540,34 @@ class KernelSet:
         if not single or derivative is not None:
             return self._traced(self._method(name, at), name, at, derivative)
 
-        # For single states the program that takes less time.
+        # For single states the program that takes less time: by loops over blocks, in rows
+        # of lanes, or plain.
         equations = self.equations
-        if not computed_by_blocks(equations, name):
-            return self._without_blocks(name, at)
+        lanes = width()
         in_blocks = method_in_lanes(equations, name, by_blocks=True)
-        assert in_blocks is not None
-        by_blocks = self._traced(in_blocks, name, at)
-        if longest_path(equations) >= LONG_PATH:
-            # Without loops it would be far longer.
-            return by_blocks
+        by_blocks = None
+        if in_blocks is not None:
+            by_blocks = self._traced(in_blocks, name, at)
+            if longest_path(equations) >= LONG_PATH:
+                # Without loops it would be far longer.
+                return by_blocks
+
+        # Without loops: the shorter one on this processor, where a plain program of a large
+        # robot is not far longer.
+        in_lanes = method_in_lanes(equations, name)
+        best = None if in_lanes is None else self._traced(in_lanes, name, at)
+        if best is None or equations.n <= COMPARED_LONGER.get(name, ALWAYS_IN_LANES):
+            plain = self._traced(self._method(name, at), name, at)
+            if best is None or (plain.instruction_count(lanes)
+                                <= best.instruction_count(lanes)):
+                best = plain
+
         # Blocks fill short branches with joints that do not move, and compute with zeros
         # that a program without loops leaves out.
-        others = self._without_blocks(name, at)
-        lanes = width()
-        if others.instruction_count(lanes) * LOOP_GAIN < by_blocks.instruction_count(lanes):
-            return others
+        if by_blocks is None or (best.instruction_count(lanes) * LOOP_GAIN
+                                 < by_blocks.instruction_count(lanes)):
+            return best
         return by_blocks
-
-    def _without_blocks(self, name: str, at: str) -> Program:
-        """Return the shorter program of single states: in rows of lanes, or plain."""
-        equations = self.equations
-        in_lanes = method_in_lanes(equations, name)
-        if in_lanes is None:
-            return self._traced(self._method(name, at), name, at)
-        # For arms of common size, the program with fewer instructions on this processor.
-        program_in_lanes = self._traced(in_lanes, name, at)
-        if equations.n > COMPARED_LONGER.get(name, ALWAYS_IN_LANES):
-            # Without lanes it would be far longer.
-            return program_in_lanes
-        plain = self._traced(self._method(name, at), name, at)
-        lanes = width()
-        if program_in_lanes.instruction_count(lanes) < plain.instruction_count(lanes):
-            return program_in_lanes
-        return plain
 
     def _traced(self, method: Callable[..., Any], name: str, at: str,
                 derivative: Derivative | None = None) -> Program:
@@ -629,8 +623,14 @@ def _beams_in_lanes(tree: TreeEquations) -> TreeEquations:
 
 def method_in_lanes(equations: Equations, name: str,
                     by_blocks: bool = False) -> Callable[..., Any] | None:
-    """Return the function that computes several joints at once, or None."""
+    """
+    Return the function that computes several joints at once, or None.
+
+    `by_blocks` asks for the one that computes a state by loops over blocks of joints.
+    """
     n = equations.n
+    if by_blocks and (name not in BY_BLOCKS or n <= FEWEST_BY_BLOCKS):
+        return None
     similar_beams = equations.in_joint_rates and equations.tree.has_similar_beams
     # Beams with equally many modes, then trees with enough joints to fill the lanes.
     if name == 'forward_dynamics' and similar_beams:
@@ -645,7 +645,7 @@ def method_in_lanes(equations: Equations, name: str,
     from kane_dynamics.native.tracing.loop import Loops
     from kane_dynamics.native.tracing.wide import WideLanes
     tree = equations.tree
-    if not TreeInLanes.suits(tree):
+    if not TreeInLanes.suits(tree) or (by_blocks and not TreeInLanes.fills_blocks(tree)):
         return None
     # ABA by blocks pays where branches are long; CRBA takes less elsewhere.
     if name == 'forward_dynamics':
@@ -656,17 +656,6 @@ def method_in_lanes(equations: Equations, name: str,
     if by_blocks:
         name = f'{name}_by_blocks'
     return getattr(tree_in_lanes, name, None)
-
-
-def computed_by_blocks(equations: Equations, name: str) -> bool:
-    """Return whether a quantity of one state can be computed by loops over blocks."""
-    if name not in BY_BLOCKS or equations.n <= FEWEST_BY_BLOCKS:
-        return False
-    if not equations.in_joint_rates:
-        return False
-    # Needed only where a program is traced.
-    from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
-    return TreeInLanes.fills_blocks(equations.tree)
 
 
 def longest_path(equations: Equations) -> int:

@@ -9,7 +9,7 @@ from kane_dynamics import (Inertial, InputError, Limits, load_urdf, ModelBuilder
 from kane_dynamics.feasibility import demand, fastest, reachability, time_optimal
 from kane_dynamics.feasibility.path_geometry import Part, path_of, sections
 from kane_dynamics.feasibility.path_timing import SectionMotion
-from kane_dynamics.feasibility.segment_peaks import CHANGING, MotionStates, SegmentPeaks
+from kane_dynamics.feasibility.segment_peaks import CHANGING, MIDDLE, MotionStates, SegmentPeaks
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.free_spline import free_velocities
 from kane_dynamics.motion.rests import rests
@@ -711,7 +711,7 @@ def test_largest_shares_in_segments_are_those_of_the_motion():
     assert np.array_equal(again, worst)
     assert needed.tolist() == np.flatnonzero(worst >= least).tolist()
     assert len(needed) == 2 and np.array_equal(rows_of_some, rows[needed])
-    found = peaks.middles(states)
+    found = peaks.at(states, MIDDLE)
     expected = shares(np.arange(len(points.t) - 1), np.array([0.0, 0.5, 1.0 - 1e-12]))
     largest, ranges = np.abs(expected).max(axis=1), np.ptp(expected, axis=1)
     assert found.shares == pytest.approx(largest[:, [*peaks.quantities]], rel=1e-6, abs=1e-6)
@@ -737,7 +737,7 @@ def test_no_share_of_a_limit_exceeds_its_estimate_from_three_places(seed):
     segments = np.arange(len(states.h))
     exact, _, _ = peaks.inside(states, segments, np.full(len(segments), 63))
     # A share that changes by less than `CHANGING` may exceed the three as a parabola does.
-    assert (exact - peaks.middles(states).estimate).max() < CHANGING / 8.0
+    assert (exact - peaks.at(states, MIDDLE).estimate).max() < CHANGING / 8.0
 
 
 @pytest.mark.parametrize('changed', [[0], [1], [20], [58, 59], [60], [0, 30, 31, 60]])
