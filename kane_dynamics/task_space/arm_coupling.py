@@ -19,6 +19,7 @@ IEEE Trans. Robotics and Automation 9(5), 1993.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 import math
 from typing import Any, Literal, NamedTuple
@@ -175,11 +176,27 @@ class ArmCoupling:
         # The partner of an arm that is alone, which the law ignores.
         none = np.zeros(n)
         self._nobody = PartnerState(0.0, none, none, none)
+        self._timed = robot.equations.timed
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Make what a call writes into, and compile the law for the robot."""
         self._clock = np.zeros(2)
         # Numbers are written to it faster than to the array.
         self._clock_entries: Any = memoryview(self._clock)
-        self._timed = robot.equations.timed
         self._law = self._compiled()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy has: its own memory, and no compiled function."""
+        state = {**self.__dict__, '_memory': deepcopy(self._memory)}
+        for name in ('_clock', '_clock_entries', '_law'):
+            state.pop(name)
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a copy, which goes on where the original is."""
+        self.__dict__.update(state)
+        self._prepare()
 
     @property
     def saturated(self) -> bool:

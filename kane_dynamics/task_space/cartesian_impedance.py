@@ -334,6 +334,11 @@ def joints_at_walls(law: CartesianImpedance, q: Array) -> list[str]:
     return law._walls.reached(q, law._shapes.unpacked(law._block))
 
 
+def wall_slopes(law: CartesianImpedance, q: Array) -> tuple[Array, Array]:
+    """Return stiffness and damping of the walls that act at q, as of `JointWalls`."""
+    return law._walls.slopes(q, law._shapes.unpacked(law._block))
+
+
 def posture_place(law: CartesianImpedance) -> slice:
     """Return where its settings have the posture."""
     return law._shapes.place('posture')

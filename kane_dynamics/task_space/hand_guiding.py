@@ -246,6 +246,11 @@ def hand_guiding_law(law: HandGuiding) -> Law:
     return _law(law.robot, law._frame, law._walls, law._shapes, lanes_of_scalars)
 
 
+def wall_slopes(law: HandGuiding, q: Array) -> tuple[Array, Array]:
+    """Return stiffness and damping of the walls that act at q, as of `JointWalls`."""
+    return law._walls.slopes(q, law._shapes.unpacked(law._block))
+
+
 def _error_settings(robot: Robot, error: FrictionError | None) -> dict[str, Array]:
     """Return the settings `ERROR`; InputError for the friction of other joints."""
     names = robot.speed_names

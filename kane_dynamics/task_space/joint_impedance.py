@@ -26,6 +26,7 @@ from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.task_space.frame_task import inverse_mass
 from kane_dynamics.task_space.law_kernel import (checked_terms, identifier, LanesOf, Law,
                                                  law_kernel, RunTimeSettings, Settings,
                                                  StateAt)
@@ -225,9 +226,10 @@ def _law(robot: Robot, followed: Sequence[int], shapes: Settings, by_ratio: bool
         force = values['stiffness'] * (q_d - q[places]) + values['damping'] * rates
         if by_ratio:
             T_c = motion.T[places]
-            W = T_c @ equations.inverse_mass_matrix(q, parameters, t) @ T_c.T
+            lanes = lanes_of(q[0])
+            W = T_c @ inverse_mass(equations, q, parameters, t, lanes) @ T_c.T
             force = force + joint_damping(W, values['stiffness'], values['ratio'], rates,
-                                          lanes_of(q[0]))
+                                          lanes)
         return compensated_torques(robot, places, (q, u, t, parameters), motion,
                                    (u_d, udot_d), force, values['weights'])
     return law

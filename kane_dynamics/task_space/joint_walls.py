@@ -35,6 +35,7 @@ class JointWalls:
         self.joints = [r for r, place in enumerate(model.places) if place is not None]
         self.places = [place for place in model.places if place is not None]
         self._names = [robot.joint_names[r] for r in self.joints]
+        self._joint_count = len(model.places)
         self._lower = np.asarray(robot.limits.lower, np.float64)[self.places]
         self._upper = np.asarray(robot.limits.upper, np.float64)[self.places]
         self._effort = np.asarray(robot.limits.effort, np.float64)[self.joints]
@@ -82,6 +83,19 @@ class JointWalls:
             depth = _depth(q[place], settings['wall_lower'][k], settings['wall_upper'][k])
             total = total + 0.5 * settings['wall_stiffness'][k] * depth * depth
         return total
+
+    def slopes(self, q: Array, settings: Mapping[str, Any]) -> tuple[Array, Array]:
+        """
+        Return stiffness and damping of the walls that act at q, (n_j,) each.
+
+        The damping is that at the joint limit.
+        """
+        stiffness = np.zeros(self._joint_count)
+        for k, (joint, place) in enumerate(zip(self.joints, self.places)):
+            depth = _depth(q[place], settings['wall_lower'][k], settings['wall_upper'][k])
+            if depth:
+                stiffness[joint] = settings['wall_stiffness'][k]
+        return stiffness, DAMPING * stiffness
 
     def reached(self, q: Array, settings: Mapping[str, Any]) -> list[str]:
         """Return the names of the joints on which a wall acts."""

@@ -16,6 +16,7 @@ without a spring the damper alone has to satisfy d T < m. Source: Astrom and Wit
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 BISECTIONS = 20
@@ -45,6 +46,34 @@ class JointSpring(NamedTuple):
         of_damper = np.sqrt(factor) if self.by_ratio else factor
         return JointSpring(factor * self.stiffness, of_damper * self.damping,
                            self.by_ratio)
+
+    def beside(self, other: 'JointSpring | None') -> 'JointSpring':
+        """Return the sum of this spring and another one."""
+        if other is None:
+            return self
+        return JointSpring(self.stiffness + other.stiffness, self.damping + other.damping,
+                           self.by_ratio)
+
+
+def spring_of_walls(robot: Robot, q: Array, stiffness: Array, damping: Array
+                    ) -> JointSpring | None:
+    """
+    Return the spring of the walls that act at q in the independent speeds; None without.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its joint rates are T u.
+    q : (n_q,) array
+        rad or m.
+    stiffness, damping : (n_j,) arrays
+        Of the walls at the joints, as of `JointWalls.slopes`.
+
+    """
+    if not stiffness.any():
+        return None
+    T = np.stack([robot.joint_rates(q, speeds) for speeds in np.eye(robot.n)], axis=1)
+    return JointSpring(T.T @ (stiffness[:, None] * T), T.T @ (damping[:, None] * T), False)
 
 
 class Swing(NamedTuple):
@@ -104,15 +133,20 @@ def swing(inertia: Array, spring: JointSpring, period: float) -> Swing:
     return Swing(float(np.abs(values[largest])), int(np.argmax(energies)))
 
 
-def steady_share(inertia: Array, spring: JointSpring, period: float) -> float:
-    """Return the largest factor of a spring, at most 1, whose loop does not swing up."""
-    if not swing(inertia, spring, period).swings_up:
+def steady_share(inertia: Array, spring: JointSpring, period: float,
+                 other: JointSpring | None = None) -> float:
+    """
+    Return the largest factor of a spring, at most 1, whose loop does not swing up.
+
+    Another spring beside it keeps its stiffness.
+    """
+    if not swing(inertia, spring.beside(other), period).swings_up:
         return 1.0
     steady = 0.0
     growing = 1.0
     for _ in range(BISECTIONS):
         middle = 0.5 * (steady + growing)
-        if swing(inertia, spring.scaled(middle), period).swings_up:
+        if swing(inertia, spring.scaled(middle).beside(other), period).swings_up:
             growing = middle
         else:
             steady = middle

@@ -1,4 +1,4 @@
-"""Warn of springs that are too stiff for the rate of the joint states."""
+"""Warn of springs and walls that are too stiff for the rate of the joint states."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
 from kane_dynamics.ros.torque_path.live_law import LiveLaw
-from kane_dynamics.task_space.sampled_spring import steady_share, swing
+from kane_dynamics.task_space.sampled_spring import JointSpring, steady_share, swing
 import numpy as np
 from rclpy.clock import Clock, ClockType
 
@@ -118,21 +118,30 @@ class SwingMonitor:
 
     def _words(self, watched: _Watched) -> str:
         """Return the warning of a state; empty if its spring is not too stiff."""
-        # The law as a spring and damper about this state, and its least damped motion
-        # when torques are held over a period.
+        # The law as a spring and damper about this state, then the walls beside it.
         spring = watched.law.joint_spring(watched.q)
-        if spring is None:
-            return ''
+        walls = watched.law.wall_spring(watched.q)
+        warning = ''
+        if spring is not None:
+            warning = self._words_of(watched, spring, None, 'stiffness')
+        if walls is not None and not warning:
+            warning = self._words_of(watched, walls, spring, 'stiffness of its wall')
+        return warning
+
+    def _words_of(self, watched: _Watched, spring: JointSpring, other: JointSpring | None,
+                  what: str) -> str:
+        """Return the warning of a spring beside another one; empty if both are steady."""
+        # The least damped motion when torques are held over a period.
         robot = self._controller.robot
         inertia = robot.mass_matrix(watched.q)
-        motion = swing(inertia, spring, watched.period)
+        motion = swing(inertia, spring.beside(other), watched.period)
         if not motion.swings_up:
             return ''
         # The share of the stiffness that would be steady.
-        share = steady_share(inertia, spring, watched.period)
+        share = steady_share(inertia, spring, watched.period, other)
         joint = robot.speed_names[motion.joint]
         return (f"{watched.mode}: joint '{joint}' swings up: with joint states each "
                 f'{watched.period * 1e3:.3g} ms its amplitude grows by '
                 f'{motion.growth:.2g} in each; expected at most {100.0 * share:.2g}% of the '
-                'stiffness, states more often, or the inertia of the rotors as '
+                f'{what}, states more often, or the inertia of the rotors as '
                 '`armature` in the supplement')

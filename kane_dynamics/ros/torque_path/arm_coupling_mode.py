@@ -12,6 +12,8 @@ from kane_dynamics.ros.parameters.task_settings import coupling_settings
 from kane_dynamics.ros.torque_path.live_law import LiveLaw
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.arm_coupling import ArmCoupling, PartnerState
+from kane_dynamics.task_space.sampled_spring import JointSpring
+import numpy as np
 
 
 class ArmCouplingMode(LiveLaw):
@@ -49,8 +51,8 @@ class ArmCouplingMode(LiveLaw):
                              '~/coupling_state of the node of the other arm')
         places = joints_that_follow(robot)
         self.joints = tuple(robot.coordinate_names[k] for k in places)
-        settings = coupling_settings(values, robot, self.joints)
-        self.law = ArmCoupling(robot, followed=self.joints, **settings)
+        self._settings = coupling_settings(values, robot, self.joints)
+        self.law = ArmCoupling(robot, followed=self.joints, **self._settings)
         self._robot = robot
         self.partner: PartnerState | None = None
         self._wanted = values['coupling.engaged']
@@ -109,3 +111,11 @@ class ArmCouplingMode(LiveLaw):
     def describe(self, q: Array, u: Array, snapshot: TaskSnapshot) -> TaskDescription:
         """Return whether the force is at its limit, and why the arm is alone."""
         return TaskDescription(saturated=snapshot.detail)
+
+    def joint_spring(self, q: Array) -> JointSpring:
+        """Return spring and damper of the coupling, of the independent speeds."""
+        # The independent speeds of an arm of the node are rates of coupled joints.
+        order = [self.joints.index(name) for name in self._robot.speed_names]
+        stiffness = self._settings['stiffness'][order]
+        damping = self._settings['damping'][order]
+        return JointSpring(np.diag(stiffness), np.diag(damping), False)

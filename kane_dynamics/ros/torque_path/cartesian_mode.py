@@ -23,11 +23,12 @@ from kane_dynamics.ros.torque_path.state_check import NEVER
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.cartesian_impedance import (CartesianImpedance,
                                                           compile_state, impedance_law,
-                                                          joints_at_walls, posture_place)
+                                                          joints_at_walls, posture_place,
+                                                          wall_slopes)
 from kane_dynamics.task_space.law_kernel import (identifier, lanes_of_single_states,
                                                  LanesOf, Law, law_kernel, settings_of)
 from kane_dynamics.task_space.pose_filter import LIMITS
-from kane_dynamics.task_space.sampled_spring import JointSpring
+from kane_dynamics.task_space.sampled_spring import JointSpring, spring_of_walls
 import numpy as np
 
 NEAR = 0.999  # of a limit of the target, above which it is reported
@@ -261,6 +262,10 @@ class CartesianMode(NativeLaw):
         wrenches = [self._describing.state(q, speeds, pose).wrench
                     for speeds in np.eye(robot.n)]
         return JointSpring(stiffness, -J.T @ np.stack(wrenches, axis=1), by_ratio=True)
+
+    def wall_spring(self, q: Array) -> JointSpring | None:
+        """Return the walls that act at a position, (n_q,); None without."""
+        return spring_of_walls(self._robot, q, *wall_slopes(self._describing, q))
 
     def _rotation(self, desired: Array) -> Array:
         """Return the axes of the law as columns, in the world, for a desired pose."""

@@ -14,8 +14,10 @@ from kane_dynamics.ros.parameters.task_settings import (controlled_frame, differ
                                                         guiding_settings)
 from kane_dynamics.ros.torque_path.live_law import NativeLaw
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
-from kane_dynamics.task_space.hand_guiding import hand_guiding_law, HandGuiding
+from kane_dynamics.task_space.hand_guiding import (hand_guiding_law, HandGuiding,
+                                                    wall_slopes)
 from kane_dynamics.task_space.law_kernel import settings_of
+from kane_dynamics.task_space.sampled_spring import JointSpring, spring_of_walls
 import numpy as np
 
 
@@ -112,6 +114,10 @@ class HandGuidingMode(NativeLaw):
         if self.law.energy(q) > 0.0:
             saturated.append('wall')
         return TaskDescription(saturated=tuple(saturated))
+
+    def wall_spring(self, q: Array) -> JointSpring | None:
+        """Return the walls that act at a position, (n_q,); None without."""
+        return spring_of_walls(self._robot, q, *wall_slopes(self.law, q))
 
     # On the native torque path.
 

@@ -52,6 +52,14 @@ class LiveLaw(ModeLaw, Protocol):
         """
         return None
 
+    def wall_spring(self, q: Array) -> JointSpring | None:
+        """
+        Return the walls that act at a position in the independent speeds; None without.
+
+        Called in the services' thread.
+        """
+        return None
+
 
 class NativeLaw(LiveLaw):
     """Base of the laws of modes that also run on the native torque path."""

@@ -1,5 +1,6 @@
 """The warning of springs that are too stiff for the rate of the joint states."""
 
+import re
 from types import SimpleNamespace
 
 from kane_dynamics._util.resources import resource_path
@@ -19,6 +20,7 @@ NANO = 10**9
 Q = np.array([0.4, -0.9])
 STIFF = np.array([300.0] * 3 + [30.0] * 3)
 SPRINGS = (Mode.JOINT_IMPEDANCE, Mode.CARTESIAN_IMPEDANCE)
+WALLED = (Mode.HAND_GUIDING, Mode.CARTESIAN_IMPEDANCE)
 
 
 class Rig:
@@ -27,6 +29,7 @@ class Rig:
     def __init__(self, mode, **changes):
         self.values = values = node_values({
             'mode': str(mode), 'modes': list(map(str, SPRINGS)), 'cartesian.frame': 'tip',
+            'coupling.partner': '/other/coupling_state',
             **{k.replace('__', '.'): v for k, v in changes.items()}})
         model = load_model(resource_path('urdf', 'two_link.urdf'), values, lambda warning: None)
         self.controller = path_controller(model, values, self._laws)
@@ -44,13 +47,13 @@ class Rig:
     def _timer(self, period, callback, clock):
         self.examine = callback
 
-    def states(self, period, count=30, pause=0.0, before=0):
+    def states(self, period, count=30, pause=0.0, before=0, q=Q):
         """Let the monitor observe states at a period, s, with a pause, and examine one."""
         for k in range(count):
             if k == before:
                 self.stamp += round(pause * NANO)
             self.stamp += round(period * NANO)
-            self.monitor.on_cycle(SimpleNamespace(stamp=self.stamp, state=SimpleNamespace(q=Q)))
+            self.monitor.on_cycle(SimpleNamespace(stamp=self.stamp, state=SimpleNamespace(q=q)))
         self.examine()
 
 
@@ -125,3 +128,77 @@ def test_few_states_and_modes_without_a_spring_give_no_warning():
     rig.controller.update(mode=Mode.GRAVITY_COMPENSATION)
     rig.states(0.05)
     assert rig.monitor.warning == '' and rig.log == []
+
+
+def at_a_wall(rig):
+    """Return a position at which the wall of the second joint acts, and no other one."""
+    limits = rig.controller.robot.limits
+    return np.array([Q[0], limits.lower[1] + 0.03])
+
+
+@pytest.mark.parametrize('mode', WALLED)
+def test_a_wall_too_stiff_for_the_rate_of_the_states_is_named_while_it_acts(mode):
+    weak = {'cartesian__stiffness': 1e-3 * STIFF, 'walls__margin': 0.1}
+    rig = Rig(mode, walls__stiffness=2000.0, **weak)
+    rig.states(4e-3)
+    assert rig.monitor.warning == ''  # no wall acts
+    q = at_a_wall(rig)
+    rig.states(5e-4, q=q)
+    assert rig.monitor.warning == ''
+    rig.states(4e-3, q=q)
+    assert rig.monitor.warning.startswith(f"{mode}: joint 'joint2' swings up")
+    share = float(re.search(r'at most (\S+)% of the stiffness of its wall',
+                            rig.monitor.warning)[1]) / 100.0
+    assert 0.001 <= share < 0.9
+    for factor, steady in ((0.9, True), (1.2, False)):
+        other = Rig(mode, walls__stiffness=2000.0 * factor * share, **weak)
+        other.states(4e-3, q=q)
+        assert (other.monitor.warning == '') == steady
+
+
+@pytest.mark.parametrize('mode', WALLED)
+def test_stiffness_and_damping_of_walls_are_those_of_the_law(mode):
+    """Differences of torques with walls and without, beyond the joint limit."""
+    rig = Rig(mode, walls__margin=0.1, walls__stiffness=50.0, hand_guiding__max_speed=1e3)
+    robot = rig.controller.robot
+    mode_law = rig.modes.laws[mode]
+    law = mode_law.law
+    q = Q.copy()
+    q[1] = robot.limits.lower[1] - 0.02
+    pose = [robot.frame_pose('tip', q)] if mode is Mode.CARTESIAN_IMPEDANCE else []
+    walls = mode_law.wall_spring(q)
+    law.update(speed_limit=np.inf)
+    h = 1e-6
+    up = np.array([0.0, h])
+    rest = np.zeros(2)
+
+    def differences():
+        stretched = law.torque(q - up, rest, *pose) - law.torque(q + up, rest, *pose)
+        damped = law.torque(q, -up, *pose) - law.torque(q, up, *pose)
+        return np.array([stretched, damped]) / (2 * h)
+    with_walls = differences()
+    law.update(limit_stiffness=0.0)
+    of_walls = with_walls - differences()
+    np.testing.assert_allclose(of_walls, [walls.stiffness[1], walls.damping[1]], rtol=1e-5,
+                               atol=1e-5)
+    assert walls.stiffness[1, 1] == pytest.approx(50.0)
+
+
+def test_a_stiff_coupling_of_two_arms_is_named():
+    rig = Rig(Mode.ARM_COUPLING, coupling__stiffness=400.0)
+    rig.states(1e-3)
+    assert rig.monitor.warning == ''
+    rig.states(0.05)
+    assert rig.monitor.warning.startswith("arm_coupling: joint 'joint")
+    law = rig.modes.laws[Mode.ARM_COUPLING].law
+    spring = rig.modes.laws[Mode.ARM_COUPLING].joint_spring(Q)
+    rest = np.zeros(2)
+    law.torque(0.0, Q, rest)  # it holds this position
+    held = law.torque(0.0, Q, rest)
+    h = 1e-6
+    for k, e in enumerate(np.eye(2)):
+        gravity = rig.controller.robot.gravity_force(Q + h * e) - held
+        stretched = held + gravity - law.torque(0.0, Q + h * e, rest)
+        np.testing.assert_allclose(stretched / h, spring.stiffness[:, k], rtol=1e-5, atol=1e-3)
+        damped = held - law.torque(0.0, Q, h * e)
+        np.testing.assert_allclose(damped / h, spring.damping[:, k], rtol=1e-5, atol=1e-3)

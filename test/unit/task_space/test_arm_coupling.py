@@ -1,7 +1,9 @@
 """Two coupled arms in simulation: contact is felt, nothing jumps, a lost side is harmless."""
 
+import copy
 from functools import cache
 import math
+import pickle
 import re
 
 from kane_dynamics import (ArmCoupling, InputError, JointImpedance, load_urdf, ModelBuilder,
@@ -342,3 +344,37 @@ def test_constraints_that_depend_on_time_have_the_time_of_the_state():
                               compensate=Terms(coriolis=False, inertia=False))
     np.testing.assert_allclose(coupling.torque(t, q, rest),
                                expected.torque(q, rest, q[1:], t=t), atol=1e-12)
+
+
+@pytest.mark.parametrize('copied', [
+    copy.copy, copy.deepcopy, lambda coupling: pickle.loads(pickle.dumps(coupling))])
+@pytest.mark.parametrize('alone', ['hold', 'free'])
+def test_a_copy_goes_on_where_the_original_is_and_has_a_memory_of_its_own(alone, copied):
+    robot = fr3()
+    coupling = ArmCoupling(robot, stiffness=STIFFNESS, damping=DAMPING, alone=alone)
+    moving = np.linspace(-0.2, 0.3, 7)
+
+    def partner(t):
+        return PartnerState(t, HOME + 0.1 + t * moving, moving, 5.0 * moving)
+    coupling.engage(HOME, partner(0.0))
+    for t in (0.0, 0.05, 0.1):
+        coupling.torque(t, HOME, 0.0 * HOME, partner(t))
+    twin = copied(coupling)
+    assert twin.engaged and twin.robot.joint_names == robot.joint_names
+    # The copy loses its partner, and the original follows it.
+    for t in np.arange(0.15, 0.5, 0.05):
+        twin.torque(t, HOME, 0.0 * HOME)
+    assert twin.lost and coupling.engaged and not coupling.lost
+    reference = copied(coupling)
+    for t in (0.15, 0.2):
+        expected = reference.torque(t, HOME, 0.0 * HOME, partner(t))
+        np.testing.assert_array_equal(
+            coupling.torque(t, HOME, 0.0 * HOME, partner(t)), expected)
+    assert np.abs(twin.torque(0.5, HOME, 0.0 * HOME) - expected).max() > 0.1
+    # A copy of the robot has its own gravity.
+    if twin.robot is not robot:
+        twin.robot.parameters.gravity = [0.0, 0.0, 0.0]
+        tau = coupling.torque(0.25, HOME, 0.0 * HOME, partner(0.25))
+        np.testing.assert_array_equal(
+            tau, reference.torque(0.25, HOME, 0.0 * HOME, partner(0.25)))
+        assert np.abs(twin.torque(0.51, HOME, 0.0 * HOME) - tau).max() > 10.0
