@@ -3,7 +3,8 @@
 from dataclasses import replace
 from functools import cache
 
-from kane_dynamics import FrictionError, HandGuiding, Inertial, InputError, load_urdf, Robot
+from kane_dynamics import (FrictionError, HandGuiding, Inertial, InputError, Limits, load_urdf,
+                           ModelBuilder, Robot)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.task_space.joint_speed_limits import CREEPING
 from linkages import five_bar, five_bar_at
@@ -196,3 +197,20 @@ def test_the_number_of_planes_stays():
     guiding = HandGuiding(ur10e(), frame=TOOL, planes=[[0, 0, 1, 0.0]])
     with pytest.raises(InputError, match='expected 1'):
         guiding.update(planes=[[0, 0, 1, 0], [0, 1, 0, 0]])
+
+
+@pytest.mark.parametrize('speed', [1.0, 2.0, 2.5, 4.0, 6.0])
+def test_a_joint_too_fast_for_its_torque_passes_its_limit_by_no_more_than_stated(speed):
+    """docs/limits.md: faster than 2 a T by at most v^2 / (2 a) - T v; slower ones never."""
+    builder = ModelBuilder('one joint')
+    effort, inertia = 10.0, 1.0
+    builder.body('link', axis=(0, 0, 1), limits=Limits(-4.0, 4.0, effort=effort),
+                 inertial=Inertial(1.0, np.zeros(3), inertia * np.eye(3)))
+    guiding = HandGuiding(Robot(builder.model()))
+    q, u, step = np.zeros(1), np.array([speed]), 1e-3
+    for _ in range(6000):
+        u = u + step * guiding.torque(q, u) / inertia
+        q = q + step * u
+        a = effort / inertia
+        assert q[0] - 4.0 <= max(0.0, speed**2 / (2.0 * a) - 0.1 * speed)
+    assert (speed > 2.0 * a * 0.1) or q[0] < 4.0
