@@ -42,7 +42,7 @@ from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.elastic_model import link_side
 from kane_dynamics.motion.motion import Motion
-from kane_dynamics.motion.smooth_motion import SmoothMotion
+from kane_dynamics.motion.smooth_motion import require_smooth, SmoothMotion
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot
@@ -52,6 +52,7 @@ from numpy.typing import ArrayLike
 DERIVATIVES = 5  # of a motion: position to snap
 COMMAND = 5  # rows of a command: theta, theta', theta'', tau_m, tau_J
 BANDWIDTH = 30.0  # rad/s
+MOTOR, LINK = 'motor', 'link'  # sides of the gear on which positions are measured
 
 
 class MotorCommand(NamedTuple):
@@ -336,6 +337,8 @@ class _MotionLaw:
             raise InputError(f'motion: of the joints {list(motion.joint_names)}; '
                              f'expected {list(self.arm.names)}, those of the links')
         warn_of_degrees_of_links(self.arm, motion, stacklevel=5)
+        if isinstance(motion, Motion):
+            require_smooth(motion)
         self.motion = motion
 
     def _compiled(self, law: Callable[..., Any], **inputs: tuple[int, ...]) -> Kernel:
@@ -365,8 +368,10 @@ class MotorSideControl(_MotionLaw):
     ----------
     robot : Robot
         With elastic joints, all or some.
-    motion : Motion or SmoothMotion
-        Of the links, in their order; the torques jump where its fourth derivative does.
+    motion : SmoothMotion or Motion
+        Of the links, in their order; the torques jump where its fourth derivative does. A
+        Motion through dense points, with accelerations, of one that is smooth: its jerk
+        may jump by a tenth of its largest value.
     kp, kd : float or (n,) array_like
         N m/rad and N m s/rad, joint-side.
 
@@ -375,7 +380,7 @@ class MotorSideControl(_MotionLaw):
     InputError
         The robot has no elastic joints; it has constraints, chosen speeds, ball joints,
         beams, or drives with `full_coupling` or a dead zone; the motion is of other
-        joints; or a gain is invalid.
+        joints, or not smooth; or a gain is invalid.
 
     """
 
@@ -411,14 +416,14 @@ class MotorSideControl(_MotionLaw):
         rows = self._command(derivatives_of(self.motion, t))
         return MotorCommand(*np.moveaxis(np.asarray(rows), 1, 0).copy())
 
-    def trajectory(self, tolerance: ArrayLike, *,
+    def trajectory(self, tolerance: ArrayLike, *, sensor_side: str = MOTOR,
                    max_points: int = MOST_POINTS) -> FilledTrajectory:
         """
-        Return the motors' motion as a trajectory for joint_trajectory_controller.
+        Return the motion as a trajectory for joint_trajectory_controller.
 
-        Its positions are those of the motors, for arms whose encoders are there; its
-        efforts are the motors' torques. The controller moves between the points by
-        quintics and interpolates efforts linearly.
+        Its positions are those that the controller measures, of the motors or of the
+        links; its efforts are the motors' torques. The controller moves between the points
+        by quintics and interpolates efforts linearly.
 
         Parameters
         ----------
@@ -426,15 +431,19 @@ class MotorSideControl(_MotionLaw):
             Largest error of the interpolated effort, N m or N, positive: points are
             inserted between those of the motion where it is larger, at seven times
             between each two points.
+        sensor_side : 'motor' or 'link'
+            Side of the gear on which the encoders are.
         max_points : int
             Largest number of points.
 
         Raises
         ------
         InputError
-            An invalid tolerance, or one that needs more points.
+            An invalid tolerance or side, or a tolerance that needs more points.
 
         """
+        if sensor_side not in (MOTOR, LINK):
+            raise InputError(f"sensor_side: {sensor_side!r}; expected '{MOTOR}' or '{LINK}'")
         allowed = per_joint(tolerance, 'tolerance', self.arm.names)
         if not (allowed > 0.0).all():
             raise InputError(f'tolerance: {allowed.tolist()}; expected positive numbers')
@@ -459,11 +468,12 @@ class MotorSideControl(_MotionLaw):
                                  f'{max_points} points; expected a larger one, or a '
                                  'motion whose fourth derivative does not jump')
         command = self.command(times)
+        measured = command.positions, command.velocities, command.accelerations
+        if sensor_side == LINK:
+            measured = self.motion.sample(times)[:3]
         # At its end the motion rests, and the controller holds the last effort.
-        return FilledTrajectory(self.arm.names, times, command.positions,
-                                command.velocities, command.accelerations,
-                                command.torques, len(times) - count,
-                                errors.max(axis=0, initial=0.0))
+        return FilledTrajectory(self.arm.names, times, *measured, command.torques,
+                                len(times) - count, errors.max(axis=0, initial=0.0))
 
     def __call__(self, t: float, q: ArrayLike, u: ArrayLike) -> Array:
         """Return tau, (n_tau,), at a time and a state of links and motors."""
@@ -494,8 +504,10 @@ class LinkSideControl(_MotionLaw):
     ----------
     robot : Robot
         With a drive at every joint.
-    motion : Motion or SmoothMotion
-        Of the links, in their order; the torques jump where its fourth derivative does.
+    motion : SmoothMotion or Motion
+        Of the links, in their order; the torques jump where its fourth derivative does. A
+        Motion through dense points, with accelerations, of one that is smooth: its jerk
+        may jump by a tenth of its largest value.
     bandwidth : float or (n,) array_like
         w, rad/s.
 

@@ -231,7 +231,8 @@ def _motor(body: Body, drive: Drive, coordinate: int) -> Body:
     # The rotor turns by the motor's angle relative to its carrier, so that its friction
     # is that of the motor's side. Its mass is part of the carrier's.
     r = drive.ratio
-    law = dict(friction_seen_through(drive.friction, 1.0 / r))
+    joint_side = {'friction_speed': Joint.friction_speed, **drive.friction}
+    law = dict(friction_seen_through(joint_side, 1.0 / r))
     spin = np.outer(joint.axis, joint.axis) * (inertia / (r * r))
     motor = Joint(name, 'revolute', joint.axis, joint.rotation, joint.translation,
                   coordinate, multiplier=r, limits=limits, **law)

@@ -30,6 +30,9 @@ MOST_POINTS = 2000  # the system for the coefficients is dense
 DERIVATIVES = 4  # that `sample` returns
 FASTEST = 1e6  # largest factor of the speed of a motion
 JUMP = 1e-6  # of the largest jerk: a larger difference at a point is a jump
+# Of the largest speed, acceleration and jerk, in a motion that laws of control follow. The
+# jerk of a smooth motion jumps by a hundredth at points that are dense.
+JUMPS_OF_LAWS = 0.01, 0.01, 0.1
 WITHIN = 0.3  # share of a segment: not its middle or ends, where derivatives may vanish
 
 
@@ -136,13 +139,18 @@ class SmoothMotion:
         instance(motion, Motion, 'motion')
         if len(motion.times) < 2:
             raise InputError('motion: one point; expected at least two')
+        smooth = cls._in_seconds(motion)
+        smooth.require_no_jumps()
+        return smooth
+
+    @classmethod
+    def _in_seconds(cls, motion: Motion) -> SmoothMotion:
+        """Return the polynomials of a motion of two points or more, which may jump."""
         # Coefficients in x from 0 to 1 become those in seconds: c_k / h^k.
         rate = 1.0 / np.diff(motion.times)
         powers = rate[:, None] ** np.arange(6.0)
-        smooth = cls(motion.joint_names, motion.times.copy(),
-                     motion.coefficients * powers[:, :, None])
-        smooth._require_continuous_jerk()
-        return smooth
+        return cls(motion.joint_names, motion.times.copy(),
+                   motion.coefficients * powers[:, :, None])
 
     def with_rest(self, seconds: float) -> SmoothMotion:
         """
@@ -163,24 +171,29 @@ class SmoothMotion:
         return SmoothMotion(self.joint_names, np.append(self.times, self.duration + rest),
                             np.concatenate([self._coefficients, last]))
 
-    def _require_continuous_jerk(self) -> None:
-        """Raise InputError where speed, acceleration or jerk jumps."""
+    def require_no_jumps(self, jumps: Sequence[float] = (JUMP, JUMP, JUMP)) -> None:
+        """
+        Raise InputError where speed, acceleration or jerk jumps.
+
+        `jumps` are the largest differences at a point that are none, over the largest
+        speed, acceleration and jerk.
+        """
         lengths = np.diff(self.times)
         rest = np.zeros((1, self.n))
-        for order, what in ((1, 'speed'), (2, 'acceleration'), (3, 'jerk')):
+        for order, what in enumerate(('speed', 'acceleration', 'jerk'), start=1):
             begins = _polynomials(self._coefficients, 0.0 * lengths, order)
             ends = _polynomials(self._coefficients, lengths, order)
             # Left and right of every point; it rests outside.
-            jumps = np.abs(np.vstack([begins, rest]) - np.vstack([rest, ends]))
+            differences = np.abs(np.vstack([begins, rest]) - np.vstack([rest, ends]))
             # A jump counts relative to the largest value of its order, also of a motion
             # between two points at rest.
             within = _polynomials(self._coefficients, WITHIN * lengths, order)
             size = np.abs([begins, within, ends]).max()
-            point, joint = np.unravel_index(int(jumps.argmax()), jumps.shape)
-            if jumps[point, joint] > JUMP * size:
+            point, joint = np.unravel_index(int(differences.argmax()), differences.shape)
+            if differences[point, joint] > jumps[order - 1] * size:
                 raise InputError(
                     f"motion: the {what} of joint '{self.joint_names[joint]}' jumps by "
-                    f'{jumps[point, joint]:.4g} at point {point}, {self.times[point]:g} '
+                    f'{differences[point, joint]:.4g} at point {point}, {self.times[point]:g} '
                     's; expected continuous jerk, as of SmoothMotion.from_points, since '
                     'the torque rate of an elastic joint would jump')
 
@@ -229,6 +242,17 @@ class SmoothMotion:
                 values[~inside] = 0.0
             states.append(values if stated.ndim else values[0])
         return SmoothState(*states)
+
+
+def require_smooth(motion: Motion) -> None:
+    """
+    Raise InputError for a motion that no law of elastic joints can follow.
+
+    Points of a smooth motion with accelerations, dense enough, leave small jumps of the
+    jerk, which are accepted.
+    """
+    if len(motion.times) > 1:
+        SmoothMotion._in_seconds(motion).require_no_jumps(JUMPS_OF_LAWS)
 
 
 class SmoothCurve:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.control.elastic_control import derivatives_of, ElasticArm
+from kane_dynamics.control.elastic_control import derivatives_of, ElasticArm, LINK
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import Model
 from kane_dynamics.motion.motion import Motion
@@ -14,7 +14,6 @@ from kane_dynamics.ros.torque_path.live_law import LiveLaw
 import numpy as np
 
 SHARE = 0.04  # of the stiffness of a drive: the default gain of its motor's position
-MOTOR, LINK = 'motor', 'link'  # sides of the gear on which positions are measured
 
 
 class MotorSideMode(LiveLaw):

@@ -44,8 +44,11 @@ def state_at(control, t=0.0):
 
 @pytest.mark.parametrize('kind', [Motion, SmoothMotion])
 def test_a_motion_in_degrees_is_warned_of(kind):
-    turned = kind.from_points([0.0, 1.0, 2.0], [[0.0, 0.0], [90.0, 20.0], [0.0, 0.0]],
-                              joint_names=NAMES)
+    turned = SmoothMotion.from_points([0.0, 1.0, 2.0], [[0.0, 0.0], [90.0, 20.0], [0.0, 0.0]],
+                                      joint_names=NAMES)
+    if kind is Motion:
+        t = np.linspace(0.0, 2.0, 201)
+        turned = Motion.from_points(t, *turned.sample(t)[:3], joint_names=NAMES)
     with pytest.warns(ModelWarning, match='motion: far outside: joint1 90 rad .* degrees'):
         MotorSideControl(Robot(elastic()), turned, kp=100.0, kd=10.0)
 
@@ -191,6 +194,34 @@ def test_a_trajectory_of_the_motors_has_their_positions_and_efforts_within_the_t
     np.testing.assert_allclose(300.0 * sag, Robot(RIGID).gravity_force(START), rtol=1e-9)
 
 
+def test_a_trajectory_for_encoders_at_the_links_has_their_positions_and_the_same_efforts():
+    control = MotorSideControl(Robot(elastic()), motion(), kp=0.0, kd=0.0)
+    of_motors = control.trajectory(0.05)
+    of_links = control.trajectory(0.05, sensor_side='link')
+    q, u, udot = motion().sample(of_links.times)
+    np.testing.assert_array_equal(of_links.efforts, of_motors.efforts)
+    np.testing.assert_allclose(of_links.positions, q, rtol=1e-12)
+    np.testing.assert_allclose(of_links.velocities, u, atol=1e-12)
+    np.testing.assert_allclose(of_links.accelerations, udot, atol=1e-12)
+
+
+ENDS = [START, START + MOVE]
+AT_REST = np.zeros((2, 2))
+
+
+@pytest.mark.parametrize(('points', 'what'), [
+    (([0.0, 0.5, 1.0], [*ENDS, START]), 'acceleration'),
+    (([0.0, 1.0], ENDS, AT_REST), 'acceleration'),
+    (([0.0, 1.0], ENDS, AT_REST, AT_REST), 'jerk'),
+    (([0.0, 1.0], ENDS, [[0.0, 0.0], [0.3, 0.0]], AT_REST), 'speed')],
+    ids=['spline', 'cubic', 'quintic', 'moving end'])
+def test_motions_whose_torque_rate_jumps_are_refused(points, what):
+    jumping = Motion.from_points(*points, joint_names=NAMES)
+    for law, options in ((MotorSideControl, {'kp': 1.0, 'kd': 1.0}), (LinkSideControl, {})):
+        with pytest.raises(InputError, match=f'motion: the {what} of joint .* jumps'):
+            law(Robot(elastic()), jumping, **options)
+
+
 @pytest.mark.parametrize(('make', 'text'), [
     (lambda: MotorSideControl(Robot(RIGID), motion(), kp=1.0, kd=1.0), 'rigid joints'),
     (lambda: LinkSideControl(Robot(elastic(NAMES[1:])), motion()), 'a drive at every joint'),
@@ -206,6 +237,8 @@ def test_a_trajectory_of_the_motors_has_their_positions_and_efforts_within_the_t
         Coupling(NAMES[0], {NAMES[1]: 1.0})]), motion(), kp=1.0, kd=1.0), 'constraints'),
     (lambda: MotorSideControl(Robot(elastic()), motion(), kp=1.0, kd=1.0).trajectory(0.0),
      'tolerance'),
+    (lambda: MotorSideControl(Robot(elastic()), motion(), kp=1.0, kd=1.0).trajectory(
+        0.1, sensor_side='gear'), "sensor_side: 'gear'; expected 'motor' or 'link'"),
     (lambda: MotorSideControl(Robot(elastic()), motion(), kp=1.0, kd=1.0).command([np.nan]),
      'times'),
     (lambda: MotorSideControl(Robot(elastic()), motion(), kp=1.0, kd=1.0).command(0.1),

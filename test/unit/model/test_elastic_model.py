@@ -128,6 +128,18 @@ def test_full_coupling_adds_the_carriers_rotation_to_the_rotors():
     assert_allclose(M_full - M, expected, atol=1e-12)
 
 
+@pytest.mark.parametrize('law', [{'friction': 1.5}, {'friction': 1.5, 'friction_speed': 0.2}])
+def test_friction_of_the_motor_does_not_depend_on_the_coupling(law):
+    drive = Drive(1e4, ratio=-50.0, rotor_inertia=0.5, friction=law)
+    forces = []
+    for full_coupling in (False, True):
+        model = arm(b=replace(drive, full_coupling=full_coupling)).model()
+        forces.append(Robot(model).friction_force([0.0, 0.0, 0.03]))
+    assert_allclose(forces[0], forces[1], rtol=1e-12)
+    assert_allclose(forces[0][2], 1.5 * np.tanh(0.03 / law.get('friction_speed', 0.05)),
+                    rtol=1e-12)
+
+
 def test_rigid_joints_move_motors_with_their_links():
     drives = {'a': Drive(1e4, friction={'damping': 0.4, 'friction': 1.0}),
               'b': Drive(CURVE, ratio=30.0, rotor_inertia=0.1, full_coupling=True)}

@@ -4,7 +4,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 from kane_dynamics import Drive, Inertial, InputError, Motion, MotorSideControl  # noqa: E402, I100
-from kane_dynamics import Robot, StiffnessCurve, with_drives, with_rigid_joints  # noqa: E402
+from kane_dynamics import Robot, SmoothMotion, StiffnessCurve, with_drives  # noqa: E402
+from kane_dynamics import with_rigid_joints  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
 from kane_dynamics.ros.torque_path.motor_side_mode import MotorSideMode  # noqa: E402
 from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
@@ -32,9 +33,10 @@ def law(changes=GAINS, model=None, payload_frame=None):
 
 
 def motion():
+    smooth = SmoothMotion.from_points([0.0, 1.0], [[0.0, 0.0, 0.0], [0.4, -0.3, 0.1]],
+                                      joint_names=JOINTS)
     t = np.linspace(0.0, 1.0, 21)
-    q = np.outer(10 * t**3 - 15 * t**4 + 6 * t**5, [0.4, -0.3, 0.1])
-    return Motion.from_points(t, q, joint_names=JOINTS)
+    return Motion.from_points(t, *smooth.sample(t)[:3], joint_names=JOINTS)
 
 
 @pytest.mark.parametrize('lead', [0.0, 0.01])
