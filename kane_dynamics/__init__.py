@@ -8,11 +8,12 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
     from kane_dynamics.control.computed_torque import ComputedTorque
     from kane_dynamics.control.controller import Controller, Mode
-    from kane_dynamics.control.elastic_control import (JointTorqueFeedback,
-                                                       LinkSideControl, MotorSideControl)
+    from kane_dynamics.control.elastic_control import MotorSideControl
     from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
     from kane_dynamics.control.exported_controller import controller_kernels
     from kane_dynamics.control.friction_error import FrictionError
+    from kane_dynamics.control.joint_torque_feedback import JointTorqueFeedback
+    from kane_dynamics.control.link_side_control import LinkSideControl
     from kane_dynamics.control.momentum_observer import MomentumObserver
     from kane_dynamics.control.motor_tracking import MotorTracking
     from kane_dynamics.control.quasi_static import QuasiStatic
@@ -100,10 +101,12 @@ _NAMES_BY_MODULE = {
     'control.collision_detection': 'CollisionDetector frame_wrench',
     'control.computed_torque': 'ComputedTorque',
     'control.controller': 'Controller Mode',
-    'control.elastic_control': 'JointTorqueFeedback LinkSideControl MotorSideControl',
+    'control.elastic_control': 'MotorSideControl',
     'control.elastic_feedforward': 'ElasticFeedforward',
     'control.exported_controller': 'controller_kernels',
     'control.friction_error': 'FrictionError',
+    'control.joint_torque_feedback': 'JointTorqueFeedback',
+    'control.link_side_control': 'LinkSideControl',
     'control.momentum_observer': 'MomentumObserver',
     'control.motor_tracking': 'MotorTracking',
     'control.quasi_static': 'QuasiStatic',

@@ -1,5 +1,5 @@
 """
-Control of arms with elastic joints: feedforward of the motors, and three laws.
+Motor-side control of arms with elastic joints: feedforward and PD of the motors.
 
 With the motor's position theta and the link's q on the joint's side, delta = theta - q,
 
@@ -12,15 +12,14 @@ time derivatives more also theta' and theta'' (A. De Luca, Decoupling and feedba
 linearization of robots with mixed rigid/elastic joints, Int. J. Robust Nonlinear Control
 8, 1998). So the motor torque depends on four derivatives of q.
 
-Every law is a function over any scalar; derivatives along the motion are those of jets.
+The law is a function over any scalar; derivatives along the motion are those of jets.
 Vectors of joints are in the order of the link coordinates; tau has the entries of links
 and motors, as in `Robot`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, instance, per_joint
@@ -28,22 +27,17 @@ from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.trajectory_feedforward import (FilledTrajectory, MOST_POINTS,
                                                           PROBES)
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.jet import (derivative, Jet, moving_jets, series_of,
-                                                 value_of)
-from kane_dynamics.mechanics.algebra.ltdl import solve
+from kane_dynamics.mechanics.algebra.jet import Jet, moving_jets, series_of, value_of
 from kane_dynamics.mechanics.elastic_inverse_dynamics import (drive_sides, driven_by,
                                                               DriveSide,
                                                               elastic_inverse_dynamics,
                                                               ElasticLinks)
-from kane_dynamics.mechanics.elastic_joints import (damping_torque, spring_deflection,
-                                                    spring_slope, spring_torque)
-from kane_dynamics.mechanics.friction import friction_torque
+from kane_dynamics.mechanics.elastic_joints import spring_deflection
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.elastic_model import link_side
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import require_smooth, SmoothMotion
-from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -51,7 +45,6 @@ from numpy.typing import ArrayLike
 
 DERIVATIVES = 5  # of a motion: position to snap
 COMMAND = 5  # rows of a command: theta, theta', theta'', tau_m, tau_J
-BANDWIDTH = 30.0  # rad/s
 MOTOR, LINK = 'motor', 'link'  # sides of the gear on which positions are measured
 
 
@@ -86,8 +79,6 @@ class ElasticArm:
     robot : Robot
         With drives (`with_drives`), without constraints, chosen speeds, ball joints and
         beams.
-    every : bool
-        Whether every joint needs a drive.
 
     Attributes
     ----------
@@ -107,7 +98,7 @@ class ElasticArm:
 
     """
 
-    def __init__(self, robot: Robot, every: bool = False) -> None:
+    def __init__(self, robot: Robot) -> None:
         """Check the robot and collect the indices."""
         instance(robot, Robot, 'robot')
         model = robot.model
@@ -144,12 +135,6 @@ class ElasticArm:
         self.motors = list(self.links)
         for side in self.sides:
             self.motors[side.link] = joint_names.index(side.motor.name)
-        # Joints without a drive, whose motor is the link's own.
-        rigid = [name for k, name in enumerate(self.names) if k not in self.drives]
-        if every and rigid:
-            raise InputError(f'robot: rigid joints {rigid}; expected a drive at every '
-                             'joint, because the torque of a rigid one would jump '
-                             'through the derivatives of the others')
 
     def require_deflections(self) -> None:
         """Raise InputError if a torque does not determine the deflection of a drive."""
@@ -161,36 +146,11 @@ class ElasticArm:
                                  'a curve without one, because within it the '
                                  'torque 0 leaves the deflection open')
 
-    def accelerations(self, q: Vector, torques: Vector, parameters: Vector) -> Vector:
-        """Return accelerations of the links by torques beyond inverse dynamics, (n,)."""
-        factors = self.tree.factors(self.tree.mass_matrix(q, parameters))
-        return solve(factors, self.tree.order, torques)
-
-    def motor_torque(self, side: DriveSide, theta_rate: Scalar,
-                     theta_acceleration: Scalar, gear_torque: Scalar) -> Scalar:
-        """Return tau_m = B theta'' + tau_J + friction(theta') of an elastic joint."""
-        load = side.drive.rotor_inertia * theta_acceleration + gear_torque
-        if not self.robot.friction:
-            return load
-        return load + friction_torque(side.motor, theta_rate, load)
-
     def in_tau(self, torques: Vector) -> Vector:
         """Return tau, (n_tau,), with torques of the motors or rigid joints, (n,)."""
         tau = np.zeros(self.n).astype(object)
         tau[self.motors] = torques
         return tau
-
-    def gear_torque(self, side: DriveSide, q: Vector, u: Vector) -> Scalar:
-        """Return the torque that a drive transmits in a state of links and motors."""
-        deflection, rate = self.deflection(side, q), self.deflection(side, u)
-        torque = spring_torque(side.drive, deflection)
-        if not self.robot.friction:
-            return torque
-        return torque + damping_torque(side.drive, rate)
-
-    def deflection(self, side: DriveSide, x: Vector) -> Scalar:
-        """Return the difference of a drive's motor and link in x, (n_tau,)."""
-        return x[self.motors[side.link]] - x[self.links[side.link]]
 
     def motor_command(self, motion: Matrix, parameters: Vector) -> Matrix:
         """Return the rows of `MotorCommand`, (5, n), for q to its fourth derivative, (5, n)."""
@@ -228,54 +188,6 @@ class ElasticArm:
         motor = driven_by(self.tree, side.motor, (theta[1], theta[2]), load)
         return np.array([*theta, motor, gear_torque])
 
-    def linearizing_torque(self, q: Vector, u: Vector, desired: Matrix, gains: Matrix,
-                           parameters: Vector) -> Vector:
-        """
-        Return tau, (n_tau,), with which the links have the corrected fourth derivative.
-
-        `desired`, (5, n), is the motion; `gains`, (4, n), are those of position to jerk.
-
-        Friction is that of the measured rates, because it decides the acceleration that
-        the law takes for that of the links.
-        """
-        tree = self.tree
-        ql, ul = q[self.links], u[self.links]
-        gear_torques = np.array([self.gear_torque(side, q, u) for side in self.sides])
-
-        # Acceleration and jerk of the links from the measured state.
-        bias = tree.inverse_dynamics(ql, ul, tree.zeros, None, parameters)
-        udot = self.accelerations(ql, gear_torques - bias, parameters)
-        needed = tree.inverse_dynamics(moving_jets(ql, ul), moving_jets(ul, udot),
-                                       moving_jets(udot, tree.zeros), None, parameters)
-        spring_rates = []
-        for side in self.sides:
-            slope = spring_slope(side.drive, self.deflection(side, q))
-            spring_rates.append(slope * self.deflection(side, u))
-        jerk = self.accelerations(ql, np.array(spring_rates) - derivative(needed, 1),
-                                  parameters)
-
-        # The fourth derivative, with the errors of the lower ones fed back.
-        snap = desired[4]
-        for gain, wanted, actual in zip(gains, desired, (ql, ul, udot, jerk)):
-            snap = snap + gain * (wanted - actual)
-
-        # The second derivative of the gears' torques that it needs, and theta''.
-        needed = tree.inverse_dynamics(
-            moving_jets(ql, ul, udot), moving_jets(ul, udot, jerk),
-            moving_jets(udot, jerk, snap), None, parameters)
-        second_rates = derivative(needed, 2)
-        torques = []
-        for side in self.sides:
-            k = side.link
-            deflection, rate = self.deflection(side, q), self.deflection(side, u)
-            # k'' delta'^2 is the second derivative of the spring at delta'' = 0.
-            moving_spring = spring_torque(side.drive, Jet((deflection, rate, 0.0)))
-            curvature = 2.0 * series_of(moving_spring, 3)[2]
-            change = (second_rates[k] - curvature) / spring_slope(side.drive, deflection)
-            torques.append(self.motor_torque(side, u[self.motors[k]], udot[k] + change,
-                                             gear_torques[k]))
-        return self.in_tau(np.array(torques))
-
     def motor_side_torque(self, q: Vector, u: Vector, desired: Matrix, kp: Vector,
                           kd: Vector, parameters: Vector) -> Vector:
         """Return tau, (n_tau,), of the feedforward and PD on the motors."""
@@ -302,17 +214,6 @@ class ElasticArm:
         torque = self.motor_command(ahead, parameters)[3]
         return torque + kp * (desired[0] - measured) + kd * (desired[1] - rates)
 
-    def shaped_torque(self, q: Vector, u: Vector, torque: Vector,
-                      inertia: Vector) -> Vector:
-        """Return tau, (n_tau,), with which motors have other inertias under torques, (n,)."""
-        torques = list(torque)
-        for side in self.sides:
-            k = side.link
-            gear_torque = self.gear_torque(side, q, u)
-            ratio = side.drive.rotor_inertia / inertia[k]
-            torques[k] = gear_torque + ratio * (torque[k] - gear_torque)
-        return self.in_tau(np.array(torques))
-
 
 def warn_of_degrees_of_links(arm: ElasticArm, motion: Motion | SmoothMotion,
                              stacklevel: int = 4) -> None:
@@ -323,37 +224,8 @@ def warn_of_degrees_of_links(arm: ElasticArm, motion: Motion | SmoothMotion,
     warn_of_degrees(arm.robot, rows, 'motion', stacklevel)
 
 
-class _MotionLaw:
-    """A law along a motion of the links, called by `simulate` as torque(t, q, u)."""
-
-    def __init__(self, robot: Robot, motion: Motion | SmoothMotion, every: bool = False) -> None:
-        self.arm = ElasticArm(robot, every)
-        self.robot = robot
-        self.arm.require_deflections()
-        if not isinstance(motion, SmoothMotion):
-            instance(motion, Motion, 'motion')
-        # Elastic arms follow a motion of their links; the motors' motion is computed.
-        if motion.joint_names != self.arm.names:
-            raise InputError(f'motion: of the joints {list(motion.joint_names)}; '
-                             f'expected {list(self.arm.names)}, those of the links')
-        warn_of_degrees_of_links(self.arm, motion, stacklevel=5)
-        if isinstance(motion, Motion):
-            require_smooth(motion)
-        self.motion = motion
-
-    def _compiled(self, law: Callable[..., Any], **inputs: tuple[int, ...]) -> Kernel:
-        """Return a law as native code, whose inputs are q, u and the named ones."""
-        n = self.robot.n
-        return self.robot.compiled(law, name=f'elastic_{law.__name__}', q=(n,), u=(n,),
-                                   shape=(n,), **inputs)
-
-    def desired(self, t: float) -> Array:
-        """Return the motion and its four derivatives at a time, (5, n)."""
-        return np.asarray(derivatives_of(self.motion, np.array([t]))[0])
-
-
 @hinting
-class MotorSideControl(_MotionLaw):
+class MotorSideControl:
     """
     PD of the motors around the elastic feedforward: the passive law.
 
@@ -386,16 +258,29 @@ class MotorSideControl(_MotionLaw):
 
     def __init__(self, robot: Robot, motion: Motion | SmoothMotion, *, kp: ArrayLike,
                  kd: ArrayLike) -> None:
-        """Check the gains and compile the law."""
-        super().__init__(robot, motion)
+        """Check motion and gains, and compile the law."""
+        self.arm = ElasticArm(robot)
+        self.robot = robot
+        self.arm.require_deflections()
+        if not isinstance(motion, SmoothMotion):
+            instance(motion, Motion, 'motion')
+        # Elastic arms follow a motion of their links; the motors' motion is computed.
         names = self.arm.names
+        if motion.joint_names != names:
+            raise InputError(f'motion: of the joints {list(motion.joint_names)}; '
+                             f'expected {list(names)}, those of the links')
+        warn_of_degrees_of_links(self.arm, motion)
+        if isinstance(motion, Motion):
+            require_smooth(motion)
+        self.motion = motion
         self.kp = per_joint(kp, 'kp', names)
         self.kd = per_joint(kd, 'kd', names)
         # Desired motion and gains are arguments, so that they change without a new
         # kernel.
         n = len(names)
-        self._law = self._compiled(self.arm.motor_side_torque, desired=(DERIVATIVES, n),
-                                   kp=(n,), kd=(n,))
+        self._law = robot.compiled(self.arm.motor_side_torque, name='motor_side_torque',
+                                   q=(robot.n,), u=(robot.n,), desired=(DERIVATIVES, n),
+                                   kp=(n,), kd=(n,), shape=(robot.n,))
         self._command = robot.compiled(self.arm.motor_command, name='elastic_command',
                                        motion=(DERIVATIVES, n), shape=(COMMAND, n))
 
@@ -477,111 +362,8 @@ class MotorSideControl(_MotionLaw):
 
     def __call__(self, t: float, q: ArrayLike, u: ArrayLike) -> Array:
         """Return tau, (n_tau,), at a time and a state of links and motors."""
-        return np.asarray(self._law(q, u, self.desired(t), self.kp, self.kd))
-
-
-@hinting
-class LinkSideControl(_MotionLaw):
-    """
-    Computed torque of the links through the elasticity (feedback linearization).
-
-    From the state of links and motors follow acceleration and jerk of the links; the
-    motor torque gives them the fourth derivative
-
-        q'''' = q_d'''' + k_3 e''' + k_2 e'' + k_1 e' + k_0 e,    e = q_d - q
-
-    so that every joint has four poles at -bandwidth: k = (w^4, 4 w^3, 6 w^2, 4 w).
-
-    Friction is that of the measured rates, which decides the acceleration. The law is as
-    good as the model: friction that it lacks counts as an acceleration times k / M, so
-    that stiff drives need exact friction and a fast cycle. `MotorSideControl` does not.
-
-    Damping D of a drive acts in the law's acceleration, but not in its jerk: with it, the
-    motor's acceleration changes the jerk at once, by D / k, and the exact law would
-    divide by D. The errors this leaves are of the order w D / k.
-
-    Parameters
-    ----------
-    robot : Robot
-        With a drive at every joint.
-    motion : SmoothMotion or Motion
-        Of the links, in their order; the torques jump where its fourth derivative does. A
-        Motion through dense points, with accelerations, of one that is smooth: its jerk
-        may jump by a tenth of its largest value.
-    bandwidth : float or (n,) array_like
-        w, rad/s.
-
-    Raises
-    ------
-    InputError
-        As of `MotorSideControl`; a rigid joint, or an invalid bandwidth.
-
-    """
-
-    def __init__(self, robot: Robot, motion: Motion | SmoothMotion, *,
-                 bandwidth: ArrayLike = BANDWIDTH) -> None:
-        """Check the bandwidth and compile the law."""
-        super().__init__(robot, motion, every=True)
-        w = per_joint(bandwidth, 'bandwidth', self.arm.names)
-        # (s + w)^4 of the error of each joint, for a chain of four integrators.
-        with np.errstate(over='ignore'):
-            self.gains = np.array([w**4, 4.0 * w**3, 6.0 * w**2, 4.0 * w])
-        if not np.isfinite(self.gains).all():
-            raise InputError(f'bandwidth: {w.max():g} rad/s; expected numbers whose fourth '
-                             'power is finite')
-        n = len(self.arm.names)
-        self._law = self._compiled(self.arm.linearizing_torque, desired=(DERIVATIVES, n),
-                                   gains=(4, n))
-
-    def __call__(self, t: float, q: ArrayLike, u: ArrayLike) -> Array:
-        """Return tau, (n_tau,), at a time and a state of links and motors."""
-        return np.asarray(self._law(q, u, self.desired(t), self.gains))
-
-
-@hinting
-class JointTorqueFeedback:
-    """
-    Feedback of the gears' torques, which gives the motors another inertia.
-
-    tau_m = tau_J + (B / B_d) (torque - tau_J)
-
-    With it the motor moves under `torque` as one of inertia B_d, with its friction times
-    B_d / B: lighter motors with less friction (C. Ott, A. Albu-Schaeffer,
-    A. Kugi, G. Hirzinger, On the passivity-based impedance control of flexible joint
-    robots, IEEE Trans. Robotics 24, 2008).
-
-    Parameters
-    ----------
-    robot : Robot
-        With elastic joints, all or some.
-    inertia : float or (n,) array_like
-        B_d, joint-side, kg m^2, positive.
-
-    Raises
-    ------
-    InputError
-        As of `MotorSideControl`, or an inertia that is not positive.
-
-    """
-
-    def __init__(self, robot: Robot, *, inertia: ArrayLike) -> None:
-        """Check the inertias and compile the law."""
-        self.arm = ElasticArm(robot)
-        self.robot = robot
-        self.inertia = per_joint(inertia, 'inertia', self.arm.names)
-        # The inertia divides the torque: it must not vanish.
-        for name, value in zip(self.arm.names, self.inertia):
-            if value == 0.0:
-                raise InputError(f"inertia: 0 of joint '{name}'; expected a positive "
-                                 'number')
-        n = len(self.arm.names)
-        self._law = robot.compiled(self.arm.shaped_torque, name='elastic_shaped_torque',
-                                   q=(robot.n,), u=(robot.n,), torque=(n,), inertia=(n,),
-                                   shape=(robot.n,))
-
-    def torque(self, q: ArrayLike, u: ArrayLike, torque: ArrayLike) -> Array:
-        """Return tau, (n_tau,), for torques of the joints, (n,), in a state."""
-        return np.asarray(self._law(q, u, torque, self.inertia))
+        desired = derivatives_of(self.motion, np.array([t]))[0]
+        return np.asarray(self._law(q, u, desired, self.kp, self.kd))
 
 
 def derivatives_of(motion: Motion | SmoothMotion, t: Array) -> Array:

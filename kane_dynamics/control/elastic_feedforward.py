@@ -236,7 +236,7 @@ class ElasticFeedforward:
         # A cubic or quintic motion is smooth enough if its jerk does not jump.
         if isinstance(motion, Motion):
             motion = SmoothMotion.from_motion(motion)
-        self._warn_of_degrees(motion)
+        self.warn_of_degrees(motion)
         if deflection is not None:
             deflection = constant(deflection, (self._tree.n,), 'deflection', InputError)
         start = float(motion.times[0])
@@ -270,14 +270,14 @@ class ElasticFeedforward:
                              f'{listing(self.joint_names)}, as many as independent speeds '
                              'of the links')
 
-    def _warn_of_degrees(self, motion: SmoothMotion) -> None:
+    def warn_of_degrees(self, motion: SmoothMotion | Motion, stacklevel: int = 4) -> None:
         """Warn if the points of a motion look like degrees."""
         robot = self.robot
-        positions = motion.sample(motion.times).q
+        positions = motion.sample(motion.times)[0]
         rows = np.zeros((len(positions), robot.n_q))
         for column, name in zip(positions.T, motion.joint_names):
             rows[:, robot.coordinate_names.index(name)] = column
-        warn_of_degrees(robot, rows, 'motion', stacklevel=4)
+        warn_of_degrees(robot, rows, 'motion', stacklevel)
 
     def rows_along(self, times: Array, state: SmoothState, joints: Sequence[str],
                    deflection: Any = None) -> tuple[Array, Array]:
@@ -489,32 +489,66 @@ class ElasticFeedforward:
     def _compiled(self, choice: LinkSpeeds, law: Callable[..., Matrix], name: str,
                   rows: int = len(ROWS)) -> Kernel:
         """Return a law of the links as native code, of (rows, n)."""
+        p = len(choice.speeds)
+        inputs: dict[str, tuple[int, ...]] = {}
+        # The arguments of the laws, which have more of them in turn.
+        inputs['link_speed'] = (p,)
+        inputs['link_acceleration'] = (p,)
+        if law != self._motion_law:
+            inputs['jerk'] = (p,)
+            inputs['snap'] = (p,)
+        if law in (self._moved_law, self._loaded_law):
+            inputs['gravity_rates'] = (2, 3)
+        if law == self._loaded_law:
+            inputs['wrenches'] = (3, len(self._frames), 6)
+        return self._in_choice(choice, law, name, inputs, (rows, self._tree.model.n))
+
+    def compiled(self, joints: Sequence[str],
+                 law: Callable[[ElasticLinks, dict[str, Any]], Any], name: str,
+                 inputs: Mapping[str, tuple[int, ...]], shape: tuple[int, ...]) -> Kernel:
+        """
+        Return a function of the links in the rates of joints as native code.
+
+        Parameters
+        ----------
+        joints : sequence of str
+            As of `check_joints`, whose rates are the independent speeds.
+        law : callable
+            Called with the links, and q, the inputs, t and `parameters` by name.
+        name : str
+            Of the function in errors.
+        inputs : mapping of str to tuple of int
+            Shapes of what the kernel takes behind the coordinates of the links, (n_q,).
+        shape : tuple of int
+            Of the result.
+
+        """
+        def traced(choice: LinkSpeeds, q: Vector, *values: Any, t: Scalar,
+                   parameters: Vector, limits: Vector) -> Any:
+            links = self._links(choice)
+            named = dict(zip(inputs, values, strict=True))
+            result = law(links, {'q': q, **named, 't': t, 'parameters': parameters})
+            return self._guarded(links, result, q, t, limits)
+        return self._in_choice(self._choice_of_joints(tuple(joints)), traced, name, inputs,
+                               shape)
+
+    def _in_choice(self, choice: LinkSpeeds, law: Callable[..., Any], name: str,
+                   inputs: Mapping[str, tuple[int, ...]], shape: tuple[int, ...]) -> Kernel:
+        """Return a function of the links in a choice of speeds and rows as native code."""
         known = self._kernels.get((choice, name))
         if known is not None:
             return known
-        model = self._tree.model
-        p = len(choice.speeds)
-        shapes: dict[str, tuple[int, ...]] = {}
-        shapes['link_position'] = (len(model.coordinate_names),)
-        # The arguments of the laws, which have more of them in turn.
-        shapes['link_speed'] = (p,)
-        shapes['link_acceleration'] = (p,)
-        if law != self._motion_law:
-            shapes['jerk'] = (p,)
-            shapes['snap'] = (p,)
-        if law in (self._moved_law, self._loaded_law):
-            shapes['gravity_rates'] = (2, 3)
-        if law == self._loaded_law:
-            shapes['wrenches'] = (3, len(self._frames), 6)
+        shapes = {'link_position': (len(self._tree.model.coordinate_names),), **inputs}
         reason = None
         if not self._links(choice).is_tree:
-            reason = partial(self._reason, choice, law, name, rows)
+            reason = partial(self._reason, choice, law, name, inputs, shape)
         kernel: Kernel = self.robot.kernels.compiled(partial(law, choice), name, shapes,
-                                                     (rows, model.n), reason=reason)
+                                                     shape, reason=reason)
         self._kernels[choice, name] = kernel
         return kernel
 
-    def _reason(self, choice: LinkSpeeds, law: Callable[..., Matrix], name: str, rows: int,
+    def _reason(self, choice: LinkSpeeds, law: Callable[..., Any], name: str,
+                inputs: Mapping[str, tuple[int, ...]], shape: tuple[int, ...],
                 state: dict[str, Array]) -> Kernel | None:
         """Return the kernel with rows that are regular at a state, or raise the error."""
         # Other rows where these are singular; actuators that cannot drive the motion
@@ -526,7 +560,7 @@ class ElasticFeedforward:
         regular = self.robot.speed_sets.instead(mechanism, {'q': q, 't': np.array(t)})
         if regular is not None:
             kept = tuple(regular.equations.mechanism.kept)
-            return self._compiled(choice._replace(kept=kept), law, name, rows)
+            return self._in_choice(choice._replace(kept=kept), law, name, inputs, shape)
         if links.actuated is not None:
             S = system(stacked(mechanism, q, t), choice.free, choice.kept)
             T = np.asarray(np.linalg.inv(S)[:, :mechanism.n], dtype=np.float64)
@@ -555,6 +589,11 @@ class ElasticFeedforward:
         gravity = np.stack([parameters[:3], *gravity_rates])
         rows = elastic_inverse_dynamics(links, q, np.stack([u, udot, jerk, snap]),
                                         wrenches, gravity, parameters[3:], t)
+        return self._guarded(links, rows, q, t, limits)
+
+    def _guarded(self, links: ElasticLinks, rows: Any, q: Vector, t: Scalar,
+                 limits: Vector) -> Any:
+        """Return rows, as NaN where loops are open or the state is almost singular."""
         if not self.robot.equations.watched:
             return rows
         return links.watched(rows, q, t, limits)
@@ -667,16 +706,28 @@ def _with_other_motors(mechanism: Mechanism, motors: Sequence[int]) -> list[Stac
     raise failure
 
 
+def joints_with_actuators(robot: Robot) -> tuple[str, ...]:
+    """
+    Return the joints of the links that have actuators, in the order of the links.
+
+    Of a tree all but modes of beams; under constraints those with drives, and the rigid
+    ones of the robot's `actuated`.
+    """
+    joints = link_side(robot.model).joint_names
+    stated = _stated_weights(robot, joints, None)
+    if stated is not None:
+        return tuple(name for name in joints if name in stated)
+    bending = {robot.joint_names[k] for k in robot.model.modal_coordinates}
+    return tuple(name for name in joints if name not in bending)
+
+
 def _actuators(robot: Robot, joints: Sequence[str], speeds: Sequence[str],
                actuated: Sequence[str] | Mapping[str, float] | None
                ) -> tuple[tuple[int, float], ...] | None:
     """Return the joints with actuators, by their index, with weights; None of a tree."""
-    if not robot.constraint_names:
-        if actuated is not None:
-            raise InputError(f'actuated: {SHORT.repr(actuated)} of a tree; expected None, '
-                             'because each joint has its own torque')
-        return None
     weights = _stated_weights(robot, joints, actuated)
+    if weights is None:
+        return None
 
     # Modes of beams have no actuator.
     bending = {robot.joint_names[k] for k in robot.model.modal_coordinates}
@@ -697,8 +748,13 @@ def _actuators(robot: Robot, joints: Sequence[str], speeds: Sequence[str],
 
 def _stated_weights(robot: Robot, joints: Sequence[str],
                     actuated: Sequence[str] | Mapping[str, float] | None
-                    ) -> dict[str, float]:
-    """Return the weight of each joint that has an actuator, unchecked."""
+                    ) -> dict[str, float] | None:
+    """Return the weight of each joint that has an actuator, unchecked; None of a tree."""
+    if not robot.constraint_names:
+        if actuated is not None:
+            raise InputError(f'actuated: {SHORT.repr(actuated)} of a tree; expected None, '
+                             'because each joint has its own torque')
+        return None
     if isinstance(actuated, Mapping):
         return dict(actuated)
     if actuated is not None:

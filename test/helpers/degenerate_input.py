@@ -196,6 +196,12 @@ def standard():
         'data': rows(arm().model, recording()), 'lowest': np.zeros(4)}
 
 
+def smooth_motion():
+    """Return a motion of the links that laws of elastic joints follow."""
+    return SmoothMotion.from_points([0.0, 0.4], [[0.0, 0.0], [0.2, 0.1]],
+                                    joint_names=('joint1', 'joint2'))
+
+
 def stated():
     """Return valid arguments by the name of the call, where the standard ones do not do."""
     robot, model = arm(), arm().model
@@ -211,12 +217,11 @@ def stated():
         'Drive.from_motor_side': {'stiffness': 100.0, 'friction': {'damping': 0.1}},
         'ElasticFeedforward': {'robot': elastic()}, 'SmoothMotion': {
             'times': np.array([0.0, 1.0]), 'coefficients': np.zeros((1, 8, 2))},
-        'MotorSideControl': {'robot': elastic()}, 'LinkSideControl': {'robot': all_elastic()},
+        'MotorSideControl': {'robot': elastic(), 'motion': smooth_motion()},
+        'LinkSideControl': {'robot': all_elastic(), 'motion': smooth_motion()},
         'JointTorqueFeedback': {'robot': elastic()},
         'MotorTracking': {'feedforward': ElasticFeedforward(elastic()),
-                          'motion': SmoothMotion.from_points(
-                              [0.0, 0.4], [[0.0, 0.0], [0.2, 0.1]],
-                              joint_names=('joint1', 'joint2'))},
+                          'motion': smooth_motion()},
         'with_rigid_joints': {'model': elastic().model},
         'with_locked': {'positions': {'joint1': 0.3}}, 'with_names': {'names': {'link1': 'a'}},
         'with_model': {'prefix': 'left_'},
