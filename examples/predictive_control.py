@@ -70,9 +70,10 @@ class PredictiveNode(Node):
         self.used.append(time.thread_time() - used)
 
 
-def plant() -> 'subprocess.Popen[bytes]':
-    """Start the simulated arm."""
-    parameters = {'urdf': URDF, 'supplement': FRICTION, 'tip': 'fr3_link7', 'rate': RATE,
+def plant(rate_factor: float) -> 'subprocess.Popen[bytes]':
+    """Start the simulated arm, whose time may pass more slowly than real time."""
+    parameters = {'rate_factor': rate_factor, 'publish_clock': rate_factor != 1.0,
+                  'urdf': URDF, 'supplement': FRICTION, 'tip': 'fr3_link7', 'rate': RATE,
                   'substeps': 10, 'integrator': 'implicit', 'initial.position': START.tolist()}
     arguments = [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
     return subprocess.Popen([sys.executable, '-m', 'kane_dynamics.ros.plant.main',
@@ -95,8 +96,10 @@ def main() -> None:
     """Run until the last target's time is over; print errors and times."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--no-plant', action='store_true', help='do not start plant_node')
+    parser.add_argument('--rate-factor', type=float, default=1.0, metavar='X',
+                        help='simulated time in 1 s, at most 1 s: less on a busy machine')
     options = parser.parse_args()
-    simulated = None if options.no_plant else plant()
+    simulated = None if options.no_plant else plant(options.rate_factor)
     rclpy.init()
     node = PredictiveNode(controller())
     executor = EventsExecutor()

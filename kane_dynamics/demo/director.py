@@ -123,6 +123,8 @@ class Director(Node):
         # The arm jumps home: the node must be inactive, since no real arm jumps.
         self.ask(SetBool, f'{PLANT}/reset', data=True)
         if feedforward:
+            # States from before the jump that arrive late are stale by then.
+            time.sleep(STATE_TIMEOUT)
             self.change(Transition.TRANSITION_ACTIVATE)
         time.sleep(1.0)
         self.send(motion, feedforward)

@@ -11,19 +11,33 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.mark.timeout(120)
-@pytest.mark.parametrize(('options', 'last_joint'), [
-    ([], 'fr3_joint7'), (['--robot', 'palletizer', '--duration', '3'], 'lever_drive')],
-    ids=['fr3', 'palletizer'])
-def test_the_demo_ends_well_in_90_s_and_draws_its_picture(tmp_path, options, last_joint):
+def run_demo(output, timeout, *options):
+    """Run the demo in a domain of its own; return the completed process."""
     for module in ('rclpy', 'mujoco', 'matplotlib', 'kane_dynamics_interfaces'):
         pytest.importorskip(module)
     path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])
     environment = {**os.environ, 'PYTHONPATH': path,
                    'ROS_DOMAIN_ID': str(random.SystemRandom().randint(1, 100))}
-    done = subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'demo', *options, '--output',
-                           str(tmp_path)], capture_output=True, text=True, timeout=90,
+    return subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'demo', *options, '--output',
+                           str(output)], capture_output=True, text=True, timeout=timeout,
                           env=environment)
+
+
+def was_busy(done):
+    """Return whether states were late in a run, which needs the processor in real time."""
+    return any(words in done.stdout + done.stderr for words in (
+        'machine is too busy', 'joint states: stale', 'joint states: no joint state'))
+
+
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize(('options', 'last_joint'), [
+    ([], 'fr3_joint7'), (['--robot', 'palletizer', '--duration', '3'], 'lever_drive')],
+    ids=['fr3', 'palletizer'])
+def test_the_demo_ends_well_in_90_s_and_draws_its_picture(tmp_path, options, last_joint):
+    for _ in range(4):
+        done = run_demo(tmp_path, 90, *options)
+        if not was_busy(done):
+            break
     assert done.returncode == 0, done.stdout + done.stderr
     assert '[WARN]' not in done.stderr and '[ERROR]' not in done.stderr, done.stderr
     assert (tmp_path / 'demo.png').stat().st_size > 50_000
@@ -35,14 +49,7 @@ def test_the_demo_ends_well_in_90_s_and_draws_its_picture(tmp_path, options, las
 
 @pytest.mark.timeout(120)
 def test_an_arm_held_by_the_node_yields_as_its_stiffness_says_and_returns(tmp_path):
-    for module in ('rclpy', 'mujoco', 'matplotlib', 'kane_dynamics_interfaces'):
-        pytest.importorskip(module)
-    path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])
-    environment = {**os.environ, 'PYTHONPATH': path,
-                   'ROS_DOMAIN_ID': str(random.SystemRandom().randint(1, 100))}
-    command = [sys.executable, '-m', 'kane_dynamics.cli', 'demo', '--mode', 'cartesian']
-    done = subprocess.run([*command, '--output', str(tmp_path)], capture_output=True, text=True,
-                          timeout=110, env=environment)
+    done = run_demo(tmp_path, 110, '--mode', 'cartesian')
     assert done.returncode == 0, done.stdout + done.stderr
     assert '[ERROR]' not in done.stderr, done.stderr
     assert (tmp_path / 'demo_cartesian.png').stat().st_size > 30_000
@@ -51,14 +58,7 @@ def test_an_arm_held_by_the_node_yields_as_its_stiffness_says_and_returns(tmp_pa
 
 @pytest.mark.timeout(180)
 def test_elastic_feedforward_leaves_a_twentieth_of_the_vibration_and_is_drawn(tmp_path):
-    for module in ('rclpy', 'mujoco', 'matplotlib', 'kane_dynamics_interfaces'):
-        pytest.importorskip(module)
-    path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])
-    environment = {**os.environ, 'PYTHONPATH': path,
-                   'ROS_DOMAIN_ID': str(random.SystemRandom().randint(1, 100))}
-    command = [sys.executable, '-m', 'kane_dynamics.cli', 'demo', '--mode', 'elastic']
-    done = subprocess.run([*command, '--output', str(tmp_path)], capture_output=True, text=True,
-                          timeout=170, env=environment)
+    done = run_demo(tmp_path, 170, '--mode', 'elastic')
     assert done.returncode == 0, done.stdout + done.stderr
     assert '[ERROR]' not in done.stderr, done.stderr
     assert [file.name for file in tmp_path.iterdir()] == ['demo_elastic.png']

@@ -14,42 +14,41 @@ EXAMPLE = ROOT / 'examples' / 'predictive_control.py'
 SPEED_BOUND = 1.05  # of the limit, as the page on predictive control states
 RATE = 500.0
 CYCLES = 3.0 * RATE
-UNDISTURBED = 0.98  # least share of the cycles: no second run, and the speeds are judged
+UNDISTURBED = 0.98  # least share of the cycles that a run is judged by
+SLOWER = 1.0, 1.0, 0.5, 0.2, 0.1  # simulated time in 1 s, until a busy machine loses no states
 
 
-def run(client, states):
-    """Run the example, append the states of its arm, and return the number of cycles."""
+def run(client, states, rate_factor):
+    """Run the example, append the states of its arm, and return what it printed at its end."""
     opened = client.create_subscription(JointState, 'joint_states', lambda message: states.append(
         np.array([message.position, message.velocity, message.effort])), DEEP)
-    example = Process(program=[str(EXAMPLE)])
+    example = Process(program=[str(EXAMPLE), '--rate-factor', str(rate_factor)])
     try:
         example.wait_for('ready', 90.0)  # the kernels compile
-        assert wait_until(lambda: not example.alive(), 30.0), example.log
+        assert wait_until(lambda: not example.alive(), 30.0 / rate_factor), example.log
     finally:
         code, _ = example.end()
         client.destroy_subscription(opened)
     assert code == 0, example.log
-    cycles, error, used = (float(re.search(pattern, example.log)[1]) for pattern in (
-        r'(\d+) cycles', r'end (\S+) rad', r'(\S+) ms of the processor'))
-    assert error < 0.01
-    assert used < 1e3 / RATE, 'ms of the processor, which other processes do not change'
-    assert cycles > 0.2 * CYCLES, 'a busy machine loses some states, but not most'
-    return cycles
+    return [float(re.search(pattern, example.log)[1]) for pattern in (
+        r'(\d+) cycles', r'end (\S+) rad', r'(\S+) ms of the processor')]
 
 
+@pytest.mark.timeout(600)
 def test_the_example_reaches_its_targets_within_the_limits(client):
     limits = Robot(load_urdf(ROOT / 'urdf' / 'fr3.urdf', tip='fr3_link7')).limits
-    for _ in range(3):  # discovery may be late, and a stall of the machine may cost states
+    for rate_factor in SLOWER:  # discovery may be late, and a stall of the machine cost states
         states = []
-        cycles = run(client, states)
+        cycles, error, used = run(client, states, rate_factor)
         if cycles > UNDISTURBED * CYCLES and len(states) > 500:
             break
-    assert len(states) > 500
+    print(f'{cycles:g} cycles, at {rate_factor:g} of real time')
+    assert cycles > UNDISTURBED * CYCLES and len(states) > 500
+    assert error < 0.01
+    assert used < 1e3 / RATE, 'ms of the processor, which other processes do not change'
     q, u, tau = np.array(states).transpose(1, 0, 2)
     assert np.ptp(q[:, 0]) > 0.9, 'the first joint moves by 1 rad'
     assert (np.abs(tau) <= limits.effort).all()
     assert (np.abs(tau) > 0.999 * limits.effort).any(), 'a limit is active'
-    if cycles < UNDISTURBED * CYCLES:
-        pytest.skip(f'{cycles:g} of {CYCLES:g} cycles; the bound of speeds is that at 500 Hz')
     share = np.abs(u).max(axis=0) / limits.velocity
     assert (share <= SPEED_BOUND).all(), share

@@ -56,7 +56,8 @@ def test_a_second_guard_waits_until_the_first_one_ends_and_one_of_another_arm_re
 
 def test_a_guard_that_was_stopped_yields_to_the_one_that_holds_the_arm(client, start):
     """The older guard would continue from a torque of long ago."""
-    node = client.process = start(guard__enabled=True)
+    # A busy machine delays the states, which must not end the guard's torque.
+    node = client.process = start(guard__enabled=True, state_timeout=2.0)
     first = guards(start)
     first.wait_for(WATCHING)
     client.connect()
@@ -64,6 +65,7 @@ def test_a_guard_that_was_stopped_yields_to_the_one_that_holds_the_arm(client, s
     try:
         second = guards(start)
         second.wait_for(WATCHING)
+        assert wait_until(lambda: client.states.get_subscription_count() >= 3)
         publish_states(client, lambda: False, 1.0)
         node.end(signal.SIGKILL)
         assert publish_states(client, lambda: "commanding 'hold'" in second.log), second.log

@@ -217,8 +217,8 @@ class GuardPath(TorquePath):
             return
         late = LATE * self._timeout
         # The node is silent, and the arm too, or its states are impossible: the guard
-        # commands.
-        if self.watch.may_take_over(now):
+        # commands. A node that commands hears the states that this guard does not.
+        if self.watch.may_take_over(now) and self.watch.silent(now):
             if self._now() - self._last_heard > late:
                 self.watch.take_over(now)
                 self._takeovers = self.watch.takeovers
@@ -339,7 +339,7 @@ class GuardPath(TorquePath):
 
     def _note_drop(self, before: PathState, path: PathState, now: int) -> bool:
         """Say what happened; after a jump of the clock, a ramp begins again."""
-        if path.drops > before.drops and path.dropped_by == cycle_rules.BY_CLOCK:
+        if path.clock_jumps > before.clock_jumps:
             self._took_over = now
         return super()._note_drop(before, path, now)
 

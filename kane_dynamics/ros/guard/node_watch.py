@@ -141,10 +141,14 @@ class NodeWatch:
         `lost` says that DDS reports the loss of liveliness, with its own measure of the
         lease.
         """
-        lease = SHARE * self._lease if lost else self._lease
-        expired = now - self.waiting_since > lease and self._unanswered >= UNANSWERED
+        share = SHARE if lost else 1.0
+        expired = self.silent(now, share) and self._unanswered >= UNANSWERED
         if expired and self.may_take_over(now):
             self.take_over(now)
+
+    def silent(self, now: float, share: float = 1.0) -> bool:
+        """Return whether the node has not commanded for a share of the lease."""
+        return now - self.waiting_since > share * self._lease
 
     def take_over(self, now: float) -> None:
         """Command from the next state on."""

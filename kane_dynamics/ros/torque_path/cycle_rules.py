@@ -72,6 +72,8 @@ class PathState(NamedTuple):
         As attributes of `TorquePath`.
     drops, dropped_by : Scalar
         How often the path dropped the desired motion, and why the last time.
+    clock_jumps : Scalar
+        How many of the drops were jumps of the clock: another one may follow at once.
     limit_known, limit_stamp : Scalar
         Of the last command of the rate limit.
     blending, blend_known, blend_began : Scalar
@@ -126,6 +128,7 @@ class PathState(NamedTuple):
     commanding: Scalar
     drops: Scalar
     dropped_by: Scalar
+    clock_jumps: Scalar
     limit_known: Scalar
     limit_stamp: Scalar
     blending: Scalar
@@ -405,7 +408,8 @@ def at_time(path: PathState, now: Scalar, settings: CycleSettings) -> PathState:
 def _after_jump(path: PathState, now: Scalar) -> PathState:
     """Return the path for which stamps and motion of the time before mean nothing."""
     jumped = forgotten(resumed(dropped(path, BY_CLOCK), 0.0, NEVER))
-    return jumped._replace(last_heard=now, last_stamp=NEVER)
+    return jumped._replace(last_heard=now, last_stamp=NEVER,
+                           clock_jumps=path.clock_jumps + 1.0)
 
 
 def _with_new_law(path: PathState, settings: CycleSettings) -> PathState:

@@ -557,11 +557,6 @@ class NativeLoop:
         return self._get('HEAD')
 
     @property
-    def has_reported(self) -> bool:
-        """Return whether the thread has reported a cycle since its start."""
-        return self.written > 0
-
-    @property
     def lost(self) -> int:
         """Return the number of reports that found the ring full."""
         return self._get('LOST')

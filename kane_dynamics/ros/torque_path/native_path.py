@@ -686,33 +686,32 @@ class NativeTorquePath(TorquePath):
 
     def catch_up(self) -> None:
         """
-        Wait for the report of a cycle of now, if the interpreter lagged behind.
+        Wait for the reports of all cycles until now, if the interpreter lagged behind.
 
         After a long pause of the interpreter the ring has old cycles, and the arm may be
-        elsewhere by now.
+        elsewhere by now: then also for one of now.
         """
         is_reader = threading.current_thread() is threading.main_thread()
-        if is_reader:
-            self.read_reports()
         until = time.monotonic() + LONGEST_LAG
         written = self.native.written
         while self.running and time.monotonic() < until:
-            # After a timeout, the next report may be that of the first state.
-            if self.timed_out and self._noted >= written:
-                return
-            age = self.now - self._epoch - self._last.last_now
-            # The first command may be published before its report is read.
-            is_known = bool(self.last_update) or not self.native.has_reported
-            if not self.timed_out and age < self._timeout and is_known:
-                return
-            time.sleep(LOOK_AGAIN)
             if is_reader:
                 self.read_reports()
+            age = self.now - self._epoch - self._last.last_now
+            # After a timeout, the next report may be that of the first state.
+            if self._noted >= written and (self.timed_out or age < self._timeout):
+                return
+            time.sleep(LOOK_AGAIN)
 
     def desired(self, stamp: int) -> State | None:
         """Return the initial q, u and udot of a new motion, as `TorquePath`."""
         self.catch_up()
         return super().desired(stamp)
+
+    def measured(self) -> Array | None:
+        """Return the last accepted positions, (n,), for other threads, as `TorquePath`."""
+        self.catch_up()
+        return super().measured()
 
     @property
     def _held_pose(self) -> Array | None:

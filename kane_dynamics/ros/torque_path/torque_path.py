@@ -741,28 +741,27 @@ class TorquePath:
         dropped = False
         if path.drops == before.drops or self._begins_fault(before, path):
             return dropped
-        if path.dropped_by == cycle_rules.BY_CLOCK:
+        # After a jump of the clock, the same cycle may drop what is scheduled again.
+        if path.clock_jumps > before.clock_jumps:
             dropped = self._clear_motion('the clock jumped backward or was replaced', path)
             self._last_good = now
             if self.wrenches is not None:
                 self.wrenches.clear()
             self._warn(*CLOCK_JUMPED)
-        elif path.dropped_by == cycle_rules.BY_GUARD:
-            dropped = self._clear_motion('torque_guard held the arm', path)
-        elif path.dropped_by == cycle_rules.BY_LOOPS:  # with the reason of the state
-            return dropped
+        if path.dropped_by == cycle_rules.BY_GUARD:
+            dropped |= self._clear_motion('torque_guard held the arm', path)
         elif path.dropped_by == cycle_rules.BY_REFUSAL:  # the report of the fault was lost
-            dropped = self._clear_motion('joint states were refused', path)
+            dropped |= self._clear_motion('joint states were refused', path)
         elif path.dropped_by == cycle_rules.BY_TIMEOUT:
             reason = f'none for {(now - self._last_heard) / NANO:.3f} s'
             if path.silences > before.silences:
                 reason = self._silence_reason
-            dropped = self._clear_motion(f'joint states: {reason}', path)
+            dropped |= self._clear_motion(f'joint states: {reason}', path)
             if before.commanding:
                 self.statistics.timeouts += 1
                 self._warn('no joint state', f'{reason}; commanding zeros until the next '
                            'one' + ', desired motion dropped' * dropped)
-        return dropped
+        return dropped  # by loops: with the reason of the state
 
     def _clear_motion(self, reason: str, path: PathState) -> bool:
         """Drop the desired motion, as the rules did; return whether there was one."""
