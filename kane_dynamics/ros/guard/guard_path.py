@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 import time
 from typing import Any
 
-from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.controller import Controller, Mode
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.motion.motion import Motion
@@ -15,8 +14,7 @@ from kane_dynamics.ros.parameters.parameter_checks import controller_settings, p
 from kane_dynamics.ros.torque_path import cycle_rules
 from kane_dynamics.ros.torque_path.cdr import joint_state_of_efforts, STAMP, STAMP_AT
 from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader
-from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, PathState,
-                                                       torques_within_limits)
+from kane_dynamics.ros.torque_path.cycle_rules import GivenStop, PathState
 from kane_dynamics.ros.torque_path.guard_messages import LOST
 from kane_dynamics.ros.torque_path.path_controller import rate_limit
 from kane_dynamics.ros.torque_path.state_check import NEVER
@@ -24,6 +22,7 @@ from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
 from rclpy.publisher import Publisher
 
+NO_PARAMETERS = np.zeros(0)
 LATE = 1.5  # times state_timeout, after which the node should have commanded zeros
 
 
@@ -295,36 +294,38 @@ class GuardPath(TorquePath):
             return False
         return self._last_command - self._epoch - began > self._stop_time * NANO
 
-    def reached(self, path: PathState, elapsed: Scalar, parameters: Vector) -> Vector:
-        """Return where the model says that the arm is, and how fast, as `StopRules`."""
+    def _begin_of_stop(self) -> Array:
+        """Return where the model says that the arm is, and how fast; nan if unknown."""
         if self._predicted is None:
-            return np.full(len(path.stop), np.nan)
+            return np.full(2 * len(self._follow), np.nan)
         q, u, _ = self._predicted
         return self._reached_from(q, u, 0.0)
 
-    def begin_hold(self, path: PathState, settings: CycleSettings, parameters: Vector
-                   ) -> PathState:
+    def _stop_torque(self) -> Array:
         """
-        Command the torque of the stop, which a takeover begins.
+        Return the torques of all joints in the stop, which a takeover begins.
 
-        The torque is that of the normal law at the predicted state: the prediction has
-        the limits of commands, and that they are constant between two states.
+        They are those of the normal law at the predicted state: the prediction has the
+        limits of commands, and that they are constant between two states.
         """
         # The stop goes on from where the arm is predicted to be, without states.
+        path = self._memory.path
         if path.stop_began <= NEVER:
-            path = cycle_rules.stopping(path, self, settings, parameters)
+            stop = GivenStop(self._begin_of_stop())
+            self._memory.path = cycle_rules.stopping(path, stop, self._rules.settings,
+                                                     NO_PARAMETERS)
         if self._predicted is None:
-            return super().begin_hold(path, settings, parameters)
-        stop, elapsed = self._stop_of(path, settings)
+            return super()._stop_torque()
+        motion, elapsed = self._stop_of_now()
         q, u, _ = self._predicted
         controller = self.controller
         if controller.mode is not Mode.COMPUTED_TORQUE:
             controller.update(mode=Mode.COMPUTED_TORQUE)
         try:
-            torque = controller.torque(q, u, stop, elapsed, None, self._last_heard / NANO)
+            torque = controller.torque(q, u, motion, elapsed, None, self._last_heard / NANO)
         except (InputError, ConstraintError):  # along the stop alone
-            return super().begin_hold(path, settings, parameters)
-        return torques_within_limits(path, self.messages.of_commanded(torque), settings)
+            return super()._stop_torque()
+        return torque
 
     def _acting(self) -> Array:
         """Return the torques of all joints that act, (n_q,): those of the commander."""

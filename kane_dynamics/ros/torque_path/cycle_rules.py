@@ -4,7 +4,7 @@ The rules of one cycle of a torque path, as functions over any scalar.
 A cycle judges a state, then answers or refuses it. Between states the path may time out.
 Each rule returns a new `PathState` for the last one, without a branch on a value, so
 that it is traced and compiled. The native torque path compiles all rules. The
-interpreter's path compiles those of every cycle and evaluates the others on numbers.
+interpreter's path compiles those of states and evaluates the others on numbers.
 
 Times are nanoseconds since the start of the path, which a double holds exactly for 104
 days, and to 1 us for 280 years. Flags are 1 or 0.
@@ -85,7 +85,7 @@ class PathState(NamedTuple):
     stop_began : Scalar
         When the stop in a fault began; `NEVER` without one.
     stops : Scalar
-        Whether the torque of that stop follows, once its configuration is found.
+        Whether the torque of that stop follows, once it is computed.
     untracked : Scalar
         Whether the next desired configuration begins at the measured one.
     holding : Scalar
@@ -806,6 +806,34 @@ def _repeated(path: PathState, settings: CycleSettings) -> PathState:
         _, last = _limited(path, path.last_heard, path.tau, settings)
         return path._replace(last=last, limit_known=1.0, limit_stamp=path.last_heard)
     return changed_if(1.0 - path.fault, path, counted)._replace(publish=1.0)
+
+
+class GivenStop:
+    """
+    The stop of an arm whose controller says where it begins, and its torque afterwards.
+
+    Parameters
+    ----------
+    begin : (2 n,) array
+        Positions and rates of the joints that are measured, at the begin of the stop.
+
+    """
+
+    def __init__(self, begin: Vector) -> None:
+        self._begin = begin
+
+    def given_up(self, path: PathState) -> PathState:
+        """Return the same path."""
+        return path
+
+    def reached(self, path: PathState, elapsed: Scalar, parameters: Vector) -> Vector:
+        """Return the positions and rates at the begin of the stop."""
+        return self._begin
+
+    def begin_hold(self, path: PathState, settings: CycleSettings, parameters: Vector
+                   ) -> PathState:
+        """Let the torque of the stop follow."""
+        return path._replace(stops=1.0)
 
 
 class ModelStop:

@@ -619,7 +619,9 @@ class NativeTorquePath(TorquePath):
             detail = CHANGED
             if self.states.finds(reason, *memories):
                 detail = self.states.explain(reason, *memories)
-        self._note_refusal(self._last, path, reason, detail, now)
+        self._drop(reason, detail)
+        if self._begins_fault(self._last, path):
+            self._note_fault(bool(self._last.commanding), path, reason, now)
 
     def _refused_motion(self, path: PathState) -> tuple[str, str]:
         """Return reason and details of a motion, or a pose, without a torque; drop it."""

@@ -13,12 +13,15 @@ from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.torque_path import cycle_rules
+from kane_dynamics.ros.torque_path.arbitration import PERMITTED
 from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, Event, EVENT_SIZE,
-                                                       path_size, PathShape, PathState,
-                                                       SCALARS, settings_size, unpacked_path,
-                                                       unpacked_settings)
+                                                       GivenStop, path_size, PathShape,
+                                                       PathState, SCALARS, settings_size,
+                                                       torques_within_limits,
+                                                       unpacked_path, unpacked_settings)
 from kane_dynamics.ros.torque_path.guard_messages import FIELDS
-from kane_dynamics.ros.torque_path.state_check import CONFIRMED, turning_joints
+from kane_dynamics.ros.torque_path.state_check import (CONFIRMED, StateMemory,
+                                                       turning_joints)
 import numpy as np
 
 # The arguments of the rules, by the name of their kernel.
@@ -28,6 +31,8 @@ INPUTS = {
     'ANSWERED': ('path', 'event', 'state', 'torque', 'settings'),
     'WAIT': ('path', 'event', 'state'),
     'REFUSE': ('path', 'event', 'settings'),
+    'REFUSED': ('path', 'event', 'settings', 'begin'),
+    'STOP': ('path', 'torque', 'settings'),
     'ELAPSE': ('path', 'event', 'settings'),
     'PERMIT': ('path', 'event', 'state'),
     'CONFIRM': ('path', 'event', 'state'),
@@ -39,10 +44,12 @@ INPUTS = {
     'HOLD': ('path', 'settings')}
 WITH_PARAMETERS = ('ANSWER', 'REFUSE', 'HOLD')  # of the robot
 EVENT = struct.Struct(f'{EVENT_SIZE}d')
-(REASON, COMMANDED_AT, LAST_HEARD, LAST_STAMP, REFUSING, FAULT, TIMED_OUT,
- COMMANDING, DROPS, LAW_KNOWN) = map(PathState._fields.index, (
-     'reason', 'commanded_at', 'last_heard', 'last_stamp', 'refusing', 'fault',
-     'timed_out', 'commanding', 'drops', 'law_known'))
+(REASON, PUBLISH, SENT_AT, REQUEST, COMMANDED_AT, LAST_HEARD, LAST_STAMP, REFUSING, FAULT,
+ TIMED_OUT, COMMANDING, DROPS, STOP_BEGAN, STOPS, LAW_KNOWN) = map(
+     PathState._fields.index, (
+         'reason', 'publish', 'sent_at', 'request', 'commanded_at', 'last_heard',
+         'last_stamp', 'refusing', 'fault', 'timed_out', 'commanding', 'drops',
+         'stop_began', 'stops', 'law_known'))
 
 
 def rule_kernel(robot: Robot, shape: PathShape, name: str, rule: Callable[..., PathState],
@@ -57,7 +64,8 @@ def rule_kernel(robot: Robot, shape: PathShape, name: str, rule: Callable[..., P
     path_shape = (path_size(shape),)
     shapes = {'path': path_shape, 'event': (EVENT_SIZE,), 'state': (shape.state,),
               'row': (6, 3 * shape.n), 'numbers': (FIELDS + shape.commanded,),
-              'torque': (shape.commanded,), 'settings': (settings_size(shape),)}
+              'torque': (shape.commanded,), 'settings': (settings_size(shape),),
+              'begin': (2 * shape.n,)}
     inputs = INPUTS[name]
 
     def compiled(*arrays: Vector, parameters: Vector, limits: Vector) -> Vector:
@@ -92,9 +100,9 @@ class PathMemory:
     array : (k,) array
     entries : memoryview
         Of the array.
-    tau, limited, accepted : arrays
+    tau, limited, accepted, arbitration : arrays
         The last torques; flags of joints that were clamped or limited in their rate; the
-        last accepted state: views of the array.
+        last accepted state; an `Arbitration`: views of the array.
 
     """
 
@@ -110,7 +118,9 @@ class PathMemory:
         self.tau: Array = parts.tau
         self.limited: tuple[Array, Array] = (parts.clamped, parts.rate_limited)
         self.accepted: Array = parts.states.accepted
-        self._check = memoryview(parts.check)
+        self.arbitration: Array = parts.arbitration
+        self._check: Array = parts.check
+        self._confirmed = memoryview(self._check[CONFIRMED:])
 
     @property
     def path(self) -> PathState:
@@ -126,9 +136,20 @@ class PathMemory:
             part[:] = numbers
 
     @property
+    def states(self) -> StateMemory:
+        """Return what states are compared with; its arrays are views."""
+        return StateMemory.of(self._check)
+
+    @property
     def known(self) -> bool:
         """Return whether there is an accepted state."""
-        return bool(self._check[CONFIRMED])
+        return bool(self._confirmed[0])
+
+
+def _refused(path: PathState, event: Event, settings: CycleSettings, begin: Vector
+             ) -> PathState:
+    """Return the path after a refused state; a stop begins where it is given."""
+    return cycle_rules.refuse(GivenStop(begin), path, event, settings, np.zeros(0))
 
 
 class CycleRules:
@@ -164,14 +185,17 @@ class CycleRules:
         self._state = state
         self._event = np.zeros(EVENT_SIZE)
         self._torque = np.zeros(shape.commanded)
+        self._begin = np.zeros(2 * shape.n)
         arrays = {'path': memory.array, 'event': self._event, 'state': state,
-                  'settings': self._numbers, 'torque': self._torque}
+                  'settings': self._numbers, 'torque': self._torque,
+                  'begin': self._begin}
         self._to = memory.entries
         self._from = self.next.entries
         self._turning = turning_joints(robot, joints)
         rules: dict[str, Callable[..., PathState]] = {
             'JUDGE': partial(cycle_rules.judge, turning=self._turning),
-            'ANSWERED': cycle_rules.answered, 'WAIT': cycle_rules.waiting}
+            'ANSWERED': cycle_rules.answered, 'WAIT': cycle_rules.waiting,
+            'REFUSED': _refused, 'STOP': torques_within_limits}
         label = '_'.join(map(str, (*shape, *self._turning.astype(int))))
         kernels = {name: rule_kernel(robot, shape, name, rule, label)
                    for name, rule in rules.items()}
@@ -183,6 +207,8 @@ class CycleRules:
         self._judge = bound['JUDGE']
         self._answer = bound['ANSWERED']
         self.wait = bound['WAIT']
+        self._refuse = bound['REFUSED']
+        self._stop = bound['STOP']
 
     def begin(self, now: int, stamp: int, ticking: bool, steady: float) -> None:
         """Begin a cycle: times since the epoch, ns; steady time, s."""
@@ -215,6 +241,33 @@ class CycleRules:
         """Command a torque of the commanded joints; InputError if it is not finite."""
         self._torque[:] = torque
         self._answer()
+
+    def refuse(self, reason: int, permitted: bool, begin: Array | None = None) -> None:
+        """
+        Refuse the state by `cycle_rules.refuse`, for a reason.
+
+        Parameters
+        ----------
+        reason : int
+            A result of a cycle.
+        permitted : bool
+            Whether this process may command.
+        begin : (2 n,) array, optional
+            Where a stop begins now, positions and rates of the measured joints. Without
+            it the arm is taken to rest at its last accepted state.
+
+        """
+        self._to[REASON] = reason
+        self.memory.arbitration[PERMITTED] = permitted
+        rest = self.memory.accepted.copy()
+        rest[len(rest) // 2:] = 0.0
+        self._begin[:] = rest if begin is None else begin
+        self._refuse()
+
+    def stop(self, torque: Array) -> None:
+        """Command a torque of a stop; InputError if it is not finite."""
+        self._torque[:] = torque
+        self._stop()
 
     def keep(self) -> None:
         """Make the next state the present one."""

@@ -211,14 +211,16 @@ class StateCheck:
         n = len(self._joints)
         moved = self._state[:n] - accepted[:n]
         # A driver may publish the angle of such a joint between -pi and pi.
-        wrapped = np.remainder(moved + math.pi, WHOLE_TURN) - math.pi
-        moved = np.where(self.turned > 0.0, wrapped, moved)
+        if self.turned.any():
+            wrapped = np.remainder(moved + math.pi, WHOLE_TURN) - math.pi
+            moved = np.where(self.turned > 0.0, wrapped, moved)
         _, _, _, slope, step = self.bounds
         return moved, step + slope * elapsed
 
     def explain(self, fault: str, before: StateMemory, after: StateMemory) -> str:
         """Return the details of a fault of the state, by the memories before and after it."""
-        q, u = np.split(self._state, 2)
+        n = len(self._joints)
+        q, u = self._state[:n], self._state[n:]
         lower, upper, fastest, _, _ = self.bounds
         # The joint that is furthest off explains the fault.
         if fault is NOT_FINITE:

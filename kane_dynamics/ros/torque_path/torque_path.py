@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import time
 from typing import Any
 
-from kane_dynamics._util.typing import Scalar, Vector
+from kane_dynamics._util.typing import Scalar
 from kane_dynamics.control.controller import Controller, Mode
 from kane_dynamics.control.stopping import motion_to_rest
 from kane_dynamics.control.torque_limiter import Command
@@ -21,14 +21,14 @@ from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.torque_path import cycle_rules
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
-from kane_dynamics.ros.torque_path.arbitration import Arbitration, UNGUARDED
+from kane_dynamics.ros.torque_path.arbitration import Arbitration
 from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
                                                               commanded_joints)
 from kane_dynamics.ros.torque_path.command_messages import CommandMessages
 from kane_dynamics.ros.torque_path.cycle_observer import Arbiter, Cycle, CycleObserver
 from kane_dynamics.ros.torque_path.cycle_rules import (begun_stop, CycleSettings, Event,
                                                        initial_path, PathShape,
-                                                       PathState, torques_within_limits)
+                                                       PathState)
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.guard_messages import STOPPED
 from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN, JointStateReader,
@@ -37,14 +37,15 @@ from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN, JointStat
 from kane_dynamics.ros.torque_path.path_memory import (COMMANDED_AT, COMMANDING,
                                                        CycleRules, DROPS, FAULT,
                                                        LAST_HEARD, LAST_STAMP, LAW_KNOWN,
-                                                       PathMemory, REFUSING, TIMED_OUT)
+                                                       PathMemory, PUBLISH, REFUSING,
+                                                       REQUEST, SENT_AT, STOP_BEGAN,
+                                                       STOPS, TIMED_OUT)
 from kane_dynamics.ros.torque_path.state_check import (FAULTS, NEVER, StateCheck,
                                                        UNLIMITED)
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput
 import numpy as np
 from rclpy.publisher import Publisher
 
-NO_PARAMETERS = np.zeros(0)
 NO_TORQUE, REFUSED = 'no finite torque', 'closed loop without a torque'
 # Reasons with their details
 WITHOUT_CLOCK = NO_CLOCK, 'use_sim_time is true and no time was received'
@@ -408,14 +409,18 @@ class TorquePath:
         before = self._memory.path._replace(publish=0.0, request=cycle_rules.NO_REQUEST)
         path = rule(before, *arguments)
         self._memory.path = path
-        # In a fault the law was restarted before the stop.
-        if before.law_known > path.law_known and not path.fault:
+        if before.law_known > path.law_known:
             self.controller.stop()
-        if path.publish > 0.5:
-            self._send(round(path.sent_at) + self._epoch)
-        if path.request == STOPPED and self.arbiter is not None:
-            self.arbiter.note_zeros()
+        self._publish()
         return before, path
+
+    def _publish(self) -> None:
+        """Publish what a rule has commanded, if anything."""
+        entries = self._memory.entries
+        if entries[PUBLISH] > 0.5:
+            self._send(round(entries[SENT_AT]) + self._epoch)
+        if entries[REQUEST] == STOPPED and self.arbiter is not None:
+            self.arbiter.note_zeros()
 
     def _send(self, stamp: int) -> None:
         """Publish the torques of the path, with a stamp, ns."""
@@ -571,8 +576,8 @@ class TorquePath:
         reason = fault or FAULTS[code - cycle_rules.NOT_FINITE + 1] or ''
         detail = self._reader.detail
         if fault is None:
-            detail = self.states.explain(reason, self._memory.path.states,
-                                         rules.next.path.states)
+            detail = self.states.explain(reason, self._memory.states,
+                                         rules.next.states)
         rules.keep()
         self._refuse(code, reason, detail, now)
         return False
@@ -589,34 +594,44 @@ class TorquePath:
     def _refuse(self, code: int, reason: str, detail: str, now: int) -> None:
         """Refuse a state: command what `cycle_rules.refuse` says."""
         rules = self._rules
+        was_commanding = self.commanding
+        may_command = not was_commanding or self.arbiter is None or (
+            self.arbiter.may_repeat(time.perf_counter()))
+        rules.refuse(code, may_command)
+        begins = rules.next.entries[FAULT] > self._memory.entries[FAULT]
+        if begins and self._holds and self.known:
+            # The model says where the arm is by now, which the rules do not evaluate.
+            begin = self._begin_of_stop()
+            if np.isfinite(begin).all():
+                rules.refuse(code, may_command, begin)
+        if begins:
+            self._give_up()
+        rules.keep()
+        if self._memory.entries[STOPS] > 0.5:
+            self._command_stop()
+        self._publish()
+        self._drop(reason, detail)
+        if begins:
+            self._note_fault(was_commanding, self._memory.path, reason, now)
 
-        def refused(path: PathState) -> PathState:
-            may_command = not path.commanding or self.arbiter is None or (
-                self.arbiter.may_repeat(time.perf_counter()))
-            arbitration = UNGUARDED._replace(permitted=float(may_command))
-            path = path._replace(reason=float(code), arbitration=np.array(arbitration))
-            return cycle_rules.refuse(self, path, rules.event, rules.settings,
-                                      NO_PARAMETERS)
-        before, path = self._change(refused)
-        self._note_refusal(before, path, reason, detail, now)
-
-    # The stop in a fault, by the controller: `StopRules`.
-
-    def given_up(self, path: PathState) -> PathState:
+    def _give_up(self) -> None:
         """Restart the law; closed loops may have passed a singular configuration."""
         # Before a jump of the clock, another stop may have begun at the same time.
         self._stop = NEVER, None
-        if path.commanding:
+        if self.commanding:
             self.controller.stop()
         if self.loops is not None:
             self.loops.give_up()
-        return path
 
-    def reached(self, path: PathState, elapsed: Scalar, parameters: Vector) -> Vector:
-        """Return where the arm is and how fast, (2 n,), as `StopRules`; nan if unknown."""
+    # The stop in a fault, by the controller.
+
+    def _begin_of_stop(self) -> Array:
+        """Return where the arm is and how fast, (2 n,); nan if it is unknown."""
+        last = self._memory.states
+        elapsed = (self._memory.entries[LAST_HEARD] - float(last.stamp)) / NANO
         return self._reached_from(self._accepted(), self._accepted_speeds(), elapsed)
 
-    def _reached_from(self, q: Array, u: Array, elapsed: Scalar) -> Array:
+    def _reached_from(self, q: Array, u: Array, elapsed: float) -> Array:
         """Return what the torque that acts reaches some time after a state, (2 n,)."""
         try:
             stop = self.controller.stopping_motion(q, u, self._acting(), elapsed,
@@ -627,25 +642,30 @@ class TorquePath:
         begin, speeds, _ = stop.sample(0.0)
         return np.concatenate([begin, speeds])
 
-    def begin_hold(self, path: PathState, settings: CycleSettings, parameters: Vector
-                   ) -> PathState:
-        """Command the torque that brings the arm to rest, as `StopRules`."""
-        stop, elapsed = self._stop_of(path, settings)
+    def _command_stop(self) -> None:
+        """Command the torque that brings the arm to rest; the last one goes on without."""
         try:
-            torque = self.controller.motion_torque(self._accepted(), stop, elapsed,
-                                                   self._last_heard / NANO)
-        except (InputError, ConstraintError):  # the loops are singular there
-            return path
-        return torques_within_limits(path, self.messages.of_commanded(torque), settings)
+            self._rules.stop(self.messages.of_commanded(self._stop_torque()))
+        except (InputError, ConstraintError):  # not finite, or the loops are singular there
+            return
+        self._rules.keep()
 
-    def _stop_of(self, path: PathState, settings: CycleSettings) -> tuple[Motion, float]:
+    def _stop_torque(self) -> Array:
+        """Return the torques of all joints that bring the arm to rest, (n_q,)."""
+        stop, elapsed = self._stop_of_now()
+        return self.controller.motion_torque(self._accepted(), stop, elapsed,
+                                             self._last_heard / NANO)
+
+    def _stop_of_now(self) -> tuple[Motion, float]:
         """Return the motion of the stop, and the time since its begin, s."""
-        q, u, elapsed, duration = begun_stop(path, settings)
+        entries = self._memory.entries
         began, stop = self._stop
-        if stop is None or began != path.stop_began or began <= NEVER:
+        if stop is None or began != entries[STOP_BEGAN] or began <= NEVER:
+            began = entries[STOP_BEGAN]
+            q, u, _, duration = begun_stop(self._memory.path, self._rules.settings)
             stop = motion_to_rest(q, u, duration, self.controller.followed)
-            self._stop = path.stop_began, stop
-        return stop, max(elapsed, 0.0)
+            self._stop = began, stop
+        return stop, max((entries[LAST_HEARD] - began) / NANO, 0.0)
 
     def _acting(self) -> Array:
         """Return the torques of all joints that act, (n_q,)."""
@@ -711,17 +731,13 @@ class TorquePath:
         assert fault is not None
         self._drop(*fault)
 
-    def _note_refusal(self, before: PathState, path: PathState, reason: str, detail: str,
-                      now: int) -> None:
-        """Count and explain a refused state, and a fault that lasts."""
-        self._drop(reason, detail)
-        # The first refusal of a fault clears the motion; later ones are counted.
-        if not self._begins_fault(before, path):
-            return
+    def _note_fault(self, was_commanding: bool, path: PathState, reason: str, now: int
+                    ) -> None:
+        """Count and explain the begin of a fault that lasts, which drops the motion."""
         self._reason = reason
         dropped = self._clear_motion(f'joint states are refused: {reason}', path)
         self.statistics.faults += 1
-        if before.commanding:  # the fault changes commands
+        if was_commanding:  # the fault changes commands
             lasted = now - self._epoch - float(path.refused_since)
             self._report_fault('fault', f'{reason} for {lasted / NANO:.3f} s; '
                                f'{self.reaction}' + ', desired motion dropped' * dropped)

@@ -2,6 +2,7 @@
 
 from functools import partial
 import math
+import time
 
 import numpy as np
 import pytest
@@ -134,6 +135,18 @@ def test_a_backward_clock_jump_between_two_states_drops_the_motion():
     rig.time -= NANO  # still after the last state
     rig.path.on_clock_jump()
     np.testing.assert_array_equal(rig.state(), gravity())
+
+
+def test_a_clock_that_jumped_while_the_guard_commanded_is_reported(monkeypatch):
+    rig = Rig()
+    rig.follow(rig.time)
+    rig.state(after=0.5)
+    rig.time -= 20 * NANO
+    later = time.perf_counter() + 1.0
+    monkeypatch.setattr(time, 'perf_counter', lambda: later)
+    assert rig.path.resume(gravity()), 'the motion was dropped'
+    assert rig.warnings == ['clock']
+    np.testing.assert_array_equal(rig.state(after=0.01), gravity())
 
 
 def test_a_paused_clock_neither_times_out_nor_stops_the_commands():
