@@ -290,7 +290,6 @@ class ArmCoupling:
         else:  # also for a time that is not finite
             self._begin(number(t, 't', 'a finite time in s', math.isfinite), q)
             clock[0] = 0.0
-        memory.t = t
         # A partner whose state is missing or late ends the coupling.
         if fields['engaged']:
             if type(partner) is not PartnerState and partner is not None:
@@ -307,12 +306,17 @@ class ArmCoupling:
         settings = fields['_settings']
         try:
             if fields['_timed']:
-                return law(q, u, q_p, u_p, external, memory.row, fields['_clock'],
-                           settings, t)
-            return law(q, u, q_p, u_p, external, memory.row, fields['_clock'], settings)
+                torques = law(q, u, q_p, u_p, external, memory.row, fields['_clock'],
+                              settings, t)
+            else:
+                torques = law(q, u, q_p, u_p, external, memory.row, fields['_clock'],
+                              settings)
         except _PartnerFault as error:
             self.disengage(str(error))
             return self.torque(t, q, u)
+        # States that are refused do not count: the memory is that of the one before.
+        memory.t = t
+        return torques
 
     # The parts of `torque`.
 

@@ -49,6 +49,7 @@ INTEGRAL_LIMIT = 0.5  # of the desired force
 LINEAR_APPROACH = 0.05  # m/s, default
 ANGULAR_APPROACH = 0.2  # rad/s, default
 DRAG = 2.0  # 1/s: rate at which motion along a force direction decays without a force
+HELD = 0.5  # largest decay of a motion in a period, half of what one period of delay bears
 
 
 @guarded
@@ -69,7 +70,9 @@ class HybridForce(CartesianImpedance):
     integral_gain : float
         1/s, of its integral.
     approach_speed : float or (6,) array_like, optional
-        Largest speed without contact, m/s and rad/s. Default: 0.05 and 0.2.
+        Largest speed without contact, m/s and rad/s. Default: 0.05 and 0.2. About light
+        axes it is larger, twice the acceleration by the force in a period (`elapsed`),
+        since a controller with this period can hold no stronger damper.
 
     Attributes
     ----------
@@ -263,6 +266,9 @@ def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls
             mobility = forces.mobility.W[i, i] + 1.0 / values['singular_mass']
             damping = (magnitude(pushed) / values['approach_speed'][i]
                        + DRAG / mobility)
+            # A torque that is held for a period makes a stronger damper oscillate.
+            sampled = damping * mobility * elapsed[0]
+            damping = damping / select(sampled > HELD, sampled / HELD, 1.0)
             command[i] = pushed - damping * forces.velocity[i]
         tau, _, _ = forces.torques(equations, forces.mobility.force(command),
                                    values['effort'])

@@ -322,6 +322,26 @@ def test_an_arm_without_states_for_the_timeout_begins_alone_where_it_is():
     assert coupling.lost == 'this arm: time went back by 1.000 s'
 
 
+def test_a_refused_state_changes_nothing_and_refused_ones_for_the_timeout_end_the_coupling():
+    coupling = ArmCoupling(fr3(), stiffness=STIFFNESS, damping=DAMPING, timeout=0.1)
+    rest, bad = np.zeros(7), np.full(7, np.nan)
+
+    def partner(t):
+        return PartnerState(t, HOME + t, rest + 1.0, rest + 5.0)
+    coupling.engage(HOME, partner(0.0))
+    coupling.torque(0.0, HOME, rest, partner(0.0))
+    twin = copy.deepcopy(coupling)
+    with pytest.raises(InputError, match='fr3_joint1'):
+        coupling.torque(0.02, HOME, bad, partner(0.02))
+    np.testing.assert_array_equal(coupling.torque(0.05, HOME, rest, partner(0.05)),
+                                  twin.torque(0.05, HOME, rest, partner(0.05)))
+    for t in (0.1, 0.15, 0.2):
+        with pytest.raises(InputError):
+            coupling.torque(t, HOME, bad, partner(t))
+    coupling.torque(0.21, HOME, rest, partner(0.21))
+    assert not coupling.engaged and coupling.lost == 'this arm: no state for 0.150 s'
+
+
 def test_states_of_the_partner_may_be_lists():
     coupling = ArmCoupling(fr3(), stiffness=STIFFNESS, damping=DAMPING)
     rest = [0.0] * 7

@@ -108,3 +108,33 @@ def test_wrong_calls_are_refused():
         law.torque(Q, rest, pose, measured=[0.0])
     with pytest.raises(InputError, match="wrench: 'down'; expected 6 numbers"):
         law.torque(Q, rest, pose, wrench='down')
+
+
+@pytest.mark.parametrize('approach', [0.2, 0.5, 4.0])
+def test_a_moment_about_a_light_axis_is_kept_without_oscillation(approach):
+    """At 1 kHz a damper of 2 N m at 0.2 rad/s would turn back 2e-3 kg m^2 in a period."""
+    tool = 'fr3_link8'
+    robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), tip=tool), friction=False)
+    q, u, h = np.array([0.3, -0.5, 0.1, -2.2, 0.1, 1.9, 0.8]), np.zeros(7), 1e-3
+    start = robot.frame_pose(tool, q)
+    axis = start[:3, 2]
+    law = HybridForce(robot, tool, axes='frame', force_directions=['rz'], stiffness=K,
+                      approach_speed=[0.05] * 3 + [approach] * 3)
+    wrench = np.concatenate([np.zeros(3), 2.0 * axis])
+    speeds = []
+    for _ in range(1500):
+        turned = axis @ np.cross(start[:3, 0], robot.frame_pose(tool, q)[:3, 0])
+        spring = 30.0 * np.arcsin(turned)
+        tau = law.torque(q, u, start, wrench=wrench, elapsed=h,
+                         measured=np.concatenate([np.zeros(3), -spring * axis]))
+        for _ in range(4):
+            turned = axis @ np.cross(start[:3, 0], robot.frame_pose(tool, q)[:3, 0])
+            rate = axis @ robot.frame_velocity(tool, q, u)[3:]
+            held = -(30.0 * np.arcsin(turned) + 0.2 * rate) * axis
+            load = robot.jacobian(tool, q)[3:].T @ held
+            u = u + 0.25 * h * robot.forward_dynamics(q, u, tau + load)
+            q = q + 0.25 * h * u
+        speeds.append(rate)
+    assert max(speeds) < max(1.2 * approach, 3.2)
+    assert np.abs(speeds[-300:]).max() < 1e-3
+    assert 30.0 * np.arcsin(turned) == pytest.approx(2.0, rel=0.02)
