@@ -233,8 +233,9 @@ def follow(arm: Arm, start: Array, desired: PoseMotion,
     """
     Follow a target with the impedance law in MuJoCo, let it rest, and move it again.
 
-    The error counts as one outside of the singular neighborhood before the arm comes
-    there, and in the last motion, which is an ordinary one.
+    The error counts as one outside of the singular neighborhood before the law limits
+    anything: in the passage, and again in the last motion, which begins with an arm at
+    rest, and whose first error counts always.
     """
     robot = Robot(load_urdf(arm.urdf, tip=arm.frame), friction=False)
     plant = Plant(robot, arm.urdf)
@@ -254,6 +255,9 @@ def follow(arm: Arm, start: Array, desired: PoseMotion,
     for k in range(steps):
         t = k / RATE
         moves_again = t >= begins
+        begins_again = moves_again and t - begins < 1.0 / RATE
+        if begins_again:
+            entered = False
         target = ordinary.sample(t - begins) if moves_again else desired.sample(t)
         q, u = plant.state
         tau = law.torque(q, u, *target)
@@ -262,7 +266,7 @@ def follow(arm: Arm, start: Array, desired: PoseMotion,
             robot.frame_pose(arm.frame, q)[:3, 3] - target.pose[:3, 3]))
         entered |= state.regularization > 0.0 or state.braking > 0.0
         entered |= state.speed_scale < 1.0 or state.effort_scale < 1.0
-        if entered and not moves_again:
+        if entered and not begins_again:
             inside = max(inside, error)
         else:
             outside = max(outside, error)
