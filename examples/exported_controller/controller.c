@@ -30,8 +30,8 @@ int main(void)
 {
     double q[ARM_N] = {0}, u[ARM_N] = {0}, tau[ARM_N] = {0}, applied[ARM_N], udot[ARM_N];
     double q_d[ARM_N], u_d[ARM_N], udot_d[ARM_N], gains[2 * ARM_N];
-    double memory[3 * ARM_N] = {0}, forgotten[ARM_N], change[ARM_N], elapsed = 0.0;
-    double threshold[ARM_N], collision[ARM_N + 3] = {0};
+    double memory[ARM_MOMENTUM_OBSERVER_SIZE] = {0}, forgotten[ARM_N], change[ARM_N], elapsed = 0.0;
+    double threshold[ARM_N], collision[ARM_COLLISION_DETECTOR_SIZE] = {0};
     const double settings[3] = {0.005, 0.8, 0.2}; /* confirm, s; release; clear, s */
     double collision_time = -1.0;
     int j, k;

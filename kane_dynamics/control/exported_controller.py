@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance
-from kane_dynamics._util.typing import Matrix, Scalar, Vector
+from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.collision_detection import detector_step
 from kane_dynamics.control.computed_torque import followed_joints, law_kernel
-from kane_dynamics.control.momentum_observer import residual_step
+from kane_dynamics.control.momentum_observer import (friction_beyond_speeds,
+                                                     later_deflections, residual_step)
 from kane_dynamics.control.torque_limiter import within_effort, within_rates
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
@@ -40,7 +42,9 @@ def controller_kernels(robot: Robot, *, followed: Sequence[str] | None = None
       the estimate of the external torques, the momenta and the torques beta, (3, n), of
       the sample before; the result is that of this sample. tau are the mean joint
       torques since, (n_q,), and `forgotten` exp(-K elapsed) of each speed. Begin with an
-      elapsed time of 0, which sets the estimate to 0.
+      elapsed time of 0, which sets the estimate to 0. Of a robot with presliding friction
+      the memory, (5 n + n_b,), goes on with the speeds, the friction that beta lacks, and
+      the deflections of the bristles, which begin at 0, too.
     - ``collision_detector(torque, threshold, settings, memory, elapsed)``: the memory,
       (n + 3,), is the flag (1: collision), 1 + the index of the speed that set it, the
       time for which all torques have been below their release, and the times for which
@@ -99,31 +103,60 @@ def _limiter(robot: Robot) -> Kernel:
 def _observer(robot: Robot) -> Kernel:
     """Return the kernel of a step of the momentum observer."""
     equations = robot.equations
+    n = robot.n
+    bristles = len(equations.tree.bristles)
 
-    def step(q: Vector, u: Vector, tau: Vector, memory: Matrix, elapsed: Scalar,
-             forgotten: Vector, t: Scalar, parameters: Vector, limits: Vector) -> Matrix:
-        residual, last_momentum, last_beta = memory
+    def step(q: Vector, u: Vector, tau: Vector, memory: Any, elapsed: Scalar,
+             forgotten: Vector, t: Scalar, parameters: Vector, limits: Vector) -> Any:
+        remembered = np.ravel(memory)
+        residual, last_momentum, last_beta = remembered[:3 * n].reshape(3, n)
         momentum, beta = equations.momentum_terms(q, u, parameters, t)
         if not equations.in_joint_rates:
             tau = equations.generalized_force(q, tau, t)
-        if equations.carries_loads:
-            tau = tau - equations.load_friction(q, u, tau, t)
         # The first sample has no time since the last: the estimate is 0.
         has_begun = elapsed > 0.0
+        further: list[Scalar] = []  # that a robot with bristles remembers
+        if bristles:
+            motion = _bristled(q, u, tau, remembered[3 * n:], elapsed, t)
+            tau = tau - motion.mean_friction
+            further = [*u, *motion.friction, *motion.deflections]
+        elif equations.carries_loads:
+            tau = tau - equations.load_friction(q, u, tau, t)
         safe_elapsed = select(has_begun, elapsed, 1.0)
         estimate = residual_step(residual, last_momentum, momentum, tau,
                                  0.5 * (last_beta + beta), safe_elapsed, forgotten)
         estimate = [select(has_begun, x, 0.0) for x in estimate]
-        result = np.array([estimate, momentum, beta])
+        result = np.array([*estimate, *momentum, *beta, *further]).reshape(shape)
         if not equations.watched:  # a tree has no singular or open configuration
             return result
         return guarded(result, equations.margin(q, t, limits))
-    row = (robot.n,)
-    memory = (3, robot.n)
+
+    def _bristled(q: Vector, u: Vector, tau: Vector, remembered: Vector, elapsed: Scalar,
+                  t: Scalar) -> _Bristled:
+        """Return the friction of bristles after the time since the last sample."""
+        has_begun = elapsed > 0.0
+        last = [select(has_begun, x, 0.0) for x in remembered]
+        last_u, last_friction, deflections = np.split(np.array(last), [n, 2 * n])
+        later = later_deflections(equations, q, 0.5 * (last_u + u), deflections, tau,
+                                  select(has_begun, elapsed, 0.0), t)
+        friction = friction_beyond_speeds(equations, q, u, tau, later, t)
+        return _Bristled(0.5 * (last_friction + friction), friction, later)
+    row = (n,)
+    shape: Shape = (3, n)
+    if bristles:
+        shape = (5 * n + bristles,)
     inputs: dict[str, Shape | Argument] = {
-        'q': (robot.n_q,), 'u': row, 'tau': (_torque_count(robot),), 'memory': memory,
+        'q': (robot.n_q,), 'u': row, 'tau': (_torque_count(robot),), 'memory': shape,
         'elapsed': (), 'forgotten': row}
-    return robot.kernels.compiled(step, 'momentum_observer', inputs, memory)
+    return robot.kernels.compiled(step, 'momentum_observer', inputs, shape)
+
+
+class _Bristled(NamedTuple):
+    """Friction beyond that of speeds, (n,), its mean since the last sample, deflections."""
+
+    mean_friction: Vector
+    friction: Vector
+    deflections: Vector
 
 
 def _detector(robot: Robot) -> Kernel:

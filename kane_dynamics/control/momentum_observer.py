@@ -23,6 +23,7 @@ from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.friction_error import checked_friction_error, FrictionError
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import in_regular_speeds, Robot
 import numpy as np
@@ -38,6 +39,28 @@ def residual_step(residual: Vector, last_momentum: Vector, momentum: Vector, tau
     """
     external = (momentum - last_momentum) / elapsed - tau + beta
     return forgotten * residual + (1.0 - forgotten) * external
+
+
+def later_deflections(equations: Equations, q: Vector, mean_u: Vector, deflections: Vector,
+                      tau: Vector, elapsed: Scalar, t: Scalar) -> Vector:
+    """Return the deflections of bristles, (n_b,), after a time, s, at mean speeds, (n,)."""
+    mean = equations.joint_motion(q, mean_u, equations.zeros, t)
+    travel = mean.qdot * elapsed
+    return equations.deflections_after(q, mean.qdot, deflections, tau, travel, t)
+
+
+def friction_beyond_speeds(equations: Equations, q: Vector, u: Vector, tau: Vector,
+                           deflections: Vector, t: Scalar) -> Vector:
+    """
+    Return the friction that beta lacks at a state, (n,).
+
+    Beta has the smooth law without loads; tau are the torques of the motors, and
+    `deflections` those of bristles, (n_b,).
+    """
+    motion = equations.joint_motion(q, u, equations.zeros, t)
+    bent = deflections if equations.tree.bristles else None
+    of_joints = equations.driven_friction(q, motion.qdot, tau, t, None, bent)
+    return motion.projected(of_joints - equations.tree.friction_force(motion.qdot))
 
 
 @guarded
@@ -271,16 +294,12 @@ def _further_friction_kernel(robot: Robot) -> Kernel:
 
     def friction(q: Vector, u: Vector, tau: Vector, mean_u: Vector, deflections: Vector,
                  elapsed: Scalar, t: Scalar) -> Vector:
-        motion = equations.joint_motion(q, u, equations.zeros, t)
-        later = None
+        later = deflections
         # The deflections after the time since the last update, by the law of bristles.
         if bristles:
-            mean = equations.joint_motion(q, mean_u, equations.zeros, t)
-            later = equations.deflections_after(q, mean.qdot, deflections, tau, elapsed, t)
-        of_joints = equations.driven_friction(q, motion.qdot, tau, t, None, later)
-        # Beta has the smooth law without loads: what is beyond it is added.
-        beyond = of_joints - equations.tree.friction_force(motion.qdot)
-        return np.array([*motion.projected(beyond), *([] if later is None else later)])
+            later = later_deflections(equations, q, mean_u, deflections, tau, elapsed, t)
+        beyond = friction_beyond_speeds(equations, q, u, tau, later, t)
+        return np.concatenate([beyond, later])
     row = (robot.n,)
     return robot.compiled(friction, name='further_friction', q=(robot.n_q,), u=row, tau=row,
                           mean_u=row, deflections=(bristles,), elapsed=(),

@@ -68,7 +68,7 @@ class Identification:
         As of `Joint`; 0 where the law has none.
     presliding : (n,) array
         Travel over which presliding friction reverses, rad or m; 0 where the law has none.
-        `model` has smooth Coulomb friction instead; `torque` has presliding.
+        `presliding_stiffness` of `model` is friction divided by it.
     candidates : dict of str to CandidateErrors
         RMS errors of each law on blocks of the first half that its fit had left out, of all
         and of moving rows; empty with a law that was given.
@@ -129,7 +129,7 @@ class Identification:
 
         """
         further = {'quadratic_damping': self.quadratic_damping,
-                   'load_friction': self.load_friction}
+                   'load_friction': self.load_friction, **self._bristles}
         return identified(self.given, self.unknowns, self.friction_speed, further,
                           inertials=not self.friction_only)
 
@@ -145,6 +145,19 @@ class Identification:
         """
         data = law_rows(rows(self.given, recording))
         return np.asarray(recording.tau - law_error(data, self._fit))
+
+    @property
+    def _bristles(self) -> dict[str, Array]:
+        """Return `presliding_stiffness` and `presliding_damping` of the joints, (n,) each."""
+        # Bristles that were not identified stay as they were.
+        joints = self.given.coordinate_joints
+        stiffness = np.array([joint.presliding_stiffness for joint in joints])
+        damping = np.array([joint.presliding_damping for joint in joints])
+        friction = self.losses[:, FRICTION.index('friction')]
+        found = self.presliding > 0.0
+        stiffness[found] = friction[found] / self.presliding[found]
+        damping[found] = 0.0
+        return {'presliding_stiffness': stiffness, 'presliding_damping': damping}
 
     @property
     def _fit(self) -> LawFit:

@@ -331,14 +331,14 @@ class Equations:
         return self.tree.deflection_rates(rates, deflections, loads)
 
     def deflections_after(self, q: Vector, rates: Vector, deflections: Vector, tau: Vector,
-                          elapsed: Scalar, t: Scalar = 0.0) -> Vector:
+                          travel: Vector, t: Scalar = 0.0) -> Vector:
         """
-        Return the deflections of bristles, (n_b,), after a time, s, at constant rates.
+        Return the deflections of bristles, (n_b,), after a travel of the joints, (n_j,).
 
-        Arguments as of `driven_friction`.
+        Other arguments as of `driven_friction`.
         """
         loads = self._loads_of_bristles(q, rates, deflections, tau, t)
-        return self.tree.deflections_after(rates, deflections, loads, elapsed)
+        return self.tree.deflections_after(rates, deflections, loads, travel)
 
     def _loads_of_bristles(self, q: Vector, rates: Vector, deflections: Vector, tau: Vector,
                            t: Scalar) -> Vector | None:

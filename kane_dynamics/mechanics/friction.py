@@ -343,12 +343,18 @@ def bristle_rate(joint: Joint, rate: Scalar, deflection: Scalar,
 
 
 def deflection_after(joint: Joint, rate: Scalar, deflection: Scalar, load: Scalar,
-                     elapsed: Scalar) -> Scalar:
-    """Return the deflection after a time, s, at a constant rate and load, rad or m."""
-    direction = select(rate < 0.0, -1.0, 1.0)
-    g = sliding_friction(joint, rate, load)
+                     travel: Scalar) -> Scalar:
+    """
+    Return the deflection after a joint has moved one way, rad or m.
+
+    The travel, rad or m, has the sign of the motion; of the rate, which is constant as the
+    load is, the size counts.
+    """
+    # dz / dx = 1 - s z / g forward, and 1 + s z / g backward.
+    direction = select(travel < 0.0, -1.0, 1.0)
+    g = sliding_friction(joint, direction * magnitude(rate), load)
     sliding = direction * g / joint.presliding_stiffness
-    remaining = np.exp(-bristle_decay(joint, rate, load) * elapsed)
+    remaining = np.exp(-joint.presliding_stiffness * magnitude(travel) / g)
     return sliding + (deflection - sliding) * remaining
 
 

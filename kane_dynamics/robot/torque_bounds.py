@@ -13,7 +13,16 @@ With load friction, tau = L + friction(v, L), where the load L is linear in the 
 parameters and in the armatures, and lies within L_0 +- delta_L. At a given rate the right
 side is linear on either side of L = 0. Its extremes are therefore at the ends of the
 interval of loads, or at zero where that is inside; the other terms of friction add their own
-half-widths. These bounds are exact, too, but not symmetric about tau_0.
+half-widths. These bounds are exact, too, but not symmetric about tau_0. Wrenches change
+L_0 alone.
+
+With chosen speeds or constraints, tau = f + T^T friction(v, L(f)), where the generalized
+force f without friction is linear in the parameters, and the loads L in f. Where the load
+of each such joint, and what its friction acts on, are one and the same entry of f, as with
+the rates of the motors as speeds, each torque is again a function of one number with a
+kink at zero. Elsewhere the largest torque is the maximum over the box of a sum of several
+such functions, of loads that the same parameters determine: no sum of largest parts, but
+for each choice of the loads' signs a linear program. Such bounds are refused.
 """
 
 from __future__ import annotations
@@ -30,9 +39,11 @@ from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.conditioning import guarded
+from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.mechanics.friction import (carries_loads, coulomb_levels,
+from kane_dynamics.mechanics.friction import (carries_load, carries_loads, coulomb_levels,
                                               friction_torque, refuse_load_friction)
 from kane_dynamics.mechanics.recursive.regressor import parameters_of, pseudo_inertia_of
 from kane_dynamics.model.model import FRICTION as LAW_FIELDS, Inertial, Joint, Model, WORLD
@@ -46,6 +57,7 @@ FRICTION = ('damping', 'friction', 'friction_offset')  # in which the torque is 
 LOSSES = (*FRICTION, 'armature')
 # Places of the compiled kernels of a robot.
 BOUNDS = 'torque_bounds', ''
+LOADED_BOUNDS = 'torque_bounds_under_force', ''
 DEVIATION = 'torque_deviation', ''
 JOINT_DEVIATION = 'joint_torque_deviation', ''
 
@@ -291,10 +303,12 @@ class OfSameBox:
 def torque_bounds(robot: Any, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
                   uncertainty: Uncertainty, wrench: Any, t: ArrayLike) -> TorqueBounds:
     """Return the smallest and the largest torque; see `Robot.torque_bounds`."""
-    if wrench is None or _is_loaded(robot):
-        if wrench is not None:
-            refuse_load_friction(robot.model, 'torque_bounds with a wrench')
+    if wrench is None:
         return TorqueBounds(_of_box(robot, BOUNDS, (q, u, udot), uncertainty, t))
+    if _is_loaded(robot):
+        external = robot.external_force(q, wrench=wrench, t=t)
+        state = q, u, udot, external
+        return TorqueBounds(_of_box(robot, LOADED_BOUNDS, state, uncertainty, t))
     deviation = torque_deviation(robot, q, u, udot, uncertainty, t)
     torque = robot.inverse_dynamics(q, u, udot, wrench=wrench, t=t)
     return TorqueBounds(np.stack([torque - deviation, torque + deviation], axis=-2))
@@ -362,13 +376,9 @@ def _compiled(robot: Any, place: tuple[str, str]) -> Callable[..., Any]:
     if robot.model.flexible:
         raise InputError('robot: with beams; expected a rigid one, as the torque of '
                          'beams is not linear in their parameters')
-    # Half-widths of bounds that are not symmetric, and loads of the drives of a mechanism,
-    # are not stated by one number.
-    if _is_loaded(robot):
-        if place != BOUNDS:
-            refuse_load_friction(robot.model, 'uncertainty')
-        if not robot.equations.in_joint_rates:
-            refuse_load_friction(robot.model, 'torque_bounds of chosen speeds or constraints')
+    # Bounds that are not symmetric have no half-width.
+    if _is_loaded(robot) and place not in (BOUNDS, LOADED_BOUNDS):
+        refuse_load_friction(robot.model, 'uncertainty')
     kernel = _kernel(robot, place)
     entry: Callable[..., Any] = kernel.entry('', kernel)
     robot._entries[place] = entry
@@ -389,11 +399,16 @@ def _kernel(robot: Any, place: tuple[str, str]) -> Kernel:
     def bounds(q: Vector, u: Vector, udot: Vector, box: Vector, t: Scalar,
                parameters: Vector, limits: Vector) -> Matrix:
         if equations.carries_loads:
-            return loaded_bounds(equations, q, u, udot, box, parameters, t)
+            return under_force(q, u, udot, equations.zeros, box, t, parameters, limits)
         torque = equations.inverse_dynamics(q, u, udot, None, parameters, t)
         deviation = deviation_law(equations, q, u, udot, box, parameters, t)
         return guarded_result(np.stack([torque - deviation, torque + deviation]), q, t,
                               limits)
+
+    def under_force(q: Vector, u: Vector, udot: Vector, external: Vector, box: Vector,
+                    t: Scalar, parameters: Vector, limits: Vector) -> Matrix:
+        result = loaded_bounds(equations, q, u, udot, external, box, parameters, t)
+        return guarded_result(result, q, t, limits)
 
     def deviation(q: Vector, u: Vector, udot: Vector, box: Vector, t: Scalar,
                   parameters: Vector, limits: Vector) -> Vector:
@@ -414,8 +429,12 @@ def _kernel(robot: Any, place: tuple[str, str]) -> Kernel:
 
     n = robot.n
     size = box_size(len(equations.model.bodies))
-    inputs = {'q': (robot.n_q,), 'u': (n,), 'udot': (n,), 'box': (size,)}
+    inputs = {'q': (robot.n_q,), 'u': (n,), 'udot': (n,)}
+    if place == LOADED_BOUNDS:
+        inputs['external'] = (n,)
+    inputs['box'] = (size,)
     laws = {BOUNDS: (bounds, (2, n)),
+            LOADED_BOUNDS: (under_force, (2, n)),
             DEVIATION: (deviation, (n,)),
             JOINT_DEVIATION: (deviation, (robot.n_q,))}
     law, shape = laws[place]
@@ -426,31 +445,64 @@ def _kernel(robot: Any, place: tuple[str, str]) -> Kernel:
     return kernel
 
 
-def loaded_bounds(equations: Equations, q: Vector, u: Vector, udot: Vector, box: Vector,
-                  parameters: Vector, t: Scalar) -> Matrix:
-    """Return the least and the largest torque of a tree with load friction, (2, n)."""
-    tree = equations.tree
+def loaded_bounds(equations: Equations, q: Vector, u: Vector, udot: Vector,
+                  external: Vector, box: Vector, parameters: Vector, t: Scalar) -> Matrix:
+    """
+    Return the least and the largest torque with load friction, (2, n).
+
+    `external` is the generalized force of wrenches, (n,).
+    """
+    if not equations.in_joint_rates:
+        _require_single_loads(equations, q, t)
     bodies = len(equations.model.bodies)
     # The numbers of the box on which loads depend: all but those of friction.
     of_loads = np.ones(box_size(bodies))
     losses = of_loads[-len(LOSSES) * bodies:].reshape(len(LOSSES), bodies)
     losses[:len(FRICTION)] = 0.0
-    load = tree.rigid_dynamics(q, u, udot, None, parameters)
-    of_load = deviation_law(equations, q, u, udot, of_loads * box, parameters, t)
+    force = equations.rigid_dynamics(q, u, udot, None, parameters, t) - external
+    of_force = deviation_law(equations, q, u, udot, of_loads * box, parameters, t)
     of_friction = deviation_law(equations, q, u, udot, (1.0 - of_loads) * box, parameters, t)
 
-    # The torque as a function of the load has a kink at zero: the load in the interval
-    # that is nearest to zero is a place of an extreme, beside both ends.
-    least = load - of_load
-    largest = load + of_load
+    # The torque as a function of the force without friction has a kink at zero: the force in
+    # the interval that is nearest to zero is a place of an extreme, beside both ends.
+    least = force - of_force
+    largest = force + of_force
     nearest = np.array([select(low > 0.0, low, select(high < 0.0, high, 0.0))
                         for low, high in zip(least, largest)])
-    lower = upper = least + tree.friction_force(u, least)
-    for loads in (nearest, largest):
-        torque = loads + tree.friction_force(u, loads)
+    motion = equations.joint_motion(q, u, udot, t)
+    lower = upper = _with_friction(equations, q, motion, least, t)
+    for at in (nearest, largest):
+        torque = _with_friction(equations, q, motion, at, t)
         lower = np.array([select(x < y, x, y) for x, y in zip(torque, lower)])
         upper = np.array([select(x < y, y, x) for x, y in zip(torque, upper)])
     return np.stack([lower - of_friction, upper + of_friction])
+
+
+def _with_friction(equations: Equations, q: Vector, motion: JointMotion, force: Vector,
+                   t: Scalar) -> Vector:
+    """Return a generalized force plus the friction of drives that bear it, (n,)."""
+    loads = equations.drive_torques(q, force, t)
+    friction = equations.tree.friction_force(motion.qdot, loads)
+    return force + motion.projected(friction)
+
+
+def _require_single_loads(equations: Equations, q: Vector, t: Scalar) -> None:
+    """Raise InputError if a drive's load or friction concerns several generalized forces."""
+    T = equations.at_rest(q, t).T
+    loads = np.stack([equations.drive_torques(q, unit, t) for unit in np.eye(equations.n)],
+                     axis=1)
+    for joint in equations.model.coordinate_joints:
+        if not carries_load(joint):
+            continue
+        acts_on = [r for r, x in enumerate(T[joint.coordinate]) if not is_zero(x)]
+        bears = [r for r, x in enumerate(loads[joint.coordinate]) if not is_zero(x)]
+        # A joint without a motor has no load.
+        if bears and (acts_on != bears or len(bears) > 1):
+            raise InputError(f"torque_bounds: joint '{joint.name}' has load friction "
+                             f'{joint.load_friction:g}, and its load does not belong to one '
+                             'speed; expected the rates of the joints with motors as speeds '
+                             '(independent=, actuated=), because the largest torque is else '
+                             'not the sum of largest parts')
 
 
 def deviation_law(equations: Equations, q: Vector, u: Vector, udot: Vector, box: Vector,

@@ -5,7 +5,7 @@ from statistics import median
 from time import perf_counter
 
 from kane_dynamics import (absolute_rates, Inertial, InputError, load_urdf, Robot,
-                           Uncertainty)
+                           Speeds, Uncertainty)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.mechanics.recursive.regressor import (inertial_parameters, parameters_of,
                                                          pseudo_inertia_of)
@@ -298,6 +298,99 @@ def test_bounds_with_load_friction_are_reached(backdriven, loaded):
             assert least - 1e-10 * scale < between < largest + 1e-10 * scale
 
 
+def with_load_friction(model, names=None, **law):
+    """Return a model whose joints, or those of the names, have load friction."""
+    bodies = []
+    for body in model.bodies:
+        further = {'damping': 1.0, 'friction': 2.0, 'armature': 0.5}
+        if names is None or body.joint.name in names:
+            further |= {'load_friction': 0.2, 'load_friction_backdriven': 0.4, **law}
+        bodies.append(replace(body, joint=replace(body.joint, **further)))
+    return replace(model, bodies=tuple(bodies))
+
+
+def driven_loop():
+    """Return a closed loop with a motor at its independent speed, which has load friction."""
+    c = case('closed loop')
+    names = c.robot.speed_names
+    model = with_load_friction(c.robot.model, names)
+    robot = Robot(model, **{**c.robot.options, 'actuated': list(names)})
+    return robot, c.q, c.u, c.udot, {}
+
+
+def geared_speeds():
+    """Return a chain whose speeds are the rates of its joints, in other units and order."""
+    model = with_load_friction(random_model(3, 3, branching=0.0))
+    Y = np.array([[0.0, 0.0, -2.0], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
+    speeds = Speeds(lambda q, t: Y, names=('c', 'a', 'b'))
+    q, u, udot = np.random.default_rng(3).uniform(-1.5, 1.5, (3, 3))
+    return Robot(model, speeds=speeds), q, u, udot, {}
+
+
+def pushed_chain():
+    """Return a chain with a wrench at its tip."""
+    model = with_load_friction(random_model(3, 3, branching=0.0))
+    frame = model.frames[-1].name
+    robot = Robot(model, wrench_frames=[frame])
+    q, u, udot = np.random.default_rng(4).uniform(-1.5, 1.5, (3, 3))
+    return robot, q, u, udot, {'wrench': np.array([[20.0, -10.0, 30.0, 3.0, 2.0, -1.0]])}
+
+
+def signs_of(robot, state, row):
+    """Return the signs of the derivatives of one torque by inertial parameters and by losses."""
+    inertial = np.sign(robot.regressor(*state)[row]).reshape(-1, 10)
+    motion = robot.equations.joint_motion(*state)
+    T, rates, turns = (np.array(x, dtype=float) for x in (motion.T, motion.qdot, motion.qddot))
+    losses = []
+    for body in robot.model.bodies:
+        joint = body.joint
+        along = np.sign(T[joint.coordinate, row] * joint.multiplier)
+        rate = np.sign(joint.multiplier * rates[joint.coordinate])
+        turn = np.sign(joint.multiplier * turns[joint.coordinate])
+        losses.append(along * np.array([rate, rate, 1.0, turn]))
+    return inertial, np.array(losses).T
+
+
+@pytest.mark.parametrize('arm', [driven_loop, geared_speeds, pushed_chain])
+@pytest.mark.parametrize('loaded', [True, False])
+def test_bounds_with_load_friction_are_reached_with_motors_speeds_and_wrenches(arm, loaded):
+    robot, q, u, udot, pushed = arm()
+    box = box_of(robot.model)
+    bare = Robot(robot.model, **{**robot.options, 'friction': False})
+    if not loaded:  # loads of zero, where friction of the load has its kink
+        udot = bare.forward_dynamics(q, u, np.zeros(robot.n), **pushed)
+    state = q, u, udot
+    bounds = robot.torque_bounds(*state, box, **pushed)
+    scale = np.abs(bounds.upper).max() + np.abs(bounds.lower).max()
+
+    def torque(which, row, share, friction_sign):
+        """Return a torque at a share of the load's half-width, with friction at a vertex."""
+        inertial, losses = signs_of(robot, state, row)
+        losses[:3] *= friction_sign
+        losses[3] *= share
+        changed = at_vertex(which, box, share * inertial, losses)
+        return changed.inverse_dynamics(*state, **pushed)[row]
+    for row in range(robot.n):
+        ends = [torque(bare, row, share, 0.0) for share in (-1.0, 1.0)]
+        shares = [-1.0, 1.0]
+        if ends[0] < 0.0 < ends[1]:
+            shares.append(float(np.interp(0.0, ends, shares)))
+        assert (len(shares) == 3) is not loaded
+        largest = max(torque(robot, row, share, 1.0) for share in shares)
+        least = min(torque(robot, row, share, -1.0) for share in shares)
+        assert abs(bounds.upper[row] - largest) < 1e-10 * scale
+        assert abs(bounds.lower[row] - least) < 1e-10 * scale
+
+    # Nothing inside is beyond them.
+    rng, bodies = np.random.default_rng(1), len(robot.model.bodies)
+    for _ in range(50):
+        inertial = rng.uniform(-1.0, 1.0, (bodies, 10))
+        losses = rng.uniform(-1.0, 1.0, (4, bodies))
+        inside = at_vertex(robot, box, inertial, losses).inverse_dynamics(*state, **pushed)
+        assert (bounds.lower - 1e-10 * scale < inside).all()
+        assert (inside < bounds.upper + 1e-10 * scale).all()
+
+
 def test_bounds_know_the_whole_law_of_friction_and_refuse_friction_of_the_load():
     model = random_model(2, 3, branching=0.0)
     body, *others = model.bodies
@@ -309,14 +402,11 @@ def test_bounds_know_the_whole_law_of_friction_and_refuse_friction_of_the_load()
     joint = sticky.bodies[0].joint
     width = 0.1 * (abs(joint.damping * 0.3) + np.tanh(0.3 / joint.friction_speed))
     assert 0.5 * (bounds.upper - bounds.lower)[0] == pytest.approx(width, rel=1e-12)
-    loaded = replace(model, bodies=(replace(body, joint=replace(
-        body.joint, load_friction=0.1)), *others))
-    # Where they are no numbers on both sides of one torque, or loads are not those of joints.
+    loaded = replace(model, bodies=(body, replace(others[0], joint=replace(
+        others[0].joint, load_friction=0.1)), others[1]))
+    # Where they are no numbers on both sides of one torque, or loads are not those of speeds.
     box = Uncertainty.of(loaded, mass=0.1)
-    framed = Robot(loaded, wrench_frames=['frame2'])
-    with pytest.raises(InputError, match=r'torque_bounds with a wrench: joint .* load friction'):
-        framed.torque_bounds(q, u, udot, box, wrench=np.zeros((1, 6)))
-    with pytest.raises(InputError, match=r'torque_bounds of chosen speeds.* load friction'):
+    with pytest.raises(InputError, match=r'load friction 0\.1.* does not belong to one speed'):
         Robot(loaded, speeds=absolute_rates).torque_bounds(q, u, udot, box)
     with pytest.raises(InputError, match=r'uncertainty: joint .* load friction'):
         torque_deviation(Robot(loaded), q, u, udot, box)

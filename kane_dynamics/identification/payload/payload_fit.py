@@ -102,7 +102,11 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
     names = recorded_joints(robot)
     check_recording(robot.model, recording, ROWS, names)
     rows = PayloadRows(robot, frame)
-    Y, rates, torque, _, acting = rows(*recorded_motion(robot, names, recording))
+    q, u, udot, tau, t = recorded_motion(robot, names, recording)
+    bristled = None
+    if rows.bristles is not None:
+        bristled = rows.bristles.along(q, u, tau, t)
+    Y, rates, torque, _, acting = rows(q, u, udot, tau, t, bristled)
     # The belief keeps what the motion does not tell from looking certain.
     belief = BELIEF * prior_metric(START)
     effort = np.asarray(robot.limits.effort)[[robot.joint_names.index(name) for name in names]]

@@ -9,12 +9,17 @@ force is T_a^T times their torques, and the rows are those of T_a^-T. With more 
 joints than speeds, which may work against each other, they are the torques of least norm
 with that force, by the pseudoinverse, and the estimate combines them to as many rows as
 speeds. Without `actuated` each independent speed has its own actuator.
+
+Friction with presliding is that of the measured motion (`bristle_path`): its part of the
+rows does not depend on the payload.
 """
 
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.identification.payload.bristle_path import (BristlePath, BristleState,
+                                                               without_bristles)
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.friction import (coulomb, coulomb_levels, load_fractions,
                                               stribeck_excess)
@@ -116,6 +121,8 @@ class PayloadRows:
     friction, friction_speed : (m,) arrays
         Coulomb friction that may hold an actuator at rest, N m or N, and the speed at
         which it sets in, rad/s or m/s.
+    bristles : BristlePath or None
+        Of the joints with presliding friction; None without such joints.
 
     Raises
     ------
@@ -126,13 +133,19 @@ class PayloadRows:
 
     def __init__(self, model: Model | Robot, frame: str) -> None:
         """Find the actuators; kernels compile on first use."""
-        self.regressor = PayloadRegressor(model, frame)
+        bare = model if isinstance(model, Robot) else Robot(model)
+        self.bristles: BristlePath | None = None
+        known = bare  # of which inverse dynamics has all friction but that of bristles
+        if bare.equations.tree.bristles:
+            self.bristles = BristlePath(bare)
+            known = without_bristles(bare)
+        self.regressor = PayloadRegressor(known, frame)
         self.robot = self.regressor.robot
         self.names = actuators(self.robot)
         self.shared = self.robot.n if len(self.names) > self.robot.n else 0
 
         # Friction of the joints, in the order of their coordinates.
-        joints = self.robot.model.coordinate_joints
+        joints = bare.model.coordinate_joints
         self._joint_friction = np.empty(len(joints))  # N m or N
         self._load_fraction = np.empty(len(joints))
         self._joint_speed = np.empty(len(joints))  # at which friction sets in
@@ -162,9 +175,9 @@ class PayloadRows:
         self._transmission = _transmission_kernel(robot, robot.equations)
 
     def __call__(self, q: Array, u: Array, udot: Array, tau: Array,
-                 t: Any = 0.0) -> ActuatorRows:
+                 t: Any = 0.0, bristled: BristleState | None = None) -> ActuatorRows:
         """
-        Return the rows of one sample or N.
+        Return the rows of one sample or of N in a row.
 
         Parameters
         ----------
@@ -172,6 +185,8 @@ class PayloadRows:
             As of `Robot.inverse_dynamics` and its result; rad or m, s, N m or N.
         t : float or (N,) array
             Time, s.
+        bristled : BristleState, optional
+            Of `bristles` at these samples, where it is not None.
 
         Raises
         ------
@@ -183,8 +198,12 @@ class PayloadRows:
         robot = self.robot
         Y = self.regressor(q, u, udot, t)
         residual = tau - robot.inverse_dynamics(q, u, udot, t=t)
+        unknown: Array | float = 0.0
+        if bristled is not None:
+            residual = residual - bristled.friction
+            unknown = bristled.unknown
         if self._transmission is None:
-            return ActuatorRows(Y, u, residual, self._slack(u, tau))
+            return ActuatorRows(Y, u, residual, self._slack(u, tau, unknown))
 
         # One result holds T, (n_j, n), and, as its last column, the rates of all joints.
         times = robot.equations.time_inputs(np.broadcast_to(t, np.shape(q)[:-1]))
@@ -192,7 +211,7 @@ class PayloadRows:
         T = transmission[..., :-1]
         joint_rates = transmission[..., -1]
         # With constraints the torques do not determine the load on each drive.
-        slack = self._slack(joint_rates, 0.0)
+        slack = self._slack(joint_rates, 0.0, unknown)
 
         # From independent speeds to the rates of the actuators T_a u, if these are
         # others.
@@ -221,16 +240,20 @@ class PayloadRows:
                       *([] if self._places is None else ['joint_torques']))
         robot.kernels.kernel('inverse_dynamics', '',
                              Derivative('derivative', ('payload',)))
+        if self.bristles is not None:
+            self.bristles.compile()
 
-    def _slack(self, rates: Array, torque: Array | float) -> Array:
+    def _slack(self, rates: Array, torque: Array | float,
+               unknown: Array | float) -> Array:
         """
-        Return the most that friction may hold beyond the smoothed law.
+        Return the most that friction may hold beyond the law, which is `unknown` at least.
 
         The torque of a joint stands for the load on its drive; they differ by friction.
+        Deflections of bristles at rest are not trusted: noise of positions changes them.
         """
         slip = np.abs(coulomb(rates, self._joint_speed))
         level = self._joint_friction + self._load_fraction * np.abs(torque)
-        return np.asarray((1.0 - slip) * level)
+        return np.asarray(np.maximum((1.0 - slip) * level, unknown))
 
 
 def _holding_level(joint: Joint) -> float:

@@ -594,14 +594,19 @@ class TreeEquations:
         return np.array(rates)
 
     def deflections_after(self, u: Vector, deflections: Vector, load: Vector | None,
-                          elapsed: Scalar) -> Vector:
-        """Return the deflections of `bristles`, (n_b,), after a time, s, at constant rates."""
+                          travel: Vector) -> Vector:
+        """
+        Return the deflections of `bristles`, (n_b,), after a travel, (n,), one way.
+
+        `u` are the rates of the motion, of which the sizes count.
+        """
         loads = self.zeros if load is None else load
         later = []
         for joint, deflection in zip(self.bristles, deflections):
             k = joint.coordinate
             rate = joint.multiplier * u[k]
-            later.append(deflection_after(joint, rate, deflection, loads[k], elapsed))
+            way = joint.multiplier * travel[k]
+            later.append(deflection_after(joint, rate, deflection, loads[k], way))
         return np.array(later)
 
     def bristle_energy(self, deflections: Vector) -> Scalar:

@@ -283,7 +283,8 @@ class DynamicsMethods(Dispatch):
         Raises
         ------
         InputError
-            The box is not of this robot, or the robot has beams.
+            The box is not of this robot, or the robot has beams. With load friction: the load
+            of a drive does not belong to one speed.
 
         """
         return torque_bounds(self, q, u, udot, uncertainty, wrench, t)

@@ -1,12 +1,13 @@
 """The parts of a controller as kernels and in C are those of the library."""
 
 import ctypes
+import math
 from pathlib import Path
 import shutil
 import subprocess
 
-from kane_dynamics import (CollisionDetector, Controller, controller_kernels, InputError,
-                           load_urdf, Mode, MomentumObserver, Motion, Robot)
+from kane_dynamics import (absolute_rates, CollisionDetector, Controller, controller_kernels,
+                           InputError, load_urdf, Mode, MomentumObserver, Motion, Robot, simulate)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.control.torque_limiter import TorqueLimiter
 from linkages import four_bar
@@ -17,12 +18,16 @@ import pytest
 EXAMPLE = Path(__file__).resolve().parents[3] / 'examples' / 'exported_controller'
 
 
-def arm():
-    """Return a two-link arm with friction."""
+DAHL = {'presliding_stiffness': 20.0}
+LUGRE = {**DAHL, 'presliding_damping': 0.5, 'breakaway_friction': 1.5, 'stribeck_speed': 0.1}
+
+
+def arm(further=None, **options):
+    """Return a two-link arm with friction, and further terms of its law."""
     path = resource_path('urdf', 'two_link.urdf')
-    friction = {'friction': 1.0, 'friction_speed': 0.05, 'damping': 0.5}
+    friction = {'friction': 1.0, 'friction_speed': 0.05, 'damping': 0.5, **(further or {})}
     joints = dict.fromkeys(load_urdf(path).joint_names, friction)
-    return Robot(load_urdf(path, supplement={'joints': joints}))
+    return Robot(load_urdf(path, supplement={'joints': joints}), **options)
 
 
 def test_the_limiter_is_that_of_the_library():
@@ -42,20 +47,24 @@ def test_the_limiter_is_that_of_the_library():
     assert command.limited
 
 
+@pytest.mark.parametrize('law', [None, DAHL, LUGRE])
+@pytest.mark.parametrize('speeds', [None, absolute_rates])
 @pytest.mark.parametrize('held', [True, False])
-def test_the_observer_is_that_of_the_library(held):
-    robot, gain = arm(), np.array([30.0, 60.0])
+def test_the_observer_is_that_of_the_library(held, speeds, law):
+    robot, gain = arm(law, speeds=speeds), np.array([30.0, 60.0])
     _, _, step, _ = controller_kernels(robot)
     observer, rng = MomentumObserver(robot, gain=gain, held=held), np.random.default_rng(0)
-    memory, last_tau, last_t = np.zeros((3, 2)), np.zeros(2), 0.0
+    memory = np.zeros(step.traced().shape)
+    assert memory.shape == ((12,) if law else (3, 2))
+    last_tau, last_t = np.zeros(2), 0.0
     q, u = rng.uniform(-1.0, 1.0, (2, 2))
     for t in np.cumsum(rng.uniform(0.001, 0.01, 30)):
         q, u, tau = q + 0.01 * u, u + rng.normal(0.0, 0.1, 2), rng.uniform(-5.0, 5.0, 2)
         mean = last_tau if held else 0.5 * (last_tau + tau)
         elapsed = t - last_t if last_t else 0.0
         memory = step(q, u, mean, memory, elapsed, np.exp(-gain * elapsed))
-        expected = observer.update(t, q, u, tau)
-        np.testing.assert_allclose(memory[0], expected, rtol=1e-9, atol=1e-9)
+        expected = observer.update(t, q, u, robot.generalized_force(tau, q))
+        np.testing.assert_allclose(memory.ravel()[:2], expected, rtol=1e-9, atol=1e-9)
         last_tau, last_t = tau, t
     assert np.abs(expected).max() > 1.0
 
@@ -164,6 +173,30 @@ def test_a_controller_in_c_of_the_palletizer_is_that_of_the_library(tmp_path):
     assert np.isnan(law(opened, u, *desired, gains)[0])
     assert np.isnan(observe(opened, u, last, memory, step, np.ones(robot.n))[0, 0])
     assert np.isfinite(observe(q, u, last, memory * np.nan, 0.0, np.ones(robot.n))).all()
+
+
+@pytest.mark.parametrize('law', [DAHL, LUGRE, {**DAHL, 'load_friction': 0.1}])
+def test_presliding_friction_is_no_external_torque_in_c(law, tmp_path):
+    robot, gain = arm(law), np.full(2, 50.0)
+    observe = in_c(robot, controller_kernels(robot), tmp_path)[2]
+
+    def torque(t, q, u):
+        return robot.gravity_force(q) + 3.0 * np.array([math.sin(3.0 * t), math.sin(5.0 * t)])
+    run = simulate(robot, np.array([0.3, -0.5]), np.zeros(2), 3.0, torque=torque, step=1e-3)
+
+    def largest(observe, memory):
+        estimates = []
+        for k in range(len(run.t)):
+            elapsed = run.t[k] - run.t[k - 1] if k else 0.0
+            mean = 0.5 * (run.tau[k] + run.tau[k - 1]) if k else run.tau[k]
+            memory = observe(run.q[k], run.u[k], mean, memory, elapsed, np.exp(-gain * elapsed))
+            estimates.append(memory.ravel()[:2])
+        return np.abs(estimates).max()
+    # Without deflections, friction is wrong by up to twice its size after a reversal.
+    stiff = arm({**law, 'presliding_stiffness': 0.0, 'presliding_damping': 0.0})
+    wrong = largest(controller_kernels(stiff)[2], np.zeros((3, 2)))
+    assert wrong > 0.5
+    assert largest(observe, np.full(12, np.nan)) < 0.05 * wrong
 
 
 def test_controllers_of_another_robot_are_not_exported(tmp_path):

@@ -57,6 +57,10 @@ def test_the_law_of_the_arm_is_chosen_and_predicts_other_motion(law):
         np.testing.assert_allclose(found.quadratic_damping, 1.2, rtol=0.15)
     if law == 'presliding':
         np.testing.assert_allclose(found.presliding, TRAVEL, rtol=0.4)
+        # Bristles slide at the same friction after the same travel.
+        for j, joint in enumerate(found.model.coordinate_joints):
+            travel = joint.friction / joint.presliding_stiffness
+            assert travel == pytest.approx(found.presliding[j])
     else:
         assert not found.presliding.any()
         # The model has the law, and its torque is that of the fit.
