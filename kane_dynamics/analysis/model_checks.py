@@ -127,13 +127,14 @@ def _examine_limits(model: Model, robot: Robot) -> list[Finding]:
 def _examine_drives(model: Model, robot: Robot) -> list[Finding]:
     """Return warnings of joints whose friction or rotor inertia is not known."""
     driven = _driven_joints(model, robot)
+    rotors = {elastic.drive.motor for elastic in model.drives}  # whose inertia is stated
     frictionless: list[str] = []
     without_rotor: list[str] = []
     # Every real drive has friction and a rotor; many URDFs state neither.
     for joint in model.coordinate_joints:
         if joint.name not in model.floating_base and not resists(joint):
             frictionless.append(joint.name)
-        if joint.name in driven and not joint.armature:
+        if joint.name in driven and joint.name not in rotors and not joint.armature:
             without_rotor.append(joint.name)
     findings = []
     if frictionless:
@@ -276,10 +277,19 @@ def examine_masses(robot: Robot) -> list[Finding]:
                     'an <inertial> on what they move, or an armature in the supplement')]
 
 
+def _holding_efforts(robot: Robot) -> Array:
+    """Return the largest torques that can hold the joints, (n_q,), N m or N."""
+    efforts = robot.limits.effort.copy()
+    # What holds the link of an elastic joint passes its gear and its motor.
+    for elastic in robot.drives:
+        efforts[elastic.link] = min(elastic.drive.gear_effort, efforts[elastic.motor])
+    return efforts
+
+
 def _too_weak(robot: Robot, torques: Array, what: str) -> list[str]:
-    """Return the joints whose torque, (n_q,), exceeds their effort limit, in words."""
+    """Return the joints whose torque, (n_q,), exceeds what can hold it, in words."""
     weak = []
-    for name, torque, limit in zip(robot.joint_names, torques, robot.limits.effort):
+    for name, torque, limit in zip(robot.joint_names, torques, _holding_efforts(robot)):
         if torque > limit:
             weak.append(f"'{name}' ({what} up to {torque:.5g}, effort {limit:.5g})")
     return weak
@@ -313,7 +323,7 @@ def _examine_holding_torques(robot: Robot, uncertainty: Uncertainty | None
     except ConstraintError as error:
         return [Finding('warning', 'holding torques: not examined in random closed '
                         f'configurations; {error}')]
-    efforts = robot.limits.effort
+    efforts = _holding_efforts(robot)
     # The configurations in which an actuator is too weak, and by how much.
     weak = _too_weak(robot, torques.max(axis=0), 'torque')
     beyond = int((torques > efforts).any(axis=1).sum())

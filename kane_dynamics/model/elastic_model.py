@@ -80,7 +80,8 @@ def with_rigid_joints(model: Model) -> Model:
     Return the model with rigid joints for elastic ones: the motors follow the links.
 
     The motor of a joint becomes a joint that mimics it, so that inertia and friction of
-    the motor's side stay, and its coordinate is gone.
+    the motor's side stay, and its coordinate is gone. The joint's limit of effort is the
+    motor's, its limit of velocity the smaller one.
 
     Raises
     ------
@@ -92,11 +93,18 @@ def with_rigid_joints(model: Model) -> Model:
     # Each motor moves with its link; coordinates of motors go.
     links = {elastic.drive.motor: elastic.link for elastic in model.drives}
     coordinates = [k for k, name in enumerate(model.joint_names) if name not in links]
+    joints = {body.joint.name: body.joint for body in model.bodies}
     bodies = []
     for body in model.bodies:
         joint = body.joint
+        limits = joint.limits
+        if joint.drive is not None:
+            motor = joints[joint.drive.motor].limits
+            limits = replace(limits, effort=motor.effort,
+                             velocity=min(limits.velocity, motor.velocity))
         coordinate = links.get(joint.name, joint.coordinate)
         joint = replace(joint, drive=None, coordinate=coordinates.index(coordinate),
+                        limits=limits,
                         deflection=renumbered(joint.deflection, coordinates.index))
         bodies.append(replace(body, joint=joint,
                               beam=renumbered(body.beam, coordinates.index)))

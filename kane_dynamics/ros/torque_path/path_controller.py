@@ -1,7 +1,6 @@
 """The controller of the torque path, as the parameters of the node describe it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 import math
 from typing import Any
 
@@ -11,7 +10,6 @@ from kane_dynamics.control.quasi_static import rigid_and_bending
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.model.elastic_model import with_rigid_joints
 from kane_dynamics.model.model import Model
-from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.configuration_files import robot_options
 from kane_dynamics.ros.common.conversion import Array
@@ -49,25 +47,10 @@ def path_controller(model: Model, values: Mapping[str, Any],
     # Elastic joints are controlled as rigid ones, with the limits of their motors.
     rigid = with_rigid_joints(model) if model.drives else model
     robot, bending = rigid_and_bending(rigid, robot_options(values))
-    if model.drives:
-        robot.limits = _limits_of_motors(model, robot)
     laws: Mapping[Mode, ModeLaw] = {}
     if laws_of is not None:
         laws = laws_of(robot)
     return Controller(robot, bending=bending, laws=laws, **path_settings(values, robot))
-
-
-def _limits_of_motors(model: Model, robot: Robot) -> JointLimits:
-    """Return the limits of joints made rigid: those of the motors of elastic ones."""
-    effort = robot.limits.effort.copy()
-    velocity = robot.limits.velocity.copy()
-    joints = {body.joint.name: body.joint.limits for body in model.bodies}
-    for elastic in model.drives:
-        place = robot.joint_names.index(elastic.name)
-        motor = joints[elastic.drive.motor]
-        effort[place] = motor.effort
-        velocity[place] = min(velocity[place], motor.velocity)
-    return replace(robot.limits, effort=effort, velocity=velocity)
 
 
 def path_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:

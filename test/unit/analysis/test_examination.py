@@ -3,10 +3,9 @@
 from functools import cache
 import math
 
-from kane_dynamics import (Drive, ModelBuilder, point_mass, Robot, rod, StiffnessCurve,
-                           Uncertainty, with_drives)
+from kane_dynamics import (Drive, Limits, ModelBuilder, point_mass, Robot, rod,
+                           StiffnessCurve, Uncertainty, with_drives)
 from kane_dynamics.analysis.model_checks import examine_model, largest_gravity_forces
-from kane_dynamics.model.model import Limits
 import numpy as np
 import pytest
 
@@ -58,6 +57,29 @@ def test_configurations_are_tried_up_to_the_limits_and_not_beyond(limits, slide,
                  limits=slide)
     largest = largest_gravity_forces(Robot(builder.model()))[0]
     np.testing.assert_allclose(largest, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize('limits', [{'motor_effort': 30.0}, {'gear_effort': 30.0}])
+def test_the_weight_of_elastic_joints_is_held_by_motors_and_gears(limits):
+    b = ModelBuilder('arm')
+    b.body('rod', joint='lift', axis=(0, 1, 0), inertial=rod(8.0, (0, 0, 0), (1.0, 0, 0)),
+           limits=Limits(-1.0, 1.0, 2.0, 60.0))
+    strong = {'motor_effort': 60.0, 'gear_effort': 60.0}
+    for stated, level in ((strong, 'fine'), (strong | limits, 'problem')):
+        model = with_drives(b.model(), {'lift': Drive(1e4, rotor_inertia=0.1, **stated)})
+        findings = examine_model(model, Robot(model), [])
+        about = [finding for finding in findings if 'hold' in finding.words]
+        assert [finding.level for finding in about] == [level]
+    assert "'lift' (weight up to 39.24, effort 30)" in about[0].words
+
+
+def test_a_fully_coupled_rotor_is_known():
+    b = ModelBuilder('arm')
+    b.body('rod', joint='lift', axis=(0, 1, 0), inertial=rod(8.0, (0, 0, 0), (1.0, 0, 0)))
+    model = with_drives(b.model(), {'lift': Drive(1e4, ratio=50.0, rotor_inertia=0.1,
+                                                  full_coupling=True)})
+    findings = examine_model(model, Robot(model), [])
+    assert not any('rotor inertia' in finding.words for finding in findings)
 
 
 def test_a_link_behind_the_gear_of_a_drive_is_not_asked_for_a_rotor():

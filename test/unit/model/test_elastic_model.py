@@ -152,6 +152,15 @@ def test_rigid_joints_move_motors_with_their_links():
         assert_allclose(kane.inverse_dynamics(rigid, q, u, udot), expected, rtol=1e-12)
 
 
+def test_rigid_joints_have_the_limits_of_the_motors():
+    limits = {'motor_effort': 40.0, 'motor_velocity': 5.0}
+    rigid = with_rigid_joints(arm(a=Drive(1e4, **limits)).model())
+    # The joint itself is limited to 90 N m and 3 rad/s.
+    assert rigid.bodies[0].joint.limits == Limits(-2.0, 2.0, 3.0, 40.0)
+    slow = with_rigid_joints(arm(a=Drive(1e4, motor_velocity=1.0)).model())
+    assert slow.bodies[0].joint.limits == Limits(-2.0, 2.0, 1.0, 90.0)
+
+
 def test_locked_motors_and_links_leave_the_spring_at_the_other_side():
     model = arm(a=Drive(1e4, damping=2.0, friction=LAW),
                 b=Drive(5e3, ratio=-40.0, damping=1.0, rotor_inertia=0.1, friction=LAW,
