@@ -63,5 +63,5 @@ def start():
 
     yield start
     for process in running:
-        if process.alive():
-            process.end()
+        process.end()
+        assert 'Fatal Python error' not in process.log, process.log

@@ -2,11 +2,11 @@
 
 import os
 from pathlib import Path
-import random
 import subprocess
 import sys
 
 import pytest
+from ros_domain import own_domain
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -17,7 +17,7 @@ def run_demo(output, timeout, *options):
         pytest.importorskip(module)
     path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])
     environment = {**os.environ, 'PYTHONPATH': path,
-                   'ROS_DOMAIN_ID': str(random.SystemRandom().randint(1, 100))}
+                   'ROS_DOMAIN_ID': own_domain()}
     return subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'demo', *options, '--output',
                            str(output)], capture_output=True, text=True, timeout=timeout,
                           env=environment)

@@ -85,15 +85,22 @@ def test_qos_of_states_and_commands_may_be_changed(client, start, tmp_path):
     assert 'torque path: python (qos_overrides)' in node.log
     assert 'unknown' not in node.log
 
-    def reliability(endpoints):
-        return {end.node_name: end.qos_profile.reliability for end in endpoints}
-    assert wait_until(lambda: reliability(client.get_subscriptions_info_by_topic(
-        'joint_states')).get('kane_dynamics') == ReliabilityPolicy.RELIABLE)
-    assert wait_until(lambda: reliability(client.get_publishers_info_by_topic(
-        'commands')).get('kane_dynamics') == ReliabilityPolicy.BEST_EFFORT)
+    def of_node(endpoints, topic):
+        return [end.qos_profile.reliability for end in endpoints(topic)
+                if end.node_name == 'kane_dynamics']
+
+    def has(reliability, endpoints, topic):
+        # Endpoints are known before the name of their node; those of nodes that ended before
+        # are listed for a time.
+        assert wait_until(lambda: reliability in of_node(endpoints, topic), 30.0), (
+            topic, of_node(endpoints, topic), node.log)
+    has(ReliabilityPolicy.RELIABLE, client.get_subscriptions_info_by_topic, 'joint_states')
+    has(ReliabilityPolicy.BEST_EFFORT, client.get_publishers_info_by_topic, 'commands')
     # Other topics keep their profiles.
-    assert reliability(client.get_publishers_info_by_topic(
-        'kane_dynamics/joint_torques'))['kane_dynamics'] == ReliabilityPolicy.RELIABLE
+    torques = 'kane_dynamics/joint_torques'
+    assert ReliabilityPolicy.BEST_EFFORT not in of_node(client.get_publishers_info_by_topic,
+                                                        torques)
+    has(ReliabilityPolicy.RELIABLE, client.get_publishers_info_by_topic, torques)
     assert client.transition(Transition.TRANSITION_DEACTIVATE)
     assert client.transition(Transition.TRANSITION_CLEANUP)
     assert client.transition(Transition.TRANSITION_CONFIGURE), node.log[-500:]

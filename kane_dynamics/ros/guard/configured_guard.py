@@ -11,8 +11,9 @@ from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.verification import compile_verified
 from kane_dynamics.ros.common.node_statistics import Statistics
-from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
+from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE
 from kane_dynamics.ros.guard.guard_path import GuardPath
+from kane_dynamics.ros.guard.node_torques import NodeTorques
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
@@ -21,7 +22,6 @@ from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS, LO
 from kane_dynamics.ros.torque_path.path_controller import path_controller
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -39,8 +39,8 @@ class ConfiguredGuard:
     ----------
     node : Node
         The guard.
-    target : str
-        Name of the dynamics node.
+    torques : NodeTorques
+        Those of the dynamics node.
     model : Model
     values : mapping
         Parameters of the dynamics node.
@@ -59,9 +59,9 @@ class ConfiguredGuard:
 
     """
 
-    def __init__(self, node: Node, target: str, model: Model, values: Mapping[str, Any],
-                 warn: Callable[[str, str], None], report: Callable[[str, str], None],
-                 identity: float) -> None:
+    def __init__(self, node: Node, torques: NodeTorques, model: Model,
+                 values: Mapping[str, Any], warn: Callable[[str, str], None],
+                 report: Callable[[str, str], None], identity: float) -> None:
         self._identity = identity
         # The guard holds in modes of its own.
         controller = path_controller(model, {**values, 'mode': Mode.COMPUTED_TORQUE})
@@ -85,23 +85,24 @@ class ConfiguredGuard:
         self._request = float64_multi_array(1)
         # What was opened is closed again if a later part cannot be.
         with ExitStack() as opened:
-            self._open(node, target, controller, values, warn, report, opened)
+            self._open(node, torques, controller, values, warn, report, opened)
             self._opened = opened.pop_all()
         self.path.start()
 
-    def _open(self, node: Node, target: str, controller: Any, values: Mapping[str, Any],
-              warn: Callable[[str, str], None], report: Callable[[str, str], None],
-              opened: ExitStack) -> None:
+    def _open(self, node: Node, torques: NodeTorques, controller: Any,
+              values: Mapping[str, Any], warn: Callable[[str, str], None],
+              report: Callable[[str, str], None], opened: ExitStack) -> None:
         """Open the topics and register them with `opened`."""
+        target = torques.target
+
         def publisher(kind: Any, name: str) -> Any:
             result = node.create_publisher(kind, name, RELIABLE)
             opened.callback(node.destroy_publisher, result)
             return result
 
-        def subscribe(kind: Any, name: str, callback: Any, qos: Any,
-                      **options: Any) -> None:
+        def subscribe(kind: Any, name: str, callback: Any, qos: Any) -> None:
             opened.callback(node.destroy_subscription, node.create_subscription(
-                kind, name, callback, qos, raw=True, **options))
+                kind, name, callback, qos, raw=True))
         # What it commands and says.
         self._commands = publisher(Float64MultiArray, 'commands')
         self._state = publisher(Float64MultiArray, f'{target}/{STATE}')
@@ -115,11 +116,8 @@ class ConfiguredGuard:
         # What it hears: the arm, and the node's torques with their deadline and
         # liveliness.
         subscribe(JointState, 'joint_states', self.path.on_state, BEST_EFFORT)
-        subscribe(JointState, f'{target}/joint_torques', self.path.on_torques,
-                  watched(values['guard.lease'], values['guard.deadline'],
-                          watching=True),
-                  event_callbacks=SubscriptionEventCallbacks(
-                      deadline=self._on_deadline, liveliness=self._on_liveliness))
+        opened.callback(torques.hear(values['guard.lease'], values['guard.deadline'],
+                                     self))
         subscribe(Float64MultiArray, f'{target}/{REQUEST}', self._on_request, RELIABLE)
 
     def _tick(self) -> None:
@@ -183,12 +181,18 @@ class ConfiguredGuard:
         if acted:
             self._report('info', 'the dynamics node is back; watching it')
 
-    def _on_deadline(self, event: Any) -> None:
-        self.missed_deadlines += event.total_count_change
+    def on_torques(self, data: bytes) -> None:
+        """Note a command of the node, a serialized JointState."""
+        self.path.on_torques(data)
 
-    def _on_liveliness(self, event: Any) -> None:
-        self.node_alive = event.alive_count > 0
-        if not self.node_alive:
+    def on_deadline(self, missed: int) -> None:
+        """Count missed deadlines."""
+        self.missed_deadlines += missed
+
+    def on_liveliness(self, alive: bool) -> None:
+        """Note whether the node is alive; take over from one that is not."""
+        self.node_alive = alive
+        if not alive:
             now = time.perf_counter()
             self.path.watch.tick(now)
             self.path.watch.check(now, lost=True)

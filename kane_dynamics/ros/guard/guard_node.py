@@ -18,6 +18,7 @@ from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard
 from kane_dynamics.ros.guard.node_parameters import (NodeParameters, SHARED,
                                                      SIMULATED_TIME)
+from kane_dynamics.ros.guard.node_torques import NodeTorques
 from kane_dynamics.ros.guard.node_watch import NodeWatch
 from kane_dynamics.ros.parameters.parameter_checks import FOREIGN
 from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS,
@@ -58,6 +59,7 @@ class GuardNode(Node):
         answer_service_errors(self)
         self.target = str(self.declare_parameter('node', 'kane_dynamics').value)
         self._warn_of_ignored_parameters()
+        self._torques = NodeTorques(self, self.target)
         self.guard: ConfiguredGuard | None = None
         self.reason = (f'no message on {self.target}/{LOADS}; expected a configured '
                        'node with guard.enabled true')
@@ -247,7 +249,7 @@ class GuardNode(Node):
         if self._loads is not None and digest != self._loads.digest:
             self._refuse(DIFFERENT.format(model=model.name, target=self.target))
             return
-        self.guard = ConfiguredGuard(self, self.target, model, values, self._warn,
+        self.guard = ConfiguredGuard(self, self._torques, model, values, self._warn,
                                      self._report, self._identity)
         realtime.exclude_existing_objects()
         realtime.apply_realtime_settings(values, log.warning)

@@ -25,6 +25,7 @@ from kane_dynamics.model.inertial import Inertial  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink  # noqa: E402
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard  # noqa: E402
+from kane_dynamics.ros.guard.node_torques import NodeTorques  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings  # noqa: E402
 from kane_dynamics.ros.torque_path.arbitration import Arbitration  # noqa: E402
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array, write_joint_state  # noqa: E402
@@ -147,7 +148,8 @@ class Pair:
         self._state = PreparedMessage(writer, offsets[0], 2)
         self._speeds = self._state.doubles(offsets[1], 2)
         self.guard_process = Process(self.machine, 'guard')
-        self.guard = ConfiguredGuard(self.guard_process, 'node', MODEL, self.values,
+        self.guard = ConfiguredGuard(self.guard_process,
+                                     NodeTorques(self.guard_process, 'node'), MODEL, self.values,
                                      lambda *words: None,
                                      lambda level, text: self.guard_process.log.append(text),
                                      identity=1.0)
@@ -595,6 +597,31 @@ def test_a_guard_that_was_stopped_listens_before_it_commands_from_its_old_torque
     assert both.largest_step(taken) <= 1.0 + 1e-9
 
 
+def test_a_subscription_with_events_is_used_again_and_never_destroyed():
+    """Where it is destroyed while an event waits, rclpy ends the process."""
+    made, heard = [], []
+
+    def subscribe(*arguments, **options):
+        made.append(arguments)
+    torques = NodeTorques(SimpleNamespace(create_subscription=subscribe), 'node')
+
+    def listener(name):
+        return SimpleNamespace(on_torques=lambda data: heard.append((name, data)),
+                               on_liveliness=lambda alive: heard.append((name, alive)))
+    forget = torques.hear(0.02, 0.1, listener('first'))
+    (_, topic, on_torques, _), = made
+    assert topic == 'node/joint_torques'
+    on_torques(b'1')
+    on_torques.__self__.on_liveliness(SimpleNamespace(alive_count=1))
+    forget()
+    on_torques(b'2')
+    torques.hear(0.02, 0.1, listener('second'))
+    on_torques(b'3')
+    torques.hear(0.03, 0.1, listener('third'))
+    assert len(made) == 2
+    assert heard == [('first', b'1'), ('first', True), ('second', True), ('second', b'3')]
+
+
 def test_a_message_of_loads_is_a_float64_multi_array():
     data = loads_to_numbers(1.0, GravityAndPayload(np.zeros(3)), 5.0)
     assert len(Float64MultiArray(data=data).data) == LOADS_LENGTH
@@ -717,7 +744,7 @@ def test_the_guard_stops_an_arm_whose_states_become_false_right_after_its_node_d
     both.node_process.dead = True
     arm.run(0.006)
     arm.run(0.006, false=True)
-    both.guard._on_liveliness(SimpleNamespace(alive_count=0))
+    both.guard.on_liveliness(False)
     assert both.guard.path.watch.acting
     arm.run(1.0, false=True)
     assert both.machine.commands[-1][1] == 'guard'
