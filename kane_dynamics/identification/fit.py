@@ -18,7 +18,7 @@ from kane_dynamics.identification.friction_laws import (block_flags, Blocks,
                                                         largest_supported, law_error,
                                                         LAW_NAMES, law_rows, LawFit,
                                                         LawRows, LAWS, moving_rms,
-                                                        phases, Prior)
+                                                        phases, Prior, without_harm)
 from kane_dynamics.identification.physical_consistency import physical
 from kane_dynamics.identification.recordings.diagnosis import diagnose
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
@@ -512,7 +512,8 @@ def _selected(rows_of_fit: LawRows, blocks: list[Flags], start: LawFit, prior: P
         errors.append(every)
         candidates[law.name] = CandidateErrors(_root_mean_square(every),
                                                _root_mean_square(moving))
-    return chosen_laws(errors, _loaded(rows_of_fit, prior.model)), candidates
+    laws = chosen_laws(errors, _loaded(rows_of_fit, prior.model))
+    return without_harm(laws, candidates), candidates
 
 
 def _loaded(rows_of_fit: LawRows, model: Model) -> Flags:

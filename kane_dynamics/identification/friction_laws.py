@@ -23,7 +23,7 @@ has another one only if its own errors say so clearly; the mean of all joints is
 of each joint's (empirical Bayes; Efron & Morris, JASA 70 (1975)).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -51,6 +51,7 @@ REWEIGHTED = 2  # fits with weights of the joints by their residuals
 SIGNIFICANT = 2.0  # standard errors by which the law of a joint is better than the arm's
 NEGLIGIBLE = 0.01  # relative difference of errors that justifies no further term
 FLOOR = 1e-3  # of the RMS of the torque: smaller errors are no difference
+HARM = 0.05  # relative error by which the arm's law is wrong for a joint
 ALIKE = 0.02  # RMS distance of a repeated motion, relative to the range of each joint
 LEAST_PERIODS = 1.8  # of a periodic recording
 
@@ -473,6 +474,25 @@ def chosen_laws(errors: Sequence[Array], loaded: Flags) -> tuple[FrictionLaw, ..
                 present = k
         chosen.append(LAWS[present])
     return tuple(chosen)
+
+
+def without_harm(laws: Sequence[FrictionLaw], candidates: Mapping[str, CandidateErrors]
+                 ) -> tuple[FrictionLaw, ...]:
+    """
+    Return the laws, with Coulomb friction of joints for which theirs predicts worse.
+
+    That is where the error on left-out blocks, of all rows or of those in motion, is larger
+    by more than 5 %: the mean over an arm may hide it.
+    """
+    plain = candidates[COULOMB.name]
+    harmless = []
+    for j, law in enumerate(laws):
+        errors = candidates[law.name]
+        growth = errors.every[j] / plain.every[j], errors.moving[j] / plain.moving[j]
+        # A joint that never moves has no number of rows in motion.
+        harms = any(ratio > 1.0 + HARM for ratio in growth)
+        harmless.append(COULOMB if harms else law)
+    return tuple(harmless)
 
 
 def _simplest(levels: Array) -> int:

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from kane_dynamics import InputError, load_urdf, Robot
 from kane_dynamics.identification import identify, Recording
-from kane_dynamics.identification.friction_laws import LAW_NAMES, period, phases
+from kane_dynamics.identification.friction_laws import (CandidateErrors, LAW_NAMES, LAWS, period,
+                                                        phases, without_harm)
 from kane_dynamics.identification.presliding import dahl_friction
 import numpy as np
 import pytest
@@ -66,6 +67,14 @@ def test_the_law_of_the_arm_is_chosen_and_predicts_other_motion(law):
         # The model has the law, and its torque is that of the fit.
         tau = Robot(found.model).inverse_dynamics(recording.q, recording.u, recording.udot)
         np.testing.assert_allclose(tau, found.torque(recording), atol=1e-9)
+
+
+def test_a_joint_for_which_the_law_of_the_arm_predicts_worse_has_coulomb_friction():
+    plain = CandidateErrors(np.ones(4), np.array([1.0, 1.0, 1.0, np.nan]))
+    other = CandidateErrors(np.array([0.8, 1.06, 0.9, 0.9]), np.array([1.0, 0.9, 1.06, np.nan]))
+    laws = [LAWS[LAW_NAMES.index('presliding')]] * 4
+    found = without_harm(laws, {'coulomb': plain, 'presliding': other})
+    assert [law.name for law in found] == ['presliding', 'coulomb', 'coulomb', 'presliding']
 
 
 def test_friction_speeds_of_laws_are_fitted_between_the_candidates():
