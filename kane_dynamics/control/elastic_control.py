@@ -19,6 +19,7 @@ and motors, as in `Robot`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from kane_dynamics._util.attribute_hints import hinting
@@ -327,11 +328,8 @@ class MotorSideControl:
             An invalid tolerance or side, or a tolerance that needs more points.
 
         """
-        if sensor_side not in (MOTOR, LINK):
-            raise InputError(f"sensor_side: {sensor_side!r}; expected '{MOTOR}' or '{LINK}'")
-        allowed = per_joint(tolerance, 'tolerance', self.arm.names)
-        if not (allowed > 0.0).all():
-            raise InputError(f'tolerance: {allowed.tolist()}; expected positive numbers')
+        check_side(sensor_side)
+        allowed = effort_tolerance(tolerance, self.arm.names)
         times = self.motion.times.copy()
         count = len(times)
         while True:
@@ -364,6 +362,20 @@ class MotorSideControl:
         """Return tau, (n_tau,), at a time and a state of links and motors."""
         desired = derivatives_of(self.motion, np.array([t]))[0]
         return np.asarray(self._law(q, u, desired, self.kp, self.kd))
+
+
+def check_side(sensor_side: str) -> None:
+    """Raise InputError for what is no side of a gear."""
+    if sensor_side not in (MOTOR, LINK):
+        raise InputError(f"sensor_side: {sensor_side!r}; expected '{MOTOR}' or '{LINK}'")
+
+
+def effort_tolerance(tolerance: ArrayLike, joints: Sequence[str]) -> Array:
+    """Return the checked largest error of the effort of each joint, (n,), N m or N."""
+    allowed = per_joint(tolerance, 'tolerance', joints)
+    if not (allowed > 0.0).all():
+        raise InputError(f'tolerance: {allowed.tolist()}; expected positive numbers')
+    return allowed
 
 
 def derivatives_of(motion: Motion | SmoothMotion, t: Array) -> Array:

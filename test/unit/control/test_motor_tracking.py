@@ -11,6 +11,7 @@ JOINTS = 'joint1', 'joint2'
 RIGID = load_urdf(resource_path('urdf', 'two_link.urdf'), supplement={
     'joints': {name: {'armature': 0.1} for name in JOINTS}})
 MOVE = SmoothMotion.from_points([0.0, 0.6], [[0.1, -0.2], [0.9, 0.5]], joint_names=JOINTS)
+TURN = SmoothMotion.from_points([0.0, 0.6], [[0.5], [2.0]], joint_names=['crank'])
 STEP = 1e-3
 
 
@@ -95,15 +96,40 @@ def test_rigid_joints_beside_elastic_ones_are_controlled():
 def test_the_motor_of_a_loop_moves_its_crank(options):
     # Without actuators beside the drive, with other speeds, and with a motor at the rocker.
     feedforward = four_bar(**options)
-    turn = SmoothMotion.from_points([0.0, 0.6], [[0.5], [2.0]], joint_names=['crank'])
-    control = MotorTracking(feedforward, turn, kp=200.0, kd=10.0, lead=0.5 * STEP)
+    control = MotorTracking(feedforward, TURN, kp=200.0, kd=10.0, lead=0.5 * STEP)
     assert control.joint_names == options.get('actuated', ('crank',))
-    assert largest_error(control, turn) < 2e-5
+    assert largest_error(control, TURN) < 2e-5
+
+
+@pytest.mark.parametrize(('control', 'motion'), [
+    (lambda: MotorTracking(ElasticFeedforward(arm(damping=5.0)), MOVE, kp=1.0, kd=1.0), MOVE),
+    (lambda: MotorTracking(four_bar(), TURN, kp=1.0, kd=1.0), TURN)], ids=['damped', 'loop'])
+def test_a_trajectory_follows_the_motion_of_the_motors_within_the_tolerance(control, motion):
+    control = control()
+    rows, driven = control.command, len(control.joint_names)
+    filled = control.trajectory(0.1)
+    assert filled.joint_names == control.joint_names
+    assert len(filled.times) < len(rows.time) / 3
+    assert filled.inserted > 0
+    assert filled.effort_error.max() <= 0.1
+    for k in range(driven):
+        efforts = np.interp(rows.time, filled.times, filled.efforts[:, k])
+        assert np.abs(efforts - rows.motor_torque[:, k]).max() <= 0.1
+    moved = filled.motion.sample(rows.time)[0]
+    # Between its points the motors differ by less than that torque deflects the springs.
+    np.testing.assert_allclose(moved, rows.motor_position[:, :driven], rtol=0,
+                               atol=0.1 / 2000.0)
+    # It ends with the motion, at rest, and of the links it is the motion itself.
+    np.testing.assert_allclose(filled.velocities[-1], 0.0, atol=1e-9)
+    of_links = control.trajectory(0.1, sensor_side='link')
+    np.testing.assert_array_equal(of_links.efforts, filled.efforts)
+    for actual, wanted in zip((of_links.positions, of_links.velocities,
+                               of_links.accelerations), motion.sample(of_links.times)):
+        np.testing.assert_allclose(actual, wanted, atol=1e-9 * (1.0 + np.abs(wanted).max()))
 
 
 def test_arguments_are_checked():
-    feedforward = four_bar()
-    turn = SmoothMotion.from_points([0.0, 0.6], [[0.5], [2.0]], joint_names=['crank'])
+    feedforward, turn = four_bar(), TURN
     with pytest.raises(InputError, match='feedforward'):
         MotorTracking(feedforward.robot, turn, kp=1.0, kd=1.0)
     with pytest.raises(InputError, match='kp'):
