@@ -128,11 +128,17 @@ def _examine_drives(model: Model, robot: Robot) -> list[Finding]:
     """Return warnings of joints whose friction or rotor inertia is not known."""
     driven = _driven_joints(model, robot)
     rotors = {elastic.drive.motor for elastic in model.drives}  # whose inertia is stated
+    # The friction of an elastic joint is that of either side.
+    resisting = {joint.name for joint in model.coordinate_joints if resists(joint)}
+    for elastic in model.drives:
+        if elastic.drive.motor in resisting:
+            resisting.add(elastic.name)
+    frictional = resisting.union(rotors, model.floating_base)
     frictionless: list[str] = []
     without_rotor: list[str] = []
     # Every real drive has friction and a rotor; many URDFs state neither.
     for joint in model.coordinate_joints:
-        if joint.name not in model.floating_base and not resists(joint):
+        if joint.name not in frictional:
             frictionless.append(joint.name)
         if joint.name in driven and joint.name not in rotors and not joint.armature:
             without_rotor.append(joint.name)

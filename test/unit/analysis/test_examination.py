@@ -73,6 +73,18 @@ def test_the_weight_of_elastic_joints_is_held_by_motors_and_gears(limits):
     assert "'lift' (weight up to 39.24, effort 30)" in about[0].words
 
 
+@pytest.mark.parametrize(('link', 'motor', 'named'), [
+    ({}, {}, True), ({'damping': 1.0}, {}, False), ({}, {'damping': 1.0}, False)])
+def test_the_friction_of_an_elastic_joint_is_that_of_either_side(link, motor, named):
+    b = ModelBuilder('arm')
+    b.body('rod', joint='lift', axis=(0, 1, 0), inertial=rod(8.0, (0, 0, 0), (1.0, 0, 0)),
+           drive=Drive(1e4, rotor_inertia=0.1, friction=motor), **link)
+    findings = examine_model(b.model(), Robot(b.model()), [])
+    about = [finding.words for finding in findings if 'no friction is known' in finding.words]
+    assert len(about) == named
+    assert not named or 'of lift:' in about[0]
+
+
 def test_a_fully_coupled_rotor_is_known():
     b = ModelBuilder('arm')
     b.body('rod', joint='lift', axis=(0, 1, 0), inertial=rod(8.0, (0, 0, 0), (1.0, 0, 0)))
