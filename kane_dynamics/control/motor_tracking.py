@@ -192,6 +192,8 @@ def _even_step(motion: SmoothMotion | Motion, step: float) -> float:
 
 def _with_settling(motion: SmoothMotion | Motion, robot: Robot) -> SmoothMotion | Motion:
     """Return a motion with a rest in which the deflections of damped drives settle."""
+    if not isinstance(motion, Motion):
+        instance(motion, SmoothMotion, 'motion')
     constants = [0.0]
     for elastic in robot.drives:
         stiffness = elastic.drive.stiffness
@@ -202,5 +204,4 @@ def _with_settling(motion: SmoothMotion | Motion, robot: Robot) -> SmoothMotion 
         return motion
     if isinstance(motion, Motion):
         motion = SmoothMotion.from_motion(motion)
-    instance(motion, SmoothMotion, 'motion')
     return motion.with_rest(SETTLED * max(constants))
