@@ -63,5 +63,5 @@ def start():
 
     yield start
     for process in running:
-        process.end()
+        process.end(timeout=30.0)  # on a busy machine
         assert 'Fatal Python error' not in process.log, process.log

@@ -205,7 +205,7 @@ def test_half_an_hour_of_everything_leaves_the_node_as_it_was(client):
         assert not traced(process.log)
         assert after < 1.02 * before
     finally:
-        code, _ = process.end()
+        code, _ = process.end(timeout=60.0)  # with the allocators of the tests
     assert code == 0
 
 
@@ -232,7 +232,7 @@ def test_everything_switched_on_lives_through_ten_minutes_at_500_hz_and_one_at_2
         assert traffic.faults == []
         assert process.alive() and not traced(process.log)
     finally:
-        code, _ = process.end()
+        code, _ = process.end(timeout=60.0)  # with the allocators of the tests
     assert code == 0
 
 

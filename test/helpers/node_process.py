@@ -156,7 +156,7 @@ def active_until_end(process):
         process.wait_for('active, mode', 120.0)
         yield process
     finally:
-        code = process.end()[0]
+        code = process.end(timeout=30.0)[0]  # on a busy machine
     assert code == 0
     assert 'Traceback' not in process.log
 

@@ -214,7 +214,7 @@ class GuardPath(TorquePath):
             if self.fault and self.watch.armed and not self.commanding:
                 self._take_over_in_fault(now)
             return
-        late = LATE * self._timeout
+        late = LATE * self.states.timeout
         # The node is silent, and the arm too, or its states are impossible: the guard
         # commands. A node that commands hears the states that this guard does not.
         if self.watch.may_take_over(now) and self.watch.silent(now):
@@ -292,7 +292,7 @@ class GuardPath(TorquePath):
         began = float(self._memory.path.stop_began)
         if began <= NEVER or self.watch.commanded_last:
             return False
-        return self._last_command - self._epoch - began > self._stop_time * NANO
+        return self._last_command - self._epoch - began > self.states.stop_time * NANO
 
     def _begin_of_stop(self) -> Array:
         """Return where the model says that the arm is, and how fast; nan if unknown."""

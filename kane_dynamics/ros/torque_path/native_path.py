@@ -321,7 +321,7 @@ class NativeTorquePath(TorquePath):
                 motion, start = scheduled
                 scheduled = motion, start - self._epoch
             motions.append(scheduled)
-        period = max(round(LONGEST_WAIT * self._timeout), NANO // 1000)
+        period = max(round(LONGEST_WAIT * self.states.timeout), NANO // 1000)
         longest = None
         if self._guard is not None:
             longest = round(self._begun.shortest)
@@ -427,19 +427,19 @@ class NativeTorquePath(TorquePath):
     def time_out(self, reason: str) -> None:
         """Command zeros by the thread until the next valid state."""
         self._silence_reason = reason
-        self._asked[1] += 1
+        self._counts.silences += 1
         self._replan()
 
     def on_clock_jump(self) -> None:
         """Drop motions and stamps of the time before the jump, in the thread."""
         if not self._hears_time:  # else the thread sees it
-            self._asked[0] += 1
+            self._counts.jumps += 1
             self._replan()
 
     def on_clock_replaced(self) -> None:
         """Use another clock, whose stamps have nothing in common with those before."""
         self.native.simulate_time(self._hears_time)
-        self._asked[0] += 1
+        self._counts.jumps += 1
         if self.wrenches is not None:
             self.wrenches.clear()
         self.time_out('clock replaced')
@@ -568,7 +568,7 @@ class NativeTorquePath(TorquePath):
             motion, _ = self.active_motion.at(stamp)
         law = self._laws.get(self.controller.mode)
         # A report from before a change of the mode has the memory of another law.
-        if law is not None and path.restarts == self._changes[0]:
+        if law is not None and path.restarts == self._counts.restarts:
             law.mirror(path.memory, self._epoch)
         external = None
         if self.wrenches is not None:
@@ -701,7 +701,7 @@ class NativeTorquePath(TorquePath):
                 self.read_reports()
             age = self.now - self._epoch - self._last.last_now
             # After a timeout, the next report may be that of the first state.
-            if self._noted >= written and (self.timed_out or age < self._timeout):
+            if self._noted >= written and (self.timed_out or age < self.states.timeout):
                 return
             time.sleep(LOOK_AGAIN)
 

@@ -161,6 +161,13 @@ class StateCheck:
         1 for joints without limits if they may jump by whole turns, else 0.
     compares : bool
         Whether a first state needs a second one that agrees.
+    timeout, grace : int
+        Age of the last state after which the path times out, and how long states are
+        refused before it gives up, ns.
+    holds : bool
+        Whether the arm is then brought to rest and held, or has no torque.
+    stop_time : float
+        In which time it comes to rest, s.
 
     """
 
@@ -177,6 +184,10 @@ class StateCheck:
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next state on."""
+        self.timeout = round(values['state_timeout'] * NANO)
+        self.grace = round(values['state_check.grace'] * NANO)
+        self.holds = values['state_check.action'] == 'hold'
+        self.stop_time = float(values['state_check.stop_time'])
         limits = self._robot.limits
         places = self._places
         margin = values['state_check.position_margin']

@@ -6,6 +6,7 @@ It runs in the main thread only and works on serialized messages.
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 import time
 from typing import Any
 
@@ -55,6 +56,26 @@ TOO_LARGE_TORQUE = ('torques: not finite; expected a state, a motion and gains i
 LONGEST_AGE = 2**63  # ns
 OF_LOOPS = {CONTRADICTION: cycle_rules.CONTRADICTORY, BRANCH: cycle_rules.OFF_BRANCH,
             SINGULAR: cycle_rules.NEAR_SINGULAR, UNKNOWN: cycle_rules.NO_MODE}
+
+
+@dataclass
+class Counts:
+    """
+    How often Python changed what the rules act on: each acts where its count has grown.
+
+    Attributes
+    ----------
+    restarts, blends : int
+        Restarts of the law, and its changes.
+    jumps, silences : int
+        Jumps of the clock, and zeros that were asked for.
+
+    """
+
+    restarts: int = 0
+    blends: int = 0
+    jumps: int = 0
+    silences: int = 0
 
 
 class TorquePath:
@@ -121,10 +142,7 @@ class TorquePath:
         self._reason = ''  # of a fault
         self._silence_reason = ''
         self.ended = ''
-        # Counted for the rules: restarts and changes of the law; jumps of the clock and
-        # silences that were asked for.
-        self._changes = [0, 0]
-        self._asked = [0, 0]
+        self._counts = Counts()
         # When the last stop by the controller began, and its motion.
         self._stop: tuple[float, Motion | None] = NEVER, None
         self._make_memory()
@@ -142,10 +160,6 @@ class TorquePath:
 
     def set_limits(self, values: Mapping[str, Any]) -> None:
         """Judge states by checked parameters from the next one on."""
-        self._timeout = round(values['state_timeout'] * NANO)
-        self._grace = round(values['state_check.grace'] * NANO)
-        self._holds = values['state_check.action'] == 'hold'
-        self._stop_time = float(values['state_check.stop_time'])
         self.states.update(values)
         self._replan()
 
@@ -159,10 +173,10 @@ class TorquePath:
         mode = self.controller.mode
         numbers = self._numbers()
         if mode != self._mode:
-            self._changes[0] += 1
-            self._changes[1] += 1
+            self._counts.restarts += 1
+            self._counts.blends += 1
         elif not np.array_equal(numbers, self._law_numbers):
-            self._changes[1] += 1
+            self._counts.blends += 1
         self._mode = mode
         self._law_numbers = numbers
 
@@ -176,16 +190,16 @@ class TorquePath:
         effort = self.messages.of_commanded(controller.effort_limit)
         is_limited = np.isfinite(rate)
         check = self.states
-        restarts, blends = self._changes
-        jumps, silences = self._asked
+        counts = self._counts
         # This path evaluates motions, wrenches, closed loops and the law by itself.
         nothing = np.zeros(0)
         return CycleSettings(
-            timeout=float(self._timeout), grace=float(self._grace),
-            holds=float(self._holds), stop_time=self._stop_time * NANO,
+            timeout=float(check.timeout), grace=float(check.grace),
+            holds=float(check.holds), stop_time=check.stop_time * NANO,
             compares=float(check.compares), blend_time=controller.blend_time * NANO,
-            restarts=float(restarts), blends=float(blends), jumps=float(jumps),
-            silences=float(silences), drops=0.0, wrench_timeout=0.0,
+            restarts=float(counts.restarts), blends=float(counts.blends),
+            jumps=float(counts.jumps), silences=float(counts.silences), drops=0.0,
+            wrench_timeout=0.0,
             bounds=check.bounds.ravel(), turned=check.turned.copy(),
             effort=np.minimum(effort, UNLIMITED), slope=np.where(is_limited, rate, 0.0),
             free=np.where(is_limited, 0.0, UNLIMITED), wrenches=nothing,
@@ -197,7 +211,7 @@ class TorquePath:
 
     def blend(self) -> None:
         """Continue from the last command, as after a change of a law."""
-        self._changes[1] += 1
+        self._counts.blends += 1
         self._replan()
 
     # What the rules know of the path.
@@ -331,8 +345,7 @@ class TorquePath:
         # Everything that refers to an earlier activation is forgotten.
         self.ended = ''
         self._epoch = self._last_good = self._now()
-        self._changes = [0, 0]
-        self._asked = [0, 0]
+        self._counts = Counts()
         self._memory.path = self._initial()
         self._stop = NEVER, None
         self.controller.stop()
@@ -386,14 +399,14 @@ class TorquePath:
     def time_out(self, reason: str) -> None:
         """Command zeros until the next valid state, and drop the desired motion."""
         self._silence_reason = reason
-        self._asked[1] += 1
+        self._counts.silences += 1
         self._replan()
         self._look_at_clock()
 
     def on_clock_jump(self) -> None:
         """Drop motions, wrenches and stamps, which refer to the time before the jump."""
         self.controller.stop()
-        self._asked[0] += 1
+        self._counts.jumps += 1
         self._replan()
         self._look_at_clock()
 
@@ -450,7 +463,7 @@ class TorquePath:
     def reaction(self) -> str:
         """Return what is commanded while states are refused, and until when."""
         action = 'commanding zeros'
-        if self._holds:
+        if self.states.holds:
             action = 'stopping by the model and holding'
         return (f'{action} until states are valid again; deactivate and activate the '
                 'node to begin from others')
@@ -599,7 +612,7 @@ class TorquePath:
             self.arbiter.may_repeat(time.perf_counter()))
         rules.refuse(code, may_command)
         begins = rules.next.entries[FAULT] > self._memory.entries[FAULT]
-        if begins and self._holds and self.known:
+        if begins and self.states.holds and self.known:
             # The model says where the arm is by now, which the rules do not evaluate.
             begin = self._begin_of_stop()
             if np.isfinite(begin).all():
@@ -635,7 +648,7 @@ class TorquePath:
         """Return what the torque that acts reaches some time after a state, (2 n,)."""
         try:
             stop = self.controller.stopping_motion(q, u, self._acting(), elapsed,
-                                                   self._stop_time,
+                                                   self.states.stop_time,
                                                    self._last_heard / NANO)
         except (InputError, ConstraintError):  # no finite state, or singular loops
             return np.full(2 * len(self._follow), np.nan)
@@ -793,6 +806,6 @@ class TorquePath:
         if motion is None:  # one that is to begin later must not
             return self.active_motion.clear(reason)
         # In one change: a thread that answers states never finds neither of the motions.
-        stop = self.controller.interrupted(motion, moment, self._stop_time)
+        stop = self.controller.interrupted(motion, moment, self.states.stop_time)
         self.active_motion.replace(stop, stamp, reason)
         return True
