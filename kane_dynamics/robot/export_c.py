@@ -16,6 +16,7 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import evaluate, Program
 from kane_dynamics.robot.c_header import (CKernel, constrained, header_text, joint_limits,
                                           limit_size)
+from kane_dynamics.robot.kernel_set import CONSTRAINED, FRAME_QUANTITIES
 import numpy as np
 
 DEFAULT_KERNELS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'bias_force',
@@ -41,8 +42,10 @@ static int agree(const REAL *result, const REAL *expected, int count, REAL toler
 }
 """
 SPARE = 16.0  # times the error of float32 that is measured at the test states
-FRAME_NAMES = {'jacobian': 'partial_velocities', 'frame_pose': 'frame_pose',
-               'partial_velocities': 'partial_velocities'}
+# Quantities of a frame by the names that users give, and of a frame or joint.
+FRAME_NAMES = {'jacobian': 'partial_velocities', 'jacobian_rate': 'partial_velocity_rates',
+               **{name: name for name in FRAME_QUANTITIES}}
+PART_NAMES = {**FRAME_NAMES, 'joint_reaction': 'joint_reaction'}
 
 
 def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str | Kernel],
@@ -120,19 +123,20 @@ def _checked_names(robot: Any, kernels: Sequence[Any]) -> list[str]:
     names = list(dict.fromkeys(kernels))
     refused = None if names else 'kernels: none'
     for name in names:
-        # A quantity of a frame is written as quantity:frame.
-        quantity, _, frame = name.partition(':')
-        if name not in robot.kernels.names and quantity not in FRAME_NAMES:
+        # A quantity of a frame or joint is written as quantity:frame.
+        quantity, _, part = name.partition(':')
+        of_part = quantity in PART_NAMES and part
+        of_rows = name in CONSTRAINED and 'rows' in CONSTRAINED[name].shape
+        if of_rows and not robot.constraint_names:
+            refused = f"kernels: '{name}' of a robot without constraints, which is empty"
+        elif not of_part and name not in robot.kernels.names and name not in CONSTRAINED:
             refused = f"no kernel '{name}'"
+        if refused is not None:
             break
     if refused is not None:
         of_frames = ', '.join(f'{name}:<frame>' for name in FRAME_NAMES)
         raise InputError(f'{refused}; expected some of {", ".join(robot.kernels.names)}; of '
-                         f'a frame: {of_frames}')
-    for name in names:
-        quantity, _, frame = name.partition(':')
-        if quantity in FRAME_NAMES:
-            robot.model.frame(frame)  # raises InputError for an unknown frame
+                         f'a frame: {of_frames}; joint_reaction:<joint>')
     return names
 
 
@@ -170,10 +174,9 @@ def _write(file: Path, text: str) -> None:
 
 def _kernel(robot: Any, prefix: str, name: str, precision: Precision) -> CKernel:
     """Trace the kernel of a quantity and compute its reference results."""
-    quantity, _, frame = name.partition(':')
-    quantity = FRAME_NAMES.get(quantity, quantity)
-    kernel = (robot.kernels.at_frame(quantity, frame) if frame
-              else robot.kernels.quantity(quantity))
+    quantity, _, part = name.partition(':')
+    quantity = PART_NAMES.get(quantity, quantity)
+    kernel = robot.kernels.kernel(quantity, part)
     return _reference(robot, prefix, kernel, quantity, name, precision)
 
 

@@ -414,8 +414,8 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
             them begins with `<stem>_`. Only files of an earlier export are overwritten.
         kernels : sequence of str or Kernel
             Names of quantities, as `operation_count` lists them; of a frame
-            ``'frame_pose:<frame>'`` and ``'jacobian:<frame>'`` (or
-            ``'partial_velocities:...'``); of a controller those of
+            ``'frame_pose:<frame>'``, ``'jacobian:<frame>'``, ``'frame_velocity:<frame>'``
+            and so on; of a joint ``'joint_reaction:<joint>'``; of a controller those of
             `control.controller_kernels`.
         scalar : {'float64', 'float32'}
             Type of arguments, results and arithmetic. The self-test of 'float32' has the

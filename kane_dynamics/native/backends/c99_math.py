@@ -188,7 +188,7 @@ def literal(value: float, precision: Precision) -> str:
 
 
 def elementary_functions(upper: str, precision: Precision, names: set[str]) -> str:
-    """Return the named C elementary functions; macros begin with `upper`."""
+    """Return the macros, which begin with `upper`, and the named elementary functions."""
     def polynomial(coefficients: tuple[float, ...], x: str, square: str) -> str:
         """Return C code for sum c_k x^k by pairs: shorter chains than Horner's."""
         # (c_0 + c_1 x) + x^2 ((c_2 + c_3 x) + ...).
@@ -220,8 +220,6 @@ def elementary_functions(upper: str, precision: Precision, names: set[str]) -> s
              'mantissa': str(precision.mantissa), 'sine': polynomial(sine, 'z', 'zz'),
              'cosine': polynomial(cosine, 'z', 'zz'), 'exp': polynomial(exp, 'r', 'z'),
              **{name: literal(value, precision) for name, value in numbers.items()}}
-    if not names:
-        return ''
     text = '\n'.join([HEAD, *(TEXTS[name] for name in sorted(names))])
     for name, word in words.items():
         text = text.replace(f'@{name}@', word)

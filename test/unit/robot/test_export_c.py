@@ -7,13 +7,14 @@ import shutil
 import subprocess
 import sys
 
-from kane_dynamics import absolute_rates, Inertial, InputError, load_urdf, Model, Robot
+from kane_dynamics import (absolute_rates, box, Coupling, Inertial, InputError, load_urdf, Model,
+                           ModelBuilder, Robot)
 from kane_dynamics._util.resources import package_version, resource_path
 from kane_dynamics.native.backends.c99 import c_functions, prototype
 from kane_dynamics.native.backends.c99_math import elementary_functions, PRECISIONS
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS
-from kane_dynamics.robot.kernel_set import QUANTITIES
+from kane_dynamics.robot.kernel_set import CONSTRAINED, FRAME_QUANTITIES, QUANTITIES
 from linkages import at_angle, four_bar
 from mechanisms import random_model
 import numpy as np
@@ -207,6 +208,45 @@ def test_an_unknown_kernel_is_named_with_the_valid_ones(kernels, words, tmp_path
     with pytest.raises(InputError, match=words):
         arm('two_link').export_c(tmp_path / 'arm.c', kernels)
     assert not list(tmp_path.iterdir())
+
+
+def test_quantities_of_rows_are_refused_for_a_robot_without_rows(tmp_path):
+    for name in ('constraint_forces', 'constraint_residual', 'constraint_velocity_residual'):
+        with pytest.raises(InputError, match=f"'{name}' of a robot without constraints"):
+            arm('two_link').export_c(tmp_path / 'arm.c', [name])
+
+
+def gantry(kind):
+    """Return a robot without sines: joints that slide, two of them coupled or not."""
+    b = ModelBuilder('gantry')
+    on = 'world'
+    for name, axis in (('x', (1, 0, 0)), ('y', (0, 1, 0)), ('z', (0, 0, 1))):
+        b.body(name, on, kind='prismatic', axis=axis, inertial=box(2.0, (0.3, 0.2, 0.1)))
+        on = name
+    b.frame('tool', 'z', at=(0.0, 0.0, -0.1))
+    rows = [Coupling('y', {'x': 0.5})] if kind == 'coupled' else []
+    return Robot(b.model(), constraints=rows)
+
+
+@pytest.mark.parametrize('kind', ['tree', 'coupled'])
+def test_every_quantity_is_exported_alone_also_without_sines(kind, tmp_path):
+    robot = gantry(kind)
+    rng = np.random.default_rng(0)
+    state = {name: rng.normal(size=robot.n) for name in ('u', 'udot', 'tau')}
+    state['q'] = robot.closed_configuration(rng.normal(size=3))
+    rates = {'joint_rates', 'joint_torques', 'joint_accelerations'}
+    names = {*robot.kernels.names, *rates, *(f'{name}:tool' for name in FRAME_QUANTITIES),
+             'jacobian:tool', 'jacobian_rate:tool', 'joint_reaction:y'}
+    for k, name in enumerate(sorted(names)):
+        source, _ = robot.export_c(tmp_path / f'g{k}.c', [name])
+        library = built(source, tmp_path, UNOPTIMIZED)
+        assert getattr(library, f'g{k}_self_test')() == 0, name
+        if name in rates:
+            arguments = [state[key] for key in CONSTRAINED[name].arguments]
+            expected = getattr(robot, name)(*arguments)
+            got = call_exported(getattr(library, f'g{k}_{name}'), [*arguments, None],
+                                expected.shape)
+            np.testing.assert_allclose(got, expected, atol=1e-14, err_msg=name)
 
 
 def test_a_bad_path_is_named_and_only_files_of_ours_are_replaced(tmp_path):
