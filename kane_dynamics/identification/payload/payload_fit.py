@@ -12,7 +12,8 @@ from kane_dynamics.identification.physical_consistency import physical, prior_me
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.regression import rms
 from kane_dynamics.identification.solvers import on_one_processor
-from kane_dynamics.mechanics.recursive.regressor import ENTRIES, pseudo_inertia_of
+from kane_dynamics.mechanics.recursive.regressor import (ENTRIES, parameters_of,
+                                                         pseudo_inertia_of)
 from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -24,6 +25,8 @@ TOLD = 0.5  # of the belief's deviation of the mass: more is no finding but the 
 # Deviation of friction and offset that the model does not know, fraction of the effort
 # limit.
 DOUBT = 0.1
+ROUNDING = 1e-12  # of the largest information
+LARGEST = 1e6  # information, in units of the belief, that physical consistency needs
 ROWS = 20  # each half has as many as there are parameters, or more
 
 
@@ -123,14 +126,12 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
     middle = len(torque) // 2
     for row in zip(*(sample[:middle] for sample in samples), strict=True):
         equations.add(equations.row(*row))
-    of_first_half = _physical(*equations.solve())
+    of_first_half, _ = _solved(*equations.solve(), belief)
     for row in zip(*(sample[middle:] for sample in samples), strict=True):
         equations.add(equations.row(*row))
-    information, weighted = equations.solve()
-    x = _physical(information, weighted)
+    x, covariance = _solved(*equations.solve(), belief)
     sigma = np.maximum(rms(torque - Y @ x), 1e-9)
     A = (Y / sigma[:, None]).reshape(-1, 10)
-    covariance = covariance_of(information + belief)
     mass, com = load_deviations(x, covariance)
     if mass > TOLD * np.sqrt(covariance_of(belief)[0, 0]):
         raise InputError(f"recording: the mass at '{frame}' is not identifiable, its "
@@ -143,12 +144,35 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
                    rms(torque[middle:] - Y[middle:] @ of_first_half), condition)
 
 
-def _physical(information: Array, weighted: Array) -> Array:
-    """Return the physical parameters, (10,), that fit `PayloadEquations` best."""
-    values, axes = np.linalg.eigh(information)
-    root = np.sqrt(np.maximum(values, 1e-15 * values[-1]))
-    return physical(root[:, None] * axes.T, (axes.T @ weighted) / root, [START],
-                    np.zeros(0), BELIEF)
+def _solved(information: Array, weighted: Array, belief: Array) -> tuple[Array, Array]:
+    """
+    Return the physical parameters, (10,), that fit best, and their covariance.
+
+    Of a recording almost without noise, the information in some directions is rounding of
+    that in others: there the belief alone counts.
+    """
+    # In z = L^T x, with belief = L L^T, the belief is the identity.
+    L = np.linalg.cholesky(belief)
+    inverse = np.linalg.inv(L)
+    values, axes = np.linalg.eigh(inverse @ information @ inverse.T)
+    known = values > ROUNDING * values[-1]
+    values = np.where(known, values, 0.0)
+    directions = inverse.T @ axes
+    covariance = (directions / (1.0 + values)) @ directions.T
+
+    # The minimum without constraints; it is the solution if it is physical.
+    start = parameters_of(START.pseudo_inertia)
+    of_rows = axes[:, known].T @ (inverse @ weighted) / values[known]
+    of_start = (L @ axes[:, known]).T @ start
+    shares = values[known] / (1.0 + values[known])
+    x = start + directions[:, known] @ (shares * (of_rows - of_start))
+    if np.linalg.eigvalsh(pseudo_inertia_of(x))[0] > 0.0:
+        return x, covariance
+
+    # An interior point method loses the belief beside far larger information.
+    roots = np.sqrt(np.minimum(values[known], LARGEST))
+    A = roots[:, None] * (L @ axes[:, known]).T
+    return physical(A, roots * of_rows, [START], np.zeros(0), BELIEF), covariance
 
 
 def covariance_of(information: Array) -> Array:

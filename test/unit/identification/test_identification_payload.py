@@ -4,10 +4,12 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from kane_dynamics import Inertial, InputError, load_urdf
+from kane_dynamics import box, Inertial, InputError, load_urdf, ModelBuilder, Robot
 from kane_dynamics.identification import (diagnose, identify, identify_payload,
                                           PayloadEstimator, Recording, torque_delays)
 from kane_dynamics.identification.payload.payload_rows import PayloadRows
+from kane_dynamics.model.model import with_payload
+from mechanisms import random_inertial
 import numpy as np
 import pytest
 from recordings import simulated
@@ -119,6 +121,47 @@ def test_recording_that_does_not_tell_the_mass_is_refused():
                         *np.zeros((2, 30, 2)), 0.1 * np.random.default_rng(0).normal(size=(30, 2)))
     with pytest.raises(InputError, match=r"the mass at 'tip' is not identifiable.* is 31\.6 kg"):
         identify_payload(small, hanging, 'tip')
+
+
+def pendulum_recording(load, noise, seed):
+    """Return a model of one link with a tool, and 10 s of its motion with a load there."""
+    b = ModelBuilder('pendulum')
+    b.body('link', axis=(0, 1, 0), inertial=box(2.0, (0.4, 0.1, 0.1), at=(0.2, 0, 0)))
+    b.frame('tool', 'link', at=(0.3, 0.05, 0.0))
+    model = b.model()
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0.0, 10.0, 401)
+    w = 2.0 * np.pi * np.array([0.1, 0.2, 0.3])
+    size, phase = rng.uniform(0.2, 0.5, 3), rng.uniform(0.0, 6.0, 3)
+    angle = np.outer(t, w) + phase
+    motion = [(np.sin(angle) @ size)[:, None], (np.cos(angle) @ (size * w))[:, None],
+              (-np.sin(angle) @ (size * w**2))[:, None]]
+    tau = Robot(with_payload(model, 'tool', load)).inverse_dynamics(*motion)
+    return model, Recording(t, *motion, tau + noise * np.abs(tau).max() * rng.normal(
+        size=tau.shape))
+
+
+@pytest.mark.parametrize('noise', [0.0, 1e-5, 1e-3])
+@pytest.mark.parametrize('seed', range(4))
+def test_what_one_joint_does_not_tell_is_left_to_the_belief_without_noise_too(noise, seed):
+    load = random_inertial(np.random.default_rng(seed))
+    model, motion = pendulum_recording(load, noise, seed)
+    found = identify_payload(model, motion, 'tool')
+    assert 1.0 < found.mass_deviation < 5.0  # kg
+    assert abs(found.inertial.mass - load.mass) < 3.0 * found.mass_deviation
+    assert np.linalg.eigvalsh(found.inertial.pseudo_inertia)[0] > 0.0
+    carried = Robot(with_payload(model, 'tool', found.inertial))
+    error = carried.inverse_dynamics(motion.q, motion.u, motion.udot) - motion.tau
+    assert np.abs(error).max() < (1e-3 + 5.0 * noise) * np.abs(motion.tau).max()
+
+
+def test_a_load_that_no_joint_carries_is_refused():
+    b = ModelBuilder('slides')
+    b.body('slide', kind='prismatic', axis=(0, 1, 0), inertial=box(1.0, (0.1, 0.1, 0.1)))
+    b.frame('tool', 'slide')
+    steady = Recording(np.arange(30.0), *np.zeros((4, 30, 1)))
+    with pytest.raises(InputError, match=r"the mass at 'tool' is not identifiable"):
+        identify_payload(b.model(), steady, 'tool')
 
 
 @pytest.mark.parametrize(('change', 'words'), [
