@@ -84,9 +84,7 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
     """
     instance(robot, Robot, 'robot')
     names = robot.joint_names
-    if robot.equations.timed:
-        raise InputError('vibrations: speeds or constraints that may depend on time; '
-                         'expected a robot without them, which has an equilibrium')
+    robot.equations.require_timeless('vibrations', 'so that the robot has an equilibrium')
     for name in held:
         if name not in names:
             raise InputError(f"held: no joint '{name}'; expected one of "

@@ -132,7 +132,9 @@ class Controller:
         self.laws = dict(laws or {})
         self.bending = bending
         self._source = robot if bending is None else bending
-        self._timed = robot.equations.timed
+        # The time as a keyword of the robot's methods, where they depend on it.
+        self._time: Callable[[float], dict[str, Any]]
+        self._time = partial(dict.fromkeys, robot.equations.time_inputs('t'))
         # In joint rates the torques are those of the joints, and all joints follow
         # motions.
         self._direct = robot.equations.in_joint_rates
@@ -481,8 +483,7 @@ class Controller:
 
         The rates of the joints that follow come after it.
         """
-        time = (t,) if self._timed else ()
-        after = self._reached()(q, u, tau, duration, *time)
+        after = self._reached()(q, u, tau, duration, t)
         n_q = self.robot.n_q
         q_end, u_end, rates = np.split(after, [n_q, n_q + self.robot.n])
         return q_end, u_end, rates
@@ -522,8 +523,7 @@ class Controller:
         """Return the torque at the measured state and the corrected acceleration."""
         # With all terms, one kernel computes the whole law.
         if self._compensate.complete and self.bending is None:
-            time = (t,) if self._timed else ()
-            tau = self._law(q, u, q_d, u_d, udot_d, self._gains, *time)
+            tau = self._law(q, u, q_d, u_d, udot_d, self._gains, t)
             return tau if self._preload is None else self._preloaded(tau, q, t)
         # Otherwise feedback acts on the joints that follow, and terms are left out of
         # the sum.
@@ -546,9 +546,11 @@ class Controller:
         """Return the entry point of the computed-torque kernel, with all terms."""
         kernel = law_kernel(self.robot, self._motion.places, commanded=True)
         no_wrench = [None] if len(self.robot.kernels.no_wrench) else []
-        if self._timed:
-            return lambda *arguments: kernel(*arguments[:-1], *no_wrench, arguments[-1])
-        return kernel.entry('', lambda *arguments: kernel(*arguments, *no_wrench))
+
+        # The time comes last.
+        def without_wrench(*arguments: Any) -> Any:
+            return kernel(*arguments[:-1], *no_wrench, arguments[-1])
+        return kernel.entry('', without_wrench)
 
     def _reached(self) -> Callable[..., Array]:
         """Return the entry point of `state_after`, with the joints that follow."""
@@ -599,9 +601,7 @@ class Controller:
         """Return the generalized force that balances gravity, or zeros without it."""
         if not self._compensate.gravity:
             return np.zeros(len(self._speeds))
-        if self._timed:
-            return self.robot.gravity_force(q, t=t)
-        return self._source.gravity_force(q)
+        return self._source.gravity_force(q, **self._time(t))
 
     def _terms(self, q: Array, u: Array, accelerations: Array, t: float) -> Array:
         """
@@ -636,7 +636,7 @@ class Controller:
         if self.robot.equations.carries_loads:
             terms = self._terms(q, u, accelerations, t)
             load = np.delete(terms, FRICTION, axis=0).sum(axis=0)
-        return self._friction_kernel(q, u, u_d, udot_d, load, **self._time(t))
+        return self._friction_kernel(q, u, u_d, udot_d, load, t)
 
     @property
     def _needs_friction_kernel(self) -> bool:
@@ -681,10 +681,6 @@ class Controller:
             return torques
         force = self.robot.generalized_force(p, q, **self._time(t))
         return torques + (p - self._shared(force, q, t))
-
-    def _time(self, t: float) -> dict[str, Any]:
-        """Return the keyword of the time, which only timed entry points take."""
-        return {'t': t} if self._timed else {}
 
 
 def _checked_preload(robot: Robot, preload: ArrayLike) -> Array:

@@ -65,10 +65,15 @@ class LinkSpeeds(NamedTuple):
 
 
 class ClosedPositions(NamedTuple):
-    """Coordinates of the links, (N, n), that close loops at positions of `joints`, (N, k)."""
+    """
+    Coordinates of the links, (N, n), that close loops at positions of `joints`, (N, k).
+
+    `times` has the times, (N,), s, where the loops depend on them; else it is empty.
+    """
 
     joints: tuple[str, ...]
     positions: Array
+    times: Array
     links: Array
 
 
@@ -330,8 +335,9 @@ class ElasticFeedforward:
         # replace the record as a whole.
         last = self._last_closed
         if last is not None and last.joints == tuple(joints):
+            # Of the times, those that the loops depend on.
             is_same = np.array_equal(last.positions, positions)
-            if is_same and not robot.equations.timed:
+            if is_same and np.array_equal(last.times, robot.equations.time_inputs(times)):
                 return last.links
         # All coordinates, with the motors at zero.
         motors = [elastic.drive.motor for elastic in robot.drives]
@@ -341,7 +347,8 @@ class ElasticFeedforward:
         at_zero = np.zeros((len(times), len(motors)))
         whole = closed_configurations(robot, driving, times, np.hstack([positions, at_zero]))
         result = np.ascontiguousarray(whole[:, places])
-        self._last_closed = ClosedPositions(tuple(joints), positions.copy(), result)
+        moments = np.array(robot.equations.time_inputs(times))
+        self._last_closed = ClosedPositions(tuple(joints), positions.copy(), moments, result)
         return result
 
     def _add_first(self, row: Array, link: Array, deflection: Any) -> None:
@@ -435,7 +442,7 @@ class ElasticFeedforward:
         if times.ndim and times.shape != batch:
             raise InputError(f't: shape {times.shape}; expected one time, or one a state of '
                              f'{batch}')
-        inputs += self.robot.equations.time_inputs(times, batch)
+        inputs += self.robot.equations.time_inputs(times, q)
         return np.asarray(self._general_kernel(*inputs))
 
     @lazy_property

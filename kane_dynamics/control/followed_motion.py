@@ -119,13 +119,13 @@ class FollowedMotion:
         """Return u, (n,), for rates of the joints that follow."""
         if self.direct:
             return rates
-        return self._solved_speeds(q, rates, *self._equations.time_inputs(t))
+        return self._solved_speeds(q, rates, t)
 
     def speed_rates(self, q: Array, u: Array, accelerations: Array, t: float) -> Array:
         """Return udot, (n,), for accelerations of the joints that follow."""
         if self.direct:
             return accelerations
-        return self._solved_rates(q, u, accelerations, *self._equations.time_inputs(t))
+        return self._solved_rates(q, u, accelerations, t)
 
     @lazy_property
     def _solved_speeds(self) -> Callable[..., Array]:

@@ -290,9 +290,7 @@ def _check(robot: Robot) -> None:
         raise InputError(f'quasi-static deflections: speeds {list(robot.speed_names)}; '
                          'expected the rates of joints and of all modes, which the '
                          'constraints must not couple')
-    if equations.timed:
-        raise InputError('quasi-static deflections: constraints that are functions of '
-                         'time; expected none')
+    equations.require_timeless('quasi-static deflections', 'as they are those at rest')
 
 
 def _index(places: list[int]) -> slice | list[int]:

@@ -296,10 +296,8 @@ class TrajectoryJoints:
 def _require_rigid_and_timeless(robot: Robot) -> None:
     """Raise InputError for a robot with beams, or one that depends on time."""
     require_rigid(robot)
-    if robot.equations.timed:
-        raise InputError('robot: speeds or constraints that are functions of time; '
-                         'expected none, as a trajectory does not state when in that '
-                         'time it starts')
+    robot.equations.require_timeless(
+        'robot', 'as a trajectory does not state when in that time it starts')
 
 
 def _stated_actuators(robot: Robot) -> tuple[str, ...] | None:

@@ -420,14 +420,13 @@ def whole_motion(robot: Robot, motion: Motion, t: Array, q: Array, rates: Array,
 def require_scalable(robot: Robot, q: Array) -> None:
     """Raise InputError if speeds or constraints prescribe velocities."""
     # Joints that move at u = 0 have a velocity that the speed of the motion does not scale.
-    prescribed = robot.equations.timed
-    if len(q) and not prescribed:
-        at_rest = robot.joint_rates(q, np.zeros((len(q), robot.n)))
-        prescribed = bool(np.abs(at_rest).max() > 0.0)
-    if prescribed:
-        raise InputError('robot: speeds or constraints that prescribe velocities or are '
-                         'functions of time; expected those of a motion that can be '
-                         'scaled')
+    robot.equations.require_timeless('robot', 'so that a motion can be scaled')
+    if not len(q):
+        return
+    at_rest = robot.joint_rates(q, np.zeros((len(q), robot.n)))
+    if np.abs(at_rest).max() > 0.0:
+        raise InputError('robot: speeds or constraints that prescribe velocities; expected '
+                         'those of a motion that can be scaled')
 
 
 def unit_torques(robot: Robot, q: Array, joints: Sequence[int]) -> Array:

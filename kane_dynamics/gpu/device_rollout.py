@@ -41,7 +41,8 @@ class DeviceRollout:
         names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
         parts = {name: PARAMETERS[name] for name in names}
         require_no_bristles(robot, 'rollout')
-        self._layout = StepLayout(robot.n_q, robot.n, robot.equations.timed,
+        self._layout = StepLayout(robot.n_q, robot.n,
+                                  robot.equations.time_inputs('%time'),
                                   robot.equations.watched, parts)
         self._arguments = [Argument('q', (robot.n_q,)), Argument('u', (robot.n,)),
                            Argument('tau', (robot.n,))]

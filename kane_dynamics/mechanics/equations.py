@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
-from kane_dynamics.errors import ConstraintError
+from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.ltdl import factorize, Factors, inverse, solve
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
@@ -157,18 +157,25 @@ class Equations:
                 f'number of independent speeds ({", ".join(self.speed_names)})')
         return places
 
-    def time_inputs(self, t: Any, batch: tuple[int, ...] = ()) -> tuple[Any, ...]:
+    def time_inputs(self, t: Any, states: Any = None) -> tuple[Any, ...]:
         """
         Return the time as the last input of a kernel, or nothing where it has none.
 
         Callers always pass the time; only kernels of `timed` equations have it as an
-        input. A single time stands for all states of a batch of this shape.
+        input. A single time stands for all rows of `states`, (N, ...) arrays.
         """
         if not self.timed:
             return ()
+        batch = np.shape(states)[:-1]
         if batch and np.ndim(t) == 0:
             return (np.full(batch, t),)
         return (t,)
+
+    def require_timeless(self, what: str, reason: str) -> None:
+        """Raise InputError if speeds or constraints are functions of time."""
+        if self.timed:
+            raise InputError(f'{what}: speeds or constraints that are functions of time; '
+                             f'expected none, {reason}')
 
     # Kinematics: the motion of joints and frames for independent speeds.
 

@@ -34,7 +34,7 @@ def feedforward_change(robot: Robot, q: ArrayLike, u: ArrayLike, udot: ArrayLike
 
     """
     kernel = change_kernel(robot)
-    time = robot.equations.time_inputs(t, np.shape(q)[:-1])
+    time = robot.equations.time_inputs(t, q)
     return np.asarray(kernel(q, u, udot, *time))
 
 

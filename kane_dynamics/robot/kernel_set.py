@@ -185,7 +185,9 @@ class KernelSet:
         self.equations = equations
         self.key = key
         self.no_wrench = np.zeros((len(equations.wrench_frames), 6))
-        self._at_time_zero = np.zeros(())
+        # The time as an argument of kernels, zero by default; none where no result depends
+        # on it.
+        self._time = equations.time_inputs(Argument('t', (), default=np.zeros(())))
         self._parameters = parameters
         self._instead = instead
         model = equations.model
@@ -396,7 +398,7 @@ class KernelSet:
                                                  shape).program
             kernel = Kernel(name, traced.program, key, traced.arguments, block, shape,
                             explanation, program_in_lanes, self._in_order, by_states,
-                            interleaved)
+                            interleaved, traced.unread)
             self._made[place] = kernel
         if ahead:
             kernel.compile()
@@ -410,7 +412,7 @@ class KernelSet:
         # What a function may ask for by name: wrench, time, parameters, limits of a
         # state.
         block = len(self._parameters)
-        supply = Supply(self.no_wrench, equations.timed, block, block - equations.limits)
+        supply = Supply(self.no_wrench, self._time, block, block - equations.limits)
         # Errors about states name the entry of q, u, udot or tau.
         labels = {'q': equations.model.coordinate_names}
         for key in ('u', 'udot', 'tau'):
@@ -525,9 +527,7 @@ class KernelSet:
         if quantity.wrench and len(self.no_wrench):
             no_wrench = self.no_wrench
             arguments.append(Argument('wrench', no_wrench.shape, default=no_wrench))
-        if equations.timed:
-            arguments.append(Argument('t', (), default=self._at_time_zero))
-        return arguments
+        return [*arguments, *self._time]
 
     def program(self, name: str, at: str = '', derivative: Derivative | None = None,
                 single: bool = False) -> Program:

@@ -26,15 +26,15 @@ class Supply:
     ----------
     no_wrench : (k, 6) array
         The wrenches of a call without any, at the k declared frames.
-    timed : bool
-        Whether the equations depend on the time.
+    time : tuple of Argument
+        The time, where the equations depend on it.
     block, physical : int
         Length of the block of parameters, and of its physical ones, which come first.
 
     """
 
     no_wrench: np.ndarray
-    timed: bool
+    time: tuple[Argument, ...]
     block: int
     physical: int
 
@@ -64,6 +64,9 @@ class RobotFunction:
     arguments : list of Argument
         Those of the kernel: the inputs, then the wrench and the time if the function
         asks for them and the robot has them.
+    unread : int
+        1 if the function asks for the time and the robot does not depend on it, else 0:
+        calls may end with a time that nothing reads.
     program : callable
         Traces the function.
     is_of_library : bool
@@ -98,8 +101,10 @@ class RobotFunction:
         if 'wrench' in asked and len(supply.no_wrench):
             none = supply.no_wrench
             self.arguments.append(Argument('wrench', none.shape, default=none))
-        if 't' in asked and supply.timed:
-            self.arguments.append(Argument('t', (), default=np.zeros(())))
+        self.unread = 0
+        if 't' in asked:
+            self.arguments += supply.time
+            self.unread = 1 - len(supply.time)
         block: Shape = (supply.block,) if constants is None else constants
         program_inputs = []
         for argument in self.arguments:

@@ -292,8 +292,9 @@ class OfSameBox:
                     bounds._rows = kernel(q, u, udot, box)
                     return bounds
             bounds = checked(*values, **named)
-            # Without wrenches and time, all that varies from call to call is the state.
-            if len(values) == 4 and not (named or robot.equations.timed):
+            # Without wrenches, and at the time 0, all that varies from call to call is the
+            # state.
+            if len(values) == 4 and not named:
                 last = values[3], values[3].box, robot._entries[BOUNDS]
             return bounds
         robot.__dict__['torque_bounds'] = call
@@ -356,7 +357,7 @@ def _of_box(robot: Any, place: tuple[str, str], state: tuple[ArrayLike, ...],
     count = np.shape(state[0])[:-1]
     if len(count) == 1:
         box = np.broadcast_to(box, (*count, len(box)))
-    return np.asarray(kernel(*state, box, *equations.time_inputs(t, count)))
+    return np.asarray(kernel(*state, box, *equations.time_inputs(t, state[0])))
 
 
 def _refuse(robot: Any, uncertainty: Uncertainty) -> NoReturn:

@@ -75,10 +75,9 @@ class JumpWatch(Observer):
         # rounding.
         end = start + count * step
         self._range = start, end + 0.5 * EPS * count * max(abs(start), abs(end))
-        equations = robot.equations
         self._mechanism: Mechanism | None = None
-        if equations.timed and len(starts):
-            self._mechanism = equations.mechanism
+        if len(starts):
+            self._mechanism = robot.equations.mechanism
         # Names and units of all entries of the functions: of time alone (False), of
         # state (True).
         self._names = {of_state: self._functions_at_start(starts, of_state)
@@ -87,7 +86,6 @@ class JumpWatch(Observer):
     def _functions_at_start(self, starts: Array,
                             of_state: bool) -> list[tuple[str, str]]:
         """Return name and unit of every entry of the functions, which are finite at the start."""
-        # A tree has no user-defined functions.
         if self._mechanism is None:
             return []
         n_q = self._robot.n_q

@@ -176,7 +176,6 @@ class ArmCoupling:
         # The partner of an arm that is alone, which the law ignores.
         none = np.zeros(n)
         self._nobody = PartnerState(0.0, none, none, none)
-        self._timed = robot.equations.timed
         self._prepare()
 
     def _prepare(self) -> None:
@@ -305,12 +304,8 @@ class ArmCoupling:
         law: Callable[..., Array] = fields['_law']
         settings = fields['_settings']
         try:
-            if fields['_timed']:
-                torques = law(q, u, q_p, u_p, external, memory.row, fields['_clock'],
-                              settings, t)
-            else:
-                torques = law(q, u, q_p, u_p, external, memory.row, fields['_clock'],
-                              settings)
+            torques = law(q, u, q_p, u_p, external, memory.row, fields['_clock'], settings,
+                          t)
         except _PartnerFault as error:
             self.disengage(str(error))
             return self.torque(t, q, u)

@@ -265,9 +265,8 @@ class CartesianImpedance(PoseLaw):
               twist: ArrayLike | None = None, t: float = 0.0) -> ImpedanceState:
         """Return errors, wrench and saturation at a state; arguments as `torque`."""
         kernel = self._state_entry
-        time = (t,) if self._timed else ()
         row = kernel(q, u, pose, self._zero if twist is None else twist,
-                     self._zero, self._zero, self._block, *time)
+                     self._zero, self._zero, self._block, t)
         return ImpedanceState(row[:6], row[6:12], row[12:14], *map(float, row[14:]))
 
     def energy(self, q: ArrayLike, pose: ArrayLike) -> float:

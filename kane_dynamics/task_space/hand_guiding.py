@@ -205,10 +205,7 @@ class HandGuiding(RunTimeSettings):
         # Each attribute of a class with hints takes as long to read as ten of these.
         fields = self.__dict__
         law: Callable[..., Array] = fields['_law']
-        block = fields['_block']
-        if fields['_timed']:
-            return law(q, u, block, t)
-        return law(q, u, block)
+        return law(q, u, fields['_block'], t)
 
     def energy(self, q: ArrayLike) -> float:
         """Return the energy that the walls of joints and planes store, J."""

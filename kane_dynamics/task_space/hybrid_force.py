@@ -177,7 +177,7 @@ class HybridForce(CartesianImpedance):
                          lambda x: 0.0 <= x < math.inf)
         # Fields in local names: each read of an object with hints costs as much as ten.
         call = self.__dict__['_call'] or self._call_fields()
-        law, block, zero, timed, step, integral = call
+        law, block, zero, step, integral = call
         step[0] = elapsed
         if twist is None:
             twist = zero
@@ -186,13 +186,8 @@ class HybridForce(CartesianImpedance):
         desired = zero if wrench is None else wrench
         if measured is None:  # as if the force were exactly the desired one
             measured = -finite_row(desired, 'wrench', DIRECTIONS, part='direction')
-        torques: Array
-        if timed:
-            torques = law(q, u, pose, twist, acceleration, desired, measured, integral,
-                          step, block, t)
-        else:
-            torques = law(q, u, pose, twist, acceleration, desired, measured, integral,
-                          step, block)
+        torques: Array = law(q, u, pose, twist, acceleration, desired, measured, integral,
+                             step, block, t)
         return torques
 
     def _call_fields(self) -> tuple[Any, ...]:

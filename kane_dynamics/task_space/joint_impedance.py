@@ -167,10 +167,7 @@ class JointImpedance(RunTimeSettings):
         if udot_d is None:
             udot_d = fields['_zero']
         law: Callable[..., Array] = fields['_law']
-        block = fields['_block']
-        if fields['_timed']:
-            return law(q, u, q_d, u_d, udot_d, block, t)
-        return law(q, u, q_d, u_d, udot_d, block)
+        return law(q, u, q_d, u_d, udot_d, fields['_block'], t)
 
     def energy(self, q: ArrayLike, q_d: ArrayLike) -> float:
         """Return the energy that the springs store, J."""

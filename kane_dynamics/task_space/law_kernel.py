@@ -92,7 +92,6 @@ class RunTimeSettings:
 
     def __init__(self, robot: Robot, shapes: Settings) -> None:
         self.robot = robot
-        self._timed = robot.equations.timed  # whether the kernel has the time as an input
         self._shapes = shapes
         self._values: dict[str, Any] = {}
         self._block = np.zeros(shapes.size)
@@ -162,10 +161,10 @@ class PoseLaw(RunTimeSettings):
 
     def _call_fields(self) -> tuple[Any, ...]:
         """Return and keep what a call reads."""
-        self._call = self._law, self._block, self._zero, self._timed
+        self._call = self._law, self._block, self._zero
         owner = next(kind for kind in type(self).__mro__ if 'torque' in vars(kind))
-        # The method of another package's subclass stays. Calls with a time need it, too.
-        if not self._timed and owner.__module__.startswith('kane_dynamics.'):
+        # The method of another package's subclass stays.
+        if owner.__module__.startswith('kane_dynamics.'):
             self.__dict__['torque'] = self._by_name()
         return self._call
 
@@ -228,18 +227,14 @@ class PoseLaw(RunTimeSettings):
         """
         # The fields of the call in one tuple, filled at the first call.
         call = self.__dict__['_call'] or self._call_fields()
-        law, block, zero, timed = call
+        law, block, zero = call
         if twist is None:
             twist = zero
         if acceleration is None:
             acceleration = zero
         if wrench is None:
             wrench = zero
-        torques: Array
-        if timed:
-            torques = law(q, u, pose, twist, acceleration, wrench, block, t)
-        else:
-            torques = law(q, u, pose, twist, acceleration, wrench, block)
+        torques: Array = law(q, u, pose, twist, acceleration, wrench, block, t)
         return torques
 
 

@@ -110,9 +110,8 @@ class DrivenLinks:
                              'what the drives transmit, not the share of each')
         robot = Robot(links, **{**given.options, 'speeds': None, 'actuated': None,
                                 'independent': self.joint_names, 'wrench_frames': ()})
-        if robot.equations.timed:
-            raise InputError('model: constraints that depend on time; expected constant '
-                             'ones, because the times of a recording have another origin')
+        robot.equations.require_timeless(
+            'model', 'because the times of a recording have another origin')
         return robot
 
     def motion(self, t: Array, q: Array, u: Array, udot: Array,

@@ -68,7 +68,7 @@ def is_linear(equations: Equations) -> bool:
     # Only linear springs and dampers are constant within a step; see the module.
     if not equations.model.drives:
         return False
-    if not equations.in_joint_rates or equations.timed:
+    if not equations.in_joint_rates:  # constraints, or matrices that vary with the time
         return False
     if tree.flexible or tree.bristles:
         return False

@@ -35,8 +35,10 @@ class StepLayout:
     ----------
     n_q, n : int
         Numbers of positions and of speeds, the first entries of a state.
-    timed, watched : bool
-        Whether the time follows them, and then a margin.
+    time : tuple of str
+        The parameter of the kernel that has the time, where a state continues with it.
+    watched : bool
+        Whether a state ends with a margin.
     parameters : mapping
         The slices, in the block of parameters, of those that are arguments.
 
@@ -44,7 +46,7 @@ class StepLayout:
 
     n_q: int
     n: int
-    timed: bool
+    time: tuple[str, ...]
     watched: bool
     parameters: Mapping[str, slice]
 
@@ -134,8 +136,8 @@ class _Rollout:
         # The state: q, u and, if needed, time and a margin that is accepted.
         self._copy('q', layout.n_q, '%x', 0)
         self._copy('u', layout.n, '%x', layout.n_q)
-        if layout.timed:
-            self._put('%time', '%x', layout.n_q + layout.n)
+        for value in layout.time:
+            self._put(value, '%x', layout.n_q + layout.n)
         if layout.watched:
             self._put(v.const(1.0), '%x', self._sizes[0] - 1)
         flags = self._flags()

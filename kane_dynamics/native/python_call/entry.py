@@ -140,6 +140,9 @@ class Signature:
         Number of the argument to which the rest of the kernel's result is written.
     kinds : tuple of str
         Of the arguments of a `CallForm`; empty: all by position.
+    unread : int
+        Number of further arguments with which calls by position may end, and which
+        nothing reads.
 
     """
 
@@ -149,6 +152,7 @@ class Signature:
     shape: Shape
     memory: int | None = None
     kinds: tuple[str, ...] = ()
+    unread: int = 0
 
     @property
     def is_supported(self) -> bool:
@@ -162,13 +166,13 @@ class Signature:
         """Machine code of `entry` and `bound`; of a memory, of `entry` alone."""
         # The code depends on what the key states alone: robots with the same share it.
         key = (self.shapes, self.default_sizes, self.limits, self.shape, self.memory,
-               self.kinds)
+               self.kinds, self.unread)
         shared = _entry_points.get(key)
         if shared is not None:
             return shared
         sizes = [math.prod(lengths) for lengths in self.shapes]
         text = entry_code(self.shapes, self.limits, len(self.default_sizes) + 1,
-                          self.shape, self.memory, self.kinds)
+                          self.shape, self.memory, self.kinds, self.unread)
         if self.memory is None and not self.kinds:
             text += '\n' + bound_code([*sizes, *self.default_sizes], self.limits, 1,
                                       self.shape)

@@ -233,7 +233,7 @@ def _return_float(a: Assembly, number_at: str) -> None:
 
 def entry_code(shapes: Sequence[Shape], limits: Sequence[float], n_defaults: int,
                shape: Shape, memory: int | None = None,
-               kinds: Sequence[str] = ()) -> str:
+               kinds: Sequence[str] = (), unread: int = 0) -> str:
     """
     Return the LLVM IR of `entry`.
 
@@ -257,6 +257,9 @@ def entry_code(shapes: Sequence[Shape], limits: Sequence[float], n_defaults: int
     kinds : sequence of str, optional
         Of the arguments, in calls with keywords and optional arguments; see
         `entry.CallForm`.
+    unread : int
+        Number of further arguments with which calls by position may end. They are not
+        read.
 
     """
     # Anything that is not the plain case goes to `slow`, the checked call in Python.
@@ -275,8 +278,10 @@ def entry_code(shapes: Sequence[Shape], limits: Sequence[float], n_defaults: int
         _sort_arguments(a, kinds, 8 * (len(TABLE) + n_defaults))
         arguments = '%given'
     else:
+        # From `count` to `count + unread` arguments, by one comparison without sign.
+        further = a.new(f'sub i64 %nargs, {count}')
         a.branch([a.equal('ptr', '%kwnames', 'null'),
-                  a.equal('i64', '%nargs', count)],
+                  a.new(f'icmp ule i64 {further}, {unread}')],
                  'types', 'slow')
         arguments = '%args'
     a.put('types:')

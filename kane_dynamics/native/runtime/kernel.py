@@ -184,6 +184,9 @@ class Kernel:
         states, where that of a batch would be much longer.
     interleaved : bool
         Order the operations of single states by `by_latency`.
+    unread : int
+        Number of further arguments with which calls may end, and which nothing reads: the
+        time, where the robot does not depend on it.
 
     """
 
@@ -192,7 +195,7 @@ class Kernel:
                  reason: ResultCheck | None = None,
                  single: Callable[[], Program] | None = None,
                  in_order: bool = False, by_states: bool = False,
-                 interleaved: bool = False) -> None:
+                 interleaved: bool = False, unread: int = 0) -> None:
         """Store the program, and what its calls are checked with."""
         self.name = name
         self.shape = shape
@@ -225,7 +228,7 @@ class Kernel:
             inputs.append((argument.name, argument.shape))
         self._ranks += [parameters.ndim, len(shape)]
         self._signature = Signature(tuple(shapes), tuple(default_sizes), tuple(limits),
-                                    shape)
+                                    shape, unread=unread)
         self._key: str | None = None
         if key:
             origin_of_single = origin(single) if single else ''
@@ -430,21 +433,24 @@ class Kernel:
             not finite.
 
         """
-        # Arguments that are left out have their defaults.
-        values += (None,) * (len(self.arguments) - len(values))
+        # Arguments that nothing reads come last; those that are left out have defaults.
+        count = len(self.arguments)
+        if count < len(values) <= count + self._signature.unread:
+            values = values[:count]
+        values += (None,) * (count - len(values))
         arrays = []
         for argument, value in zip(self.arguments, values, strict=True):
             if value is None:
                 arrays.append(self._default(argument))
             else:
                 arrays.append(converted(argument, value))
-        count = self._count(values, arrays)
-        shape = self.shape if count is None else (count, *self.shape)
+        states = self._count(values, arrays)
+        shape = self.shape if states is None else (states, *self.shape)
         if math.prod(shape) > MAX_RESULTS:
-            raise InputError(f'{self.name}: {count} states give {math.prod(shape)} '
+            raise InputError(f'{self.name}: {states} states give {math.prod(shape)} '
                              f'numbers; expected at most {MAX_RESULTS} per call')
         result = np.empty(shape) if out is None else self._result(out, shape)
-        if count is None:
+        if states is None:
             self._single(arrays, result)
         else:
             # A result may overwrite an argument row by row. Where rows differ, one would
@@ -453,7 +459,7 @@ class Kernel:
                 if np.may_share_memory(result, array) and not _same_rows(result, array):
                     result = np.empty(shape)
                     break
-            self._batch(arrays, result, count)
+            self._batch(arrays, result, states)
         if out is not None:
             if result is not out:
                 out[...] = result

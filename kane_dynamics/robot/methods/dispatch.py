@@ -47,10 +47,10 @@ def compiled(method: Method) -> Method:
 
 def of_frame(quantity: str) -> Callable[[Method], Method]:
     """
-    Return a decorator of a method whose first argument is a frame.
+    Return a decorator of a method whose first argument is a frame, or a joint.
 
-    The method calls the entry point of the frame's kernel, or else its body: for the
-    first call, and for other arguments than its positional ones and `out`.
+    The method calls the entry point of its kernel, or else its body: for the first call,
+    and for other arguments than its positional ones and `out`.
     """
     def decorate(method: Method) -> Method:
         checked = hinting_method(method)
@@ -182,9 +182,7 @@ class Dispatch:
 
     def _at_time(self, arguments: tuple[Any, ...], t: Any) -> tuple[Any, ...]:
         """Append the time, of all states or of each, if the equations depend on it."""
-        if not self.equations.timed:
-            return arguments  # whose batch need not be read then
-        return (*arguments, *self.equations.time_inputs(t, np.shape(arguments[0])[:-1]))
+        return arguments + self.equations.time_inputs(t, arguments[0])
 
     def _at_frame(self, name: str, frame: str, arguments: tuple[Any, ...],
                   out: Array | None, t: Any = 0.0) -> Array:

@@ -14,7 +14,7 @@ from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
 from kane_dynamics.native.runtime.kernel import Argument, converted
 from kane_dynamics.robot.derivative_kernels import Derivative, require_known
-from kane_dynamics.robot.methods.dispatch import compiled, Dispatch
+from kane_dynamics.robot.methods.dispatch import compiled, Dispatch, of_frame
 from kane_dynamics.robot.torque_bounds import (OfSameBox, torque_bounds, TorqueBounds,
                                                Uncertainty)
 from kane_dynamics.robot.torque_breakdown import SOURCES, TorqueBreakdown
@@ -317,9 +317,10 @@ class DynamicsMethods(Dispatch):
         """Return the energy of gravity (zero at the world's origin) and springs, J."""
         return self._call('potential_energy', (q,), out)
 
-    @hinting_method
+    @of_frame('joint_reaction')
     def joint_reaction(self, joint: str, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
-                       wrench: ArrayLike | None = None, t: ArrayLike = 0.0) -> Array:
+                       wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
+                       out: Array | None = None) -> Array:
         """
         Return the wrench of the parent on the child at a joint, (6,), N, N m.
 
@@ -331,7 +332,7 @@ class DynamicsMethods(Dispatch):
         ----------
         joint : str
             A moving joint; fixed and locked joints are merged into bodies.
-        q, u, udot, wrench, t
+        q, u, udot, wrench, t, out
             As in `inverse_dynamics`.
 
         Raises
@@ -343,12 +344,9 @@ class DynamicsMethods(Dispatch):
         if not isinstance(joint, str):
             raise InputError(f'joint: a {type(joint).__name__}; expected a name (str): '
                              'the order is (joint, q, u, udot)')
-        entry = self._entry('joint_reaction', joint, self.kernels.reaction)
-        # Without wrench and time the kernel of this joint is called directly.
-        if wrench is None and not self.equations.timed:
-            result: Array = entry(q, u, udot)
-            return result
-        return self._loaded('joint_reaction', (q, u, udot), wrench, None, t, joint)
+        # Later calls with the state alone use this entry point.
+        self._entry('joint_reaction', joint, self.kernels.reaction)
+        return self._loaded('joint_reaction', (q, u, udot), wrench, out, t, joint)
 
     @hinting_method
     def inverse_dynamics_derivatives(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike,

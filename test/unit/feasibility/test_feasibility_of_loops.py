@@ -51,7 +51,7 @@ def test_speeds_that_prescribe_a_velocity_cannot_be_scaled():
     model = four_bar_model()
     shifted = Robot(model, speeds=Speeds(lambda q, t: np.eye(3), lambda q, t: np.ones(3)))
     course = Motion.from_points([0.0, 1.0], [[0.0] * 3, [1.0] * 3], joint_names=model.joint_names)
-    with pytest.raises(InputError, match='that prescribe velocities or are functions of time'):
+    with pytest.raises(InputError, match='robot: speeds or constraints that are functions'):
         fastest(shifted, course)
 
 

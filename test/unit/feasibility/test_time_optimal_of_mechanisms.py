@@ -391,7 +391,7 @@ def test_mechanisms_that_cannot_be_timed_are_refused_by_their_reason():
     path = Motion.from_points([0.0, 1.0], [[0.0, 0.0], [1.0, 1.0]], joint_names=names)
     for robot in (Robot(model, speeds=Speeds(lambda q, t: np.eye(2), lambda q, t: np.ones(2))),
                   Robot(model, constraints=[Prescribed('joint1', lambda t: np.sin(t))])):
-        with pytest.raises(InputError, match='that prescribe velocities or are functions of time'):
+        with pytest.raises(InputError, match='robot: speeds or constraints that are functions'):
             time_optimal(robot, path if robot.n == 2 else Motion.from_points(
                 [0.0, 1.0], [[0.0], [1.0]], joint_names=names[:1]))
     cart = sleigh('body/x', 'body/rz')

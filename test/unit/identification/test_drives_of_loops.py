@@ -142,7 +142,7 @@ def test_what_does_not_determine_a_loop_is_refused(robot, large):
                                             Prescribed('lever', np.sin)],
                   independent=('arm',))
     column = DriveRecording(good.t, good.theta[:, :1], good.q[:, :1])
-    with pytest.raises(InputError, match='constraints that depend on time'):
+    with pytest.raises(InputError, match='constraints that are functions of time'):
         identify_drives(moved, column)
 
 

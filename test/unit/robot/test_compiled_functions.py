@@ -67,6 +67,48 @@ def test_time_is_an_argument_where_the_equations_depend_on_it_and_zero_elsewhere
     assert Robot(model).compiled(shifted, q=(2,), shape=())(np.ones(2)) == 1.0
 
 
+def test_calls_may_end_with_a_time_that_nothing_depends_on():
+    def shifted(q, u, t):
+        return q + u + t
+
+    def without_time(q, u):
+        return q + u
+    robot = Robot(random_model(3, 2))
+    q, u = RANDOM.normal(size=(2, 2))
+    kernel = robot.compiled(shifted, q=(2,), u=(2,), shape=(2,))
+    entry = kernel.entry('', kernel)
+    for function in (kernel, entry):
+        for time in (3.0, np.nan, np.array(2.0), None):
+            assert np.array_equal(function(q, u, time), q + u)
+        assert np.array_equal(function(q, u), q + u)
+        assert np.array_equal(function(q.tolist(), u, 3.0), q + u)
+        with pytest.raises(InputError, match='nan; expected a finite number'):
+            function(np.full(2, np.nan), u, 3.0)
+        with pytest.raises(InputError, match='u is missing'):
+            function(q)
+        with pytest.raises((TypeError, ValueError)):
+            function(q, u, 3.0, 4.0)
+    assert np.array_equal(kernel(np.stack([q, u]), np.stack([u, u]), 3.0), [q + u, u + u])
+    # A function that does not ask for the time has none.
+    strict = robot.compiled(without_time, q=(2,), u=(2,), shape=(2,))
+    for function in (strict, strict.entry('', strict)):
+        with pytest.raises((TypeError, ValueError)):
+            function(q, u, 3.0)
+
+
+def test_a_native_entry_with_a_memory_reads_no_time():
+    def summed(q, memory, t):
+        return np.concatenate([q + memory + t, memory + 1.0])
+    robot = Robot(random_model(3, 2))
+    kernel = robot.compiled(summed, q=(2,), memory=(2,), shape=(4,))
+    entry = kernel.entry_with_memory('', 'memory')
+    memory = np.zeros(2)
+    q = RANDOM.normal(size=2)
+    assert np.array_equal(entry(q, memory, 5.0), q)
+    assert np.array_equal(entry(q.tolist(), memory, 5.0), q + 1.0)
+    assert np.array_equal(memory, [2.0, 2.0])
+
+
 def test_functions_of_one_name_and_code_with_other_values_are_compiled_apart(robot):
     def scaled(factors):
         return lambda q: factors * q
