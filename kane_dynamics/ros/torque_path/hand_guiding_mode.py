@@ -15,7 +15,7 @@ from kane_dynamics.ros.parameters.task_settings import (controlled_frame, differ
 from kane_dynamics.ros.torque_path.live_law import NativeLaw
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.hand_guiding import (hand_guiding_law, HandGuiding,
-                                                    wall_slopes)
+                                                   wall_slopes)
 from kane_dynamics.task_space.law_kernel import settings_of
 from kane_dynamics.task_space.sampled_spring import JointSpring, spring_of_walls
 import numpy as np
