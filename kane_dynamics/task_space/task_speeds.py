@@ -12,7 +12,6 @@ the space of the frame. One call of the robot computes them, as for all other sp
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import finite_row, instance
@@ -106,21 +105,41 @@ def _speeds(robot: Robot, task: FrameTask, q: Array) -> Speeds:
                          'independently in these at the configuration; expected fewer, '
                          'or another configuration')
     dependent = _best_columns(rows_at_q)
-    inertia = _mass_matrix(mechanism)
-    k = len(task.rows)
-
-    # The complement is momentum along the null space of the rows: it vanishes where the
-    # arm moves with the least kinetic energy for the velocity of the frame.
-    def Y(q: Vector, t: Scalar) -> Matrix:
-        rows = _rows(mechanism, task, q, t)
-        velocity = rows[:k]
-        Z = _null_basis(rows, dependent)
-        return np.concatenate([velocity, Z.T @ inertia(q), rows[k:]])
-
     key = ''
     if mechanism.key is not None:
         key = f'task_speeds {task.words} {dependent} {mechanism.key}'
-    return Speeds(Y, None, _speed_names(robot, task), key)
+    matrix = _SpeedMatrix(robot, task, dependent)
+    return Speeds(matrix, None, _speed_names(robot, task), key)
+
+
+class _SpeedMatrix:
+    """
+    The matrix Y of the task speeds, a function of q and t that can be pickled.
+
+    Parameters
+    ----------
+    robot : Robot
+        In joint rates; unlike its mechanism it can be pickled.
+    task : FrameTask
+    dependent : tuple of int
+        The joints whose rates follow from the velocity and the others.
+
+    """
+
+    def __init__(self, robot: Robot, task: FrameTask, dependent: tuple[int, ...]) -> None:
+        self._robot = robot
+        self._task = task
+        self._dependent = dependent
+
+    def __call__(self, q: Vector, t: Scalar) -> Matrix:
+        """Return Y, (n_q, n_q)."""
+        rows = _rows(self._robot.mechanism, self._task, q, t)
+        count = len(self._task.rows)
+        # The complement is momentum along the null space of the rows: it vanishes where
+        # the arm moves with the least kinetic energy for the velocity of the frame.
+        Z = _null_basis(rows, self._dependent)
+        M = TreeEquations(self._robot.model).mass_matrix(q, NO_GRAVITY)
+        return np.concatenate([rows[:count], Z.T @ M, rows[count:]])
 
 
 def _speed_names(robot: Robot, task: FrameTask) -> tuple[str, ...]:
@@ -172,12 +191,3 @@ def _null_basis(rows: Matrix, dependent: Sequence[int]) -> Matrix:
     for place, column in enumerate(free):
         Z[column, place] = 1.0
     return Z
-
-
-def _mass_matrix(mechanism: Mechanism) -> Any:
-    """Return the mass matrix of the tree in joint rates, as a function of q."""
-    tree = TreeEquations(mechanism.model)
-
-    def inertia(q: Vector) -> Matrix:
-        return tree.mass_matrix(q, NO_GRAVITY)
-    return inertia

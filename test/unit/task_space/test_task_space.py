@@ -1,6 +1,7 @@
 """Lambda, mu and the null space of a frame, directly and by task speeds."""
 
 from functools import cache
+import pickle
 
 from kane_dynamics import (in_task_speeds, InputError, load_urdf, ModelBuilder, Robot, rod,
                            TaskSpace)
@@ -108,6 +109,15 @@ def test_in_task_speeds_the_mass_matrix_is_lambda(axes, directions):
         bias = bias + direct.inertia @ turning
     np.testing.assert_allclose(chosen.bias_force(q, v)[:k], bias, atol=1e-10)
     assert chosen.verify() < 1e-9
+
+
+@pytest.mark.parametrize('of_loop', [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_robot_in_task_speeds_can_be_pickled(of_loop):
+    robot, q = loop() if of_loop else (fr3(), Q)
+    chosen = in_task_speeds(robot, 'flange' if of_loop else TIP, configuration=q)
+    twin = pickle.loads(pickle.dumps(chosen))
+    assert twin.speed_names == chosen.speed_names
+    np.testing.assert_array_equal(twin.mass_matrix(q), chosen.mass_matrix(q))
 
 
 @pytest.mark.slow
