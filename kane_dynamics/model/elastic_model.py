@@ -97,20 +97,25 @@ def with_rigid_joints(model: Model) -> Model:
     bodies = []
     for body in model.bodies:
         joint = body.joint
-        limits = joint.limits
-        if joint.drive is not None:
-            motor = joints[joint.drive.motor].limits
-            limits = replace(limits, effort=motor.effort,
-                             velocity=min(limits.velocity, motor.velocity))
         coordinate = links.get(joint.name, joint.coordinate)
         joint = replace(joint, drive=None, coordinate=coordinates.index(coordinate),
-                        limits=limits,
+                        limits=_limits_with_motor(joint, joints),
                         deflection=renumbered(joint.deflection, coordinates.index))
         bodies.append(replace(body, joint=joint,
                               beam=renumbered(body.beam, coordinates.index)))
     names = [model.joint_names[k] for k in coordinates]
     return replace(model, bodies=tuple(bodies),
                    coordinate_names=quaternion_names(names, bodies, model.balls))
+
+
+def _limits_with_motor(joint: Joint, joints: Mapping[str, Joint]) -> Limits:
+    """Return the limits of a joint that its motor moves without elasticity, if it has one."""
+    limits = joint.limits
+    if joint.drive is None:
+        return limits
+    motor = joints[joint.drive.motor].limits
+    return replace(limits, effort=motor.effort,
+                   velocity=min(limits.velocity, motor.velocity))
 
 
 def with_motors_at_links(model: Model, q: Array) -> Array:
