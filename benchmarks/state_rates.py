@@ -20,8 +20,8 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from gates import exit_status
 from kane_dynamics.demo.demo_settings import FR3
+from kane_dynamics.ros.common.cdr import PreparedMessage, write_joint_state
 from kane_dynamics.ros.common.conversion import NANO
-from kane_dynamics.ros.torque_path.cdr import PreparedMessage, write_joint_state
 from node_contenders import BEST_EFFORT, contenders, NAMESPACES, OURS, REALTIME
 from node_latency import BUSY, IDLE, MOST_LOST, NATIVE
 import rclpy

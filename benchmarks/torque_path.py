@@ -39,15 +39,15 @@ from typing import Any
 from kane_dynamics import load_urdf, Motion
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.ros.common import realtime
+from kane_dynamics.ros.common.cdr import PreparedMessage, write_joint_state
 from kane_dynamics.ros.common.configuration_files import load_model
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
+from kane_dynamics.ros.common.rcl_functions import clock_function, handle_address
 from kane_dynamics.ros.parameters.parameter_checks import read
 from kane_dynamics.ros.parameters.parameter_table import SPECS
-from kane_dynamics.ros.torque_path.cdr import PreparedMessage, write_joint_state
 from kane_dynamics.ros.torque_path.native_path import NativeTorquePath
 from kane_dynamics.ros.torque_path.path_controller import path_controller
-from kane_dynamics.ros.torque_path.rcl_functions import clock_function, handle_address
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
 from rclpy.clock import Clock, ClockType

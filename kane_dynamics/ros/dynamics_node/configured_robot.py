@@ -27,6 +27,9 @@ from kane_dynamics.ros.common.qos import (BEST_EFFORT, CLOCK, overridable, OVERR
                                           overrides_of, RELIABLE, SCENES,
                                           STATIC_TRANSFORMS, THREAD_STATES, TRANSFORMS,
                                           watched)
+from kane_dynamics.ros.common.rcl_functions import (guard_condition, handle_address,
+                                                    subscription_of_thread,
+                                                    UnsupportedError)
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.common.transform_tree import tf_message_type, TransformTree
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
@@ -61,10 +64,6 @@ from kane_dynamics.ros.torque_path.native_loop import compile_loop
 from kane_dynamics.ros.torque_path.native_path import (Inputs, NativeTorquePath,
                                                        python_reason)
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
-from kane_dynamics.ros.torque_path.rcl_functions import (guard_condition,
-                                                         handle_address,
-                                                         subscription_of_thread,
-                                                         UnsupportedError)
 from kane_dynamics.ros.torque_path.state_check import speed_limits
 from kane_dynamics.ros.torque_path.target_input import (POSE, TargetInput, TWIST,
                                                         WRENCH)

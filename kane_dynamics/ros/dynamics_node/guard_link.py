@@ -4,13 +4,13 @@ from collections.abc import Callable
 from contextlib import ExitStack
 import time
 
+from kane_dynamics.ros.common.cdr import float64_multi_array
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
 from kane_dynamics.ros.torque_path.arbitration import (Arbitration, arbitration_kernels,
                                                        begun, DISCOVERY, NUMBER,
                                                        PERMITTED, SENDS, SIZE, UNANSWERED,
                                                        UNGUARDED)
-from kane_dynamics.ros.torque_path.cdr import float64_multi_array
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.guard_messages import (FIELDS, LOADS,
                                                           loads_to_numbers, LOST,

@@ -10,11 +10,11 @@ from kane_dynamics.control.terms import Mode
 from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.verification import compile_verified
+from kane_dynamics.ros.common.cdr import float64_multi_array
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE
 from kane_dynamics.ros.guard.guard_path import GuardPath
 from kane_dynamics.ros.guard.node_torques import NodeTorques
-from kane_dynamics.ros.torque_path.cdr import float64_multi_array
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS, LOST,

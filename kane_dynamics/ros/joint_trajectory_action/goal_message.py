@@ -5,7 +5,7 @@ from importlib import import_module
 from typing import Any
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.ros.torque_path.cdr import Reader
+from kane_dynamics.ros.common.cdr import Reader
 from kane_dynamics.ros.torque_path.trajectory_input import (CdrTime, next_trajectory,
                                                             ReceivedTrajectory)
 

@@ -11,11 +11,11 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import KaneError
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.cdr import joint_state_of_efforts, wrench_stamped
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
 from kane_dynamics.ros.parameters.task_settings import friction_beyond_model
-from kane_dynamics.ros.torque_path.cdr import joint_state_of_efforts, wrench_stamped
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
 import numpy as np
 from rclpy.publisher import Publisher

@@ -13,11 +13,11 @@ from kane_dynamics.control.momentum_observer import MomentumObserver
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import KaneError
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.cdr import whole_joint_state
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
 from kane_dynamics.ros.torque_path.arm_coupling_mode import ArmCouplingMode
-from kane_dynamics.ros.torque_path.cdr import whole_joint_state
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
 from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateReader,
                                                               MALFORMED)

@@ -10,6 +10,7 @@ from geometry_msgs.msg import WrenchStamped
 from kane_dynamics.control.quasi_static import flexible_robot
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.cdr import PreparedMessage, STAMP, write_joint_state
 from kane_dynamics.ros.common.command_topic import (CommanderCount, several_commanders,
                                                     SIMULATED_ROBOT)
 from kane_dynamics.ros.common.configuration_files import (load_model, resolve_path,
@@ -23,7 +24,6 @@ from kane_dynamics.ros.parameters.live_parameters import LiveParameters
 from kane_dynamics.ros.plant.plant_parameters import SPECS
 from kane_dynamics.ros.plant.plant_state import PlantState
 from kane_dynamics.ros.plant.tick_schedule import TickSchedule
-from kane_dynamics.ros.torque_path.cdr import PreparedMessage, STAMP, write_joint_state
 from kane_dynamics.ros.torque_path.wrench_input import wrench_array
 import numpy as np
 from rclpy.clock import Clock as RosClock, ClockType

@@ -12,12 +12,12 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.loop_error import LoopError, UNKNOWN
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.cdr import HEAD, STAMP, STAMP_AT, Writer
 from kane_dynamics.ros.common.conversion import (Array, check_points, doubles, NANO,
                                                  nanoseconds, point_columns)
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 from kane_dynamics.ros.services.motion_check import refuse_impossible
 from kane_dynamics.ros.services.served_robot import ServedRobot
-from kane_dynamics.ros.torque_path.cdr import HEAD, STAMP, STAMP_AT, Writer
 from kane_dynamics.ros.torque_path.trajectory_input import (read_trajectory,
                                                             TrajectoryHeader)
 import numpy as np

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
+from kane_dynamics.ros.common.cdr import (float64_multi_array, joint_command,
+                                          joint_state_of_efforts)
 from kane_dynamics.ros.common.conversion import Array
-from kane_dynamics.ros.torque_path.cdr import (float64_multi_array, joint_command,
-                                               joint_state_of_efforts)
 import numpy as np
 from rclpy.publisher import Publisher
 

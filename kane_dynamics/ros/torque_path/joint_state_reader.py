@@ -5,9 +5,9 @@ import math
 from typing import NamedTuple
 
 from kane_dynamics.errors import InputError
+from kane_dynamics.ros.common.cdr import (MessageBuffer, Reader, STAMP, STAMP_AT,
+                                          TooShortError, write_joint_state)
 from kane_dynamics.ros.common.conversion import Array, Index, NANO, places
-from kane_dynamics.ros.torque_path.cdr import (MessageBuffer, Reader, STAMP, STAMP_AT,
-                                               TooShortError, write_joint_state)
 import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState

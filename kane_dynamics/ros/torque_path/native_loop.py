@@ -17,19 +17,19 @@ from kane_dynamics.native.runtime import message_loop
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.cdr import (float64_multi_array, joint_command,
+                                          joint_state_of_efforts, PreparedMessage,
+                                          STAMP_AT)
 from kane_dynamics.ros.common.conversion import Array
+from kane_dynamics.ros.common.rcl_functions import message_of, RclLoop
 from kane_dynamics.ros.common.realtime import named_threads
 from kane_dynamics.ros.torque_path import cycle_rules
-from kane_dynamics.ros.torque_path.cdr import (float64_multi_array, joint_command,
-                                               joint_state_of_efforts, PreparedMessage,
-                                               STAMP_AT)
 from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, Event, ModelStop,
                                                        PathShape, PathState)
 from kane_dynamics.ros.torque_path.guard_messages import FIELDS
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateLayout
 from kane_dynamics.ros.torque_path.loop_rules import LoopRules
 from kane_dynamics.ros.torque_path.path_memory import INPUTS, rule_kernel, WITH_PARAMETERS
-from kane_dynamics.ros.torque_path.rcl_functions import message_of, RclLoop
 from kane_dynamics.ros.torque_path.state_check import turning_joints
 from kane_dynamics.task_space.law_kernel import identifier
 import numpy as np

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from kane_dynamics.errors import InputError
+from kane_dynamics.ros.common.cdr import Reader, TooShortError
 from kane_dynamics.ros.common.conversion import Array, NANO
-from kane_dynamics.ros.torque_path.cdr import Reader, TooShortError
 import numpy as np
 from rclpy.serialization import deserialize_message
 

@@ -61,7 +61,7 @@ OF_LOOPS = {CONTRADICTION: cycle_rules.CONTRADICTORY, BRANCH: cycle_rules.OFF_BR
 @dataclass
 class Counts:
     """
-    How often Python changed what the rules act on: each acts where its count has grown.
+    Numbers of changes that the rules act on: a rule acts where its number has grown.
 
     Attributes
     ----------

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.ros.common.cdr import Reader
 from kane_dynamics.ros.common.conversion import (Array, check_points,
                                                  motion_from_message, NANO, nanoseconds)
-from kane_dynamics.ros.torque_path.cdr import Reader
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 
 

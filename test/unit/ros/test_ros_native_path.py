@@ -22,14 +22,13 @@ from kane_dynamics.control.terms import Mode  # noqa: E402
 from kane_dynamics.native.runtime import message_loop  # noqa: E402
 from kane_dynamics.native.runtime.message_loop import (NOTHING_TAKEN, NOW, STAMP,  # noqa: E402
                                                        STEADILY)
+from kane_dynamics.ros.common.cdr import (PreparedMessage, wrench_stamped,  # noqa: E402
+                                          write_joint_state)
+from kane_dynamics.ros.common.rcl_functions import (handle_address, message_of,  # noqa: E402
+                                                    SerializedMessage, UnsupportedError)
 from kane_dynamics.ros.torque_path import cycle_rules, native_loop  # noqa: E402
-from kane_dynamics.ros.torque_path.cdr import (PreparedMessage,  # noqa: E402
-                                               wrench_stamped, write_joint_state)
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.native_path import LEARNED, python_reason  # noqa: E402
-from kane_dynamics.ros.torque_path.rcl_functions import (handle_address,  # noqa: E402
-                                                         message_of, SerializedMessage,
-                                                         UnsupportedError)
 from kane_dynamics.ros.torque_path.state_check import turning_joints  # noqa: E402
 from kane_dynamics.ros.torque_path.task_modes import (native_laws,  # noqa: E402
                                                       NATIVE_MODES, TaskModes)
