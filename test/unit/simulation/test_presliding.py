@@ -49,13 +49,13 @@ def readable_friction(v, z):
     return STIFFNESS * z + DAMPING * rate + VISCOUS * v, rate
 
 
-def reference(force, duration, tolerance=1e-11, times=None):
-    """Return x, v and z of a block under force(t, x), by a stiff integrator."""
+def reference(force, duration, tolerance=1e-11, times=None, method='Radau'):
+    """Return x, v and z of a block under force(t, x), by a stiff integrator of SciPy."""
     def rates(t, y):
         x, v, z = y
         friction, rate = readable_friction(v, z)
         return [v, force(t, x) - friction, rate]
-    return solve_ivp(rates, (0.0, duration), np.zeros(3), 'Radau', rtol=tolerance,
+    return solve_ivp(rates, (0.0, duration), np.zeros(3), method, rtol=tolerance,
                      atol=1e-3 * tolerance, t_eval=times).y
 
 
@@ -105,6 +105,27 @@ def test_dahls_friction_follows_its_closed_form_through_reversals(integrator, er
     # The force that moves the block carries friction; a cycle of the loop costs energy.
     force = run.constraint_forces[:, 0] + run.q[:, 0] * w**2
     np.testing.assert_allclose(force, DAHL['presliding_stiffness'] * z, atol=2e-4)
+
+
+def test_a_force_below_breakaway_moves_a_block_along_the_hysteresis_loop_of_the_paper():
+    # The force rises to 95 % of breakaway, falls to its opposite, and rises again.
+    turns, peaks = np.array([0.0, 0.5, 1.5, 2.5]), np.array([0.0, 1.425, -1.425, 1.425])
+    step = 5e-4
+    middles = np.arange(0.5 * step, turns[-1], step)
+    run = simulate(block(**LUGRE), [0.0], [0.0], turns[-1], step=step, sample=step,
+                   torque=np.interp(middles, turns, peaks)[:, None], integrator='implicit')
+    assert run.warnings == ()
+    expected = reference(lambda t, x: np.interp(t, turns, peaks), turns[-1], 1e-10, run.t,
+                         'LSODA')[0]
+    x = run.q[:, 0]
+    np.testing.assert_allclose(x, expected, atol=1e-3 * np.ptp(expected))
+    # It gives back less than it took: the loop is passed clockwise, force over position.
+    loop = run.t >= turns[1]
+    force = np.interp(run.t[loop], turns, peaks)
+    dissipated = np.trapezoid(force, x[loop])
+    assert dissipated > 0.1 * np.ptp(force) * np.ptp(x[loop])
+    # Without force it keeps a part of its deflection.
+    assert np.interp(0.0, -force[:2000], x[loop][:2000]) > 0.1 * x.max()
 
 
 @pytest.mark.slow
