@@ -139,6 +139,26 @@ def test_batch_axes_broadcast_and_gradients_are_summed(compiled):
 
 
 @ways
+@pytest.mark.parametrize('name', ['bias_force', 'joint_rates'])
+def test_one_time_serves_all_states(name, compiled):
+    found = case('time-dependent')
+    function = found.robot.jax(name, compiled=compiled)
+    u = np.random.default_rng(0).normal(size=(5, found.robot.n))
+    expected = np.stack([getattr(found.robot, name)(found.q, x, t=found.time) for x in u])
+    for time in (np.array(found.time), np.full(5, found.time)):
+        for each in (function, jax.jit(function)):
+            np.testing.assert_allclose(each(found.q, u, time), expected, rtol=1e-12, atol=1e-12)
+
+
+@ways
+def test_a_number_of_one_state_is_a_number(compiled):
+    function = fr3().jax('potential_energy', compiled=compiled)
+    for each in (function, jax.jit(function)):
+        assert each(np.zeros(7)).shape == ()
+        np.testing.assert_allclose(each(np.zeros(7)), fr3().potential_energy(np.zeros(7)))
+
+
+@ways
 def test_one_state_and_no_states_are_states(compiled):
     function = fr3().jax('inverse_dynamics', compiled=compiled)
     state = np.random.default_rng(0).normal(size=(3, 7))

@@ -155,6 +155,32 @@ def test_batch_axes_broadcast_and_gradients_are_summed():
     assert gravity.grad.shape == (3,)
 
 
+@pytest.mark.parametrize('name', ['bias_force', 'joint_rates'])
+def test_one_time_serves_all_states(name):
+    found = case('time-dependent')
+    function = found.robot.torch(name)
+    q, t = tensors(found.q, found.time)
+    u = torch.randn(5, found.robot.n, dtype=torch.float64)
+    expected = np.stack([getattr(found.robot, name)(found.q, x.numpy(), t=found.time) for x in u])
+    for time in (t, t[None], t.expand(5)):
+        np.testing.assert_allclose(function(q, u, time).numpy(), expected, rtol=1e-12, atol=1e-12)
+    gradients = []
+    for time in (t.clone(), t.repeat(5)):
+        time.requires_grad_()
+        result = function(q, u, time)
+        gradients.append(torch.autograd.grad(result.sum(), time)[0].sum())
+    torch.testing.assert_close(*gradients)
+
+
+def test_a_number_of_one_state_is_a_number():
+    function, q = fr3().torch('potential_energy'), torch.zeros(7, dtype=torch.float64)
+    assert function(q).shape == ()
+    assert function(q).item() == pytest.approx(fr3().potential_energy(q.numpy()))
+    q.requires_grad_()
+    np.testing.assert_allclose(torch.autograd.grad(function(q), q)[0].numpy(),
+                               fr3().derivative('potential_energy', np.zeros(7), by='q'))
+
+
 def test_one_state_no_states_and_views_of_memory_are_states():
     function = fr3().torch('inverse_dynamics')
     wide = torch.randn(7, 10, dtype=torch.float64)

@@ -186,7 +186,7 @@ class BatchFunction:
                 for argument, x in zip(self.arguments, rows):
                     result[beyond(argument, x)] = np.nan
                 result[beyond(self._result, result)] = np.nan
-        return result.reshape(*batch, *self.shape)
+        return result.reshape((*batch, *self.shape))
 
     def _explain(self, kernel: Kernel, flags: int, arrays: Sequence[Array],
                  rows: Sequence[Array], result: Array) -> None:
@@ -215,8 +215,8 @@ def row(argument: Argument, array: Array, batch: Shape) -> Array:
     leading = array.shape[:array.ndim - len(argument.shape)]
     # One state for the whole batch stays one row.
     if math.prod(leading) == 1:
-        one_state = array.reshape(argument.shape)
-        return np.ascontiguousarray(one_state, dtype=np.float64)
+        # `ascontiguousarray` would make a row of a number, of which each state reads its own.
+        return np.asarray(array.reshape(argument.shape), dtype=np.float64, order='C')
     if leading != batch:
         array = np.broadcast_to(array, (*batch, *argument.shape))
     array = np.ascontiguousarray(array, dtype=np.float64)
