@@ -22,6 +22,7 @@ from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import dot, is_zero
 from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (
                                                                                   ConstraintRows)
+from kane_dynamics.mechanics.constraints.constraint_types.rolling import Rolling
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.recursive.link import Link
 import numpy as np
@@ -345,6 +346,16 @@ def described(mechanism: Mechanism, q: Array) -> str:
     return str(dict(zip(mechanism.model.coordinate_names, values)))
 
 
+def _are_tangents_of_wheels(mechanism: Mechanism, places: Sequence[int]) -> bool:
+    """Return whether these rows are tangents of rolling without an axle."""
+    wheels = []
+    for constraint in mechanism.constraints:
+        if isinstance(constraint, Rolling) and constraint.axis is None:
+            wheels.append(constraint.name)
+    return all(mechanism.owners[k] in wheels and '/tangent_' in mechanism.labels[k]
+               for k in places)
+
+
 def singular_error(mechanism: Mechanism, stack: Stack, q: Array, t: float,
                    where: str = '', u: Array | None = None) -> ConstraintError:
     """Return the error for a singular system of speeds and constraints."""
@@ -362,10 +373,15 @@ def singular_error(mechanism: Mechanism, stack: Stack, q: Array, t: float,
     # Rows that are not finite have no rank to judge.
     infinite = ~np.isfinite(stack.J).all(axis=1)
     if infinite.any():
-        rows = ', '.join(f"'{mechanism.labels[k]}'" for k in np.flatnonzero(infinite))
+        places = np.flatnonzero(infinite).tolist()
+        rows = ', '.join(f"'{mechanism.labels[k]}'" for k in places)
+        advice = ''
+        if _are_tangents_of_wheels(mechanism, places):
+            advice = ('; tangents of a ball are not defined where it touches the surface '
+                      'opposite to `normal` of Rolling')
         return ConstraintError(
             f'{where}constraints: the rows {rows} are not finite at {at}; expected a '
-            'configuration at which they are defined')
+            f'configuration at which they are defined{advice}')
 
     # A dead point if even the best choice of speeds is singular; otherwise another
     # choice helps.
