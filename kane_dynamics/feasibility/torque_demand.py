@@ -103,8 +103,11 @@ class Demand:
     @property
     def uses(self) -> dict[str, Array]:
         """Return peak torque, speed and power as fractions of their limits, (n,)."""
-        return {limit: share(np.abs(values).max(axis=0), bound)
-                for limit, values, bound in self._sizes()}
+        shares = {}
+        for limit, values, bound in self._sizes():
+            peak = np.abs(values).max(axis=0)
+            shares[limit] = share(peak, bound)
+        return shares
 
     @property
     def excesses(self) -> tuple[Excess, ...]:

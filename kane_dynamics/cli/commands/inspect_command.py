@@ -214,10 +214,13 @@ def _print_operations(operations: dict[str, dict[str, int]]) -> None:
     """Print the operation counts of the compiled functions."""
     print('\noperations of one call:')
     kinds = list(next(iter(operations.values())))
+    # A row for each function, a column for each kind of operation.
     table = []
     for name, count in operations.items():
-        numbers = [str(count[kind]) for kind in kinds]
-        table.append([name, *numbers])
+        row = [name]
+        for kind in kinds:
+            row.append(str(count[kind]))
+        table.append(row)
     print_table(['function', *kinds], table)
 
 

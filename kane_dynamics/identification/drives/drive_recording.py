@@ -136,7 +136,10 @@ class DriveRecording:
             return self
         t = np.linspace(self.t[0], self.t[-1], len(self))
         spline = scientific('scipy.interpolate').CubicSpline
-        even = {name: spline(self.t, getattr(self, name))(t) for name in self.signals}
+        even = {}
+        for name in self.signals:
+            through_rows = spline(self.t, getattr(self, name))
+            even[name] = through_rows(t)
         return replace(self, t=t, **even)
 
     def synchronized(self, skew: ArrayLike) -> DriveRecording:

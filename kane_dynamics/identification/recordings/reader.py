@@ -236,11 +236,13 @@ def _stacked(columns: Mapping[str, Any], names: Sequence[str], path: Any) -> Arr
     lacking = [name for name in names if name not in columns]
     if lacking:
         raise InputError(f'{path}: no columns {lacking}; expected one per joint')
-    of_joints = [columns[name] for name in names]
-    for name, column in zip(names, of_joints):
+    of_joints = []
+    for name in names:
+        column = columns[name]
         if column.ndim != 1:
             raise InputError(f"{path}: '{name}' of shape {column.shape}; expected arrays of "
                              'shape (N,)')
+        of_joints.append(column)
     return np.column_stack(of_joints)
 
 

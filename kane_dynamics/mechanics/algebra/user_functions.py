@@ -298,12 +298,14 @@ def _applied(name: str, inputs: tuple[Any, ...]) -> Any:
     if not shapes:
         return Unknown(FUNCTIONS[name](*map(_inner, inputs)))
 
-    # Entry by entry of the common shape.
+    # Entry by entry of the common shape; numbers count for every entry.
     shape = np.broadcast_shapes(*shapes)
     operands = [_broadcast(x, shape) for x in inputs]
     result = np.empty(shape, dtype=object)
     for k in np.ndindex(shape):
-        entries = [x[k] if isinstance(x, np.ndarray) else x for x in operands]
+        entries = []
+        for x in operands:
+            entries.append(x[k] if isinstance(x, np.ndarray) else x)
         result[k] = _applied(name, tuple(entries))
     return result
 
