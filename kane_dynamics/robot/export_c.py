@@ -126,8 +126,8 @@ def _checked_names(robot: Any, kernels: Sequence[Any]) -> list[str]:
         # A quantity of a frame or joint is written as quantity:frame.
         quantity, _, part = name.partition(':')
         of_part = quantity in PART_NAMES and part
-        of_rows = name in CONSTRAINED and 'rows' in CONSTRAINED[name].shape
-        if of_rows and not robot.constraint_names:
+        # A quantity with a row for each constraint may have none.
+        if name in CONSTRAINED and 0 in robot.kernels.signature(name)[1]:
             refused = f"kernels: '{name}' of a robot without constraints, which is empty"
         elif not of_part and name not in robot.kernels.names and name not in CONSTRAINED:
             refused = f"no kernel '{name}'"
