@@ -181,11 +181,15 @@ def is_preempted(arm, random):
     times, rows = random_plan(random)
     _, second = arm.send(times, rows)
     status, code, text = arm.result(first)
-    assert (status, code) == (ABORTED, -1), text
-    assert re.fullmatch(r'replaced by a new goal at \S+ s of \S+ s', text), text
+    # On a busy machine the new goal may arrive after the end of the first one.
+    late = status == SUCCEEDED
+    if not late:
+        assert (status, code) == (ABORTED, -1), text
+        assert re.fullmatch(r'replaced by a new goal at \S+ s of \S+ s', text), text
     status, code, text = arm.result(second)
     assert (status, code) == (SUCCEEDED, 0), text
     np.testing.assert_allclose(arm.rest(), rows[-1], atol=SETTLED)
+    return 'too late' if late else None
 
 
 def violates(arm, random):
@@ -244,6 +248,7 @@ def test_a_hundred_random_plans_end_with_their_codes(arm):
     ends = drive(arm, {'succeeded': 40, 'cancelled': 20, 'preempted': 20, 'violated': 20}, 2)
     print(ends)
     assert ends['cancelled', 'too late'] <= 2
+    assert ends['preempted', 'too late'] <= 1
     assert ends['cancelled', 'before'] + ends['cancelled', 'after'] <= 3
 
 
