@@ -46,8 +46,8 @@ from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task,
                                                  singular_mass as checked_mass,
                                                  TaskInertia)
 from kane_dynamics.task_space.joint_speed_limits import (brake_torques, checked_speeds,
-                                                         slowdown, speeds_towards_stops)
-from kane_dynamics.task_space.joint_walls import JointWalls
+                                                         slowdown)
+from kane_dynamics.task_space.joint_walls import JointWalls, STOPS, WALL
 from kane_dynamics.task_space.law_kernel import (checked_effort, checked_terms,
                                                  identifier, LanesOf, Law, law_kernel,
                                                  PoseLaw, Settings, StateAt)
@@ -211,8 +211,7 @@ class CartesianImpedance(PoseLaw):
             'bounds': (2,), 'weights': (len(WEIGHTS),), 'posture': (robot.n_q,),
             'posture_stiffness': (joints,), 'null_damping': (), 'singular_mass': (),
             'effort': (len(robot.joint_names),), 'speed': (len(robot.joint_names),),
-            'wall_stiffness': (joints,), 'wall_lower': (joints,), 'wall_upper': (joints,),
-            'wall_damping': (joints,)}
+            **self._walls.shapes(*WALL, *STOPS)}
 
     def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return the settings of the kernel by name, checked."""
@@ -463,8 +462,8 @@ def impedance_forces(robot: Robot, task: FrameTask, walls: JointWalls, at: State
     # Feedforward of the reference motion, which is slowed down to the speed limits.
     u_r, udot_r = reference_motion(equations, task, inertia, q, u, desired, t)
     reference_rates = motion.T @ u_r
-    speed_scale = slowdown(reference_rates, speeds_towards_stops(
-        robot, q, reference_rates, values['speed'], lanes), lanes)
+    speed_scale = slowdown(reference_rates, walls.speeds_towards(
+        q, reference_rates, values['speed'], values, lanes), lanes)
     u_r = speed_scale * u_r
     at_rest = equations.zeros
     held = reference_dynamics(equations, q, at_rest, at_rest, at_rest,
@@ -487,7 +486,7 @@ def impedance_forces(robot: Robot, task: FrameTask, walls: JointWalls, at: State
                            drag - mobility.force(damping),
                            mobility.force(spring.wrench) + posture, spring,
                            damping, velocity, mobility, inertia, values['weights'],
-                           speeds_towards_stops(robot, q, motion.qdot, values['speed'],
+                           walls.speeds_towards(q, motion.qdot, values['speed'], values,
                                                 lanes),
                            speed_scale)
 

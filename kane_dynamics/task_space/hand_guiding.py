@@ -38,9 +38,8 @@ from kane_dynamics.mechanics.constraints.transmission import transmission_margin
 from kane_dynamics.model.model import Frame, WORLD
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.frame_task import inverse_mass
-from kane_dynamics.task_space.joint_speed_limits import (brake_torques,
-                                                         speeds_towards_stops, UNSTATED)
-from kane_dynamics.task_space.joint_walls import DAMPING, JointWalls
+from kane_dynamics.task_space.joint_speed_limits import brake_torques, UNSTATED
+from kane_dynamics.task_space.joint_walls import DAMPING, JointWalls, STOPS, WALL
 from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, lanes_of_scalars,
                                                  LanesOf, Law, law_kernel,
                                                  RunTimeSettings, Settings)
@@ -129,12 +128,11 @@ class HandGuiding(RunTimeSettings):
         # The number of planes is a size in the kernel; their numbers may change.
         self._planes = len(_checked_planes(planes))
         names = len(robot.joint_names)
-        joints = self._walls.count
         super().__init__(robot, Settings({
             'friction': (), 'damping': (names,), 'speed_limit': (names,),
             'far_speed': (names,), 'frame_speed': (), 'planes': (self._planes, 4),
-            'plane_stiffness': (), 'effort': (names,), 'wall_stiffness': (joints,),
-            'wall_lower': (joints,), 'wall_upper': (joints,), 'wall_damping': (joints,),
+            'plane_stiffness': (), 'effort': (names,),
+            **self._walls.shapes(*WALL, *STOPS),
             **dict.fromkeys(ERROR, (robot.n,))}))
         self.update(friction=friction, friction_error=friction_error, damping=damping,
                     speed_limit=speed_limit, frame_speed=frame_speed,
@@ -312,7 +310,7 @@ def _law(robot: Robot, frame: Frame | None, walls: JointWalls, shapes: Settings,
             total = total + J.T @ _frame_force(position, J @ u, W, values)
 
         # Brakes of joints that come to their position limits too fast.
-        speeds = speeds_towards_stops(robot, q, rates, values['far_speed'], lanes)
+        speeds = walls.speeds_towards(q, rates, values['far_speed'], values, lanes)
         bias = resisting_force(equations, q, u, RESISTING, parameters, t)
         stopping = brake_torques(motion, inverse, total - bias, speeds, lanes)
         total = total + motion.projected(stopping)

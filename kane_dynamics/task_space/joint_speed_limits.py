@@ -49,58 +49,6 @@ def checked_speeds(robot: Robot, stated: ArrayLike | None) -> Array:
     return speeds
 
 
-def speeds_towards_stops(robot: Robot, q: Vector, rates: Vector, speeds: Vector,
-                         lanes: Any = Lanes) -> Vector:
-    """
-    Return the speed limits in the direction of motion, (n_j,): less next to joint limits.
-
-    Parameters
-    ----------
-    robot : Robot
-        States the joint limits.
-    q : (n_q,) array
-        Positions.
-    rates : (n_j,) array
-        Whose signs are the directions.
-    speeds : (n_j,) array
-        The limits far from the joint limits.
-    lanes : class or object
-        The functions of `Lanes`.
-
-    """
-    # Joints with a limit; ball joints have none.
-    joints = []
-    places = []
-    for r, place in enumerate(robot.model.places):
-        if place is not None and np.isfinite([robot.limits.lower[place],
-                                              robot.limits.upper[place]]).any():
-            joints.append(r)
-            places.append(place)
-    # Other joints keep their speed limits.
-    limits = np.array(speeds, dtype=object)
-    if joints:
-        lower, upper = robot.limits.lower[places], robot.limits.upper[places]
-        range_speeds = (upper - lower) / CROSSING
-        # Of a joint with a single limit, 1 rad/s or m/s.
-        range_speeds = np.where(np.isfinite(range_speeds), range_speeds, 1.0)
-        limits[joints] = by_entries(
-            _speed_towards_stop, lanes, q[places], rates[joints], limits[joints], lower,
-            upper, CREEPING * range_speeds)
-    return np.array(limits.tolist())
-
-
-def _speed_towards_stop(position: Scalar, rate: Scalar, speed: Scalar, lower: Scalar,
-                        upper: Scalar, least_of_range: Scalar) -> Scalar:
-    """Return the speed limit of one joint in the direction of its rate."""
-    way = select(rate < 0.0, position - lower, upper - position)
-    least = CREEPING * speed
-    bound = select(speed < FREED, least_of_range, least)
-    least = select(bound < least, bound, least)
-    slow = way * (1.0 / STOPPING)
-    slow = select(slow < least, least, slow)
-    return select(slow < speed, slow, speed)
-
-
 def slowdown(rates: Vector, limits: Vector, lanes: Any = Lanes) -> Scalar:
     """Return the factor, at most 1, at which no rate exceeds `FREE` of its limit."""
     return smallest([1.0, *by_entries(_share_of_rate, lanes, rates, limits)])

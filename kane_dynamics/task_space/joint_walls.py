@@ -1,4 +1,8 @@
-"""Soft walls before the joint limits: springs and dampers that act within a margin."""
+"""
+Joint limits: soft walls before them, and speeds at which joints come to them.
+
+Walls are springs and dampers that act within a margin.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +15,17 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.mechanics.algebra.lane_products import by_entries
 from kane_dynamics.mechanics.algebra.lanes import Lanes
+from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.task_space.joint_speed_limits import (CREEPING, CROSSING, FREED,
+                                                         STOPPING)
 import numpy as np
 from numpy.typing import ArrayLike
 
 MARGIN = 0.1  # rad or m: the default, at most SHARE of a joint's range
 SHARE = 0.05
 WALL = ('wall_stiffness', 'wall_lower', 'wall_upper', 'wall_damping')  # settings
+STOPS = ('lower_stop', 'upper_stop', 'creeping')  # settings: the joint limits
 DAMPING = 0.01  # s: damping of a wall over its stiffness, at the joint limit and beyond
 
 
@@ -41,12 +49,18 @@ class JointWalls:
         self._effort = np.asarray(robot.limits.effort, np.float64)[self.joints]
         self.count = len(self.joints)
 
+    def shapes(self, *names: str) -> dict[str, Shape]:
+        """Return the shapes of settings of `WALL` and `STOPS`."""
+        return dict.fromkeys(names, (self.count,))
+
     def settings(self, stiffness: ArrayLike | None,
                  margin: ArrayLike | None) -> dict[str, Array]:
         """
-        Return stiffness and damping of the walls, and the positions where they begin.
+        Return the settings `WALL` and `STOPS`.
 
-        By default a wall holds the effort limit at the joint limit.
+        They are stiffness and damping of the walls, and the positions where they begin;
+        the joint limits, and the speeds that are free at them. By default a wall holds
+        the effort limit at the joint limit.
         """
         span = self._upper - self._lower
         if margin is None:
@@ -62,8 +76,12 @@ class JointWalls:
             stiffnesses = effort / np.where(margins > 0.0, margins, 1.0)
         else:
             stiffnesses = per_joint(stiffness, 'limit_stiffness', self._names)
+        # At a joint limit a joint may creep; one with a single limit, by 1 rad/s or m/s.
+        crossing = np.where(np.isfinite(span), span, 1.0) / CROSSING
         # A joint without a limit has its wall beyond every position.
-        return {'wall_stiffness': stiffnesses, 'wall_lower': self._lower + margins,
+        return {'lower_stop': self._lower, 'upper_stop': self._upper,
+                'creeping': CREEPING * crossing,
+                'wall_stiffness': stiffnesses, 'wall_lower': self._lower + margins,
                 'wall_upper': self._upper - margins,
                 'wall_damping': DAMPING / np.where(margins > 0.0, margins, 1.0)}
 
@@ -75,6 +93,32 @@ class JointWalls:
         force[self.joints] = by_entries(_wall_force, lanes, q[self.places],
                                         joint_rates[self.joints], *parts)
         return force
+
+    def speeds_towards(self, q: Vector, joint_rates: Vector, speeds: Vector,
+                       settings: Mapping[str, Any], lanes: Any = Lanes) -> Vector:
+        """
+        Return the speed limits in the direction of motion: less next to joint limits.
+
+        Parameters
+        ----------
+        q : (n_q,) array
+            Positions.
+        joint_rates : (n_j,) array
+            Whose signs are the directions.
+        speeds : (n_j,) array
+            The limits far from the joint limits. Ball joints keep them.
+        settings : mapping of str to array
+            `STOPS`.
+        lanes : class or object
+            The functions of `Lanes`.
+
+        """
+        limits = np.array(speeds, dtype=object)
+        stops = [settings[name] for name in STOPS]
+        limits[self.joints] = by_entries(_speed_towards_stop, lanes, q[self.places],
+                                         joint_rates[self.joints], limits[self.joints],
+                                         *stops)
+        return np.array(limits.tolist())
 
     def energy(self, q: Vector, settings: Mapping[str, Any]) -> Scalar:
         """Return the energy that the walls store, J."""
@@ -122,3 +166,15 @@ def _depth(position: Scalar, lower: Scalar, upper: Scalar) -> Scalar:
     above = position - upper
     below = position - lower
     return select(above > 0.0, above, select(below < 0.0, below, 0.0))
+
+
+def _speed_towards_stop(position: Scalar, rate: Scalar, speed: Scalar, lower: Scalar,
+                        upper: Scalar, least_of_range: Scalar) -> Scalar:
+    """Return the speed limit of one joint in the direction of its rate."""
+    way = select(rate < 0.0, position - lower, upper - position)
+    least = CREEPING * speed
+    bound = select(speed < FREED, least_of_range, least)
+    least = select(bound < least, bound, least)
+    slow = way * (1.0 / STOPPING)
+    slow = select(slow < least, least, slow)
+    return select(slow < speed, slow, speed)

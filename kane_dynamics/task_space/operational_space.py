@@ -31,7 +31,7 @@ from kane_dynamics.task_space.effort_limits import within_limits
 from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task, FrameTask,
                                                  in_axes, singular_mass as checked_mass,
                                                  TaskInertia)
-from kane_dynamics.task_space.joint_walls import JointWalls
+from kane_dynamics.task_space.joint_walls import JointWalls, WALL
 from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, LanesOf, Law,
                                                  law_kernel, PoseLaw, Settings)
 from kane_dynamics.task_space.orientation_error import pose_difference
@@ -100,9 +100,7 @@ class OperationalSpace(PoseLaw):
         super().__init__(robot, Settings({
             'kp': (6,), 'kd': (6,), 'posture': (robot.n_q,), 'posture_kp': (joints,),
             'posture_kd': (joints,), 'singular_mass': (),
-            'effort': (len(robot.joint_names),), 'wall_stiffness': (joints,),
-            'wall_lower': (joints,), 'wall_upper': (joints,),
-            'wall_damping': (joints,)}))
+            'effort': (len(robot.joint_names),), **self._walls.shapes(*WALL)}))
         self.update(kp=kp, kd=kd, posture=posture, posture_kp=posture_kp,
                     posture_kd=posture_kd, limit_stiffness=limit_stiffness,
                     limit_margin=limit_margin, effort_limit=effort_limit,

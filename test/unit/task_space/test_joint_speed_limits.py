@@ -3,12 +3,12 @@
 from dataclasses import replace
 from functools import cache
 
-from kane_dynamics import (CartesianImpedance, InputError, load_urdf, ModelBuilder, Prescribed,
-                           Robot, rod)
+from kane_dynamics import (CartesianImpedance, HandGuiding, InputError, load_urdf,
+                           ModelBuilder, Prescribed, Robot, rod)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.task_space.joint_speed_limits import (checked_speeds, CREEPING, FREE, HORIZON,
-                                                         slowdown, speeds_towards_stops,
-                                                         STOPPING)
+                                                         slowdown, STOPPING)
+from kane_dynamics.task_space.joint_walls import JointWalls
 import numpy as np
 import pytest
 from stepping import stepped
@@ -76,6 +76,12 @@ def test_brakes_take_energy_out_and_do_not_act_on_slow_joints_far_from_stops():
     assert left_alone > 30
 
 
+def speeds_towards_stops(robot, q, rates, speeds):
+    """Return the speed limits in the direction of motion, by the robot's joint limits."""
+    walls = JointWalls(robot)
+    return walls.speeds_towards(q, rates, speeds, walls.settings(None, None))
+
+
 def test_the_speed_towards_a_stop_is_what_is_left_of_the_way():
     robot = fr3()
     limits = robot.limits
@@ -116,6 +122,31 @@ def test_the_speed_of_a_joint_without_a_speed_limit_ends_at_its_stop():
     np.testing.assert_allclose(speeds, CREEPING)
     speeds = speeds_towards_stops(one_sided, limits.lower, np.ones(7), unstated)
     np.testing.assert_array_equal(speeds, unstated)
+
+
+@pytest.mark.parametrize('law', [
+    HandGuiding, lambda robot: CartesianImpedance(robot, TIP, stiffness=1e-3 * K,
+                                                  damping_ratio=0.1, limit_stiffness=0.0)])
+def test_laws_of_equal_robots_with_other_joint_limits_have_their_own_limits(law):
+    """Their machine code is that of the model: the limits are among its numbers."""
+    limited = fr3().copy()
+    unlimited = fr3().copy()
+    infinite = np.full(7, np.inf)
+    unlimited.limits = replace(limited.limits, lower=-infinite, upper=infinite)
+    q = 0.5 * (limited.limits.lower + limited.limits.upper)
+    q[6] = limited.limits.upper[6] - 0.02
+    u = np.zeros(7)
+    u[6] = 2.0
+    torques = []
+    for robot in (unlimited, limited, unlimited):
+        made = law(robot)
+        if isinstance(made, HandGuiding):
+            made.update(limit_stiffness=0.0)
+            torques.append(made.torque(q, u)[6])
+        else:
+            torques.append(made.torque(q, u, robot.frame_pose(TIP, q))[6])
+    assert torques[0] == torques[2]
+    assert torques[1] < torques[0] - 0.2  # only a joint with a limit is braked
 
 
 @pytest.mark.parametrize('speeds', ['stated', 'unstated', 'none'])
