@@ -68,6 +68,7 @@ PARTS = {
     'ros': """
         common
         parameters
+        modes
         torque_path
         services
         monitors

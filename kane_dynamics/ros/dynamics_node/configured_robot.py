@@ -33,6 +33,9 @@ from kane_dynamics.ros.common.rcl_functions import (guard_condition, handle_addr
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.common.transform_tree import tf_message_type, TransformTree
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
+from kane_dynamics.ros.modes.arm_coupling_mode import ArmCouplingMode
+from kane_dynamics.ros.modes.cartesian_mode import CartesianMode
+from kane_dynamics.ros.modes.task_modes import TaskModes
 from kane_dynamics.ros.monitors.attached_objects import (AttachedObjects, scene_types,
                                                          SceneRequest)
 from kane_dynamics.ros.monitors.coupling_topics import CouplingTopics
@@ -52,8 +55,6 @@ from kane_dynamics.ros.services.request_kernels import (ANSWERS, compile_answers
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
-from kane_dynamics.ros.torque_path.arm_coupling_mode import ArmCouplingMode
-from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode
 from kane_dynamics.ros.torque_path.closed_loop_reader import (closed_loop_reader,
                                                               command_fault)
 from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload,
@@ -67,7 +68,6 @@ from kane_dynamics.ros.torque_path.path_controller import path_controller, path_
 from kane_dynamics.ros.torque_path.state_check import speed_limits
 from kane_dynamics.ros.torque_path.target_input import (POSE, TargetInput, TWIST,
                                                         WRENCH)
-from kane_dynamics.ros.torque_path.task_modes import TaskModes
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.step_size import possible_integrators

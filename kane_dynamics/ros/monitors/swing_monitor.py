@@ -8,9 +8,9 @@ from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import KaneError
 from kane_dynamics.ros.common.conversion import Array, NANO
+from kane_dynamics.ros.modes.live_law import LiveLaw
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
-from kane_dynamics.ros.torque_path.live_law import LiveLaw
 from kane_dynamics.task_space.sampled_spring import JointSpring, steady_share, swing
 import numpy as np
 from rclpy.clock import Clock, ClockType

@@ -10,10 +10,10 @@ from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import KaneError
 from kane_dynamics.kinematics.poses import pose_error, rotation_quaternion
 from kane_dynamics.ros.common.conversion import Array, as_wrench
+from kane_dynamics.ros.modes.live_law import LiveLaw
+from kane_dynamics.ros.modes.task_description import TaskSnapshot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
-from kane_dynamics.ros.torque_path.live_law import LiveLaw
-from kane_dynamics.ros.torque_path.task_description import TaskSnapshot
 from kane_dynamics_interfaces.msg import TaskState
 import numpy as np
 from rclpy.clock import Clock, ClockType

@@ -24,12 +24,12 @@ from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.flags import (branch, changed_if, either, finite,
                                                    flag, packed)
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.conversion import NANO
+from kane_dynamics.ros.common.conversion import NANO, NEVER
 from kane_dynamics.ros.torque_path.arbitration import (after_computing, Arbitration,
                                                        before_command, before_zeros,
                                                        heard, SIZE, UNGUARDED)
 from kane_dynamics.ros.torque_path.guard_messages import FIELDS, STOPPED
-from kane_dynamics.ros.torque_path.state_check import (CheckSettings, judged, NEVER,
+from kane_dynamics.ros.torque_path.state_check import (CheckSettings, judged,
                                                        state_memory_size, StateMemory)
 import numpy as np
 

@@ -21,7 +21,7 @@ from kane_dynamics.loop_tracking.loop_tracker import (DEVIATING,
                                                       unpacked_search)
 from kane_dynamics.mechanics.algebra.flags import branch, either, flag, packed
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.conversion import NANO
+from kane_dynamics.ros.common.conversion import NANO, NEVER
 from kane_dynamics.ros.torque_path.closed_loop_reader import may_be_singular
 from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, begun_stop, CONTRADICTORY,
                                                        CycleSettings, desired_motion,
@@ -29,7 +29,6 @@ from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, begun_stop, CON
                                                        NEAR_SINGULAR, NO_MODE,
                                                        OFF_BRANCH, PathState,
                                                        REFUSED, torques_within_limits)
-from kane_dynamics.ros.torque_path.state_check import NEVER
 import numpy as np
 
 

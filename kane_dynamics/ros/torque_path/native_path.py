@@ -22,10 +22,11 @@ from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.motion.motion import State
 from kane_dynamics.native.runtime.message_loop import (ELAPSED, HEARD, MOMENT, MOVING,
                                                        NOW, STAMP, UNKNOWN)
-from kane_dynamics.ros.common.conversion import Array, NANO
+from kane_dynamics.ros.common.conversion import Array, NANO, NEVER
 from kane_dynamics.ros.common.lost_messages import LostMessages
 from kane_dynamics.ros.common.qos import THREAD_STATES
 from kane_dynamics.ros.common.rcl_functions import handle_address, RclLoop
+from kane_dynamics.ros.modes.task_modes import native_laws, NATIVE_MODES
 from kane_dynamics.ros.torque_path import cycle_rules
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
 from kane_dynamics.ros.torque_path.arbitration import Arbitration, UNGUARDED
@@ -43,8 +44,7 @@ from kane_dynamics.ros.torque_path.loop_rules import (initial_loops, LoopRules,
 from kane_dynamics.ros.torque_path.native_loop import (CycleKernels, CyclePlan, LARGEST,
                                                        NativeLoop, Report)
 from kane_dynamics.ros.torque_path.path_memory import PathMemory
-from kane_dynamics.ros.torque_path.state_check import FAULTS, NEVER
-from kane_dynamics.ros.torque_path.task_modes import native_laws, NATIVE_MODES
+from kane_dynamics.ros.torque_path.state_check import FAULTS
 from kane_dynamics.ros.torque_path.torque_path import (NO_TORQUE, OF_LOOPS, REFUSED,
                                                        TOO_LARGE_TORQUE, TorquePath)
 import numpy as np

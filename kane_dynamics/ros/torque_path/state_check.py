@@ -21,7 +21,7 @@ from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.flags import branch, either, finite, flag
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.conversion import Array, NANO
+from kane_dynamics.ros.common.conversion import Array, NANO, NEVER
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
 from kane_dynamics.ros.torque_path.joint_state_reader import NOT_FINITE
 import numpy as np
@@ -31,7 +31,6 @@ JUMP, TOO_FAST, OUTSIDE = (
 FIRST = 'first state'  # no fault: it is compared with the next one
 # Outcomes of `judged`; the faults in the order in which they are named.
 FAULTS = None, NOT_FINITE, OUTSIDE, TOO_FAST, JUMP, FIRST
-NEVER = -2.0**62  # ns: before every stamp
 UNLIMITED = float(np.finfo(np.float64).max)  # stands for an infinite bound
 ROUNDING = 1e-9  # rad or m
 LATE_SHARE = 0.5  # of the distance by the measured speeds, by which a stamp may be wrong

@@ -18,7 +18,7 @@ from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTION, SINGULAR,
                                                     UNKNOWN)
 from kane_dynamics.motion.motion import Motion, State
-from kane_dynamics.ros.common.conversion import Array, NANO
+from kane_dynamics.ros.common.conversion import Array, NANO, NEVER
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.torque_path import cycle_rules
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
@@ -41,8 +41,7 @@ from kane_dynamics.ros.torque_path.path_memory import (COMMANDED_AT, COMMANDING,
                                                        PathMemory, PUBLISH, REFUSING,
                                                        REQUEST, SENT_AT, STOP_BEGAN,
                                                        STOPS, TIMED_OUT)
-from kane_dynamics.ros.torque_path.state_check import (FAULTS, NEVER, StateCheck,
-                                                       UNLIMITED)
+from kane_dynamics.ros.torque_path.state_check import FAULTS, StateCheck, UNLIMITED
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput
 import numpy as np
 from rclpy.publisher import Publisher

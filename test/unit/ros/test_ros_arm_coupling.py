@@ -12,9 +12,9 @@ from kane_dynamics.control.terms import Mode  # noqa: E402, I100
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.common.configuration_files import load_model  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.modes.task_modes import TaskModes  # noqa: E402
 from kane_dynamics.ros.monitors.coupling_topics import CouplingTopics  # noqa: E402
 from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
-from kane_dynamics.ros.torque_path.task_modes import TaskModes  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from node_values import node_values  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402

@@ -12,13 +12,13 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from kane_dynamics.ros.torque_path import cartesian_cycle  # noqa: E402, I100
-from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode  # noqa: E402
-from kane_dynamics.ros.torque_path.cartesian_target import (CartesianTarget,  # noqa: E402
-                                                            pose_of_numbers)
-from kane_dynamics.ros.torque_path.pose_functions import (displaced,  # noqa: E402
-                                                          displacement)
-from kane_dynamics.ros.torque_path.target_reach import REACHED, TargetReach  # noqa: E402
+from kane_dynamics.ros.modes import cartesian_cycle  # noqa: E402, I100
+from kane_dynamics.ros.modes.cartesian_mode import CartesianMode  # noqa: E402
+from kane_dynamics.ros.modes.cartesian_target import (CartesianTarget,  # noqa: E402
+                                                      pose_of_numbers)
+from kane_dynamics.ros.modes.pose_functions import (displaced,  # noqa: E402
+                                                    displacement)
+from kane_dynamics.ros.modes.target_reach import REACHED, TargetReach  # noqa: E402
 from kane_dynamics.task_space.law_kernel import lanes_of_scalars  # noqa: E402
 from node_values import node_values  # noqa: E402
 

@@ -7,9 +7,9 @@ from kane_dynamics import Drive, Inertial, InputError, Motion, MotorSideControl 
 from kane_dynamics import Robot, SmoothMotion, StiffnessCurve, with_drives  # noqa: E402
 from kane_dynamics import with_rigid_joints  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
-from kane_dynamics.ros.torque_path.motor_side_mode import MotorSideMode  # noqa: E402
+from kane_dynamics.ros.modes.motor_side_mode import MotorSideMode  # noqa: E402
+from kane_dynamics.ros.modes.task_modes import TaskModes  # noqa: E402
 from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
-from kane_dynamics.ros.torque_path.task_modes import TaskModes  # noqa: E402
 from node_process import model as rigid_model  # noqa: E402
 from node_values import node_values  # noqa: E402
 import numpy as np  # noqa: E402

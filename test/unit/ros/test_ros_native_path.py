@@ -26,12 +26,12 @@ from kane_dynamics.ros.common.cdr import (PreparedMessage, wrench_stamped,  # no
                                           write_joint_state)
 from kane_dynamics.ros.common.rcl_functions import (handle_address, message_of,  # noqa: E402
                                                     SerializedMessage, UnsupportedError)
+from kane_dynamics.ros.modes.task_modes import (native_laws,  # noqa: E402
+                                                NATIVE_MODES, TaskModes)
 from kane_dynamics.ros.torque_path import cycle_rules, native_loop  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.native_path import LEARNED, python_reason  # noqa: E402
 from kane_dynamics.ros.torque_path.state_check import turning_joints  # noqa: E402
-from kane_dynamics.ros.torque_path.task_modes import (native_laws,  # noqa: E402
-                                                      NATIVE_MODES, TaskModes)
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput  # noqa: E402
 import native_rig  # noqa: E402
 from native_rig import BothPaths, Choices, NANO, Side  # noqa: E402

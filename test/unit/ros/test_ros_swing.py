@@ -11,9 +11,9 @@ pytest.importorskip('rclpy')
 
 from kane_dynamics.control.terms import Mode  # noqa: E402, I100
 from kane_dynamics.ros.common.configuration_files import load_model  # noqa: E402
+from kane_dynamics.ros.modes.task_modes import TaskModes  # noqa: E402
 from kane_dynamics.ros.monitors.swing_monitor import SwingMonitor  # noqa: E402
 from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
-from kane_dynamics.ros.torque_path.task_modes import TaskModes  # noqa: E402
 from node_values import node_values  # noqa: E402
 
 NANO = 10**9

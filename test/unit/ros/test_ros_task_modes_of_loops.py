@@ -6,9 +6,9 @@ import pytest
 pytest.importorskip('rclpy')
 
 from kane_dynamics.control.terms import Mode  # noqa: E402, I100
+from kane_dynamics.ros.modes.task_modes import TaskModes  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import LAW_MODES  # noqa: E402
 from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
-from kane_dynamics.ros.torque_path.task_modes import TaskModes  # noqa: E402
 from kane_dynamics.urdf import load_urdf  # noqa: E402
 from node_values import node_values  # noqa: E402
 from palletizer import DRIVEN, LOOPS, positions, URDF  # noqa: E402

@@ -8,9 +8,9 @@ from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.modes.live_law import LiveLaw
+from kane_dynamics.ros.modes.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.ros.parameters.task_settings import coupling_settings
-from kane_dynamics.ros.torque_path.live_law import LiveLaw
-from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.arm_coupling import ArmCoupling, PartnerState
 from kane_dynamics.task_space.sampled_spring import JointSpring
 import numpy as np

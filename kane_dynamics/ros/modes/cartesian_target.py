@@ -5,9 +5,8 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Matrix, Vector
 from kane_dynamics.mechanics.algebra.quaternion import rotation_matrix
-from kane_dynamics.ros.common.conversion import NANO
-from kane_dynamics.ros.torque_path.cartesian_cycle import TargetOrders
-from kane_dynamics.ros.torque_path.state_check import NEVER
+from kane_dynamics.ros.common.conversion import NANO, NEVER
+from kane_dynamics.ros.modes.cartesian_cycle import TargetOrders
 import numpy as np
 
 

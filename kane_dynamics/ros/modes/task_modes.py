@@ -10,12 +10,12 @@ from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.torque_path.arm_coupling_mode import ArmCouplingMode
-from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode
-from kane_dynamics.ros.torque_path.hand_guiding_mode import HandGuidingMode
-from kane_dynamics.ros.torque_path.joint_impedance_mode import JointImpedanceMode
-from kane_dynamics.ros.torque_path.live_law import LiveLaw, NativeLaw
-from kane_dynamics.ros.torque_path.motor_side_mode import MotorSideMode
+from kane_dynamics.ros.modes.arm_coupling_mode import ArmCouplingMode
+from kane_dynamics.ros.modes.cartesian_mode import CartesianMode
+from kane_dynamics.ros.modes.hand_guiding_mode import HandGuidingMode
+from kane_dynamics.ros.modes.joint_impedance_mode import JointImpedanceMode
+from kane_dynamics.ros.modes.live_law import LiveLaw, NativeLaw
+from kane_dynamics.ros.modes.motor_side_mode import MotorSideMode
 
 LAWS: dict[Mode, Callable[[Robot, Mapping[str, Any]], LiveLaw]] = {
     Mode.JOINT_IMPEDANCE: JointImpedanceMode,

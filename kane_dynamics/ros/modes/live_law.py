@@ -6,7 +6,7 @@ from typing import Any, Protocol
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.controller import ModeLaw
 from kane_dynamics.control.traced_laws import TracedLaw
-from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
+from kane_dynamics.ros.modes.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.sampled_spring import JointSpring
 import numpy as np
 

@@ -10,17 +10,16 @@ from kane_dynamics.mechanics.algebra.flags import packed
 from kane_dynamics.model.model import WORLD
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.conversion import NANO
+from kane_dynamics.ros.common.conversion import NANO, NEVER
+from kane_dynamics.ros.modes.cartesian_cycle import (CartesianCycle, memory_size,
+                                                     ORDERS_SIZE, target_of,
+                                                     unpacked_memory)
+from kane_dynamics.ros.modes.cartesian_target import CartesianTarget
+from kane_dynamics.ros.modes.live_law import NativeLaw
+from kane_dynamics.ros.modes.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.ros.parameters.task_settings import (cartesian_settings,
                                                         controlled_frame, differ,
                                                         target_limits)
-from kane_dynamics.ros.torque_path.cartesian_cycle import (CartesianCycle, memory_size,
-                                                           ORDERS_SIZE, target_of,
-                                                           unpacked_memory)
-from kane_dynamics.ros.torque_path.cartesian_target import CartesianTarget
-from kane_dynamics.ros.torque_path.live_law import NativeLaw
-from kane_dynamics.ros.torque_path.state_check import NEVER
-from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.cartesian_impedance import (CartesianImpedance,
                                                           compile_state, impedance_law,
                                                           joints_at_walls, posture_place,

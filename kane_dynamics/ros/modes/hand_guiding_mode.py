@@ -9,11 +9,11 @@ from kane_dynamics.control.traced_laws import LawInput, TracedLaw
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.modes.live_law import NativeLaw
+from kane_dynamics.ros.modes.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.ros.parameters.parameter_checks import terms
 from kane_dynamics.ros.parameters.task_settings import (controlled_frame, differ,
                                                         guiding_settings)
-from kane_dynamics.ros.torque_path.live_law import NativeLaw
-from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.hand_guiding import (hand_guiding_law, HandGuiding,
                                                    wall_slopes)
 from kane_dynamics.task_space.law_kernel import settings_of

@@ -9,10 +9,10 @@ from kane_dynamics.control.followed_motion import FollowedMotion
 from kane_dynamics.control.traced_laws import LawInput, TracedLaw
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.modes.live_law import NativeLaw
 from kane_dynamics.ros.parameters.parameter_checks import terms
 from kane_dynamics.ros.parameters.task_settings import (differ, joint_damping,
                                                         joint_stiffness)
-from kane_dynamics.ros.torque_path.live_law import NativeLaw
 from kane_dynamics.task_space.joint_impedance import (compile_dampers,
                                                       joint_impedance_law,
                                                       JointImpedance)

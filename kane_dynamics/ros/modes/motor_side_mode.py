@@ -9,8 +9,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import Model
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.modes.live_law import LiveLaw
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
-from kane_dynamics.ros.torque_path.live_law import LiveLaw
 import numpy as np
 
 SHARE = 0.04  # of the stiffness of a drive: the default gain of its motor's position
