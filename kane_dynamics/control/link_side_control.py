@@ -23,7 +23,7 @@ from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import finite_row, instance, number, per_joint
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array, Scalar, Vector
-from kane_dynamics.control.elastic_control import derivatives_of, DERIVATIVES
+from kane_dynamics.control.elastic_control import DERIVATIVES, derivatives_of
 from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.jet import (derivative, Jet, moving_jets, series_of,
