@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+import hashlib
 from itertools import compress
 import math
 import operator
@@ -25,7 +26,8 @@ OPERATORS: dict[str, Any] = {'add': operator.add, 'sub': operator.sub,
                              'mul': operator.mul,
                              'div': operator.truediv, 'neg': operator.neg}
 
-PLAIN = (str, int, float, bool, type(None))  # values that `origin` describes
+# Values that `origin` describes by their text.
+PLAIN = (str, int, float, bool, type(None), slice, np.generic)
 NUMPY: dict[str, Any] = {'add': np.add, 'sub': np.subtract, 'mul': np.multiply,
                          'div': np.divide, 'neg': np.negative,
                          'less': lambda a, b: np.float64(a < b),
@@ -188,8 +190,9 @@ def origin(program: Callable[..., Any]) -> str:
     Return a text of the code of a function and of the plain values that it is bound to.
 
     These are the values of `functools.partial` and of enclosing functions that are
-    functions, texts, numbers or tuples of these. Other objects do not count: a key names
-    what they are. The text is the same in each process.
+    functions, texts, numbers, arrays of numbers, slices, or tuples, lists and dicts of
+    these. Other objects do not count: a key names what they are. The text is the same in
+    each process.
     """
     parts: list[str] = []
     _describe(program, parts, set())
@@ -202,11 +205,16 @@ def _describe(value: Any, parts: list[str], seen: set[int]) -> None:
     # enclose.
     if isinstance(value, PLAIN):
         parts.append(repr(value))
-    elif isinstance(value, tuple):
+    elif isinstance(value, (tuple, list)):
         parts.append('(')
         for x in value:
             _describe(x, parts, seen)
         parts.append(')')
+    elif isinstance(value, dict):
+        _describe(list(value.items()), parts, seen)
+    elif isinstance(value, np.ndarray) and value.dtype != object:
+        digest = hashlib.sha256(value.tobytes()).hexdigest()
+        parts.append(f'{value.dtype}{value.shape}{digest}')
     elif isinstance(value, partial):
         for x in (value.func, *value.args, *value.keywords.values()):
             _describe(x, parts, seen)

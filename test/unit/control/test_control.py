@@ -30,12 +30,12 @@ class ClosedForm:
                                      modal_coordinates=(), drives=())
         self.equations = SimpleNamespace(model=self.model, in_joint_rates=True, timed=False,
                                          n=self.n, mechanism=None, tree=None, actuated=None,
-                                         carries_loads=False)
+                                         carries_loads=False, time_inputs=lambda t: ())
         law = SimpleNamespace(entry=lambda doc, fallback: self.computed_torque)
         self.kernels = SimpleNamespace(compiled=lambda *_: law, no_wrench=())
         self.parameters = SimpleNamespace(block=None, closure_tolerance=None)
 
-    def computed_torque(self, q, u, q_d, u_d, udot_d, gains):
+    def computed_torque(self, q, u, q_d, u_d, udot_d, gains, t):
         """Return the law of computed torque with friction at the desired speed."""
         with np.errstate(over='ignore', invalid='ignore'):
             udot = udot_d + gains[:2] * (q_d - q) + gains[2:] * (u_d - u)

@@ -1,8 +1,11 @@
 """`Robot.compiled` makes native code of a function and supplies what the robot has."""
 
+import copy
+
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints import Prescribed
 from kane_dynamics.model.model import Inertial
+from kane_dynamics.native.tracing.program import origin
 from kane_dynamics.robot.robot import Robot
 from mechanisms import random_model
 import numpy as np
@@ -182,3 +185,16 @@ def test_errors_name_the_joint(robot):
     kernel = robot.compiled(lambda q: 1.0 * q, name='copied', q=ROW, shape=ROW)
     with pytest.raises(InputError, match=r"q\[1\] \(joint '.*'\): nan; expected a finite"):
         kernel([0.0, np.nan, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(('one', 'other'), [
+    ([0, 1], [1, 0]), (np.array([1.0, 2.0]), np.array([1.0, 3.0])), ({'a': 1}, {'a': 2}),
+    (slice(2), slice(3)), (np.intp(1), np.intp(2)), ((np.zeros(2),), (np.zeros((2, 1)),))])
+def test_constants_of_a_function_tell_its_machine_code_from_others(one, other):
+    """Otherwise the cache would give one function the machine code of the other."""
+    def enclosing(constant):
+        def function(x):
+            return x, constant
+        return function
+    assert origin(enclosing(one)) == origin(enclosing(copy.deepcopy(one)))
+    assert origin(enclosing(one)) != origin(enclosing(other))
