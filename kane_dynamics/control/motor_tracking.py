@@ -187,7 +187,10 @@ def _even_step(motion: SmoothMotion | Motion, step: float) -> float:
     """Return the largest step of at most `step` with which the last row is the end."""
     longest = number(step, 'step', 'a positive number, s', lambda h: 0.0 < h < np.inf)
     span = float(motion.times[-1] - motion.times[0])
-    return span / max(math.ceil(span / longest), 1)
+    intervals = span / longest
+    if not math.isfinite(intervals):
+        return longest  # which `ElasticFeedforward.along` refuses
+    return span / max(math.ceil(intervals), 1)
 
 
 def _with_settling(motion: SmoothMotion | Motion, robot: Robot) -> SmoothMotion | Motion:

@@ -138,8 +138,9 @@ def test_arguments_are_checked():
         MotorTracking(feedforward, turn, kp=1.0, kd=1.0, lead=-1.0)
     with pytest.raises(InputError, match='step'):
         MotorTracking(feedforward, turn, kp=1.0, kd=1.0, step=0.0)
-    with pytest.raises(InputError, match='10000000 rows'):
-        MotorTracking(feedforward, turn, kp=1.0, kd=1.0, step=1e-300)
+    for step in (1e-300, 1e-320):  # also where the number of rows is no finite number
+        with pytest.raises(InputError, match=f'step: {step:g} .* 10000000 rows'):
+            MotorTracking(feedforward, turn, kp=1.0, kd=1.0, step=step)
     with pytest.raises(InputError, match='motion'):
         MotorTracking(feedforward, MOVE, kp=1.0, kd=1.0)
     control = MotorTracking(feedforward, turn, kp=1.0, kd=1.0)
