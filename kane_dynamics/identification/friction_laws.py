@@ -488,10 +488,10 @@ def without_harm(laws: Sequence[FrictionLaw], candidates: Mapping[str, Candidate
     harmless = []
     for j, law in enumerate(laws):
         errors = candidates[law.name]
-        growth = errors.every[j] / plain.every[j], errors.moving[j] / plain.moving[j]
-        # A joint that never moves has no number of rows in motion.
-        harms = any(ratio > 1.0 + HARM for ratio in growth)
-        harmless.append(COULOMB if harms else law)
+        # A joint that never moves has NaN for rows in motion, which is not larger.
+        in_all = errors.every[j] > (1.0 + HARM) * plain.every[j]
+        in_motion = errors.moving[j] > (1.0 + HARM) * plain.moving[j]
+        harmless.append(COULOMB if in_all or in_motion else law)
     return tuple(harmless)
 
 

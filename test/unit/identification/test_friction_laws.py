@@ -77,6 +77,13 @@ def test_a_joint_for_which_the_law_of_the_arm_predicts_worse_has_coulomb_frictio
     assert [law.name for law in found] == ['presliding', 'coulomb', 'coulomb', 'presliding']
 
 
+def test_a_law_without_errors_does_no_harm():
+    none = CandidateErrors(np.zeros(1), np.zeros(1))
+    laws = [LAWS[LAW_NAMES.index('quadratic')]]
+    with np.errstate(all='raise'):
+        assert list(without_harm(laws, {'coulomb': none, 'quadratic': none})) == laws
+
+
 def test_friction_speeds_of_laws_are_fitted_between_the_candidates():
     # Without noise the true speed leaves nothing, wherever it lies between candidates.
     _, recording = recording_of('load')
