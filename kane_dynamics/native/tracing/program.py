@@ -212,7 +212,10 @@ def _describe(value: Any, parts: list[str], seen: set[int]) -> None:
         parts.append(')')
     elif isinstance(value, dict):
         _describe(list(value.items()), parts, seen)
-    elif isinstance(value, np.ndarray) and value.dtype != object:
+    elif isinstance(value, np.ndarray) and value.dtype == object:
+        parts.append(f'{value.shape}')
+        _describe(value.ravel().tolist(), parts, seen)
+    elif isinstance(value, np.ndarray):
         digest = hashlib.sha256(value.tobytes()).hexdigest()
         parts.append(f'{value.dtype}{value.shape}{digest}')
     elif isinstance(value, partial):

@@ -189,7 +189,9 @@ def test_errors_name_the_joint(robot):
 
 @pytest.mark.parametrize(('one', 'other'), [
     ([0, 1], [1, 0]), (np.array([1.0, 2.0]), np.array([1.0, 3.0])), ({'a': 1}, {'a': 2}),
-    (slice(2), slice(3)), (np.intp(1), np.intp(2)), ((np.zeros(2),), (np.zeros((2, 1)),))])
+    (slice(2), slice(3)), (np.intp(1), np.intp(2)), ((np.zeros(2),), (np.zeros((2, 1)),)),
+    (np.array([0, 1], dtype=object), np.array([1, 0], dtype=object)),
+    (np.zeros(2).astype(object), np.zeros((2, 1)).astype(object))])
 def test_constants_of_a_function_tell_its_machine_code_from_others(one, other):
     """Otherwise the cache would give one function the machine code of the other."""
     def enclosing(constant):
