@@ -144,7 +144,6 @@ def _check_place(file: Path) -> None:
     """Raise InputError for a path without directory or with a file not of export_c."""
     if not file.parent.is_dir():
         raise InputError(f"path '{file}': no directory '{file.parent}'; expected an existing one")
-    # Overwrite only what an earlier export wrote.
     # Overwrite only what an earlier export wrote: its first line says so.
     if not file.exists():
         return
