@@ -68,7 +68,7 @@ class ClosedPositions(NamedTuple):
     """
     Coordinates of the links, (N, n), that close loops at positions of `joints`, (N, k).
 
-    `times` has the times, (N,), s, where the loops depend on them; else it is empty.
+    `times` has the times, (1, N), s, where the loops depend on them; else it is empty.
     """
 
     joints: tuple[str, ...]

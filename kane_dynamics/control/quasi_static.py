@@ -290,7 +290,7 @@ def _check(robot: Robot) -> None:
         raise InputError(f'quasi-static deflections: speeds {list(robot.speed_names)}; '
                          'expected the rates of joints and of all modes, which the '
                          'constraints must not couple')
-    equations.require_timeless('quasi-static deflections', 'as they are those at rest')
+    equations.require_timeless('quasi-static deflections', 'because the arm rests in them')
 
 
 def _index(places: list[int]) -> slice | list[int]:

@@ -162,7 +162,8 @@ class Equations:
         Return the time as the last input of a kernel, or nothing where it has none.
 
         Callers always pass the time; only kernels of `timed` equations have it as an
-        input. A single time stands for all rows of `states`, (N, ...) arrays.
+        input. A single time stands for all rows of `states`, (N, ...) arrays. The time may
+        also be a name or an `Argument`, without states.
         """
         if not self.timed:
             return ()

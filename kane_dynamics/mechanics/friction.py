@@ -347,8 +347,8 @@ def deflection_after(joint: Joint, rate: Scalar, deflection: Scalar, load: Scala
     """
     Return the deflection after a joint has moved one way, rad or m.
 
-    The travel, rad or m, has the sign of the motion; of the rate, which is constant as the
-    load is, the size counts.
+    The travel, rad or m, has the sign of the motion. The load and the size of the rate
+    are constant on the way; the sign of the rate has no influence.
     """
     # dz / dx = 1 - s z / g forward, and 1 + s z / g backward.
     direction = select(travel < 0.0, -1.0, 1.0)

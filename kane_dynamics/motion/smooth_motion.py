@@ -175,8 +175,8 @@ class SmoothMotion:
         """
         Raise InputError where speed, acceleration or jerk jumps.
 
-        `jumps` are the largest differences at a point that are none, over the largest
-        speed, acceleration and jerk.
+        `jumps` are the largest differences at a point that are accepted, relative to the
+        largest speed, acceleration and jerk.
         """
         lengths = np.diff(self.times)
         rest = np.zeros((1, self.n))
