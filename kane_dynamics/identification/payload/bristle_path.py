@@ -3,7 +3,8 @@ The friction of bristles along measured motion, of an arm whose payload is not k
 
 Bristles deflect with the travel of their joint: dz/dx = 1 - s z sign(dx) / g, with the
 friction of sliding g. Positions state the travel, and load friction in g follows from the
-torques of the motors, so that neither payload nor time is needed.
+torques of the motors, so that neither payload nor time is needed. Between two samples a
+joint counts as moving one way.
 
 Where the bristles were at the first sample is not known. The law keeps the order of two
 deflections, so that those from both ends of what is possible bound the true one at each
