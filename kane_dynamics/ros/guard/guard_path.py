@@ -215,9 +215,11 @@ class GuardPath(TorquePath):
             return
         late = LATE * self.states.timeout
         # The node is silent, and the arm too, or its states are impossible: the guard
-        # commands. A node that commands hears the states that this guard does not.
+        # commands. A node that commands hears the states that this guard does not; they
+        # may be as slow as the timeout, so that its silence counts when it is as long.
         if self.watch.may_take_over(now) and self.watch.silent(now):
-            if self._now() - self._last_heard > late:
+            node_is_late = now - self.watch.heard_at > late / NANO
+            if node_is_late and self._now() - self._last_heard > late:
                 self.watch.take_over(now)
                 self._takeovers = self.watch.takeovers
                 self._took_over = self._now()

@@ -44,7 +44,9 @@ class NodeWatch:
     takeovers : int
         Number of takeovers since the start.
     waiting_since : float
-        Time of the last command of the node, or of the end of a stall of the guard.
+        Time of `heard_at`, or of the end of a stall of the guard.
+    heard_at : float
+        Time of the last command or request of the node.
     silent_for : float
         Time since the last command of the node at the last takeover, s.
     stopped_for : float
@@ -58,7 +60,7 @@ class NodeWatch:
         self.torque = np.zeros(joints)
         self.takeovers = self._unanswered = 0
         self.silent_for = self.stopped_for = 0.0
-        self.waiting_since = 0.0
+        self.waiting_since = self.heard_at = 0.0
         self._alive = 0.0  # time of the last sign of life of the guard itself; 0: none
         self._listens_until = 0.0
 
@@ -82,7 +84,12 @@ class NodeWatch:
         self.commanded_last = own
 
     def wait_for_node(self, now: float) -> None:
-        """Leave the command to the node; wait for it as if it had sent one now."""
+        """Leave the command to the node, which was heard now."""
+        self.heard_at = now
+        self._wait(now)
+
+    def _wait(self, now: float) -> None:
+        """Wait for the node as if it had commanded now."""
         self.acting = False
         self._unanswered = 0
         self.waiting_since = now
@@ -97,7 +104,7 @@ class NodeWatch:
         stall = now - self._alive
         self._alive = now
         if stall > (OWN_STALL if self.acting else self._lease):
-            self.wait_for_node(now)  # messages of the node may still be in the queue
+            self._wait(now)  # messages of the node may still be in the queue
         if stall > LOST and not first:
             self.stopped_for = stall
             self._listens_until = now + LOST
@@ -147,7 +154,7 @@ class NodeWatch:
             self.take_over(now)
 
     def silent(self, now: float, share: float = 1.0) -> bool:
-        """Return whether the node has not commanded for a share of the lease."""
+        """Return whether the node was not heard for a share of the lease."""
         return now - self.waiting_since > share * self._lease
 
     def take_over(self, now: float) -> None:

@@ -411,8 +411,9 @@ def test_a_node_that_gets_no_states_does_not_command_zeros_while_the_guard_holds
     assert all(tau.any() for now, _, tau in both.machine.commands if now > began)
 
 
-def test_a_guard_that_gets_no_states_leaves_the_command_to_a_node_that_has_them(pair):
-    both = pair()
+@pytest.mark.parametrize('period', [0.002, 0.08])
+def test_a_guard_that_gets_no_states_leaves_the_command_to_a_node_that_has_them(pair, period):
+    both = pair(period=period)
     began = both.machine.now
     subscribers = both.machine.subscribers['joint_states']
     subscribers[:] = [each for each in subscribers if each[0] is both.node_process]
@@ -420,7 +421,7 @@ def test_a_guard_that_gets_no_states_leaves_the_command_to_a_node_that_has_them(
     assert both.voices(began) == ['node']
     assert all(tau.any() for now, _, tau in both.machine.commands if now > began)
     both.node_process.dead = True
-    both.run(0.1)
+    both.run(0.2)
     assert both.machine.commands[-1][1] == 'guard'
     assert not both.machine.commands[-1][2].any()
 
