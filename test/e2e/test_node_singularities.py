@@ -152,3 +152,4 @@ def test_an_arm_is_led_through_a_singular_configuration_over_dds(participant, na
     if not posture_stiffness:  # the pull of a posture has no energy of its own
         assert rise <= experiments.RISE
     assert outside <= experiments.OUTSIDE
+    assert last.max() <= experiments.ORDINARY_ERROR

@@ -25,7 +25,9 @@ def check_passage(figures, returns=True):
     assert figures.torque <= 1.0 + 1e-9
     assert figures.speed <= 1.0
     assert figures.energy_rise <= experiments.RISE
-    assert not returns or figures.error_outside <= experiments.OUTSIDE
+    if returns:
+        assert figures.error_outside <= experiments.OUTSIDE
+        assert figures.error_ordinary <= experiments.ORDINARY_ERROR
 
 
 @pytest.mark.parametrize('name', ARMS)
