@@ -1,10 +1,10 @@
 """What the tests of the node share: a ROS domain of their own, a node, a client."""
 
 import os
-import random
 import sys
 
 import pytest
+from ros_domain import own_domain
 
 try:
     import kane_dynamics_interfaces  # noqa: F401
@@ -16,7 +16,7 @@ except ImportError:
 if rclpy is not None:
     # Before anything joins a domain: this run talks to itself alone.
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    os.environ['ROS_DOMAIN_ID'] = str(random.SystemRandom().randint(1, 100))
+    os.environ['ROS_DOMAIN_ID'] = own_domain()
     os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
 
 

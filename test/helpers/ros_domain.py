@@ -17,7 +17,10 @@ def own_domain():
     """
     for number in random.SystemRandom().sample(DOMAINS, len(DOMAINS)):
         path = Path(tempfile.gettempdir()) / f'kane_dynamics_domain_{number}.lock'
-        lock = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
+        try:
+            lock = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
+        except PermissionError:  # of another user
+            continue
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
