@@ -62,6 +62,4 @@ def start():
         return process
 
     yield start
-    for process in running:
-        process.end(timeout=30.0)  # on a busy machine
-        assert 'Fatal Python error' not in process.log, process.log
+    node_process.end_all(running)

@@ -64,6 +64,10 @@ def model():
     return load_urdf(URDF)
 
 
+# Exit codes of processes that ended by a fault, which a log need not show.
+FAULTS = [-number for number in (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE,
+                                 signal.SIGILL)]
+
 # The states and motions of most tests are of no arm: they jump.
 UNCHECKED = {'state_check__speed_factor': '.inf', 'state_check__position_margin': '.inf',
              'trajectory__start_tolerance': '.inf'}
@@ -138,6 +142,13 @@ class Process:
             self._reader.join(1.0)
             self._process.stdout.close()
         return code, time.monotonic() - began
+
+
+def end_all(processes):
+    """End processes, also those that ended before; none may have ended by a fault."""
+    codes = [process.end(timeout=30.0)[0] for process in processes]  # on a busy machine
+    for process, code in zip(processes, codes):
+        assert code not in FAULTS, (code, process.log)
 
 
 def prefer(pid, priority):
