@@ -26,7 +26,8 @@ TOLD = 0.5  # of the belief's deviation of the mass: more is no finding but the 
 # limit.
 DOUBT = 0.1
 ROUNDING = 1e-12  # of the largest information
-LARGEST = 1e6  # information, in units of the belief, that physical consistency needs
+# Largest information, in units of the belief, in trials of the solver.
+LIMITS = 1e6, 1e8, 1e10
 ROWS = 20  # each half has as many as there are parameters, or more
 
 
@@ -169,10 +170,20 @@ def _solved(information: Array, weighted: Array, belief: Array) -> tuple[Array, 
     if np.linalg.eigvalsh(pseudo_inertia_of(x))[0] > 0.0:
         return x, covariance
 
-    # An interior point method loses the belief beside far larger information.
-    roots = np.sqrt(np.minimum(values[known], LARGEST))
-    A = roots[:, None] * (L @ axes[:, known]).T
-    return physical(A, roots * of_rows, [START], np.zeros(0), BELIEF), covariance
+    # An interior point method loses the belief beside far larger information, and the
+    # differences of what is known where that is limited: the least cost decides.
+    rows = (L @ axes[:, known]).T
+
+    def cost(x: Array) -> float:
+        residual = rows @ x - of_rows
+        change = L.T @ (x - start)
+        return float(values[known] @ residual**2 + change @ change)
+    trials = []
+    for limit in LIMITS:
+        roots = np.sqrt(np.minimum(values[known], limit))
+        trials.append(physical(roots[:, None] * rows, roots * of_rows, [START],
+                               np.zeros(0), BELIEF))
+    return min(trials, key=cost), covariance
 
 
 def covariance_of(information: Array) -> Array:
