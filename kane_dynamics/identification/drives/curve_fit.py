@@ -16,7 +16,7 @@ from itertools import combinations, pairwise
 from kane_dynamics._util.typing import Array
 from kane_dynamics.identification.drives.gear_fit import (Elasticity, fitted,
                                                           GearEquations, GearFit,
-                                                          LinkSignals)
+                                                          LinkSignals, slip_speed)
 from kane_dynamics.mechanics.elastic_joints import spring_slope, spring_torque
 from kane_dynamics.model.drive import Drive, StiffnessCurve
 import numpy as np
@@ -58,7 +58,7 @@ class CurveEquations(GearEquations):
         value = self._values(np.zeros(len(self.names))) | straight
         compliance = max(value['compliance'], 1e-12)
         value[DAMPING] = max(value['eta'], 0.0) / compliance
-        link = self._of_links(value['skew'], float(np.exp(value['log_slip'])))
+        link = self._of_links(value['skew'], slip_speed(value))
         torque = self._spring_load(value, link)
         deflection = self._theta - link.q
         largest = float(np.abs(torque).max())
@@ -118,7 +118,7 @@ class CurveEquations(GearEquations):
 
     def _elasticity(self, value: dict[str, float]) -> Elasticity:
         """Return the compliance of the curve along the motion, and its time constant."""
-        link = self._of_links(value['skew'], float(np.exp(value['log_slip'])))
+        link = self._of_links(value['skew'], slip_speed(value))
         _, compliance = _along(self.curve(value), self._spring_load(value, link))
         mean = float(compliance.mean())
         return Elasticity(mean, float(compliance.std()), mean * value[DAMPING])

@@ -22,6 +22,7 @@ linear equations (Pintelon & Schoukens, System Identification, 2nd ed., chapter 
 with E the spectra of the equations and a their coefficients of a signal.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -36,6 +37,7 @@ PARAMETERS = ('compliance', 'eta', 'skew', 'deflection_offset', 'link_damping',
               'link_friction', 'rotor_inertia', 'motor_damping', 'motor_friction',
               'motor_offset', 'log_slip')
 FIRST_SLIP = 0.05  # rad/s or m/s
+MOST_LOG_SLIP = 50.0  # in the search, of friction speeds in rad/s or m/s
 LARGEST_FIRST_SKEW = 0.02  # s
 MOST_EVALUATIONS = 40
 ROUNDS = 3  # of the noise of friction
@@ -249,7 +251,7 @@ class GearEquations:
         """Return the residuals over their standard deviations, real, (R,)."""
         value = self._values(x)
         signals = self._signals
-        slip = float(np.exp(value['log_slip']))
+        slip = slip_speed(value)
         link = self._of_links(value['skew'], slip)
         # The gear carries the link: its rigid dynamics and the friction of the link.
         gear = link.rigid
@@ -295,7 +297,7 @@ class GearEquations:
         It stays in a fit: the residuals would be smallest for a friction of infinite noise.
         """
         value = self._values(x)
-        slip = float(np.exp(value['log_slip']))
+        slip = slip_speed(value)
         speeds = {'motor_friction': self._signals.speed,
                   'link_friction': self._signals.link_speed}
         # Friction of a slope that varies makes noise of the speed's noise.
@@ -376,6 +378,12 @@ class GearEquations:
             a = np.column_stack(of_rows[:size])
             covariance += deviation**2 * a[:, :, None] * a[:, None, :].conj()
         return self._of.gain * covariance
+
+
+def slip_speed(value: Mapping[str, float]) -> float:
+    """Return the friction speed of the motor, rad/s or m/s, from its logarithm."""
+    # A step of the search may go to any number where friction says little of it.
+    return float(np.exp(np.clip(value['log_slip'], -MOST_LOG_SLIP, MOST_LOG_SLIP)))
 
 
 def fitted(equations: GearEquations) -> GearFit:
