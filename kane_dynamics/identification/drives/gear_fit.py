@@ -37,7 +37,7 @@ PARAMETERS = ('compliance', 'eta', 'skew', 'deflection_offset', 'link_damping',
               'link_friction', 'rotor_inertia', 'motor_damping', 'motor_friction',
               'motor_offset', 'log_slip')
 FIRST_SLIP = 0.05  # rad/s or m/s
-MOST_LOG_SLIP = 50.0  # in the search, of friction speeds in rad/s or m/s
+SLIPS = 1e-5, 50.0  # rad/s or m/s: beyond, friction is a step, or viscous
 LARGEST_FIRST_SKEW = 0.02  # s
 MOST_EVALUATIONS = 40
 ROUNDS = 3  # of the noise of friction
@@ -382,16 +382,20 @@ class GearEquations:
 
 def slip_speed(value: Mapping[str, float]) -> float:
     """Return the friction speed of the motor, rad/s or m/s, from its logarithm."""
-    # A step of the search may go to any number where friction says little of it.
-    return float(np.exp(np.clip(value['log_slip'], -MOST_LOG_SLIP, MOST_LOG_SLIP)))
+    return float(np.exp(value['log_slip']))
 
 
 def fitted(equations: GearEquations) -> GearFit:
     """Return the maximum of the likelihood, with its covariance."""
     x = equations.start()
+    # A long step to a friction speed of which the residuals say nothing would stay there.
+    bounds = np.full((2, len(x)), np.inf)
+    bounds[0] = -np.inf
+    if 'log_slip' in equations.names:
+        bounds[:, equations.names.index('log_slip')] = np.log(SLIPS)
     for _ in range(ROUNDS):
         solution = scientific('scipy.optimize').least_squares(
-            equations.weighted, x, x_scale='jac', method='trf',
+            equations.weighted, x, x_scale='jac', method='trf', bounds=bounds,
             max_nfev=MOST_EVALUATIONS)
         x = solution.x
         equations.settle(x)
