@@ -46,6 +46,7 @@ from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 LEAD = 0.3  # s between sending a motion and its start
+SETTLING = 3.0  # s in which the arm comes to rest under its servo
 FALL = 0.25  # s: later it meets joint limits, which a simulation only reports
 FEEDFORWARD, CARTESIAN, ELASTIC = 'feedforward', 'cartesian', 'elastic'  # demo modes
 DENSE = 200.0  # points of the fast motion, 1/s
@@ -123,10 +124,11 @@ class Director(Node):
         # The arm jumps home: the node must be inactive, since no real arm jumps.
         self.ask(SetBool, f'{PLANT}/reset', data=True)
         if feedforward:
-            # States from before the jump that arrive late are stale by then.
+            # States from before the jump that arrive late are stale by then; meanwhile
+            # the arm sinks.
             time.sleep(STATE_TIMEOUT)
             self.change(Transition.TRANSITION_ACTIVATE)
-        time.sleep(1.0)
+        time.sleep(SETTLING)
         self.send(motion, feedforward)
         duration = motion.duration
         end = time.monotonic() + LEAD + duration
