@@ -205,6 +205,7 @@ class Director(Node):
         self._wait_for_steady_torques()
         self.ask(SetBool, f'{PLANT}/servo', data=False)  # brakes off
         began = self._simulated_time()
+        end = began + LEAD + motion.duration
         self._to_node.publish(dense_message(motion, began + LEAD))
         duration = LEAD + motion.duration + AFTER
         with progress_bar(label, duration) as progress:
@@ -212,7 +213,7 @@ class Director(Node):
                 progress(now)
         self.destroy_subscription(clock)
         self.ask(Trigger, f'{PLANT}/save')
-        return VibrationLog.load(record)
+        return VibrationLog.load(record).since(end)
 
     def _wait_for_steady_torques(self) -> None:
         """Wait until the node holds the arm, whose torques rise at a limited rate."""

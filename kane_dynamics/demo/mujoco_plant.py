@@ -338,7 +338,7 @@ class MujocoPlant(Node):
             columns[name] = np.array(values)
         latency = np.array(self._latencies).reshape(-1, 2)
         with whole_file(self._record, binary=True) as file:
-            np.savez(file, latency=latency, **columns)
+            np.savez(file, latency=latency, started=self._started, **columns)
         response.success = True
         response.message = self._record
         return response

@@ -1,10 +1,11 @@
 """The report of mode elastic: vibration after a fast motion, and a plot."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Self
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.demo.demo_settings import AFTER, DemoRobot, FAST
+from kane_dynamics.demo.demo_settings import DemoRobot, FAST
 from kane_dynamics.demo.recorded_arm import SavedRecord
 from kane_dynamics.plot.vibration_plot import plot_vibration, VibrationRecord
 import numpy as np
@@ -22,7 +23,9 @@ class VibrationLog(SavedRecord):
     Attributes
     ----------
     t : (K,) array
-        s.
+        Since `started`, s.
+    started : () array
+        Simulated time, s.
     command : (K, n) array
         Torques of the motors, N m.
     place : (K, 3) array
@@ -31,27 +34,30 @@ class VibrationLog(SavedRecord):
     """
 
     t: Array
+    started: Array
     command: Array
     place: Array
 
-    def after_motion(self) -> tuple[Array, Array]:
-        """Return times after the end of the motion, s, and distances from rest, m."""
-        # The record ends with the time after the motion.
-        t = self.t - (self.t[-1] - AFTER)
-        at_rest = self.place[t >= AFTER - SETTLED].mean(axis=0)
-        return t, np.linalg.norm(self.place - at_rest, axis=1)
+    def since(self, time: float) -> Self:
+        """Return the record with times since a simulated time, s."""
+        moved = self.started - time
+        return replace(self, t=self.t + moved, started=np.array(time))
+
+    def distances(self) -> Array:
+        """Return the distances from where the arm rests at last, (K,), m."""
+        at_rest = self.place[self.t >= self.t[-1] - SETTLED].mean(axis=0)
+        distances: Array = np.linalg.norm(self.place - at_rest, axis=1)
+        return distances
 
     @property
     def vibration(self) -> float:
-        """Return the largest distance from rest after the motion, m."""
-        t, distance = self.after_motion()
-        return float(distance[t >= 0.0].max())
+        """Return the largest distance from rest after the motion, at 0 s, m."""
+        return float(self.distances()[self.t >= 0.0].max())
 
     @property
     def travel(self) -> float:
         """Return the largest distance from the place at rest, m, also in the motion."""
-        _, distance = self.after_motion()
-        return float(distance.max())
+        return float(self.distances().max())
 
 
 def report_vibration(robot: DemoRobot, runs: dict[str, VibrationLog], folder: Path) -> int:
@@ -81,7 +87,6 @@ def _plot_runs(robot: DemoRobot, runs: dict[str, VibrationLog], picture: Path) -
     """Plot the vibration and the torques of the runs."""
     records = []
     for label, run in runs.items():
-        t, distance = run.after_motion()
-        records.append(VibrationRecord(label, t, distance, run.command))
+        records.append(VibrationRecord(label, run.t, run.distances(), run.command))
     plot_vibration(records, robot.joints, picture, duration=FAST,
                    title=f'{robot.title} with elastic joints, after a fast motion')

@@ -13,7 +13,9 @@ def log(amplitude, travel):
     place = np.zeros((len(t), 3))
     place[:, 0] = travel * np.minimum(t / FAST - 1.0, 0.0)
     place[:, 2] = amplitude * np.where(after >= 0.0, np.exp(-20.0 * after), 0.0)
-    return VibrationLog(t=t, command=np.ones((len(t), 7)), place=place)
+    began = 3.0
+    record = VibrationLog(t=t, started=np.array(began), command=np.ones((len(t), 7)), place=place)
+    return record.since(began + FAST)
 
 
 @pytest.mark.parametrize('amplitude, travel, code', [
