@@ -132,9 +132,6 @@ class Controller:
         self.laws = dict(laws or {})
         self.bending = bending
         self._source = robot if bending is None else bending
-        # The time as a keyword of the robot's methods, where they depend on it.
-        self._time: Callable[[float], dict[str, Any]]
-        self._time = partial(dict.fromkeys, robot.equations.time_inputs('t'))
         # In joint rates the torques are those of the joints, and all joints follow
         # motions.
         self._direct = robot.equations.in_joint_rates
@@ -663,6 +660,10 @@ class Controller:
         return kernel.entry('', kernel)
 
     # The torques of the joints with a generalized force.
+
+    def _time(self, t: float) -> dict[str, Any]:
+        """Return the keyword of the time of the robot's methods, which few robots have."""
+        return {'t': t} if self.robot.equations.timed else {}
 
     def _joint_torques(self, force: Array, q: Array, t: float) -> Array:
         """Return the torques of the joints, (n_q,), with a generalized force."""

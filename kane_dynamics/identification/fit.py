@@ -154,9 +154,9 @@ class Identification:
         stiffness = np.array([joint.presliding_stiffness for joint in joints])
         damping = np.array([joint.presliding_damping for joint in joints])
         friction = self.losses[:, FRICTION.index('friction')]
-        found = self.presliding > 0.0
-        stiffness[found] = friction[found] / self.presliding[found]
-        damping[found] = 0.0
+        slides = self.presliding > 0.0
+        stiffness[slides] = friction[slides] / self.presliding[slides]
+        damping[slides] = 0.0
         return {'presliding_stiffness': stiffness, 'presliding_damping': damping}
 
     @property

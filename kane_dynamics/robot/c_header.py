@@ -193,7 +193,8 @@ def _conventions(robot: Any, prefix: str) -> list[str]:
     # The further arguments, in the order of the prototypes.
     # Parameters first, which every function has; time and wrench only where they count.
     lines += _parameter_block(robot)
-    lines += robot.equations.time_inputs('t: pointer to the time, s')
+    if robot.equations.timed:
+        lines.append('t: pointer to the time, s')
     if robot.equations.wrench_frames:
         lines += [
             'wrench: for each frame that carries one, the force (N) then the moment (N m)',

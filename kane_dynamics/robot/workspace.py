@@ -95,7 +95,8 @@ class Workspace(entry.NativeMethods):
             states[name] = _fixed((equations.n,))
         if len(kernels.no_wrench):
             states['wrench'] = _fixed(kernels.no_wrench.shape)
-        states |= dict(equations.time_inputs(('t', _fixed(()))))
+        if equations.timed:
+            states['t'] = _fixed(())
         tables = None if self._unmade is None else self._unmade.copy()
         # Attributes of a workspace cannot be assigned from outside.
         for name, value in {**states, '_kernels': kernels, '_states': states, '_at': {},

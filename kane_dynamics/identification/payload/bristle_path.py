@@ -150,19 +150,19 @@ def _path_kernel(robot: Robot) -> Kernel:
     the joints since the last sample, and the bounds then, (2, n_b).
     """
     equations = robot.equations
-    rest = without_bristles(robot).equations
+    bare = without_bristles(robot).equations
     n_b = len(equations.tree.bristles)
 
     def path(q: Vector, u: Vector, tau: Vector, mean_u: Vector, travel: Vector,
              bounds: Vector, t: Scalar) -> Vector:
         rates = equations.joint_motion(q, mean_u, equations.zeros, t).qdot
-        least, largest = (equations.deflections_after(q, rates, z, tau, travel, t)
-                          for z in bounds)
+        least = equations.deflections_after(q, rates, bounds[0], tau, travel, t)
+        largest = equations.deflections_after(q, rates, bounds[1], tau, travel, t)
         motion = equations.joint_motion(q, u, equations.zeros, t)
         # Friction of the joints without bristles, and viscous friction, cancel.
         friction = equations.driven_friction(q, motion.qdot, tau, t, None,
                                              0.5 * (least + largest))
-        others = rest.driven_friction(q, motion.qdot, tau, t)
+        others = bare.driven_friction(q, motion.qdot, tau, t)
         return np.concatenate([motion.projected(friction - others), least, largest])
     row = (robot.n,)
     return robot.compiled(path, name='bristle_path', q=(robot.n_q,), u=row, tau=row, mean_u=row,

@@ -605,8 +605,8 @@ class TreeEquations:
         for joint, deflection in zip(self.bristles, deflections):
             k = joint.coordinate
             rate = joint.multiplier * u[k]
-            way = joint.multiplier * travel[k]
-            later.append(deflection_after(joint, rate, deflection, loads[k], way))
+            slip = joint.multiplier * travel[k]
+            later.append(deflection_after(joint, rate, deflection, loads[k], slip))
         return np.array(later)
 
     def bristle_energy(self, deflections: Vector) -> Scalar:
