@@ -71,12 +71,13 @@ def lead(lockstep, motion, record, energy=None):
         moment = k / experiments.RATE
         if k % TARGETS == 0 and moment <= motion.duration + 0.1:
             lockstep.send_target(motion.sample(min(moment, motion.duration)).pose)
+            lockstep.wait_for_node()
         cycle = lockstep.cycle()
         if cycle.tau is None:
             return
         record.add(cycle)
         if energy is not None and moment > motion.duration + STILL:
-            record.energies.append(energy(cycle.q))
+            record.energies.append(energy())
 
 
 def errors_of(states):
@@ -125,7 +126,7 @@ def test_an_arm_is_led_through_a_singular_configuration_over_dds(participant, na
         lockstep.connect()
         lockstep.task_states.clear()
         lead(lockstep, motion, record,
-             lambda q: plant.kinetic_energy() + law.energy(q, end))
+             lambda: plant.kinetic_energy() + law.energy(plant.state[0], end))
         passage = list(lockstep.task_states)
         lockstep.task_states.clear()
         lead(lockstep, ordinary, record)

@@ -8,6 +8,8 @@ from kane_dynamics.kinematics.poses import rotation_quaternion
 from kane_dynamics_interfaces.msg import TaskState
 from node_process import BEST_EFFORT, DEEP, NAME
 import numpy as np
+from rcl_interfaces.srv import GetParameters
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -50,6 +52,11 @@ class LockstepArm:
             JointState, f'{NAME}/joint_torques', lambda message: None, DEEP)
         self._task_states = self.node.create_subscription(
             TaskState, f'{NAME}/task_state', lambda message: None, DEEP)
+        # A service of the thread of the node that takes targets and publishes task states.
+        self._asking = Node('lockstep_asking')
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._asking)
+        self._parameters = self._asking.create_client(GetParameters, f'{NAME}/get_parameters')
         self.task_states = []
         self.unanswered = 0
         self._stamp = EARLIEST
@@ -115,6 +122,20 @@ class LockstepArm:
         r.x, r.y, r.z, r.w = rotation_quaternion(pose[:3, :3]).tolist()
         self._targets.publish(message)
 
+    def wait_for_node(self, patience=20.0):
+        """
+        Wait until the node has taken what was published before.
+
+        Its torques do not wait for the interpreter, which takes targets and publishes task
+        states: on a busy machine both would be late by many periods of the arm.
+        """
+        assert self._parameters.wait_for_service(patience)
+        future = self._parameters.call_async(GetParameters.Request())
+        self._executor.spin_until_future_complete(future, patience)
+        assert future.done()
+
     def close(self):
         """Leave the graph."""
+        self._executor.shutdown()
+        self._asking.destroy_node()
         self.node.destroy_node()
