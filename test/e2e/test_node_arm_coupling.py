@@ -10,6 +10,7 @@ import re
 import signal
 
 from geometry_msgs.msg import WrenchStamped
+from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from node_process import DEEP, Process, wait_until
 import numpy as np
@@ -20,31 +21,53 @@ from sensor_msgs.msg import JointState
 
 PLANT = 'kane_dynamics.ros.plant.main'
 URDF = resource_path('urdf', 'two_link.urdf')
+JOINTS = ['joint1', 'joint2']
+CONSTANTS = np.array([6.0, 2.0])  # N m/A
+RESOLUTION = 0.05  # A, of the measured currents
+WALL = np.array([-4.0, 0.0, -6.0])  # N in the world, on the tip of the follower
+HOLD = (150.0, 20.0)  # N/m and N s/m, of the hand on the tip of the leader
+TORQUE_ERROR = 0.5  # N m, of estimates with these currents; the wall has 4 N m
 START = {'leader': [0.4, -0.9], 'follower': [0.1, -0.6]}
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 
 class Side:
-    """One arm: its simulation, its node, and what both publish."""
+    """
+    One arm: its simulation, its node, and what both publish.
 
-    def __init__(self, client, name, partner):
+    An arm with currents has these as the efforts of its joint states.
+    """
+
+    def __init__(self, client, name, partner, with_currents=False):
         namespace = ['-r', f'__ns:=/{name}']
         common = {'urdf': URDF, 'joints': '[joint1,joint2]'}
-        self.plant = Process(*namespace, module=PLANT, rate=200, wrench__frames='[tip]',
-                             wrench__timeout=0.3, initial__position=START[name],
-                             command_timeout=2.0, **common)
+        measured = []
+        efforts = {'observer__torque': 'command'}
+        if with_currents:
+            measured = ['-r', 'joint_states:=measured']
+            efforts = {'observer__torque': 'effort', 'efforts__kind': 'motor_current',
+                       'efforts__constants': CONSTANTS.tolist()}
+            driver = client.create_publisher(JointState, f'/{name}/joint_states', DEEP)
+            client.create_subscription(
+                JointState, f'/{name}/measured',
+                lambda message: driver.publish(in_currents(message)), DEEP)
+        self.plant = Process(*namespace, *measured, module=PLANT, rate=200,
+                             wrench__frames='[tip]', wrench__timeout=0.3,
+                             initial__position=START[name], command_timeout=2.0, **common)
         self.node = Process(*namespace, mode='arm_coupling', state_timeout=2.0,
                             coupling__partner=f'/{partner}/kane_dynamics/coupling_state',
                             coupling__stiffness=20.0, coupling__damping='[8.0,0.8]',
                             coupling__observer_gain=20.0, coupling__reflection=0.5,
                             coupling__timeout=0.4, coupling__align_speed=1.0,
-                            blend_time=0.1, **common)
-        self.client, self.states, self.torques = client, [], []
+                            blend_time=0.1, **efforts, **common)
+        self.client, self.states, self.torques, self.estimates = client, [], [], []
         self.push = client.create_publisher(WrenchStamped, f'/{name}/plant/wrench', 1)
         self.parameters = AsyncParameterClient(client, f'/{name}/kane_dynamics')
         client.create_subscription(JointState, f'/{name}/joint_states', self.states.append, DEEP)
         client.create_subscription(JointState, f'/{name}/kane_dynamics/joint_torques',
                                    self.torques.append, DEEP)
+        client.create_subscription(JointState, f'/{name}/kane_dynamics/coupling_state',
+                                   self.estimates.append, DEEP)
 
     @property
     def q(self):
@@ -65,17 +88,46 @@ class Side:
     def lead(self, force):
         message = WrenchStamped()
         message.header.frame_id = 'tip'
-        message.wrench.force.x, message.wrench.force.z = force
+        message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = force
         self.push.publish(message)
+
+    def press(self, robot, force):
+        """Exert a force (3,) in world axes at the tip; return its joint torques."""
+        self.lead((robot.frame_pose('tip', self.q)[:3, :3].T @ force).tolist())
+        return robot.jacobian('tip', self.q)[:3].T @ force
 
 
 def wait(seconds):
     wait_until(lambda: False, seconds)
 
 
-def test_a_follower_goes_where_the_leader_is_led_and_a_lost_side_is_harmless(participant):
-    leader = Side(participant, 'leader', 'follower')
-    follower = Side(participant, 'follower', 'leader')
+def in_currents(message):
+    """Return a joint state whose efforts are currents, A, in steps of the resolution."""
+    currents = np.array(message.effort) / CONSTANTS
+    message.effort = (RESOLUTION * np.round(currents / RESOLUTION)).tolist()
+    return message
+
+
+def press_together(leader, follower):
+    """Hold the leader by hand while a wall presses the follower; return torques of both."""
+    robot = Robot(load_urdf(URDF, joints=JOINTS))
+    stiffness, damping = HOLD
+    held = robot.frame_pose('tip', leader.q)[:3, 3]
+    for _ in range(150):
+        q, u = leader.q, np.array(leader.states[-1].velocity)
+        stretch = held - robot.frame_pose('tip', q)[:3, 3]
+        force = stiffness * stretch - damping * robot.frame_velocity('tip', q, u)[:3]
+        of_hand = leader.press(robot, force)
+        of_wall = follower.press(robot, WALL)
+        wait(0.02)
+    return of_hand, of_wall
+
+
+@pytest.mark.parametrize('measured', ['commands', 'currents'])
+def test_a_follower_goes_where_the_leader_is_led_and_a_lost_side_is_harmless(
+        participant, measured):
+    leader = Side(participant, 'leader', 'follower', measured == 'currents')
+    follower = Side(participant, 'follower', 'leader', measured == 'currents')
     sides = leader, follower
     try:
         for side in sides:
@@ -91,11 +143,20 @@ def test_a_follower_goes_where_the_leader_is_led_and_a_lost_side_is_harmless(par
         assert wait_until(lambda: np.abs(leader.q - follower.q).max() < 0.02, 40.0)
         met = follower.q
         for _ in range(60):
-            leader.lead((4.0, 2.0))
+            leader.lead((4.0, 0.0, 2.0))
             wait(0.02)
         moved = np.abs(follower.q - met).max()
         assert moved > 0.1, (met, follower.q)
         assert wait_until(lambda: np.abs(leader.q - follower.q).max() < 0.05, 20.0)
+
+        # A wall presses the follower: both sides estimate it, and the hand holds it.
+        of_hand, of_wall = press_together(leader, follower)
+        print(f'\n{measured}: hand {of_hand}, wall {of_wall}, estimates '
+              f'{leader.estimates[-1].effort}, {follower.estimates[-1].effort} N m')
+        assert np.abs(of_wall).max() > 4.0
+        np.testing.assert_allclose(of_hand, -of_wall, atol=TORQUE_ERROR)
+        for side, torques in ((leader, of_hand), (follower, of_wall)):
+            np.testing.assert_allclose(side.estimates[-1].effort, torques, atol=TORQUE_ERROR)
 
         # The leader's node hangs: the follower comes to rest and holds.
         os.kill(leader.node.pid, signal.SIGSTOP)
