@@ -5,8 +5,9 @@ Operational space: a frame's acceleration prescribed, then the posture in its nu
     tau = h + J^T (Lambda (a - J' u) + wrench) + N^T M (posture_kp (q_p - q) - posture_kd q')
 
 so that the errors of the frame obey e'' + kd e' + kp e = 0 on the exact model, with the
-bias force h, friction at the reference rates, and Lambda and N of `TaskInertia`. Unlike
-an impedance it shapes the inertia: a force at the frame meets the mass Lambda as before,
+bias force h, friction at the reference rates, and Lambda and N of `TaskInertia`. Beyond
+160 degrees the orientation in e falls smoothly to zero at half a turn, where the
+direction of the error is undefined (`orientation_error`). Unlike an impedance it shapes the inertia: a force at the frame meets the mass Lambda as before,
 but stiffness and damping are kp Lambda and kd Lambda, which change with the
 configuration; and it claims no passivity. Source: O. Khatib, IEEE J. Robotics and
 Automation 3(1), 1987.
@@ -170,7 +171,10 @@ def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,
         # The acceleration of the frame, in the axes.
         measured = equations.frame_pose(frame, q, t)
         displacement, orientation = pose_difference(measured, target, axes)
-        error = np.concatenate([displacement, orientation.vector])
+        # The gradient of half the square of the orientation error is the error up to
+        # `FADE`, and does not jump at half a turn.
+        turn = orientation.moment(orientation.vector)
+        error = np.concatenate([displacement, turn])
         lag = in_axes(axes, twist - equations.frame_velocity(frame, q, u, t))
         drift = equations.frame_acceleration(frame, q, u, equations.zeros, t)
         corrected = (in_axes(axes, acceleration - drift) + values['kd'] * lag

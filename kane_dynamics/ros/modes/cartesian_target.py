@@ -1,6 +1,7 @@
 """Messages to the target of the controlled frame, which `cartesian_cycle` follows."""
 
 from collections.abc import Callable
+import math
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Matrix, Vector
@@ -131,4 +132,5 @@ def pose_of_numbers(numbers: Vector, frame: Matrix) -> Matrix:
 
 def largest_of(error: Array) -> tuple[float, float]:
     """Return distance, m, and angle, rad, of a displacement (6,)."""
-    return float(np.sqrt(error[:3] @ error[:3])), float(np.sqrt(error[3:] @ error[3:]))
+    # Squares of components above 1e154 would overflow.
+    return math.hypot(*error[:3]), math.hypot(*error[3:])

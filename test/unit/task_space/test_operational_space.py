@@ -59,6 +59,23 @@ def test_the_posture_acts_where_the_frame_does_not_move():
     assert np.abs(pull).max() < 0.05 * np.abs(before).max()
 
 
+def test_through_half_a_turn_torques_do_not_jump():
+    robot = fr3()
+    law = OperationalSpace(robot, TIP, limit_stiffness=0.0)
+    pose, rest = robot.frame_pose(TIP, Q), np.zeros(7)
+    axis = np.array([0.2, 0.9, 0.4]) / np.sqrt(1.01)
+
+    def feedback(angle):
+        target = pose @ pose_exp(np.concatenate([np.zeros(3), angle * axis]))
+        return law.torque(Q, rest, target) - robot.gravity_force(Q)
+    largest = np.abs(feedback(2.7)).max()
+    turns = np.array([feedback(angle) for angle in np.linspace(2.7, 3.58, 201)])
+    assert np.abs(np.diff(turns, axis=0)).max() < 0.05 * largest
+    assert np.abs(feedback(np.pi)).max() < 1e-9 * largest
+    # On the other side the arm turns the other way.
+    np.testing.assert_allclose(turns[-1], -feedback(2.0 * np.pi - 3.58), atol=1e-9 * largest)
+
+
 def test_torques_stay_finite_at_singular_configurations():
     robot = fr3()
     law = OperationalSpace(robot, TIP)
