@@ -6,11 +6,11 @@ Operational space: a frame's acceleration prescribed, then the posture in its nu
 
 so that the errors of the frame obey e'' + kd e' + kp e = 0 on the exact model, with the
 bias force h, friction at the reference rates, and Lambda and N of `TaskInertia`. Beyond
-160 degrees the orientation in e falls smoothly to zero at half a turn, where the
-direction of the error is undefined (`orientation_error`). Unlike an impedance it shapes the inertia: a force at the frame meets the mass Lambda as before,
-but stiffness and damping are kp Lambda and kd Lambda, which change with the
-configuration; and it claims no passivity. Source: O. Khatib, IEEE J. Robotics and
-Automation 3(1), 1987.
+160 degrees the orientation in e falls smoothly to zero at half a turn, where its
+direction is undefined (`orientation_error`). Unlike an impedance it shapes the inertia: a
+force at the frame meets the mass Lambda as before, but stiffness and damping are
+kp Lambda and kd Lambda, which change with the configuration; and it claims no passivity.
+Source: O. Khatib, IEEE J. Robotics and Automation 3(1), 1987.
 """
 
 from __future__ import annotations

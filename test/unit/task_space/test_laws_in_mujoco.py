@@ -5,12 +5,13 @@ import sys
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 pytest.importorskip('mujoco')
 sys.path.append(str(Path(__file__).resolve().parents[3] / 'benchmarks'))
 
 import task_space_laws as experiments  # noqa: E402, I100
-from kane_dynamics import load_urdf, Robot  # noqa: E402, I100
+from kane_dynamics import CartesianImpedance, load_urdf, Robot  # noqa: E402, I100
 
 pytestmark = pytest.mark.filterwarnings('ignore::kane_dynamics.errors.ModelWarning')
 ARMS = experiments.arms()
@@ -67,6 +68,34 @@ def test_an_arm_follows_a_target_beyond_its_reach_and_back_within_its_limits(nam
     # With the default walls the elbow of the FR3 bends to the other side.
     check_passage(figures, returns=name != 'FR3')
     assert figures.error_inside > 0.5 * experiments.BEYOND, 'the target was out of reach'
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', ARMS)
+def test_under_a_target_beyond_its_reach_an_arm_rests_where_its_spring_is_shortest(name):
+    arm = ARMS[name]
+    robot = robot_of(arm)
+    desired = experiments.to_the_edge(robot, arm.frame, arm.home, experiments.BEYOND)
+    farthest = 0.5 * desired.duration
+    target = desired.sample(farthest).pose
+    law = CartesianImpedance(robot, arm.frame, stiffness=experiments.STIFFNESS)
+    plant = experiments.Plant(robot, arm.urdf)
+    plant.reset(arm.home)
+    for k in range(int((farthest + 4.0) * experiments.RATE)):
+        q, u = plant.state
+        sample = desired.sample(min(k / experiments.RATE, farthest))
+        plant.step(law.torque(q, u, sample.pose))
+    q, u = plant.state
+    assert np.abs(u).max() < 1e-4
+    distance = np.linalg.norm(robot.frame_pose(arm.frame, q)[:3, 3] - target[:3, 3])
+    assert 0.5 * experiments.BEYOND < distance < 1.01 * experiments.BEYOND
+    # By another method: no configuration nearby has less energy.
+    stored = law.energy(q, target)
+    for seed in range(4):
+        start = q + 0.05 * np.random.default_rng(seed).normal(size=robot.n)
+        found = minimize(law.energy, start, (target,), method='L-BFGS-B',
+                         options={'ftol': 1e-15, 'gtol': 1e-8, 'maxiter': 2000})
+        assert stored == pytest.approx(found.fun, rel=1e-6)
 
 
 @pytest.mark.slow
