@@ -19,6 +19,15 @@ SIN = (-1.66666666666666324348e-01, 8.33333333332248946124e-03,
 COS = (4.16666666666666019037e-02, -1.38888888888741095749e-03,
        2.48015872894767294178e-05, -2.75573143513906633035e-07,
        2.08757232129817482790e-09, -1.13596475577881948265e-11)
+# Of AVX-512: sin(k pi/8), k from 0 to 4, and coefficients of (sin(r)/r - 1)/r^2 and
+# (cos(r) - 1)/r^2 in r^2 on |r| <= pi/16. They are interpolated where r^2 times the error is
+# a Chebyshev polynomial; sin(r)/r and cos(r) err by 5e-18 and 2e-19. One term less of the
+# cosine errs by 5e-17: too much for cosines below 1/4, where it would be another ulp.
+EIGHTHS = (0.0, 0.3826834323650898, 0.7071067811865476, 0.9238795325112867, 1.0)
+NEAR_SIN = (-0.1666666666666628, 0.00833333333236049, -0.00019841262220147293,
+            2.7533788291710934e-06)
+NEAR_COS = (-0.5, 0.041666666666665055, -0.0013888888886964574, 2.480157727470733e-05,
+            -2.7533601095990004e-07)
 # exp(r) = 1 + r + r^2 (1/2! + r/3! + ...): the Taylor tail past r^13 is under 1e-17 for
 # ln(2)/2.
 EXP = tuple(1.0 / math.factorial(k) for k in range(2, 14))
@@ -34,7 +43,7 @@ ARCTAN = (-0.3333333333333333, 0.1999999999999552, -0.14285714284666542,
 # log 2: its leading bits and the rest.
 LN2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
 # Largest position accepted, rad or m. Neighboring doubles of this size are 1e-4 apart.
-# The range reduction of sin and cos fails at 1e15; the margin covers sums and multiples
+# The range reduction of sin and cos fails at 8e14; the margin covers sums and multiples
 # of positions.
 POSITION_LIMIT = 1e12
 
@@ -155,21 +164,27 @@ def intrinsic_end(width: int, real: Real = DOUBLE) -> str:
 
 # Arguments of one state whose elementary functions are evaluated in one vector.
 FUNCTION_LANES = 4
+# The instruction of AVX-512 that chooses, per lane, one of the 16 numbers of two vectors.
+PERMUTE = 'llvm.x86.avx512.vpermi2var.pd.512'
+DECLARED_PERMUTE = f'declare <8 x double> @{PERMUTE}(<8 x double>, <8 x i64>, <8 x double>)'
 
 
 class Vector:
     """Emits LLVM IR instructions on vectors of `width` numbers, with fresh names."""
 
     def __init__(self, lines: list[str], prefix: str, width: int,
-                 real: Real = DOUBLE, few_operations: bool = False) -> None:
+                 real: Real = DOUBLE, few_operations: bool = False,
+                 permutes: bool = False) -> None:
         """
         Emit into `lines`; `prefix` makes the names unique in the function.
 
         With `few_operations`, functions take fewer operations in longer chains, for code
-        that has other operations to do meanwhile.
+        that has other operations to do meanwhile. With `permutes`, sine and cosine use
+        AVX-512's choice of 16 numbers by the lanes of a vector of 8 doubles.
         """
         self.lines = lines
         self.few_operations = few_operations
+        self.permutes = permutes
         self.prefix = prefix
         self.width = width
         self.count = 0
@@ -263,19 +278,15 @@ class Vector:
         """
         Return (sin x, cos x), with a two-term Cody-Waite range reduction.
 
-        The error is 2 ulp for |x| < 1e6 and 1e-15 absolute up to 1e15; beyond 3e15 the
-        results are wrong. Of floats: 2e-7 absolute up to their position limit.
+        The error is 2 ulp for |x| < 1e6 and 1e-15 absolute up to 1e15, with `permutes` up
+        to 8e14; beyond 3e15 and 8e14 the results are wrong. Of floats: 2e-7 absolute up to
+        their position limit.
         """
-        # x = turns pi/2 + r: adding `round` leaves the nearest whole number of quarter
-        # turns in the last bits of the mantissa.
-        shifted = self.fma(x, self.const(2.0 / math.pi), self.const(self.real.round))
-        quadrant = self.bits(shifted)
-        turns = self.new(f'fneg {self.type} '
-                         + self.op('fsub', shifted, self.const(self.real.round)))
-        # pi/2 in two parts, so that r keeps its digits.
-        r = self.fma(turns, self.const(self.real.half_pi[0]), x)
-        r = self.fma(turns, self.const(self.real.half_pi[1]), r)
-        # Polynomials of sine and cosine of r, |r| <= pi/4.
+        if self.permutes:
+            return self._sin_cos_near_eighths(x)
+        # x = turns pi/2 + r, so that |r| <= pi/4.
+        quadrant, r = self._without_turns(x, 1)
+        # Polynomials of sine and cosine of r.
         z = self.op('fmul', r, r)
         sine = self.fma(self.op('fmul', r, z), self.polynomial(self.real.sine, z), r)
         head = self.fma(z, self.const(-0.5), self.const(1.0))
@@ -293,6 +304,55 @@ class Vector:
             flipped = self.new(f'xor {self.integer} {self.bits(value)}, {sign}')
             result.append(self.number(flipped))
         return result[0], result[1]
+
+    def _sin_cos_near_eighths(self, x: str) -> tuple[str, str]:
+        """
+        Return (sin x, cos x) from those of a, the multiple of pi/8 nearest to x.
+
+        With r = x - a, sin x = sin a + (cos a sin r + sin a (cos r - 1)), and cos x = cos a
+        + (cos a (cos r - 1) - sin a sin r). Signs and quarter turns take no operations,
+        and the polynomials are shorter than on |r| <= pi/4. The errors are as of `sin_cos`.
+        """
+        number, r = self._without_turns(x, 4)
+        # sin r and cos r - 1.
+        z = self.op('fmul', r, r)
+        sine = self.fma(self.op('fmul', r, z), self.polynomial(NEAR_SIN, z), r)
+        fall = self.op('fmul', z, self.polynomial(NEAR_COS, z))
+        # sin a and cos a = sin(a + pi/2) by the last four bits of the number of eighths.
+        rising = list(EIGHTHS[:4])
+        half_turn = rising + list(EIGHTHS[:0:-1])
+        turn = half_turn + [-value for value in half_turn]
+        sine_a = self._chosen(turn, number)
+        cosine_a = self._chosen(turn[4:] + turn[:4], number)
+        change = self.fma(cosine_a, sine, self.op('fmul', sine_a, fall))
+        sine_of_x = self.op('fadd', sine_a, change)
+        opposite = self.new(f'fneg {self.type} {sine_a}')
+        change = self.fma(opposite, sine, self.op('fmul', cosine_a, fall))
+        return sine_of_x, self.op('fadd', cosine_a, change)
+
+    def _without_turns(self, x: str, parts: int) -> tuple[str, str]:
+        """
+        Return k and x - k h with the nearest whole k, h = pi/2 over a power of two.
+
+        The last bits of k's lanes, integers, are those of the nearest whole number.
+        """
+        # Adding `round` leaves the whole number in the last bits of the mantissa.
+        round_up = self.const(self.real.round)
+        shifted = self.fma(x, self.const(2.0 * parts / math.pi), round_up)
+        k = self.new(f'fneg {self.type} ' + self.op('fsub', shifted, round_up))
+        # h in two parts, so that the rest keeps its digits.
+        for part in self.real.half_pi:
+            x = self.fma(k, self.const(part / parts), x)
+        return self.bits(shifted), x
+
+    def _chosen(self, numbers: list[float], places: str) -> str:
+        """Return, per lane, one of 16 numbers: that of the last four bits of its place."""
+        halves = []
+        for half in (numbers[:8], numbers[8:]):
+            entries = ', '.join(f'double {self.real.literal(number)}' for number in half)
+            halves.append(f'{self.type} <{entries}>')
+        return self.new(f'call {self.type} @{PERMUTE}({halves[0]}, {self.integer} '
+                        f'{places}, {halves[1]})')
 
     def tanh(self, x: str) -> str:
         """Return tanh x = sign(x) E / (E + 2) with E = expm1(2 |x|), to 3 ulp."""

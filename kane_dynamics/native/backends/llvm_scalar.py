@@ -507,6 +507,7 @@ class Function:
     """LLVM IR function of one program."""
 
     in_place: tuple[str, ...] = ('input', 'output')  # values in memory
+    permutes = False  # as of `Vector`
 
     def __init__(self, program: Program, symbol: str, lanes: int = 1,
                  real: Real = DOUBLE, abreast: int = FUNCTION_LANES) -> None:
@@ -1013,7 +1014,7 @@ class Function:
             chosen = []
             by_index = {}
             for node in group:
-                if node.op in ops:
+                if node.op in ops and node.index not in self.names:
                     chosen.append(node)
                     by_index[node.args[0].index] = node.args[0]
             arguments = list(by_index.values())
@@ -1023,7 +1024,8 @@ class Function:
                 chunk = arguments[start:start + abreast]
                 # States side by side keep the processor busy, a single state does not.
                 vector = Vector(self.lines, f'{label}{chunk[0].index}', self.width,
-                                self.real, few_operations=self.lanes > 1)
+                                self.real, few_operations=self.lanes > 1,
+                                permutes=self.permutes)
                 packed = self._packed(vector, chunk)
                 if label == 'sc':
                     results = dict(zip(ops, vector.sin_cos(packed)))

@@ -11,9 +11,11 @@ argument or a result is not finite: those of a sum that is +0 or NaN.
 from functools import cache
 import math
 
-from kane_dynamics.native.backends.llvm_math import (DOUBLE, overflow_scale, size_limit,
-                                                     transpose, Vector, vector_type)
-from kane_dynamics.native.backends.llvm_scalar import Function, module_text, with_callees
+from kane_dynamics.native.backends.llvm_math import (DECLARED_PERMUTE, DOUBLE,
+                                                     overflow_scale, size_limit, transpose,
+                                                     Vector, vector_type)
+from kane_dynamics.native.backends.llvm_scalar import (ELEMENTARY, Function, module_text,
+                                                       with_callees)
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.tracing.expression import Expr
 from kane_dynamics.native.tracing.program import Program
@@ -22,6 +24,7 @@ from kane_dynamics.native.tracing.program import Program
 READ_AHEAD, WRITE_AHEAD = 2048, 4096  # bytes
 MAX_PREFETCHED_ROW = 64  # entries; the hardware prefetcher handles longer rows
 CACHE_LINE = 8  # doubles
+AVX512 = 8  # lanes
 # Lanes one after the other. Lanes after a batch's last state repeat it: they are left out,
 # since its result may have overwritten its arguments.
 BY_STATES = """
@@ -87,7 +90,7 @@ def width() -> int:
     """Return the number of doubles in this processor's widest SIMD register."""
     features = llvm.features()
     if features.get('avx512f'):
-        return 8
+        return AVX512
     return 4 if features.get('avx2') else 2
 
 
@@ -111,6 +114,7 @@ class RowFunction(Function):
     def __init__(self, program: Program, symbol: str, lanes: int, shared: str) -> None:
         """Generate the function; `lines` holds the IR."""
         self.shared = shared
+        self.permutes = lanes == AVX512 and llvm.features().get('avx512f', False)
         super().__init__(program, symbol, lanes)
 
     def _head(self, symbol: str) -> str:
@@ -140,6 +144,8 @@ class RowFunction(Function):
                 if (name, k) in used:
                     entry = self._splat(rows[0], k) if is_shared else columns[k]
                     self.names[used[name, k]] = entry
+            # Sines and cosines of positions, before the columns of speeds need registers.
+            self._functions(_functions_of(name, schedule))
         self._add_flags(0, checked)
 
     def _store_outputs(self) -> None:
@@ -274,6 +280,17 @@ class RowFunction(Function):
                                f'{int(writing)}, i32 3, i32 1)')
 
 
+def _functions_of(argument: str, schedule: list[Expr]) -> list[Expr]:
+    """Return the elementary functions of single entries of an argument."""
+    functions = []
+    for node in schedule:
+        if node.op in ELEMENTARY:
+            x, = node.args
+            if x.op == 'input' and x.args[0] == argument:
+                functions.append(node)
+    return functions
+
+
 def _mask(lanes: int, live: int) -> str:
     """Return a mask that enables the first `live` lanes."""
     bits = ['i1 1'] * live + ['i1 0'] * (lanes - live)
@@ -290,7 +307,7 @@ def lane_text(program: Program, symbol: str, lanes: int) -> str:
     half_mask = f'<{half} x i1>'
     mask = f'<{lanes} x i1>'
     return with_callees(main, [
-        'declare void @llvm.prefetch.p0(ptr, i32, i32, i32)',
+        'declare void @llvm.prefetch.p0(ptr, i32, i32, i32)', DECLARED_PERMUTE,
         f'declare {part} @llvm.masked.load.v{half}f64.p0(ptr, i32, {half_mask}, {part})',
         f'declare void @llvm.masked.store.v{lanes}f64.p0({v}, ptr, i32, {mask})'])
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 import math
 import sys
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.fork_safety import ForkSafeLock
 from kane_dynamics._util.typing import Array
@@ -63,6 +63,23 @@ class Argument:
     shape: Shape
     labels: tuple[str, ...] = ()
     default: Array | None = None
+
+
+class Reduced(NamedTuple):
+    """
+    The program of batches whose parameters are zero in some places.
+
+    Attributes
+    ----------
+    zeros : slice
+        The places in the block of parameters.
+    program : callable
+        Traces the program, which takes them as 0 and is shorter.
+
+    """
+
+    zeros: slice
+    program: Callable[[], Program]
 
 
 def checked(argument: Argument, value: Any) -> Array:
@@ -187,6 +204,8 @@ class Kernel:
     unread : int
         Number of further arguments with which calls may end, and which nothing reads: the
         time, where the robot does not depend on it.
+    reduced : Reduced, optional
+        A shorter program of batches, for parameters of which some are zero.
 
     """
 
@@ -195,7 +214,8 @@ class Kernel:
                  reason: ResultCheck | None = None,
                  single: Callable[[], Program] | None = None,
                  in_order: bool = False, by_states: bool = False,
-                 interleaved: bool = False, unread: int = 0) -> None:
+                 interleaved: bool = False, unread: int = 0,
+                 reduced: Reduced | None = None) -> None:
         """Store the program, and what its calls are checked with."""
         self.name = name
         self.shape = shape
@@ -208,8 +228,10 @@ class Kernel:
         of_one = program if single is None else single
         self._of_one = _text_by_latency if interleaved else module_text, of_one
         self._of_batch = lane_text, program
+        self._reduced = reduced
         if by_states:
             self._of_batch = text_by_states, of_one
+            self._reduced = None
         self.defaults: list[Array] = []
         # Of the arguments that every call must have; a scalar is an array of one number.
         shapes: list[Shape] = []
@@ -300,11 +322,22 @@ class Kernel:
         if self._signature.is_supported:
             _ = self._signature.entry_points
 
-    def compile_lanes(self) -> llvm.Address:
-        """Return the address of the code of batches, compiled if that was not done yet."""
+    def compile_lanes(self, parameters: Array | None = None,
+                      for_any: bool = False) -> llvm.Address:
+        """
+        Return the address of the code of batches, compiled if that was not done yet.
+
+        It is the code for a block of parameters, by default the kernel's, or `for_any`.
+        """
         text, program = self._of_batch
         in_lanes = text is lane_text
         kind = f'{width()} lanes' if in_lanes else 'by states'
+        reduced = None if for_any else self._reduced
+        if reduced is not None:
+            block = self.parameters if parameters is None else parameters
+            if not block[reduced.zeros].any():
+                program = reduced.program
+                kind += f', parameters {reduced.zeros} zero'
         if kind in self._functions:
             return self._functions[kind].address
         driver(width())
@@ -596,7 +629,7 @@ class Kernel:
             if block.ndim > rank and block.shape[1] > 1:
                 step = block.strides[1]
             rows.append((address(block), lane, step, 0))
-        return run_batch(self.compile_lanes(), rows, len(result), steps=steps,
+        return run_batch(self.compile_lanes(constants), rows, len(result), steps=steps,
                          extremes=extremes)
 
     def run(self, arrays: Sequence[Array], result: Array, count: int,
@@ -637,7 +670,7 @@ class Kernel:
                          0 if row_numbers is None else address(row_numbers)))
         rows.append((address(constants), 0, 0, 0))
         rows.append((address(result), result.strides[0], 0, 0))
-        return run_batch(self.compile_lanes(), rows, count)
+        return run_batch(self.compile_lanes(constants), rows, count)
 
     def _check(self, result: Array, arrays: Sequence[Array], count: int | None) -> None:
         """Raise InputError if the result is not finite."""

@@ -4,7 +4,8 @@ import re
 import threading
 import time
 
-from kane_dynamics import InputError, Robot
+from kane_dynamics import InputError, load_urdf, Robot
+from kane_dynamics._util.resources import resource_path
 from kane_dynamics.native.backends import llvm_simd
 from kane_dynamics.native.backends.llvm_math import POSITION_LIMIT
 from kane_dynamics.native.backends.llvm_simd import lane_text
@@ -86,6 +87,53 @@ def test_batch_uses_the_current_parameters():
     after = robot.inverse_dynamics(q, u, udot)
     assert np.abs(after - before).max() > 0.1
     close(after, [robot.inverse_dynamics(*row) for row in zip(q, u, udot)])
+
+
+@pytest.mark.parametrize('name', [name for name, quantity in QUANTITIES.items()
+                                  if quantity.gravity])
+def test_batches_follow_gravity_that_becomes_vertical_tilted_or_none(name):
+    # The first axis is vertical, so that a batch under vertical gravity leaves its angle out.
+    robot = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')))
+    given = np.random.default_rng(4).normal(size=(3, W + 3, 6))
+    given = given[:len(QUANTITIES[name].arguments)]
+
+    def compare(robot):
+        def method(*state):
+            result = getattr(robot, name)(*state)
+            return np.stack(result, axis=-3) if isinstance(result, tuple) else result
+        close(method(*given), [method(*row) for row in given.transpose(1, 0, 2)])
+    for gravity in ((0.0, 0.0, -9.81), (1.0, 2.0, -9.0), (0.0, -0.0, -1.62), (0.0, 3.0, 0.0),
+                    (0.0, 0.0, 0.0)):
+        robot.parameters.gravity = gravity
+        compare(robot)
+        # A copy shares the machine code, and has its own parameters.
+        moon = robot.copy()
+        moon.parameters.gravity = (0.0, 1.0, -1.62)
+        compare(moon)
+
+
+def test_batches_under_vertical_gravity_have_code_with_fewer_operations():
+    robot = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')))
+    kernel = robot.kernels.quantity('inverse_dynamics')
+    vertical = kernel.compile_lanes()
+    robot.parameters.gravity = (1.0, 0.0, 0.0)
+    assert vertical != kernel.compile_lanes() == kernel.compile_lanes(for_any=True)
+    counts = [robot.kernels.program('inverse_dynamics', vertical_gravity=choice)
+              .operation_count() for choice in (False, True)]
+    assert counts[1].functions == counts[0].functions - 2  # sine and cosine of the first axis
+    assert counts[1].multiplications < counts[0].multiplications
+    # Quantities that no gravity acts on have one code.
+    masses = robot.kernels.quantity('mass_matrix')
+    assert masses.compile_lanes() == masses.compile_lanes(for_any=True)
+
+
+def test_an_angle_on_which_no_torque_depends_is_checked():
+    robot = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')))
+    q, u, udot = np.zeros((3, W + 3, 6))
+    for value in (np.nan, np.inf, -2e12):
+        q[W + 1, 0] = value
+        with pytest.raises(InputError, match=rf'q\[{W + 1}, 0\]'):
+            robot.inverse_dynamics(q, u, udot)
 
 
 @pytest.mark.parametrize('convert', [
