@@ -129,7 +129,7 @@ class RowFunction(Function):
         for node in schedule:
             if node.op == 'input':
                 used[node.args] = node.index
-        checked: list[tuple[str, float]] = []
+        totals: list[str] = []
         for slot, (name, shape) in enumerate(self.program.inputs):
             rows = self._rows(slot)
             size = math.prod(shape)
@@ -139,14 +139,14 @@ class RowFunction(Function):
             columns = []
             if not is_shared:
                 columns = self._columns(rows, size)
-                checked += [(x, size_limit(name)) for x in columns]
+                totals += self._totals(columns, size_limit(name))
             for k in range(size):
                 if (name, k) in used:
                     entry = self._splat(rows[0], k) if is_shared else columns[k]
                     self.names[used[name, k]] = entry
             # Sines and cosines of positions, before the columns of speeds need registers.
             self._functions(_functions_of(name, schedule))
-        self._add_flags(0, checked)
+        self._add_flags(0, totals)
 
     def _store_outputs(self) -> None:
         v = self._vector
@@ -156,7 +156,9 @@ class RowFunction(Function):
         for x in outputs:
             if isinstance(x, Expr):
                 computed[x.index] = self.value(x)
-        self._add_flags(1, [(x, math.inf) for x in computed.values()])
+        # In order of creation, so that the sum waits only for the last one.
+        results = [computed[index] for index in sorted(computed)]
+        self._add_flags(1, self._totals(results, math.inf))
         self._prefetch(rows, len(outputs), writing=True)
         # Tiles of as many entries as lanes: their transpose holds a part of each lane's
         # row.
@@ -230,38 +232,44 @@ class RowFunction(Function):
         return v.new(f'shufflevector {kind} {halves[0]}, {kind} {halves[1]}, '
                      f'<{self.lanes} x i32> <{places}>')
 
-    def _add_flags(self, place: int, values: list[tuple[str, float]]) -> None:
+    def _totals(self, values: list[str], most: float) -> list[str]:
         """
-        Make flags NaN where a value is not finite or larger than its limit; else they stay 0.
+        Return vectors that are not finite where a value is not, or is larger than `most`.
 
-        The flags of arguments are at place 0, those of the result at 1. One instruction a
-        value, an addition, of which these programs have fewer than products: a sum of
-        finite numbers is finite, but for numbers near the largest one. Squares of values
-        with a limit are added instead, and overflow where they reach its square, so that
-        several values near the limit may be flagged, too.
+        One instruction a value, an addition, of which these programs have fewer than
+        products: a sum of finite numbers is finite, but for numbers near the largest one.
+        Squares of values with a limit are added instead, and overflow where they reach its
+        square, so that several values near the limit may be flagged, too.
         """
         v = self._vector
-        zero = v.const(0.0)
-        terms: list[str] = []
-        squares: dict[float, str] = {}
-        for x, most in values:
-            if math.isfinite(most):
-                squares[most] = v.fma(x, x, squares.get(most, zero))
-            else:
-                terms.append(x)
-        for most, square in squares.items():
-            terms.append(v.op('fmul', square, v.const(overflow_scale(most * most))))
-        if not terms:
-            return
-
+        if not values:
+            return []
+        if math.isfinite(most):
+            square = v.const(0.0)
+            for x in values:
+                square = v.fma(x, x, square)
+            return [v.op('fmul', square, v.const(overflow_scale(most * most)))]
         # Two sums, which the processor adds at the same time.
-        sums = terms[:2]
-        for k, x in enumerate(terms[2:]):
+        sums = values[:2]
+        for k, x in enumerate(values[2:]):
             sums[k % 2] = v.op('fadd', sums[k % 2], x)
-        total = sums[0] if len(sums) == 1 else v.op('fadd', *sums)
+        return sums
+
+    def _add_flags(self, place: int, totals: list[str]) -> None:
+        """
+        Make flags NaN where one of the vectors is not finite; else they stay 0.
+
+        The flags of arguments are at place 0, those of the result at 1.
+        """
+        if not totals:
+            return
+        v = self._vector
+        total = totals[0]
+        for x in totals[1:]:
+            total = v.op('fadd', total, x)
         # 0 s + f is +0 for flags f = +0 and a finite s, else NaN.
         at = v.new(f'getelementptr {v.type}, ptr %bad, i64 {place}')
-        flags = v.fma(total, zero, v.new(f'load {v.type}, ptr {at}'))
+        flags = v.fma(total, v.const(0.0), v.new(f'load {v.type}, ptr {at}'))
         v.lines.append(f'  store {v.type} {flags}, ptr {at}')
 
     def _prefetch(self, rows: list[str], size: int, writing: bool) -> None:
