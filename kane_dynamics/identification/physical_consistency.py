@@ -11,6 +11,7 @@ this, least squares with bounds on friction are enough.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -153,21 +154,69 @@ def _constrained(R: Array, bodies: int, lowest: Array, weight: float) -> Array:
     above = np.concatenate([R[:, -1], np.zeros(len(bounded)), np.tile(identity, bodies)])
     cones = [clarabel.ZeroConeT(rows), clarabel.NonnegativeConeT(len(bounded)),
              *[clarabel.PSDTriangleConeT(4)] * bodies]
+    P = sparse.block_diag([sparse.csc_matrix((count, count)), sparse.eye(rows)],
+                          format='csc')
+    x, status = _minimum(P, A, above, cones)
+    if x is None:
+        raise InputError(
+            f'weight: {weight:.3g} of the prior, with which the search for physical '
+            f"parameters ends with the solver's status {status}; expected a larger weight")
+    return np.asarray(x[:count]) / scale
+
+
+def nearest_physical(x: Array, root: Array, prior: Inertial) -> Array:
+    """
+    Return the physical parameters of a body, (10,), that are nearest to others.
+
+    Parameters
+    ----------
+    x : (10,) array
+        Parameters of normal distribution, or their mean.
+    root : (10, 10) array
+        A root of their covariance, root @ root.T. The distance of x + root @ w is |w|, so
+        that the program is of size 1 in every direction, however well it is known.
+    prior : Inertial
+        Its size is that of the body.
+
+    Raises
+    ------
+    InputError
+        The solver finds no optimum; the message contains its status.
+
+    """
+    sparse = scientific('scipy.sparse')
+    inverse = np.linalg.inv(_root(prior.pseudo_inertia))
+
+    def scaled(parameters: Array) -> Array:
+        """Return 1 + Z = L^-1 P L^-T of parameters in the basis of Clarabel, (10,)."""
+        return np.tensordot(SYMMETRIC, inverse @ pseudo_inertia_of(parameters) @ inverse.T,
+                            axes=2)
+    # 1 + Z = scaled(x) + scaled(root) w, with eigenvalues of at least SMALLEST.
+    by_w = np.column_stack([scaled(direction) for direction in root.T])
+    above = scaled(x) - SMALLEST * np.trace(SYMMETRIC, axis1=1, axis2=2)
+    w, status = _minimum(sparse.eye(10, format='csc'), sparse.csc_matrix(-by_w), above,
+                         [scientific('clarabel').PSDTriangleConeT(4)])
+    if w is None:
+        raise InputError('recording: the search for a physical body ends with the '
+                         f"solver's status {status}; expected torques of a body")
+    return np.asarray(x + root @ w)
+
+
+def _minimum(P: Any, A: Any, above: Array, cones: Sequence[Any]
+             ) -> tuple[Array | None, str]:
+    """Return the x of the least x^T P x / 2 with above - A x in the cones, and the status."""
+    clarabel = scientific('clarabel')
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.static_regularization_constant = REGULARIZATION
-    P = sparse.block_diag([sparse.csc_matrix((count, count)), sparse.eye(rows)],
-                          format='csc')
     for step in STEPS:
         settings.max_step_fraction = step
-        solver = clarabel.DefaultSolver(P, np.zeros(count + rows), A, above, cones,
-                                        settings)
+        solver = clarabel.DefaultSolver(P, np.zeros(A.shape[1]), A, above, cones, settings)
         solution = solver.solve()
-        if str(solution.status) == 'Solved':
-            return np.asarray(solution.x[:count]) / scale
-    raise InputError(
-        f'weight: {weight:.3g} of the prior, with which the search for physical parameters '
-        f"ends with the solver's status {solution.status}; expected a larger weight")
+        status = str(solution.status)
+        if status == 'Solved':
+            return np.asarray(solution.x), status
+    return None, status
 
 
 def _root(P: Array) -> Array:

@@ -8,7 +8,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.bristle_path import BristleState
 from kane_dynamics.identification.payload.payload_equations import PayloadEquations
-from kane_dynamics.identification.payload.payload_fit import covariance_of, load_deviations
+from kane_dynamics.identification.payload.payload_fit import load_deviations, with_belief
 from kane_dynamics.identification.payload.payload_rows import PayloadRows
 from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.kernel import Argument, checked
@@ -187,8 +187,6 @@ class PayloadEstimator:
     def _solution(self) -> tuple[Array, Array]:
         """Return the parameters and their covariance."""
         if self._solved is None:
-            information, weighted = self._equations.solve()
-            information = information + self._belief
-            x: Array = np.asarray(np.linalg.solve(information, weighted))
-            self._solved = x, covariance_of(information)
+            self._solved = with_belief(*self._equations.solve(), self._belief,
+                                       np.zeros(len(self._belief)))
         return self._solved

@@ -8,7 +8,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_equations import PayloadEquations
 from kane_dynamics.identification.payload.payload_rows import PayloadRows
 from kane_dynamics.identification.payload.recorded_motion import recorded_joints, recorded_motion
-from kane_dynamics.identification.physical_consistency import physical, prior_metric
+from kane_dynamics.identification.physical_consistency import nearest_physical, prior_metric
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.regression import rms
 from kane_dynamics.identification.solvers import on_one_processor
@@ -26,8 +26,6 @@ TOLD = 0.5  # of the belief's deviation of the mass: more is no finding but the 
 # limit.
 DOUBT = 0.1
 ROUNDING = 1e-12  # of the largest information
-# Largest information, in units of the belief, in trials of the solver.
-LIMITS = 1e6, 1e8, 1e10
 ROWS = 20  # each half has as many as there are parameters, or more
 
 
@@ -134,7 +132,7 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
     sigma = np.maximum(rms(torque - Y @ x), 1e-9)
     A = (Y / sigma[:, None]).reshape(-1, 10)
     mass, com = load_deviations(x, covariance)
-    if mass > TOLD * np.sqrt(covariance_of(belief)[0, 0]):
+    if mass > TOLD * np.sqrt(np.linalg.inv(belief)[0, 0]):
         raise InputError(f"recording: the mass at '{frame}' is not identifiable, its "
                          f'standard deviation is {mass:.3g} kg; expected configurations '
                          'or motions in which that mass causes joint torques')
@@ -146,51 +144,45 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
 
 
 def _solved(information: Array, weighted: Array, belief: Array) -> tuple[Array, Array]:
-    """
-    Return the physical parameters, (10,), that fit best, and their covariance.
-
-    Of a recording almost without noise, the information in some directions is rounding of
-    that in others: there the belief alone counts.
-    """
-    # In z = L^T x, with belief = L L^T, the belief is the identity.
-    L = np.linalg.cholesky(belief)
-    inverse = np.linalg.inv(L)
-    values, axes = np.linalg.eigh(inverse @ information @ inverse.T)
-    known = values > ROUNDING * values[-1]
-    values = np.where(known, values, 0.0)
-    directions = inverse.T @ axes
-    covariance = (directions / (1.0 + values)) @ directions.T
-
-    # The minimum without constraints; it is the solution if it is physical.
+    """Return the physical parameters, (10,), that fit best, and their covariance."""
     start = parameters_of(START.pseudo_inertia)
-    of_rows = axes[:, known].T @ (inverse @ weighted) / values[known]
-    of_start = (L @ axes[:, known]).T @ start
-    shares = values[known] / (1.0 + values[known])
-    x = start + directions[:, known] @ (shares * (of_rows - of_start))
+    # The minimum without constraints; it is the solution if it is physical.
+    x, covariance = with_belief(information, weighted, belief, start)
     if np.linalg.eigvalsh(pseudo_inertia_of(x))[0] > 0.0:
         return x, covariance
 
-    # An interior point method loses the belief beside far larger information, and the
-    # differences of what is known where that is limited: the least cost decides.
-    rows = (L @ axes[:, known]).T
-
-    def cost(x: Array) -> float:
-        residual = rows @ x - of_rows
-        change = L.T @ (x - start)
-        return float(values[known] @ residual**2 + change @ change)
-    trials = []
-    for limit in LIMITS:
-        roots = np.sqrt(np.minimum(values[known], limit))
-        trials.append(physical(roots[:, None] * rows, roots * of_rows, [START],
-                               np.zeros(0), BELIEF))
-    return min(trials, key=cost), covariance
+    # The posterior is normal, with this mean and covariance: the most probable physical
+    # parameters are those nearest to the mean in its own measure.
+    values, V = in_beliefs(information, belief)
+    return nearest_physical(x, V / np.sqrt(1.0 + values), START), covariance
 
 
-def covariance_of(information: Array) -> Array:
-    """Return the inverse of an information matrix, scaled for accuracy."""
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    return np.asarray(np.linalg.pinv(information / np.outer(scale, scale))
-                      / np.outer(scale, scale))
+def in_beliefs(information: Array, belief: Array) -> tuple[Array, Array]:
+    """
+    Return the information, (10,), in directions V, (10, 10), in units of the belief.
+
+    V^T belief V = 1 and V^T information V = diag(values). Where the information is
+    rounding of that in other directions, it is 0: there the belief alone counts.
+    """
+    # In z = L^T x, with belief = L L^T, the belief is the identity.
+    inverse = np.linalg.inv(np.linalg.cholesky(belief))
+    values, axes = np.linalg.eigh(inverse @ information @ inverse.T)
+    known = values > ROUNDING * values[-1]
+    return np.where(known, values, 0.0), inverse.T @ axes
+
+
+def with_belief(information: Array, weighted: Array, belief: Array,
+                start: Array) -> tuple[Array, Array]:
+    """Return parameters, believed to be near a start, after rows, and their covariance."""
+    values, V = in_beliefs(information, belief)
+    covariance = (V / (1.0 + values)) @ V.T
+
+    # The rows move the parameters by a share of the way to their own solution.
+    known = values > 0.0
+    V = V[:, known]
+    values = values[known]
+    way = V.T @ weighted / values - V.T @ (belief @ start)
+    return start + V @ (values / (1.0 + values) * way), covariance
 
 
 def load_deviations(x: Array, covariance: Array) -> tuple[float, Array]:
