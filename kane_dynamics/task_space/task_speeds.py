@@ -41,7 +41,8 @@ def in_task_speeds(robot: Robot, frame: str, *, axes: str = 'world',
     Return a robot whose first generalized speeds are the velocity of a frame.
 
     M(u) is block diagonal: its first block is Lambda of the frame, and mu and its
-    gravity are the first entries of `bias_force` and `gravity_force`.
+    gravity are the first entries of `bias_force` and `gravity_force`. It has the robot's
+    present limits, gravity and payload.
 
     Parameters
     ----------
@@ -91,6 +92,8 @@ def in_task_speeds(robot: Robot, frame: str, *, axes: str = 'world',
     chosen = Robot(robot.model, **options)
     chosen.limits = robot.limits
     chosen.parameters.gravity = robot.parameters.gravity
+    if robot.parameters.payload is not None:
+        chosen.parameters.payload = robot.parameters.payload
     return chosen
 
 

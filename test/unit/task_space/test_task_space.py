@@ -1,9 +1,10 @@
 """Lambda, mu and the null space of a frame, directly and by task speeds."""
 
+from dataclasses import replace
 from functools import cache
 import pickle
 
-from kane_dynamics import (in_task_speeds, InputError, load_urdf, ModelBuilder, Robot, rod,
+from kane_dynamics import (box, in_task_speeds, InputError, load_urdf, ModelBuilder, Robot, rod,
                            TaskSpace)
 from kane_dynamics._util.resources import resource_path
 from linkages import five_bar, five_bar_at
@@ -109,6 +110,20 @@ def test_in_task_speeds_the_mass_matrix_is_lambda(axes, directions):
         bias = bias + direct.inertia @ turning
     np.testing.assert_allclose(chosen.bias_force(q, v)[:k], bias, atol=1e-10)
     assert chosen.verify() < 1e-9
+
+
+def test_a_robot_in_task_speeds_has_the_parameters_of_the_robot():
+    robot = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')), payload_frame='tool0')
+    robot.parameters.payload = box(3.0, (0.1, 0.2, 0.3), at=(0.0, 0.1, 0.2))
+    robot.parameters.gravity = (1.0, -2.0, -7.0)
+    robot.limits = replace(robot.limits, velocity=np.full(6, 0.5))
+    chosen = in_task_speeds(robot, 'tool0')
+    q, u = np.array([0.3, -1.2, 1.5, -1.0, 1.2, 0.4]), np.random.default_rng(2).normal(size=6)
+    Y, _ = chosen.mechanism.speeds.of(q, 0.0)
+    v = np.asarray(Y, dtype=float) @ u
+    assert chosen.kinetic_energy(q, v) == pytest.approx(robot.kinetic_energy(q, u), rel=1e-12)
+    assert chosen.potential_energy(q) == pytest.approx(robot.potential_energy(q), rel=1e-12)
+    assert chosen.limits is robot.limits
 
 
 @pytest.mark.parametrize('of_loop', [False, pytest.param(True, marks=pytest.mark.slow)])
