@@ -9,7 +9,6 @@ from kane_dynamics.mechanics.constraints import (Closure, Constraint, Coupling,
 from kane_dynamics.model.model import Inertial, Joint, Model, WORLD
 import numpy as np
 
-SHORTEST = 1e-3  # of the mechanism: the smallest loop whose residual rounding permits
 ROUNDING = 1e-9  # of the mechanism: points of a loop that are nearer coincide
 
 
@@ -53,7 +52,7 @@ def closure_length(model: Model, closure: Closure, longest: float) -> float:
     It is the longest distance between neighbouring joints and frames of the loop alone,
     so that a small loop counts as open although a distant frame makes the mechanism
     long. `longest`, the mechanism's, stands for it where the points of the loop
-    coincide; it is at least `SHORTEST` of that.
+    coincide.
     """
     frames = {frame.name: frame for frame in model.frames}
     if closure.first not in frames or closure.second not in frames:
@@ -78,7 +77,7 @@ def closure_length(model: Model, closure: Closure, longest: float) -> float:
     distances.append(float(np.linalg.norm(roots[0] - roots[1])))
 
     own = max(distances)
-    return max(own, SHORTEST * longest) if own > ROUNDING * longest else longest
+    return own if own > ROUNDING * longest else longest
 
 
 def _beside_axis(joint: Joint) -> Array:
