@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 ORTHONORMAL = 1e-6  # largest difference of R R^T of a rotation from the identity
-UPRIGHT = 1e-9  # cosine of the pitch at which roll and yaw are one rotation
+UPRIGHT = 1e-12  # cosine of the pitch at which roll and yaw are one rotation
 LARGEST = 1e12  # rad, the limit of joint positions too
 
 
@@ -103,7 +103,13 @@ def rotation_rpy(rotation: ArrayLike) -> Array:
     upright = cosine < UPRIGHT
     roll_alone = np.arctan2(-R[..., 1, 2], R[..., 1, 1])
     roll = np.where(upright, roll_alone, np.arctan2(R[..., 2, 1], R[..., 2, 2]))
-    yaw = np.where(upright, 0.0, np.arctan2(R[..., 1, 0], R[..., 0, 0]))
+
+    # Near a quarter turn, rounding decides the roll; the yaw is what it leaves. Without
+    # the roll, the y axis is [-sin yaw, cos yaw, 0].
+    c = np.cos(roll)[..., None]
+    s = np.sin(roll)[..., None]
+    y_axis = c * R[..., :, 1] - s * R[..., :, 2]
+    yaw = np.where(upright, 0.0, np.arctan2(-y_axis[..., 0], y_axis[..., 1]))
     return np.stack([roll, pitch, yaw], axis=-1)
 
 

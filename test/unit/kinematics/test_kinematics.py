@@ -369,6 +369,15 @@ def test_roll_and_yaw_of_an_upright_rotation_are_one(pitch):
     np.testing.assert_allclose(pose_from(rpy=(roll, found, yaw))[:3, :3], R, atol=1e-14)
 
 
+def test_roll_pitch_and_yaw_near_a_quarter_turn_are_of_the_same_rotation():
+    rng = np.random.default_rng(0)
+    away = 10.0 ** rng.uniform(-17.0, -1.0, 400)
+    pitch = rng.choice([-1.0, 1.0], 400) * (0.5 * np.pi - away)
+    roll, yaw = rng.uniform(-3.0, 3.0, (2, 400))
+    R = pose_from(rpy=np.column_stack([roll, pitch, yaw]))[:, :3, :3]
+    np.testing.assert_allclose(pose_from(rpy=rotation_rpy(R))[:, :3, :3], R, rtol=0.0, atol=2e-12)
+
+
 @pytest.mark.parametrize(('options', 'words'), [
     ({'rpy': (0, 0, 0), 'quaternion': (0, 0, 0, 1)}, 'rpy: given with quaternion'),
     ({'quaternion': (0, 0, 0, 2)}, 'quaternion: length 2; expected 1, in the order x, y, z, w'),
