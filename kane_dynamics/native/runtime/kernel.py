@@ -129,7 +129,9 @@ def require_finite(argument: Argument, array: Array) -> None:
         return
     place = tuple(np.argwhere(~good)[0].tolist())
     number = array[place]
-    entry = f'{argument.name}[{", ".join(map(str, place))}]'
+    entry = argument.name
+    if place:
+        entry += f'[{", ".join(map(str, place))}]'
     if argument.labels:
         entry += f" (joint '{argument.labels[place[-1]]}')"
     expected = 'a finite number'
@@ -470,6 +472,10 @@ class Kernel:
         count = len(self.arguments)
         if count < len(values) <= count + self._signature.unread:
             values = values[:count]
+        elif len(values) > count:
+            names = ', '.join(argument.name for argument in self.arguments)
+            raise InputError(f'{self.name}: {len(values)} arguments; expected at most '
+                             f'{count}: {names}')
         values += (None,) * (count - len(values))
         arrays = []
         for argument, value in zip(self.arguments, values, strict=True):
@@ -525,7 +531,7 @@ class Kernel:
         """
         Compute the rows of a result one after the other.
 
-        Nothing is checked; the GIL is released.
+        Numbers are not checked; the GIL is released.
 
         A row may depend on an earlier one (a carry): pass views of one array that are
         shifted by a row, such as ``states[:-1]`` as an input and ``states[1:]`` as the
@@ -551,8 +557,11 @@ class Kernel:
         addresses = list(map(address, blocks))
         # A stride of 0 shares a block that has no axis of rows.
         strides = []
-        for block, rank in zip(blocks, self._ranks, strict=True):
-            strides.append(block.strides[0] if block.ndim > rank else 0)
+        for k, (block, rank) in enumerate(zip(blocks, self._ranks, strict=True)):
+            stride = block.strides[0] if block.ndim > rank else 0
+            if stride:
+                self._require_rows(f'input {k}', block, count)
+            strides.append(stride)
         if reverse:  # begin at the last rows, step back
             for k, stride in enumerate(strides):
                 addresses[k] += (count - 1) * stride
@@ -636,7 +645,7 @@ class Kernel:
             numbers: Mapping[str, NDArray[np.intp]] = NO_NUMBERS,
             constants: Array | None = None) -> int:
         """
-        Compute the results of a batch, without checks.
+        Compute the results of a batch, without checks of numbers.
 
         Parameters
         ----------
@@ -663,14 +672,24 @@ class Kernel:
             constants = self.parameters.copy()  # other threads may change them meanwhile
         # As in `rollout`, but with numbers that choose the rows of an argument.
         rows = []
-        for array, argument, rank in zip(arrays, self.arguments, self._ranks):
+        ranks = self._ranks[:len(self.arguments)]
+        for array, argument, rank in zip(arrays, self.arguments, ranks, strict=True):
             stride = array.strides[0] if array.ndim > rank else 0
             row_numbers = numbers.get(argument.name)
+            if stride:
+                chosen = array if row_numbers is None else row_numbers
+                self._require_rows(argument.name, chosen, count)
             rows.append((address(array), stride, 0,
                          0 if row_numbers is None else address(row_numbers)))
+        self._require_rows('result', result, count)
         rows.append((address(constants), 0, 0, 0))
         rows.append((address(result), result.strides[0], 0, 0))
         return run_batch(self.compile_lanes(constants), rows, count)
+
+    def _require_rows(self, name: str, rows: NDArray[Any], count: int) -> None:
+        """Raise InputError if an array ends before the machine code would."""
+        if len(rows) < count:
+            raise InputError(f'{self.name}: {name} has {len(rows)} rows; expected {count}')
 
     def _check(self, result: Array, arrays: Sequence[Array], count: int | None) -> None:
         """Raise InputError if the result is not finite."""

@@ -278,6 +278,36 @@ def test_numbered_rows_are_those_of_their_numbers():
     assert np.array_equal(out, x[numbers] * y[:, None])
 
 
+@pytest.mark.parametrize('x, y, out, numbers, words', [
+    (np.zeros((4, 3)), np.zeros(5), 5, None, 'x has 4 rows; expected 5'),
+    (np.zeros((5, 3)), np.zeros(3), 5, None, 'y has 3 rows; expected 5'),
+    (np.zeros((5, 3)), np.zeros(5), 4, None, 'result has 4 rows; expected 5'),
+    (np.zeros((2, 3)), np.zeros(5), 5, 4, 'x has 4 rows; expected 5')])
+def test_arrays_that_end_before_the_batch_are_refused(x, y, out, numbers, words):
+    kernel = batch_kernel('scaled', lambda x, y: x * y[()], [('x', (3,)), ('y', ())], (3,))
+    chosen = {} if numbers is None else {'x': np.zeros(numbers, dtype=np.intp)}
+    with pytest.raises(InputError, match=words):
+        kernel.run([x, y], np.empty((out, 3)), 5, chosen)
+
+
+def test_carries_that_end_before_the_result_are_refused():
+    kernel = batch_kernel('sum', lambda x, y: x + y, [('x', (2,)), ('y', (2,))], (2,))
+    with pytest.raises(InputError, match='input 1 has 3 rows; expected 4'):
+        kernel.scan([np.zeros((4, 2)), np.zeros((3, 2))], np.zeros((4, 2)))
+
+
+def test_too_many_arguments_name_those_that_are_expected():
+    kernel = batch_kernel('sum', lambda x, y: x + y, [('x', (2,)), ('y', (2,))], (2,))
+    with pytest.raises(InputError, match='sum: 3 arguments; expected at most 2: x, y'):
+        kernel(np.zeros(2), np.zeros(2), np.zeros(2))
+
+
+def test_a_number_that_is_not_finite_has_no_place():
+    kernel = batch_kernel('scaled', lambda x, y: x * y[()], [('x', (3,)), ('y', ())], (3,))
+    with pytest.raises(InputError, match=r'^y: nan; expected a finite number'):
+        kernel(np.zeros(3), np.nan)
+
+
 def test_addresses_of_arrays_are_those_of_ctypes():
     x = np.zeros((4, 5, 6))
     for view in (x, x[1:], x[:, 2], x[::-1, 1:, 3], x.T, np.array(1.0), np.zeros((0, 3))):
