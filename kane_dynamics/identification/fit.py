@@ -42,7 +42,8 @@ FIRST_WEIGHT = 1e3  # of the prior, before one is chosen
 LEAST_LOAD = 1e-3  # of gravity, relative to the RMS of the torque
 SELECT = 'select'  # the law of friction of each joint
 OTHER_TERMS: dict[str, Any] = {'friction_backward': None, 'breakaway_friction': None,
-                               'stribeck_speed': 0.0, 'load_friction_backdriven': None}
+                               'stribeck_speed': 0.0, 'load_friction_backdriven': None,
+                               'presliding_stiffness': 0.0, 'presliding_damping': 0.0}
 
 
 @hinting
@@ -129,7 +130,8 @@ class Identification:
 
         """
         further = {'quadratic_damping': self.quadratic_damping,
-                   'load_friction': self.load_friction, **self._bristles}
+                   'load_friction': self.load_friction,
+                   'presliding_stiffness': self._presliding_stiffness}
         return identified(self.given, self.unknowns, self.friction_speed, further,
                           inertials=not self.friction_only)
 
@@ -147,17 +149,13 @@ class Identification:
         return np.asarray(recording.tau - law_error(data, self._fit))
 
     @property
-    def _bristles(self) -> dict[str, Array]:
-        """Return `presliding_stiffness` and `presliding_damping` of the joints, (n,) each."""
-        # Bristles that were not identified stay as they were.
-        joints = self.given.coordinate_joints
-        stiffness = np.array([joint.presliding_stiffness for joint in joints])
-        damping = np.array([joint.presliding_damping for joint in joints])
+    def _presliding_stiffness(self) -> Array:
+        """Return `presliding_stiffness` of the joints, (n,); 0 where the law has none."""
         friction = self.losses[:, FRICTION.index('friction')]
+        stiffness = np.zeros(len(friction))
         slides = self.presliding > 0.0
         stiffness[slides] = friction[slides] / self.presliding[slides]
-        damping[slides] = 0.0
-        return {'presliding_stiffness': stiffness, 'presliding_damping': damping}
+        return stiffness
 
     @property
     def _fit(self) -> LawFit:
@@ -428,8 +426,6 @@ def identified(model: Model, x: Array, speeds: Array, further: dict[str, Array],
                         'friction_speed': float(speeds[j])}
         for term, values in further.items():
             losses[name][term] = float(values[j])
-        if not losses[name]['friction']:  # without sliding there is no presliding
-            losses[name] |= {'presliding_stiffness': 0.0, 'presliding_damping': 0.0}
     # Unknowns are ten inertial parameters a body, then the losses of each joint.
     bodies = []
     for k, body in enumerate(model.bodies):

@@ -167,7 +167,11 @@ class LawRows:
 
 def law_rows(data: RegressionRows) -> LawRows:
     """Return the rows for fits of friction laws, of a whole recording."""
-    return LawRows(data, dahl_friction(data.recording.q, LENGTHS))
+    # A recording may begin in motion: before it, the joints count as having moved as they
+    # do between its first two rows.
+    q = data.recording.q
+    before = q[:1] - np.diff(q[:2], axis=0).sum(axis=0)
+    return LawRows(data, dahl_friction(np.vstack([before, q]), LENGTHS)[1:])
 
 
 # Rows that are left out.

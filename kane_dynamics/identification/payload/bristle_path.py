@@ -64,11 +64,17 @@ class BristlePath:
     robot : Robot
         With joints that have bristles.
 
+    Attributes
+    ----------
+    bare : Robot
+        The robot with viscous friction and offset alone in these joints.
+
     """
 
     def __init__(self, robot: Robot) -> None:
         """Prepare the kernel; it compiles on first use."""
         self._robot = robot
+        self.bare = without_bristles(robot)
         tree = robot.equations.tree
         self._joints: list[Joint] = tree.bristles
         self._coordinates = [joint.coordinate for joint in self._joints]
@@ -76,7 +82,7 @@ class BristlePath:
         self._size = np.array([abs(joint.multiplier) for joint in self._joints])
         self._levels = np.array([max(breakaway_levels(joint)) for joint in self._joints])
         self._fractions = np.array([max(load_fractions(joint)) for joint in self._joints])
-        self._kernel = _path_kernel(robot)
+        self._kernel = _path_kernel(robot, self.bare)
 
     def compile(self) -> None:  # noqa: A003
         """Compile the kernel now instead of at the first sample."""
@@ -142,7 +148,7 @@ def without_bristles(robot: Robot) -> Robot:
     return bare
 
 
-def _path_kernel(robot: Robot) -> Kernel:
+def _path_kernel(robot: Robot, bare: Robot) -> Kernel:
     """
     Return the kernel of the friction of bristles, (n,), and of bounds after a travel.
 
@@ -150,7 +156,6 @@ def _path_kernel(robot: Robot) -> Kernel:
     the joints since the last sample, and the bounds then, (2, n_b).
     """
     equations = robot.equations
-    bare = without_bristles(robot).equations
     n_b = len(equations.tree.bristles)
 
     def path(q: Vector, u: Vector, tau: Vector, mean_u: Vector, travel: Vector,
@@ -162,7 +167,7 @@ def _path_kernel(robot: Robot) -> Kernel:
         # Friction of the joints without bristles, and viscous friction, cancel.
         friction = equations.driven_friction(q, motion.qdot, tau, t, None,
                                              0.5 * (least + largest))
-        others = bare.driven_friction(q, motion.qdot, tau, t)
+        others = bare.equations.driven_friction(q, motion.qdot, tau, t)
         return np.concatenate([motion.projected(friction - others), least, largest])
     row = (robot.n,)
     return robot.compiled(path, name='bristle_path', q=(robot.n_q,), u=row, tau=row, mean_u=row,

@@ -18,8 +18,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.payload.bristle_path import (BristlePath, BristleState,
-                                                               without_bristles)
+from kane_dynamics.identification.payload.bristle_path import BristlePath, BristleState
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.friction import (coulomb, coulomb_levels, load_fractions,
                                               stribeck_excess)
@@ -138,7 +137,7 @@ class PayloadRows:
         known = bare  # of which inverse dynamics has all friction but that of bristles
         if bare.equations.tree.bristles:
             self.bristles = BristlePath(bare)
-            known = without_bristles(bare)
+            known = self.bristles.bare
         self.regressor = PayloadRegressor(known, frame)
         self.robot = self.regressor.robot
         self.names = actuators(self.robot)

@@ -6,9 +6,10 @@ from pathlib import Path
 
 from kane_dynamics import InputError, load_urdf, Robot
 from kane_dynamics.identification import identify, Recording
-from kane_dynamics.identification.friction_laws import (CandidateErrors, LAW_NAMES, LAWS, period,
-                                                        phases, without_harm)
+from kane_dynamics.identification.friction_laws import (CandidateErrors, LAW_NAMES, law_rows, LAWS,
+                                                        LENGTHS, period, phases, without_harm)
 from kane_dynamics.identification.presliding import dahl_friction
+from kane_dynamics.identification.regression import rows
 import numpy as np
 import pytest
 from recordings import exciting
@@ -111,6 +112,18 @@ def test_masses_that_are_not_fitted_are_not_taken_for_friction_of_the_load():
     assert found.laws == ('coulomb', 'coulomb')
 
 
+def test_bristles_of_a_recording_that_begins_in_motion_are_bent():
+    model, recording = recording_of('presliding')
+    k = int(np.argmax(np.abs(recording.u).min(axis=1)))
+    whole = law_rows(rows(model, recording))
+    later = law_rows(rows(model, recording.rows(slice(k, None))))
+    # The first row has the friction that it has in the whole recording, for short travels.
+    short = LENGTHS < 0.2 * np.abs(recording.q[k + 1] - recording.q[k]).min()
+    assert short.any()
+    np.testing.assert_allclose(later.dahl[0, short], whole.dahl[k, short], atol=0.02)
+    np.testing.assert_allclose(np.abs(later.dahl[0, short]), 1.0, atol=0.02)
+
+
 def test_repeated_motion_is_no_test_of_a_fit():
     t = np.arange(0.0, 20.0, 0.01)
     w = 2.0 * np.pi / 5.0
@@ -132,8 +145,11 @@ def test_an_identified_model_has_no_term_of_the_given_model_that_was_not_fitted(
     _, recording = recording_of('coulomb')
     given = load_urdf(URDF, supplement={'joints': {'joint1': {
         'friction': 1.0, 'breakaway_friction': 3.0, 'stribeck_speed': 0.1,
-        'load_friction': 0.2, 'quadratic_damping': 0.5}}})
+        'load_friction': 0.2, 'quadratic_damping': 0.5,
+        'presliding_stiffness': 50.0, 'presliding_damping': 0.1}}})
     found = identify(given, recording, friction='coulomb', diagnosed=True)
+    for joint in found.model.coordinate_joints:
+        assert joint.presliding_stiffness == joint.presliding_damping == 0.0
     assert (found.held_out < 1.25 * NOISE).all()
     tau = Robot(found.model).inverse_dynamics(recording.q, recording.u, recording.udot)
     np.testing.assert_allclose(tau, found.torque(recording), atol=1e-9)

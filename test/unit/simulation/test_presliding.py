@@ -6,8 +6,6 @@ from kane_dynamics import (ComputedTorque, Drive, Limits, longest_step, ModelBui
                            point_mass, PointVelocity, Prescribed, Robot, rod, simulate,
                            Trajectory, with_drives)
 from kane_dynamics.errors import InputError, ModelError, ModelWarning
-from kane_dynamics.identification.base_regressor import true_unknowns
-from kane_dynamics.identification.fit import identified
 from kane_dynamics.model.drive import friction_seen_through
 from kinds_of_mechanism import case, KINDS
 from mechanisms import wheel
@@ -363,13 +361,3 @@ def test_bristles_of_a_motor_are_seen_through_its_gear():
     assert run.bristle_names == ('link_motor',) and run.warnings == ()
     # The motor rests where the bristles bear its torque: 2 N m of friction, 500 N m/rad.
     np.testing.assert_allclose(run.bristles[-1], 1.5 / 500.0, rtol=1e-3)
-
-
-@pytest.mark.parametrize('friction', [1.2, 0.0])
-def test_an_identified_joint_without_friction_has_no_bristles(friction):
-    model = block(**LUGRE).model
-    unknowns = true_unknowns(model)
-    unknowns[-4:] = 0.3, friction, 0.0, 0.0
-    joint = identified(model, unknowns, np.array([0.05]), {}).bodies[0].joint
-    assert joint.friction == friction
-    assert joint.presliding_stiffness == (STIFFNESS if friction else 0.0)
