@@ -17,6 +17,7 @@ linearization of robots with mixed rigid/elastic joints, Int. J. Robust Nonlinea
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import hinting
@@ -102,6 +103,7 @@ class LinkSideControl:
         self.motion = motion
         joints = motion.joint_names
         w = per_joint(bandwidth, 'bandwidth', joints)
+        self._bandwidth = w
         # (s + w)^4 of the error of each joint, for a chain of four integrators.
         with np.errstate(over='ignore'):
             self.gains = np.array([w**4, 4.0 * w**3, 6.0 * w**2, 4.0 * w])
@@ -126,6 +128,10 @@ class LinkSideControl:
                   'desired': (DERIVATIVES, count), 'gains': (DERIVATIVES - 1, count)}
         self._law = feedforward.compiled(joints, self._traced, 'link_side_control', inputs,
                                          (drives,))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the arguments; the law loads from the cache."""
+        return partial(type(self), bandwidth=self._bandwidth), (self.robot, self.motion)
 
     def __call__(self, t: float, q: ArrayLike, u: ArrayLike) -> Array:
         """Return tau, (n,), at a time and a state of links and motors."""

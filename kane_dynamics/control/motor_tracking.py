@@ -15,11 +15,12 @@ from __future__ import annotations
 import math
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics._util.checks import finite_row, instance, number, per_joint
+from kane_dynamics._util.checks import finite_row, instance, integer, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.elastic_control import check_side, effort_tolerance, LINK, MOTOR
 from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
-from kane_dynamics.control.trajectory_feedforward import FilledTrajectory
+from kane_dynamics.control.trajectory_feedforward import FilledTrajectory, MOST_POINTS
+from kane_dynamics.errors import InputError
 from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import SmoothMotion
@@ -103,8 +104,8 @@ class MotorTracking:
             rows.time, rows.motor_position[:, columns], rows.motor_speed[:, columns],
             rows.motor_acceleration[:, columns], joint_names=self.joint_names)
 
-    def trajectory(self, tolerance: ArrayLike, *, sensor_side: str = MOTOR
-                   ) -> FilledTrajectory:
+    def trajectory(self, tolerance: ArrayLike, *, sensor_side: str = MOTOR,
+                   max_points: int = MOST_POINTS) -> FilledTrajectory:
         """
         Return the motion as a trajectory for joint_trajectory_controller.
 
@@ -117,19 +118,25 @@ class MotorTracking:
             Largest error of the interpolated effort at the rows, N m or N, positive.
         sensor_side : 'motor' or 'link'
             Side of the gear on which the encoders are.
+        max_points : int
+            Largest number of points.
 
         Raises
         ------
         InputError
-            An invalid tolerance or side.
+            An invalid tolerance or side, or a tolerance that needs more points.
 
         """
         check_side(sensor_side)
         allowed = effort_tolerance(tolerance, self.joint_names)
+        max_points = integer(max_points, 'max_points', 1)
         rows = self.command
         first = self._rows_of_points()
         points = first
         while True:
+            if len(points) > max_points:
+                raise InputError(f'tolerance: {allowed.tolist()} needs more than '
+                                 f'{max_points} points; expected a larger one')
             # Errors of the efforts that are interpolated between the points, at all rows.
             errors = np.zeros_like(self._torque)
             for k, torque in enumerate(self._torque.T):

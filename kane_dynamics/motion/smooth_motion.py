@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 DEGREES = (5, 7)
 MOST_POINTS = 2000  # the system for the coefficients is dense
 DERIVATIVES = 4  # that `sample` returns
+ORDERS = 'speed', 'acceleration', 'jerk'  # that must not jump
 FASTEST = 1e6  # largest factor of the speed of a motion
 JUMP = 1e-6  # of the largest jerk: a larger difference at a point is a jump
 # Of the largest speed, acceleration and jerk, in a motion that laws of control follow. The
@@ -171,31 +172,34 @@ class SmoothMotion:
         return SmoothMotion(self.joint_names, np.append(self.times, self.duration + rest),
                             np.concatenate([self._coefficients, last]))
 
-    def require_no_jumps(self, jumps: Sequence[float] = (JUMP, JUMP, JUMP)) -> None:
+    def require_no_jumps(self, jumps: Sequence[float] = (JUMP, JUMP, JUMP),
+                         after: float = -math.inf) -> None:
         """
-        Raise InputError where speed, acceleration or jerk jumps.
+        Raise InputError where speed, acceleration or jerk jumps after a time, s.
 
         `jumps` are the largest differences at a point that are accepted, relative to the
         largest speed, acceleration and jerk.
         """
         lengths = np.diff(self.times)
         rest = np.zeros((1, self.n))
-        for order, what in enumerate(('speed', 'acceleration', 'jerk'), start=1):
+        for order, what in enumerate(ORDERS, start=1):
             begins = _polynomials(self._coefficients, 0.0 * lengths, order)
             ends = _polynomials(self._coefficients, lengths, order)
             # Left and right of every point; it rests outside.
             differences = np.abs(np.vstack([begins, rest]) - np.vstack([rest, ends]))
-            # A jump counts relative to the largest value of its order, also of a motion
-            # between two points at rest.
-            within = _polynomials(self._coefficients, WITHIN * lengths, order)
-            size = np.abs([begins, within, ends]).max()
+            differences[self.times <= after] = 0.0
             point, joint = np.unravel_index(int(differences.argmax()), differences.shape)
-            if differences[point, joint] > jumps[order - 1] * size:
-                raise InputError(
-                    f"motion: the {what} of joint '{self.joint_names[joint]}' jumps by "
-                    f'{differences[point, joint]:.4g} at point {point}, {self.times[point]:g} '
-                    's; expected continuous jerk, as of SmoothMotion.from_points, since '
-                    'the torque rate of an elastic joint would jump')
+            if differences[point, joint] > jumps[order - 1] * self._largest(order):
+                raise _jump(what, self.joint_names[joint], differences[point, joint],
+                            f'at point {point}, {self.times[point]:g} s')
+
+    def _largest(self, order: int) -> float:
+        """Return the largest derivative of an order at the points and within segments."""
+        # Of a motion between two points at rest the derivatives vanish at the points.
+        lengths = np.diff(self.times)
+        values = [_polynomials(self._coefficients, share * lengths, order)
+                  for share in (0.0, WITHIN, 1.0)]
+        return float(np.abs(values).max())
 
     def scaled(self, speed: float) -> SmoothMotion:
         """Return the motion `speed` times as fast, from 1e-6 to 1e6; else InputError."""
@@ -244,15 +248,49 @@ class SmoothMotion:
         return SmoothState(*states)
 
 
-def require_smooth(motion: Motion) -> None:
+def require_smooth(motion: Motion, moment: float | None = None,
+                   before: Array | None = None) -> None:
     """
     Raise InputError for a motion that no law of elastic joints can follow.
 
     Points of a smooth motion with accelerations, dense enough, leave small jumps of the
     jerk, which are accepted.
+
+    Parameters
+    ----------
+    motion : Motion
+        From rest to rest, but where it is followed from a moment on.
+    moment : float, optional
+        Time of the motion from which on it is followed, s. Default: its beginning.
+    before : (3, n) array, optional
+        Speed, acceleration and jerk until that moment. Default: at rest.
+
     """
-    if len(motion.times) > 1:
-        SmoothMotion._in_seconds(motion).require_no_jumps(JUMPS_OF_LAWS)
+    if len(motion.times) < 2:
+        return
+    smooth = SmoothMotion._in_seconds(motion)
+    if moment is None:
+        smooth.require_no_jumps(JUMPS_OF_LAWS)
+        return
+    smooth.require_no_jumps(JUMPS_OF_LAWS, after=moment)
+    if before is None:
+        before = np.zeros((len(ORDERS), motion.n))
+    # The jump where it begins to be followed.
+    state = smooth.sample(moment)
+    for order, what in enumerate(ORDERS, start=1):
+        differences = np.abs(state[order] - before[order - 1])
+        joint = int(differences.argmax())
+        largest = max(smooth._largest(order), np.abs(before[order - 1]).max())
+        if differences[joint] > JUMPS_OF_LAWS[order - 1] * largest:
+            raise _jump(what, motion.joint_names[joint], differences[joint],
+                        f'where it begins, {moment:g} s')
+
+
+def _jump(what: str, joint: str, size: float, place: str) -> InputError:
+    """Return the error of a derivative that jumps at a place."""
+    return InputError(f"motion: the {what} of joint '{joint}' jumps by {size:.4g} {place}; "
+                      'expected continuous jerk, as of SmoothMotion.from_points, since '
+                      'the torque rate of an elastic joint would jump')
 
 
 class SmoothCurve:

@@ -13,6 +13,7 @@ from importlib import import_module
 import time
 from typing import Any
 
+from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
@@ -351,7 +352,8 @@ class JointTrajectoryAction:
             motion = Motion.from_points([0.0], [q], joint_names=goal.motion.joint_names)
             moment = 0.0
         start = now - round(moment * NANO)
-        stop = stop_along(motion, moment, self._demand(goal))
+        elastic = path.controller.mode == Mode.MOTOR_SIDE
+        stop = stop_along(motion, moment, self._demand(goal), elastic=elastic)
         if stop is None:
             # The rest of the motion is the shortest stop.
             rest = motion.duration
@@ -375,8 +377,9 @@ class JointTrajectoryAction:
             return
         if not path.active_motion.holds(goal.motion, path.now):
             return
+        elastic = path.controller.mode == Mode.MOTOR_SIDE
         stop = stop_from(served, goal.motion.joint_names, latest.q, latest.u,
-                         self._demand(goal))
+                         self._demand(goal), elastic=elastic)
         path.active_motion.follow(stop, latest.stamp, path.now, generation)
 
     def _demand(self, goal: FollowedGoal) -> Demand:

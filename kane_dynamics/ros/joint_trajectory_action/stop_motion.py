@@ -2,7 +2,9 @@
 Motions that bring an arm to rest: along its path, or from where it is.
 
 The rate of the time along the path falls from 1 to 0 as 1 - 3 x^2 + 2 x^3, with x from 0
-to 1: positions, speeds and accelerations are continuous, and the arm stays on the path.
+to 1: positions, speeds and accelerations are continuous, and the arm stays on the path. For
+elastic joints it is 1 - 10 x^3 + 15 x^4 - 6 x^5: along a smooth path the jerk is continuous
+too, and the largest deceleration a quarter larger.
 """
 
 from collections.abc import Callable
@@ -22,7 +24,8 @@ HEADROOM = 0.9  # of the limits, the rest is for feedback
 Demand = Callable[[Motion], float]
 
 
-def stop_along(motion: Motion, moment: float, demand: Demand) -> Motion | None:
+def stop_along(motion: Motion, moment: float, demand: Demand, *,
+               elastic: bool = False) -> Motion | None:
     """
     Return the shortest stop along the path of a motion; None if it ends sooner by itself.
 
@@ -34,6 +37,8 @@ def stop_along(motion: Motion, moment: float, demand: Demand) -> Motion | None:
         Time of the motion at which the stop begins, s.
     demand : callable
         As `limit_demand`.
+    elastic : bool
+        Whether the jerk is continuous, as elastic joints need it.
 
     Returns
     -------
@@ -43,7 +48,7 @@ def stop_along(motion: Motion, moment: float, demand: Demand) -> Motion | None:
 
     """
     def stop(duration: float) -> Motion:
-        times, passed, rate, change = _slowing(duration)
+        times, passed, rate, change = _slowing(duration, elastic)
         q, u, udot = motion.sample(moment + passed[:, 0])
         return Motion.from_points(times[:, 0], q, u * rate, udot * rate**2 + u * change,
                                   joint_names=motion.joint_names)
@@ -54,7 +59,7 @@ def stop_along(motion: Motion, moment: float, demand: Demand) -> Motion | None:
 
 
 def stop_from(served: ServedRobot, joints: tuple[str, ...], q: Array, u: Array,
-              demand: Demand) -> Motion:
+              demand: Demand, *, elastic: bool = False) -> Motion:
     """
     Return the shortest stop from a state, with all joints in proportion.
 
@@ -68,6 +73,8 @@ def stop_from(served: ServedRobot, joints: tuple[str, ...], q: Array, u: Array,
         Positions and rates, rad or m, and s.
     demand : callable
         As `limit_demand`.
+    elastic : bool
+        As in `stop_along`.
 
     Returns
     -------
@@ -76,7 +83,7 @@ def stop_from(served: ServedRobot, joints: tuple[str, ...], q: Array, u: Array,
 
     """
     def stop(duration: float) -> Motion:
-        times, passed, rate, change = _slowing(duration)
+        times, passed, rate, change = _slowing(duration, elastic)
         return Motion.from_points(times[:, 0], q + u * passed, u * rate, u * change,
                                   joint_names=joints)
 
@@ -139,9 +146,15 @@ def _durations() -> list[float]:
     return [SHORTEST * FACTOR**k for k in range(count + 1)]
 
 
-def _slowing(duration: float) -> tuple[Array, Array, Array, Array]:
+def _slowing(duration: float, elastic: bool) -> tuple[Array, Array, Array, Array]:
     """Return times, time along the path, its rate and the rate's rate, (K, 1) each."""
     x = np.linspace(0.0, 1.0, POINTS)[:, None]
-    passed = duration * (x - x**3 + 0.5 * x**4)
-    rate = 1.0 - 3.0 * x**2 + 2.0 * x**3
-    return duration * x, passed, rate, 6.0 * (x**2 - x) / duration
+    if elastic:
+        passed = duration * (x - 2.5 * x**4 + 3.0 * x**5 - x**6)
+        rate = 1.0 - 10.0 * x**3 + 15.0 * x**4 - 6.0 * x**5
+        change = -30.0 * x**2 * (1.0 - x)**2 / duration
+    else:
+        passed = duration * (x - x**3 + 0.5 * x**4)
+        rate = 1.0 - 3.0 * x**2 + 2.0 * x**3
+        change = 6.0 * (x**2 - x) / duration
+    return duration * x, passed, rate, change

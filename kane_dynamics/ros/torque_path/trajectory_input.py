@@ -11,12 +11,16 @@ from dataclasses import dataclass
 import math
 from typing import Any, NamedTuple
 
+from kane_dynamics.control.elastic_control import derivatives_of
+from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.smooth_motion import require_smooth
 from kane_dynamics.ros.common.cdr import Reader
 from kane_dynamics.ros.common.conversion import (Array, check_points,
                                                  motion_from_message, NANO, nanoseconds)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
+import numpy as np
 
 
 class PastMotionError(InputError):
@@ -208,9 +212,28 @@ def schedule_motion(path: TorquePath, message: ReceivedTrajectory, now: int,
     if place is None and values['trajectory.start_tolerance'] < math.inf:
         raise InputError('joint states: none yet; expected one, from which the motion '
                          'sets out')
-    refuse(motion, None if place is None else place[0], (entry - start) / NANO)
+    moment = (entry - start) / NANO
+    refuse(motion, None if place is None else place[0], moment)
+    if path.controller.mode == Mode.MOTOR_SIDE:
+        _require_smooth_entry(path, motion, moment, entry)
     if not path.active_motion.follow(motion, start, now, generation):
         raise InputError('joint_trajectory: received while the node was stopped, ended '
                          'its motion, timed out, or changed clock or mode; expected a '
                          'later one')
     return motion, start
+
+
+def _require_smooth_entry(path: TorquePath, motion: Motion, moment: float,
+                          entry: int) -> None:
+    """
+    Raise InputError if speed, acceleration or jerk jump in a motion or on the way into it.
+
+    `moment` is the time of the motion, s, at which it is followed first, and `entry` that
+    of the node's clock, ns.
+    """
+    # The motion that is followed until then, or a held pose.
+    last, last_moment = path.active_motion.at(entry)
+    before = None
+    if last is not None:
+        before = derivatives_of(last, np.array([last_moment]))[0, 1:4]
+    require_smooth(motion, moment, before)

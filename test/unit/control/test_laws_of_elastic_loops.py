@@ -1,6 +1,7 @@
 """Link-side control and torque feedback of elastic joints in loops and with chosen speeds."""
 
 from dataclasses import replace
+import pickle
 
 from kane_dynamics import (absolute_rates, Drive, ElasticFeedforward, InputError,
                            JointTorqueFeedback, LinkSideControl, load_urdf, Robot, simulate,
@@ -81,6 +82,14 @@ def test_joints_of_a_loop_get_the_fourth_derivative_that_is_wanted(independent):
     wanted = (desired.snap + w**4 * (desired.q - position) + 4.0 * w**3 * (desired.u - rate)
               + 6.0 * w**2 * (desired.udot - here) + 4.0 * w * (desired.jerk - jerk))
     np.testing.assert_allclose(snap, wanted, rtol=0, atol=1e-3 * np.abs(wanted).max())
+
+
+def test_a_copy_by_pickle_has_the_same_law():
+    robot = turning_four_bar()
+    control = LinkSideControl(robot, TURN, bandwidth=[20.0, 30.0])
+    copy = pickle.loads(pickle.dumps(control))
+    state = closed(robot, 0.5, 1.2), 0.3 * np.random.default_rng(0).normal(size=robot.n)
+    np.testing.assert_array_equal(copy(0.3, *state), control(0.3, *state))
 
 
 @pytest.mark.slow

@@ -145,6 +145,12 @@ def test_arguments_are_checked():
         MotorTracking(feedforward, MOVE, kp=1.0, kd=1.0)
     control = MotorTracking(feedforward, turn, kp=1.0, kd=1.0)
     at_rest = np.zeros(control.robot.n)
+    count = len(control.trajectory(0.1).times)
+    assert len(control.trajectory(0.1, max_points=count).times) == count
+    with pytest.raises(InputError, match=f'needs more than {count - 1} points'):
+        control.trajectory(0.1, max_points=count - 1)
+    with pytest.raises(InputError, match='max_points: 0'):
+        control.trajectory(0.1, max_points=0)
     with pytest.raises(InputError, match=r'q: .*crank_motor'):
         control(0.1, control.command.link_position[0, :1], at_rest)
     with pytest.raises(InputError, match='t: nan'):

@@ -11,8 +11,10 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('kane_dynamics_interfaces')
 
-from kane_dynamics import InputError, load_urdf, Motion, Robot  # noqa: E402, I100
+from kane_dynamics import InputError, load_urdf, Motion, Robot, SmoothMotion  # noqa: E402, I100
 from kane_dynamics._util.resources import resource_path  # noqa: E402
+from kane_dynamics.control.elastic_control import derivatives_of  # noqa: E402
+from kane_dynamics.motion.smooth_motion import require_smooth  # noqa: E402
 from kane_dynamics.ros.common.conversion import JointNamesError  # noqa: E402
 from kane_dynamics.ros.joint_trajectory_action.action_server import (  # noqa: E402
     follow_joint_trajectory_type)
@@ -192,11 +194,11 @@ def demand_of(served, rate=20.0):
 
 
 @settings(max_examples=12, deadline=None)
-@given(st.integers(0, 2**31), st.floats(0.02, 1.55))
-def test_a_stop_stays_on_the_path_begins_smoothly_and_keeps_the_limits(seed, moment):
+@given(st.integers(0, 2**31), st.floats(0.02, 1.55), st.booleans())
+def test_a_stop_stays_on_the_path_begins_smoothly_and_keeps_the_limits(seed, moment, elastic):
     motion = arm_motion(seed)
     served = served_robot(ARM)
-    stop = stop_along(motion, moment, demand_of(served))
+    stop = stop_along(motion, moment, demand_of(served), elastic=elastic)
     if stop is None:
         assert motion.duration - moment < 0.5
         return
@@ -208,12 +210,27 @@ def test_a_stop_stays_on_the_path_begins_smoothly_and_keeps_the_limits(seed, mom
     np.testing.assert_allclose(udot, 0.0, atol=1e-9)
     # Every position is one of the path, at the time that the rate gives by its integral.
     t = np.linspace(0.0, stop.duration, 400)
-    rate = 1.0 - 3.0 * (t / stop.duration)**2 + 2.0 * (t / stop.duration)**3
+    x = t / stop.duration
+    rate = 1.0 - 3.0 * x**2 + 2.0 * x**3
+    if elastic:
+        rate = 1.0 - 10.0 * x**3 + 15.0 * x**4 - 6.0 * x**5
     passed = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
     np.testing.assert_allclose(stop.sample(t)[0], motion.sample(moment + passed)[0], atol=1e-4)
     tau = ARM.inverse_dynamics(*stop.sample(t))
     if stop.duration > SHORTEST and demand_of(served)(stop) <= HEADROOM:
         assert (np.abs(tau) <= ARM.limits.effort).all()
+
+
+def test_the_jerk_of_a_stop_of_elastic_joints_does_not_jump_along_a_smooth_path():
+    points = HOME + np.array([[0.0], [0.3], [-0.1]])
+    smooth = SmoothMotion.from_points([0.0, 0.8, 1.6], points, joint_names=ARM.joint_names)
+    t = np.linspace(0.0, 1.6, 161)
+    motion = Motion.from_points(t, *smooth.sample(t)[:3], joint_names=ARM.joint_names)
+    before = derivatives_of(motion, np.array([0.5]))[0, 1:4]
+    demand = demand_of(served_robot(ARM))
+    require_smooth(stop_along(motion, 0.5, demand, elastic=True), 0.0, before)
+    with pytest.raises(InputError, match='the jerk of joint'):
+        require_smooth(stop_along(motion, 0.5, demand), 0.0, before)
 
 
 def test_no_shorter_stop_keeps_the_limits():

@@ -1,19 +1,29 @@
 """Mode motor_side of the node: the law of `MotorSideControl`, by parameters."""
 
+from functools import partial
+
 import pytest
 
 pytest.importorskip('rclpy')
 from kane_dynamics import Drive, Inertial, InputError, Motion, MotorSideControl  # noqa: E402, I100
 from kane_dynamics import Robot, SmoothMotion, StiffnessCurve, with_drives  # noqa: E402
 from kane_dynamics import with_rigid_joints  # noqa: E402
+from kane_dynamics.control.controller import Controller  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
+from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.modes.motor_side_mode import MotorSideMode  # noqa: E402
 from kane_dynamics.ros.modes.task_modes import TaskModes  # noqa: E402
+from kane_dynamics.ros.services.motion_check import refuse_impossible  # noqa: E402
 from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
+from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from kane_dynamics.ros.torque_path.trajectory_input import follow_trajectory  # noqa: E402
 from node_process import model as rigid_model  # noqa: E402
-from node_values import node_values  # noqa: E402
+from node_values import node_values, served_robot, UNCHECKED  # noqa: E402
 import numpy as np  # noqa: E402
 from numpy.testing import assert_allclose  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
 
 JOINTS = ('turn', 'lift', 'reach')
 KP, KD = np.array([300.0, 200.0, 2000.0]), np.array([20.0, 15.0, 90.0])
@@ -37,6 +47,83 @@ def motion():
                                       joint_names=JOINTS)
     t = np.linspace(0.0, 1.0, 21)
     return Motion.from_points(t, *smooth.sample(t)[:3], joint_names=JOINTS)
+
+
+class Rig:
+    """A torque path in a mode, at rest at zero, with a manual clock."""
+
+    def __init__(self, mode):
+        self.time = 100 * 10**9
+        mode_law, robot = law()
+        self.values = node_values(UNCHECKED)
+        self.judge = partial(refuse_impossible, served_robot(robot, UNCHECKED))
+        controller = Controller(robot, laws={Mode.MOTOR_SIDE: mode_law}, mode=mode)
+        self.path = TorquePath(controller, Ignored(), Ignored(), lambda: self.time, self.values,
+                               Statistics(), lambda *words: None)
+        self.path.start()
+        self.state()
+
+    def state(self):
+        """Pass a state to the path."""
+        message = JointState(name=list(JOINTS), position=[0.0] * 3, velocity=[0.0] * 3)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.time, 10**9)
+        self.path.on_state(serialize_message(message))
+
+    def follow(self, t, points, stamp=0.0):
+        """Send a trajectory, (K, 3, 3) or less, that begins after a time, s; 0: now."""
+        message = JointTrajectory(joint_names=list(JOINTS))
+        if stamp:
+            begin = self.time + round(stamp * 1e9)
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(begin, 10**9)
+        for time, point in zip(t, points, strict=True):
+            point = dict(zip(('positions', 'velocities', 'accelerations'), map(list, point)))
+            message.points.append(JointTrajectoryPoint(**point))
+            stamp_of = message.points[-1].time_from_start
+            stamp_of.sec, stamp_of.nanosec = divmod(round(time * 1e9), 10**9)
+        follow_trajectory(self.path, serialize_message(message), 0, self.values, self.judge)
+
+
+class Ignored:
+    """A publisher of nothing."""
+
+    def publish(self, message):
+        """Publish nothing."""
+
+
+MOVE = SmoothMotion.from_points([0.0, 1.0], [[0.0, 0.0, 0.0], [0.4, -0.3, 0.1]],
+                                joint_names=JOINTS)
+DENSE = np.linspace(0.0, 1.0, 51)
+ENDS = np.array([[0.0, 0.0, 0.0], [0.4, -0.3, 0.1]])
+REST = np.zeros((2, 3))
+
+
+def rows(times):
+    """Return position, speed and acceleration of the smooth motion, (K, 3, 3)."""
+    return np.stack(MOVE.sample(times)[:3], axis=1)
+
+
+@pytest.mark.parametrize(('points', 'what'), [
+    ((ENDS,), 'acceleration'), ((ENDS, REST), 'acceleration'), ((ENDS, REST, REST), 'jerk')],
+    ids=['positions', 'cubic', 'quintic'])
+def test_motions_whose_torque_rate_jumps_are_refused_in_this_mode_only(points, what):
+    message = [0.0, 1.0], np.stack(points, axis=1)
+    with pytest.raises(InputError, match=rf'motion: the {what} of joint .* jumps'):
+        Rig('motor_side').follow(*message)
+    Rig('computed_torque').follow(*message)
+
+
+def test_a_motion_is_compared_with_the_one_that_it_replaces():
+    rig = Rig('motor_side')
+    rig.follow(DENSE, rows(DENSE))
+    # The rest of the same motion, half a second later, goes on with its derivatives.
+    rest = DENSE[25:]
+    rig.follow(rest - rest[0], rows(rest), stamp=rest[0])
+    with pytest.raises(InputError, match=r'the speed of joint .* where it begins, 0 s'):
+        rig.follow(DENSE, rows(DENSE), stamp=rest[0] + 0.2)
+    # Of a motion that has begun already, what is past does not count.
+    other = Rig('motor_side')
+    with pytest.raises(InputError, match=r'where it begins, 0\.3 s'):
+        other.follow(DENSE, rows(DENSE), stamp=-0.3)
 
 
 @pytest.mark.parametrize('lead', [0.0, 0.01])
