@@ -111,15 +111,18 @@ def gates() -> list[Gate]:
 ONE_THREAD = 'one thread'
 AS_ARITHMETIC = 'one thread over the gain of arithmetic'
 # States of each quantity; of matrices fewer, since they take more memory. Jacobians are those of
-# the last joint's frame.
-STATES = {'inverse_dynamics': 100_000, 'forward_dynamics': 100_000, 'partial_velocities': 100_000,
+# the last joint's frame: 100,000 of the FR3 are 34 MB, more than the last cache. Two threads
+# then write no faster than one: 42 numbers a state without arithmetic take 9 ns in one thread,
+# 8 in two, and the Jacobians 11 and 7; of 50,000 states the numbers take 7.4 and 5.3.
+STATES = {'inverse_dynamics': 100_000, 'forward_dynamics': 100_000, 'partial_velocities': 50_000,
           'inverse_dynamics_derivatives': 10_000}
 # Least ratio and stretch of batches on one thread, with AVX-512 and without.
-# Of the 15.2 ns that inverse dynamics of the FR3 takes, 7.4 are the products, at two a cycle, the
-# processor's peak; without any dependence of one operation on another the code takes 10. Data from
-# beyond the caches take 0.9, and 1.1 the call from Python, whose code they have replaced there.
+# Of the 12.5 ns that inverse dynamics of the FR3 takes, 6.1 are the products, at two a cycle, the
+# processor's peak, and 10.9 all of the code, which also waits for operands and spills values. Data
+# from beyond the caches take 0.9, and up to 1 the call from Python, whose code they have replaced.
 # Rows at one distance in place of pointers, operations of two blocks mixed, other orders of
-# operations, prefetches from elsewhere and fewer operations for signs of sines gain at most 1 %.
+# operations, prefetches from elsewhere and constants in one table gain at most 2 %, and some cost
+# as much in other quantities.
 BATCH_GATES = {'inverse_dynamics': ((55.0, 60.0), (25.0, 40.0)),
                'forward_dynamics': ((40.0, 60.0), (20.0, 28.0)),
                'partial_velocities': ((8.0, 12.0), (5.0, 8.0)),
