@@ -11,7 +11,8 @@ from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.convex_distance import convex_distances, ConvexShapes
-from kane_dynamics.model.link_shapes import LinkShape, shapes_of_bodies
+from kane_dynamics.model.link_shapes import (LinkShape, shapes_of_bodies,
+                                             warn_of_unknown_links)
 from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -79,6 +80,11 @@ class LinkDistances:
     left_out : tuple of (str, str)
         Pairs whose shapes overlap in the rest configuration.
 
+    Warns
+    -----
+    ModelWarning
+        A shape is of a link that the model does not have, and is left out.
+
     Raises
     ------
     InputError
@@ -96,6 +102,7 @@ class LinkDistances:
         _check_shapes(obstacles, 'obstacles')
         self._robot = robot
         model = robot.model
+        warn_of_unknown_links(model, shapes, stacklevel=2)
         q_rest = robot.feasible_configuration() if rest is None else np.asarray(rest,
                                                                                 dtype=float)
         self._place(model, shapes, obstacles, q_rest)

@@ -6,9 +6,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
+import warnings
 
 from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ModelWarning
 from kane_dynamics.model.model import Model, WORLD
 import numpy as np
 
@@ -82,6 +85,16 @@ def shapes_of_bodies(model: Model, shapes: Sequence[LinkShape],
             for rod in _rods(model, body, ROD_RADIUS * size):
                 placed.append((body, rod))
     return placed
+
+
+def warn_of_unknown_links(model: Model, shapes: Sequence[LinkShape], stacklevel: int) -> None:
+    """Warn of shapes whose link the model does not have: nothing of them is compared."""
+    known = {frame.name for frame in model.frames}
+    unknown = sorted({shape.link for shape in shapes} - known)
+    if unknown:
+        warnings.warn(f'shapes: of {listing(unknown)}, left out; expected shapes of links '
+                      "of the model, as without 'drop' and with its names", ModelWarning,
+                      stacklevel=stacklevel + 1)
 
 
 def _rods(model: Model, body: int, radius: float) -> Iterator[LinkShape]:

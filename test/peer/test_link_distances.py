@@ -4,7 +4,7 @@ from pathlib import Path
 
 import coal
 from kane_dynamics import (InputError, LinkDistances, LinkShape, load_collision_shapes, load_urdf,
-                           ModelBuilder, pose_from, Robot, rod, rotation_exp)
+                           ModelBuilder, ModelWarning, pose_from, Robot, rod, rotation_exp)
 from kane_dynamics.kinematics.convex_distance import convex_distances, ConvexShapes
 import numpy as np
 import pytest
@@ -137,6 +137,14 @@ def test_obstacles_are_compared_with_all_links_also_those_next_to_the_base():
     distances = LinkDistances(robot, shapes, [post])
     assert distances.nearest(np.zeros(3)).links == ('upper', 'post')
     assert distances.nearest(np.zeros(3)).distance == pytest.approx(0.4 - 0.15, abs=1e-9)
+
+
+def test_a_shape_of_an_unknown_link_is_left_out_with_a_warning():
+    """The link whose name is misspelled is a rod: its distances would be too large."""
+    robot, shapes = two_links()
+    misspelled = LinkShape('uper', 'sphere', np.array([0.6]), np.eye(4))
+    with pytest.warns(ModelWarning, match='shapes: of uper, left out'):
+        LinkDistances(robot, [*shapes, misspelled])
 
 
 def test_shapes_that_overlap_at_rest_are_left_out_by_name():

@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.kinematics.body_poses import model_size
-from kane_dynamics.model.link_shapes import LinkShape, shapes_of_bodies
+from kane_dynamics.model.link_shapes import (LinkShape, shapes_of_bodies,
+                                             warn_of_unknown_links)
 from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -63,6 +64,7 @@ class Clearance:
     def __init__(self, model: Model, shapes: Sequence[LinkShape], floor: float | None,
                  distance: float | None) -> None:
         """Select the shapes that may reach the floor, and the pairs of shapes that may collide."""
+        warn_of_unknown_links(model, shapes, stacklevel=4)
         self.robot = Robot(model)
         self.floor = floor
         limits = self.robot.limits
