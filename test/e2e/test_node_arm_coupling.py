@@ -12,7 +12,7 @@ import signal
 from geometry_msgs.msg import WrenchStamped
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
-from node_process import DEEP, Process, wait_until
+from node_process import BEST_EFFORT, DEEP, Process, wait_until
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
@@ -41,17 +41,18 @@ class Side:
     def __init__(self, client, name, partner, with_currents=False):
         namespace = ['-r', f'__ns:=/{name}']
         common = {'urdf': URDF, 'joints': '[joint1,joint2]'}
-        measured = []
+        states, renamed = 'joint_states', []
         efforts = {'observer__torque': 'command'}
         if with_currents:
-            measured = ['-r', 'joint_states:=measured']
+            states, renamed = 'measured', ['-r', 'joint_states:=measured']
             efforts = {'observer__torque': 'effort', 'efforts__kind': 'motor_current',
                        'efforts__constants': CONSTANTS.tolist()}
-            driver = client.create_publisher(JointState, f'/{name}/joint_states', DEEP)
+            # Of a busy client the latest state, not those that wait.
+            driver = client.create_publisher(JointState, f'/{name}/joint_states', BEST_EFFORT)
             client.create_subscription(
                 JointState, f'/{name}/measured',
-                lambda message: driver.publish(in_currents(message)), DEEP)
-        self.plant = Process(*namespace, *measured, module=PLANT, rate=200,
+                lambda message: driver.publish(in_currents(message)), BEST_EFFORT)
+        self.plant = Process(*namespace, *renamed, module=PLANT, rate=200,
                              wrench__frames='[tip]', wrench__timeout=0.3,
                              initial__position=START[name], command_timeout=2.0, **common)
         self.node = Process(*namespace, mode='arm_coupling', state_timeout=2.0,
@@ -63,7 +64,7 @@ class Side:
         self.client, self.states, self.torques, self.estimates = client, [], [], []
         self.push = client.create_publisher(WrenchStamped, f'/{name}/plant/wrench', 1)
         self.parameters = AsyncParameterClient(client, f'/{name}/kane_dynamics')
-        client.create_subscription(JointState, f'/{name}/joint_states', self.states.append, DEEP)
+        client.create_subscription(JointState, f'/{name}/{states}', self.states.append, DEEP)
         client.create_subscription(JointState, f'/{name}/kane_dynamics/joint_torques',
                                    self.torques.append, DEEP)
         client.create_subscription(JointState, f'/{name}/kane_dynamics/coupling_state',

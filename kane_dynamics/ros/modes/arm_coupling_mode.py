@@ -113,9 +113,15 @@ class ArmCouplingMode(LiveLaw):
         return TaskDescription(saturated=snapshot.detail)
 
     def joint_spring(self, q: Array) -> JointSpring:
-        """Return spring and damper of the coupling, of the independent speeds."""
+        """
+        Return spring and damper of the coupling, of the independent speeds.
+
+        Of coupled arms they are those of the motion against each other: with equal arms
+        and springs, K (q_p - q) acts on both, so that q - q_p has twice the spring.
+        """
         # The independent speeds of an arm of the node are rates of coupled joints.
         order = [self.joints.index(name) for name in self._robot.speed_names]
-        stiffness = self._settings['stiffness'][order]
-        damping = self._settings['damping'][order]
+        sides = 2.0 if self.law.engaged else 1.0
+        stiffness = sides * self._settings['stiffness'][order]
+        damping = sides * self._settings['damping'][order]
         return JointSpring(np.diag(stiffness), np.diag(damping), False)

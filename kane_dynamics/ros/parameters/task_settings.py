@@ -12,6 +12,7 @@ from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 import numpy as np
 
 EFFORTS_PER_UNIT = 5.0  # joint stiffness by default: effort limits per rad or m
+COUPLED = 2.0  # likewise of joints that are coupled with another arm, whose spring adds
 RATIO = 0.7  # damping ratio of coupled joints by default
 
 
@@ -177,7 +178,7 @@ def coupling_settings(values: Mapping[str, Any], robot: Robot,
 
     """
     places = [robot.joint_names.index(name) for name in joints]
-    effort = EFFORTS_PER_UNIT * np.asarray(robot.limits.effort, np.float64)[places]
+    effort = COUPLED * np.asarray(robot.limits.effort, np.float64)[places]
     stiffness = per_joint(values, 'coupling.stiffness', joints, effort)
     if not np.isfinite(stiffness).all():
         joint = joints[int(np.flatnonzero(~np.isfinite(stiffness))[0])]

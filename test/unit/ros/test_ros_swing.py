@@ -3,6 +3,7 @@
 import re
 from types import SimpleNamespace
 
+from kane_dynamics import ArmCoupling, load_urdf, PartnerState, Robot
 from kane_dynamics._util.resources import resource_path
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from kane_dynamics.control.terms import Mode  # noqa: E402, I100
 from kane_dynamics.ros.common.configuration_files import load_model  # noqa: E402
 from kane_dynamics.ros.modes.task_modes import TaskModes  # noqa: E402
 from kane_dynamics.ros.monitors.swing_monitor import SwingMonitor  # noqa: E402
+from kane_dynamics.ros.parameters.task_settings import coupling_settings  # noqa: E402
 from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
+from kane_dynamics.task_space.sampled_spring import JointSpring, swing  # noqa: E402
 from node_values import node_values  # noqa: E402
 
 NANO = 10**9
@@ -190,6 +193,14 @@ def test_a_stiff_coupling_of_two_arms_is_named():
     assert rig.monitor.warning == ''
     rig.states(0.05)
     assert rig.monitor.warning.startswith("arm_coupling: joint 'joint")
+    # Each arm pulls the other: two have twice the spring of one that holds its position.
+    mode = rig.modes.laws[Mode.ARM_COUPLING]
+    alone = mode.joint_spring(Q)
+    mode.law.engage(Q, PartnerState(0.0, Q, 0.0 * Q, 0.0 * Q))
+    coupled = mode.joint_spring(Q)
+    np.testing.assert_allclose(coupled.stiffness, 2.0 * alone.stiffness)
+    np.testing.assert_allclose(coupled.damping, 2.0 * alone.damping)
+    mode.law.disengage()
     law = rig.modes.laws[Mode.ARM_COUPLING].law
     spring = rig.modes.laws[Mode.ARM_COUPLING].joint_spring(Q)
     rest = np.zeros(2)
@@ -202,3 +213,38 @@ def test_a_stiff_coupling_of_two_arms_is_named():
         np.testing.assert_allclose(stretched / h, spring.stiffness[:, k], rtol=1e-5, atol=1e-3)
         damped = held - law.torque(0.0, Q, h * e)
         np.testing.assert_allclose(damped / h, spring.damping[:, k], rtol=1e-5, atol=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('period, stiffness, steady', [
+    (2e-3, 2.0, True), (2e-3, 5.0, False), (1e-3, 5.0, True)])
+def test_two_coupled_arms_swing_up_where_the_warning_says_so(period, stiffness, steady):
+    """FR3 with the default damping; torques and the states of the partner a period late."""
+    robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), tip='fr3_link8'))
+    home = np.array([0.0, -0.7, 0.0, -2.2, 0.0, 1.6, 0.8])
+    values = node_values({'coupling.stiffness': (stiffness * robot.limits.effort).tolist()})
+    settings = coupling_settings(values, robot, robot.joint_names)
+    # What the node watches: the spring of the motion against each other.
+    spring = JointSpring(2.0 * np.diag(settings['stiffness']),
+                         2.0 * np.diag(settings['damping']), False)
+    assert swing(robot.mass_matrix(home), spring, period).swings_up != steady
+
+    sides = [ArmCoupling(robot, **{**settings, 'reflection': 0.0}) for _ in range(2)]
+    q = [home, home + 1e-3 * np.arange(7)]
+    u = [np.zeros(7), np.zeros(7)]
+    before, torques = None, None
+    for k in range(round(1.0 / period)):
+        states = [PartnerState(k * period, q[i], u[i], np.zeros(7)) for i in range(2)]
+        before = before or states
+        if k == 0:
+            for i in range(2):
+                sides[i].engage(q[i], states[1 - i])
+        commanded = [sides[i].torque(k * period, q[i], u[i], before[1 - i]) for i in range(2)]
+        acting, torques, before = torques or commanded, commanded, states
+        for i in range(2):
+            for _ in range(4):
+                step = 0.25 * period
+                u[i] = u[i] + step * robot.forward_dynamics(q[i], u[i], acting[i])
+                q[i] = q[i] + step * u[i]
+    fastest = np.abs(u).max()
+    assert (fastest < 0.01) if steady else (fastest > 0.5)
