@@ -37,7 +37,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 AXES = 'xyz'
-DRIVE_NUMBERS = ('stiffness', 'damping', 'rotor_inertia', 'skew')
+DRIVE_NUMBERS = ('stiffness', 'damping', 'rotor_inertia', 'skew', 'torque_delay')
 FURTHER = ('quadratic_damping', 'load_friction', 'presliding')  # terms of friction laws
 
 

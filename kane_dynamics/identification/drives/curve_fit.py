@@ -3,15 +3,18 @@ Stiffness curve of one drive: straight segments in place of a constant stiffness
 
 The spring's equation of `gear_fit` is then
 
-    theta - q + offset = k^-1(tau_J - D (theta' - q'))
+    theta - q + offset = k^-1(tau_J - D (theta' - q') - torque_offset)
 
-with a `StiffnessCurve` k whose slopes and corners are fitted. The fewest segments whose
-residuals justify them are taken, by the criterion of Schwarz (Annals of Statistics 6,
-1978): each parameter has to lessen the sum of squares by the logarithm of their number.
+with a `StiffnessCurve` k whose slopes and corners are fitted. The curve is odd: where torques
+of both signs reach its corners, it separates the offset of the torque from that of the
+deflection; elsewhere the corners move with the offset, which is then taken as zero. The
+fewest segments whose residuals justify them are taken, by the criterion of Schwarz (Annals
+of Statistics 6, 1978): each parameter has to lessen the sum of squares by the logarithm of
+their number.
 """
 
 from collections.abc import Sequence
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, product
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.identification.drives.gear_fit import (Elasticity, fitted,
@@ -26,6 +29,7 @@ SOFTEST, STIFFEST = 20.0, 0.05  # first compliances, relative to that of one seg
 BEYOND = 1.25  # of the last corner: the least torque of the last point of a curve
 GRID = 1000  # deflections between which the inverse of a curve is linear
 DAMPING = 'drive_damping'
+TORQUE_OFFSET = 'torque_offset'
 
 
 class CurveEquations(GearEquations):
@@ -40,14 +44,20 @@ class CurveEquations(GearEquations):
         Their fit, from which this one starts.
     segments : int
         Number of straight segments, at least 2.
+    offset : bool
+        Whether the torque has an offset, of a sensor or a constant one on the link.
 
     """
 
-    def __init__(self, straight: GearEquations, fit: GearFit, segments: int) -> None:
+    def __init__(self, straight: GearEquations, fit: GearFit, segments: int,
+                 offset: bool) -> None:
         super().__init__(straight._signals, straight._of, straight._given_skew)
         self.segments = segments
+        self.holds = (straight.held,)
         self._straight = fit
         others = [name for name in self.names if name not in ('compliance', 'eta')]
+        if offset:
+            others.append(TORQUE_OFFSET)
         self.names = (*compliance_names(segments), *_corner_names(segments), DAMPING,
                       *others)
 
@@ -105,7 +115,7 @@ class CurveEquations(GearEquations):
     def _spring_load(self, value: dict[str, float], link: LinkSignals) -> Array:
         """Return the torque of the spring alone, tau_J - D (theta' - q'), (N,)."""
         rate = self._signals.speed.values - link.speed
-        load = link.torque - value[DAMPING] * rate
+        load = link.torque - value[DAMPING] * rate - value.get(TORQUE_OFFSET, 0.0)
         if self._signals.link is not None:
             load = (load + value['link_damping'] * link.speed
                     + value['link_friction'] * link.friction)
@@ -168,12 +178,17 @@ def fitted_curve(straight: GearEquations, fit: GearFit, most: int,
     """
     candidates: list[tuple[GearFit, CurveFit | None]] = [(fit, None)]
     residuals = [straight.weighted(fit.x)]
-    for segments in range(2, most + 1):
-        equations = CurveEquations(straight, fit, segments)
+    for segments, offset in product(range(2, most + 1), (False, True)):
+        equations = CurveEquations(straight, fit, segments, offset)
         candidate = fitted(equations)
         curve = CurveFit(equations, candidate)
         allowed = largest_deviation * np.array(curve.curve.slopes)
-        if (curve.slope_deviation <= allowed).all():
+        is_determined = (curve.slope_deviation <= allowed).all()
+        if offset:
+            first_corner = curve.curve.torque[0]
+            is_determined &= (candidate.deviation(TORQUE_OFFSET)
+                              <= largest_deviation * first_corner)
+        if is_determined:
             candidates.append((candidate, curve))
             residuals.append(equations.weighted(candidate.x))
 

@@ -12,6 +12,11 @@ so is every torque computed from it. To first order the delay adds s q' to the d
 as if the spring were c s q' softer: a torque that is not in step with the speed separates
 the two.
 
+A motor's torque acts later than it is recorded: a command that is held for a cycle by half
+a cycle. tau_m is that of the recording at t - d. Without d in the equations the links'
+torque, and with it s, would follow the motor's torque. Whether each torque is held for the
+step of the recording, or measured, is what leaves the smaller residuals.
+
 All signals have noise, the deflection as much as its size: least squares would take the
 noise for stiffness. The equations are therefore weighted by the covariance that the noise
 of all signals gives them at the parameters themselves, as maximum likelihood does for
@@ -35,7 +40,7 @@ import numpy as np
 FLOOR = 1e-12  # relative size of eigenvalues of the information that are kept
 PARAMETERS = ('compliance', 'eta', 'skew', 'deflection_offset', 'link_damping',
               'link_friction', 'rotor_inertia', 'motor_damping', 'motor_friction',
-              'motor_offset', 'log_slip')
+              'motor_offset', 'log_slip', 'torque_delay')
 FIRST_SLIP = 0.05  # rad/s or m/s
 SLIPS = 1e-5, 50.0  # rad/s or m/s: beyond, friction is a step, or viscous
 LARGEST_FIRST_SKEW = 0.02  # s
@@ -210,6 +215,9 @@ class GearEquations:
             columns.append(signals.link.torque)
         self._links = spline(signals.t, np.column_stack(columns))
         self.varying = np.zeros(2)  # of the friction of motor and link, see `settle`
+        # Times for which each motor torque may be held, and the one in use, s.
+        self.holds: tuple[float, ...] = (0.0,)
+        self.held = 0.0
         # Spectra of the last parameters: most parameters leave them as they are.
         self._cache: dict[tuple[float, float], LinkSignals] = {}
         self._sliding: dict[float, Array] = {}
@@ -220,7 +228,8 @@ class GearEquations:
         if signals.gear_torque is not None:
             self._gear = of.of(signals.gear_torque)
         if signals.motor_torque is not None:
-            self._motor = of.of(signals.motor_torque)
+            self._motor = of.delayed(signals.motor_torque)
+            self.holds = 0.0, of.step
 
     def start(self) -> Array:
         """Return parameters to start from: least squares of the spring without a delay."""
@@ -265,7 +274,8 @@ class GearEquations:
         if signals.motor_torque is not None:
             losses = (value['motor_damping'] * self._theta_rate
                       + value['motor_friction'] * self._motor_friction(slip))
-            rows.append(self._motor - value['rotor_inertia'] * self._theta_acceleration
+            motor = self._motor.by(value['torque_delay'], self.held)
+            rows.append(motor - value['rotor_inertia'] * self._theta_acceleration
                         - losses - gear - value['motor_offset'] * self._constant)
         return _whitened(np.array(rows), self._covariance(value, slip))
 
@@ -393,12 +403,20 @@ def fitted(equations: GearEquations) -> GearFit:
     bounds[0] = -np.inf
     if 'log_slip' in equations.names:
         bounds[:, equations.names.index('log_slip')] = np.log(SLIPS)
-    for _ in range(ROUNDS):
-        solution = scientific('scipy.optimize').least_squares(
-            equations.weighted, x, x_scale='jac', method='trf', bounds=bounds,
-            max_nfev=MOST_EVALUATIONS)
-        x = solution.x
-        equations.settle(x)
+    least = np.inf
+    for held, rounds in zip(equations.holds, (ROUNDS, 1)):
+        equations.held = held
+        for _ in range(rounds):
+            trial = scientific('scipy.optimize').least_squares(
+                equations.weighted, x, x_scale='jac', method='trf', bounds=bounds,
+                max_nfev=MOST_EVALUATIONS)
+            x = trial.x
+            equations.settle(x)
+        if trial.cost < least:
+            least = trial.cost
+            solution = trial
+            best = held
+    equations.held = best
     residual = solution.fun
     freedom = max(len(residual) - len(solution.x), 1)
     # 1 where the noise explains the residual; what the equations lack adds to it.
@@ -423,7 +441,7 @@ def parameter_names(signals: JointSignals, skew: float | None) -> tuple[str, ...
         names += ['link_damping', 'link_friction']
     if signals.motor_torque is not None:
         names += ['rotor_inertia', 'motor_damping', 'motor_friction', 'motor_offset',
-                  'log_slip']
+                  'log_slip', 'torque_delay']
     return tuple(names)
 
 

@@ -39,6 +39,8 @@ ALIKE = 0.2  # relative difference of the ranges of motor and link
 FITS = 4.0  # mean square of residuals over the noise, above which equations lack something
 MOST_SEGMENTS = 4
 DAMPING_NEEDS = 'N m s/rad', 'motion near the resonance, where the deflection is fast'
+DELAY = 'torque delay'
+NUMBERS = 'stiffness', 'damping', 'rotor inertia', 'skew', DELAY
 BOTH_ENCODERS, SENSOR, MOTOR_SIDE = 'both encoders', 'torque sensor', 'motor side'
 
 
@@ -73,11 +75,12 @@ class DriveIdentification:
     source : str
         Equations that were fitted: 'torque sensor', 'both encoders' (with the torque of
         the links' model), or 'motor side'.
-    stiffness, damping, rotor_inertia, skew : (n,) arrays
-        N m/rad, N m s/rad, kg m^2, s; NaN where the data do not determine them, see
-        `undetermined`. The skew is how late the encoders of the links are.
-    stiffness_deviation, damping_deviation, rotor_inertia_deviation, skew_deviation : \
-(n,) arrays
+    stiffness, damping, rotor_inertia, skew, torque_delay : (n,) arrays
+        N m/rad, N m s/rad, kg m^2, s, s; NaN where the data do not determine them, see
+        `undetermined`. The skew is how late the encoders of the links are, the delay how
+        long after its row a motor torque acts: half of a cycle for which it is held.
+    stiffness_deviation, damping_deviation, rotor_inertia_deviation, skew_deviation, \
+torque_delay_deviation : (n,) arrays
         Standard deviations; larger by the root of `misfit` than those of the noise.
     skew_share : (n,) array
         RMS of skew times speed over that of the measured deflection: what the delay
@@ -100,10 +103,12 @@ class DriveIdentification:
     damping: Array
     rotor_inertia: Array
     skew: Array
+    torque_delay: Array
     stiffness_deviation: Array
     damping_deviation: Array
     rotor_inertia_deviation: Array
     skew_deviation: Array
+    torque_delay_deviation: Array
     skew_share: Array
     misfit: Array
     curves: dict[str, StiffnessCurve]
@@ -170,7 +175,9 @@ def identify_drives(model: Model | Robot, recording: DriveRecording, *,
       motors drive; this needs motion near the resonances.
 
     Motor torques give the rotor inertia. Encoders of links that are late by a skew look
-    like a spring that deflects with the speed; the skew is identified with the rest.
+    like a spring that deflects with the speed; the skew is identified with the rest, and
+    so is the delay after which the motor torques act. A torque sensor that is late by a
+    time d looks like a damping that is smaller by the stiffness times d: synchronize it.
     Friction of both sides (viscous and Coulomb) and offsets are identified too, so that
     the friction of the model is not used; nor is its armature.
 
@@ -385,7 +392,9 @@ def _joint_numbers(fit: GearFit, curve: CurveFit | None, skew: float | None,
         compliance = fit.value('compliance')
         stiffness = DriveNumber(1.0 / compliance, fit.deviation('compliance') / compliance**2)
     numbers = {'stiffness': stiffness, 'damping': _damping(fit, stiffness.value)}
-    numbers['rotor inertia'] = _rotor_inertia(fit, signal.motor_torque is not None)
+    has_torque = signal.motor_torque is not None
+    numbers['rotor inertia'] = _rotor_inertia(fit, has_torque)
+    numbers[DELAY] = _torque_delay(fit, has_torque)
     # The skew of both encoders is known, or a result like the others.
     if skew is not None:
         numbers['skew'] = DriveNumber(skew, 0.0)
@@ -446,6 +455,18 @@ def _rotor_inertia(fit: GearFit, has_torque: bool) -> DriveNumber:
                    'larger accelerations of the motor')
 
 
+def _torque_delay(fit: GearFit, has_torque: bool) -> DriveNumber:
+    """Return how late motor torques act, or why the data do not determine it."""
+    if not has_torque:
+        return DriveNumber(np.nan, np.nan, 'no motor torques; expected a recording of them')
+    value, deviation = fit.value('torque_delay'), fit.deviation('torque_delay')
+    if deviation <= SKEW_DEVIATION:
+        return DriveNumber(value, deviation)
+    return DriveNumber(np.nan, np.nan, (
+        f'{value:.3g} +- {deviation:.1g} s; expected at most {SKEW_DEVIATION:g} s of deviation: '
+        'faster motion of the motor'))
+
+
 def _judged(value: float, deviation: float, unit: str, expected: str) -> DriveNumber:
     """Return a positive number with its deviation, or why it is not determined."""
     if deviation <= DEVIATION * value:
@@ -458,7 +479,7 @@ def _at_rest(joint: str) -> dict[str, DriveNumber]:
     """Return the numbers of a joint that rests."""
     reason = f"the motor of '{joint}' rests; expected motion"
     undetermined = DriveNumber(np.nan, np.nan, reason)
-    return dict.fromkeys(('stiffness', 'damping', 'rotor inertia', 'skew'), undetermined)
+    return dict.fromkeys(NUMBERS, undetermined)
 
 
 # The motors' side.
@@ -502,7 +523,8 @@ def _motor_side_numbers(fit: GearFit) -> dict[str, DriveNumber]:
             'and link move as one whatever the stiffness is)'))
     skew = DriveNumber(np.nan, np.nan, 'no positions of the links; expected these')
     return {'stiffness': stiffness, 'damping': _damping(fit, stiffness.value),
-            'rotor inertia': _rotor_inertia(fit, has_torque=True), 'skew': skew}
+            'rotor inertia': _rotor_inertia(fit, has_torque=True), 'skew': skew,
+            DELAY: _torque_delay(fit, has_torque=True)}
 
 
 def _identification(names: tuple[str, ...], source: str,
@@ -519,7 +541,7 @@ def _identification(names: tuple[str, ...], source: str,
 
     # One array for each quantity, with an entry for each joint.
     columns: dict[str, Any] = {}
-    for name in ('stiffness', 'damping', 'rotor inertia', 'skew'):
+    for name in NUMBERS:
         key = name.replace(' ', '_')
         of_joints = [of_joint[name] for of_joint in numbers]
         columns[key] = np.array([one.value for one in of_joints])

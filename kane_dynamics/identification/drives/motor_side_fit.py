@@ -4,14 +4,15 @@ Stiffness, damping and rotor inertia from motor positions and torques alone.
 The links are driven by the measured motion of the motors, and simulated with their own
 equations of motion from an initial state that belongs to the unknowns:
 
-    M q'' + h(q, q') + friction(q') = K (theta - q) + D (theta' - q')
+    M q'' + h(q, q') + friction(q') + offset = K (theta - q) + D (theta' - q')
 
 The torque of the springs then enters the equation of the motors,
 
     tau_m = B theta'' + K (theta - q) + D (theta' - q') + friction(theta') + offset,
 
-whose spectra are compared. Below the resonance the motor feels M + B whatever the
-stiffness is; above it, B. Only frequencies near the resonance determine K and D.
+whose spectra are compared; tau_m acts later than it is recorded, by a time to be found.
+Below the resonance the motor feels M + B whatever the stiffness is; above it, B. Only
+frequencies near the resonance determine K and D.
 
 Noise of theta is seen through the drive and the links. Its part of the residual is that
 of the equations linearized about the mean configuration.
@@ -34,10 +35,11 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
-SPRING = ('compliance', 'eta', 'link_damping', 'link_friction')  # of the simulated links
+# Of the simulated links.
+SPRING = 'compliance', 'eta', 'link_damping', 'link_friction', 'link_offset'
 START = ('q', 'u')  # initial state of the links
 LINEAR = ('rotor_inertia', 'motor_damping', 'motor_friction', 'motor_offset')
-NAMES = (*SPRING, *START, *LINEAR)
+NAMES = (*SPRING, *START, *LINEAR, 'torque_delay')
 FREQUENCIES = np.geomspace(2.0, 60.0, 24)  # Hz, tried for each joint at first
 FIRST_DAMPING = 0.02  # damping ratio
 SWEEPS = 2  # over all joints
@@ -100,9 +102,11 @@ class MotorEquations:
         self._rate = spline(signals.t, 1)
         # The torque of each motor is linear in its inertia, viscous and Coulomb friction
         # and offset, beside the torque of its gear.
-        self._motor = self._spectra(signals.motor_torque)
+        self._motor = [of.delayed(torque) for torque in signals.motor_torque.T]
         self._columns = _linear_columns(signals, of)
         self.varying = np.zeros(n)  # motor friction whose noise counts, see `gear_fit`
+        self.holds = 0.0, of.step  # as in `gear_fit`
+        self.held = 0.0
         self._slopes = [friction_slope(speed.values, FIRST_SLIP) for speed in signals.speeds]
 
     def gear_torque(self, spring: Array, start: Array) -> Array:
@@ -110,7 +114,7 @@ class MotorEquations:
         n_q = self._robot.n_q
         stiffness = 1.0 / spring[0]
         values = np.ascontiguousarray(np.array([stiffness, spring[1] * stiffness,
-                                                spring[2], spring[3]]))
+                                                *spring[2:]]))
         states = np.empty((len(self._signals.t), n_q + self._robot.n))
         try:
             states[0, :n_q] = self._links.closed(start[:1])[0]
@@ -126,9 +130,13 @@ class MotorEquations:
     def weighted(self, x: Array) -> Array:
         """Return the residuals over their standard deviations, real, (R,)."""
         rows = x.reshape(len(NAMES), -1)
-        spring, start, linear = rows[:4], rows[4:6], rows[6:]
-        gear = self._spectra(self.gear_torque(spring, start))
-        missing = self._motor - gear - np.einsum('kj,kjf->jf', linear, self._columns)
+        spring, start, linear = rows[:5], rows[5:7], rows[7:11]
+        # A constant torque on a link is one on the motor, but for the place of the link.
+        gear = self._spectra(self.gear_torque(spring, start) - spring[4])
+        delays = rows[11]
+        motor = np.array([torque.by(delay, self.held)
+                          for torque, delay in zip(self._motor, delays)])
+        missing = motor - gear - np.einsum('kj,kjf->jf', linear, self._columns)
         return self._whitened(missing, spring, linear).ravel()
 
     def start(self) -> Array:
@@ -162,17 +170,17 @@ class MotorEquations:
         # At rest the springs carry the weight.
         first = self._links.closed(self._signals.theta[:1])[0]
         weight = self._robot.gravity_force(first)
-        x[4] = self._signals.theta[0] - x[0] * weight
-        x[5] = self._rate[0]
-        gear = self._spectra(self.gear_torque(x[:4], x[4:6]))
+        x[5] = self._signals.theta[0] - x[0] * weight
+        x[6] = self._rate[0]
+        gear = self._spectra(self.gear_torque(x[:5], x[5:7]))
         # Inertia and friction of each motor are linear in what the gear leaves
         # unexplained.
         for j in range(self._robot.n):
             columns = self._columns[:, j].T
-            missing = self._motor[j] - gear[j]
+            missing = self._motor[j].windowed - gear[j]
             A = np.concatenate([columns.real, columns.imag])
             scale = np.linalg.norm(A, axis=0)
-            x[6:, j] = np.linalg.lstsq(A / scale, np.concatenate([missing.real,
+            x[7:11, j] = np.linalg.lstsq(A / scale, np.concatenate([missing.real,
                                                                   missing.imag]))[0] / scale
         return x
 
@@ -212,14 +220,21 @@ def motor_side_fit(equations: MotorEquations) -> MotorSideFit:
     lowest = np.full((len(NAMES), len(equations.inertia)), -np.inf)
     lowest[0] = 1e-12
     x = equations.start()
-    for _ in range(ROUNDS):
-        # The covariance depends on the friction: it is fixed during a fit, then computed
-        # again.
-        equations.varying = x.reshape(len(NAMES), -1)[NAMES.index('motor_friction')]
-        solution = scientific('scipy.optimize').least_squares(
-            equations.weighted, x, bounds=(lowest.ravel(), np.inf), x_scale='jac',
-            max_nfev=MOST_EVALUATIONS)
-        x = solution.x
+    least = np.inf
+    for held, rounds in zip(equations.holds, (ROUNDS, 1), strict=True):
+        equations.held = held
+        for _ in range(rounds):
+            # The covariance depends on the friction: it is fixed during a fit, then
+            # computed again.
+            friction = x.reshape(len(NAMES), -1)[NAMES.index('motor_friction')]
+            equations.varying = friction
+            trial = scientific('scipy.optimize').least_squares(
+                equations.weighted, x, bounds=(lowest.ravel(), np.inf), x_scale='jac',
+                max_nfev=MOST_EVALUATIONS)
+            x = trial.x
+        if trial.cost < least:
+            least = trial.cost
+            solution = trial
     residual = solution.fun
     # The deviations grow where residuals are larger than the noise.
     freedom = max(len(residual) - len(solution.x), 1)
@@ -233,7 +248,7 @@ def _link_step(robot: Robot, driven: Sequence[int], step: float) -> Kernel:
     n, n_q = robot.n, robot.n_q
 
     def driven_links(state: Any, motors: Any, values: Any, parameters: Any) -> Any:
-        stiffness, damping, link_damping, link_friction = values
+        stiffness, damping, link_damping, link_friction, link_offset = values
         equations = robot.equations
 
         def rates(x: Any, motor: Any) -> Any:
@@ -241,7 +256,8 @@ def _link_step(robot: Robot, driven: Sequence[int], step: float) -> Kernel:
             q = x[:n_q]
             u = x[n_q:]
             torque = (stiffness * (motor[0] - q[driven]) + damping * (motor[1] - u)
-                      - link_damping * u - link_friction * coulomb(u, FIRST_SLIP))
+                      - link_damping * u - link_friction * coulomb(u, FIRST_SLIP)
+                      - link_offset)
             return equations.state_rates(q, u, torque, None, parameters)
 
         # The motors' motion is recorded; the links follow it by the equations of
@@ -252,7 +268,7 @@ def _link_step(robot: Robot, driven: Sequence[int], step: float) -> Kernel:
         return after
 
     return robot.compiled(driven_links, name='driven_links', state=(n_q + n,),
-                          motors=(3, 2, n), values=(4, n), shape=(n_q + n,))
+                          motors=(3, 2, n), values=(len(SPRING), n), shape=(n_q + n,))
 
 
 def _motors_of_steps(spline: Callable[..., Array], t: Array) -> Array:

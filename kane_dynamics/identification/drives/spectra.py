@@ -70,6 +70,12 @@ class Spectra:
         """Return the spectrum of a signal from its means over the steps about the rows, (F,)."""
         return np.asarray(self.of(means) / np.sinc(self.omega * self.step / (2.0 * np.pi)))
 
+    def delayed(self, signal: Array) -> 'DelayedSpectrum':
+        """Return the spectra of a signal that is late by any small time."""
+        parts = [self._transformed(window, signal)
+                 for window in (self.window, self.slope, self.bend)]
+        return DelayedSpectrum(self.omega, *parts)
+
     @property
     def gain(self) -> float:
         """Return the variance of a spectrum of white noise of variance 1."""
@@ -78,6 +84,30 @@ class Spectra:
     def _transformed(self, window: Array, signal: Array) -> Array:
         """Return the Fourier transform of a windowed signal in the band."""
         return np.asarray(np.fft.rfft(window * signal)[:len(self.omega)])
+
+
+class DelayedSpectrum(NamedTuple):
+    """
+    Spectrum of a signal that is late by d: <w e, x(t - d)> = exp(-j omega d) <w(t + d) e, x>.
+
+    The window moves by its Taylor series, since a delay is short beside its rise.
+    """
+
+    omega: Array
+    windowed: Array
+    sloped: Array
+    bent: Array
+
+    def by(self, delay: float, held: float = 0.0) -> Array:
+        """
+        Return the spectrum of the signal late by a time, s, (F,).
+
+        A signal whose values are each held for a time, s, about the delay, has less of
+        high frequencies.
+        """
+        moved = self.windowed + delay * (self.sloped + 0.5 * delay * self.bent)
+        flattened = np.sinc(self.omega * held / (2.0 * np.pi))
+        return np.asarray(flattened * np.exp(-1j * self.omega * delay) * moved)
 
 
 def spectra(count: int, step: float, highest: float) -> Spectra:

@@ -127,6 +127,36 @@ def test_a_stiffness_that_grows_is_a_curve_where_the_residuals_say_so(model, sti
     assert straight.curves == {} and straight.slope_deviation == {}
 
 
+def test_an_offset_of_the_torque_sensor_leaves_a_curve_that_torques_of_both_signs_bend(model):
+    truth = replace(Truth(), stiffness=(softening(1500.0, 4000.0, 5.0, 0.05), 1200.0))
+    follow = large_motion(3, (2000.0, 800.0))
+    hanging = np.array([-0.5 * np.pi, 0.0])
+
+    def torque(t, theta, speed):
+        return follow(t, theta - hanging, speed)
+    motion = simulated(torque, 5.0, truth=truth, start=hanging)
+    recording = motion.measured(1, use=('q', 'gear_torque', 'motor_torque'))
+    shifted = replace(recording, gear_torque=recording.gear_torque + np.array([2.0, -1.0]))
+    curve = identify_drives(model, shifted, segments=2).curves['shoulder']
+    assert np.allclose(curve.slopes, [1500.0, 4000.0], rtol=0.03)
+    assert curve.torque[0] == pytest.approx(5.0, rel=0.03)
+
+
+@pytest.mark.parametrize('cycles', [-1, 1])
+def test_motor_torques_that_act_late_move_neither_damping_nor_skew(model, short, cycles):
+    recording = short.measured(1, use=('q', 'motor_torque'))
+    # Each row has the torque that acts some cycles later.
+    rows = np.arange(2, len(recording) - 2)
+    late = {name: getattr(recording, name)[rows] for name in ('t', *recording.signals)}
+    late['motor_torque'] = recording.motor_torque[rows + cycles]
+    result = identify_drives(model, DriveRecording(**late))
+    for name, error in scores(result, short.truth, 0.003).items():
+        assert (np.abs(error) < 3.5).all(), (name, error)
+    error = (result.torque_delay - 1e-3 * cycles) / result.torque_delay_deviation
+    assert (np.abs(error) < 3.5).all(), error
+    assert (result.torque_delay_deviation < 1e-4).all()
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_the_torque_of_the_links_determines_a_curve(model, stiffening):
