@@ -158,7 +158,7 @@ LONG_PATH = 3 * LANES
 LOOP_GAIN = 1.7
 # Rows of lanes in forward dynamics by articulated inertias, for a block of joints.
 ROWS_OF_BLOCK = 2400
-HORIZONTAL = slice(0, 2)  # components of gravity in the block of parameters
+HORIZONTAL = 2  # components of gravity, the first parameters
 NO_DIRECTION = 1e-16  # squared length of a quaternion that has no direction
 
 Place = tuple[str, Hashable]  # of a kernel: name, and what tells it from its namesakes
@@ -604,7 +604,7 @@ class KernelSet:
                 if key in by_name:
                     block[part] = by_name[key]
             if vertical_gravity:
-                block[HORIZONTAL] = 0.0
+                block[:HORIZONTAL] = 0.0
             parameters, limits = np.split(block, [len(block) - equations.limits])
 
             values = list(map(by_name.__getitem__, quantity.arguments))

@@ -8,7 +8,7 @@ the other. `batch_kernel` makes the kernel of a function of arrays alone.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 import math
 import sys
 from typing import Any, NamedTuple
@@ -67,19 +67,26 @@ class Argument:
 
 class Reduced(NamedTuple):
     """
-    The program of batches whose parameters are zero in some places.
+    The program of batches whose first parameters are zero.
 
     Attributes
     ----------
-    zeros : slice
-        The places in the block of parameters.
+    zeros : int
+        How many of them.
     program : callable
         Traces the program, which takes them as 0 and is shorter.
 
     """
 
-    zeros: slice
+    zeros: int
     program: Callable[[], Program]
+
+
+@cache
+def _kind_of_batches(in_lanes: bool, zeros: int) -> str:
+    """Return the kind of code of batches, in which the first parameters may be 0."""
+    kind = f'{width()} lanes' if in_lanes else 'by states'
+    return f'{kind}, {zeros} parameters zero' if zeros else kind
 
 
 def checked(argument: Argument, value: Any) -> Array:
@@ -333,13 +340,13 @@ class Kernel:
         """
         text, program = self._of_batch
         in_lanes = text is lane_text
-        kind = f'{width()} lanes' if in_lanes else 'by states'
+        zeros = 0
         reduced = None if for_any else self._reduced
         if reduced is not None:
             block = self.parameters if parameters is None else parameters
-            if not block[reduced.zeros].any():
-                program = reduced.program
-                kind += f', parameters {reduced.zeros} zero'
+            if not any(block[:reduced.zeros].tolist()):
+                zeros, program = reduced
+        kind = _kind_of_batches(in_lanes, zeros)
         if kind in self._functions:
             return self._functions[kind].address
         driver(width())
