@@ -10,7 +10,8 @@ from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import instance, real_numbers
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
+from kane_dynamics.loop_tracking.driven_mechanism import driving_tracker
+from kane_dynamics.loop_tracking.loop_tracker import path_rows
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.model.flexible_model import stiffened
 from kane_dynamics.model.model import Model
@@ -71,13 +72,11 @@ class QuasiStatic:
         self._joints = _index(joints)
         self._modal_speeds = _index(list(map(speeds.index, modal)))
         self._speeds = _index(list(map(speeds.index, self.speed_names)))
-        self._tracker: LoopTracker | None = None
-        if robot.constraint_names:
-            self._tracker = LoopTracker(robot, robot.speed_names, max_figure=SINGULAR)
-            rows = self._tracker.path_rows
-            if rows:
-                raise InputError(f'quasi-static deflections: {", ".join(rows)} on '
-                                 'velocities; expected constraints on positions')
+        rows = path_rows(robot)
+        if rows:
+            raise InputError(f'quasi-static deflections: {", ".join(rows)} on '
+                             'velocities; expected constraints on positions')
+        self._tracker = driving_tracker(robot, robot.speed_names, max_figure=SINGULAR)
         # Beams do not share modes: the stiffness is block-diagonal.
         stiffness = np.zeros((model.n, model.n))
         for body in model.bodies:
@@ -134,7 +133,7 @@ class QuasiStatic:
         return tau[..., self._speeds]
 
     def feedforward_change(self, q: Any, u: Any, udot: Any) -> Array:
-        """Return what commands of a motion add to its inverse dynamics, (..., n)."""
+        """Return the torques by which commands of a motion exceed inverse dynamics, (..., n)."""
         change = feedforward_change(self.robot, *self._state(q, u, udot))
         return change[..., self._speeds]
 
@@ -204,8 +203,8 @@ class QuasiStatic:
         """Set the modes of a configuration and close its loops."""
         tracker = self._tracker
         assert tracker is not None
+        Q[self._modes] = eta
         target = Q[tracker.places]
-        target[self._modal_speeds] = eta
         rest = np.zeros(len(target))
         tracker.update(target, rest)
         tracker.update(target, rest)  # to rounding, which the iteration needs

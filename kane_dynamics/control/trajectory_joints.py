@@ -12,7 +12,8 @@ from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.trajectory_limits import described_time
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.closed_path import ClosedPath
-from kane_dynamics.loop_tracking.driven_mechanism import DrivenLoops, motion_of_closed
+from kane_dynamics.loop_tracking.driven_mechanism import (DrivenLoops, driving_tracker,
+                                                          motion_of_closed)
 from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.motion.points import checked_joint_names, State
 from kane_dynamics.robot.parameters import JointLimits
@@ -51,7 +52,7 @@ class TrajectoryJoints:
         the first point if that is of all joints.
     compensate : Terms
     loop_tolerance, max_figure : float
-        With constraints: as `ClosedPath`.
+        With constraints: as `LoopTracker`.
 
     Attributes
     ----------
@@ -98,13 +99,16 @@ class TrajectoryJoints:
         if isinstance(source, QuasiStatic) and not self._plain:
             source.require_drives('joint_names', self.driving)
             source.require_drives('actuated', self.actuators)
-        if robot.constraint_names:
-            self._path = ClosedPath(robot, self.driving, loop_tolerance, max_figure)
+        # Only under constraints do other joints follow from the driving ones.
+        tracker = driving_tracker(robot, self.driving, tolerance=loop_tolerance,
+                                  max_figure=max_figure)
+        if tracker is not None:
+            self._path = ClosedPath(tracker, self.driving)
         # Places of driving joints and actuators in the robot's order, and of driving
         # joints in the trajectory's.
         self._columns = np.array(self._places(self.driving))
         self._acting = self._places(self.actuators)
-        self._chosen = [self.names.index(name) for name in self.driving]
+        self._chosen = list(map(self.names.index, self.driving))
 
     def _check_names(self, rest: ArrayLike | None) -> None:
         """Raise InputError for an unknown joint, or one of a tree without a position."""
@@ -121,7 +125,7 @@ class TrajectoryJoints:
 
     def _places(self, names: Sequence[str]) -> list[int]:
         """Return the indices of joints in the robot's order."""
-        return [self._robot.joint_names.index(name) for name in names]
+        return list(map(self._robot.joint_names.index, names))
 
     def chosen(self, values: Array) -> Array:
         """Return the driving joints' columns of those of the trajectory, (..., m)."""
@@ -189,7 +193,7 @@ class TrajectoryJoints:
             return [robot.closed_configuration(robot.configuration)]
         # A point of all joints gives the assembly mode; else it is that near zero.
         if len(self.names) == robot.n_q:
-            order = [self.names.index(name) for name in robot.joint_names]
+            order = list(map(self.names.index, robot.joint_names))
             return [robot.closed_configuration(positions[0, order], fixed=self.driving)]
         guess = np.zeros(robot.n_q)
         guess[self._columns] = points.q[0]

@@ -138,13 +138,13 @@ class _AlongPath:
         self.robot, self.bounds = robot, bounds
         self.margin = MARGIN  # of the limits, that the time law does not use
         feedforward = ElasticFeedforward(robot)
+        # Waypoints are of as many joints as independent speeds; a motion names its own.
         self.names = feedforward.joint_names
-        if robot.constraint_names:
-            # Of loops, the path of as many joints as independent speeds.
+        if len(feedforward.speed_names) < len(self.names):
             self.names = feedforward.speed_names
-            if isinstance(path, Motion | SmoothMotion):
-                self.names = path.joint_names
-            feedforward.check_joints(self.names)
+        if isinstance(path, Motion | SmoothMotion):
+            self.names = path.joint_names
+        feedforward.check_joints(self.names)
         self.curve = _curve(path, self.names)
         self._require_inside(feedforward)
         # The demand is that of states; this motion is one that the class takes.
@@ -161,7 +161,7 @@ class _AlongPath:
         q = feedforward.closed(places, self.curve.sample(places).q, self.names)
         limits = self.robot.limits
         names = feedforward.joint_names
-        links = [self.robot.joint_names.index(name) for name in names]
+        links = list(map(self.robot.joint_names.index, names))
         for side, bound, sign in (('lower', limits.lower[links], -1.0),
                                   ('upper', limits.upper[links], 1.0)):
             excess = sign * (q - bound) - ROUNDING * np.maximum(1.0, np.abs(bound))
@@ -217,7 +217,7 @@ class _AlongPath:
         limit = max(largest_uses, key=largest_uses.__getitem__)
         j = int(uses[limit].argmax())
         k = int(np.abs(needed.tau[:, j]).argmax())
-        links = [self.robot.joint_names.index(name) for name in self.names]
+        links = list(map(self.robot.joint_names.index, self.names))
         return (f"joint '{needed.joint_names[j]}': {uses[limit][j]:.4g} times its {limit} "
                 f'limit at rest, at {needed.q[k, links].round(4).tolist()}')
 
@@ -398,7 +398,7 @@ def _fastest(limits: _Limits, excess: float) -> TimeLaw:
 
 
 def _sides(shares: Array, law: TimeLaw) -> Array:
-    """Return what is to stay positive: distances to limits, and increases of sigma."""
+    """Return the distances to limits and increases of sigma, which must stay positive."""
     flat = shares.ravel()
     increases = np.diff(law.coefficients[FIXED - 1:len(law.coefficients) - FIXED + 1])
     return np.concatenate([1.0 - flat, 1.0 + flat, increases])

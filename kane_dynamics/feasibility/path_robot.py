@@ -28,7 +28,7 @@ from kane_dynamics.feasibility.segment_peaks import (limited_quantities, peaks_k
                                                      SegmentPeaks, shares_kernel)
 from kane_dynamics.feasibility.torque_demand import require_scalable, unit_torques
 from kane_dynamics.loop_tracking.driven_mechanism import DrivenLoops, motion_of_closed
-from kane_dynamics.loop_tracking.loop_tracker import tracking_kernel, velocity_rows
+from kane_dynamics.loop_tracking.loop_tracker import velocity_rows
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.free_spline import kernels as compile_free_spline
 from kane_dynamics.motion.motion import Motion
@@ -88,6 +88,10 @@ class PathRobot:
         self._rest: Array | None = None
         # Trees follow the path by themselves; closed loops by their driving joints.
         if robot.equations.in_joint_rates:
+            # Only joints that follow others have a configuration to begin from.
+            if rest is not None:
+                raise InputError('rest: given for a robot without constraints; expected '
+                                 'None')
             self.motion = path_of(path, self.names)
         else:
             self._require_mechanism(path, rest)
@@ -108,7 +112,7 @@ class PathRobot:
             raise InputError(f'path: joints {list(joints)}; expected {robot.n} of '
                              f'{", ".join(coordinates)}, as many as independent speeds')
         self.motion = path_of(path, joints)
-        self.driving = [coordinates.index(name) for name in joints]
+        self.driving = list(map(coordinates.index, joints))
         if rest is not None:
             self._rest = finite_row(rest, 'rest', coordinates)
         self._loops = DrivenLoops(robot, joints)
@@ -277,7 +281,7 @@ class PathRobot:
 
     def motion_of(self, points: ControllerPoints, coefficients: Callable[[], Array]
                   ) -> Motion:
-        """Return the motion of the driving joints; arguments as from `joined`."""
+        """Return the motion of the driving joints; arguments as from `joined_sections`."""
         t = point_times(points.t)
         if self.driving is None:
             return Motion(self.names, t, points.q, coefficients)
@@ -304,12 +308,10 @@ def compile_timing(robot: Robot) -> None:
                     peaks_kernel(robot, quantities)]
     else:
         names = robot.coordinate_names
-        limited = limited[sorted(names.index(name) for name in robot.actuated_names)]
+        limited = limited[sorted(map(names.index, robot.actuated_names))]
         kernels += [bounds_kernel(robot.n_q), point_kernel(robot.n_q),
                     shares_kernel(robot.n_q, quantities)]
-        if robot.constraint_names:
-            places = sorted(names.index(name) for name in driving_joints(robot))
-            kernels.append(tracking_kernel(robot, places))
+        kernels += DrivenLoops(robot, driving_joints(robot)).kernels
         robot.compile('inverse_dynamics', 'torque_terms', 'joint_rates',
                       'joint_accelerations', 'joint_torques', batches=True)
         with suppress(KaneError):  # zeros are not closed, but compile the kernels

@@ -234,13 +234,13 @@ def _lengthening(z: Scalar) -> Scalar:
     return select(root < FLAT, series, curved)
 
 
-def duration(x: Array) -> float:
+def profile_duration(x: Array) -> float:
     """Return the duration along the polygon x, in intervals; an end may be near zero."""
     root = np.sqrt(x)
     return float((2.0 / (root[1:] + root[:-1])).sum())
 
 
-def checked(robot: Robot, points: ControllerPoints, limits: Array) -> Checked:
+def with_checked_uses(robot: Robot, points: ControllerPoints, limits: Array) -> Checked:
     """Return the uses of limits, (4, n), along the quintics between points of a tree."""
     peaks = SegmentPeaks(robot, limits)
     t, q, u, udot = points
@@ -310,7 +310,7 @@ def _turning(coulomb: Sequence[Joint], u: Array, segments: Segments | None) -> F
     return turning
 
 
-def joined(parts: Sequence[ControllerPoints]
+def joined_sections(parts: Sequence[ControllerPoints]
            ) -> tuple[ControllerPoints, Callable[[], Array]]:
     """Return the points of all sections, and a function for the coefficients."""
     if len(parts) == 1:

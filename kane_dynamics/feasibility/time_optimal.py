@@ -23,7 +23,8 @@ from kane_dynamics.feasibility.jerk_limited.third_order_timing import rate_limit
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
 from kane_dynamics.feasibility.path_robot import PathRobot
-from kane_dynamics.feasibility.path_timing import Checked, duration, joined
+from kane_dynamics.feasibility.path_timing import (Checked, joined_sections,
+                                                   profile_duration)
 from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit,
                                                     fastest_profile, HIGH, Infeasible,
                                                     IntervalLimits)
@@ -32,7 +33,7 @@ from kane_dynamics.feasibility.timing_result import TimeOptimal
 from kane_dynamics.feasibility.torque_demand import limits_of_drives, refuse_with_drives
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.mechanics.ball_joints import require_angles
-from kane_dynamics.mechanics.friction import refuse_load_friction, stribeck_excess
+from kane_dynamics.mechanics.friction import has_linear_damping, refuse_load_friction
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.robot.robot import Robot
@@ -145,8 +146,6 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
     limits_rates = bool(np.isfinite(rates).any())
     speeds = _speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')
     points = integer(points, 'points', 10, MOST_SAMPLES)
-    if rest is not None and not robot.constraint_names:
-        raise InputError('rest: given for a robot without constraints; expected None')
     # Elastic joints have limits of motors, gears and links on a law of time of their
     # own.
     if robot.drives:
@@ -197,7 +196,7 @@ def _require_linear_damping(robot: Robot, rates: RateBounds) -> None:
         return
     for body in robot.model.bodies:
         joint = body.joint
-        if joint.quadratic_damping or (joint.stribeck_speed and stribeck_excess(joint)):
+        if not has_linear_damping(joint):
             raise InputError(f"torque_rate: joint '{joint.name}' has quadratic damping or "
                              'Stribeck friction; expected neither')
 
@@ -232,7 +231,7 @@ def _rate_limited(along: PathRobot, rates: RateBounds, speeds: tuple[float, floa
 def _result(along: PathRobot, parts: Sequence[Checked], rate_uses: dict[str, Array]
             ) -> TimeOptimal:
     """Return the motion along all sections."""
-    points, coefficients = joined([part.points for part in parts])
+    points, coefficients = joined_sections([part.points for part in parts])
     motion = along.motion_of(points, coefficients)
     tau = parts[0].tau
     if len(parts) > 1:
@@ -435,7 +434,7 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
             new[-1] = at_end
         longer = math.inf
         if x is not None and not limits.linear:
-            longer = duration(new) / duration(x) - 1.0
+            longer = profile_duration(new) / profile_duration(x) - 1.0
         if limits.powered and not calm and longer > -CONVERGED:
             break
         # From a slow profile, which satisfies limits of power, the profiles grow
@@ -501,6 +500,7 @@ def _refusal(limits: PathLimits, limited: IntervalLimits, vertex: int, start: fl
         smaller = f'at most {largest:.6g}' if limits.linear else 'a smaller one'
         return _Coarse(f'end_speed: {end:g}; expected {smaller}, with which the path '
                        'can be followed')
+    # Else the place at which the set of possible speeds is empty.
     q = limits.section.q[2 * vertex].round(4).tolist()
     return _Coarse(
         f'path: no timing satisfies the limits from {vertex / count:.3g} of the path, '

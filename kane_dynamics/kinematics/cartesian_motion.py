@@ -164,7 +164,7 @@ class _Follower:
         self.desired = desired
         self.tolerance = tolerance
         self.names = names
-        self.columns = [robot.coordinate_names.index(name) for name in names]
+        self.columns = list(map(robot.coordinate_names.index, names))
         self.rows = 6 if desired.path.oriented else 3
         self.rank = 1  # of the Jacobian, the largest one along the motion
         self.loops = DrivenLoops(robot, names)
@@ -449,12 +449,13 @@ def _desired(robot: Robot, frame: str, start: Array,
 
 def _moved_joints(robot: Robot) -> tuple[str, ...]:
     """Return the joints of the motion, which determine the others under constraints."""
-    if not robot.constraint_names:
-        return robot.coordinate_names
     # A rolling wheel reaches one configuration of its joints in many ways.
     if velocity_rows(robot):
         raise InputError('robot: with constraints of velocities; expected constraints of '
                          'positions, with which joints determine the configuration')
+    # As many joints as independent speeds: there is no choice.
+    if robot.n == robot.n_q:
+        return robot.coordinate_names
     speeds = [name for name in robot.speed_names if name not in robot.coordinate_names]
     if speeds:
         raise InputError(f'robot: constraints with the speeds {speeds}; expected rates of '

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.loop_tracking.driven_mechanism import driving_tracker
 from kane_dynamics.loop_tracking.loop_error import (CONTRADICTION, CONTRADICTORY_POINT,
                                                     LoopError)
-from kane_dynamics.loop_tracking.loop_tracker import STRIDE
+from kane_dynamics.loop_tracking.loop_tracker import LoopTracker, STRIDE
 from kane_dynamics.motion.controller_points import ControllerPoints
-from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 INNER = np.arange(1.0, 8.0) / 8.0  # of a long segment: where its loops are closed
@@ -25,25 +23,17 @@ class ClosedPath:
 
     Parameters
     ----------
-    robot : Robot
-        With constraints on positions.
+    tracker : LoopTracker
+        Its measured joints are the driving joints.
     joints : sequence of n str
-        The driving joints, as many as independent speeds.
-    tolerance : float
-        Largest deviation of further joints of the trajectory from the closed loops, rad
-        or m.
-    max_figure : float
-        Largest conditioning figure, as in `LoopTracker`.
+        The driving joints, in the order of the trajectory.
 
     """
 
-    def __init__(self, robot: Robot, joints: Sequence[str], tolerance: float,
-                 max_figure: float) -> None:
-        """Check the joints."""
-        self._tracker = driving_tracker(robot, joints, tolerance=tolerance,
-                                        max_figure=max_figure)
-        self._order = [list(joints).index(name) for name in self._tracker.measured]
-        self._at_rest = np.zeros(robot.n)
+    def __init__(self, tracker: LoopTracker, joints: Sequence[str]) -> None:
+        self._tracker = tracker
+        self._order = list(map(list(joints).index, tracker.measured))
+        self._at_rest = np.zeros(len(joints))
         self._passed: list[Array] = []  # configurations, in the order of the motion
 
     def begin(self, *starts: Array) -> None:

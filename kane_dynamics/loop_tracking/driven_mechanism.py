@@ -12,6 +12,7 @@ from kane_dynamics.loop_tracking.loop_tracker import (CONDITIONING, FIGURES,
                                                       STRIDE, tracking_kernel)
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints import conditioning
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -24,13 +25,18 @@ LARGEST_CONDITION = 1e7  # from here on the driving joints do not determine the 
 Described = Callable[[int], str]  # what a row is of, in words
 
 
-def driving_tracker(robot: Robot, joints: Sequence[str], **limits: float) -> LoopTracker:
+def driving_tracker(robot: Robot, joints: Sequence[str],
+                    **limits: float) -> LoopTracker | None:
     """
     Return a tracker whose measured joints are driving joints, in the robot's order.
 
-    So one kernel serves every order of the joints. `limits` are those of `LoopTracker`.
-    InputError as from `LoopTracker`, or if a constraint is one of velocities.
+    So one kernel serves every order of the joints. None without constraints, where no
+    joint follows from others and a configuration needs no kernel. `limits` are those of
+    `LoopTracker`. InputError as from `LoopTracker`, or if a constraint is one of
+    velocities.
     """
+    if not robot.constraint_names:
+        return None
     rows = path_rows(robot)
     if rows:
         raise InputError(f"motion: constraint '{rows[0]}' is one of velocities, and the "
@@ -67,10 +73,13 @@ class DrivenLoops:
     """
 
     def __init__(self, robot: Robot, joints: Sequence[str]) -> None:
-        self._tracker: LoopTracker | None = None  # nothing follows without constraints
-        if robot.constraint_names:
-            self._tracker = driving_tracker(robot, joints,
-                                            max_figure=conditioning.SINGULAR)
+        self._tracker = driving_tracker(robot, joints, max_figure=conditioning.SINGULAR)
+
+    @property
+    def kernels(self) -> list[Kernel]:
+        """Return the kernels that close configurations; none without constraints."""
+        tracker = self._tracker
+        return [] if tracker is None else [tracking_kernel(tracker.robot, tracker.places)]
 
     def followed(self, start: Array, q: Array, t: Array, described: Described) -> Array:
         """
@@ -216,7 +225,7 @@ def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array,
         raise InputError(f'motion: joints {list(joints)}; expected {robot.n} of '
                          f'{", ".join(names)}, as many as independent speeds')
     # Configurations by closing the loops, one after the other; rates by T at each.
-    driving = [names.index(name) for name in joints]
+    driving = list(map(names.index, joints))
     Q = closed_configurations(robot, driving, t, q)
     return motion_of_closed(robot, driving, t, Q, rates, accelerations)
 

@@ -832,7 +832,7 @@ class LoopTracker:
         # The step, its buffers and the limits of a valid result.
         self.robot = robot
         self.measured = tuple(measured)
-        self.places = [names.index(name) for name in measured]
+        self.places = list(map(names.index, measured))
         self._turning = np.array([name not in robot.model.sliding for name in names])
         self._step = LoopStep(robot, self.places)
         self._step.limits[0] = (CLOSED + ROUNDED * mechanism.rank_tolerance)**2
@@ -916,6 +916,7 @@ class LoopTracker:
         if nearly_closed is None:
             return
         self._step.time[()] = t
+        # The start need not be closed to rounding: a few iterations close it.
         outcome, self.known = self._step.restart_at(np.asarray(nearly_closed))
         if outcome == NOT_FINITE:
             raise self._error(outcome)
@@ -984,6 +985,7 @@ class LoopTracker:
         """Return the numbers of a refused search, and what is expected."""
         step = self._step
         measured = step.measured.tolist()
+        # Outcomes without a number.
         if outcome == UNKNOWN_MODE:
             return self._why_unknown
         if outcome == NOT_FINITE:

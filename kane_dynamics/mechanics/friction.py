@@ -91,6 +91,12 @@ def is_nonlinear(joint: Joint) -> bool:
     return bool(slides(joint) or joint.quadratic_damping)
 
 
+def has_linear_damping(joint: Joint) -> bool:
+    """Return whether friction in one direction is linear in the rate, but for its smoothing."""
+    stribeck = joint.stribeck_speed and stribeck_excess(joint)
+    return not (joint.quadratic_damping or stribeck)
+
+
 def resists(joint: Joint) -> bool:
     """Return whether a joint has friction of any kind."""
     return bool(joint.damping or joint.quadratic_damping or slides(joint))
@@ -113,7 +119,7 @@ def coulomb_levels(joint: Joint) -> tuple[Any, Any]:
 
 
 def stribeck_excess(joint: Joint) -> Any:
-    """Return what breakaway friction exceeds Coulomb friction by, N m or N."""
+    """Return the excess of breakaway friction over Coulomb friction, N m or N."""
     if joint.breakaway_friction is None:
         return 0.0
     return joint.breakaway_friction - joint.friction

@@ -84,11 +84,9 @@ def in_task_speeds(robot: Robot, frame: str, *, axes: str = 'world',
     else:
         q = finite_row(configuration, 'configuration', robot.coordinate_names)
     speeds = _speeds(robot, task, q)
+    # The same robot, with these speeds and the parameters that may change.
     options = {**robot.options, 'speeds': speeds,
-               'independent': speeds.names[:robot.n]}
-    if robot.constraint_names:
-        # Loops close on the same branch.
-        options['configuration'] = q
+               'independent': speeds.names[:robot.n], 'configuration': q}
     chosen = Robot(robot.model, **options)
     chosen.limits = robot.limits
     chosen.parameters.gravity = robot.parameters.gravity
@@ -101,6 +99,7 @@ def _speeds(robot: Robot, task: FrameTask, q: Array) -> Speeds:
     """Return the task speeds, with a complement chosen at a configuration."""
     mechanism = robot.mechanism
     rows_at_q = np.asarray(_rows(mechanism, task, q, 0.0), dtype=np.float64)
+    # Each direction needs a motion of its own at the configuration.
     moves = np.linalg.svd(rows_at_q / mechanism.units, compute_uv=False)
     if len(rows_at_q) > rows_at_q.shape[1] or moves.min() < SINGULAR * moves.max():
         listed = ', '.join(DIRECTIONS[row] for row in task.rows)
@@ -108,6 +107,7 @@ def _speeds(robot: Robot, task: FrameTask, q: Array) -> Speeds:
                          'independently in these at the configuration; expected fewer, '
                          'or another configuration')
     dependent = _best_columns(rows_at_q)
+    # Kernels of task speeds are cached unless functions of the user have no key.
     key = ''
     if mechanism.key is not None:
         key = f'task_speeds {task.words} {dependent} {mechanism.key}'
@@ -188,6 +188,7 @@ def _null_basis(rows: Matrix, dependent: Sequence[int]) -> Matrix:
     Z = np.zeros((count, len(free))).astype(object)
     if not free:
         return Z
+    # The dependent entries cancel the rows for a unit of each free column.
     solved = linear_solve.solution(rows[:, list(dependent)], rows[:, free])
     for place, column in enumerate(dependent):
         Z[column] = -solved[place]

@@ -16,28 +16,17 @@ ASKS_FOR_CONSTRAINTS = {
     # Faster without rows.
     'robot/methods/configuration_methods.py': (2, 'closing compiles nothing'),
     'loop_tracking/driven_mechanism.py': (1, 'without rows no kernel tracks loops'),
-    'control/trajectory_joints.py': (1, 'without rows no path of loops is followed'),
-    'feasibility/path_robot.py': (1, 'without rows no kernel tracks loops'),
-    'control/quasi_static.py': (1, 'without rows deflections move no other joint'),
-    'kinematics/damped_least_squares.py': (1, 'a step of a tree is clipped, not closed'),
     'ros/monitors/applied_torque.py': (1, 'in each cycle, efforts are forces already'),
     'ros/plant/simulated_arm.py': (1, 'in each step, rates are speeds already'),
-    # The rows leave the choice of the joints that drive; without rows all do, in one order.
-    'control/elastic_feedforward.py': (2, 'each link of a tree has its own motion and torque'),
-    'feasibility/elastic_timing.py': (1, 'as `ElasticFeedforward`'),
-    'kinematics/cartesian_motion.py': (1, 'chosen speeds of a tree move all joints'),
-    'identification/payload/recorded_motion.py': (1, 'a recording of a tree is of all joints'),
-    'identification/drives/driven_links.py': (1, 'recordings are completed by closing loops'),
-    'identification/drives/motor_side_fit.py': (1, 'a step of a tree opens no loop'),
-    # Assembly modes: only loops have them, and arguments that state one are refused elsewhere.
-    'feasibility/time_optimal.py': (1, 'refuses `rest`'),
+    'kinematics/damped_least_squares.py': (1, 'a step that closes a tree takes 1.4 times as long'),
+    # Torques of actuators are shared; without rows each link has its own motion and torque.
+    'control/elastic_feedforward.py': (2, 'the choice of joints, and of their actuators'),
+    # Assembly modes: only loops have them.
     'task_space/frame_task.py': (1, 'loops stay near the stated configuration'),
-    'task_space/task_speeds.py': (1, 'loops close on the branch of the configuration'),
     'cli/robot_options.py': (1, 'positions of independent joints are enough'),
     'ros/plant/plant_state.py': (1, 'loops begin at the configuration of the file'),
-    'ros/services/time_optimal_request.py': (1, 'the path begins in the mode of the states'),
     'ros/services/trajectory_filling.py': (1, 'joints that are not given follow, and do not rest'),
-    'ros/torque_path/closed_loop_reader.py': (2, 'joint states close the loops'),
+    'ros/torque_path/closed_loop_reader.py': (1, 'joint states close the loops'),
     'ros/torque_path/native_path.py': (1, 'the features of the native path'),
     # What is printed, or checked before a command uses it.
     'cli/commands/doctor_command.py': (1, 'a URDF alone states no loops'),
@@ -49,7 +38,7 @@ ASKS_FOR_CONSTRAINTS = {
 }
 # Everywhere in the package, at most: questions that could stand in for the one above, and those
 # for the time, which callers pass always and `Equations.time_inputs` leaves out.
-MOST = {'timed': 16, 'in_joint_rates': 104, 'watched': 39}
+MOST = {'timed': 15, 'in_joint_rates': 104, 'watched': 39}
 
 
 def nodes_of(path):

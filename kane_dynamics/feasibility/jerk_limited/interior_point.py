@@ -23,7 +23,7 @@ REDUCTION = 0.15  # of the barrier parameter
 def fastest_spline(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array,
                    distance: float, least: float = EXCESS) -> tuple[Array, float]:
     """
-    Return coefficients of the fastest profile, and a bound of its excess, about.
+    Return coefficients of the fastest profile, and an approximate bound of its excess.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ class ProfileSpline:
         return np.ascontiguousarray(np.einsum('kij,kj->ik', self.rows, local))
 
     def gradient(self, slopes: Array) -> Array:
-        """Return the gradient, (N - 1,), from that in x, x' and x'', (3, P)."""
+        """Return the gradient in the coefficients, (N - 1,), of slopes in x, x', x'', (3, P)."""
         return self._summed(self.columns, np.einsum('kij,ik->kj', self.rows, slopes))
 
     def hessian(self, blocks: Array) -> Array:

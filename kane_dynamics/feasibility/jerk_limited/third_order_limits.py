@@ -145,7 +145,7 @@ class ThirdOrderLimits:
                 'the joint')
 
     def _size(self) -> float:
-        """Return x of a fast motion: the largest that a kind of limits allows, about."""
+        """Return the approximate largest x that a kind of limits allows."""
         inertia = np.abs(self.effort[1])
         sizes = []
         # Each limit alone bounds x by a power of its ratio, since u ~ x^1/2, udot ~ x

@@ -24,7 +24,7 @@ from kane_dynamics.feasibility.jerk_limited.third_order_limits import (
     LIMITS, RateBounds, ThirdOrderLimits, UNBOUNDED)
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.path_limits import Bounds
-from kane_dynamics.feasibility.path_timing import Checked, checked
+from kane_dynamics.feasibility.path_timing import Checked, with_checked_uses
 from kane_dynamics.feasibility.segment_peaks import ACTIVE, MARGIN
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.motion import Motion
@@ -227,7 +227,7 @@ def _below(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array
 def _checked(robot: Robot, points: ControllerPoints, bounds: Bounds, rates: RateBounds
              ) -> Checked:
     """Return the largest uses of all `LIMITS` between the points, (6, N, n)."""
-    timing = checked(robot, points, np.array(bounds))
+    timing = with_checked_uses(robot, points, np.array(bounds))
     largest = np.zeros((len(LIMITS), *timing.largest.shape[1:]))
     largest[:len(bounds)] = timing.largest
     for name, uses in rate_uses(robot, points, rates).items():

@@ -68,6 +68,7 @@ class CurveEquations(GearEquations):
         value = self._values(np.zeros(len(self.names))) | straight
         compliance = max(value['compliance'], 1e-12)
         value[DAMPING] = max(value['eta'], 0.0) / compliance
+        # The torque of each gear and its deflection, by the straight fit.
         link = self._of_links(value['skew'], slip_speed(value))
         torque = self._spring_load(value, link)
         deflection = self._theta - link.q
@@ -83,6 +84,7 @@ class CurveEquations(GearEquations):
             b = np.concatenate([deflection.real, deflection.imag])
             solution = np.linalg.lstsq(A, b)[0]
             missing = float(np.sum((A @ solution - b)**2))
+            # The best corners give all parameters of the curve.
             if missing < least:
                 least = missing
                 compliances = np.clip(solution[:-1], STIFFEST * compliance,
@@ -182,6 +184,7 @@ def fitted_curve(straight: GearEquations, fit: GearFit, most: int,
         equations = CurveEquations(straight, fit, segments, offset)
         candidate = fitted(equations)
         curve = CurveFit(equations, candidate)
+        # A curve counts if the data determine the slope of each segment.
         allowed = largest_deviation * np.array(curve.curve.slopes)
         is_determined = (curve.slope_deviation <= allowed).all()
         if offset:
@@ -194,6 +197,7 @@ def fitted_curve(straight: GearEquations, fit: GearFit, most: int,
 
     # What no curve explains counts as noise.
     noise = min(candidate.misfit for candidate, _ in candidates)
+    # Bayesian information criterion: misfit, and a price for each parameter.
     costs = []
     for (candidate, _), residual in zip(candidates, residuals, strict=True):
         parameters = len(candidate.x) * np.log(len(residual))

@@ -223,7 +223,7 @@ def _optional(values: ArrayLike | None, what: str) -> Array | None:
     return None if values is None else real(values, f'drive recording: {what}')
 
 
-def joint_count(recording: DriveRecording, names: Sequence[str]) -> None:
+def require_joint_count(recording: DriveRecording, names: Sequence[str]) -> None:
     """Raise InputError unless a recording has as many joints as names."""
     count = recording.theta.shape[1]
     if count != len(names):

@@ -47,8 +47,6 @@ class DrivenLinks:
         As given.
     joint_names : tuple of n str
         The driven joints, in the order of the recording.
-    has_loops : bool
-        Whether the links are closed loops.
 
     Raises
     ------
@@ -62,11 +60,9 @@ class DrivenLinks:
         if isinstance(given, Robot):
             self.model = given.model
             self.joint_names = recorded_joints(given)
-            self.has_loops = bool(given.constraint_names)
         else:
             self.model = given
             self.joint_names = given.joint_names
-            self.has_loops = False
 
     @lazy_property
     def robot(self) -> Robot:
@@ -80,7 +76,7 @@ class DrivenLinks:
 
         """
         names = self.model.joint_names
-        driven = {names.index(name) for name in self.joint_names}
+        driven = set(map(names.index, self.joint_names))
         bodies = []
         for body in self.model.bodies:
             joint = body.joint
@@ -91,23 +87,21 @@ class DrivenLinks:
         given = self._given
         if not isinstance(given, Robot):
             return Robot(links, friction=False)
-        if self.has_loops:
-            robot = self._in_driven_rates(links, given)
-        else:
-            robot = Robot(links, friction=False, payload_frame=given.options['payload_frame'])
+        robot = self._in_driven_rates(links, given)
         robot.parameters.gravity = given.parameters.gravity
         if given.parameters.payload is not None:
             robot.parameters.payload = given.parameters.payload
         return robot
 
     def _in_driven_rates(self, links: Model, given: Robot) -> Robot:
-        """Return the robot with closed loops whose speeds are the driven joints' rates."""
+        """Return the robot whose speeds are the rates of the driven joints."""
         count = len(self.joint_names)
         if count > given.n:
             raise InputError(f'recording: {count} drives of a mechanism with {given.n} '
                              'degrees of freedom; expected torques of the gears and '
                              'positions of the links, because motion determines the sum of '
                              'what the drives transmit, not the share of each')
+        # Wrench frames and chosen speeds have no part in identification.
         robot = Robot(links, **{**given.options, 'speeds': None, 'actuated': None,
                                 'independent': self.joint_names, 'wrench_frames': ()})
         robot.equations.require_timeless(
@@ -126,14 +120,11 @@ class DrivenLinks:
 
         """
         robot = self.robot
-        if self.has_loops:
-            q, u, udot = mechanism_motion(robot, self.joint_names, t, q, u, udot)
+        q, u, udot = mechanism_motion(robot, self.joint_names, t, q, u, udot)
         return DrivenMotion(robot.inverse_dynamics(q, u, udot), robot.mass_matrix(q[samples]))
 
     def closed(self, q: Array) -> Array:
         """Return configurations, (N, n_q), with the driven joints at q, (N, n), in order."""
-        if not self.has_loops:
-            return q
         rest = np.zeros_like(q)
         t = np.arange(len(q), dtype=np.float64)
         return mechanism_motion(self.robot, self.joint_names, t, q, rest, rest).q

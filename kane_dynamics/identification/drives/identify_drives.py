@@ -12,7 +12,8 @@ from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.drives.curve_fit import CurveFit, DAMPING, fitted_curve
-from kane_dynamics.identification.drives.drive_recording import DriveRecording, joint_count
+from kane_dynamics.identification.drives.drive_recording import (DriveRecording,
+                                                                  require_joint_count)
 from kane_dynamics.identification.drives.driven_links import DrivenLinks
 from kane_dynamics.identification.drives.gear_fit import (fitted, GearEquations, GearFit,
                                                           JointSignals, LinkTorque)
@@ -151,6 +152,7 @@ torque_delay_deviation : (n,) arrays
                              'rounding': stiffness.rounding}
             entry: dict[str, Any] = {'side': 'joint', 'stiffness': stiffness,
                                      'damping': drive.damping}
+            # Entries that equal their default are left out.
             if drive.rotor_inertia is not None:
                 entry['rotor_inertia'] = drive.rotor_inertia
             if drive.torque_sensor:
@@ -228,7 +230,7 @@ def identify_drives(model: Model | Robot, recording: DriveRecording, *,
         raise InputError('model: has ball or free joints; expected joints with one '
                          'coordinate each, whose motors turn about them')
     links = DrivenLinks(model)
-    joint_count(recording, links.joint_names)
+    require_joint_count(recording, links.joint_names)
     if skew is not None:
         skew = number(skew, 'skew', 'a finite time in s', np.isfinite)
         if recording.q is None:
@@ -335,6 +337,7 @@ def _joint_signals(driven: DrivenLinks, recording: DriveRecording
     links: list[LinkTorque | None] = [None] * count
     if recording.gear_torque is None:
         links = _link_torques(driven, recording.q, step, band)
+    # Of each joint: its columns of what was measured, with their noise.
     signals = []
     for j in range(count):
         columns = {}

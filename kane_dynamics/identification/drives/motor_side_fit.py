@@ -94,7 +94,7 @@ class MotorEquations:
         mean = signals.theta.mean(axis=0)
         self.inertia = self._robot.mass_matrix(links.closed(mean[None])[0])
         self._gravity_slope = _gravity_slope(links, mean)
-        self._driven = [self._robot.coordinate_names.index(name) for name in links.joint_names]
+        self._driven = list(map(self._robot.coordinate_names.index, links.joint_names))
         self._kernel = _link_step(self._robot, self._driven, signals.t[1] - signals.t[0])
         # The motion of the motors, of which the links are simulated.
         spline = scientific('scipy.interpolate').CubicSpline(signals.t, signals.theta)
@@ -263,8 +263,7 @@ def _link_step(robot: Robot, driven: Sequence[int], step: float) -> Kernel:
         # The motors' motion is recorded; the links follow it by the equations of
         # motion.
         after = runge_kutta_4(rates, state, motors, step)
-        if robot.constraint_names:
-            after[:n_q] = equations.closure_step(after[:n_q])
+        after[:n_q] = equations.closure_step(after[:n_q])
         return after
 
     return robot.compiled(driven_links, name='driven_links', state=(n_q + n,),

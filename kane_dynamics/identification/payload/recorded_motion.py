@@ -16,7 +16,7 @@ import numpy as np
 
 def recorded_joints(robot: Robot) -> tuple[str, ...]:
     """
-    Return the joints whose motion and torques a recording has: all, or with constraints actuators.
+    Return the joints whose motion and torques a recording has: all, or the actuators.
 
     Raises
     ------
@@ -24,15 +24,15 @@ def recorded_joints(robot: Robot) -> tuple[str, ...]:
         Constraints are not those of positions, or the actuators are not joints.
 
     """
-    # A tree: every joint has its own torque.
-    if not robot.constraint_names:
-        return robot.joint_names
     rows = velocity_rows(robot)
     if rows:
         raise InputError(f"recording: constraint '{rows[0]}' is one of velocities, and "
                          'the positions of joints do not determine those of the others; '
                          'expected constraints of positions, or PayloadEstimator.update '
                          'with all positions')
+    # As many joints as independent speeds: each has its own torque.
+    if robot.n == robot.model.n:
+        return robot.joint_names
     # The joints with actuators, whose torques the recording has.
     names = actuators(robot)
     unknown = [name for name in names if name not in robot.joint_names]
@@ -59,7 +59,7 @@ def recorded_motion(robot: Robot, names: Sequence[str], recording: Recording
     if robot.equations.in_joint_rates:
         return *motion, recording.tau, recording.t
     torques = np.zeros((len(recording), robot.model.n))
-    torques[:, [robot.joint_names.index(name) for name in names]] = recording.tau
+    torques[:, list(map(robot.joint_names.index, names))] = recording.tau
     return *motion, robot.generalized_force(torques, motion.q,
                                             t=recording.t), recording.t
 
@@ -86,7 +86,7 @@ def recorded_states(robot: Robot, names: Sequence[str],
     motion = mechanism_motion(robot, [names[k] for k in driving], recording.t,
                               *of_driving)
     # The joints that do not drive must agree with those that do.
-    places = [robot.joint_names.index(name) for name in names]
+    places = list(map(robot.joint_names.index, names))
     apart = np.abs(motion.q[:, places] - recording.q)
     k, j = divmod(int(apart.argmax()), len(names))
     if apart[k, j] > LOOP_TOLERANCE:
@@ -104,4 +104,4 @@ def _driving(robot: Robot, names: Sequence[str]) -> list[int]:
         raise InputError(f'recording: of {", ".join(names)}; expected the joints that '
                          f'drive the others, {", ".join(wanted)}, among the actuators '
                          '(Robot(independent=...))')
-    return [names.index(name) for name in wanted]
+    return list(map(names.index, wanted))

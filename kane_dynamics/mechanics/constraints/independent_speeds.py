@@ -46,7 +46,7 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     model : Model
         The mechanism.
     speeds : None, Speeds or callable
-        As in `speeds.chosen`.
+        As in `speeds.chosen_speeds`.
     constraints : sequence of constraints
         The constraints on the motion.
     independent : sequence of str, optional
@@ -186,7 +186,7 @@ def _require_rows(mechanism: Mechanism, start: Array, elsewhere: bool) -> None:
     if not elsewhere:
         raise failures[0]
     raise ConstraintError(
-        f'{failures[0]}, there or at one of {STARTS} other configurations, or '
+        f'{failures[0]} at one of the {STARTS + 1} configurations that are tried, or '
         'configuration= where they are finite')
 
 

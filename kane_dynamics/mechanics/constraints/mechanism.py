@@ -35,7 +35,7 @@ from kane_dynamics.mechanics.constraints import (Closure, Constraint, Constraint
                                                  Prescribed, Rolling)
 from kane_dynamics.mechanics.constraints.row_units import (closure_length, length_of,
                                                            turning_rows)
-from kane_dynamics.mechanics.constraints.speeds import (chosen, JOINT_RATES,
+from kane_dynamics.mechanics.constraints.speeds import (chosen_speeds, JOINT_RATES,
                                                         speed_places, Speeds)
 from kane_dynamics.mechanics.definition import kinematics
 from kane_dynamics.mechanics.recursive import frame_kinematics
@@ -276,7 +276,7 @@ class Mechanism:
     ----------
     model : Model
     speeds : None, Speeds or callable
-        See `speeds.chosen`; joint rates by default.
+        See `speeds.chosen_speeds`; joint rates by default.
     constraints : sequence of constraints
     free, kept : sequences of int
         Indices of the independent speeds and of linearly independent rows, from
@@ -323,7 +323,7 @@ class Mechanism:
                  rank_tolerance: float = 1e-9) -> None:
         """Store the parts; by default all speeds are independent and all rows kept."""
         self.model = model
-        self.speeds = chosen(model, speeds)
+        self.speeds = chosen_speeds(model, speeds)
         self.constraints = tuple(constraints)
         self.rank_tolerance = rank_tolerance
 

@@ -186,7 +186,7 @@ def momenta(model: Model) -> Speeds:
     return Speeds(Y, None, names, 'momenta', definite=True)
 
 
-def chosen(model: Model, choice: Any) -> Speeds:
+def chosen_speeds(model: Model, choice: Any) -> Speeds:
     """
     Return the generalized speeds of the argument `speeds` of `Robot`.
 
@@ -223,4 +223,4 @@ def speed_places(speeds: Speeds, names: Sequence[str]) -> list[int]:
         if name not in speeds.names:
             raise ConstraintError(f"no speed '{name}'; expected one of "
                                   f'{", ".join(speeds.names)}')
-    return [speeds.names.index(name) for name in names]
+    return list(map(speeds.names.index, names))

@@ -132,6 +132,7 @@ def require_transmission(mechanism: Mechanism, T: Array, places: Sequence[int],
         speed = f'{ratio:.3g} times as fast as these joints'
     else:
         speed = 'while these rest'
+    # The error names the joints, the configuration and a remedy.
     if actuated:
         problem = (f'actuated: {names} cannot produce every motion at {at}, a singular '
                    'configuration of the actuation')

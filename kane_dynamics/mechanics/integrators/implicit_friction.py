@@ -80,11 +80,11 @@ def _speed_at_end(equations: TreeEquations, q: Vector, u: Vector, tau: Vector, h
 
     def slope(v: Vector) -> Matrix:
         return np.diag(equations.friction_slope(v))
-    friction = Resistance(equations.friction_force, slope, not slides(equations))
+    friction = Resistance(equations.friction_force, slope, not has_linearized_friction(equations))
     return resisted_speed(M, momentum, u, h, equations.order, friction)
 
 
-def slides(equations: TreeEquations) -> bool:
+def has_linearized_friction(equations: TreeEquations) -> bool:
     """Return whether a joint has friction that an implicit step linearizes."""
     bodies = equations.model.bodies
     return equations.friction and any(

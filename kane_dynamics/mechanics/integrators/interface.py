@@ -40,7 +40,7 @@ class System(Protocol):
 
     @property
     def tree_terms(self) -> TreeTerms | None:
-        """Return what `linear_step` needs; None if stages are those of `implicit_stage`."""
+        """Return the terms of `linear_step`; None if stages are those of `implicit_stage`."""
 
     def rates(self, state: Vector, moment: int) -> Vector:
         """Return the time derivative of the whole state."""

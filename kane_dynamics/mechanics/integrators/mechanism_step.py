@@ -24,7 +24,7 @@ from kane_dynamics.mechanics.constraints.mechanism import congruent
 from kane_dynamics.mechanics.elastic_joints import linear_drives
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.integrators.implicit_friction import (
-    Resistance, resisted_speed, slides)
+    Resistance, resisted_speed, has_linearized_friction)
 import numpy as np
 
 # Of the closure, with N at its beginning: each reduces the residual by that distance.
@@ -113,7 +113,7 @@ class MechanismStep:
         def slope(w: Vector) -> Matrix:
             friction = np.diag(tree.friction_slope(T @ w + X))
             return congruent(friction + self._C + _scaled(self._K, h), T)
-        resistance = Resistance(force, slope, not slides(tree))
+        resistance = Resistance(force, slope, not has_linearized_friction(tree))
         order = list(range(equations.n))
         w = resisted_speed(M, momentum, u, h, order, resistance)
 

@@ -328,7 +328,7 @@ class Rosenbrock:
 
 def _integrated(system: System, before: tuple[Vector, Vector], after: tuple[Vector, Vector],
                 values: Vector, h: Scalar) -> Vector:
-    """Return what is only integrated, after a step, by the trapezoidal rule from both ends."""
+    """Return the quadratures after a step, by the trapezoidal rule."""
     if not len(values):
         return values
     rates = system.quadratures(*before, 0) + system.quadratures(*after, 2)

@@ -36,12 +36,12 @@ def composed(R: Matrix, p: Vector, lanes: Any) -> tuple[Matrix, Vector]:
     distance = 1
     while distance < LANES:
         # Products of twice as many steps; those of the first links are done.
-        R_before = moved(R.ravel(), distance, lanes).reshape(3, 3)
+        R_before = shifted(R.ravel(), distance, lanes).reshape(3, 3)
         # Joints without one at this distance are multiplied by 1 and shifted by 0.
         first = lanes.pack([float(k < distance) for k in range(LANES)])
         for k in range(3):
             R_before[k, k] = R_before[k, k] + first
-        p = moved(p, distance, lanes) + R_before @ p
+        p = shifted(p, distance, lanes) + R_before @ p
         R = R_before @ R
         distance = 2 * distance
     return R, p
@@ -51,7 +51,7 @@ def sums(x: Vector, lanes: Any) -> Vector:
     """Return the sums over the joints of a block up to each one."""
     distance = 1
     while distance < LANES:
-        x = x + moved(x, distance, lanes)
+        x = x + shifted(x, distance, lanes)
         distance = 2 * distance
     return x
 
@@ -60,12 +60,12 @@ def sums_beyond(x: Vector, lanes: Any) -> Vector:
     """Return the sums over the joints of a block from each one on."""
     distance = 1
     while distance < LANES:
-        x = x + moved(x, -distance, lanes)
+        x = x + shifted(x, -distance, lanes)
         distance = 2 * distance
     return x
 
 
-def moved(x: Vector, distance: int, lanes: Any) -> Vector:
+def shifted(x: Vector, distance: int, lanes: Any) -> Vector:
     """Return the values of the joint at this distance before each; 0 if there is none."""
     places: list[tuple[int, int] | None] = []
     for source in range(-distance, LANES - distance):

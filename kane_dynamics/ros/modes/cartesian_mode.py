@@ -186,7 +186,7 @@ class CartesianMode(NativeLaw):
         if self._clock[1]:
             self._epoch = stamp
         self._clock[0] = stamp - self._epoch
-        times = (t,) if self._robot.equations.timed else ()
+        times = self._robot.equations.time_inputs(t)
         # Orders change rarely: they are numbers again only after a change.
         if self._ordered != (self._epoch, self.target.changes):
             self._orders = self.order_numbers(self._epoch)
@@ -199,7 +199,7 @@ class CartesianMode(NativeLaw):
         return row[:n]
 
     def snapshot(self, stamp: int) -> TaskSnapshot:
-        """Return what is kept of the last cycle; nothing before the first one."""
+        """Return the record of the last cycle; empty before the first one."""
         # No cycle has run with the memory yet.
         if self._clock[1]:
             return TaskSnapshot()
@@ -299,7 +299,7 @@ class CartesianMode(NativeLaw):
         return self._numbers
 
     def order_numbers(self, epoch: int) -> Array:
-        """Return what messages ask of the target, with times since epoch, ns."""
+        """Return the orders of messages to the target as numbers, with times since epoch, ns."""
         orders = self.target.orders(epoch, self._farthest, self._widest, self._limits)
         return np.asarray(packed(orders), dtype=np.float64)
 

@@ -190,7 +190,7 @@ def motion_efforts(served: ServedRobot, motion: Motion, times: Array,
 
 def _whole(served: ServedRobot, motion: Motion, state: State) -> Array:
     """Return q, u and udot, (3, K, n), in the order of the robot's joints."""
-    columns = [motion.joint_names.index(name) for name in served.robot.joint_names]
+    columns = list(map(motion.joint_names.index, served.robot.joint_names))
     return np.ascontiguousarray(np.array(state)[..., columns])
 
 
@@ -220,6 +220,10 @@ def _closed(served: ServedRobot, motion: Motion, times: Array, q: Array,
     tracker = driving_tracker(robot, [robot.joint_names[k] for k in driving],
                               tolerance=values['closure.tolerance'],
                               max_figure=values['closure.max_conditioning'])
+    if tracker is None:  # chosen speeds of a tree: no joint follows from others
+        closed = np.zeros((len(q), robot.n_q))
+        closed[:, driving] = q
+        return closed
     order = [list(driving).index(k) for k in tracker.places]
     # From where the arm is, so that the loops keep its assembly mode.
     start = served.measured()
@@ -267,7 +271,7 @@ def _times(motion: Motion, most: int) -> Array:
 
 def _indices(served: ServedRobot, names: Sequence[str]) -> list[int]:
     """Return the indices of joints of the robot."""
-    return [served.robot.joint_names.index(name) for name in names]
+    return list(map(served.robot.joint_names.index, names))
 
 
 def _places(served: ServedRobot, names: Sequence[str]) -> set[int]:

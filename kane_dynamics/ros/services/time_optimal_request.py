@@ -40,7 +40,8 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
     robot = served.simulated
     every_joint = robot.joint_names
     joints = list(driving_joints(robot))
-    assembled = assembly_mode(served) if robot.constraint_names else None
+    # Joints that follow from others begin in the assembly mode of the arm.
+    assembled = assembly_mode(served) if len(joints) < len(every_joint) else None
     names = list(request.joint_names) or joints
     # Exactly the joints that drive the arm, in any order.
     if sorted(names) != sorted(joints):

@@ -7,7 +7,8 @@ from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.loop_tracking.loop_tracker import (compare_with, largest_square,
-                                                      LoopSearch, LoopTracker, search_of)
+                                                      LoopSearch, LoopTracker, path_rows,
+                                                      search_of)
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.flags import flag
 from kane_dynamics.robot.robot import Robot
@@ -30,22 +31,23 @@ def commanded_joints(robot: Robot, followed: Sequence[str]) -> tuple[int, ...]:
         return tuple(k for k, name in enumerate(names) if f'{ROOT_JOINT}/' not in name)
     if equations.actuated is not None:
         return tuple(equations.actuated)
-    return tuple(sorted(names.index(name) for name in followed))
+    return tuple(sorted(map(names.index, followed)))
 
 
 def command_fault(controller: Controller) -> str:
-    """Return why an arm with closed loops cannot be commanded; empty if it can."""
+    """Return why an arm cannot be commanded by its joint states; empty if it can."""
     robot = controller.robot
-    if not robot.constraint_names:
-        return ''
-    rows = LoopTracker(robot, controller.followed).path_rows
+    rows = path_rows(robot)
     if rows:
         return (f"parameter 'constraints': {', '.join(rows)} on velocities; expected "
                 'constraints on positions, because joint states do not determine the '
                 'configuration otherwise')
-    return '' if robot.options['independent'] is not None else (
-        "parameter 'constraints': no key `independent` in the file; expected it to name "
-        'the joints that are measured and follow motions')
+    # The joints that determine the others are named, unless all are measured.
+    is_stated = robot.options['independent'] is not None
+    if is_stated or len(controller.followed) == len(robot.coordinate_names):
+        return ''
+    return ("parameter 'constraints': no key `independent` in the file; expected it to name "
+            'the joints that are measured and follow motions')
 
 
 def closed_loop_reader(controller: Controller, values: Mapping[str, Any]
@@ -110,7 +112,7 @@ class ClosedLoopReader(JointStateReader):
         others = [name for name in names if name not in followed]
         super().__init__(followed, others,
                          [names[k] for k in commanded_joints(robot, followed)])
-        self._places = [names.index(name) for name in others]
+        self._places = list(map(names.index, others))
         self.tracker = LoopTracker(robot, followed)
         self.q = self.tracker.q
         self.u = self.tracker.u

@@ -113,6 +113,7 @@ class Rolling:
         """Check the arguments and normalise the directions."""
         freeze(self, 'name', self.name or f'rolling of {self.frame}')
         what = f"constraint '{self.name}'"
+        # Lengths and directions, whatever the surface is.
         freeze(self, 'radius', positive(self.radius, f'{what}: radius'))
         freeze(self, 'normal', unit(self.normal, f'{what}: normal'))
         freeze(self, 'height', finite(self.height, f'{what}: height'))

@@ -145,6 +145,7 @@ class DependentSpeeds:
         what = f"constraint '{self.name}'"
         q = geometry.q
         t = geometry.t
+        # Both functions are the user's, and are checked at each call.
         A = np.asarray(evaluated(self.A, f'{what}: A(q, t)', q, t))
         if self.B is None:
             B = np.zeros(m)
