@@ -24,7 +24,7 @@ class Arm:
         self.observer = MomentumObserver(robot, gain=100.0, held=True)
 
     def state(self, t):
-        """Return what this arm sends to its partner."""
+        """Return the state that this arm sends to its partner."""
         return PartnerState(t, self.q, self.u, self.observer.torque)
 
     def step(self, t, partner):

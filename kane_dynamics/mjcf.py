@@ -362,7 +362,7 @@ class _Reader:
                     and compiled.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_NONE)
 
     def _of_actuators(self, name: str, joint: int) -> float:
-        """Return damping or armature of the actuators on a joint, of newer MuJoCo."""
+        """Return damping or armature of the actuators on a joint (newer releases of MuJoCo)."""
         values = getattr(self.compiled, f'actuator_{name}', None)
         total = 0.0
         if values is not None:
@@ -450,7 +450,7 @@ class _Reader:
                         y0 + float(a[0]) - float(a[1]) * x0, name)
 
     def _closure(self, k: int, name: str, weld: bool) -> Closure:
-        """Return a connect or a weld, between frames that are added here."""
+        """Return the loop closure of a connect or weld; its frames are added to the model."""
         compiled = self.compiled
         first = int(compiled.eq_obj1id[k])
         second = int(compiled.eq_obj2id[k])
@@ -500,13 +500,14 @@ class _Reader:
     # ------------------------------------------------------------------ what is left out
 
     def _unused(self) -> list[str]:
-        """Return what the file states and the model lacks, each with its names."""
+        """Return the features of the file that the model lacks, each with its names."""
         compiled = self.compiled
         mujoco = self.mujoco
         unused = []
         contacts = np.count_nonzero(compiled.geom_contype | compiled.geom_conaffinity)
         if contacts and not self._disabled('mjDSBL_CONTACT'):
             unused.append(f'contacts of {contacts} geoms')
+        # Contacts, tendons, and equality constraints without a counterpart.
         if compiled.ntendon:
             tendons = self._names(mujoco.mjtObj.mjOBJ_TENDON, compiled.ntendon, 'tendon')
             unused.append(f'tendons: {listing(tendons)}')
@@ -517,6 +518,7 @@ class _Reader:
             names = self._names(mujoco.mjtObj.mjOBJ_EQUALITY, compiled.neq, 'equality')
             unused.append('equality constraints: '
                           f'{listing([names[k] for k in left_out])}')
+        # Of actuators, only effort limits, damping and armature are read.
         elsewhere = self._actuators_elsewhere()
         if elsewhere:
             unused.append(f'actuators that act on no joint: {listing(elsewhere)}')
@@ -533,6 +535,7 @@ class _Reader:
         lifted = [self.bodies[k] for k in np.flatnonzero(compiled.body_gravcomp)]
         if lifted:
             unused.append(f'gravity compensation of {listing(lifted)}')
+        # Forces on joints that the model does not have.
         balls = self._springs_of_balls()
         if balls:
             unused.append(f'springs, armature and limits of ball and free joints: '
@@ -597,6 +600,7 @@ class _Reader:
             if kind not in (types.mjJNT_FREE, types.mjJNT_BALL):
                 continue
             start = int(compiled.jnt_dofadr[joint])
+            # A free joint has three translations before its rotations.
             count = 6 if kind == types.mjJNT_FREE else 3
             dofs = slice(start, start + count)
             if (_first(compiled.jnt_stiffness[joint]) or compiled.jnt_limited[joint]
@@ -613,6 +617,7 @@ class _Reader:
                            ('mjDSBL_CONSTRAINT', 'friction loss and position limits')):
             if self._disabled(flag):
                 yield f'the option that disables {what}'
+        # Older releases of MuJoCo do not have these fields.
         for field, what in (('dof_dampingpoly', 'nonlinear damping'),
                             ('actuator_dampingpoly', 'nonlinear damping of actuators'),
                             ('actuator_delay', 'delays of actuators'),

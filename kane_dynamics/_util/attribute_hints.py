@@ -277,6 +277,7 @@ def _arguments(parameters: Sequence[Parameter]) -> str:
     words = []
     optional = 0
     for parameter in parameters:
+        # All required arguments, and the first few optional ones.
         required = parameter.default is Parameter.empty
         if required and parameter.kind is not Parameter.VAR_KEYWORD:
             words.append(parameter.name)

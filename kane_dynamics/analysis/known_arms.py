@@ -223,7 +223,7 @@ def _effort(data: Any, what: str) -> ReportedEffort:
 
 
 def words(compensates: Collection[str]) -> str:
-    """Return what the arm adds itself, in words."""
+    """Return the torques that the arm itself adds to a command, in words."""
     terms = [name for name in compensates if name != NO_TERM]
     if not terms:
         return 'nothing'

@@ -90,7 +90,7 @@ def _driven_joints(model: Model, robot: Robot) -> list[str]:
 
 
 def _examine_compensation(model: Model) -> list[Finding]:
-    """Return what a known arm adds to commanded efforts itself."""
+    """Return findings on the torques that a known arm itself adds to commanded efforts."""
     # Only doctor needs the table of arms, whose reader imports yaml.
     from kane_dynamics.analysis.known_arms import arms_named, words
     findings = []
@@ -111,6 +111,7 @@ def _examine_limits(model: Model, robot: Robot) -> list[Finding]:
     driven = _driven_joints(model, robot)
     limits = robot.limits
     findings = []
+    # One finding for each kind of limit, with the joints that lack it.
     for limit, values, consequence in (
             ('effort limit', limits.effort, 'torques on them are not bounded'),
             ('speed limit', limits.velocity, 'speeds of motions are not checked')):
@@ -235,6 +236,7 @@ def examine_units(model: Model) -> list[Finding]:
 def _examine_inertias(model: Model, reach: float) -> list[Finding]:
     """Return problems of masses, centers of mass and inertias that do not fit the lengths."""
     findings = []
+    # Masses in grams would be denser than any robot.
     total = sum(body.inertial.mass for body in model.bodies)
     if total > DENSEST * reach**3:
         findings.append(Finding('problem',

@@ -92,7 +92,7 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
     q = require_unit(robot.model, finite_row(q, 'q', robot.coordinate_names), 'q')
     M, motions = robot.mass_matrix(q), _admitted(robot, q)
     # Only motions that do not move the held joints are left.
-    held_rows = motions.T[[names.index(name) for name in held]]
+    held_rows = motions.T[list(map(names.index, held))]
     free = _free_motions(held_rows)
     M = free.T @ M @ free
     K = free.T @ motions.K @ free

@@ -135,6 +135,7 @@ def _options(parser: argparse.ArgumentParser,
     """
     words = []
     for argument in arguments:
+        # A blank before negative numbers keeps them from being read as options.
         is_negative = argument.startswith('-') and _is_number(argument)
         words.append(f' {argument}' if is_negative else argument)
     if arguments[0].startswith('-') and arguments[0] not in ('-h', '--help'):
@@ -284,6 +285,7 @@ def _parser(chosen: str) -> argparse.ArgumentParser:
                      'method, compiled for one robot at a time.')
     parser.add_argument('--version', action='store_true', help='print the version')
     parsers = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
+    # Only the chosen command needs its arguments, some of which import much.
     for name, (text, function) in COMMANDS.items():
         sub = parsers.add_parser(name, help=text, description=f'{text}.',
                                  epilog=EXAMPLES[name],

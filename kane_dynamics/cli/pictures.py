@@ -31,12 +31,13 @@ def draw(plot: Any, options: Namespace, robot: Robot, trajectory: Trajectory,
     what = options.plot_of or options.plot_default
     sliding = robot.model.sliding
     name = robot.model.name
+    # Two plots have options of their own; the others need robot and trajectory.
     if what == 'trajectory':
         plot.plot_trajectory(trajectory, options.plot, prismatic=sliding,
                              limits=robot.limits, title=f'{name}: motion over time')
     elif what == 'tracking' and desired is not None:
         q_desired, _, _ = desired.sample(trajectory.t)
-        joints = [robot.coordinate_names.index(joint) for joint in desired.joint_names]
+        joints = list(map(robot.coordinate_names.index, desired.joint_names))
         plot.plot_tracking({'simulated': (trajectory.t, q_desired,
                                           trajectory.q[:, joints])},
                            desired.joint_names, options.plot, prismatic=sliding,

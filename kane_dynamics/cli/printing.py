@@ -43,6 +43,7 @@ def model_warnings(collected: list[str] | None = None, *, verbose: bool = False
         try:
             yield
         finally:
+            # Collected for JSON, or printed; long lists are shortened by default.
             for record in records:
                 text = in_options(str(record.message))
                 if collected is not None:
@@ -69,6 +70,7 @@ def printed_warnings(*, verbose: bool = False) -> Iterator[None]:
         elif not issubclass(category, UnusedWarning):
             warn(brief(in_options(str(message))))
 
+    # Warnings of other libraries are shown as before.
     with warnings.catch_warnings():
         former = warnings.showwarning
         warnings.showwarning = show
@@ -83,11 +85,13 @@ def brief(text: str) -> str:
     A list follows a colon and has at least `LIST` entries. The last list is shortened
     first, until the message has at most `LONGEST` characters.
     """
+    # From the end, so that the places of earlier lists stay valid.
     for names in reversed(list(NAMES.finditer(text))):
         if len(text) <= LONGEST:
             break
         entries = ENTRY.findall(names[0])
         room = len(names[0]) - (len(text) - LONGEST)
+        # As many names as fit; a list that lacks one name only stays whole.
         count = 1
         while count < len(entries) and len(', '.join(entries[:count + 1])) <= room:
             count += 1

@@ -150,7 +150,7 @@ def torque_size(model: Model) -> float:
 def warn_degrees(robot: Robot, q: Array, what: str) -> None:
     """Print a warning if positions of all joints, or the independent ones, look like degrees."""
     if q.shape[-1] != robot.n_q:
-        independent = [robot.coordinate_names.index(name) for name in robot.speed_names]
+        independent = list(map(robot.coordinate_names.index, robot.speed_names))
         all_joints = np.zeros((*q.shape[:-1], robot.n_q))
         all_joints[..., independent] = q
         q = all_joints
@@ -242,7 +242,7 @@ def _closed_near(robot: Robot, names: Sequence[str], values: Any = ()) -> Array:
     q = np.zeros(robot.n_q)
     if robot.configuration is not None:
         q[:] = robot.configuration
-    places = [robot.coordinate_names.index(name) for name in names]
+    places = list(map(robot.coordinate_names.index, names))
     q[places[:len(values)]] = values
     return robot.closed_configuration(q, fixed=names)
 
@@ -251,6 +251,7 @@ def _numbers(options: Namespace, name: str, orders: Sequence[Sequence[str]]) -> 
     """Return an argument as numbers, as many as one of the given lists of names has."""
     parts = split(getattr(options, name))
     values = np.zeros(len(parts))
+    # Each part is a number; then their count says which list they follow.
     for k, part in enumerate(parts):
         try:
             values[k] = float(part)

@@ -140,6 +140,7 @@ def _columns_of(path: str | Path, header: list[str], quantity: str,
             lacking.append(joint)
         else:
             columns.append(column)
+    # A quantity is there for all joints or for none.
     if lacking and columns:
         raise InputError(f"{path}: no column '{quantity}.{lacking[0]}'"
                          f'{further(lacking[1:])}, but {quantity} of other joints; '
@@ -253,6 +254,7 @@ def write_states(stream: TextIO, t: Array | None, states: Mapping[str, Array],
     if t is not None:
         header.append('t')
         columns.append(t[:, None])
+    # A block of columns for each quantity, one for each joint.
     for quantity, values in states.items():
         header += [f'{quantity}.{joint}' for joint in joint_names]
         columns.append(values)

@@ -98,6 +98,7 @@ def write_bag(path: Path, trajectories: Sequence[Points],
               filled: Sequence[FilledTrajectory]) -> None:
     """Write a bag with filled trajectories, with topics and times of the given ones."""
     from rosbags.rosbag2 import StoragePlugin, Writer
+    # The message types, as rosbags defines them.
     types = typestore()
     Message = types.types[JOINT_TRAJECTORY]
     Point = types.types['trajectory_msgs/msg/JointTrajectoryPoint']
@@ -110,6 +111,7 @@ def write_bag(path: Path, trajectories: Sequence[Points],
         for points, result in zip(trajectories, filled, strict=True):
             tables = map(np.ascontiguousarray, (result.positions, result.velocities,
                                                 result.accelerations, result.efforts))
+            # Times become whole nanoseconds, divided into seconds and the rest.
             nanoseconds = np.rint(result.times * 1e9).astype(np.int64).tolist()
             rows = []
             for *values, time in zip(*tables, nanoseconds, strict=True):

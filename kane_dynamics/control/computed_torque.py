@@ -83,7 +83,7 @@ def followed_joints(robot: Robot,
     if not len(followed) == len(distinct) == n or not distinct <= set(names):
         raise InputError(f'followed: {list(followed)}; expected {n} of the joints '
                          f'{list(names)}, as many as there are independent speeds')
-    return tuple(names.index(name) for name in followed)
+    return tuple(map(names.index, followed))
 
 
 def _default_joints(robot: Robot) -> Sequence[str]:

@@ -279,6 +279,7 @@ class Controller:
 
     def compile(self) -> None:  # noqa: A003
         """Compile the kernels that commands need."""
+        # Further kernels, as the terms and the speeds of the robot need them.
         source = self.robot if self.bending is None else self.bending.robot
         quantities = ('inverse_dynamics', 'torque_terms', 'gravity_force',
                       'friction_force')
@@ -351,6 +352,7 @@ class Controller:
             external = finite_row(external, 'the measured external torque', self._speeds)
         moment = t if motion_time is None else motion_time
         # Sampled at the time of the state, unless the motion has a time of its own.
+        # The law, a blend from the torques of another mode, and the limits.
         tau = self.torque(q, u, motion, moment, external, t)
         if self._blend.active:
             tau = self._blend.apply(t, tau, self._limiter.last)
@@ -676,7 +678,7 @@ class Controller:
         return self.robot.joint_torques(force, q, **self._time(t))
 
     def _preloaded(self, torques: Array, q: Array, t: float) -> Array:
-        """Return joint torques plus the part of the preload p that has no generalized force."""
+        """Return joint torques plus the part of the preload p without generalized force."""
         p = self._preload
         if p is None:
             return torques

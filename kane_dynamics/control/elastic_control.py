@@ -132,7 +132,7 @@ class ElasticArm:
         # By the links' order: the drive of each joint, if it has one, and its indices.
         self.drives: dict[int, DriveSide] = {side.link: side for side in self.sides}
         joint_names = list(model.joint_names)
-        self.links = [joint_names.index(name) for name in self.names]
+        self.links = list(map(joint_names.index, self.names))
         self.motors = list(self.links)
         for side in self.sides:
             self.motors[side.link] = joint_names.index(side.motor.name)

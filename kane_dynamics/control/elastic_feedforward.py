@@ -247,6 +247,7 @@ class ElasticFeedforward:
         start = float(motion.times[0])
         step = number(step, 'step', 'a positive number, s, of at most the duration',
                       lambda h: 0.0 < h <= motion.duration - start)
+        # Rows at equal steps, as many as memory permits.
         intervals = (motion.duration - start) / step
         if intervals > MOST_ROWS:
             raise InputError(f'step: {step:g} s for a motion of {motion.duration - start:g} s; '
@@ -342,8 +343,8 @@ class ElasticFeedforward:
         # All coordinates, with the motors at zero.
         motors = [elastic.drive.motor for elastic in robot.drives]
         fixed = (*joints, *motors)
-        driving = [robot.coordinate_names.index(name) for name in fixed]
-        places = [robot.coordinate_names.index(name) for name in self.joint_names]
+        driving = list(map(robot.coordinate_names.index, fixed))
+        places = list(map(robot.coordinate_names.index, self.joint_names))
         at_zero = np.zeros((len(times), len(motors)))
         whole = closed_configurations(robot, driving, times, np.hstack([positions, at_zero]))
         result = np.ascontiguousarray(whole[:, places])
@@ -421,6 +422,7 @@ class ElasticFeedforward:
 
         """
         # The usual call has a kernel of its own, with less arithmetic.
+        # The shortest call needs no further arrays.
         if gravity_rates is None and wrenches is None and t is None:
             return self._call(q, u, udot, jerk, snap)
         if self._damped:
@@ -457,7 +459,7 @@ class ElasticFeedforward:
     def _choice_of_speeds(self) -> LinkSpeeds:
         """Return the choice of the robot's speeds, of which the calls are."""
         mechanism = self.robot.mechanism
-        speeds = [mechanism.speed_names.index(name) for name in self.speed_names]
+        speeds = list(map(mechanism.speed_names.index, self.speed_names))
         return LinkSpeeds(True, tuple(mechanism.free), tuple(mechanism.kept),
                           tuple(speeds), self._actuators)
 
@@ -471,7 +473,7 @@ class ElasticFeedforward:
             return self._choice_of_speeds()
         names = robot.model.joint_names
         motors = [elastic.motor for elastic in robot.drives]
-        free = sorted([*[names.index(name) for name in joints], *motors])
+        free = sorted([*map(names.index, joints), *motors])
         speeds = [free.index(names.index(name)) for name in joints]
         return LinkSpeeds(False, tuple(free), tuple(mechanism.kept), tuple(speeds),
                           self._actuators)
@@ -702,6 +704,7 @@ def _with_other_motors(mechanism: Mechanism, motors: Sequence[int]) -> list[Stac
         elsewhere = step.copy()
         elsewhere[list(motors)] += 0.3
         try:
+            # Links as they are; motors moved, to see whether anything depends on them.
             stacks = []
             for change in (step, elsewhere):
                 q = moved(model, neutral(model), change)
@@ -746,6 +749,7 @@ def _actuators(robot: Robot, joints: Sequence[str], speeds: Sequence[str],
         checked = number(weight, f"actuated: weight of '{name}'", 'a positive number',
                          lambda x: 0.0 < x < np.inf)
         indexed.append((joints.index(name), checked))
+    # As many torques as independent speeds, or the motion cannot be driven.
     if len(indexed) < len(speeds):
         raise InputError(f'{WHAT}: joints with actuators {listing(weights)}; expected at '
                          f'least {len(speeds)}, the number of independent speeds of the '

@@ -74,7 +74,7 @@ class JointTorqueFeedback:
         self._motors = [elastic.motor for elastic in robot.drives]
         # The joints that the actuators move: motors, and rigid joints themselves.
         names = robot.joint_names
-        self._moved = [names.index(name) for name in self.joint_names]
+        self._moved = list(map(names.index, self.joint_names))
         for k, motor in zip(self._drives, self._motors):
             self._moved[k] = motor
         count = len(self._drives)

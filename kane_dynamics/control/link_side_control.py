@@ -115,11 +115,11 @@ class LinkSideControl:
         # are the same.
         names = robot.joint_names
         links = link_side(robot.model).joint_names
-        self._links = [names.index(name) for name in links]
-        self._joints = [names.index(name) for name in joints]
+        self._links = list(map(names.index, links))
+        self._joints = list(map(names.index, joints))
         self._motors = [elastic.motor for elastic in robot.drives]
         # Among the links: those of the motion, and those with drives.
-        self._followed = [links.index(name) for name in joints]
+        self._followed = list(map(links.index, joints))
         self._sides = drive_sides(robot.model, links)
         self._driven = [side.link for side in self._sides]
         count = len(joints)

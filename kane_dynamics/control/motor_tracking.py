@@ -82,6 +82,7 @@ class MotorTracking:
         self.lead = number(lead, 'lead', 'a finite number >= 0, s', lambda x: 0.0 <= x < np.inf)
         robot = feedforward.robot
         self.robot = robot
+        # The command: motion and torque of the motors for the motion of the links.
         self._feedforward = feedforward
         self._motion = _with_settling(motion, robot)
         self.command = feedforward.along(self._motion, _even_step(self._motion, step))
@@ -178,10 +179,12 @@ class MotorTracking:
         t = number(t, 't', 'a finite number, s', np.isfinite)
         q = finite_row(q, 'q', robot.coordinate_names)
         u = finite_row(u, 'u', robot.speed_names, part='speed')
+        # The desired state of the motors, and their rates, whatever the speeds are.
         position, speed, _ = self._path.sample(np.array([t]))
         rates = robot.joint_rates(q, u, t=t)
         torques = np.zeros(robot.model.n)
         for k, motor in enumerate(self._motors):
+            # Feedforward a lead ahead of time, plus feedback of each motor.
             ahead = np.interp(t + self.lead, self.command.time, self._torque[:, k])
             torques[motor] = (ahead + self.kp[k] * (position[0, k] - q[motor])
                               + self.kd[k] * (speed[0, k] - rates[motor]))
@@ -209,6 +212,7 @@ def _with_settling(motion: SmoothMotion | Motion, robot: Robot) -> SmoothMotion 
         stiffness = elastic.drive.stiffness
         if isinstance(stiffness, StiffnessCurve):
             stiffness = min(stiffness.slopes)
+        # The deflection of a damped spring settles in the time D / k.
         constants.append(elastic.drive.damping / stiffness)
     if not (robot.friction and any(constants)):
         return motion

@@ -124,7 +124,7 @@ class Terms:
 
     def friction_change(self, source: Robot | QuasiStatic, q: Array, u: Array,
                         udot: Array, **time: Any) -> Array:
-        """Return what commands of a motion add to its inverse dynamics, (..., n)."""
+        """Return the torques by which commands of a motion exceed inverse dynamics, (..., n)."""
         if isinstance(source, QuasiStatic):
             return source.feedforward_change(q, u, udot)
         return feedforward_change(source, q, u, udot, **time)

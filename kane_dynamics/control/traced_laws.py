@@ -258,6 +258,7 @@ def followed_feedforward(robot: Robot, terms: Terms, joints: Actuation, desired:
     # udot of the speeds for the accelerations of the joints that follow.
     udot = followed_rates(equations, joints.followed, q, u, desired.udot)
     force: Vector
+    # All terms at once, or the chosen ones.
     if terms.complete:
         force = equations.inverse_dynamics(q, u, udot, None, parameters)
     else:

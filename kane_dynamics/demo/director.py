@@ -105,6 +105,7 @@ class Director(Node):
     def send(self, motion: Motion, feedforward: bool) -> None:
         """Send a motion to the arm, and optionally to the node, to start soon."""
         message = JointTrajectory(joint_names=list(motion.joint_names))
+        # The start lies ahead, so that arm and node begin together.
         start = time.time_ns() + int(LEAD * 1e9)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(start, 10**9)
         for t, positions in zip(motion.times, motion.positions):
@@ -152,6 +153,7 @@ class Director(Node):
         Return prediction and record.
         """
         self.change(Transition.TRANSITION_DEACTIVATE)
+        # The node predicts the fall before the arm begins it.
         prediction = self.ask(
             Simulate, f'{NODE}/simulate', joint_names=list(robot.positions),
             position=list(robot.positions.values()), duration=FALL, step=5e-4,
@@ -224,6 +226,7 @@ class Director(Node):
         subscription = self.create_subscription(JointState, f'{NODE}/joint_torques',
                                                 on_torques, 1)
         waiting = Waiting('steady torques of the node', self.children)
+        # Steady: two messages with the same torques, one after the other.
         while len(received) < 2 or not np.allclose(received[-1], received[-2], atol=1e-9):
             del received[:-2]
             rclpy.spin_once(self, timeout_sec=LOOK)
@@ -280,6 +283,7 @@ def elastic_parameters(robot: DemoRobot, folder: Path) -> dict[str, str]:
 def commands(name: str, record: Path, mode: str) -> dict[str, Sequence[str]]:
     """Return the commands of arm and node by name."""
     robot = ROBOTS[name]
+    # The parameters of the node by mode.
     parameters = robot.parameters | {'mode': 'inverse_dynamics',
                                      'state_timeout': str(STATE_TIMEOUT)}
     if mode == CARTESIAN:
@@ -288,6 +292,7 @@ def commands(name: str, record: Path, mode: str) -> dict[str, Sequence[str]]:
                        'cartesian.stiffness': str(list(STIFFNESS))}
     if mode == ELASTIC:
         parameters |= elastic_parameters(robot, record.parent)
+    # In the other modes the simulated arm publishes the clock.
     plant = [sys.executable, '-u', '-m', 'kane_dynamics.demo.mujoco_plant', name,
              str(record)]
     if mode != FEEDFORWARD:
@@ -321,6 +326,7 @@ def parsed(arguments: Sequence[str]) -> Namespace:
     parser.add_argument('--output', type=Path, default=Path('demo_output'),
                         help='folder for the pictures (default: %(default)s)')
     options = parser.parse_args(list(arguments))
+    # Not every robot of the demo has elastic joints.
     if options.mode == ELASTIC and not ROBOTS[options.robot].drives:
         able = [name for name, robot in ROBOTS.items() if robot.drives]
         parser.error(f'argument --robot: {options.robot} has no drives; expected '
@@ -345,6 +351,7 @@ def run(arguments: Sequence[str] = ()) -> int:
     robot = ROBOTS[options.robot]
     motion = ROBOTS[options.robot].motion(options.duration)
     options.output.mkdir(parents=True, exist_ok=True)
+    # The demo stays on this machine, in a domain of its own.
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ.setdefault('ROS_DOMAIN_ID', str(random.SystemRandom().randint(1, 100)))
     record = (options.output / 'record.npz').resolve()
@@ -354,6 +361,7 @@ def run(arguments: Sequence[str] = ()) -> int:
     try:
         with children(commands(options.robot, record, options.mode)) as running:
             director.children = running
+            # First the arm, then the node, then the motions of the mode.
             with stage('Start of the arm'):  # no reset: the node may be active already
                 director.ask(SetBool, f'{PLANT}/servo', data=True)
             with stage('Start of the node, which compiles its kernels'):

@@ -38,5 +38,5 @@ def closed_along(arm: Robot, joints: Sequence[str], q: Array) -> Array:
 
     Loops are closed from one configuration to the next.
     """
-    driving = [arm.coordinate_names.index(name) for name in joints]
+    driving = list(map(arm.coordinate_names.index, joints))
     return closed_configurations(arm, driving, np.zeros(len(q)), q)

@@ -156,7 +156,7 @@ def _print_latency(run: TrackingLog) -> None:
 def _print_fall(robot: DemoRobot, prediction: Any, fall: TrackingLog) -> None:
     """Print the prediction error of the fall of the arm."""
     points = prediction.trajectory.points
-    columns = [prediction.trajectory.joint_names.index(name) for name in robot.joints]
+    columns = list(map(prediction.trajectory.joint_names.index, robot.joints))
     times = []
     positions = []
     for point in points:
@@ -195,7 +195,7 @@ def torques_by_source(robot: DemoRobot, motion: Motion, t: Array) -> Array:
     q, u, udot = motion.sample(t)
     arm = loaded_arm(robot)
     # The rates of the joints with motors are the independent speeds, in another order.
-    order = [robot.joints.index(name) for name in arm.speed_names]
+    order = list(map(robot.joints.index, arm.speed_names))
     coordinates = closed_along(arm, robot.joints, q)
     terms = np.empty((len(t), 5, len(order)))
     terms[:, :, order] = arm.torque_terms(coordinates, u[:, order], udot[:, order])

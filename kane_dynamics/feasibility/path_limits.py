@@ -364,6 +364,7 @@ class PathLimits:
             at = self._from_rest(x)
         width = np.broadcast_to(width, self._first.shape)
         lines = torque[:, :3]
+        # Power is torque times rate: tangents of the torque that it leaves.
         tangents = self._torque_of_power(width, at, self._first)
         rows = []
         for block in _one_sided(lines, np.zeros_like(lines), *tangents):

@@ -82,7 +82,7 @@ class Infeasible(Exception):  # noqa: N818 - raised only inside this package
 def allowed(steps: int, rows: Matrix, following: Matrix, *middles_and_most: Matrix
             ) -> Vector:
     """
-    Return what the limits in an interval allow, whatever the set at its end is.
+    Return the range of x that the limits in an interval allow, for any set at its end.
 
     It is the least and the largest x for which some v satisfies the limits, with their
     error, and the bounds of the x at the end, x + v, as lines over x: the upper and the
@@ -274,7 +274,7 @@ def reached(x: Scalar, following: Vector, row: Vector) -> Scalar:
 
 
 def _groups(row: Vector) -> list[Vector]:
-    """Return the groups of numbers of the lines in an interval."""
+    """Return the parts of a row of `allowed`: values and slopes of the bounding lines."""
     ends = range(RANGE, len(row) + 1, (len(row) - RANGE) // GROUPS)
     return [row[begin:end] for begin, end in pairwise(ends)]
 

@@ -139,13 +139,13 @@ def fastest(robot: Robot, motion: Motion | SmoothMotion, *, most: float = math.i
     # The parts of the demand that depend on the speed in another way than rigid dynamics
     # do.
     def added_torques(additional: Array, speed: float) -> Array:
-        """Return what the deflections at a speed add to the torques."""
+        """Return the torques due to the deflections at a speed."""
         bent = demand_at(robot, motion, speed, step, power, additional, bending).tau
         stiff = demand_at(robot, motion, speed, step, power, additional, None).tau
         return bent - stiff
 
     def deviation(additional: Array, speed: float) -> Array:
-        """Return how far the torques may be from those of the model at a speed."""
+        """Return the largest deviation of the torques from the model at a speed."""
         return demand_at(robot, motion, speed, step, power, additional, None,
                          uncertainty).deviation
     if bending is not None and uncertainty is not None:

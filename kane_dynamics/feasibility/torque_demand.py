@@ -302,7 +302,7 @@ class DrivesAlong:
         self.motion = motion
         self._sampled: tuple[Array, Array, SmoothState] | None = None
         self.gears = tuple(elastic.name for elastic in robot.drives)
-        self.links = [robot.joint_names.index(name) for name in names]
+        self.links = list(map(robot.joint_names.index, names))
 
         # The links of elastic joints have the gears' limits, and no motor of their own.
         self.limits = limits_of_drives(robot)

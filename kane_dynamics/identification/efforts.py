@@ -181,7 +181,7 @@ class Efforts:
 
         # The recording has the actuators, whose states give those of all joints.
         recorded = recorded_joints(robot)
-        order = [recorded.index(name) for name in actuated_joints(robot)]
+        order = list(map(recorded.index, actuated_joints(robot)))
         states = recorded_states(robot, recorded, r)
         tau = np.empty_like(r.tau)
         tau[:, order] = self.torque(robot, states.q, states.u, r.tau[:, order],
@@ -251,7 +251,7 @@ def generalized_force(robot: Robot, torque: Array, q: ArrayLike) -> Array:
     """Return the generalized force tau, (n,), of torques of the actuators at one state."""
     names = robot.model.joint_names
     torques = np.zeros(len(names))
-    torques[[names.index(name) for name in actuated_joints(robot)]] = torque
+    torques[list(map(names.index, actuated_joints(robot)))] = torque
     return robot.generalized_force(torques, q)
 
 
@@ -265,7 +265,7 @@ def _of_actuators(robot: Robot, tau: Array, q: ArrayLike, t: ArrayLike) -> Array
     """Return the torques of the actuators, (..., n_a), with a generalized force."""
     names = robot.model.joint_names
     torques = robot.joint_torques(tau, q, t=t)
-    return np.asarray(torques[..., [names.index(name) for name in actuated_joints(robot)]])
+    return np.asarray(torques[..., list(map(names.index, actuated_joints(robot)))])
 
 
 def _losses_kernel(robot: Robot) -> Kernel:
@@ -273,7 +273,7 @@ def _losses_kernel(robot: Robot) -> Kernel:
     equations = robot.equations
     names = robot.model.joint_names
     # Losses act at the joints with actuators, whose efforts the recording has.
-    places = [names.index(name) for name in actuated_joints(robot)]
+    places = list(map(names.index, actuated_joints(robot)))
 
     def losses(q: Any, u: Any, udot: Any, t: Any) -> Any:
         motion = equations.joint_motion(q, u, udot, t)

@@ -31,7 +31,7 @@ class Factor:
     R: Array
 
     def with_coulomb(self, speed: float, columns: int) -> Array:
-        """Return R of all columns, with that of Coulomb friction at friction speed `speed`."""
+        """Return R with a column of Coulomb friction, at the friction speed `speed`."""
         slip = coulomb(self.u, speed)
         along = np.zeros(self.Q.shape[1])
         for _ in range(2):  # twice: the second pass removes rounding errors

@@ -310,6 +310,7 @@ def _check_shapes(shapes: Sequence[LinkShape], what: str) -> None:
         if sizes.shape != (number,) or not (np.isfinite(sizes) & (sizes >= 0.0)).all():
             raise InputError(f"{what}: '{shape.link}': size {sizes.tolist()} of a "
                              f'{shape.kind}; expected {number} finite numbers >= 0, m')
+        # The pose of the shape on its link.
         pose = np.asarray(shape.pose, dtype=np.float64)
         if pose.shape != (4, 4) or not np.isfinite(pose).all():
             raise InputError(f"{what}: '{shape.link}': pose of shape {pose.shape}; "

@@ -210,7 +210,7 @@ class _Blend:
 
 
 class _Joint(NamedTuple):
-    """The half length of the blend of two pieces, 0 for none, and whether they rest."""
+    """The blend of two pieces: half its length, 0 for none, and whether the motion rests."""
 
     half: float
     rests: bool
@@ -416,6 +416,7 @@ class PosePath:
         # The center moves along the axis into the plane of the circle.
         offset = poses[0, :3, 3] - point
         point = point + (offset @ direction) * direction
+        # The orientation turns with the circle, or stays.
         turn = angle * direction if turning and oriented else np.zeros(3)
         piece = _arc(poses[0], point, angle * direction, turn)
         return cls([piece], oriented, 0.0, 0.0)
@@ -444,6 +445,7 @@ class PosePath:
             raise InputError(f'paths: {paths!r}; expected one or more of PosePath')
         if len({path.oriented for path in paths}) > 1:
             raise InputError('paths: of poses and of positions; expected either')
+        # Neighboring paths must meet; then their pieces make one path.
         for k in range(1, len(paths)):
             _require_joined(paths[k - 1], paths[k], k)
         pieces: list[_Piece] = []

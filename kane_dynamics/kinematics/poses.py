@@ -64,6 +64,7 @@ def pose_from(position: ArrayLike = (0.0, 0.0, 0.0), *, rpy: ArrayLike | None = 
         parts = _numbers(quaternion, (4,), 'quaternion')
     # One rotation from roll, pitch and yaw, or from a quaternion, of each row.
     R = stated_rotation(angles, parts, '', InputError, stacklevel=2)
+    # One position and many orientations, or the other way round, are a batch.
     try:
         shape = np.broadcast_shapes(p.shape[:-1], R.shape[:-2])
     except ValueError:
@@ -363,6 +364,7 @@ def _numbers(value: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
     except (TypeError, ValueError):
         raise InputError(f'{what}: {value!r}; expected numbers of shape {shape}'
                          ) from None
+    # One pose, or an array of several.
     if array.shape[-len(shape):] != shape:
         raise InputError(f'{what}: shape {array.shape}; expected {shape} or (N, '
                          f'{", ".join(map(str, shape))})')

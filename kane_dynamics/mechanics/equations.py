@@ -141,6 +141,7 @@ class Equations:
             self, joints: Sequence[str] | Mapping[str, float]) -> list[int]:
         """Return the indices of the actuated coordinates, or raise ConstraintError."""
         names = self.model.joint_names
+        # Known joints with positive weights.
         for joint in joints:
             if joint not in names:
                 raise ConstraintError(f"actuated: '{joint}'; expected one of "
@@ -150,7 +151,7 @@ class Equations:
                 raise ConstraintError(f"actuated: weight {weight} of '{joint}'; "
                                       'expected a positive, finite number')
         # Fewer torques than independent speeds leave some of them without actuation.
-        places = sorted({names.index(joint) for joint in joints})
+        places = sorted(set(map(names.index, joints)))
         if len(places) < self.n:
             raise ConstraintError(
                 f'actuated: {len(places)} joints; expected at least {self.n}, the '
@@ -358,7 +359,7 @@ class Equations:
 
     def load_friction(self, q: Vector, u: Vector, tau: Vector,
                       t: Scalar = 0.0) -> Vector:
-        """Return what motors' torques tau, (n,), add to `friction_force`, (n,)."""
+        """Return the friction due to motors' torques tau, (n,), beside `friction_force`, (n,)."""
         if not self.tree.carries_loads:
             return self.zeros
         motion = self.joint_motion(q, u, self.zeros, t)
@@ -403,7 +404,7 @@ class Equations:
     def feedforward_change(self, q: Vector, u: Vector, udot: Vector, parameters: Vector,
                            t: Scalar = 0.0) -> Vector:
         """
-        Return what commands of a desired motion add to its inverse dynamics, (n,).
+        Return the torques by which commands of a motion exceed inverse dynamics, (n,).
 
         It is the difference of friction at rest and at reversals, by the choice
         `feedforward_friction`.

@@ -157,6 +157,7 @@ def with_names(model: Model, names: Mapping[str, str]) -> Model:
         known.add(frame.name)
     for body in model.bodies:
         known |= {body.name, body.joint.name}
+    # A name that nothing has would change nothing: it is refused.
     for name, new in names.items():
         if name not in known:
             raise InputError(f'names: {name!r} is no joint, body or frame; expected '

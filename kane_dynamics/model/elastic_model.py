@@ -93,6 +93,7 @@ def with_rigid_joints(model: Model) -> Model:
     # Each motor moves with its link; coordinates of motors go.
     links = {elastic.drive.motor: elastic.link for elastic in model.drives}
     coordinates = [k for k, name in enumerate(model.joint_names) if name not in links]
+    # Bodies and beams with the coordinates that stay.
     joints = {body.joint.name: body.joint for body in model.bodies}
     bodies = []
     for body in model.bodies:
@@ -260,6 +261,7 @@ def _take_from_carrier(bodies: list[Body], motor: Body) -> None:
     R = motor.joint.rotation
     # The link's inertia in the file includes the rotor, which is a body now.
     inertia = carrier.inertial.inertia - R @ motor.inertial.inertia @ R.T
+    # What is left must be the inertia of a possible body.
     moments = principal_moments(inertia, mass=carrier.inertial.mass)
     if moments.indefinite:
         axis = motor.joint.axis

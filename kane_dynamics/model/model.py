@@ -249,6 +249,7 @@ class Joint:
         words = [f'{self.kind} {preposition} {self.axis.round(6).tolist()}']
         if self.limits != Limits():
             words.append(f'{self.limits.lower:.6g} to {self.limits.upper:.6g}')
+        # Only numbers that differ from those of an ideal joint.
         defaults = {parameter.name: parameter.default for parameter in fields(self)}
         for name in (*FRICTION, 'armature', 'stiffness'):
             if getattr(self, name) != defaults[name]:
@@ -500,6 +501,7 @@ class Model:
         """Return joints, limits and masses as a table for notebooks."""
         rows = []
         for body in self.bodies:
+            # The name of the body that carries the joint, or of the base.
             carrier = self.base_name
             if body.parent != WORLD:
                 carrier = self.bodies[body.parent].name

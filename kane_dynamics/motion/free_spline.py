@@ -16,7 +16,7 @@ import numpy as np
 
 def free_eliminated(previous: Vector, t: Vector, q: Matrix) -> Vector:
     """
-    Return the eliminated row of an inner point, (n + 1,), from that before it.
+    Return the eliminated row of an inner point, (n + 1,), from the previous row.
 
     Rows are a factor f and values v with ``u + f u_following = v``. Of the point and its
     two neighbors, t (3,) and q (3, n) are times and positions. Continuous udot requires

@@ -178,7 +178,7 @@ class Motion:
                              'too')
 
         # The columns in the order of the caller's joints.
-        columns = [stated_names.index(name) for name in names]
+        columns = list(map(stated_names.index, names))
         t, q, u, udot = trajectory_points(times, positions, velocities, accelerations,
                                           stated_names)
         q = q[:, columns]

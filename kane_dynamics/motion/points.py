@@ -70,6 +70,7 @@ def point_times(times: ArrayLike) -> Array:
     if t.ndim != 1 or not len(t):
         raise InputError(f'times: shape {t.shape}; expected one number per point, and '
                          'at least one point')
+    # Times are finite, not negative, and increase.
     valid = np.isfinite(t).all() and t[0] >= 0.0 and (t[1:] > t[:-1]).all()
     # Valid at once as an array; the reason names the first invalid point.
     if not valid:

@@ -66,7 +66,7 @@ class PredictiveController:
             self._observer = MomentumObserver(optimizer.robot, gain=gain, max_gap=np.inf,
                                               held=True)
         names = optimizer.robot.joint_names
-        self._actuators = [names.index(name) for name in optimizer.actuator_names]
+        self._actuators = list(map(names.index, optimizer.actuator_names))
         self._target: ArrayLike | Motion | None = None
         self._guess: Array | None = None
         self._t = 0.0  # of the target

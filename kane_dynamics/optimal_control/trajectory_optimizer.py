@@ -162,7 +162,7 @@ class TrajectoryOptimizer:
         modes = {names[k] for k in robot.model.modal_coordinates}
         self.actuator_names = tuple(name for name in robot.actuated_names
                                     if name not in modes)
-        actuators = [names.index(name) for name in self.actuator_names]
+        actuators = list(map(names.index, self.actuator_names))
 
         # Limits and weights, of which defaults are the model's.
         if torque_limits is None:

@@ -237,7 +237,7 @@ class _View:
             if flat:
                 plane = plane.replace('xyz'[flat[-1]], '')
         self.names = plane
-        self._axes = ['xyz'.index(name) for name in plane]
+        self._axes = list(map('xyz'.index, plane))
         margin = 0.06 * float(size.max())
         self._low = (low - margin)[self._axes]
         self._size = np.maximum(size, 2.0 * margin)[self._axes] + 2.0 * margin

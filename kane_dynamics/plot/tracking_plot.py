@@ -47,6 +47,7 @@ def plot_tracking(runs: Mapping[str, Run], joint_names: Sequence[str],
     columns = len(headings)
     with styled(5.2 * columns, 1.3 + 1.55 * len(names), title, path) as figure:
         panels = figure.subplots(len(names), columns, sharex='col', squeeze=False)
+        # A row of panels for each joint.
         for i, (name, row) in enumerate(zip(names, panels, strict=True)):
             _plot_positions(row[0], runs, i)
             row[0].set_ylabel(f'{name}\n[{panel_unit("Position", [name], prismatic)}]')

@@ -61,6 +61,7 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
     shown: dict[str, Any] = {}
     with styled(10.0, 9.0, title, path) as figure:
         panels = figure.subplots(4, 1, sharex=True)
+        # A panel for each quantity; later lines are slimmer, so that none is hidden.
         for axes, quantity in zip(panels, quantities, strict=False):
             for k, (name, values) in enumerate(quantity.columns.items()):
                 dash, color = look_of[name]
@@ -73,6 +74,7 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
             if bounds is not None:
                 _limits(axes, quantity.columns, bounds, color_of)
             axes.set_ylabel(quantity.label)
+        # One legend of all panels, with the limits once.
         drawn_lines = chain.from_iterable(axes.lines for axes in panels)
         if any(line.get_label() == 'limit' for line in drawn_lines):
             shown['limit'] = Line2D([], [], color=INK, linestyle='--', linewidth=THIN)

@@ -59,6 +59,7 @@ def plot_vibration(records: Sequence[VibrationRecord], joint_names: Sequence[str
         _plot_distances(linear, logarithmic, records)
         above(linear, len(records))
 
+        # The joint whose torque shows the difference best.
         joint = _most_changed_joint(records)
         for record, color in zip(records, COLORS):
             of_torques.plot(record.t, record.torques[:, joint], color=color)
@@ -72,6 +73,7 @@ def plot_vibration(records: Sequence[VibrationRecord], joint_names: Sequence[str
 def _plot_distances(linear: Axes, logarithmic: Axes,
                     records: Sequence[VibrationRecord]) -> None:
     """Plot the distances from rest on two axes, scaled to those after the motion."""
+    # The motion itself moves much farther than the vibration after it.
     largest, end = 0.0, np.inf
     for record, color in zip(records, COLORS):
         millimetres = 1e3 * np.maximum(record.distance, LEAST)

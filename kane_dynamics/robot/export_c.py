@@ -21,7 +21,8 @@ import numpy as np
 
 DEFAULT_KERNELS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'bias_force',
                    'gravity_force')
-MARK = '/* Written by kane_dynamics'  # first line of exported files; others are not overwritten
+# First line of exported files; others are not overwritten.
+MARK = '/* Written by kane_dynamics'
 TEST_STATES = 3
 DEFLECTION = 1e-2  # of modal coordinates in the self-test, relative to joint angles
 TOLERANCE = 1e-12  # relative to a result's largest entry
@@ -80,7 +81,8 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str | Ke
     # Both files begin alike, and the header declares what the source has.
     about = _about(robot, chosen)
     _write(header, header_text(robot, prefix, about, chosen, precision, self_test))
-    _write(source, _source_text(robot, prefix, header.name, about, chosen, precision, self_test))
+    text = _source_text(robot, prefix, header.name, about, chosen, precision, self_test)
+    _write(source, text)
     return source, header
 
 
@@ -88,7 +90,8 @@ def _checked_paths(path: str | os.PathLike[str]) -> tuple[Path, Path]:
     """Return the paths of source and header; InputError if they cannot be written."""
     source = Path(path).expanduser()
     if source.suffix != '.c':
-        raise InputError(f"path: '{source}'; expected the name of a C source, which ends in .c")
+        raise InputError(f"path: '{source}'; expected the name of a C source, which ends "
+                         'in .c')
     source = source.resolve()
     header = source.with_suffix('.h')
     # These end the name, or begin a trigraph, in an #include of C.
@@ -119,7 +122,8 @@ def _checked_laws(robot: Any, kernels: Sequence[Any]) -> list[Kernel]:
 def _checked_names(robot: Any, kernels: Sequence[Any]) -> list[str]:
     """Return the names of the kernels; raise InputError for an unknown one."""
     if isinstance(kernels, str):
-        raise InputError(f"kernels: the string '{kernels}'; expected a sequence of names")
+        raise InputError(f"kernels: the string '{kernels}'; expected a sequence of "
+                         'names')
     names = list(dict.fromkeys(kernels))
     refused = None if names else 'kernels: none'
     for name in names:
@@ -143,7 +147,8 @@ def _checked_names(robot: Any, kernels: Sequence[Any]) -> list[str]:
 def _check_place(file: Path) -> None:
     """Raise InputError for a path without directory or with a file not of export_c."""
     if not file.parent.is_dir():
-        raise InputError(f"path '{file}': no directory '{file.parent}'; expected an existing one")
+        raise InputError(f"path '{file}': no directory '{file.parent}'; expected an "
+                         'existing one')
     # Overwrite only what an earlier export wrote: its first line says so.
     if not file.exists():
         return
@@ -151,7 +156,8 @@ def _check_place(file: Path) -> None:
         with open(file, encoding='utf-8', errors='replace') as stream:
             ours = stream.read(len(MARK)) == MARK
     except OSError as error:
-        raise InputError(f"path '{file}': {error.strerror}; expected a writable path") from None
+        raise InputError(f"path '{file}': {error.strerror}; expected a writable "
+                         'path') from None
     if not ours:
         raise InputError(f"path '{file}': exists and was not written by export_c; expected a "
                          'new path')
@@ -168,7 +174,8 @@ def _write(file: Path, text: str) -> None:
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(f"path '{file}': {error.strerror}; expected a writable path") from None
+        raise InputError(f"path '{file}': {error.strerror}; expected a writable "
+                         'path') from None
 
 
 def _kernel(robot: Any, prefix: str, name: str, precision: Precision) -> CKernel:
@@ -253,6 +260,7 @@ def _about(robot: Any, kernels: Sequence[CKernel]) -> list[str]:
     """Return the first lines of both files."""
     model = robot.model
     equations = robot.equations
+    # Choices of the robot that are part of the code.
     wrench_frames = ', '.join(frame.name for frame in equations.wrench_frames)
     payload_frame = ''
     if equations.payload_frame:
@@ -346,7 +354,8 @@ def _array(name: str, values: Array, precision: Precision) -> str:
     return f'static const {precision.c} {name}[{len(flat)}] = {{\n{entries}\n}};'
 
 
-def _self_test(prefix: str, kernels: Sequence[CKernel], precision: Precision) -> list[str]:
+def _self_test(prefix: str, kernels: Sequence[CKernel],
+               precision: Precision) -> list[str]:
     """Return the reference data and the function that checks them."""
     agree = AGREE.replace('REAL', precision.c)
     agree = agree.replace('FABS', f'fabs{precision.suffix}')
@@ -371,5 +380,6 @@ def _self_test(prefix: str, kernels: Sequence[CKernel], precision: Precision) ->
             body += [f'        {kernel.symbol}({passed});',
                      f'        if (!{agrees}) return {number};']
         body.append('    }')
+    # 0 where all kernels agree.
     return [*lines, '', f'int {prefix}_self_test(void)', '{', *body, '    return 0;', '}',
             '#endif']

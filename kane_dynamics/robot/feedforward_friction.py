@@ -23,7 +23,7 @@ def changes_friction(robot: Any) -> bool:
 def feedforward_change(robot: Robot, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
                        t: ArrayLike = 0.0) -> Array:
     """
-    Return what commands of a motion add to its inverse dynamics, (n,) or (N, n).
+    Return the torques by which commands of a motion exceed inverse dynamics, (..., n).
 
     Parameters
     ----------

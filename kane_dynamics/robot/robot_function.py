@@ -117,7 +117,7 @@ class RobotFunction:
 
 
 def _asked(function: Callable[..., Any], name: str, count: int) -> tuple[str, ...]:
-    """Return what a function asks for by name, beside its `count` inputs."""
+    """Return the names that a function asks for beside its `count` inputs."""
     # Functions of the same code ask for the same; to read a signature takes a while.
     key = getattr(function, '__code__', None), count
     if key in _ASKED:

@@ -319,7 +319,7 @@ def torque_deviation(robot: Any, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
                      uncertainty: Uncertainty, t: ArrayLike = 0.0, *,
                      of_joints: bool = False) -> Array:
     """
-    Return how far the torque may be from that of the model, |Y| delta, N m or N.
+    Return the largest deviation of the torque from the model, |Y| delta, N m or N.
 
     Parameters
     ----------
@@ -345,7 +345,7 @@ def torque_deviation(robot: Any, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
 
 def _of_box(robot: Any, place: tuple[str, str], state: tuple[ArrayLike, ...],
             uncertainty: Uncertainty, t: ArrayLike) -> Array:
-    """Return what the kernel of a place computes for states and one box of all of them."""
+    """Return the result of a kernel for states that share one box of uncertainties."""
     instance(uncertainty, Uncertainty, 'uncertainty')
     equations: Equations = robot.equations
     if (uncertainty.bodies != len(equations.model.bodies)

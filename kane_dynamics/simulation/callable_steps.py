@@ -70,7 +70,7 @@ class CallableSteps(Steps):
         return self._steps.in_user_speeds(states, done)
 
     def exchange(self, states: Array, done: int) -> Exchange:
-        """Return what exchanges energy: the torques held during each step of the last chunk."""
+        """Return the torques that exchange energy, held during each step of the last chunk."""
         exchange = self._steps.exchange(states, done)
         return exchange._replace(torques=self._held[:, :states.shape[1] - 1])
 

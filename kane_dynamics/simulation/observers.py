@@ -77,7 +77,7 @@ class Energetics(Protocol):
         """Return states after `done` steps, and after each of the next ones, in user speeds."""
 
     def exchange(self, states: Array, done: int) -> Exchange:
-        """Return what exchanges energy in the steps after `done`; called once a chunk."""
+        """Return the torques that exchange energy in the steps after `done`, once a chunk."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -350,7 +350,7 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,
 
 
 def _stated_deflections(robot: Robot, bristles0: Any, shape: tuple[int, ...]) -> Array:
-    """Return stated deflections of bristles in a shape; InputError for another one."""
+    """Return stated deflections of bristles; InputError for a shape other than this one."""
     names = robot.equations.tree.bristle_names
     # A robot without bristles has nothing to start.
     if not names:

@@ -350,7 +350,7 @@ class SwitchingSteps(Steps):
         return self._user.states(self._history, states, self.start, self.step, done)
 
     def exchange(self, states: Array, done: int) -> Exchange:
-        """Return what exchanges energy in the steps of a chunk, in the user's own speeds."""
+        """Return the torques that exchange energy in a chunk, in the user's own speeds."""
         exchange = super().exchange(states, done)
         torques = exchange.torques
         if self._law is not None:

@@ -97,7 +97,7 @@ class Steps:
         return states
 
     def exchange(self, states: Array, done: int) -> Exchange:
-        """Return what exchanges energy in the steps of a chunk, all of them computed."""
+        """Return the torques that exchange energy in a chunk, all of whose steps are computed."""
         impacts = () if self.stops is None else self.stops.settle(done)
         return Exchange(states, self.source.acting(states, done), impacts)
 

@@ -89,7 +89,7 @@ class TorqueInput:
 
     @property
     def follows(self) -> bool:
-        """Return whether the torque is that of computed torque, not held."""
+        """Return whether the torque is computed at each stage, instead of held."""
         return isinstance(self.torque, ComputedTorque)
 
     def alone(self, row: int) -> 'TorqueInput':

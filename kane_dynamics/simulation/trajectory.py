@@ -307,6 +307,7 @@ class Trajectory:
                 file[name] = file[former]
         try:
             content: dict[str, Any] = {}
+            # What every file has, then what may be missing.
             for name in ARRAYS:
                 if name not in LATER:
                     content[name] = file[name]

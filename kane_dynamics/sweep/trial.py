@@ -221,7 +221,7 @@ class Trial:
                 call(gravity, q, *time, parameters))
         # Computed torque follows some of the tracked joints.
         program = law_program(self.robot, self.followed)
-        columns = [self.tracked.index(k) for k in self.followed]
+        columns = list(map(self.tracked.index, self.followed))
 
         def computed_torque(q: Vector, u: Vector, desired: Vector,
                             time: Vector) -> Vector:

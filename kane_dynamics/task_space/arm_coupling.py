@@ -186,7 +186,7 @@ class ArmCoupling:
         self._law = self._compiled()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy has: its own memory, and no compiled function."""
+        """Return the attributes of a copy: its own memory, and no compiled function."""
         state = {**self.__dict__, '_memory': deepcopy(self._memory)}
         for name in ('_clock', '_clock_entries', '_law'):
             state.pop(name)
@@ -320,6 +320,7 @@ class ArmCoupling:
         memory = self._memory
         last = memory.t
         position = finite_row(q, 'q', self.robot.coordinate_names)[self._places]
+        # After an interruption the partner's motion is unknown: the coupling disengages.
         if last is not None:
             reason = f'no state for {t - last:.3f} s'
             if t < last:

@@ -229,6 +229,7 @@ class CartesianImpedance(PoseLaw):
             ratio = RATIO
         ratios = per_joint(ratio, 'damping_ratio', DIRECTIONS, part='direction')
 
+        # Limits of the spring's force, and the null-space posture.
         positive = 'a positive number'
         limits = {}
         for name in ('force_limit', 'moment_limit'):

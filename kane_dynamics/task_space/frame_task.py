@@ -77,7 +77,7 @@ class FrameTask:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Return what distinguishes tasks of one robot, as text."""
+        """Return a text that distinguishes the tasks of one robot."""
         directions = ''.join(map(str, self.rows))
         return self.frame.name, self.axes, directions
 
@@ -131,7 +131,7 @@ def checked_directions(directions: Sequence[str], what: str) -> tuple[int, ...]:
     if not names or len(known) < len(names):
         raise InputError(f'{what}: {SHORT.repr(directions)}; expected a sequence of some '
                          f'of {", ".join(DIRECTIONS)}, each once')
-    return tuple(DIRECTIONS.index(name) for name in known)
+    return tuple(map(DIRECTIONS.index, known))
 
 
 def singular_mass(robot: Robot, stated: float | None) -> float:

@@ -118,6 +118,7 @@ class HandGuiding(RunTimeSettings):
         """Check the settings and compile the kernel."""
         instance(robot, Robot, 'robot')
         require_rigid(robot)
+        # Planes and the limit of speed are those of a moving frame.
         self._frame: Frame | None = None
         if frame is not None:
             self._frame = robot.model.frame(frame)
@@ -134,6 +135,7 @@ class HandGuiding(RunTimeSettings):
             'plane_stiffness': (), 'effort': (names,),
             **self._walls.shapes(*WALL, *STOPS),
             **dict.fromkeys(ERROR, (robot.n,))}))
+        # The settings are checked as later changes of them are.
         self.update(friction=friction, friction_error=friction_error, damping=damping,
                     speed_limit=speed_limit, frame_speed=frame_speed,
                     limit_stiffness=limit_stiffness, limit_margin=limit_margin,
@@ -149,6 +151,7 @@ class HandGuiding(RunTimeSettings):
     def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return the numbers of the kernel by name, from checked settings."""
         robot = self.robot
+        # Planes and frame are parts of the kernel: their number cannot change.
         planes = _checked_planes(values['planes'])
         if len(planes) != self._planes:
             raise InputError(f'planes: {len(planes)}; expected {self._planes}, as many '
@@ -227,6 +230,7 @@ class HandGuiding(RunTimeSettings):
 
         def law_of(choice: Robot, lanes_of: LanesOf) -> Law:
             return _law(choice, frame, walls, shapes, lanes_of)
+        # The number of planes and the frame are part of the program.
         words = ['hand_guiding', str(self._planes)]
         if frame is not None:
             words.append(frame.name)
@@ -267,6 +271,7 @@ def _checked_planes(planes: ArrayLike) -> Array:
     if array.ndim != 2 or array.shape[1] != 4 or not np.isfinite(array).all():
         raise InputError(f'planes: {SHORT.repr(planes)}; expected finite numbers of '
                          'shape (k, 4)')
+    # A plane is its unit normal and its distance from the origin.
     lengths = np.linalg.norm(array[:, :3], axis=1)
     if np.abs(lengths - 1.0).max() > 1e-6:
         raise InputError(f'planes: normals of length {lengths.tolist()}; expected 1')

@@ -197,11 +197,11 @@ class HybridForce(CartesianImpedance):
         return self._call
 
     def _stand_ins(self) -> dict[str, Any]:
-        """Return what stands for arguments that are left out, and for fixed ones."""
+        """Return the values of arguments that are left out, and of fixed ones."""
         return {**super()._stand_ins(), 'integral': self._integral, 'elapsed': 0.0}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy has: also its own integral."""
+        """Return the attributes of a copy, with its own integral."""
         return {**super().__getstate__(), '_integral': self._integral.copy(),
                 '_step': self._step.copy()}
 
@@ -220,6 +220,7 @@ class HybridForce(CartesianImpedance):
                   'acceleration': (6,), 'desired_wrench': (6,), 'measured': (6,),
                   'integral': (6,), 'elapsed': (1,),
                   'settings': (shapes.size,)}
+        # Tasks of other directions have other kernels.
         name = identifier('hybrid_force', task.words, *map(str, forced))
         return law_kernel(robot, law_of, name, inputs, (size,))
 

@@ -103,7 +103,7 @@ class JointImpedance(RunTimeSettings):
         self._law = law
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy has: no entry points of this object."""
+        """Return the attributes of a copy, without the entry points of this object."""
         return {**super().__getstate__(), '_entries': {}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -119,6 +119,7 @@ class JointImpedance(RunTimeSettings):
 
     def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return the numbers of the kernel by name, from checked settings."""
+        # Damping is stated by itself or by a ratio; the default is a ratio.
         damping = values['damping']
         ratio = values['damping_ratio']
         if damping is None:
@@ -188,6 +189,7 @@ class JointImpedance(RunTimeSettings):
             return _law(choice, places, shapes, by_ratio, lanes_of)
         inputs = {'q': (robot.n_q,), 'u': (n,), 'q_d': (n,), 'u_d': (n,),
                   'udot_d': (n,), 'settings': (shapes.size,)}
+        # Kind of damper and followed joints are part of the program.
         damper = 'by_ratio' if by_ratio else 'stated'
         name = identifier('joint_impedance', damper, *map(str, places))
         kernel = law_kernel(robot, law_of, name, inputs, (robot.n_q,), places)
@@ -219,9 +221,11 @@ def _law(robot: Robot, followed: Sequence[int], shapes: Settings, by_ratio: bool
             settings: Vector, *, t: Scalar, parameters: Vector) -> Vector:
         values = shapes.unpacked(settings)
         motion = equations.joint_motion(q, u, equations.zeros, t)
+        # Spring and damper between the desired and the measured joints.
         rates = u_d - motion.qdot[places]
         force = values['stiffness'] * (q_d - q[places]) + values['damping'] * rates
         if by_ratio:
+            # A damper by ratio depends on the mobility of the followed joints, W.
             T_c = motion.T[places]
             lanes = lanes_of(q[0])
             W = T_c @ inverse_mass(equations, q, parameters, t, lanes) @ T_c.T

@@ -162,7 +162,7 @@ def _wall_force(position: Scalar, rate: Scalar, stiffness: Scalar, lower: Scalar
 
 
 def _depth(position: Scalar, lower: Scalar, upper: Scalar) -> Scalar:
-    """Return how far a position is beyond the upper wall, or minus the lower one."""
+    """Return the distance of a position beyond the upper wall, or minus the lower one."""
     above = position - upper
     below = position - lower
     return select(above > 0.0, above, select(below < 0.0, below, 0.0))

@@ -117,7 +117,7 @@ class RunTimeSettings:
         raise NotImplementedError
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy has: its own settings, and no compiled function."""
+        """Return the attributes of a copy: its own settings, and no compiled function."""
         state = {**self.__dict__, '_block': self._block.copy()}
         state.pop('_law', None)
         return state
@@ -149,7 +149,7 @@ class PoseLaw(RunTimeSettings):
         self._zero = np.zeros(6)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy has: no entry point of this object either."""
+        """Return the attributes of a copy, without the entry point of this object."""
         state = {**super().__getstate__(), '_call': None}
         state.pop('torque', None)
         return state
@@ -169,7 +169,7 @@ class PoseLaw(RunTimeSettings):
         return self._call
 
     def _stand_ins(self) -> dict[str, Any]:
-        """Return what stands for arguments that are left out, and for fixed ones."""
+        """Return the values of arguments that are left out, and of fixed ones."""
         return dict.fromkeys(('twist', 'acceleration', 'wrench'), self._zero)
 
     def _by_name(self) -> Callable[..., Array]:

@@ -14,14 +14,17 @@ from numpy.typing import ArrayLike
 def pose_margin(pose: Matrix) -> Scalar:
     """Return a number that is positive for a pose (4, 4), over any scalar."""
     R = pose[:3, :3]
+    # R^T R = 1: the squared deviations must be below a tolerance.
     total: Scalar = ORTHONORMAL**2
     for r in range(3):
         for s in range(r, 3):
             deviation = R[r] @ R[s] - float(r == s)
             total = total - deviation * deviation
+    # The last row of a homogeneous transformation.
     for entry, expected in zip(pose[3], (0.0, 0.0, 0.0, 1.0)):
         deviation = entry - expected
         total = total - deviation * deviation
+    # A reflection is orthonormal, too, but has determinant -1.
     determinant = cross(R[0], R[1]) @ R[2]
     return select(determinant < 0.0, -1.0, total)
 

@@ -105,7 +105,7 @@ class PoseFilter:
         return self._kernel.entry('', self._explained)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy or a pickle keeps: all but the compiled code."""
+        """Return the attributes of a copy or a pickle: all but the compiled code."""
         return {name: value for name, value in vars(self).items()
                 if name not in ('_next', '_kernel')}
 

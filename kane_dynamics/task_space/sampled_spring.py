@@ -142,6 +142,7 @@ def steady_share(inertia: Array, spring: JointSpring, period: float,
     """
     if not swing(inertia, spring.beside(other), period).swings_up:
         return 1.0
+    # Bisection: steady without a spring, growing with the whole one.
     steady = 0.0
     growing = 1.0
     for _ in range(BISECTIONS):

@@ -40,6 +40,7 @@ def checked_matrix(value: ArrayLike, what: str) -> Array:
     except (TypeError, ValueError):
         raise InputError(f'{what}: {SHORT.repr(value)}; expected numbers of shape (6,) or '
                          '(6, 6)') from None
+    # Numbers of a usable size and range.
     if array.shape not in ((6,), (6, 6)):
         raise InputError(f'{what}: shape {array.shape}; expected (6,) or (6, 6), linear '
                          'then angular')
@@ -55,6 +56,7 @@ def checked_matrix(value: ArrayLike, what: str) -> Array:
     if np.abs(array - array.T).max() > ROUNDING * largest:
         raise InputError(f'{what}: not symmetric; expected a symmetric matrix')
     array = 0.5 * (array + array.T)
+    # Semidefinite, so that the spring stores no negative energy.
     least = float(np.linalg.eigvalsh(array).min())
     if least < -ROUNDING * largest:
         raise InputError(f'{what}: an eigenvalue of {least:g}; expected none below 0')

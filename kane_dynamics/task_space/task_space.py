@@ -118,6 +118,7 @@ class TaskSpace:
         self._mass = np.array([checked_mass(robot, singular_mass)])
         k = len(self.directions)
         n = robot.n
+        # The result of the kernel is one array; these are its parts.
         self._parts = Settings({
             'jacobian': (k, n), 'mobility': (k, k), 'inertia': (k, k), 'bias': (k,),
             'gravity': (k,), 'consistent_inverse': (n, k), 'null_projector': (n, n),

@@ -189,6 +189,7 @@ def _drive(name: str, data: Any) -> Drive:
     if side == 'motor' and 'ratio' not in entry:
         raise UrdfError(f"{what}: side motor without 'ratio'; expected the motor's "
                         'revolutions per revolution of the joint')
+    # Numbers and friction of the drive, then its switches.
     numbers: dict[str, Any] = {'stiffness': _stiffness(entry['stiffness'], what)}
     for key in ('damping', 'rotor_inertia', 'ratio', 'motor_effort', 'motor_velocity',
                 'gear_effort'):

@@ -93,7 +93,7 @@ def argument_text(name: str, value: Any) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Return what xacro says of an error, in one line."""
+    """Return the message of xacro for an error, in one line."""
     if type(error).__name__ == 'ArgException':
         return f"argument '{error}' is missing"
     return ' '.join(str(error).split()) or type(error).__name__

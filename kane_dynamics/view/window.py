@@ -123,6 +123,8 @@ class Window:
             time.sleep(1.0 / _RATE)
             now = time.monotonic()
             if self._playing and self.trajectory is not None:
+                # Advance by the time that passed, times the speed; begin again at the
+                # end.
                 begin, end = self.trajectory.t[[0, -1]]
                 self._time += (now - last) * float(self._speed.value)
                 if self._time > end:
@@ -292,7 +294,7 @@ def _turned_joints(robot: Robot) -> tuple[int, ...]:
     if only_velocities:  # no constraint on positions
         return tuple(range(len(names)))
     if set(speeds) <= set(names):
-        return tuple(names.index(name) for name in speeds)
+        return tuple(map(names.index, speeds))
     return followed_joints(robot)
 
 

@@ -35,6 +35,7 @@ def collision_thresholds(options: Namespace) -> None:
         with whole_file(options.out) as stream:
             stream.write(yaml.safe_dump(content, sort_keys=False,
                                         default_flow_style=None))
+    # The same facts for JSON and for the printed table.
     data = {'joint_names': list(calibration.joint_names), 'rows': len(recording),
             'threshold': calibration.threshold, 'error': calibration.error,
             'error_time': calibration.error_time,

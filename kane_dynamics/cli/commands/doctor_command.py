@@ -70,7 +70,7 @@ def doctor(options: Namespace) -> int:
 
 
 def _stated_efforts(options: Namespace) -> Efforts | None:
-    """Return what the efforts are by the options, or else by the node's configuration."""
+    """Return the meaning of efforts by the options, or else by the node's configuration."""
     from kane_dynamics.cli.commands.identify_command import stated_efforts
     if options.efforts or options.efforts_without_gravity or options.torque_constants:
         return stated_efforts(options)

@@ -85,7 +85,7 @@ def _motion(options: Namespace, robot: Robot) -> Motion | SmoothMotion:
     positions = smooth.sample(smooth.times).q
     # The motors are where no spring is deflected.
     whole = np.zeros((len(positions), robot.n_q))
-    whole[:, [robot.joint_names.index(name) for name in links]] = positions
+    whole[:, list(map(robot.joint_names.index, links))] = positions
     warn_degrees(robot, with_motors_at_links(robot.model, whole), options.motion)
     return smooth
 

@@ -99,7 +99,7 @@ def _require_tree_torques(options: Namespace) -> None:
 
 def _effort_limits(robot: Robot, names: Sequence[str]) -> Array:
     """Return the effort limits of some joints."""
-    places = [robot.joint_names.index(name) for name in names]
+    places = list(map(robot.joint_names.index, names))
     return np.asarray(robot.limits.effort)[places]
 
 
@@ -125,7 +125,7 @@ def recorded(options: Namespace, model: Model,
 
 
 def stated_efforts(options: Namespace) -> Efforts:
-    """Return what the efforts of a recording are, by the options."""
+    """Return the meaning of the efforts of a recording, by the options."""
     return Efforts(options.efforts or EffortKind.MOTOR_TORQUE,
                    not options.efforts_without_gravity, options.torque_constants)
 
@@ -379,6 +379,7 @@ def _identify_drives(options: Namespace) -> None:
         raise InputError(f"--out: '{options.out}'; expected a name that ends in .yaml, "
                          'since with --drives it is a supplement')
     _, robot = load(options)
+    # One ratio serves all joints.
     ratio = np.array(options.ratio or 1.0)
     if ratio.shape == (1,):
         ratio = ratio[0]
@@ -392,6 +393,7 @@ def _identify_drives(options: Namespace) -> None:
         with whole_file(options.out) as stream:
             stream.write(text)
         files.append(options.out)
+    # The result, for JSON or as tables.
     data = drive_data(result, files)
     if options.json:
         print_json(data)
@@ -403,6 +405,7 @@ def drive_data(result: DriveIdentification, files: list[str]) -> dict[str, Any]:
     """Return identified drives as plain data; undetermined numbers are None."""
     data: dict[str, Any] = {'joint_names': list(result.joint_names),
                             'source': result.source}
+    # JSON has no infinity: numbers that the data leave open are null.
     for name in DRIVE_NUMBERS:
         for key in (name, f'{name}_deviation'):
             numbers: list[float | None] = []
@@ -473,7 +476,7 @@ def _fit_payload(options: Namespace, robot: Robot) -> Outcome:
     carrying = robot.with_payload(options.payload, payload.inertial)
     q, u, udot, _, _ = recorded_motion(carrying, names, recording)
     of_joints = carrying.joint_torques(carrying.inverse_dynamics(q, u, udot), q)
-    computed = of_joints[:, [robot.joint_names.index(name) for name in names]]
+    computed = of_joints[:, list(map(robot.joint_names.index, names))]
     return Outcome(data, recording.t, recording.tau, computed)
 
 
@@ -486,7 +489,7 @@ def _payload_recording(options: Namespace, robot: Robot,
     recording = stated_efforts(options).applied(robot,
                                                 recorded(options, robot.model, names))
     q = np.zeros((len(recording), robot.n_q))
-    q[:, [robot.joint_names.index(name) for name in names]] = recording.q
+    q[:, list(map(robot.joint_names.index, names))] = recording.q
     warn_degrees(robot, q, options.recording)
     return recording
 
@@ -521,6 +524,7 @@ def print_payload(data: dict[str, Any]) -> None:
     """Print the payload, its deviations, and the parameters of the node."""
     print(f"{data['rows']} rows; payload in axes of '{data['frame']}', condition number "
           f'{data["condition"]:.3g}')
+    # Mass, center of mass and inertia, each with its standard deviation.
     deviations = data['standard_deviations']
     table = [('mass [kg]', data['mass'], f'{deviations["mass"]:.1g}')]
     for k, axis in enumerate(AXES):
@@ -534,6 +538,7 @@ def print_payload(data: dict[str, Any]) -> None:
     print_table(['joint', 'RMS residual', 'held out'],
                 zip(data['joint_names'], data['rms_residual'], data['rms_held_out'],
                     strict=True))
+    # The same numbers, as the node reads them.
     print('\nparameters of the node:')
     for name, value in data['node_parameters'].items():
         text = value if isinstance(value, str) else as_json(value)

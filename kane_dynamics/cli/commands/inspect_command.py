@@ -152,6 +152,7 @@ def print_facts(facts: dict[str, Any]) -> None:
     _print_bodies(facts['bodies'])
     if constraints is not None:
         _print_constraints(constraints)
+    # Parts on request.
     if facts.get('frames'):
         print('\nframes, on the bodies that carry them:')
         table = []

@@ -91,7 +91,7 @@ def _travel(by: list[float], robot: Robot, names: tuple[str, ...], q: Array) -> 
                          f'the order {", ".join(names)}')
     if len(by) == len(names) > 1:
         return sizes
-    places = [robot.joint_names.index(name) for name in names]
+    places = list(map(robot.joint_names.index, names))
     lower, upper = robot.limits.lower[places], robot.limits.upper[places]
     travel = np.clip(sizes[0], -0.25 * (upper - lower), 0.25 * (upper - lower))
     leaves = (q + travel > upper) | (q + travel < lower)

@@ -41,6 +41,7 @@ def simulation(options: Namespace) -> None:
     _, robot = load(options)
     with model_warnings(verbose=options.verbose):
         plan = _plan(options, robot)
+    # The time on the wall, which includes compilation at a first start.
     start = time.perf_counter()
     with progress_bar('simulating', plan.duration) as progress, (
             model_warnings(verbose=options.verbose)):
@@ -57,6 +58,7 @@ def simulation(options: Namespace) -> None:
     if options.json:
         print_json(_data(robot, result, wall_time))
         return
+    # A summary: duration, energy, last state and events.
     first_energy, last_energy = result.energy[[0, -1]].sum(axis=1)
     print(f'{result.t[-1]:g} s in steps of {options.step:g} s took {wall_time:.3g} s; '
           f'energy went from {first_energy:.6g} J to {last_energy:.6g} J')
@@ -109,6 +111,7 @@ def _plan(options: Namespace, robot: Robot) -> Plan:
     duration = options.duration
     torque: Any = None
     q_desired = u_desired = None
+    # A motion is followed by computed torque, for its whole number of steps.
     if options.motion:
         motion = read_motion(options.motion, robot.speed_names)
         q_desired, u_desired, _ = motion.sample(0.0)
@@ -122,6 +125,7 @@ def _plan(options: Namespace, robot: Robot) -> Plan:
     if options.torque:
         require_own_actuators(robot)
         torque = _stated_torque(options, robot, duration)
+    # The simulation begins on the motion, unless the options state a state.
     if options.u0 is None and u_desired is not None:
         u0 = u_desired
     else:

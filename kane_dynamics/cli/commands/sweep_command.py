@@ -113,6 +113,7 @@ def _entries(path: str | os.PathLike[str]) -> dict[str, Any]:
     if not isinstance(entries, dict):
         raise InputError(f'{path}: {SHORT.repr(entries)}; expected entries such as urdf '
                          'and samples')
+    # Known entries alone, with those that every sweep needs.
     for key in entries:
         if key not in (*ROBOT, *SWEEP):
             raise InputError(f'{path}: unknown entry {key!r}; expected one of '
@@ -120,6 +121,7 @@ def _entries(path: str | os.PathLike[str]) -> dict[str, Any]:
     for key in ('urdf', 'samples'):
         if key not in entries:
             raise InputError(f"{path}: no '{key}'; expected urdf and samples")
+    # Paths are relative to the file that states them.
     for key in FILES:
         name = entries.get(key)
         if name is None:

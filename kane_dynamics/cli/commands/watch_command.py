@@ -14,6 +14,7 @@ def watch(options: Namespace) -> int:
     model, robot = load(options)
     efforts = stated_efforts(options)
     recording = efforts.applied(robot, recorded(options, model))
+    # The reference is read by the same options as the recording.
     stated = options.recording
     options.recording = options.reference
     reference = efforts.applied(robot, recorded(options, model))

@@ -196,7 +196,7 @@ def _speeds(speeds: ArrayLike) -> Array:
 
 def _clearance(model: Model, shapes: Sequence[LinkShape] | None, floor: float | None,
                distance: float | None) -> Clearance | None:
-    """Return what keeps links above a floor and apart, if there are shapes."""
+    """Return the rule that keeps links above a floor and apart, if there are shapes."""
     # A floor and distances are of shapes: without them, a floor is an error, no
     # distance a warning.
     if floor is not None:

@@ -98,6 +98,7 @@ class BristlePath:
         robot = self._robot
         mean_u = u
         travel = np.zeros(robot.model.n)
+        # Without a last sample, the bristles may be anywhere up to sliding.
         if last is None:
             largest = self._largest_deflections(q, tau, t)
             bounds = np.stack([-largest, largest])
@@ -160,6 +161,7 @@ def _path_kernel(robot: Robot, bare: Robot) -> Kernel:
 
     def path(q: Vector, u: Vector, tau: Vector, mean_u: Vector, travel: Vector,
              bounds: Vector, t: Scalar) -> Vector:
+        # Deflections from both bounds, which grow together as the joints move.
         rates = equations.joint_motion(q, mean_u, equations.zeros, t).qdot
         least = equations.deflections_after(q, rates, bounds[0], tau, travel, t)
         largest = equations.deflections_after(q, rates, bounds[1], tau, travel, t)

@@ -111,7 +111,7 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
     Y, rates, torque, _, acting = rows(q, u, udot, tau, t, bristled)
     # The belief keeps what the motion does not tell from looking certain.
     belief = BELIEF * prior_metric(START)
-    effort = np.asarray(robot.limits.effort)[[robot.joint_names.index(name) for name in names]]
+    effort = np.asarray(robot.limits.effort)[list(map(robot.joint_names.index, names))]
     largest = np.where(np.isfinite(effort), effort, np.abs(recording.tau).max(axis=0))
     uncertainty = np.maximum(DOUBT * largest, 1e-6)
     equations = PayloadEquations(rows.friction_speed, uncertainty, belief,

@@ -467,6 +467,7 @@ def _sign_and_gravity_repairs(robot: Robot, r: Recording,
     gravity = robot.gravity_force(r.q)
     is_loaded = np.abs(gravity).max(axis=0) > 1e-6
     for joints in joint_sets:
+        # Reversed torques, then those without the weight, or with it twice.
         yield _Repair(REVERSED_EFFORTS, joints, _with_torque(r, joints, -r.tau),
                       ONCE * len(joints))
         loaded = int(is_loaded[list(joints)].sum())

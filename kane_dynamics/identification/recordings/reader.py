@@ -236,6 +236,7 @@ def _stacked(columns: Mapping[str, Any], names: Sequence[str], path: Any) -> Arr
     lacking = [name for name in names if name not in columns]
     if lacking:
         raise InputError(f'{path}: no columns {lacking}; expected one per joint')
+    # Each column has one number for each row.
     of_joints = []
     for name in names:
         column = columns[name]
@@ -261,6 +262,7 @@ def _of_array(columns: Mapping[str, Any], word: str, joint_names: Sequence[str],
     if columns.get('speed_names', labels) != labels:
         raise InputError(f"{path}: speeds {columns['speed_names']}; expected those of "
                          'the joints')
+    # By name, in the order of the joints.
     distinct(path, labels)
     lacking = [joint for joint in joint_names if joint not in labels]
     if lacking:
@@ -268,7 +270,7 @@ def _of_array(columns: Mapping[str, Any], word: str, joint_names: Sequence[str],
     if len(labels) != values.shape[1]:
         raise InputError(f"{path}: '{word}': {values.shape[1]} columns; expected "
                          f'{len(labels)}')
-    return values[:, [labels.index(joint) for joint in joint_names]]
+    return values[:, list(map(labels.index, joint_names))]
 
 
 def _places(count: int, word: str, joint_names: Sequence[str], numbered: list[str],
@@ -280,7 +282,7 @@ def _places(count: int, word: str, joint_names: Sequence[str], numbered: list[st
     among = [joint for joint in numbered if joint in joint_names]
     for order in (numbered, among):
         if len(order) == count:
-            return [order.index(joint) for joint in joint_names]
+            return list(map(order.index, joint_names))
     or_all = ''
     if len(numbered) > len(among):
         or_all = f', or for all {len(numbered)} of the robot'

@@ -58,6 +58,7 @@ class Recording:
         if self.t.ndim != 1 or self.tau.ndim != 2:
             raise InputError(f'recording: t and tau of shapes {self.t.shape} and '
                              f'{self.tau.shape}; expected (N,) and (N, n)')
+        # As many rows as times, as many columns as torques.
         for name in NAMES:
             value = getattr(self, name)
             if value.shape != (len(self.t), self.tau.shape[1]):

@@ -249,7 +249,7 @@ class BlockMatrices:
     def _factors(self, carry: Vector, step: Vector, entries: Vector,
                  table: Vector) -> Vector:
         """
-        Return what the articulated bodies of a block make of wrenches, in rows.
+        Return the articulated inertias and responses of a block, in rows.
 
         These are the inertia that the block hands on, P and T about the origin of the
         link before, then S M^-1 S^T, M^-1 S^T and M^-1 of the block.

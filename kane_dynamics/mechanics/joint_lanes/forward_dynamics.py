@@ -148,7 +148,7 @@ class ForwardDynamics:
     def share(self, carry: Vector, step: Vector, entries: Vector, torque: Vector,
               table: Vector) -> Vector:
         """
-        Return what a block hands on, then V and G of its joints, 16 rows by columns.
+        Return the rows carried inward, then V and G of the block's joints, 16 rows by columns.
 
         Joint k has the acceleration -V_k . (a, 1) - sum G_kj udot_j over the joints j of
         the block before it, with the acceleration a of the link before the block.
@@ -189,6 +189,7 @@ class ForwardDynamics:
         base = np.zeros(TWIST).astype(object)
         results: list[Matrix] = []
         udot: list[Scalar] = [0.0] * len(blocks.coordinates)
+        # Outward: a branch begins with the acceleration of the one that carries it.
         for k, branch in enumerate(blocks.branches):
             carry = base
             if branch.parent is not None:

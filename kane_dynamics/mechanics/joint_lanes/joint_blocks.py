@@ -204,6 +204,7 @@ def _placement(links: Sequence[Link]) -> list[Column]:
     rotations = []
     translations = []
     for link in links:
+        # The kind is a factor, 0 or 1, so that one loop serves both kinds.
         is_turning = link.kind == 'revolute'
         offsets.append(link.offset)
         turning.append(float(is_turning))

@@ -33,6 +33,7 @@ def of_each_part(name: str, function: Callable[..., Rows], tables: Sequence[Sequ
         As of `JointBlocks`.
 
     """
+    # Constants stay in the code; numbers and computed rows become arrays.
     split = [_SplitTable(parts, lanes) for parts in tables]
     arrays: list[Matrix] = []
     for table in split:
@@ -40,6 +41,7 @@ def of_each_part(name: str, function: Callable[..., Rows], tables: Sequence[Sequ
 
     def step(carry: Vector, *entries: Vector) -> Vector:
         step_lanes = lanes_of(np.concatenate(entries)[0])
+        # The rows of one part, put together from its entries in both arrays.
         rows = []
         for k, table in enumerate(split):
             rows.append(table.rows(entries[2 * k], entries[2 * k + 1], step_lanes))
@@ -86,6 +88,7 @@ class _SplitTable:
 
     def rows(self, numbers: Vector, computed: Vector, lanes: Any) -> list[Any]:
         """Return the rows of one part from its entries."""
+        # Rows are in the order of the table, whatever array they come from.
         of_numbers = iter(packed_rows(numbers, lanes))
         of_computed = iter(packed_rows(computed, lanes))
         rows: list[Any] = []

@@ -122,7 +122,7 @@ class TreeSums:
         return np.array([self.lanes.blend(mask, a, b) for a, b in zip(x, y)])
 
     def _along(self, parts: Sequence[Vector], previous: Sequence[int]) -> list[Vector]:
-        """Return the sums over each joint r, previous[r], and those before that one."""
+        """Return for each joint the sum over it and all joints before it, by `previous`."""
         # After each turn, the sums are those of twice as many joints.
         sums = list(parts)
         source = list(previous)

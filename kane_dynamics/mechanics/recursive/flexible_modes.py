@@ -217,7 +217,7 @@ class Modes:
         return P
 
     def _angular_momentum(self, i: int) -> Vector:
-        """Return Q_i, with that of the twist."""
+        """Return the angular momentum Q_i of mode i, that of its twist included."""
         across = self._f @ self._F[i] - self._v[i] @ self._D
         return (cross(self._t, self.momentum[i]) + cross(self._e, across)
                 - _axial_vector(self._G[i]) + self._twist[i])

@@ -455,7 +455,7 @@ class TreeEquations:
     def joint_slopes(self, q: Vector, u: Vector,
                      load: Vector | None = None) -> tuple[Matrix, Matrix, Matrix]:
         """
-        Return what springs, friction and armature add to the derivatives, (n, n) each.
+        Return the derivatives of springs, friction and armature, (n, n) each.
 
         Diagonal, but for the springs and dampers of drives.
         """

@@ -23,7 +23,7 @@ ABS = '@llvm.fabs.f64'
 
 
 def casadi_text(function: MatrixFunction) -> str:
-    """Return a module with a function and its descriptions; the rest is internal."""
+    """Return the text of a module with a function and its descriptions."""
     kernel = module_text(function.program, KERNEL)
     kernel = kernel.replace('define void', 'define internal void')
     lines = [kernel, *_evaluation(function)]

@@ -256,6 +256,7 @@ class Vector:
         Estrin's scheme has short chains of dependent operations, Horner's the fewest.
         """
         terms = list(map(self.const, coefficients))
+        # Horner's scheme has the fewest operations, but each waits for the last.
         if self.few_operations:
             value = terms.pop()
             while terms:

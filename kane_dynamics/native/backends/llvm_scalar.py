@@ -257,6 +257,7 @@ def _runs(outputs: Sequence[Any], destinations: Sequence[Destination | None]
     k = 0
     while k < len(outputs):
         # Count the outputs that are the next lanes of the same row.
+        # A run begins at an output that is a lane of a row.
         x = outputs[k]
         destination = destinations[k]
         count = 1
@@ -793,6 +794,7 @@ class Function:
             self.callees.append(callee)
         i = node.index
         slots = len(callee.inputs) + 1
+        # A subroutine takes a table of pointers.
         self.lines += [f'  %ptrs{i} = alloca [{slots} x ptr]',
                        f'  %ret{i} = alloca [{max(len(callee.outputs), 1)} x {self.type}]']
         offset = 0
@@ -937,7 +939,7 @@ class Function:
         return where, width
 
     def _stride(self, rows: Sequence[Sequence[Any]]) -> int | None:
-        """Return how far apart in memory the rows of a table are; None elsewhere."""
+        """Return the distance in memory of the rows of a table; None elsewhere."""
         # One array, and places at equal distances: then the loop reads the rows where
         # they are.
         pointers = set()

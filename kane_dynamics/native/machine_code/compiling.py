@@ -101,6 +101,7 @@ class Series:
         """Count a kernel that a block compiles; yield a line, or '' if none is due."""
         with _lock.held():
             now = time.monotonic()
+            # After a pause, kernels are counted from the beginning.
             if not self.running and now - self.ended > SLOW:
                 self.ready = 0
                 self.began = self.reported = now
@@ -136,6 +137,7 @@ def logged(name: str) -> Iterator[None]:
         What is compiled.
 
     """
+    # The timer reports while the block still runs; short blocks say nothing.
     timer = Timer(SLOW, _report, (f'compiling {name}, more than {SLOW:g} s so far',))
     timer.daemon = True
     begin = time.monotonic()

@@ -170,6 +170,7 @@ class Signature:
         shared = _entry_points.get(key)
         if shared is not None:
             return shared
+        # The text for these shapes; methods of workspaces have no kinds or memory.
         sizes = [math.prod(lengths) for lengths in self.shapes]
         text = entry_code(self.shapes, self.limits, len(self.default_sizes) + 1,
                           self.shape, self.memory, self.kinds, self.unread)

@@ -630,6 +630,7 @@ def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]],
         Combination of `BAD_INPUT` and `BAD_RESULT`; 0 if all numbers are finite.
 
     """
+    # The table of arguments has an address and a stride for each row.
     if len(rows) > POINTER_SLOTS:
         raise CompileError(f'kernel: {len(rows) - 1} arguments; expected at most '
                            f'{POINTER_SLOTS - 1}')
@@ -654,5 +655,6 @@ def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]],
                           *[0] * (WORDS - FLAGS)))
         function(job.buffer_info()[0], threads)
         return job[FLAGS]
+    # The pace of a first part decides on the number of threads.
     probe = max(1, PROBE_CALLS // steps)
     return run_in_threads(work, count, width, probe, PACES, (kernel, steps))

@@ -922,6 +922,7 @@ def message_loop_text(drops: int) -> str:
     """
     writes = iter(range(len(TEXT)))
 
+    # The text names words of records: `%name = number %record.WORD`.
     def read(match: re.Match[str]) -> str:
         """Return a load of a named word."""
         name, kind, record, word = match.groups()

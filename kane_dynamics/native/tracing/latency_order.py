@@ -59,6 +59,7 @@ class _Schedule:
         self._latency: list[int] = []
         self._operands: list[set[int]] = []
         self._users: list[list[int]] = []
+        # Operands and users of each node, by their places in the order.
         place: dict[int, int] = {}
         for k, node in enumerate(nodes):
             place[node.index] = k

@@ -40,6 +40,7 @@ def casadi_function(robot: Any, quantity: str, at: str, parameters: Sequence[str
                                f'{", ".join(shared_library.LINKERS)}')
         return external(casadi, source, linker)
     except CompileError as error:
+        # Only a stated choice is an error; else the slower function serves as well.
         if compiled:
             raise
         logging.getLogger(__name__).warning(

@@ -181,7 +181,7 @@ class FrameMethods(DynamicsMethods):
                              f'{", ".join(DIRECTIONS)}, each once')
         # M^-1 maps forces of the frame to accelerations: J M^-1 J^T, whose rank says in
         # how many directions.
-        rows = [DIRECTIONS.index(name) for name in directions]
+        rows = list(map(DIRECTIONS.index, directions))
         J = self.jacobian(frame, q, t=t)[..., rows, :]
         inverse = self.inverse_mass_matrix(q, t=t)
         mobility = np.asarray(J @ inverse @ np.swapaxes(J, -1, -2), np.float64)

@@ -77,7 +77,7 @@ def order(names: Sequence[str], joints: Sequence[str], what: str) -> Index | Non
 
 def places(joints: Sequence[str], names: Sequence[str]) -> Index:
     """Return the index of each joint in `names`, which has them all."""
-    return np.array([names.index(joint) for joint in joints], dtype=np.intp)
+    return np.array(list(map(names.index, joints)), dtype=np.intp)
 
 
 def vector(values: Sequence[float], index: Index | None, n: int, what: str,
@@ -209,10 +209,11 @@ def trajectory_message(trajectory: Trajectory, robot: Robot,
     joints, whatever the speeds.
     """
     names = list(names) or list(trajectory.joint_names)
-    order = [trajectory.joint_names.index(name) for name in names]
+    order = list(map(trajectory.joint_names.index, names))
     t = trajectory.t
     q = trajectory.q
     u = trajectory.u
+    # Messages have the motion of joints, whatever the speeds of the robot are.
     rows = {'positions': q, 'velocities': robot.joint_rates(q, u, t=t),
             'accelerations': robot.joint_accelerations(q, u, trajectory.udot, t=t),
             'effort': robot.joint_torques(trajectory.tau, q, t=t)}

@@ -119,6 +119,7 @@ def split_arguments(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return the arguments outside and behind ``--ros-args``, which ``--`` ends."""
     outside: list[str] = []
     ros_arguments: list[str] = []
+    # `active` is the list to which the following arguments belong.
     active = outside
     for argument in arguments:
         if argument == ROS_ARGUMENTS:

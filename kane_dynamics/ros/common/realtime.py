@@ -177,6 +177,7 @@ def apply_realtime_settings(values: Mapping[str, Any],
 
     # Settings of an earlier configuration do not stay.
     AWAKE.release()
+    # Priority, processors, memory, and idle states.
     if priority > 0:
         attempt(f'realtime.priority {priority}', lambda: schedule(priority),
                 'grant the user rtprio in /etc/security/limits.conf, or CAP_SYS_NICE')

@@ -105,7 +105,7 @@ def examine_configuration(path: Path, urdf: str, *, prefix: str = '',
 
 def configured_efforts(path: Path, namespace: str = '') -> Efforts | None:
     """
-    Return what the efforts of joint states are, by a parameter file.
+    Return the meaning of the efforts of joint states, by a parameter file.
 
     The result is None if the file does not say.
 
@@ -285,6 +285,7 @@ class ConfigurationExamination:
             source = f"'{resolve_path('urdf', values['urdf'])}'"
         else:
             source = 'the URDF of the launch argument urdf or of topic robot_description'
+        # Further files of the model, as far as they are stated.
         for name in ('supplement', 'constraints'):
             if values[name]:
                 source += f", {name} '{resolve_path(name, values[name])}'"
@@ -403,6 +404,7 @@ def _blocks(path: Path) -> list[ParameterBlock]:
     every_block = parameter_blocks(path)
     shared = every_block.get(WILDCARD, {})
     blocks = []
+    # Entries of the wildcard hold for every node that does not state its own.
     for node, stated in every_block.items():
         if _is_ours(node, stated):
             blocks.append(ParameterBlock(node, stated, {**shared, **stated}))

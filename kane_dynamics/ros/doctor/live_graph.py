@@ -308,7 +308,7 @@ def _numbers(robot: Robot, message: JointState,
                                     'expected finite numbers, as the dynamics node '
                                     'drops other states'))
     # Positions of a URDF in other units, or of another arm, are outside its limits.
-    places = [robot.joint_names.index(name) for name in names]
+    places = list(map(robot.joint_names.index, names))
     with np.errstate(invalid='ignore'):
         outside = (q < robot.limits.lower[places]) | (q > robot.limits.upper[places])
     if outside.any():
@@ -326,7 +326,7 @@ def _column(message: JointState, values: Sequence[float],
     """Return one field of a message for some joints; None if it is missing."""
     if len(values) != len(message.name):
         return None
-    index = [list(message.name).index(name) for name in names]
+    index = list(map(list(message.name).index, names))
     return np.array(values, dtype=np.float64)[index]
 
 
@@ -336,7 +336,7 @@ def _loops(robot: Robot, message: JointState, names: tuple[str, ...], q: Array,
     # As the node does at each state: loops from the measured joints, compared with the
     # others.
     tracker = LoopTracker(robot, needed_joints(robot))
-    places = [robot.joint_names.index(name) for name in names]
+    places = list(map(robot.joint_names.index, names))
     further = [k for k in places if k not in tracker.places]
     whole = np.zeros(robot.n_q)
     whole[places] = q

@@ -426,6 +426,7 @@ class ConfiguredRobot:
             entities.callback(wake.destroy_when_not_in_use)
             path.connect(node, inputs, wake, publishers, self.lost_states)
             entities.callback(path.close)
+            # The interpreter reads reports of the thread at its own pace.
             timer = node.create_timer(REPORT_PERIOD, path.read_reports,
                                       clock=Clock(clock_type=ClockType.STEADY_TIME))
             entities.callback(node.destroy_timer, timer)
@@ -459,6 +460,7 @@ class ConfiguredRobot:
         law = self.modes.laws.get(Mode.CARTESIAN_IMPEDANCE)
         if not isinstance(law, CartesianMode):
             return
+        # Messages of targets reach the law as bytes, behind checks of their own.
         targets = TargetInput(self.path, law.target, frame, values, self._reject,
                               self._transforms)
         self._targets = targets
@@ -586,6 +588,7 @@ class ConfiguredRobot:
                 self.path.blend()
             self.path.controller.update(**path_settings(values, self.robot))
             self.path.set_limits(values)
+        # Inputs and monitors that have settings of their own.
         if self._targets is not None:
             self._targets.update(values)
         if self._coupling is not None:

@@ -91,12 +91,12 @@ class GuardLink:
 
     @property
     def arbitration(self) -> Arbitration:
-        """Return what this node knows of the guard."""
+        """Return the state of the guard as this node knows it."""
         return Arbitration(*self._last.tolist())
 
     @property
     def warning(self) -> str:
-        """Return what is wrong with the guard, and what to do; empty if it lives."""
+        """Return a warning of a guard that does not live, with the remedy; empty if it lives."""
         # After a pause of the interpreter, its heartbeats have not been read yet.
         seen = max(self.arbitration.seen, self._path.guard_seen)
         silent = (_now() - seen) / NANO if seen else None
@@ -157,7 +157,7 @@ class GuardLink:
         self._send(STOPPED)
 
     def _decide(self, rule: Callable[[], object], now: int) -> bool:
-        """Return what a rule permits; send the request that it asks for."""
+        """Return the permission by a rule; send the request that the rule asks for."""
         # The rule reads and writes one array, which the native path uses too.
         decided = self._from
         self._clock[0] = now

@@ -164,7 +164,7 @@ class DynamicsNode(LifecycleNode):
 
     @property
     def waiting_for(self) -> str:
-        """Return what a node with autostart waits for, and why; empty: for nothing."""
+        """Return the reason for which a node with autostart waits; empty if it does not wait."""
         # From late to early: activation, then configuration, then the URDF.
         if self._real_subscriber and self.state == 'inactive':
             return self._deactivation_reason()

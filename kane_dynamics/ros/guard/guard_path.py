@@ -33,7 +33,7 @@ def guard_settings(values: Mapping[str, Any], controller: Controller) -> dict[st
     force, and damping by the inertia: M(q) (-kd u) + h(q, u).
     """
     joints = controller.robot.joint_names
-    follow = [joints.index(name) for name in controller.followed]
+    follow = list(map(joints.index, controller.followed))
     return controller_settings(values, joints) | {
         'mode': Mode.COMPUTED_TORQUE, 'blend_time': 0.0, 'kp': 0.0,
         'rate_limit': rate_limit(values, controller.robot),

@@ -120,7 +120,7 @@ class FollowedGoal:
         """Return positions and rates, (K, n), of the joints that follow the motion."""
         robot = self.robot
         rates = u if robot.equations.in_joint_rates else robot.joint_rates(q, u)
-        places = [robot.joint_names.index(name) for name in self.motion.joint_names]
+        places = list(map(robot.joint_names.index, self.motion.joint_names))
         return q[:, places], rates[:, places]
 
 
@@ -373,6 +373,7 @@ class JointTrajectoryAction:
         latest = goal.monitor.latest
         generation = path.active_motion.generation
         served = self._server.served
+        # Nothing to stop without a state, or if another motion was scheduled.
         if served is None or latest is None:
             return
         if not path.active_motion.holds(goal.motion, path.now):

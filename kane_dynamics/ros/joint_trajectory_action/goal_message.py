@@ -87,7 +87,7 @@ class GoalReader:
         return tolerances
 
     def _refuse_multi_dof(self, reader: Reader) -> None:
-        """Read an empty MultiDOFJointTrajectory, and refuse another one."""
+        """Read a MultiDOFJointTrajectory, and refuse one that is not empty."""
         reader.pair()
         reader.text()
         names = reader.texts()
@@ -97,7 +97,7 @@ class GoalReader:
                              f'points; expected none, as {COORDINATES}')
 
     def _refuse_components(self, reader: Reader, field: str) -> None:
-        """Read an empty sequence of JointComponentTolerance, and refuse another one."""
+        """Read a sequence of JointComponentTolerance, and refuse one that is not empty."""
         count = reader.word()
         if count:
             raise InputError(f'{field}: {count} entries; expected none, as '

@@ -117,6 +117,7 @@ class GoalMonitor:
         """Return the outcome at the first state within the goal tolerances, or too late."""
         excess = _excess(errors, self._tolerances.goal)
         late = moments - self._motion.duration
+        # State by state: reached first, or too late first.
         for k, largest in enumerate(excess.max(axis=(0, 2))):
             when = f'{late[k]:.3f} s after the end of the motion'
             if largest <= 1.0:

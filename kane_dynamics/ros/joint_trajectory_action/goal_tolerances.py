@@ -74,7 +74,7 @@ def goal_tolerances(message: TrajectoryGoal, joints: Sequence[str],
         A tolerance is negative, other than -1, or not a number, or a joint has two.
 
     """
-    places = [list(every_joint).index(name) for name in joints]
+    places = list(map(list(every_joint).index, joints))
     none = np.full(len(joints), math.inf)
 
     # Tolerances of the parameters are in the robot's order of joints.

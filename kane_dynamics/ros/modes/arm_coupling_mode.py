@@ -90,7 +90,7 @@ class ArmCouplingMode(LiveLaw):
         return law.torque(t, q, u, partner)
 
     def snapshot(self, stamp: int) -> TaskSnapshot:
-        """Return what is kept of the last cycle: what the law does."""
+        """Return the record of the last cycle, with the action of the law."""
         law = self.law
         acting = []
         if law.saturated:
@@ -120,7 +120,7 @@ class ArmCouplingMode(LiveLaw):
         and springs, K (q_p - q) acts on both, so that q - q_p has twice the spring.
         """
         # The independent speeds of an arm of the node are rates of coupled joints.
-        order = [self.joints.index(name) for name in self._robot.speed_names]
+        order = list(map(self.joints.index, self._robot.speed_names))
         sides = 2.0 if self.law.engaged else 1.0
         stiffness = sides * self._settings['stiffness'][order]
         damping = sides * self._settings['damping'][order]

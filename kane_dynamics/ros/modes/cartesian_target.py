@@ -97,7 +97,7 @@ class CartesianTarget:
     def orders(self, epoch: int, farthest: float, widest: float, limits: Vector
                ) -> TargetOrders:
         """
-        Return what the messages ask, with times since epoch, ns.
+        Return the orders of the messages, with times since epoch, ns.
 
         Further parameters are the fields of `TargetOrders` of these names.
         """

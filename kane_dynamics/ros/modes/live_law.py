@@ -37,11 +37,11 @@ class LiveLaw(ModeLaw, Protocol):
         """Begin at the next state, as after a change of mode or a stop."""
 
     def snapshot(self, stamp: int) -> TaskSnapshot:
-        """Return what is kept of the last cycle, whose state has the stamp, ns."""
+        """Return the record of the last cycle, whose state has the stamp, ns."""
         return TaskSnapshot()
 
     def describe(self, q: Array, u: Array, snapshot: TaskSnapshot) -> TaskDescription:
-        """Return what the law does at a state; called in the services' thread."""
+        """Return a description of the law at a state; called in the services' thread."""
         return TaskDescription()
 
     def joint_spring(self, q: Array) -> JointSpring | None:

@@ -85,6 +85,7 @@ class AppliedTorque:
         self._reject = reject
         self._zero = np.zeros(robot.n)
         self._actuated: list[int] | None = None
+        # With closed loops, torques of actuators become generalized forces.
         if robot.constraint_names:
             self._actuated = list(commanded_joints(robot, robot.speed_names))
         self.measured = False
@@ -161,7 +162,7 @@ class AppliedTorque:
         return efforts.torque(self._robot, q, state.u, effort)
 
     def _deflection_torque(self, bending: QuasiStatic, q: Array, u: Array) -> Array:
-        """Return what the deflection adds to the torque without acceleration."""
+        """Return the torque due to the deflection, without acceleration."""
         flexible = bending.inverse_dynamics(q, u, self._zero)
         rigid = self._robot.inverse_dynamics(q, u, self._zero)
         return np.asarray(flexible - rigid)

@@ -63,8 +63,8 @@ class CouplingTopics:
         gain = per_joint(values, 'coupling.observer_gain', robot.speed_names, 100.0)
         self._observer = MomentumObserver(robot, gain=gain,
                                           max_gap=values['state_timeout'])
-        self._places = [robot.coordinate_names.index(name) for name in mode.joints]
-        self._speeds = [robot.speed_names.index(name) for name in mode.joints]
+        self._places = list(map(robot.coordinate_names.index, mode.joints))
+        self._speeds = list(map(robot.speed_names.index, mode.joints))
         self._message, self._rows = whole_joint_state(mode.joints)
         self._reader: JointStateReader | None = None  # of the partner's joints
         self._was_engaged = False

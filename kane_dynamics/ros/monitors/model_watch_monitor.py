@@ -163,6 +163,7 @@ class ModelWatchMonitor:
             self._reset_pending = False
             self._stretch = []
             self._window = []
+        # Consecutive samples are a stretch; a break ends it, a reset clock drops it.
         for _ in range(len(self._samples)):
             try:
                 sample = self._samples.popleft()
@@ -176,6 +177,7 @@ class ModelWatchMonitor:
                 self._end_stretch()
             self._newest = sample.stamp
             self._stretch.append(sample)
+        # A full window is reported and dropped.
         rows = len(self._stretch) + sum(map(len, self._window))
         if rows < self._rows:
             return

@@ -130,7 +130,7 @@ class SwingMonitor:
 
     def _words_of(self, watched: _Watched, spring: JointSpring, other: JointSpring | None,
                   what: str) -> str:
-        """Return the warning of a spring beside another one; empty if both are steady."""
+        """Return the warning of an oscillation of two springs; empty if both are steady."""
         # The least damped motion when torques are held over a period.
         robot = self._controller.robot
         inertia = robot.mass_matrix(watched.q)

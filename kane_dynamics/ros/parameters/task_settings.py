@@ -177,7 +177,7 @@ def coupling_settings(values: Mapping[str, Any], robot: Robot,
         effort limit.
 
     """
-    places = [robot.joint_names.index(name) for name in joints]
+    places = list(map(robot.joint_names.index, joints))
     effort = COUPLED * np.asarray(robot.limits.effort, np.float64)[places]
     stiffness = per_joint(values, 'coupling.stiffness', joints, effort)
     if not np.isfinite(stiffness).all():

@@ -125,7 +125,7 @@ class PlantNode(Node):
             raise InputError(f"parameter 'measured': {', '.join(unknown)}; expected "
                              f'joints of {", ".join(arm.joint_names)}')
         # Measured joints may be fewer than those of the arm, in any order.
-        self._measured = [arm.joint_names.index(name) for name in names]
+        self._measured = list(map(arm.joint_names.index, names))
         n = len(names)
         self._commanded = arm.commanded(self._actuated)
         writer, offsets = write_joint_state(names, '', (n, n, n))

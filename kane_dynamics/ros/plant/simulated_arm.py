@@ -234,6 +234,7 @@ class SimulatedArm:
         The springs of elastic joints hold the links there. With closed loops the
         independent joints are at q. None is `Robot.feasible_configuration`.
         """
+        # At rest, with bristles and springs of drives relaxed.
         self._rates[:] = 0.0
         self._u[:] = 0.0
         deflections_of(self.robot, self._state)[:] = 0.0
@@ -242,6 +243,7 @@ class SimulatedArm:
             self._q[:] = self.robot.feasible_configuration()
         else:
             self._q[:] = self._closed(q)
+        # Beams bend under the weight, and springs of drives carry it.
         if self._bending is not None:
             self._q[:] = self._bent()
         self._q[:] = settle_drives(self.robot, self._q)

@@ -165,7 +165,7 @@ def _refuse_impossible(served: ServedRobot, names: Sequence[str], points: Sequen
     place: Array | None = None
     start = None
     if measured is not None:
-        place = measured[[joints.index(name) for name in names]]
+        place = measured[list(map(joints.index, names))]
         start = place, None, None
     motion = Motion.from_points(*points, joint_names=names, start=start)
     refuse_impossible(served, motion, place if executed else None)

@@ -41,6 +41,7 @@ class CommandMessages:
         self._commands = commands
         self._torques = torques
         self._stamped = stamped
+        # The messages are made once; a command only fills in its numbers.
         self._command_message = float64_multi_array(len(self.joints))
         self._torque_message = joint_state_of_efforts(self.joints)
         self._stamped_message = joint_command(self.joints, 'effort')

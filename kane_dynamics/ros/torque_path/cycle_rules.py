@@ -157,7 +157,7 @@ class PathState(NamedTuple):
 
     @property
     def states(self) -> StateMemory:
-        """Return what states are compared with."""
+        """Return the record with which states are compared."""
         return StateMemory.of(self.check)
 
     def with_states(self, memory: StateMemory) -> 'PathState':
@@ -315,7 +315,7 @@ class ClosedLoopRules(StopRules, Protocol):
     """The rules of closed loops, `LoopRules`."""
 
     def memory(self, path: PathState) -> Any:
-        """Return what a path keeps."""
+        """Return the memory of the loops in a path."""
 
     def search(self, array: Vector) -> Any:
         """Return a search of the memory."""

@@ -17,7 +17,7 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class GravityAndPayload:
-    """Gravity, (3,) m/s^2 in world axes, and payload in those of payload.frame."""
+    """Gravity, (3,) m/s^2 in world axes, and the payload in the axes of payload.frame."""
 
     gravity: Array
     payload: Inertial | None = None

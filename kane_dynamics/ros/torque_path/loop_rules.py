@@ -107,7 +107,7 @@ class LoopRules:
         self._units = robot.mechanism.units
 
     def memory(self, path: PathState) -> LoopMemory:
-        """Return what a path keeps."""
+        """Return the memory of the loops in a path."""
         return unpacked_loops(path.loops, self.robot.n_q, self.robot.n)
 
     def search(self, array: Vector) -> LoopSearch:

@@ -258,7 +258,7 @@ class NativeTorquePath(TorquePath):
 
     @property
     def arbitration(self) -> Arbitration | None:
-        """Return what the thread knew of the guard at its last report."""
+        """Return the state of the guard at the last report of the thread."""
         if self._guard is None:
             return None
         return Arbitration(*self._last.arbitration.tolist())
@@ -384,7 +384,7 @@ class NativeTorquePath(TorquePath):
 
     @property
     def _hears_time(self) -> bool:
-        """Return whether the time of the thread is that of /clock."""
+        """Return whether the thread has its time from /clock."""
         source = self._time_source
         return source is not None and bool(source.ros_time_is_active)
 

@@ -69,6 +69,7 @@ def rule_kernel(robot: Robot, shape: PathShape, name: str, rule: Callable[..., P
     inputs = INPUTS[name]
 
     def compiled(*arrays: Vector, parameters: Vector, limits: Vector) -> Vector:
+        # Arrays become records, with which the rules are written.
         arguments: list[Any] = []
         for key, array in zip(inputs, arrays, strict=True):
             if key == 'path':
@@ -137,7 +138,7 @@ class PathMemory:
 
     @property
     def states(self) -> StateMemory:
-        """Return what states are compared with; its arrays are views."""
+        """Return the record with which states are compared; its arrays are views."""
         return StateMemory.of(self._check)
 
     @property
@@ -179,6 +180,7 @@ class CycleRules:
                  state: Array) -> None:
         shape = memory.shape
         self.memory = memory
+        # The arrays that the rules read and write, by the names in `INPUTS`.
         self.next = PathMemory(shape)
         self.settings: CycleSettings
         self._numbers = np.zeros(settings_size(shape))
@@ -192,6 +194,7 @@ class CycleRules:
         self._to = memory.entries
         self._from = self.next.entries
         self._turning = turning_joints(robot, joints)
+        # One kernel for each rule, compiled on all processors.
         rules: dict[str, Callable[..., PathState]] = {
             'JUDGE': partial(cycle_rules.judge, turning=self._turning),
             'ANSWERED': cycle_rules.answered, 'WAIT': cycle_rules.waiting,
@@ -200,6 +203,7 @@ class CycleRules:
         kernels = {name: rule_kernel(robot, shape, name, rule, label)
                    for name, rule in rules.items()}
         run_concurrently([kernel.compile for kernel in kernels.values()])
+        # Calls that read these arrays in place and write the next path.
         bound = {}
         for name, kernel in kernels.items():
             inputs = [arrays[key] for key in INPUTS[name]]

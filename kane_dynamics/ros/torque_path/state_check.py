@@ -174,7 +174,7 @@ class StateCheck:
                  values: Mapping[str, Any]) -> None:
         self._robot = robot
         self._joints = tuple(joints)
-        self._places = [robot.coordinate_names.index(name) for name in joints]
+        self._places = list(map(robot.coordinate_names.index, joints))
         self._state = state
         self._turning = turning_joints(robot, joints)
         self.turned = np.zeros(len(self._joints))
@@ -217,7 +217,7 @@ class StateCheck:
         return FAULTS[int(state_fault(self._state, self.bounds.ravel(), jumped))] is fault
 
     def _moved(self, accepted: Array, elapsed: float) -> tuple[Array, Array]:
-        """Return how far the joints moved in a time, s, and could have moved, (n,)."""
+        """Return the distances that joints moved in a time, s, and could have moved, (n,)."""
         n = len(self._joints)
         moved = self._state[:n] - accepted[:n]
         # A driver may publish the angle of such a joint between -pi and pi.
@@ -245,6 +245,7 @@ class StateCheck:
                     'state_check.position_margin'
                     + looks_like_degrees(float(q[j]), float(limits.lower[place]),
                                          float(limits.upper[place])))
+        # Speeds, then distances from the last accepted state.
         if fault is TOO_FAST:
             j = int(np.argmax(np.abs(u) / fastest))
             return (f"'{self._joints[j]}' at {u[j]:.6g} rad/s or m/s; expected at most "
@@ -256,6 +257,7 @@ class StateCheck:
             return (f"'{self._joints[j]}' still is {moved[j]:.4g} rad or m from its last "
                     'accepted position, after a jump; expected a jump back, or speeds that '
                     'explain the distance')
+        # The distance itself is too long for the time.
         j = int(np.argmax(share))
         return (f"'{self._joints[j]}' moved by {moved[j]:.4g} rad or m in "
                 f'{after.elapsed:.4f} s; expected at most {allowed[j]:.4g}, as '
@@ -268,7 +270,7 @@ def turning_joints(robot: Robot, joints: Sequence[str]) -> Flags:
 
     A driver may publish their angles between -pi and pi.
     """
-    places = [robot.coordinate_names.index(name) for name in joints]
+    places = list(map(robot.coordinate_names.index, joints))
     unlimited = np.isinf(robot.limits.lower[places]) & np.isinf(robot.limits.upper[places])
     sliding = [name in robot.model.sliding for name in joints]
     turning: Flags = unlimited & ~np.array(sliding, dtype=bool)

@@ -263,6 +263,7 @@ class TargetInput:
             self._refuse(topic, NOT_FINITE, f'{message.numbers.tolist()}; expected '
                          'finite numbers')
             return None
+        # Stamps: neither older than the timeout nor out of order.
         now = path.now
         if now < self._last_now:  # the clock jumped backward
             self.clear()

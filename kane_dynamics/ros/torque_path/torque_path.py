@@ -129,7 +129,7 @@ class TorquePath:
         commanded = commanded_joints(robot, controller.followed)
         self.messages = CommandMessages(robot.joint_names, commanded, commands, torques,
                                         stamped)
-        self._follow = [robot.joint_names.index(name) for name in controller.followed]
+        self._follow = list(map(robot.joint_names.index, controller.followed))
         self.wrenches: WrenchInput | None = None
         self.arbiter: Arbiter | None = None
         self._waiting = b''  # the last state, if the arbiter denied a command
@@ -440,7 +440,7 @@ class TorquePath:
 
     @property
     def arbitration(self) -> Arbitration | None:
-        """Return what a thread that follows the rules of the arbiter knows."""
+        """Return the state of the guard, for a thread with the rules of the arbiter."""
         return None
 
     @property
@@ -460,7 +460,7 @@ class TorquePath:
 
     @property
     def reaction(self) -> str:
-        """Return what is commanded while states are refused, and until when."""
+        """Return the command while states are refused, and its end."""
         action = 'commanding zeros'
         if self.states.holds:
             action = 'stopping by the model and holding'
@@ -644,7 +644,7 @@ class TorquePath:
         return self._reached_from(self._accepted(), self._accepted_speeds(), elapsed)
 
     def _reached_from(self, q: Array, u: Array, elapsed: float) -> Array:
-        """Return what the torque that acts reaches some time after a state, (2 n,)."""
+        """Return the state that the acting torque reaches some time after a state, (2 n,)."""
         try:
             stop = self.controller.stopping_motion(q, u, self._acting(), elapsed,
                                                    self.states.stop_time,

@@ -72,7 +72,7 @@ class WrenchFrames:
 
     def placed(self, name: str, wrench: Array) -> tuple[int, Array]:
         """
-        Return the row of a declared frame, and the wrench that it has in place of another one.
+        Return the row of a declared frame, and the wrench moved to that frame.
 
         Parameters
         ----------

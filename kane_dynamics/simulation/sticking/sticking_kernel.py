@@ -242,7 +242,7 @@ class FrictionMotion(HeldMotion):
         return of_all_joints(self.equations, self._joints, modes)
 
     def results(self, stage: HeldStage) -> list[Scalar]:
-        """Return what holds joints, bounds of friction, and the torques that drive."""
+        """Return the holding forces, the bounds of friction, and the driving torques."""
         results: list[Scalar] = []
         q, u, tau, directions, t, solution = stage
         # What the checks at both ends of the step need, in the order in which they read

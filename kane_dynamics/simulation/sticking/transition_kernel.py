@@ -761,6 +761,7 @@ def _ended(search: Search, here: AtPlace, step: Scalar) -> Search:
 
 def _searched(search: Search, here: AtPlace) -> Search:
     """Return the search with a smaller bracket."""
+    # The function is negative past the first transition of any kind.
     f = _smallest(here.functions / search.size)
     past = f < 0.0
     low = search.low
@@ -769,6 +770,7 @@ def _searched(search: Search, here: AtPlace) -> Search:
     # An end that stays twice has half of its value (Illinois).
     f_low = select(search.last < -0.5, 0.5 * search.f_low, search.f_low)
     f_high = select(search.last > 0.5, 0.5 * search.f_high, search.f_high)
+    # The new place becomes one end of the bracket.
     return search._replace(
         turn=select(search.turn > 2.5, 0.0, search.turn + 1.0),
         low=select(past, low, x), high=select(past, x, high),
@@ -781,7 +783,7 @@ def _searched(search: Search, here: AtPlace) -> Search:
 
 def _located(contact: FrictionState, search: Search, phase: Scalar,
              step: Scalar) -> Search:
-    """Return the search after a transition, if one is located; `phase` was that before."""
+    """Return the search after a transition, if one is located; `phase` was its last phase."""
     robot = contact.robot
     searches = (search.phase > 2.5) * (phase > 1.5)
     at_once = search.f_low < 0.0

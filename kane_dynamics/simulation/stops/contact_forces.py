@@ -136,7 +136,7 @@ def resolved_state(robot: Robot, state: Array, t: float, lower: Array, upper: Ar
                    held: Array,
                    force: Array | None, step: float) -> tuple[Array, Array]:
     """
-    Return a state, (size,), after the impulses of the stops, and the speeds they ended, (n_q,).
+    Return a state, (size,), after the impulses of the stops, and the speeds removed, (n_q,).
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def admissible_state(robot: Robot, q: Array, u: Array, t: float, lower: Array,
                      upper: Array,
                      applied: Array) -> tuple[Array, Array, Array]:
     """
-    Return q and u after the impulses of the stops, and the speeds that they ended, (n_q,).
+    Return q and u after the impulses of the stops, and the speeds removed, (n_q,).
 
     The impulses that move joints back solve the complementarity problem of
     `stop_impulses`: of stops that act on the same motion, those that would pull have

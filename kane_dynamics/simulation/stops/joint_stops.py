@@ -251,7 +251,7 @@ class JointStops:
 
     def step_end(self, source: TorqueInput, state: Array, free: Array) -> Array:
         """
-        Return the state at the end of the first step, with stops; `free` is that without.
+        Return the state at the end of the first step with stops; `free` is without stops.
 
         Parameters
         ----------
@@ -269,7 +269,7 @@ class JointStops:
 
     def _resolved(self, robot: Robot, state: Array, t: float, held: Array,
                   one: PressedSteps | None) -> tuple[Array, Array]:
-        """Return the end of a step after the impulses of the stops, and the speeds they ended."""
+        """Return the end of a step after the impulses of the stops, and the speeds removed."""
         force = None if one is None else one.force[:, 0].mean(axis=0)
         return resolved_state(robot, state, t, self._lower, self._upper, held, force,
                               self._step)

@@ -211,7 +211,7 @@ class _PressedMotion(HeldMotion):
     def __init__(self, stopped: Sequence[int], sides: Vector, robot: Robot,
                  *arguments: Any) -> None:
         """Begin without stages."""
-        joints = [robot.model.places.index(k) for k in stopped]
+        joints = list(map(robot.model.places.index, stopped))
         super().__init__(joints, sides, robot, *arguments)
         self.stages: list[_StageForces] = []
 
