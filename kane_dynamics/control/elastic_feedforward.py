@@ -201,7 +201,7 @@ class ElasticFeedforward:
         return tuple(self.joint_names[k] for k in places)
 
     def _refuse(self, *state: Any) -> Array:
-        """Raise InputError: a call has no state of the deflection."""
+        """Raise InputError: a damped deflection is a state, which a call does not have."""
         names = ', '.join(self.joint_names[side.link] for side in self._damped)
         raise InputError(f'elastic feedforward: damping in the drives of {names}; expected '
                          'along(motion, step), because their deflection is a state of its '

@@ -364,7 +364,7 @@ def _all_solved(along: PathRobot, parts: Sequence[Section], speeds: tuple[float,
 def _solve(along: PathRobot, section: Section, start: float, end: float, excess: float
            ) -> tuple[Checked, float]:
     """
-    Return a section with its fastest timing, and the duration before limits are tighter.
+    Return the fastest timing of a section, and its duration before limits were tightened.
 
     The limits are exceeded at most by `excess`.
     """

@@ -16,7 +16,7 @@ import numpy as np
 
 
 class Input(NamedTuple):
-    """Entries that a kernel reads from an array, in a row counted from the interval."""
+    """Entries of an array that a kernel reads; `row` is counted from that of the interval."""
 
     array: str
     row: int

@@ -255,7 +255,7 @@ def corrected(robot: Robot, stopped: list[int], touching: list[Scalar],
               stops: list[Scalar], q: Vector, u: Vector, time: list[Scalar],
               parameters: Vector) -> tuple[Vector, Vector, Vector]:
     """
-    Return q and u without the remaining motion of joints at stops, and what is left of q.
+    Return q and u without the motion of joints at stops, and the remaining error of q.
 
     Parameters
     ----------
