@@ -13,8 +13,9 @@ from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.friction_laws import (block_flags, Blocks,
                                                         CandidateErrors, chosen_laws,
-                                                        COLUMNS, COULOMB, equations,
-                                                        fit_laws, FrictionLaw,
+                                                        clearly_smaller, COLUMNS,
+                                                        COULOMB, equations, fit_laws,
+                                                        fit_sliding, FrictionLaw,
                                                         largest_supported, law_error,
                                                         LAW_NAMES, law_rows, LawFit,
                                                         LawRows, LAWS, moving_rms,
@@ -307,8 +308,9 @@ def _chosen_fit(plain_fits: _PlainFits, stated: tuple[FrictionLaw, ...] | None,
     """
     Return the fit, its weight of the prior, and the errors of all laws.
 
-    The weight is chosen with Coulomb friction. With it the laws are compared, then the
-    weight is chosen with these laws, if that is smaller; once more if both have changed.
+    The weight is chosen with Coulomb friction. With it the laws are compared. Laws without
+    load friction keep bodies and offsets unless others predict clearly better. Else the
+    weight is chosen with the laws, if that is smaller; once more if both have changed.
 
     Neither `stated` laws nor a `given` weight are chosen; the weight is infinite for given
     bodies.
@@ -335,7 +337,12 @@ def _chosen_fit(plain_fits: _PlainFits, stated: tuple[FrictionLaw, ...] | None,
         fit = plain
         if all(law is COULOMB for law in laws):
             break
-        fit = fit_laws(data, laws, plain, Prior(model, weight))
+        prior = Prior(model, weight)
+        fit = fit_laws(data, laws, plain, prior)
+        sliding = _sliding_fit(plain_fits, plain, fit, prior)
+        if sliding is not None:
+            fit = sliding
+            break
         if given is None:
             # A weight that is too large costs more than one that is too small.
             # Smaller weights are accepted only.
@@ -346,6 +353,25 @@ def _chosen_fit(plain_fits: _PlainFits, stated: tuple[FrictionLaw, ...] | None,
         plain = plain_fits.fit(weight, plain)
         progress(0.4 + 0.5 * (turn + 1) / CHOICES)
     return fit, weight, candidates
+
+
+def _sliding_fit(plain_fits: _PlainFits, plain: LawFit, fit: LawFit, prior: Prior
+                 ) -> LawFit | None:
+    """
+    Return the fit with the laws of `fit`, and bodies and offsets of Coulomb friction.
+
+    Return None if those of `fit` predict left-out blocks clearly better, if a law depends
+    on the load, or if the bodies are given.
+    """
+    if not np.isfinite(prior.weight) or any(law.load for law in fit.laws):
+        return None
+    rows_of_fit, blocks = plain_fits.rows, plain_fits.blocks
+    sliding = fit_sliding(rows_of_fit, fit.laws, plain)
+    # The errors of both on blocks that neither has seen.
+    of_plain = Blocks(rows_of_fit, blocks, plain)
+    kept = Blocks(rows_of_fit, blocks, sliding).sliding_errors(of_plain, prior)
+    fitted = Blocks(rows_of_fit, blocks, fit).errors(prior)[0]
+    return None if clearly_smaller(fitted, kept) else sliding
 
 
 def _identification(first: LawRows, second: LawRows, fit: LawFit, weight: float,

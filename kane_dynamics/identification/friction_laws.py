@@ -16,6 +16,11 @@ before, which makes the equations linear.
 A law is judged on blocks of rows that its fit has left out. Motion that repeats is no
 test of a fit: rows of a periodic motion are divided by their phase instead.
 
+Load friction looks like mass: bodies and offsets are fitted together with it. Other laws
+differ from Coulomb friction where joints reverse or are fast. Centers of mass and offsets
+that follow these few rows predict other motion worse, so those of Coulomb friction are
+kept unless fits with others predict left-out blocks clearly better.
+
 The blocks are few and the rows within one are correlated, so that single joints cannot
 be told apart by their errors alone. Drives of one arm are of one kind: the law is that
 of the arm, the simplest whose error is the smallest within its standard error. A joint
@@ -24,7 +29,7 @@ of each joint's (empirical Bayes; Efron & Morris, JASA 70 (1975)).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -44,6 +49,7 @@ LENGTHS = np.geomspace(3e-4, 0.03, 15)  # candidates of the travel l, rad or m
 NEAR = np.geomspace(0.5, 2.0, 7)  # candidates of a friction speed, relative to the last
 SETTLED = 1e-3  # relative change of a friction speed that is fitted
 COLUMNS = 6  # damping, friction, armature, offset, quadratic damping, load friction
+OFFSET = 3
 LOWEST_OF_ALL = np.concatenate([LOWEST, [0.0, 0.0]])
 BLOCKS = 6  # of rows that are left out in turn
 TURNS = 3  # alternating fits of bodies and of what enters nonlinearly
@@ -51,6 +57,7 @@ REWEIGHTED = 2  # fits with weights of the joints by their residuals
 SIGNIFICANT = 2.0  # standard errors by which the law of a joint is better than the arm's
 NEGLIGIBLE = 0.01  # relative difference of errors that justifies no further term
 FLOOR = 1e-3  # of the RMS of the torque: smaller errors are no difference
+CLEARLY = 0.1  # relative gain for which bodies and offsets follow a law without load
 HARM = 0.05  # relative error by which the arm's law is wrong for a joint
 ALIKE = 0.02  # RMS distance of a repeated motion, relative to the range of each joint
 LEAST_PERIODS = 1.8  # of a periodic recording
@@ -246,6 +253,24 @@ def fit_laws(rows: LawRows, laws: Sequence[FrictionLaw], start: LawFit,
     return fit
 
 
+def fit_sliding(rows: LawRows, laws: Sequence[FrictionLaw], plain: LawFit) -> LawFit:
+    """
+    Return the fit with laws without load friction that keeps bodies and offsets.
+
+    They are those of `plain`, which has Coulomb friction. Joints that have it too keep all.
+    """
+    no_load = np.zeros_like(rows.torque)
+    shapes = _best_shapes(rows, laws, plain, no_load)
+    shapes = np.where(_are_plain(laws), plain.shapes, shapes)
+    system = equations(rows, laws, shapes, no_load)
+    return _sliding(system, replace(plain, laws=tuple(laws), shapes=shapes))
+
+
+def _are_plain(laws: Sequence[FrictionLaw]) -> Flags:
+    """Return which joints have Coulomb friction, (n,)."""
+    return np.array([law is COULOMB for law in laws])
+
+
 def _best_shapes(rows: LawRows, laws: Sequence[FrictionLaw], fit: LawFit, load: Array
                  ) -> Array:
     """Return the friction speeds and travels that fit best for given bodies, (n,)."""
@@ -323,6 +348,20 @@ def _solved(system: JointEquations, fit: LawFit, prior: Prior) -> LawFit:
         inertial, losses = _with_bodies(system, fit, prior)
     else:
         inertial, losses = fit.inertial, _losses_of_given_bodies(system, fit.inertial)
+    return _with_values(system, fit, inertial, losses)
+
+
+def _sliding(system: JointEquations, fit: LawFit) -> LawFit:
+    """Return the minimum of the equations for bodies, offsets and Coulomb friction of a fit."""
+    offsets = fit.losses[:, OFFSET]
+    losses = _losses_of_given_bodies(system, fit.inertial, offsets)
+    losses = np.where(_are_plain(fit.laws)[:, None], fit.losses, losses)
+    return _with_values(system, fit, fit.inertial, losses)
+
+
+def _with_values(system: JointEquations, fit: LawFit, inertial: Array, losses: Array
+                 ) -> LawFit:
+    """Return a fit with other values, and the deviations of their residuals."""
     x = np.concatenate([inertial, losses.ravel()])
     squares = np.array([np.sum((R[:, -1] - R[:, :-1] @ x)**2) for R in system.triangles])
     sigma = np.sqrt(np.maximum(squares / system.counts, 1e-24))
@@ -346,14 +385,25 @@ def _with_bodies(system: JointEquations, fit: LawFit, prior: Prior) -> tuple[Arr
     return x[:size], x[size:].reshape(-1, COLUMNS)
 
 
-def _losses_of_given_bodies(system: JointEquations, inertial: Array) -> Array:
-    """Return the losses of all joints, (n, 6), each fitted to what the bodies leave."""
+def _losses_of_given_bodies(system: JointEquations, inertial: Array,
+                            offsets: Array | None = None) -> Array:
+    """
+    Return the losses of all joints, (n, 6), each fitted to what the bodies leave.
+
+    Offsets, (n,), N m or N, are fitted too if they are not given.
+    """
     size = len(inertial)
     losses = []
     for j, R in enumerate(system.triangles):
         remaining_torque = R[:, -1] - R[:, :size] @ inertial
-        columns = R[:, own_columns(size, j)]
+        columns = R[:, own_columns(size, j)].copy()
+        if offsets is not None:
+            remaining_torque -= columns[:, OFFSET] * offsets[j]
+            columns[:, OFFSET] = 0.0
         losses.append(_bounded(np.column_stack([columns, remaining_torque])))
+    if offsets is not None:
+        for of_joint, offset in zip(losses, offsets, strict=True):
+            of_joint[OFFSET] = offset
     return np.array(losses)
 
 
@@ -393,14 +443,33 @@ class Blocks:
 
         The prior counts as much for a fit to all blocks but one as for a fit to all.
         """
-        share = 1.0 - 1.0 / len(self._parts)
         every, moving = [], []
         for part, others in zip(self._parts, self._others, strict=True):
-            predicted = _solved(others, self._fit, Prior(prior.model, share * prior.weight))
+            predicted = _solved(others, self._fit, self._for_the_others(prior))
             error = law_error(part, predicted)
             every.append(np.maximum(rms(error), self._floor))
             moving.append(np.maximum(moving_rms(error, part.data.moving), self._floor))
         return np.array(every), np.array(moving)
+
+    def sliding_errors(self, plain: 'Blocks', prior: Prior) -> Array:
+        """
+        Return `errors` of all rows with bodies and offsets of Coulomb friction, (blocks, n).
+
+        `plain` has the same blocks with Coulomb friction; its fits find bodies and offsets.
+        """
+        errors = []
+        for part, others, of_plain in zip(self._parts, self._others, plain._others,
+                                          strict=True):
+            start = _solved(of_plain, plain._fit, self._for_the_others(prior))
+            of_laws = replace(start, laws=self._fit.laws, shapes=self._fit.shapes)
+            error = law_error(part, _sliding(others, of_laws))
+            errors.append(np.maximum(rms(error), self._floor))
+        return np.array(errors)
+
+    def _for_the_others(self, prior: Prior) -> Prior:
+        """Return the prior for all blocks but one."""
+        share = 1.0 - 1.0 / len(self._parts)
+        return Prior(prior.model, share * prior.weight)
 
 
 def _without(systems: Sequence[JointEquations], left_out: int) -> JointEquations:
@@ -434,6 +503,17 @@ def largest_supported(errors: Sequence[Array], values: Sequence[float] | Array) 
     deviation = differences.std(axis=1, ddof=1) / np.sqrt(levels.shape[1])
     supported = differences.mean(axis=1) <= deviation
     return float(np.asarray(values)[supported][-1])
+
+
+def clearly_smaller(errors: Array, others: Array) -> bool:
+    """
+    Return whether errors on left-out blocks, (blocks, n), are clearly smaller than others.
+
+    That is by more than 10 %, and by more than twice the standard error over the blocks.
+    """
+    gain = np.log(others / errors).mean(axis=1)
+    doubt = float(gain.std(ddof=1)) / np.sqrt(len(gain))
+    return bool(gain.mean() > max(CLEARLY, SIGNIFICANT * doubt))
 
 
 def moving_rms(error: Array, moving: Flags) -> Array:

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from kane_dynamics import InputError, load_urdf, Robot
 from kane_dynamics.identification import identify, Recording
-from kane_dynamics.identification.friction_laws import (CandidateErrors, LAW_NAMES, law_rows, LAWS,
-                                                        LENGTHS, period, phases, without_harm)
+from kane_dynamics.identification.friction_laws import (CandidateErrors, clearly_smaller,
+                                                        LAW_NAMES, law_rows, LAWS, LENGTHS,
+                                                        period, phases, without_harm)
 from kane_dynamics.identification.presliding import dahl_friction
 from kane_dynamics.identification.regression import rows
 import numpy as np
@@ -106,6 +107,27 @@ def test_a_stated_law_is_that_of_all_joints_and_its_error_is_larger_where_it_is_
     assert (stated.held_out > 1.5 * chosen.held_out).any()
 
 
+def test_bodies_and_offsets_follow_only_a_law_that_predicts_clearly_better():
+    model = load_urdf(URDF)
+    for law, follow in (('coulomb', False), ('quadratic', True)):
+        _, recording = recording_of(law)
+        plain = identify(model, recording, friction='coulomb', weight=1e3, diagnosed=True)
+        other = identify(model, recording, friction='quadratic', weight=1e3, diagnosed=True)
+        size = 10 * len(model.bodies)
+        kept = np.array_equal(other.unknowns[:size], plain.unknowns[:size])
+        kept_offsets = np.array_equal(other.losses[:, 3], plain.losses[:, 3])
+        assert kept == kept_offsets == (not follow)
+        assert (other.held_out < 1.25 * NOISE).all()
+
+
+def test_a_gain_is_clear_beyond_a_tenth_and_two_standard_errors():
+    others = np.ones((6, 2))
+    assert clearly_smaller(0.8 * others, others)
+    assert not clearly_smaller(0.95 * others, others)
+    unequal = np.array([0.2, 1.0, 1.1, 1.0, 1.1, 1.0])[:, None] * others
+    assert not clearly_smaller(unequal, others)
+
+
 def test_masses_that_are_not_fitted_are_not_taken_for_friction_of_the_load():
     model, recording = recording_of('load')
     found = identify(model, recording, friction_only=True, diagnosed=True)
@@ -118,8 +140,9 @@ def test_bristles_of_a_recording_that_begins_in_motion_are_bent():
     whole = law_rows(rows(model, recording))
     later = law_rows(rows(model, recording.rows(slice(k, None))))
     # The first row has the friction that it has in the whole recording, for short travels.
-    short = 0.2 * np.abs(recording.q[k + 1] - recording.q[k]).min() > LENGTHS
-    assert short.any()
+    least = np.abs(recording.q[k + 1] - recording.q[k]).min()
+    short = [length for length in range(len(LENGTHS)) if 5.0 * LENGTHS[length] < least]
+    assert short
     np.testing.assert_allclose(later.dahl[0, short], whole.dahl[k, short], atol=0.02)
     np.testing.assert_allclose(np.abs(later.dahl[0, short]), 1.0, atol=0.02)
 
