@@ -26,6 +26,7 @@ import numpy as np
 
 CORNERS = 0.1, 0.2, 0.35, 0.5, 0.65, 0.8  # of the largest torque: trials to start from
 SOFTEST, STIFFEST = 20.0, 0.05  # first compliances, relative to that of one segment
+WIDEST = 1e4  # factor from the start to which compliances and corners are searched
 BEYOND = 1.25  # of the last corner: the least torque of the last point of a curve
 GRID = 1000  # deflections between which the inverse of a curve is linear
 DAMPING = 'drive_damping'
@@ -93,6 +94,15 @@ class CurveEquations(GearEquations):
                 rises = np.diff(corners, prepend=0.0)
                 value.update(zip(_corner_names(self.segments), np.log(rises)))
         return np.array([value[name] for name in self.names])
+
+    def bounds(self) -> Array:
+        """Return the least and the largest parameters, (2, n)."""
+        bounds = super().bounds()
+        start = self.start()
+        for k, name in enumerate(self.names):
+            if name in (*compliance_names(self.segments), *_corner_names(self.segments)):
+                bounds[:, k] = start[k] + np.log(WIDEST) * np.array([-1.0, 1.0])
+        return bounds
 
     def curve(self, value: dict[str, float]) -> StiffnessCurve:
         """Return the curve of parameters, up to the largest torque of the recording."""

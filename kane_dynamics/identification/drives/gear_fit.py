@@ -256,6 +256,18 @@ class GearEquations:
         values = {'compliance': compliance, 'skew': skew, 'log_slip': np.log(FIRST_SLIP)}
         return np.array([values.get(name, 0.0) for name in self.names])
 
+    def bounds(self) -> Array:
+        """
+        Return the least and the largest parameters, (2, n).
+
+        A long step to a friction speed of which the residuals say nothing would stay there.
+        """
+        bounds = np.full((2, len(self.names)), np.inf)
+        bounds[0] = -np.inf
+        if 'log_slip' in self.names:
+            bounds[:, self.names.index('log_slip')] = np.log(SLIPS)
+        return bounds
+
     def weighted(self, x: Array) -> Array:
         """Return the residuals over their standard deviations, real, (R,)."""
         value = self._values(x)
@@ -398,11 +410,7 @@ def slip_speed(value: Mapping[str, float]) -> float:
 def fitted(equations: GearEquations) -> GearFit:
     """Return the maximum of the likelihood, with its covariance."""
     x = equations.start()
-    # A long step to a friction speed of which the residuals say nothing would stay there.
-    bounds = np.full((2, len(x)), np.inf)
-    bounds[0] = -np.inf
-    if 'log_slip' in equations.names:
-        bounds[:, equations.names.index('log_slip')] = np.log(SLIPS)
+    bounds = equations.bounds()
     least = np.inf
     for held, rounds in zip(equations.holds, (ROUNDS, 1)):
         equations.held = held

@@ -206,8 +206,8 @@ def identify_drives(model: Model | Robot, recording: DriveRecording, *,
     -----
     ModelWarning
         The residuals are more than twice the noise: the equations lack something, such as
-        masses, more segments of the stiffness, or friction with memory. The deviations are
-        increased, but they do not contain such errors.
+        masses, more segments of the stiffness, a dead zone, or friction with memory. The
+        deviations are increased, but they do not contain such errors.
 
     Raises
     ------
@@ -263,8 +263,8 @@ def identify_drives(model: Model | Robot, recording: DriveRecording, *,
         names = ', '.join(links.joint_names[j] for j in poor)
         warnings.warn(f'drives of {names}: residuals are {np.sqrt(result.misfit.max()):.3g} '
                       'times the noise; expected at most twice: the equations lack '
-                      'something (masses, more segments of the stiffness, friction with '
-                      'memory)',
+                      'something (masses, more segments of the stiffness, a dead zone, '
+                      'friction with memory)',
                       ModelWarning, stacklevel=3)
     return result
 

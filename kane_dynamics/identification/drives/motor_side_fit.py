@@ -180,8 +180,8 @@ class MotorEquations:
             missing = self._motor[j].windowed - gear[j]
             A = np.concatenate([columns.real, columns.imag])
             scale = np.linalg.norm(A, axis=0)
-            x[7:11, j] = np.linalg.lstsq(A / scale, np.concatenate([missing.real,
-                                                                  missing.imag]))[0] / scale
+            right = np.concatenate([missing.real, missing.imag])
+            x[7:11, j] = np.linalg.lstsq(A / scale, right)[0] / scale
         return x
 
     def _spectra(self, values: Array) -> Array:
