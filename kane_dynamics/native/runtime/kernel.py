@@ -338,21 +338,29 @@ class Kernel:
 
         It is the code for a block of parameters, by default the kernel's, or `for_any`.
         """
-        text, program = self._of_batch
-        in_lanes = text is lane_text
-        zeros = 0
+        in_lanes = self._of_batch[0] is lane_text
         reduced = None if for_any else self._reduced
+        zeros = 0
         if reduced is not None:
             block = self.parameters if parameters is None else parameters
             if not any(block[:reduced.zeros].tolist()):
-                zeros, program = reduced
+                zeros = reduced.zeros
         kind = _kind_of_batches(in_lanes, zeros)
-        if kind in self._functions:
-            return self._functions[kind].address
+        if kind not in self._functions:
+            self._compile_batches(_kind_of_batches(in_lanes, 0), self._of_batch[1])
+            # At once, so that a change of the parameters compiles nothing later.
+            if reduced is not None:
+                self._compile_batches(_kind_of_batches(in_lanes, reduced.zeros),
+                                      reduced.program)
+        return self._functions[kind].address
+
+    def _compile_batches(self, kind: str, program: Callable[[], Program]) -> None:
+        """Compile the code of batches of a kind."""
+        text, _ = self._of_batch
         driver(width())
         # Lanes need many registers: in program order fewer values are spilled.
-        return self._function(kind, lambda: text(program(), SYMBOL, width()),
-                              _run_rows, in_lanes or self._in_order).address
+        self._function(kind, lambda: text(program(), SYMBOL, width()), _run_rows,
+                       text is lane_text or self._in_order)
 
     def _try(self, run: Run, function: llvm.Address) -> None:
         """Run code some times on arguments, parameters and result of one state."""

@@ -127,6 +127,18 @@ def test_batches_under_vertical_gravity_have_code_with_fewer_operations():
     assert masses.compile_lanes() == masses.compile_lanes(for_any=True)
 
 
+@pytest.mark.parametrize('gravity', [(0.0, 0.0, -9.81), (1.0, 0.0, -9.0)])
+def test_after_the_first_batch_a_change_of_gravity_compiles_nothing(gravity, monkeypatch):
+    robot = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')))
+    state = np.zeros((3, W + 3, 6))
+    robot.parameters.gravity = gravity
+    robot.inverse_dynamics(*state)
+    monkeypatch.setattr(Kernel, '_function', None)  # which compiles
+    for other in ((0.0, 0.0, -1.62), (0.0, 3.0, 0.0)):
+        robot.parameters.gravity = other
+        robot.inverse_dynamics(*state)
+
+
 def test_an_angle_on_which_no_torque_depends_is_checked():
     robot = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')))
     q, u, udot = np.zeros((3, W + 3, 6))
