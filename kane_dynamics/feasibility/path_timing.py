@@ -311,7 +311,7 @@ def _turning(coulomb: Sequence[Joint], u: Array, segments: Segments | None) -> F
 
 
 def joined_sections(parts: Sequence[ControllerPoints]
-           ) -> tuple[ControllerPoints, Callable[[], Array]]:
+                    ) -> tuple[ControllerPoints, Callable[[], Array]]:
     """Return the points of all sections, and a function for the coefficients."""
     if len(parts) == 1:
         return parts[0], partial(_coefficients, parts)

@@ -12,8 +12,8 @@ from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.drives.curve_fit import CurveFit, DAMPING, fitted_curve
-from kane_dynamics.identification.drives.drive_recording import (DriveRecording,
-                                                                  require_joint_count)
+from kane_dynamics.identification.drives.drive_recording import (
+    DriveRecording, require_joint_count)
 from kane_dynamics.identification.drives.driven_links import DrivenLinks
 from kane_dynamics.identification.drives.gear_fit import (fitted, GearEquations, GearFit,
                                                           JointSignals, LinkTorque)

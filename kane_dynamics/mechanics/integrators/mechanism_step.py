@@ -24,7 +24,7 @@ from kane_dynamics.mechanics.constraints.mechanism import congruent
 from kane_dynamics.mechanics.elastic_joints import linear_drives
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.integrators.implicit_friction import (
-    Resistance, resisted_speed, has_linearized_friction)
+    has_linearized_friction, Resistance, resisted_speed)
 import numpy as np
 
 # Of the closure, with N at its beginning: each reduces the residual by that distance.
