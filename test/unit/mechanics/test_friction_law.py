@@ -15,6 +15,7 @@ from linkages import at_angle, four_bar_model, PIN
 from mechanisms import random_model, random_state, wheel
 import numpy as np
 import pytest
+from same_numbers import assert_same_numbers
 
 AXIS = (0.0, 0.0, 1.0)
 LAW = {'damping': 0.7, 'quadratic_damping': 0.3, 'friction': 1.2, 'friction_backward': 0.8,
@@ -319,7 +320,7 @@ def test_torques_that_hold_are_those_with_which_nothing_moves(fractions):
             moved = simulate(robot, q, [0.0, 0.0], 0.01, torque=tau, sticking=True)
             assert direction * moved.u[-1, j] > 0.0
     batch = robot.holding_torques([q, q])
-    np.testing.assert_array_equal(batch[0][1], least)
+    assert_same_numbers(batch[0][1], least)
     with pytest.raises(InputError, match='holding_torques: of a robot with chosen speeds'):
         loaded_four_bar().holding_torques(at_angle(1.1))
 
