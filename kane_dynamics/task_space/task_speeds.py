@@ -64,7 +64,8 @@ def in_task_speeds(robot: Robot, frame: str, *, axes: str = 'world',
     -------
     Robot
         With speeds `<frame>/x` ... and `<frame>/null_1` ... where the frame leaves
-        degrees of freedom.
+        degrees of freedom. Its `configuration` is the one at which the complement was
+        chosen.
 
     Raises
     ------
