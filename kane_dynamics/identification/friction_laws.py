@@ -560,17 +560,28 @@ def chosen_laws(errors: Sequence[Array], loaded: Flags) -> tuple[FrictionLaw, ..
     return tuple(chosen)
 
 
+def _without_square(law: FrictionLaw) -> FrictionLaw:
+    """Return a law without its quadratic term."""
+    name = 'load' if law.load else COULOMB.name
+    return LAWS[LAW_NAMES.index(name)]
+
+
 def without_harm(laws: Sequence[FrictionLaw], candidates: Mapping[str, CandidateErrors]
                  ) -> tuple[FrictionLaw, ...]:
     """
     Return the laws, with Coulomb friction of joints for which theirs predicts worse.
 
     That is where the error on left-out blocks, of all rows or of those in motion, is larger
-    by more than 5 %: the mean over an arm may hide it.
+    by more than 5 %: the mean over an arm may hide it. Squares of the rate are left out
+    where they gain less than 1 %, since they predict higher speeds wrongly there.
     """
     plain = candidates[COULOMB.name]
     harmless = []
     for j, law in enumerate(laws):
+        if law.quadratic:
+            linear = _without_square(law)
+            enough = (1.0 - NEGLIGIBLE) * candidates[linear.name].every[j]
+            law = linear if candidates[law.name].every[j] > enough else law
         errors = candidates[law.name]
         # A joint that never moves has NaN for rows in motion, which is not larger.
         in_all = errors.every[j] > (1.0 + HARM) * plain.every[j]
@@ -583,13 +594,16 @@ def _simplest(levels: Array) -> int:
     """
     Return the first row whose mean is the smallest within noise, of (laws, blocks).
 
-    The noise is the standard error of the difference to the best row, over the blocks.
+    The noise is the standard error of the difference to the best row, over the blocks. Rows
+    that are no better than the first one are left out, however large their noise.
     """
     best = int(np.argmin(levels.mean(axis=1)))
     differences = levels - levels[best]
     deviation = differences.std(axis=1, ddof=1) / np.sqrt(levels.shape[1])
     noise = np.maximum(deviation, NEGLIGIBLE)
-    return int(np.argmax(differences.mean(axis=1) <= noise))
+    gains_enough = levels.mean(axis=1) < levels[0].mean() - NEGLIGIBLE
+    gains_enough[0] = True
+    return int(np.argmax(gains_enough & (differences.mean(axis=1) <= noise)))
 
 
 def _of_alike_drives(ratios: Array) -> tuple[Array, Array]:

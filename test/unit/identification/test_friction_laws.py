@@ -6,9 +6,10 @@ from pathlib import Path
 
 from kane_dynamics import InputError, load_urdf, Robot
 from kane_dynamics.identification import identify, Recording
-from kane_dynamics.identification.friction_laws import (CandidateErrors, clearly_smaller,
-                                                        LAW_NAMES, law_rows, LAWS, LENGTHS,
-                                                        period, phases, without_harm)
+from kane_dynamics.identification.friction_laws import (CandidateErrors, chosen_laws,
+                                                        clearly_smaller, LAW_NAMES, law_rows,
+                                                        LAWS, LENGTHS, period, phases,
+                                                        without_harm)
 from kane_dynamics.identification.presliding import dahl_friction
 from kane_dynamics.identification.regression import rows
 import numpy as np
@@ -118,6 +119,26 @@ def test_bodies_and_offsets_follow_only_a_law_that_predicts_clearly_better():
         kept_offsets = np.array_equal(other.losses[:, 3], plain.losses[:, 3])
         assert kept == kept_offsets == (not follow)
         assert (other.held_out < 1.25 * NOISE).all()
+
+
+def test_a_law_that_gains_nothing_is_not_chosen_for_its_noise():
+    # The load explains 4 %. The square of the rate explains nothing, with larger noise.
+    noise = np.array([0.9, 1.1, 0.9, 1.1, 0.9, 1.1])[:, None] * np.ones((6, 3))
+    errors = {'coulomb': np.ones((6, 3)), 'quadratic': noise, 'load': np.full((6, 3), 0.96),
+              'presliding': 2.0 * noise, 'load and quadratic': np.full((6, 3), 0.96)}
+    laws = chosen_laws([errors[name] for name in LAW_NAMES], np.ones(3, dtype=bool))
+    assert [law.name for law in laws] == ['load'] * 3
+
+
+def test_a_joint_has_the_square_of_its_rate_only_where_it_gains():
+    def candidate(*errors):
+        return CandidateErrors(np.array(errors), np.array(errors))
+    candidates = {'coulomb': candidate(1.0, 1.0, 1.0), 'load': candidate(0.8, 0.8, 0.8),
+                  'quadratic': candidate(0.9, 0.995, 1.0),
+                  'load and quadratic': candidate(0.7, 0.795, 0.9)}
+    for name, simpler in (('quadratic', 'coulomb'), ('load and quadratic', 'load')):
+        laws = without_harm([LAWS[LAW_NAMES.index(name)]] * 3, candidates)
+        assert [law.name for law in laws] == [name, simpler, simpler]
 
 
 def test_a_gain_is_clear_beyond_a_tenth_and_two_standard_errors():
