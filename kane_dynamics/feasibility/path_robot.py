@@ -86,12 +86,11 @@ class PathRobot:
         self.names = robot.joint_names
         self.driving: list[int] | None = None
         self._rest: Array | None = None
+        # Only joints that follow others have a configuration to begin from.
+        if rest is not None and robot.n == robot.n_q:
+            raise InputError('rest: given for a robot without constraints; expected None')
         # Trees follow the path by themselves; closed loops by their driving joints.
         if robot.equations.in_joint_rates:
-            # Only joints that follow others have a configuration to begin from.
-            if rest is not None:
-                raise InputError('rest: given for a robot without constraints; expected '
-                                 'None')
             self.motion = path_of(path, self.names)
         else:
             self._require_mechanism(path, rest)

@@ -111,9 +111,11 @@ class GpuKernel(Function):
         """Generate the kernel; `lines` holds the IR."""
         self._host = host
         super().__init__(program, KERNEL, 1, real, abreast=1)
+        self.lines[0] = self._definition()
         self.lines = hoisted(self.lines)
 
-    def _head(self, symbol: str) -> str:
+    def _definition(self) -> str:
+        """Return the head of the kernel."""
         # Each array with its distances from state to state and from step to step; the
         # block of parameters, which all states share, by value.
         *arguments, (block, shape) = self.program.inputs

@@ -283,10 +283,19 @@ class Vector:
         to 8e14; beyond 3e15 and 8e14 the results are wrong. Of floats: 2e-7 absolute up to
         their position limit.
         """
+        # x = k h + r, so that |r| <= h/2: adding `round` leaves the whole number k in the
+        # last bits of the mantissa.
+        parts = 4 if self.permutes else 1  # of pi/2
+        round_up = self.const(self.real.round)
+        shifted = self.fma(x, self.const(2.0 * parts / math.pi), round_up)
+        quadrant = self.bits(shifted)
+        k = self.new(f'fneg {self.type} ' + self.op('fsub', shifted, round_up))
+        # h in two parts, so that r keeps its digits.
+        r = x
+        for part in self.real.half_pi:
+            r = self.fma(k, self.const(part / parts), r)
         if self.permutes:
-            return self._sin_cos_near_eighths(x)
-        # x = turns pi/2 + r, so that |r| <= pi/4.
-        quadrant, r = self._without_turns(x, 1)
+            return self._sin_cos_near_eighths(quadrant, r)
         # Polynomials of sine and cosine of r.
         z = self.op('fmul', r, r)
         sine = self.fma(self.op('fmul', r, z), self.polynomial(self.real.sine, z), r)
@@ -306,15 +315,15 @@ class Vector:
             result.append(self.number(flipped))
         return result[0], result[1]
 
-    def _sin_cos_near_eighths(self, x: str) -> tuple[str, str]:
+    def _sin_cos_near_eighths(self, number: str, r: str) -> tuple[str, str]:
         """
         Return (sin x, cos x) from those of a, the multiple of pi/8 nearest to x.
 
-        With r = x - a, sin x = sin a + (cos a sin r + sin a (cos r - 1)), and cos x = cos a
-        + (cos a (cos r - 1) - sin a sin r). Signs and quarter turns take no operations,
-        and the polynomials are shorter than on |r| <= pi/4. The errors are as of `sin_cos`.
+        The last bits of `number` are those of a/(pi/8). With r = x - a, sin x = sin a
+        + (cos a sin r + sin a (cos r - 1)), and cos x = cos a + (cos a (cos r - 1) -
+        sin a sin r). Signs and quarter turns take no operations, and the polynomials are
+        shorter than on |r| <= pi/4. The errors are as of `sin_cos`.
         """
-        number, r = self._without_turns(x, 4)
         # sin r and cos r - 1.
         z = self.op('fmul', r, r)
         sine = self.fma(self.op('fmul', r, z), self.polynomial(NEAR_SIN, z), r)
@@ -323,37 +332,19 @@ class Vector:
         rising = list(EIGHTHS[:4])
         half_turn = rising + list(EIGHTHS[:0:-1])
         turn = half_turn + [-value for value in half_turn]
-        sine_a = self._chosen(turn, number)
-        cosine_a = self._chosen(turn[4:] + turn[:4], number)
+        chosen = []
+        for table in (turn, turn[4:] + turn[:4]):
+            entries = list(map('double {}'.format, map(self.real.literal, table)))
+            low, high = ', '.join(entries[:8]), ', '.join(entries[8:])
+            chosen.append(self.new(
+                f'call {self.type} @{PERMUTE}({self.type} <{low}>, {self.integer} {number}, '
+                f'{self.type} <{high}>)'))
+        sine_a, cosine_a = chosen
         change = self.fma(cosine_a, sine, self.op('fmul', sine_a, fall))
         sine_of_x = self.op('fadd', sine_a, change)
         opposite = self.new(f'fneg {self.type} {sine_a}')
         change = self.fma(opposite, sine, self.op('fmul', cosine_a, fall))
         return sine_of_x, self.op('fadd', cosine_a, change)
-
-    def _without_turns(self, x: str, parts: int) -> tuple[str, str]:
-        """
-        Return k and x - k h with the nearest whole k, h = pi/2 over a power of two.
-
-        The last bits of k's lanes, integers, are those of the nearest whole number.
-        """
-        # Adding `round` leaves the whole number in the last bits of the mantissa.
-        round_up = self.const(self.real.round)
-        shifted = self.fma(x, self.const(2.0 * parts / math.pi), round_up)
-        k = self.new(f'fneg {self.type} ' + self.op('fsub', shifted, round_up))
-        # h in two parts, so that the rest keeps its digits.
-        for part in self.real.half_pi:
-            x = self.fma(k, self.const(part / parts), x)
-        return self.bits(shifted), x
-
-    def _chosen(self, numbers: list[float], places: str) -> str:
-        """Return, per lane, one of 16 numbers: that of the last four bits of its place."""
-        halves = []
-        for half in (numbers[:8], numbers[8:]):
-            entries = ', '.join(f'double {self.real.literal(number)}' for number in half)
-            halves.append(f'{self.type} <{entries}>')
-        return self.new(f'call {self.type} @{PERMUTE}({halves[0]}, {self.integer} '
-                        f'{places}, {halves[1]})')
 
     def tanh(self, x: str) -> str:
         """Return tanh x = sign(x) E / (E + 2) with E = expm1(2 |x|), to 3 ulp."""

@@ -509,6 +509,7 @@ class Function:
 
     in_place: tuple[str, ...] = ('input', 'output')  # values in memory
     permutes = False  # as of `Vector`
+    pointers = 'ptr %args'  # parameters of the function
 
     def __init__(self, program: Program, symbol: str, lanes: int = 1,
                  real: Real = DOUBLE, abreast: int = FUNCTION_LANES) -> None:
@@ -571,13 +572,10 @@ class Function:
                 for node in group:
                     self._operation(node)
         self._store_outputs()
-        self.lines[:0] = [self._head(symbol), *self.reserved]
-
-    def _head(self, symbol: str) -> str:
-        aligned = ''
-        if self._wide.stored:  # spilled rows need an aligned stack
-            aligned = f' alignstack({8 * LANES})'
-        return f'define void @{symbol}(ptr %args){aligned} {{'
+        # Spilled rows need an aligned stack.
+        aligned = f' alignstack({8 * LANES})' if self._wide.stored else ''
+        head = f'define void @{symbol}({self.pointers}){aligned} {{'
+        self.lines[:0] = [head, *self.reserved]
 
     def callee(self, program: Program) -> 'Function':
         """Return the function of a subroutine."""

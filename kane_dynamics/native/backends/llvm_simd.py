@@ -110,6 +110,7 @@ class RowFunction(Function):
     """
 
     in_place = ('output',)
+    pointers = 'ptr %args, ptr %bad'
 
     def __init__(self, program: Program, symbol: str, lanes: int, shared: str) -> None:
         """Generate the function; `lines` holds the IR."""
@@ -117,12 +118,9 @@ class RowFunction(Function):
         self.permutes = lanes == AVX512 and llvm.features().get('avx512f', False)
         super().__init__(program, symbol, lanes)
 
-    def _head(self, symbol: str) -> str:
-        return f'define void @{symbol}(ptr %args, ptr %bad) {{'
-
     def _load_inputs(self, schedule: list[Expr]) -> None:
         """Load all inputs first: results may overlap arguments in memory."""
-        self._vector = Vector(self.lines, 'row', self.lanes)
+        self._vector = v = Vector(self.lines, 'row', self.lanes)
         # An argument's rows are loaded for all of its entries; only entries that the
         # program reads get a name.
         used = {}  # indices of the nodes of entries that the program needs
@@ -137,15 +135,25 @@ class RowFunction(Function):
             # The shared argument is one row for all states, so that each entry is copied
             # to all lanes.
             columns = []
+            entries = set()
             if not is_shared:
                 columns = self._columns(rows, size)
                 totals += self._totals(columns, size_limit(name))
             for k in range(size):
-                if (name, k) in used:
-                    entry = self._splat(rows[0], k) if is_shared else columns[k]
-                    self.names[used[name, k]] = entry
+                if (name, k) not in used:
+                    continue
+                index = used[name, k]
+                entries.add(index)
+                if is_shared:
+                    at = v.new(f'getelementptr double, ptr {rows[0]}, i64 {k}')
+                    entry = v.new(f'load double, ptr {at}')
+                    one = v.new(f'insertelement {v.type} poison, double {entry}, i32 0')
+                    self.names[index] = v.shuffle(one, 'poison', [0] * v.width)
+                else:
+                    self.names[index] = columns[k]
             # Sines and cosines of positions, before the columns of speeds need registers.
-            self._functions(_functions_of(name, schedule))
+            self._functions([node for node in schedule if node.op in ELEMENTARY
+                             and node.args[0].index in entries])
         self._add_flags(0, totals)
 
     def _store_outputs(self) -> None:
@@ -181,14 +189,6 @@ class RowFunction(Function):
             at = v.new(f'getelementptr ptr, ptr %args, i64 {slot * v.width + lane}')
             rows.append(v.new(f'load ptr, ptr {at}'))
         return rows
-
-    def _splat(self, row: str, k: int) -> str:
-        """Load one entry of the shared argument into every lane."""
-        v = self._vector
-        at = v.new(f'getelementptr double, ptr {row}, i64 {k}')
-        entry = v.new(f'load double, ptr {at}')
-        one = v.new(f'insertelement {v.type} poison, double {entry}, i32 0')
-        return v.shuffle(one, 'poison', [0] * v.width)
 
     def _columns(self, rows: list[str], size: int) -> list[str]:
         """Load rows of `size` entries as a vector per entry."""
@@ -286,17 +286,6 @@ class RowFunction(Function):
                 at = v.new(f'getelementptr double, ptr {row}, i64 {distance + k}')
                 v.lines.append(f'  call void @llvm.prefetch.p0(ptr {at}, i32 '
                                f'{int(writing)}, i32 3, i32 1)')
-
-
-def _functions_of(argument: str, schedule: list[Expr]) -> list[Expr]:
-    """Return the elementary functions of single entries of an argument."""
-    functions = []
-    for node in schedule:
-        if node.op in ELEMENTARY:
-            x, = node.args
-            if x.op == 'input' and x.args[0] == argument:
-                functions.append(node)
-    return functions
 
 
 def _mask(lanes: int, live: int) -> str:

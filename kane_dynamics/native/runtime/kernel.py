@@ -347,20 +347,18 @@ class Kernel:
                 zeros = reduced.zeros
         kind = _kind_of_batches(in_lanes, zeros)
         if kind not in self._functions:
-            self._compile_batches(_kind_of_batches(in_lanes, 0), self._of_batch[1])
+            text, of_any = self._of_batch
+            driver(width())
+            # Lanes need many registers: in program order fewer values are spilled.
+            in_order = in_lanes or self._in_order
+            self._function(_kind_of_batches(in_lanes, 0),
+                           lambda: text(of_any(), SYMBOL, width()), _run_rows, in_order)
             # At once, so that a change of the parameters compiles nothing later.
             if reduced is not None:
-                self._compile_batches(_kind_of_batches(in_lanes, reduced.zeros),
-                                      reduced.program)
+                self._function(_kind_of_batches(in_lanes, reduced.zeros),
+                               lambda: text(reduced.program(), SYMBOL, width()),
+                               _run_rows, in_order)
         return self._functions[kind].address
-
-    def _compile_batches(self, kind: str, program: Callable[[], Program]) -> None:
-        """Compile the code of batches of a kind."""
-        text, _ = self._of_batch
-        driver(width())
-        # Lanes need many registers: in program order fewer values are spilled.
-        self._function(kind, lambda: text(program(), SYMBOL, width()), _run_rows,
-                       text is lane_text or self._in_order)
 
     def _try(self, run: Run, function: llvm.Address) -> None:
         """Run code some times on arguments, parameters and result of one state."""
