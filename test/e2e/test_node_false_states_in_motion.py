@@ -251,6 +251,7 @@ class Lockstep:
 
     def compared(self, reference, reason, change, count):
         """Return the distance from a run without false states, which are counted."""
+        found = 'states lost in every run'
         for _ in range(ATTEMPTS):
             before = self.dropped().get(reason, 0)
             try:
@@ -261,7 +262,8 @@ class Lockstep:
             counted = self.dropped().get(reason, 0) - before
             if counted == count and away[:FAULT].max() < 1e-9:
                 return away
-        raise AssertionError((reason, counted, away[:FAULT].max(), self.node.log[-1500:]))
+            found = counted, away[:FAULT].max()
+        raise AssertionError((reason, found, self.node.log[-1500:]))
 
 
 LASTING = {'fr3': ('jump', 'small jump', 'degrees', 'not finite'),
