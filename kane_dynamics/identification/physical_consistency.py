@@ -27,6 +27,7 @@ REGULARIZATION = 1e-12  # of Clarabel's linear systems; its 1e-8 hides a prior o
 # Shares of the way to the boundary of the cones that a step of the solver takes. With its
 # own 0.99 it may stall just before the optimum if data and prior differ much in weight.
 STEPS = (0.99, 0.9, 0.7)
+COMBINED = 1e-13  # of a column's length: the rounding of a combination of the columns before it
 MASSLESS = 1e-3  # kg m^2 and kg, eigenvalues for P0 = 0
 # An orthonormal basis of symmetric matrices: |Z|^2 is that of the coefficients.
 # Its order is that of semidefinite matrices in Clarabel: the lower triangle, row by row.
@@ -97,6 +98,8 @@ def physical(A: Array, b: Array, prior: Sequence[Inertial], lowest: Array, weigh
     # is solved.
     x = _unconstrained(R, len(prior), lowest)
     if x is None:
+        x = _nearest(R, len(prior), lowest)
+    if x is None:
         x = _constrained(R, len(prior), lowest, weight)
     for k, change in enumerate(changes):
         start[10 * k:10 * k + 10] += change @ x[10 * k:10 * k + 10]
@@ -123,6 +126,40 @@ def _unconstrained(R: Array, bodies: int, lowest: Array) -> Array | None:
     Z = np.tensordot(x[:10 * bodies].reshape(-1, 10), SYMMETRIC, axes=1)
     smallest = np.linalg.eigvalsh(np.eye(4) + Z).min()
     return x if solution.success and smallest >= SMALLEST else None
+
+
+def _nearest(R: Array, bodies: int, lowest: Array) -> Array | None:
+    """
+    Return the minimum by semidefinite programming in units of its own deviations.
+
+    With the minimum x0 without constraints, the cost of x = x0 + R_x^-1 w is |w|^2 and a
+    constant: the program is of size 1 in every direction, however much data and prior
+    differ in weight. None where the solver does not find it, as where x0 is far away.
+    """
+    clarabel = scientific('clarabel')
+    sparse = scientific('scipy.sparse')
+    solve_triangular = scientific('scipy.linalg').solve_triangular
+    count = R.shape[1] - 1
+    size = 10 * bodies
+    # A loss whose column is a combination of those before it is zero, or at its bound.
+    lengths = np.linalg.norm(R[:, :count], axis=0)
+    lengths[lengths == 0.0] = 1.0
+    diagonal = np.zeros(count)
+    diagonal[:len(R)] = np.diag(R)[:count]
+    combined = np.abs(diagonal) <= COMBINED * lengths
+    combined[:size] = False
+    R = triangle(np.vstack([R, np.diag([*lengths, 1.0])[np.flatnonzero(combined)]]))
+    x0 = solve_triangular(R[:count, :count], R[:count, -1])
+    root = solve_triangular(R[:count, :count], np.eye(count))
+
+    # Bounds of losses, then 1 + Z of each body: SMALLEST is its least eigenvalue.
+    bounded = np.flatnonzero(np.isfinite(lowest))
+    identity = np.tile([(1.0 - SMALLEST) * np.trace(unit) for unit in SYMMETRIC], bodies)
+    by_w = np.concatenate([root[size + bounded], root[:size]])
+    above = np.concatenate([x0[size + bounded] - lowest[bounded], x0[:size] + identity])
+    cones = [clarabel.NonnegativeConeT(len(bounded)), *[clarabel.PSDTriangleConeT(4)] * bodies]
+    w, _ = _minimum(sparse.eye(count, format='csc'), sparse.csc_matrix(-by_w), above, cones)
+    return None if w is None else np.asarray(x0 + root @ w)
 
 
 def _constrained(R: Array, bodies: int, lowest: Array, weight: float) -> Array:
