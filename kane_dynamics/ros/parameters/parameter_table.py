@@ -289,7 +289,8 @@ SPECS = (
          'false, then true again'),
     Spec('coupling.stiffness', 'per_joint', [],
          'stiffness of the joints towards those of the partner, N m/rad or N/m; empty: '
-         'twice the effort limit per rad or m', low=0.0),
+         'twice the effort limit per rad or m, and at most 2500 1/s^2 times the inertia of '
+         'the joint as for the damping', low=0.0),
     Spec('coupling.damping', 'per_joint', [],
          'damping, N m s/rad or N s/m; empty: damping ratio 0.7 for the inertia of each '
          'joint at zero positions, with the others free. A delay between the arms should '

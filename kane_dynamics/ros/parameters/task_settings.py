@@ -13,6 +13,7 @@ import numpy as np
 
 EFFORTS_PER_UNIT = 5.0  # joint stiffness by default: effort limits per rad or m
 COUPLED = 2.0  # likewise of joints that are coupled with another arm, whose spring adds
+SWIFTEST = 50.0  # rad/s: most of sqrt(stiffness / inertia) of them, as states come late
 RATIO = 0.7  # damping ratio of coupled joints by default
 
 
@@ -178,19 +179,22 @@ def coupling_settings(values: Mapping[str, Any], robot: Robot,
 
     """
     places = list(map(robot.joint_names.index, joints))
-    effort = COUPLED * np.asarray(robot.limits.effort, np.float64)[places]
-    stiffness = per_joint(values, 'coupling.stiffness', joints, effort)
+    # The inertia of each joint with the others free. The independent speeds of an arm of
+    # the node are rates of the joints that are coupled.
+    mobilities = np.diag(np.linalg.inv(robot.mass_matrix(robot.neutral())))
+    inertias = dict(zip(robot.speed_names, 1.0 / mobilities))
+    inertia = np.array([inertias[name] for name in joints])
+    effort = np.asarray(robot.limits.effort, np.float64)[places]
+    # No faster than what states of the partner, some periods late, keep steady.
+    default = np.minimum(COUPLED * effort, SWIFTEST**2 * inertia)
+    default[~np.isfinite(effort)] = np.inf
+    stiffness = per_joint(values, 'coupling.stiffness', joints, default)
     if not np.isfinite(stiffness).all():
         joint = joints[int(np.flatnonzero(~np.isfinite(stiffness))[0])]
         raise InputError(f"parameter 'coupling.stiffness': empty, and joint '{joint}' has "
                          'no effort limit; expected one number or one per joint, N m/rad '
                          'or N/m')
     speeds = np.asarray(robot.limits.velocity, np.float64)[places]
-    # By a ratio for the inertia of each joint with the others free. The independent
-    # speeds of an arm of the node are rates of the joints that are coupled.
-    mobilities = np.diag(np.linalg.inv(robot.mass_matrix(robot.neutral())))
-    inertias = dict(zip(robot.speed_names, 1.0 / mobilities))
-    inertia = np.array([inertias[name] for name in joints])
     damping = 2.0 * RATIO * np.sqrt(stiffness * inertia)
     settings = {
         'stiffness': stiffness,

@@ -248,3 +248,31 @@ def test_two_coupled_arms_swing_up_where_the_warning_says_so(period, stiffness, 
                 q[i] = q[i] + step * u[i]
     fastest = np.abs(u).max()
     assert (fastest < 0.01) if steady else (fastest > 0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', ['fr3', 'ur10e'])
+def test_the_default_coupling_of_two_arms_is_steady_while_states_come_late(name):
+    """At 500 Hz, torques a period late, states of the partner five."""
+    robot = Robot(load_urdf(resource_path('urdf', f'{name}.urdf')))
+    settings = coupling_settings(node_values({}), robot, robot.joint_names)
+    n, period = robot.n, 2e-3
+    home = 0.5 * (robot.limits.lower + robot.limits.upper)
+    q = [home, home + 1e-3 * np.arange(n)]
+    u = [np.zeros(n), np.zeros(n)]
+    sides = [ArmCoupling(robot, **settings) for _ in range(2)]
+    states, torques = [], []
+    for k in range(500):
+        t = k * period
+        states.append([PartnerState(t, q[i], u[i], np.zeros(n)) for i in range(2)])
+        late = states[max(0, k - 5)]
+        if k == 0:
+            for i in range(2):
+                sides[i].engage(q[i], late[1 - i])
+        torques.append([sides[i].torque(t, q[i], u[i], late[1 - i]) for i in range(2)])
+        for i in range(2):
+            for _ in range(4):
+                step = 0.25 * period
+                u[i] = u[i] + step * robot.forward_dynamics(q[i], u[i], torques[max(0, k - 1)][i])
+                q[i] = q[i] + step * u[i]
+    assert np.abs(u[0] - u[1]).max() < 0.02
