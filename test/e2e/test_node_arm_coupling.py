@@ -26,7 +26,7 @@ CONSTANTS = np.array([6.0, 2.0])  # N m/A
 RESOLUTION = 0.05  # A, of the measured currents
 WALL = np.array([-4.0, 0.0, -6.0])  # N in the world, on the tip of the follower
 HOLD = (40.0, 8.0)  # N/m and N s/m, of the hand on the tip of the leader: soft, as it is late
-TORQUE_ERROR = 0.5  # N m, of estimates with these currents; the wall has some 6 N m
+TORQUE_ERROR = 0.5  # N m, of estimates with these currents; the wall has 3 to 6 N m
 START = {'leader': [0.4, -0.9], 'follower': [0.1, -0.6]}
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
@@ -165,7 +165,7 @@ def test_a_follower_goes_where_the_leader_is_led_and_a_lost_side_is_harmless(
         of_hand, of_wall, at_leader, at_follower = press_together(leader, follower)
         print(f'\n{measured}: hand {of_hand}, estimate {at_leader}, wall {of_wall}, '
               f'estimate {at_follower} N m')
-        assert np.abs(of_wall).max() > 3.0
+        assert np.abs(of_wall).max() > 4.0 * TORQUE_ERROR
         np.testing.assert_allclose(of_hand, -of_wall, atol=TORQUE_ERROR)
         np.testing.assert_allclose(at_leader, of_hand, atol=TORQUE_ERROR)
         np.testing.assert_allclose(at_follower, of_wall, atol=TORQUE_ERROR)
