@@ -573,7 +573,9 @@ def without_harm(laws: Sequence[FrictionLaw], candidates: Mapping[str, Candidate
 
     That is where the error on left-out blocks, of all rows or of those in motion, is larger
     by more than 5 %: the mean over an arm may hide it. Squares of the rate are left out
-    where they gain less than 1 %, since they predict higher speeds wrongly there.
+    where they gain less than 1 %, since they predict higher speeds wrongly there. So is
+    presliding where it gains nothing: it is the law of an arm for those of its joints at
+    which it shows.
     """
     plain = candidates[COULOMB.name]
     harmless = []
@@ -584,7 +586,8 @@ def without_harm(laws: Sequence[FrictionLaw], candidates: Mapping[str, Candidate
             law = linear if candidates[law.name].every[j] > enough else law
         errors = candidates[law.name]
         # A joint that never moves has NaN for rows in motion, which is not larger.
-        in_all = errors.every[j] > (1.0 + HARM) * plain.every[j]
+        most = 1.0 if law.presliding else 1.0 + HARM
+        in_all = errors.every[j] > most * plain.every[j]
         in_motion = errors.moving[j] > (1.0 + HARM) * plain.moving[j]
         harmless.append(COULOMB if in_all or in_motion else law)
     return tuple(harmless)

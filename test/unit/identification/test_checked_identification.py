@@ -36,7 +36,7 @@ def test_payload_and_base_parameters_compute_on_one_thread(monkeypatch):
                            if pool['user_api'] == 'blas')
             return function(*arguments, **options)
         monkeypatch.setattr(module, name, wrapped)
-    watched(payload_fit, 'physical')
+    watched(payload_fit, 'nearest_physical')
     watched(base_regressor, 'compressed')
     recording = simulated(model, 3, 0.01, duration=6.0)
     identify_payload(model, recording, 'tip')
