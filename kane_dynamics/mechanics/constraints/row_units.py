@@ -9,7 +9,9 @@ from kane_dynamics.mechanics.constraints import (Closure, Constraint, Coupling,
 from kane_dynamics.model.model import Inertial, Joint, Model, WORLD
 import numpy as np
 
-ROUNDING = 1e-9  # of the mechanism: points of a loop that are nearer coincide
+# Of the mechanism: points of a loop that are nearer coincide. Files round lengths, and axes
+# that meet in a point are then some 1e-7 m apart.
+ROUNDING = 1e-6
 
 
 def length_of(model: Model, constraints: Sequence[Constraint] = ()) -> float:

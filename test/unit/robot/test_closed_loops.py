@@ -4,7 +4,7 @@ from functools import partial
 
 from kane_dynamics import (Closure, ComputedTorque, ConstraintError, disc, Drive, InputError,
                            LoopTracker, ModelBuilder, Motion, power_balance, Prescribed, Robot,
-                           simulate, with_drives)
+                           rotation_rpy, simulate, with_drives)
 from kane_dynamics.mechanics.constraints import loop_closure
 from kinds_of_mechanism import case, PAIRS
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
@@ -128,12 +128,13 @@ def two_four_bars(*sizes, far=0.46, rounded=0.0, **choice):
     return robot, robot.closed_configuration([0.8, -1.2, -1.0] * len(sizes))
 
 
-@pytest.mark.parametrize('sizes', [(1.0, 1e-3), (1e-3, 1.0), (1e-3,)])
+@pytest.mark.parametrize('sizes', [(1.0, 1e-3), (1e-3, 1.0), (1e-3,), (1e-6,)])
 def test_every_loop_is_judged_by_its_own_length(sizes):
     robot, q = two_four_bars(*sizes)
     assert robot.mechanism.closure_length == pytest.approx(max(sizes))
+    step = 1e-3 * np.sqrt(min(sizes) / 1e-3)  # small loops fall fast
     u, calls = np.zeros(robot.n), (
-        robot.mass_matrix, lambda q: simulate(robot, q, u, 1e-3, step=1e-3),
+        robot.mass_matrix, lambda q: simulate(robot, q, u, step, step=step),
         lambda q: ComputedTorque(robot, Motion.from_points(
             [0.0, 1.0], [q, q], joint_names=robot.joint_names), kp=1.0, kd=1.0))
     for call in calls:
@@ -159,6 +160,33 @@ def test_every_loop_is_closed_in_its_own_length():
     assert np.abs(robot.constraint_residual(q) / units).max() > 5e-9
     closed = robot.closed_configuration(q)
     assert np.abs(robot.constraint_residual(closed) / units).max() < 1e-11
+
+
+@pytest.mark.parametrize('error', [0.0, 1e-9, 1e-7])
+def test_axes_that_meet_in_a_point_up_to_rounding_make_no_tiny_loop(error):
+    """A spherical four-bar, as a file with seven decimals states it."""
+    rng = np.random.default_rng(0)
+
+    def bars(ground=None):
+        b, on = ModelBuilder('spherical four-bar'), 'world'
+        for bar, tilt in (('crank', 0.0), ('coupler', 0.5), ('rocker', 1.2)):
+            b.body(bar, on, axis=(0, 0, 1), rpy=(tilt, 0, 0), at=error * rng.uniform(-1, 1, 3),
+                   inertial=disc(1.0, 0.1))
+            on = bar
+        b.frame('end', on, rpy=(0.9, 0, 0), at=error * rng.uniform(-1, 1, 3))
+        b.frame('tool', 'coupler', at=(0, 0, 0.4))
+        if ground is not None:
+            b.frame('ground', 'world', rpy=rotation_rpy(ground[:3, :3]))
+        return b.model()
+    q = [0.5, 0.8, 0.6]
+    ground = Robot(bars()).frame_pose('end', q)
+    robot = Robot(bars(ground), constraints=[Closure('end', 'ground', 'revolute')],
+                  configuration=q, rank_tolerance=1e-4)
+    assert robot.mechanism.closure_length == pytest.approx(0.4)
+    tracker = LoopTracker(robot, ['crank'])
+    tracker.restart(robot.closed_configuration(q))
+    tracker.update([0.55], np.zeros(1))
+    assert np.isfinite(robot.mass_matrix(tracker.q)).all()
 
 
 @pytest.mark.parametrize('other', [0.1, 1.0])
