@@ -141,7 +141,12 @@ def _nearest(R: Array, bodies: int, lowest: Array) -> Array | None:
     solve_triangular = scientific('scipy.linalg').solve_triangular
     count = R.shape[1] - 1
     size = 10 * bodies
-    # A loss whose column is a combination of those before it is zero, or at its bound.
+    # A loss whose column is a combination of those before it is zero. Offsets come first:
+    # friction of a joint that moves one way looks like them, and is at its bound then.
+    bounds = np.concatenate([np.full(size, -np.inf), lowest])
+    order = np.argsort(np.isfinite(bounds), kind='stable')
+    bounds = bounds[order]
+    R = triangle(R[:, [*order, count]])
     lengths = np.linalg.norm(R[:, :count], axis=0)
     lengths[lengths == 0.0] = 1.0
     diagonal = np.zeros(count)
@@ -153,13 +158,18 @@ def _nearest(R: Array, bodies: int, lowest: Array) -> Array | None:
     root = solve_triangular(R[:count, :count], np.eye(count))
 
     # Bounds of losses, then 1 + Z of each body: SMALLEST is its least eigenvalue.
-    bounded = np.flatnonzero(np.isfinite(lowest))
+    bounded = np.isfinite(bounds)
     identity = np.tile([(1.0 - SMALLEST) * np.trace(unit) for unit in SYMMETRIC], bodies)
-    by_w = np.concatenate([root[size + bounded], root[:size]])
-    above = np.concatenate([x0[size + bounded] - lowest[bounded], x0[:size] + identity])
-    cones = [clarabel.NonnegativeConeT(len(bounded)), *[clarabel.PSDTriangleConeT(4)] * bodies]
+    by_w = np.concatenate([root[bounded], root[:size]])
+    above = np.concatenate([x0[bounded] - bounds[bounded], x0[:size] + identity])
+    cones = [clarabel.NonnegativeConeT(int(bounded.sum())),
+             *[clarabel.PSDTriangleConeT(4)] * bodies]
     w, _ = _minimum(sparse.eye(count, format='csc'), sparse.csc_matrix(-by_w), above, cones)
-    return None if w is None else np.asarray(x0 + root @ w)
+    if w is None:
+        return None
+    x = np.empty(count)
+    x[order] = x0 + root @ w
+    return x
 
 
 def _constrained(R: Array, bodies: int, lowest: Array, weight: float) -> Array:

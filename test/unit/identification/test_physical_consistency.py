@@ -63,3 +63,24 @@ def test_losses_that_nothing_determines_stay_small():
     lowest = np.array([0.0, 0.0, 0.0, -np.inf])
     found = physical(1e4 * A, 1e4 * A @ x, [box(1.0, (0.1, 0.2, 0.3))], lowest, 1e-4)
     assert np.abs(found[10:]).max() < 10.0
+
+
+@pytest.mark.parametrize('direction', [-1.0, 1.0])
+@pytest.mark.parametrize('offset', [-2.0, 2.0])
+def test_an_offset_that_looks_like_friction_is_found_where_friction_is_at_its_bound(
+        direction, offset):
+    """A joint that moves one way: the columns of friction and offset differ by a sign."""
+    rng = np.random.default_rng(0)
+    A = 1e4 * rng.normal(size=(60, 14))
+    A[:, 13] = 1e4
+    A[:, 11] = direction * A[:, 13]
+    x = np.concatenate([parameters_of(box(2.0, (0.1, 0.1, 0.2)).pseudo_inertia),
+                        [0.3, 0.0, 0.2, offset]])
+    x[0] = -1.0  # no physical body: the program is needed
+    lowest = np.array([0.0, 0.0, 0.0, -np.inf])
+    found = physical(A, A @ x, [box(1.0, (0.1, 0.2, 0.3))], lowest, 1e-4)
+    # Without the column of friction the offset is the only explanation.
+    without = np.delete(A, 11, axis=1)
+    alone = physical(without, A @ x, [box(1.0, (0.1, 0.2, 0.3))], lowest[[0, 2, 3]], 1e-4)
+    assert direction * found[11] + found[13] == pytest.approx(alone[12], abs=1e-3)
+    np.testing.assert_allclose(found[[10, 12]], alone[[10, 11]], atol=1e-3)
