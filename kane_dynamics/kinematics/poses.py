@@ -106,11 +106,11 @@ def rotation_rpy(rotation: ArrayLike) -> Array:
     roll = np.where(upright, roll_alone, np.arctan2(R[..., 2, 1], R[..., 2, 2]))
 
     # Near a quarter turn, rounding decides the roll; the yaw is what it leaves. Without
-    # the roll, the y axis is [-sin yaw, cos yaw, 0].
-    c = np.cos(roll)[..., None]
-    s = np.sin(roll)[..., None]
-    y_axis = c * R[..., :, 1] - s * R[..., :, 2]
-    yaw = np.where(upright, 0.0, np.arctan2(-y_axis[..., 0], y_axis[..., 1]))
+    # the roll, the y axis is [-sin yaw, cos yaw, 0]. A sine of -0 counts as 0: half a turn
+    # is +pi.
+    c, s = np.cos(roll), np.sin(roll)
+    sine = s * R[..., 0, 2] - c * R[..., 0, 1] + 0.0
+    yaw = np.where(upright, 0.0, np.arctan2(sine, c * R[..., 1, 1] - s * R[..., 1, 2]))
     return np.stack([roll, pitch, yaw], axis=-1)
 
 

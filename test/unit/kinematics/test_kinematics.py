@@ -378,6 +378,15 @@ def test_roll_pitch_and_yaw_near_a_quarter_turn_are_of_the_same_rotation():
     np.testing.assert_allclose(pose_from(rpy=rotation_rpy(R))[:, :3, :3], R, rtol=0.0, atol=2e-12)
 
 
+@pytest.mark.parametrize(('axes', 'angles'), [
+    ((1.0, 1.0, 1.0), (0.0, 0.0, 0.0)), ((-1.0, -1.0, 1.0), (0.0, 0.0, np.pi)),
+    ((1.0, -1.0, -1.0), (np.pi, 0.0, 0.0))])
+def test_half_a_turn_is_positive_and_zero_has_no_sign(axes, angles):
+    found = rotation_rpy(np.diag(axes))
+    assert np.array_equal(found, angles)
+    assert not np.signbit(found[[0, 2]]).any()
+
+
 @pytest.mark.parametrize(('options', 'words'), [
     ({'rpy': (0, 0, 0), 'quaternion': (0, 0, 0, 1)}, 'rpy: given with quaternion'),
     ({'quaternion': (0, 0, 0, 2)}, 'quaternion: length 2; expected 1, in the order x, y, z, w'),
