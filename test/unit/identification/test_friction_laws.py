@@ -80,6 +80,14 @@ def test_a_joint_for_which_the_law_of_the_arm_predicts_worse_has_coulomb_frictio
     assert [law.name for law in found] == ['presliding', 'coulomb', 'coulomb', 'presliding']
 
 
+def test_presliding_is_left_out_of_joints_at_which_it_gains_nothing():
+    plain = CandidateErrors(np.ones(2), np.ones(2))
+    other = CandidateErrors(np.array([0.99, 1.01]), np.ones(2))
+    for name, second in (('presliding', 'coulomb'), ('load', 'load')):
+        laws = without_harm([LAWS[LAW_NAMES.index(name)]] * 2, {'coulomb': plain, name: other})
+        assert [law.name for law in laws] == [name, second]
+
+
 def test_a_law_without_errors_does_no_harm():
     none = CandidateErrors(np.zeros(1), np.zeros(1))
     laws = [LAWS[LAW_NAMES.index('quadratic')]]
