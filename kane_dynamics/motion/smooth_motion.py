@@ -34,6 +34,7 @@ JUMP = 1e-6  # of the largest jerk: a larger difference at a point is a jump
 # Of the largest speed, acceleration and jerk, in a motion that laws of control follow. The
 # jerk of a smooth motion jumps by a hundredth at points that are dense.
 JUMPS_OF_LAWS = 0.01, 0.01, 0.1
+AT_REST = 1e-9  # rad, m and s: rounding of the derivatives at the end of a motion
 WITHIN = 0.3  # share of a segment: not its middle or ends, where derivatives may vanish
 
 
@@ -266,24 +267,27 @@ def require_smooth(motion: Motion, moment: float | None = None,
         Speed, acceleration and jerk until that moment. Default: at rest.
 
     """
-    if len(motion.times) < 2:
-        return
-    smooth = SmoothMotion._in_seconds(motion)
-    if moment is None:
-        smooth.require_no_jumps(JUMPS_OF_LAWS)
-        return
-    smooth.require_no_jumps(JUMPS_OF_LAWS, after=moment)
+    # A motion of one point rests there.
+    state = np.zeros((1 + len(ORDERS), motion.n))
+    largest = np.zeros(1 + len(ORDERS))
+    if len(motion.times) > 1:
+        smooth = SmoothMotion._in_seconds(motion)
+        if moment is None:
+            smooth.require_no_jumps(JUMPS_OF_LAWS)
+            return
+        smooth.require_no_jumps(JUMPS_OF_LAWS, after=moment)
+        state = np.stack(smooth.sample(moment)[:1 + len(ORDERS)])
+        largest[1:] = [smooth._largest(order) for order in range(1, 1 + len(ORDERS))]
+    # The jump where it begins to be followed.
     if before is None:
         before = np.zeros((len(ORDERS), motion.n))
-    # The jump where it begins to be followed.
-    state = smooth.sample(moment)
     for order, what in enumerate(ORDERS, start=1):
         differences = np.abs(state[order] - before[order - 1])
         joint = int(differences.argmax())
-        largest = max(smooth._largest(order), np.abs(before[order - 1]).max())
-        if differences[joint] > JUMPS_OF_LAWS[order - 1] * largest:
+        size = max(largest[order], np.abs(before[order - 1]).max())
+        if differences[joint] > max(JUMPS_OF_LAWS[order - 1] * size, AT_REST):
             raise _jump(what, motion.joint_names[joint], differences[joint],
-                        f'where it begins, {moment:g} s')
+                        f'where it begins, {moment or 0.0:g} s')
 
 
 def _jump(what: str, joint: str, size: float, place: str) -> InputError:

@@ -120,6 +120,11 @@ def test_a_motion_is_compared_with_the_one_that_it_replaces():
     rig.follow(rest - rest[0], rows(rest), stamp=rest[0])
     with pytest.raises(InputError, match=r'the speed of joint .* where it begins, 0 s'):
         rig.follow(DENSE, rows(DENSE), stamp=rest[0] + 0.2)
+    # A point of its own would stop the arm at once; after the motion it rests there.
+    hold = np.stack([MOVE.sample(0.7)[0], REST[0], REST[0]])
+    with pytest.raises(InputError, match=r'the speed of joint .* where it begins, 0 s'):
+        rig.follow([0.0], [hold], stamp=0.7)
+    rig.follow([0.0], [[ENDS[1], REST[0], REST[0]]], stamp=DENSE[-1])
     # Of a motion that has begun already, what is past does not count.
     other = Rig('motor_side')
     with pytest.raises(InputError, match=r'where it begins, 0\.3 s'):
