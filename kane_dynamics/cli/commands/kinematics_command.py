@@ -29,12 +29,13 @@ def jacobian(options: Namespace) -> None:
         return
     # Pose, Jacobian by columns, and how near a singular configuration is.
     print(f'{options.frame}: at {_listed(without_rounding(position))} m, roll, pitch, '
-          f'yaw {_listed(rpy)} rad')
+          f'yaw {_listed(without_rounding(rpy, 1.0))} rad')
     columns = without_rounding(J).T
     print_table([f'{options.axes} axes', *DIRECTIONS],
                 [[name, *column] for name, column in zip(robot.speed_names, columns,
                                                          strict=True)])
-    print('singular values: ' + ', '.join(f'{value:.4g}' for value in singular_values))
+    shown = ', '.join(f'{value:.4g}' for value in without_rounding(singular_values))
+    print(f'singular values: {shown}')
 
 
 def inverse(options: Namespace) -> int:

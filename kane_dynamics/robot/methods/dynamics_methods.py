@@ -50,8 +50,8 @@ class DynamicsMethods(Dispatch):
     independently; for the change along an admissible motion, multiply by dq'/du:
     ``derivative(name, q, ..., by='q') @ derivative('joint_rates', q, u, by='u')``. Where
     a user-defined function is not smooth (abs, minimum, maximum, where, sign, floor),
-    the derivative is that of the branch that gives the value: of abs(x) it is 1 at 0, of
-    minimum(x, y) and maximum(x, y) at x = y that of x.
+    the derivative is that of the branch that gives the value. For abs(x) at 0 it is 1. For
+    minimum(x, y) and maximum(x, y) at x = y it is that of x.
     """
 
     @compiled

@@ -37,6 +37,13 @@ def test_the_jacobian_is_that_of_the_library(axes, capsys):
     assert "no frame 'tool9'; expected one of" in capsys.readouterr().err
 
 
+def test_rounding_errors_of_a_pose_and_of_a_singular_configuration_are_zero(capsys):
+    assert main(['jacobian', URDF, 'tool0', '--q', '0', '-1', '1', '0', '0', '0']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert 'roll, pitch, yaw 1.5708, 0, -3.14159 rad' in lines[0]
+    assert lines[-1].endswith(', 0') and 'e-' not in ''.join(lines)
+
+
 def test_inverse_kinematics_reaches_what_it_can_and_says_what_it_cannot(capsys):
     pose = ['--position', '0.5', '0.2', '0.4', '--rpy', '3.14159', '0', '0.3']
     code, data = answer(capsys, 'inverse-kinematics', URDF, 'tool0', *pose)
