@@ -101,8 +101,12 @@ def test_without_the_skew_the_stiffness_would_be_wrong(model, short):
     assert (np.abs(wrong.stiffness / short.truth.stiffness - 1.0) > 0.005).any()
 
 
-def assert_stiffening_shoulder(result):
-    """Check slopes, corner, damping and skew of `stiffening`, whose elbow is no curve."""
+def assert_stiffening_shoulder(result, skew_deviation):
+    """
+    Check slopes, corner, damping and skew of `stiffening`, whose elbow is no curve.
+
+    The standard deviation of the skew, s, is at most the given one.
+    """
     assert set(result.curves) == {'shoulder'} and (result.misfit < 1.2).all()
     curve = result.curves['shoulder']
     assert np.allclose(curve.slopes, [1500.0, 4000.0], rtol=0.03)
@@ -111,13 +115,14 @@ def assert_stiffening_shoulder(result):
     assert result.stiffness[0] == curve.slopes[0]
     assert np.allclose(result.damping, [4.0, 1.5], rtol=0.1)
     assert result.stiffness[1] == pytest.approx(1200.0, abs=3.0 * result.stiffness_deviation[1])
-    assert np.allclose(result.skew, 0.003, atol=3e-5)
+    assert (result.skew_deviation < skew_deviation).all()
+    assert (np.abs(result.skew - 0.003) < 3.0 * result.skew_deviation).all()
 
 
 def test_a_stiffness_that_grows_is_a_curve_where_the_residuals_say_so(model, stiffening):
     recording = stiffening.measured(1, use=('q', 'gear_torque', 'motor_torque'))
     result = identify_drives(model, recording, segments=2)
-    assert_stiffening_shoulder(result)
+    assert_stiffening_shoulder(result, skew_deviation=1e-5)
     assert result.drives()['shoulder'].stiffness is result.curves['shoulder']
     supplement = load_urdf(URDF, supplement=yaml.safe_load(result.supplement()))
     assert supplement.digest() == result.elastic(model).digest()
@@ -162,7 +167,8 @@ def test_motor_torques_that_act_late_move_neither_damping_nor_skew(model, short,
 def test_the_torque_of_the_links_determines_a_curve(model, stiffening):
     result = identify_drives(model, stiffening.measured(2, use=('q', 'motor_torque')),
                              segments=3)
-    assert_stiffening_shoulder(result)
+    # Without a sensor, the delay of the motors' torques looks much like a skew.
+    assert_stiffening_shoulder(result, skew_deviation=6e-5)
     assert np.allclose(result.rotor_inertia, [0.9, 0.3], rtol=0.01)
 
 
