@@ -689,10 +689,13 @@ class LoopStep:
         # A restart compares nothing and has no limits; those of the caller come back,
         # whatever the outcome.
         measurement = self.measurement.copy()
+        seen = self._seen.copy()
         weights = self._weights.copy()
         limits = self.limits.copy()
         self.rates[:] = 0.0
         self.measured[:] = q[self._places]
+        # Those of a refused state need not be finite.
+        self._seen[:] = q
         self._weights.fill(0.0)
         self.limits.fill(FAR**2)
         # What a search accepted survives in its array; all else is cleared.
@@ -706,6 +709,7 @@ class LoopStep:
             return self._searched()
         finally:
             self.measurement[:] = measurement
+            self._seen[:] = seen
             self._weights[:] = weights
             self.limits[:] = limits
 
@@ -756,6 +760,7 @@ class LoopStep:
         if compared != self._others:
             self._others = compared
             self._rows = np.array(compared, dtype=int)
+            self._seen.fill(0.0)  # others, of a refused state, need not be finite
             self._weights.fill(0.0)
             self._weights[self._rows] = 1.0
         if compared:

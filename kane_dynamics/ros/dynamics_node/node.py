@@ -287,7 +287,11 @@ class DynamicsNode(LifecycleNode):
         # The torque path first: states may arrive from here on.
         self._real_subscriber = ''
         assert self.arm is not None
-        self.arm.path.start()
+        try:
+            self.arm.path.start()
+        except Exception as error:  # rclpy would go to `on_error` without a word
+            self.get_logger().error(f'not activated: {type(error).__name__}: {error}')
+            raise
         self._activates_itself = False
         if self._bond is not None:
             self._bond.form()

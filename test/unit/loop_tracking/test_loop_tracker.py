@@ -98,6 +98,17 @@ def test_further_joints_are_compared_modulo_a_turn():
     assert reason(tracker, q[:1], np.zeros(1), [2], q[2:] + 0.02) == CONTRADICTION
 
 
+def test_further_joints_that_were_not_finite_act_neither_on_a_restart_nor_on_other_joints():
+    tracker, q = LoopTracker(four_bar_at(0.8), ['crank'], tolerance=0.01), at_angle(0.8)
+    for change in (tracker.restart, lambda: tracker.update(q[:1] + 0.3, np.zeros(1))):
+        tracker.measurement[:] = q[0], 0.0
+        with pytest.raises(InputError, match=r'seen\[1\]: nan'):
+            tracker.update_checked([1], np.array([np.nan]))  # as of a state that is refused
+        change()
+        assert tracker.known and tracker.residual < 1e-12
+    np.testing.assert_allclose(tracker.q, at_angle(1.1), atol=1e-10)
+
+
 def test_each_update_compares_the_joints_that_it_names():
     tracker, q = LoopTracker(four_bar_at(0.8), ['crank'], tolerance=0.01), at_angle(0.8)
     for others, values, deviation in (([1], q[1:2] + 4e-3, 4e-3), ([2], q[2:] - 3e-3, 3e-3),
