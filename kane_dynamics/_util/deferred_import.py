@@ -7,10 +7,12 @@ imports a submodule of it.
 """
 
 import builtins
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
+import logging  # noqa: F401  # before the hooks below
 import os
 from pathlib import Path
 import sys
@@ -19,10 +21,19 @@ from types import ModuleType
 from typing import Any
 
 # A process that is forked during an import inherits locks that no thread of it releases,
-# and would wait for them for ever. So a fork waits until the import has ended.
+# and would wait for them for ever. So a fork waits until the import has ended. Hooks
+# `before` a fork run from the last to the first: that of logging, which takes a lock that
+# imports need, must come after ours, so logging is imported first.
 _IMPORTING = threading.RLock()
 os.register_at_fork(before=_IMPORTING.acquire, after_in_parent=_IMPORTING.release,
                     after_in_child=_IMPORTING.release)
+
+
+@contextmanager
+def forks_wait() -> Iterator[None]:
+    """Let a fork by another thread wait until the imports of a `with` block have ended."""
+    with _IMPORTING:
+        yield
 
 
 class _DeferredPackage(ModuleType):

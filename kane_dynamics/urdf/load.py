@@ -8,6 +8,7 @@ from typing import Any
 import warnings
 
 from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.deferred_import import forks_wait
 from kane_dynamics.errors import ModelWarning, UnusedWarning
 from kane_dynamics.model.model import GRAVITY, Model
 from kane_dynamics.urdf import model_cache
@@ -105,7 +106,8 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
     if cached is not None:
         model, messages = cached
     else:
-        from kane_dynamics.urdf.model_reader import read_model  # slow imports
+        with forks_wait():
+            from kane_dynamics.urdf.model_reader import read_model  # slow imports
         model, messages = read_model(text, supplement, **options)
         # The supplement's file may have changed since its content was put into the key.
         if name is not None and name == model_cache.key(text, supplement, options):
