@@ -20,7 +20,7 @@ def jacobian(options: Namespace) -> None:
     position = pose[:3, 3]
     rotation = pose[:3, :3]
     rpy = rotation_rpy(rotation)
-    singular_values = np.linalg.svd(J, compute_uv=False)
+    singular_values = np.asarray(np.linalg.svd(J, compute_uv=False), dtype=np.float64)
     if options.json:
         print_json({'coordinate_names': robot.coordinate_names, 'q': q, 'pose': pose,
                     'rpy': rpy, 'quaternion': rotation_quaternion(rotation),
