@@ -10,11 +10,11 @@ from typing import Any
 import warnings
 
 from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.deferred_import import forks_wait
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.model.link_shapes import LinkShape
 from kane_dynamics.urdf.document import parse, read_source
-from kane_dynamics.urdf.model_reader import read_robot
 from kane_dynamics.urdf.schema import CHILDREN
 import numpy as np
 
@@ -102,6 +102,8 @@ def _load(source: Source, tag: str) -> tuple[LinkShape, ...]:
     """Return the shapes in all elements of a tag."""
     unread = 'visual' if tag == 'collision' else 'collision'
     root = parse(read_source(source), depth=_DEPTH, unread=(unread,))
+    with forks_wait():
+        from kane_dynamics.urdf.model_reader import read_robot  # slow imports
     robot = read_robot(root, {**_CHILDREN, 'link': (tag,)})
     colors = {material.name: material.color for material in robot.materials or ()}
     folders = list(_mesh_folders(source))
