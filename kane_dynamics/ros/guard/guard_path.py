@@ -217,16 +217,19 @@ class GuardPath(TorquePath):
         # The node is silent, and the arm too, or its states are impossible: the guard
         # commands. A node that commands hears the states that this guard does not; they
         # may be as slow as the timeout, so that its silence counts when it is as long.
-        if self.watch.may_take_over(now) and self.watch.silent(now):
-            node_is_late = now - self.watch.heard_at > late / NANO
-            if node_is_late and self._now() - self._last_heard > late:
-                self.watch.take_over(now)
-                self._takeovers = self.watch.takeovers
-                self._took_over = self._now()
-                self.commanding = True
-                self.time_out('and no zeros from the dynamics node')
-            elif self.fault and now - self.watch.waiting_since > late / NANO:
-                self._take_over_in_fault(now)
+        if not self.watch.may_take_over(now):
+            return
+        node_is_late = now - self.watch.heard_at > late / NANO
+        node_is_late = node_is_late and self.watch.silent(now)
+        if node_is_late and self._now() - self._last_heard > late:
+            self.watch.take_over(now)
+            self._takeovers = self.watch.takeovers
+            self._took_over = self._now()
+            self.commanding = True
+            self.time_out('and no zeros from the dynamics node')
+        elif self.fault and now - self.watch.waiting_since > late / NANO:
+            # However long the lease is: the torque of before the fault acts meanwhile.
+            self._take_over_in_fault(now)
 
     def _take_over_in_fault(self, now: float) -> None:
         """Command what the parameters say, from the next impossible state on."""

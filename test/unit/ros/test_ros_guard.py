@@ -686,9 +686,10 @@ IN_FAULT = pytest.mark.parametrize('before', [0.02, 0.15, 0.28], ids=[
 
 
 @IN_FAULT
-def test_the_guard_stops_an_arm_whose_node_dies_while_states_are_false(pair, before):
+@pytest.mark.parametrize('lease', [LEASE, 1.0])  # s; a long one changes nothing in a fault
+def test_the_guard_stops_an_arm_whose_node_dies_while_states_are_false(pair, before, lease):
     both = pair(**{'limits.rate': np.array(np.inf), 'state_check.action': 'hold',
-                   'mode': 'computed_torque'})
+                   'mode': 'computed_torque', 'guard.lease': lease})
     arm = MovingArm(both)
     arm.run(0.4)
     assert np.abs(arm.u).max() > 1.0
