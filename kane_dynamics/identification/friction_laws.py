@@ -585,9 +585,9 @@ def without_harm(laws: Sequence[FrictionLaw], candidates: Mapping[str, Candidate
             enough = (1.0 - NEGLIGIBLE) * candidates[linear.name].every[j]
             law = linear if candidates[law.name].every[j] > enough else law
         errors = candidates[law.name]
+        margin = 0.0 if law.presliding else HARM
+        in_all = errors.every[j] > (1.0 + margin) * plain.every[j]
         # A joint that never moves has NaN for rows in motion, which is not larger.
-        most = 1.0 if law.presliding else 1.0 + HARM
-        in_all = errors.every[j] > most * plain.every[j]
         in_motion = errors.moving[j] > (1.0 + HARM) * plain.moving[j]
         harmless.append(COULOMB if in_all or in_motion else law)
     return tuple(harmless)

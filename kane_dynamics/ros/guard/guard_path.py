@@ -219,9 +219,8 @@ class GuardPath(TorquePath):
         # may be as slow as the timeout, so that its silence counts when it is as long.
         if not self.watch.may_take_over(now):
             return
-        node_is_late = now - self.watch.heard_at > late / NANO
-        node_is_late = node_is_late and self.watch.silent(now)
-        if node_is_late and self._now() - self._last_heard > late:
+        node_is_silent = self.watch.silent(now) and now - self.watch.heard_at > late / NANO
+        if node_is_silent and self._now() - self._last_heard > late:
             self.watch.take_over(now)
             self._takeovers = self.watch.takeovers
             self._took_over = self._now()
