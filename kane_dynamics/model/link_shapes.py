@@ -92,9 +92,8 @@ def warn_of_unknown_links(model: Model, shapes: Sequence[LinkShape], stacklevel:
     known = {frame.name for frame in model.frames}
     unknown = sorted({shape.link for shape in shapes} - known)
     if unknown:
-        warnings.warn(f'shapes: of {listing(unknown)}, left out; expected shapes of links '
-                      "of the model, as without 'drop' and with its names", ModelWarning,
-                      stacklevel=stacklevel + 1)
+        warnings.warn(f'shapes: the model has no link {listing(unknown)}; left out; '
+                      'expected names of its links', ModelWarning, stacklevel=stacklevel + 1)
 
 
 def _rods(model: Model, body: int, radius: float) -> Iterator[LinkShape]:

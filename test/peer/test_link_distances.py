@@ -143,7 +143,7 @@ def test_a_shape_of_an_unknown_link_is_left_out_with_a_warning():
     """The link whose name is misspelled is a rod: its distances would be too large."""
     robot, shapes = two_links()
     misspelled = LinkShape('uper', 'sphere', np.array([0.6]), np.eye(4))
-    with pytest.warns(ModelWarning, match='shapes: of uper, left out'):
+    with pytest.warns(ModelWarning, match='shapes: the model has no link uper; left out'):
         LinkDistances(robot, [*shapes, misspelled])
 
 
