@@ -30,7 +30,7 @@ from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.command_topic import SIMULATED_ROBOT
 from kane_dynamics.ros.common.process import make_executor
-from kane_dynamics.ros.torque_path.wrench_input import wrench_array
+from kane_dynamics.ros.loads.wrench_input import wrench_array
 from kane_dynamics.urdf import load_urdf
 import mujoco
 import numpy as np

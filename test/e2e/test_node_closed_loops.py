@@ -5,7 +5,7 @@ import time
 
 from driven_palletizer import START, tracking_errors
 from kane_dynamics.loop_tracking.loop_error import CONTRADICTION, SINGULAR
-from kane_dynamics.ros.torque_path.joint_state_reader import MISSING, STALE
+from kane_dynamics.ros.torque_path.drop_reasons import MISSING, STALE
 from kane_dynamics_interfaces.srv import Simulate
 from lifecycle_msgs.msg import Transition
 from node_process import wait_until

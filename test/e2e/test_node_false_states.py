@@ -7,9 +7,8 @@ from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.demo.demo_settings import FR3
 from kane_dynamics.loop_tracking.loop_error import CONTRADICTION
-from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE, NOT_FINITE,
-                                                              OUT_OF_ORDER, STALE)
-from kane_dynamics.ros.torque_path.state_check import JUMP, OUTSIDE, TOO_FAST
+from kane_dynamics.ros.common.stamped_numbers import FUTURE, NOT_FINITE, OUT_OF_ORDER
+from kane_dynamics.ros.torque_path.drop_reasons import JUMP, OUTSIDE, STALE, TOO_FAST
 from node_process import BEST_EFFORT, Process, wait_until
 import numpy as np
 from palletizer import DRIVEN, LOOPS, palletizer, URDF

@@ -6,12 +6,11 @@ from kane_dynamics import load_urdf, Motion, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.loop_tracking.loop_error import CONTRADICTION
 from kane_dynamics.mechanics.constraints.loop_closure import closed_configuration
+from kane_dynamics.ros.common.stamped_numbers import FUTURE, NOT_FINITE, OUT_OF_ORDER
 from kane_dynamics.ros.parameters.parameter_checks import read
 from kane_dynamics.ros.plant.plant_parameters import SPECS
 from kane_dynamics.ros.plant.plant_state import PlantState
-from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE, NOT_FINITE, OUT_OF_ORDER,
-                                                              STALE)
-from kane_dynamics.ros.torque_path.state_check import JUMP, OUTSIDE, TOO_FAST
+from kane_dynamics.ros.torque_path.drop_reasons import JUMP, OUTSIDE, STALE, TOO_FAST
 import numpy as np
 from palletizer import DRIVEN, palletizer, positions
 

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from typing import NamedTuple
 
 from kane_dynamics.ros.common.node_statistics import Statistics
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.native_path import NativeTorquePath
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from node_values import node_values

@@ -2,11 +2,11 @@
 
 import math
 
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
+from kane_dynamics.ros.loads.wrench_input import WrenchFrames
 from kane_dynamics.ros.parameters.parameter_checks import read
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
 from kane_dynamics.ros.services.served_robot import ServedRobot
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 
 # For tests whose states are of no arm: these jump, and the first one is answered.
 UNCHECKED = {'state_check.speed_factor': math.inf, 'state_check.position_margin': math.inf,

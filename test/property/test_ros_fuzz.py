@@ -21,13 +21,13 @@ from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError, KaneError  # noqa: E402
 from kane_dynamics.ros.common.conversion import motion_from_message  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.inputs.trajectory_input import read_trajectory  # noqa: E402
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
+from kane_dynamics.ros.loads.wrench_input import WrenchFrames, WrenchInput  # noqa: E402
 from kane_dynamics.ros.services import service_calls  # noqa: E402
 from kane_dynamics.ros.services.served_robot import ServedRobot  # noqa: E402
 from kane_dynamics.ros.services.simulation_request import SimulationRequest  # noqa: E402
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from kane_dynamics.ros.torque_path.trajectory_input import read_trajectory  # noqa: E402
-from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames, WrenchInput  # noqa: E402
 from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics,  # noqa: E402
                                           GetDynamics, InverseDynamics, Simulate)
 from node_values import node_values, UNCHECKED  # noqa: E402

@@ -24,6 +24,7 @@ robot
 loop_tracking
 kinematics
 control
+control_cycle
 task_space
 simulation
 analysis
@@ -68,8 +69,10 @@ PARTS = {
     'ros': """
         common
         parameters
+        loads
         modes
         torque_path
+        inputs
         services
         monitors
         guard

@@ -16,7 +16,6 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 NANO = 1_000_000_000
-NEVER = -2.0**62  # ns: before every stamp
 
 
 class JointNamesError(InputError):

@@ -18,6 +18,7 @@ from kane_dynamics.ros.common.configuration_files import (load_model, PACKAGE,
 from kane_dynamics.ros.common.parameter_files import parameter_blocks, WILDCARD
 from kane_dynamics.ros.joint_trajectory_action.action_server import (
     FEEDBACK_MODES, follow_joint_trajectory_type)
+from kane_dynamics.ros.loads.gravity_payload import parameter_loads
 from kane_dynamics.ros.modes.task_modes import TaskModes
 from kane_dynamics.ros.monitors.contact_monitor import observed_frame, UNCALIBRATED
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
@@ -29,7 +30,6 @@ from kane_dynamics.ros.parameters.parameter_checks import (controller_settings, 
                                                            with_prefix)
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
 from kane_dynamics.ros.plant.plant_parameters import SPECS as PLANT_SPECS
-from kane_dynamics.ros.torque_path.gravity_payload import parameter_loads
 import numpy as np
 
 PROGRAM = 'dynamics_node'  # which runs the node kane_dynamics

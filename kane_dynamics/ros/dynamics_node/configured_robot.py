@@ -33,6 +33,11 @@ from kane_dynamics.ros.common.rcl_functions import (guard_condition, handle_addr
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.common.transform_tree import tf_message_type, TransformTree
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
+from kane_dynamics.ros.guard.guard_messages import arm_digest, STATE
+from kane_dynamics.ros.inputs.target_input import POSE, TargetInput, TWIST, WRENCH
+from kane_dynamics.ros.loads.gravity_payload import (checked_payload, GravityAndPayload,
+                                                     parameter_loads)
+from kane_dynamics.ros.loads.wrench_input import WrenchFrames
 from kane_dynamics.ros.modes.arm_coupling_mode import ArmCouplingMode
 from kane_dynamics.ros.modes.cartesian_mode import CartesianMode
 from kane_dynamics.ros.modes.task_modes import TaskModes
@@ -57,19 +62,12 @@ from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
 from kane_dynamics.ros.torque_path.closed_loop_reader import (closed_loop_reader,
                                                               command_fault)
-from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload,
-                                                           GravityAndPayload,
-                                                           parameter_loads)
-from kane_dynamics.ros.torque_path.guard_messages import arm_digest, STATE
 from kane_dynamics.ros.torque_path.native_loop import compile_loop
 from kane_dynamics.ros.torque_path.native_path import (Inputs, NativeTorquePath,
                                                        python_reason)
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
 from kane_dynamics.ros.torque_path.state_check import speed_limits
-from kane_dynamics.ros.torque_path.target_input import (POSE, TargetInput, TWIST,
-                                                        WRENCH)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
-from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.step_size import possible_integrators
 from kane_dynamics_interfaces.msg import TaskState
 import numpy as np

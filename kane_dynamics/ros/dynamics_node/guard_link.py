@@ -4,17 +4,16 @@ from collections.abc import Callable
 from contextlib import ExitStack
 import time
 
+from kane_dynamics.control_cycle.arbitration import (Arbitration, arbitration_kernels,
+                                                     begun, DISCOVERY, FIELDS, LOST,
+                                                     NUMBER, PERMITTED, SENDS, SIZE,
+                                                     STOPPED, UNANSWERED, UNGUARDED)
 from kane_dynamics.ros.common.cdr import float64_multi_array
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
-from kane_dynamics.ros.torque_path.arbitration import (Arbitration, arbitration_kernels,
-                                                       begun, DISCOVERY, NUMBER,
-                                                       PERMITTED, SENDS, SIZE, UNANSWERED,
-                                                       UNGUARDED)
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.guard_messages import (FIELDS, LOADS,
-                                                          loads_to_numbers, LOST,
-                                                          REQUEST, STATE, STOPPED)
+from kane_dynamics.ros.guard.guard_messages import (LOADS, loads_to_numbers, REQUEST,
+                                                    STATE)
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
 from rclpy.node import Node

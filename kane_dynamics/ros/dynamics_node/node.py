@@ -25,6 +25,7 @@ from kane_dynamics.ros.dynamics_node.node_diagnostics import (active_status, arm
                                                               GraphLog, OK,
                                                               state_in_words, WARN)
 from kane_dynamics.ros.dynamics_node.sim_time_watchdog import LOST_CLOCK, SimTimeWatchdog
+from kane_dynamics.ros.inputs.trajectory_input import follow_trajectory
 from kane_dynamics.ros.joint_trajectory_action.action_server import (
     JointTrajectoryAction)
 from kane_dynamics.ros.parameters.arm_statement import examine_statement
@@ -34,7 +35,6 @@ from kane_dynamics.ros.services.motion_check import refuse_impossible
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
-from kane_dynamics.ros.torque_path.trajectory_input import follow_trajectory
 from kane_dynamics_interfaces.srv import SetPayload
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration

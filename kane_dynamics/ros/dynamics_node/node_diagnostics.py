@@ -9,11 +9,11 @@ from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTION, SINGU
                                                     UNKNOWN)
 from kane_dynamics.ros.common.command_topic import several_commanders
 from kane_dynamics.ros.common.lost_messages import WARNING_SHARE
+from kane_dynamics.ros.common.stamped_numbers import FUTURE
 from kane_dynamics.ros.dynamics_node.configured_robot import ConfiguredRobot
-from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE, MISSING, NO_CLOCK,
-                                                              NO_VELOCITY, STALE)
-from kane_dynamics.ros.torque_path.state_check import JUMP, OUTSIDE, TOO_FAST
-from kane_dynamics.ros.torque_path.torque_path import REFUSED
+from kane_dynamics.ros.torque_path.drop_reasons import (JUMP, MISSING, NO_CLOCK,
+                                                        NO_VELOCITY, OUTSIDE, REFUSED,
+                                                        STALE, TOO_FAST)
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 REMINDER = 10.0  # s between two log lines that say what the node waits for

@@ -7,18 +7,18 @@ import time
 from typing import Any
 
 from kane_dynamics.control.terms import Mode
+from kane_dynamics.control_cycle.arbitration import FIELDS, LOST, STOPPED
 from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.verification import compile_verified
 from kane_dynamics.ros.common.cdr import float64_multi_array
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE
+from kane_dynamics.ros.guard.guard_messages import arm_digest, REQUEST, STATE
 from kane_dynamics.ros.guard.guard_path import GuardPath
 from kane_dynamics.ros.guard.node_torques import NodeTorques
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS, LOST,
-                                                          REQUEST, STATE, STOPPED)
 from kane_dynamics.ros.torque_path.path_controller import path_controller
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration

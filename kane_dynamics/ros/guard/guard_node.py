@@ -7,6 +7,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from kane_dynamics.analysis.model_checks import listed
+from kane_dynamics.control_cycle.arbitration import FIELDS, LOST
 from kane_dynamics.errors import KaneError
 from kane_dynamics.ros.common import realtime
 from kane_dynamics.ros.common.configuration_files import (load_model, resolve_path,
@@ -16,16 +17,14 @@ from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
 from kane_dynamics.ros.common.service_errors import answer_service_errors
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard
+from kane_dynamics.ros.guard.guard_messages import (arm_digest, HEARTBEAT_PERIOD, LOADS,
+                                                    loads_from_numbers, LOADS_LENGTH,
+                                                    NodeLoads, STATE)
 from kane_dynamics.ros.guard.node_parameters import (NodeParameters, SHARED,
                                                      SIMULATED_TIME)
 from kane_dynamics.ros.guard.node_torques import NodeTorques
 from kane_dynamics.ros.guard.node_watch import NodeWatch
 from kane_dynamics.ros.parameters.parameter_checks import FOREIGN
-from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS,
-                                                          HEARTBEAT_PERIOD,
-                                                          LOADS, loads_from_numbers,
-                                                          LOADS_LENGTH, LOST, NodeLoads,
-                                                          STATE)
 import numpy as np
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration

@@ -5,17 +5,18 @@ import time
 from typing import Any
 
 from kane_dynamics.control.controller import Controller, Mode
+from kane_dynamics.control_cycle import cycle_rules
+from kane_dynamics.control_cycle.arbitration import LOST
+from kane_dynamics.control_cycle.cycle_results import NEVER
+from kane_dynamics.control_cycle.cycle_rules import GivenStop, PathState
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.cdr import joint_state_of_efforts, STAMP, STAMP_AT
-from kane_dynamics.ros.common.conversion import Array, NANO, NEVER
+from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.guard.node_watch import NodeWatch
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings, per_joint
-from kane_dynamics.ros.torque_path import cycle_rules
 from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader
-from kane_dynamics.ros.torque_path.cycle_rules import GivenStop, PathState
-from kane_dynamics.ros.torque_path.guard_messages import LOST
 from kane_dynamics.ros.torque_path.path_controller import rate_limit
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np

@@ -1,7 +1,7 @@
 """Watches the dynamics node by its commands; decides when the guard takes over."""
 
+from kane_dynamics.control_cycle.arbitration import LOST
 from kane_dynamics.ros.common.conversion import Array
-from kane_dynamics.ros.torque_path.guard_messages import LOST
 import numpy as np
 
 UNANSWERED = 2      # states without a command before a takeover: one may be lost

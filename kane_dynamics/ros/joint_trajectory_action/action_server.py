@@ -19,6 +19,7 @@ from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import (Array, doubles, duration,
                                                  JointNamesError, NANO)
+from kane_dynamics.ros.inputs.trajectory_input import PastMotionError, schedule_motion
 from kane_dynamics.ros.joint_trajectory_action.goal_message import (GoalReader,
                                                                     TrajectoryGoal)
 from kane_dynamics.ros.joint_trajectory_action.goal_monitor import (GoalMonitor,
@@ -34,8 +35,6 @@ from kane_dynamics.ros.services.motion_check import refuse_impossible
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import RESULT_TIMEOUT, Services
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
-from kane_dynamics.ros.torque_path.trajectory_input import (PastMotionError,
-                                                            schedule_motion)
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup

@@ -6,8 +6,8 @@ from typing import Any
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.cdr import Reader
-from kane_dynamics.ros.torque_path.trajectory_input import (CdrTime, next_trajectory,
-                                                            ReceivedTrajectory)
+from kane_dynamics.ros.inputs.trajectory_input import (CdrTime, next_trajectory,
+                                                       ReceivedTrajectory)
 
 # The fields of a goal, in the order of their bytes.
 GOAL_FIELDS = ('trajectory', 'multi_dof_trajectory', 'path_tolerance',

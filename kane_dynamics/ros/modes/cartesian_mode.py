@@ -6,11 +6,12 @@ from typing import Any
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.traced_laws import LawInput, TracedLaw
+from kane_dynamics.control_cycle.cycle_results import NEVER
 from kane_dynamics.mechanics.algebra.flags import packed
 from kane_dynamics.model.model import WORLD
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.conversion import NANO, NEVER
+from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.modes.cartesian_cycle import (CartesianCycle, memory_size,
                                                      ORDERS_SIZE, target_of,
                                                      unpacked_memory)

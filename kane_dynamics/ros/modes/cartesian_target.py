@@ -5,8 +5,9 @@ import math
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Matrix, Vector
+from kane_dynamics.control_cycle.cycle_results import NEVER
 from kane_dynamics.mechanics.algebra.quaternion import rotation_matrix
-from kane_dynamics.ros.common.conversion import NANO, NEVER
+from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.modes.cartesian_cycle import TargetOrders
 import numpy as np
 

@@ -17,8 +17,8 @@ from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.model import Model
 from kane_dynamics.model.primitive_inertias import ball, box, disc
 from kane_dynamics.ros.common.conversion import Array
+from kane_dynamics.ros.loads.gravity_payload import checked_payload
 from kane_dynamics.ros.services.services import Services
-from kane_dynamics.ros.torque_path.gravity_payload import checked_payload
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType

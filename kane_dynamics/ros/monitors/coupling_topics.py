@@ -15,12 +15,12 @@ from kane_dynamics.errors import KaneError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.cdr import whole_joint_state
 from kane_dynamics.ros.common.conversion import NANO
+from kane_dynamics.ros.common.stamped_numbers import MALFORMED
 from kane_dynamics.ros.modes.arm_coupling_mode import ArmCouplingMode
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
-from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateReader,
-                                                              MALFORMED)
+from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
 from kane_dynamics.task_space.arm_coupling import PartnerState
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message

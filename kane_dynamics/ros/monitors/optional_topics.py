@@ -12,6 +12,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.qos import BEST_EFFORT, LATCHED, RELIABLE
 from kane_dynamics.ros.common.transform_tree import TransformTree
+from kane_dynamics.ros.loads.wrench_input import check_frames, WrenchInput
 from kane_dynamics.ros.monitors.applied_torque import stated_efforts
 from kane_dynamics.ros.monitors.attached_objects import check_attached_objects
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,
@@ -25,7 +26,6 @@ from kane_dynamics.ros.monitors.payload_monitor import estimator_settings, Paylo
 from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
-from kane_dynamics.ros.torque_path.wrench_input import check_frames, WrenchInput
 from kane_dynamics_interfaces.msg import PayloadEstimate, TorqueExplanation
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.lifecycle import LifecycleNode

@@ -7,10 +7,10 @@ from kane_dynamics.control.followed_motion import FollowedMotion
 from kane_dynamics.errors import KaneError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.conversion import Array
+from kane_dynamics.ros.loads.wrench_input import WrenchInput
 from kane_dynamics.ros.services.explanation_message import explanation_message
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
-from kane_dynamics.ros.torque_path.wrench_input import WrenchInput
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher

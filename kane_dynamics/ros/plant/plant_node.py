@@ -20,11 +20,11 @@ from kane_dynamics.ros.common.node_statistics import status
 from kane_dynamics.ros.common.qos import LATCHED, RELIABLE, WRENCHES
 from kane_dynamics.ros.common.service_errors import answer_service_errors
 from kane_dynamics.ros.common.throttle import ThrottledWarning
+from kane_dynamics.ros.loads.wrench_input import wrench_array
 from kane_dynamics.ros.parameters.live_parameters import LiveParameters
 from kane_dynamics.ros.plant.plant_parameters import SPECS
 from kane_dynamics.ros.plant.plant_state import PlantState
 from kane_dynamics.ros.plant.tick_schedule import TickSchedule
-from kane_dynamics.ros.torque_path.wrench_input import wrench_array
 import numpy as np
 from rclpy.clock import Clock as RosClock, ClockType
 from rclpy.node import Node

@@ -9,9 +9,9 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.conditioning import described
 from kane_dynamics.model.elastic_model import with_motors_at_links
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
+from kane_dynamics.ros.loads.wrench_input import WrenchFrames
 from kane_dynamics.ros.plant.simulated_drives import actuator_coordinates, settle_drives
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
-from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.energy_balance import EnergyBalance
 from kane_dynamics.simulation.presliding import require_no_bristles
 from kane_dynamics.simulation.step_kernels import (deflections_of, state_names,
@@ -21,7 +21,6 @@ from kane_dynamics.simulation.step_size import (stable_integrator, step_warning,
 from kane_dynamics.simulation.sticking.friction_samples import ExactFriction
 from kane_dynamics.simulation.sticking.friction_state import FrictionState
 from kane_dynamics.simulation.sticking.sticking_steps import compile_sticking
-from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_step
 from kane_dynamics.simulation.torque_input import TorqueInput

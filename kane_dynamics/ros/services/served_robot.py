@@ -7,8 +7,8 @@ from typing import Any
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
+from kane_dynamics.ros.loads.wrench_input import WrenchFrames
 
 
 RIGID = 'flexible links treated as rigid'

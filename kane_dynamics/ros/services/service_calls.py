@@ -4,10 +4,10 @@ from typing import Any
 
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from kane_dynamics.ros.common.conversion import as_wrench, doubles, Index, vector
+from kane_dynamics.ros.loads.wrench_input import wrenches_of_request
 from kane_dynamics.ros.services.explanation_message import explanation_message
 from kane_dynamics.ros.services.joint_order import close_loops, JointOrder
 from kane_dynamics.ros.services.served_robot import QUASI_STATIC, RIGID, ServedRobot
-from kane_dynamics.ros.torque_path.wrench_input import wrenches_of_request
 import numpy as np
 
 

@@ -13,12 +13,12 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import (Array, doubles, Index,
                                                  motion_from_message,
                                                  trajectory_message, vector)
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.parameters.parameter_checks import (integrator_of_simulations,
                                                            per_joint)
 from kane_dynamics.ros.services.joint_order import close_loops, JointOrder
 from kane_dynamics.ros.services.request_kernels import SIMULATIONS
 from kane_dynamics.ros.services.served_robot import RIGID, ServedRobot
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.simulation.simulate import simulate
 from kane_dynamics.simulation.step_size import step_warning
 import numpy as np

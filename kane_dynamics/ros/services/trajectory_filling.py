@@ -15,11 +15,10 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.cdr import HEAD, STAMP, STAMP_AT, Writer
 from kane_dynamics.ros.common.conversion import (Array, check_points, doubles, NANO,
                                                  nanoseconds, point_columns)
+from kane_dynamics.ros.inputs.trajectory_input import read_trajectory, TrajectoryHeader
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 from kane_dynamics.ros.services.motion_check import refuse_impossible
 from kane_dynamics.ros.services.served_robot import ServedRobot
-from kane_dynamics.ros.torque_path.trajectory_input import (read_trajectory,
-                                                            TrajectoryHeader)
 import numpy as np
 
 FIELDS = ('positions', 'velocities', 'accelerations')

@@ -3,22 +3,15 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.controller import Controller
+from kane_dynamics.control_cycle.loop_rules import may_be_singular, result_of
 from kane_dynamics.loop_tracking.loop_error import LoopError
-from kane_dynamics.loop_tracking.loop_tracker import (compare_with, largest_square,
-                                                      LoopSearch, LoopTracker, path_rows,
-                                                      search_of)
-from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.flags import flag
+from kane_dynamics.loop_tracking.loop_tracker import (compare_with, LoopTracker,
+                                                      path_rows, search_of)
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
 from kane_dynamics.urdf.tree import ROOT_JOINT
 import numpy as np
-
-REACH = 2.0  # times its last speed, an arm moves until the next state at most
-STANDSTILL = 1e-3  # rad, or lengths of the mechanism: noise of positions at rest
 
 
 def commanded_joints(robot: Robot, followed: Sequence[str]) -> tuple[int, ...]:
@@ -55,36 +48,6 @@ def closed_loop_reader(controller: Controller, values: Mapping[str, Any]
     """Return the reader of an arm with closed loops; None for other arms."""
     return ClosedLoopReader(controller,
                             values) if controller.robot.constraint_names else None
-
-
-def may_be_singular(search: LoopSearch, before: Vector, units: Vector,
-                    between: Scalar, since: Scalar) -> Scalar:
-    """
-    Return whether an arm can be at a singular configuration by now, over any scalar.
-
-    The distance is one over the conditioning figure of the last state. The arm moves at
-    most `REACH` times as fast as there: as measured, or as from the state before.
-
-    Parameters
-    ----------
-    search : LoopSearch
-        With the last accepted state, whose speeds are rates of the measured joints.
-    before : (n_q,) array
-        The accepted configuration before it.
-    units : (n_q,) array
-        Of the coordinates: 1 rad, or the length of the mechanism.
-    between, since : Scalar
-        Time between both states, and since the last, ns.
-
-    """
-    rates = search.T.reshape(-1, len(search.u)) @ search.u
-    # Both states may have one stamp, or the clock may have jumped backward between them.
-    between = select(between > 1.0, between, 1.0)
-    change = (search.q - before) * (NANO / between)
-    speed_2 = largest_square(np.concatenate([rates / units, change / units]))
-    reached = REACH * np.sqrt(speed_2) * since / NANO + STANDSTILL
-    # 1 / figure <= reached
-    return flag(reached * reached * search.figure > 1.0)
 
 
 class ClosedLoopReader(JointStateReader):
@@ -158,8 +121,8 @@ class ClosedLoopReader(JointStateReader):
         if self._singular:
             self.tracker.known = False
 
-    def complete(self, stamp: int) -> str | None:
-        """Close the loops at the state; return None, or the reason to refuse it."""
+    def complete(self, stamp: int) -> int | None:
+        """Close the loops at the state; return None, or the result that refuses it."""
         tracker = self.tracker
         known = self.tracker.known
         try:
@@ -171,7 +134,7 @@ class ClosedLoopReader(JointStateReader):
             if known and not tracker.known:
                 self._singular = True
                 tracker.known = not self._may_be_singular(stamp)
-            return error.reason
+            return int(result_of(search_of(tracker)))
         # The last valid state and the one before predict through a singularity.
         self._to_before[:] = self._to_last
         self._to_last[:] = self._from

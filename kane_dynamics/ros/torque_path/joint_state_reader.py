@@ -8,46 +8,14 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.cdr import (MessageBuffer, Reader, STAMP, STAMP_AT,
                                           TooShortError, write_joint_state)
 from kane_dynamics.ros.common.conversion import Array, Index, NANO, places
+from kane_dynamics.ros.common.stamped_numbers import MALFORMED, NOT_FINITE
+from kane_dynamics.ros.torque_path.drop_reasons import (FOREIGN, MISSING, NO_VELOCITY,
+                                                        SHORT, TWICE)
 import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-# Reasons to drop a joint state; the diagnostics count each.
-MISSING, TWICE, SHORT, NO_VELOCITY, NOT_FINITE, MALFORMED = (
-    'joint missing', 'joint named twice', 'arrays of unequal length', 'no velocity',
-    'not finite', 'malformed message')
-STALE, FUTURE, OUT_OF_ORDER, NO_CLOCK = (
-    'stale (older than state_timeout)', 'stamp in the future',
-    'stamp before the latest one', 'no message on /clock')
-# For example of a gripper: not a fault, counted separately
-FOREIGN = 'other joints only'
 MAX_LAYOUTS = 8  # cached layouts, one for each publisher
-
-
-def time_fault(stamp: int, now: int, last: int, timeout: int,
-               stale: str = STALE) -> tuple[str, str] | None:
-    """
-    Return the reason and the details for which a stamp is invalid; None if it is valid.
-
-    Parameters
-    ----------
-    stamp, now, last : int
-        Stamp of the message, time of the node's clock, stamp of the latest valid
-        message, ns.
-    timeout : int
-        Age above which a message is stale, and largest difference of clocks, ns.
-    stale : str
-        Reason to return for a stale message.
-
-    """
-    # In either direction of time, then in order.
-    if now - stamp > timeout:
-        return stale, f'{(now - stamp) / NANO:.3f} s old'
-    if stamp - now > timeout:
-        return FUTURE, f'{(stamp - now) / NANO:.3f} s ahead of the clock'
-    if stamp < last:
-        return OUT_OF_ORDER, f'{(last - stamp) / NANO:.6f} s before it'
-    return None
 
 
 class OtherJoints(NamedTuple):
@@ -252,11 +220,11 @@ class JointStateReader:
             self._gather_effort(layout.efforts, index)
         return None if self.judged and not self.others else self._finite()
 
-    def complete(self, stamp: int) -> str | None:
+    def complete(self, stamp: int) -> int | None:
         """
         Compute what a state lacks, with its stamp, ns.
 
-        Return None, or why it is refused.
+        Return None, or the result of a cycle that refuses the state.
         """
         return None
 

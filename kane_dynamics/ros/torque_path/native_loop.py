@@ -11,6 +11,11 @@ from weakref import finalize
 from kane_dynamics._util.typing import Vector
 from kane_dynamics.control.terms import Mode, Terms
 from kane_dynamics.control.traced_laws import TracedLaw
+from kane_dynamics.control_cycle import cycle_rules
+from kane_dynamics.control_cycle.arbitration import FIELDS
+from kane_dynamics.control_cycle.cycle_rules import (CycleSettings, Event, ModelStop,
+                                                     PathShape, PathState)
+from kane_dynamics.control_cycle.loop_rules import LoopRules
 from kane_dynamics.mechanics.algebra.flags import packed
 from kane_dynamics.motion.motion import Motion, segment_table
 from kane_dynamics.native.runtime import message_loop
@@ -23,12 +28,7 @@ from kane_dynamics.ros.common.cdr import (float64_multi_array, joint_command,
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.common.rcl_functions import message_of, RclLoop
 from kane_dynamics.ros.common.realtime import named_threads
-from kane_dynamics.ros.torque_path import cycle_rules
-from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, Event, ModelStop,
-                                                       PathShape, PathState)
-from kane_dynamics.ros.torque_path.guard_messages import FIELDS
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateLayout
-from kane_dynamics.ros.torque_path.loop_rules import LoopRules
 from kane_dynamics.ros.torque_path.path_memory import INPUTS, rule_kernel, WITH_PARAMETERS
 from kane_dynamics.ros.torque_path.state_check import turning_joints
 from kane_dynamics.task_space.law_kernel import identifier

@@ -15,6 +15,13 @@ from typing import Any, NamedTuple, Protocol
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.traced_laws import (Actuation, closed_loop_laws,
                                                controller_laws, MODES)
+from kane_dynamics.control_cycle import cycle_results, cycle_rules
+from kane_dynamics.control_cycle.arbitration import Arbitration, UNGUARDED
+from kane_dynamics.control_cycle.cycle_results import NEVER
+from kane_dynamics.control_cycle.cycle_rules import (CycleSettings, initial_path,
+                                                     PathState)
+from kane_dynamics.control_cycle.loop_rules import (initial_loops, LoopRules,
+                                                    unpacked_loops)
 from kane_dynamics.loop_tracking.loop_tracker import (LoopTracker, mirror, refusal,
                                                       search_array, search_of,
                                                       squared_limits)
@@ -22,31 +29,24 @@ from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.motion.motion import State
 from kane_dynamics.native.runtime.message_loop import (ELAPSED, HEARD, MOMENT, MOVING,
                                                        NOW, STAMP, UNKNOWN)
-from kane_dynamics.ros.common.conversion import Array, NANO, NEVER
+from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.lost_messages import LostMessages
 from kane_dynamics.ros.common.qos import THREAD_STATES
 from kane_dynamics.ros.common.rcl_functions import handle_address, RclLoop
+from kane_dynamics.ros.common.stamped_numbers import MALFORMED, NOT_FINITE
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.modes.task_modes import native_laws, NATIVE_MODES
-from kane_dynamics.ros.torque_path import cycle_rules
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
-from kane_dynamics.ros.torque_path.arbitration import Arbitration, UNGUARDED
 from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
                                                               commanded_joints)
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle, CycleObserver
-from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, initial_path,
-                                                       PathState)
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
+from kane_dynamics.ros.torque_path.drop_reasons import LEARNED, REASONS
 from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateLayout,
-                                                              MALFORMED, MAX_LAYOUTS,
-                                                              NOT_FINITE)
-from kane_dynamics.ros.torque_path.loop_rules import (initial_loops, LoopRules,
-                                                      unpacked_loops)
+                                                              MAX_LAYOUTS)
 from kane_dynamics.ros.torque_path.native_loop import (CycleKernels, CyclePlan, LARGEST,
                                                        NativeLoop, Report)
 from kane_dynamics.ros.torque_path.path_memory import PathMemory
-from kane_dynamics.ros.torque_path.state_check import FAULTS
-from kane_dynamics.ros.torque_path.torque_path import (NO_TORQUE, OF_LOOPS, REFUSED,
-                                                       TOO_LARGE_TORQUE, TorquePath)
+from kane_dynamics.ros.torque_path.torque_path import TOO_LARGE_TORQUE, TorquePath
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
@@ -59,8 +59,6 @@ TOO_LARGE = (f'empty or more than {LARGEST} bytes; expected at most as many, or 
              'torque_path: python')
 # The thread has judged with limits of its time.
 CHANGED = 'compared with limits, or a state, that have changed since'
-# A reason to drop a state.
-LEARNED = 'layout learned after newer states'
 
 
 def python_reason(values: Mapping[str, Any], controller: Controller) -> str:
@@ -530,11 +528,11 @@ class NativeTorquePath(TorquePath):
     def _note_state(self, report: Report, now: int) -> None:
         """Count and observe what followed a state."""
         reason = int(report.path.reason)
-        if reason == cycle_rules.ACCEPTED:
+        if reason == cycle_results.ACCEPTED:
             self._note_command(report, now)
-        elif reason == cycle_rules.WAITING:
+        elif reason == cycle_results.WAITING:
             self._last_good = round(float(report.path.last_stamp)) + self._epoch
-        elif reason != cycle_rules.FIRST:
+        elif reason != cycle_results.FIRST:
             self._note_dropped_state(report, reason, now)
 
     def _note_guard(self, guard: 'GuardSide', path: PathState, dropped: bool) -> None:
@@ -595,36 +593,34 @@ class NativeTorquePath(TorquePath):
         """Count and explain a state that was not answered."""
         path = report.path
         stamp = round(float(report.event[STAMP])) + self._epoch
-        if code == cycle_rules.OUT_OF_ORDER and report.message == self._replay[1]:
+        if code == cycle_results.OUT_OF_ORDER and report.message == self._replay[1]:
             # It came in order, but the thread answered other publishers meanwhile.
             self._drop(LEARNED, f'{len(report.message)} bytes; the next one of its '
                        'publisher is judged at once')
             return
-        if code < cycle_rules.NOT_FINITE:
+        if code < cycle_results.NOT_FINITE:
             self._drop_stamp(code, stamp, now)
             return
-        if code == cycle_rules.NO_TORQUE:
-            reason, detail = NO_TORQUE, TOO_LARGE_TORQUE
-        elif code == cycle_rules.NOT_FINITE and self._message_fault is not None:
-            reason, detail = self._message_fault, self._reader.detail
-        elif code == cycle_rules.REFUSED:
-            reason, detail = self._refused_motion(path)
-        elif code in OF_LOOPS.values():
-            assert self.loops is not None
-            error = refusal(self.loops.tracker)
-            reason, detail = error.reason, error.detail
-        else:
-            reason = FAULTS[code - cycle_rules.NOT_FINITE + 1] or ''
+        if code == cycle_results.NO_TORQUE:
+            detail = TOO_LARGE_TORQUE
+        elif code == cycle_results.NOT_FINITE and self._message_fault is not None:
+            detail = self._reader.detail
+        elif code == cycle_results.REFUSED:
+            detail = self._refused_motion(path)
+        elif code <= cycle_results.JUMP:
             memories = self._last.states, path.states
             detail = CHANGED
-            if self.states.finds(reason, *memories):
-                detail = self.states.explain(reason, *memories)
-        self._drop(reason, detail)
+            if self.states.finds(code, *memories):
+                detail = self.states.explain(code, *memories)
+        else:
+            assert self.loops is not None
+            detail = refusal(self.loops.tracker).detail
+        self._drop(REASONS[code], detail)
         if self._begins_fault(self._last, path):
-            self._note_fault(bool(self._last.commanding), path, reason, now)
+            self._note_fault(bool(self._last.commanding), path, code, now)
 
-    def _refused_motion(self, path: PathState) -> tuple[str, str]:
-        """Return reason and details of a motion, or a pose, without a torque; drop it."""
+    def _refused_motion(self, path: PathState) -> str:
+        """Drop a motion, or a pose, without a torque; return the details."""
         robot = self.controller.robot
         # The search along the desired motion knows more than the law's torque.
         memory = unpacked_loops(path.loops, robot.n_q, robot.n)
@@ -633,7 +629,7 @@ class NativeTorquePath(TorquePath):
         if not memory.tracking and search_of(self._desired_loops).outcome:
             detail = str(refusal(self._desired_loops))
         dropped = self._clear_motion(detail, path)
-        return REFUSED, detail + '; desired motion dropped' * dropped
+        return detail + '; desired motion dropped' * dropped
 
     def _learn(self, report: Report) -> None:
         """Learn the layout of a message and let the thread answer it, or drop it."""

@@ -6,22 +6,21 @@ import struct
 from typing import Any
 
 from kane_dynamics._util.typing import Vector
+from kane_dynamics.control_cycle import cycle_rules
+from kane_dynamics.control_cycle.arbitration import FIELDS, PERMITTED
+from kane_dynamics.control_cycle.cycle_rules import (CycleSettings, Event, EVENT_SIZE,
+                                                     GivenStop, path_size, PathShape,
+                                                     PathState, SCALARS, settings_size,
+                                                     torques_within_limits,
+                                                     unpacked_path, unpacked_settings)
+from kane_dynamics.control_cycle.state_judgement import CONFIRMED, StateMemory
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.flags import packed
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
-from kane_dynamics.ros.torque_path import cycle_rules
-from kane_dynamics.ros.torque_path.arbitration import PERMITTED
-from kane_dynamics.ros.torque_path.cycle_rules import (CycleSettings, Event, EVENT_SIZE,
-                                                       GivenStop, path_size, PathShape,
-                                                       PathState, SCALARS, settings_size,
-                                                       torques_within_limits,
-                                                       unpacked_path, unpacked_settings)
-from kane_dynamics.ros.torque_path.guard_messages import FIELDS
-from kane_dynamics.ros.torque_path.state_check import (CONFIRMED, StateMemory,
-                                                       turning_joints)
+from kane_dynamics.ros.torque_path.state_check import turning_joints
 import numpy as np
 
 # The arguments of the rules, by the name of their kernel.

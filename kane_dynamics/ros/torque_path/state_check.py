@@ -1,138 +1,25 @@
 """
-Judge joint states by what the arm can do: its limits, and its last state.
+The settings by which joint states are judged, and why a state was refused.
 
-A state is impossible if it is not finite, if a joint lies far outside its position
-limits, is faster than it can be, or is farther from its last accepted position than it
-can have moved since then. A joint that has jumped stays impossible until it jumps back
-or, within the grace time, its measured speeds explain where it is: an offset of an encoder
-does not become possible as time passes.
-
-`judged` is the rule, a function over any scalar, which both torque paths compile with
-`cycle_rules.judge`. Details of a reason are found only for a state that is refused.
+The rule is `state_judgement.judged`. Details are found only for a state that is refused.
 """
 
 from collections.abc import Mapping, Sequence
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
-from kane_dynamics._util.typing import Flags, Scalar, Vector
+from kane_dynamics._util.typing import Flags
 from kane_dynamics.control.terms import Mode
-from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.flags import branch, either, finite, flag
-from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.control_cycle.cycle_results import NOT_FINITE, OUTSIDE, TOO_FAST
+from kane_dynamics.control_cycle.state_judgement import (state_fault, StateMemory,
+                                                         UNLIMITED)
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.conversion import Array, NANO, NEVER
+from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
-from kane_dynamics.ros.torque_path.joint_state_reader import NOT_FINITE
 import numpy as np
 
-JUMP, TOO_FAST, OUTSIDE = (
-    'position jumped', 'velocity beyond its limit', 'position beyond its limits')
-FIRST = 'first state'  # no fault: it is compared with the next one
-# Outcomes of `judged`; the faults in the order in which they are named.
-FAULTS = None, NOT_FINITE, OUTSIDE, TOO_FAST, JUMP, FIRST
-UNLIMITED = float(np.finfo(np.float64).max)  # stands for an infinite bound
 ROUNDING = 1e-9  # rad or m
-LATE_SHARE = 0.5  # of the distance by the measured speeds, by which a stamp may be wrong
 WHOLE_TURN = 2.0 * math.pi
-
-
-class StateMemory(NamedTuple):
-    """
-    The memory of `judged`: the last accepted state, or a first one.
-
-    Attributes
-    ----------
-    known : Scalar
-        Whether there is a state to compare the next one with.
-    stamp : Scalar
-        Its stamp, ns.
-    frozen_at : Scalar
-        After a fault that lasts: the time up to which a joint can have moved, ns, because
-        a fault must not become possible as time passes; else `NEVER`.
-    confirmed : Scalar
-        Whether it is accepted; a first state is not.
-    elapsed : Scalar
-        Time in which the joints can have moved until the state judged last, s.
-    jumped_at : Scalar
-        Stamp of the last state that was refused with a joint that had jumped, ns.
-    accepted : (2 n,) array
-        Its positions and velocities.
-    jumped : (n,) array
-        Whether each joint had jumped in that refused state; zeros after an accepted one.
-    refused : (n,) array
-        The positions in that refused state.
-
-    """
-
-    known: Scalar
-    stamp: Scalar
-    frozen_at: Scalar
-    confirmed: Scalar
-    elapsed: Scalar
-    jumped_at: Scalar
-    accepted: Vector
-    jumped: Vector
-    refused: Vector
-
-    @classmethod
-    def of(cls, array: Vector) -> 'StateMemory':
-        """Return the memory of an array, as `packed` makes it."""
-        n = (len(array) - ACCEPTED_AT) // 4
-        jumped = ACCEPTED_AT + 2 * n
-        known, stamp, frozen_at, confirmed, elapsed, jumped_at = array[:ACCEPTED_AT]
-        return cls(known, stamp, frozen_at, confirmed, elapsed, jumped_at,
-                   array[ACCEPTED_AT:jumped], array[jumped:jumped + n],
-                   array[jumped + n:])
-
-    @classmethod
-    def empty(cls, n: int) -> 'StateMemory':
-        """Return the memory of n joints that knows no state."""
-        return cls(0.0, NEVER, NEVER, 0.0, 0.0, NEVER, np.zeros(2 * n), np.zeros(n),
-                   np.zeros(n))
-
-    def forgotten(self) -> 'StateMemory':
-        """Return the memory that compares the next state with no earlier one."""
-        return self._replace(known=0.0, stamp=NEVER, frozen_at=NEVER, confirmed=0.0,
-                             jumped=0.0 * self.jumped)
-
-    def kept(self, moment: Scalar, state: Vector) -> 'StateMemory':
-        """Return the memory with a state, and its stamp, ns."""
-        return self._replace(known=1.0, stamp=moment, frozen_at=NEVER, accepted=state,
-                             jumped=0.0 * self.jumped)
-
-
-ACCEPTED_AT = StateMemory._fields.index('accepted')
-KNOWN, STAMP, FROZEN_AT, CONFIRMED, ELAPSED, JUMPED_AT = range(ACCEPTED_AT)
-
-
-def state_memory_size(n: int) -> int:
-    """Return the number of entries of a `StateMemory` of n joints as an array."""
-    return ACCEPTED_AT + 4 * n
-
-
-class CheckSettings(NamedTuple):
-    """
-    Settings by which a joint state is judged.
-
-    Attributes
-    ----------
-    timeout : Scalar
-        Age, ns, above which a first state confirms no other.
-    compares : Scalar
-        Whether a first state needs a second one that agrees.
-    turned : (n,) array
-        Whether a joint may jump by whole turns.
-    bounds : (5 n,) array
-        Lower and upper positions, speeds, and the largest change of a position as slope
-        and constant.
-
-    """
-
-    timeout: Scalar
-    compares: Scalar
-    turned: Vector
-    bounds: Vector
 
 
 class StateCheck:
@@ -208,13 +95,13 @@ class StateCheck:
                                  UNLIMITED)
         self.compares = bool(limited.any())
 
-    def finds(self, fault: str, before: StateMemory, after: StateMemory) -> bool:
+    def finds(self, fault: int, before: StateMemory, after: StateMemory) -> bool:
         """Return whether the limits of now show a fault that a thread has found."""
-        if fault is NOT_FINITE:
+        if fault == NOT_FINITE:
             return True
         moved, allowed = self._moved(before.accepted, after.elapsed)
         jumped = np.where(np.abs(moved) < allowed, after.jumped, 1.0)
-        return FAULTS[int(state_fault(self._state, self.bounds.ravel(), jumped))] is fault
+        return int(state_fault(self._state, self.bounds.ravel(), jumped)) == fault
 
     def _moved(self, accepted: Array, elapsed: float) -> tuple[Array, Array]:
         """Return the distances that joints moved in a time, s, and could have moved, (n,)."""
@@ -227,16 +114,16 @@ class StateCheck:
         _, _, _, slope, step = self.bounds
         return moved, step + slope * elapsed
 
-    def explain(self, fault: str, before: StateMemory, after: StateMemory) -> str:
+    def explain(self, fault: int, before: StateMemory, after: StateMemory) -> str:
         """Return the details of a fault of the state, by the memories before and after it."""
         n = len(self._joints)
         q, u = self._state[:n], self._state[n:]
         lower, upper, fastest, _, _ = self.bounds
         # The joint that is furthest off explains the fault.
-        if fault is NOT_FINITE:
+        if fault == NOT_FINITE:
             finite = np.isfinite(q) & np.isfinite(u)
             return ', '.join(np.compress(~finite, self._joints))
-        if fault is OUTSIDE:
+        if fault == OUTSIDE:
             j = int(np.argmax(np.maximum(lower - q, q - upper)))
             limits = self._robot.limits
             place = self._places[j]
@@ -246,7 +133,7 @@ class StateCheck:
                     + looks_like_degrees(float(q[j]), float(limits.lower[place]),
                                          float(limits.upper[place])))
         # Speeds, then distances from the last accepted state.
-        if fault is TOO_FAST:
+        if fault == TOO_FAST:
             j = int(np.argmax(np.abs(u) / fastest))
             return (f"'{self._joints[j]}' at {u[j]:.6g} rad/s or m/s; expected at most "
                     f'{fastest[j]:.4g}, its limit times state_check.speed_factor')
@@ -297,152 +184,3 @@ def looks_like_degrees(value: float, lower: float, upper: float) -> str:
     return f' ({turned:.3g} rad, if these are degrees)' if within else ''
 
 
-def state_fault(state: Vector, bounds: Vector, jumped: Vector) -> Scalar:
-    """
-    Return the index in `FAULTS` of the first fault of a finite state, over any scalar.
-
-    Parameters
-    ----------
-    state : (2 n,) array
-        Positions and velocities.
-    bounds : (5 n,) array
-        As of `CheckSettings`.
-    jumped : (n,) array
-        Whether the joints have jumped.
-
-    """
-    q, u = np.split(state, 2)
-    lower, upper, fastest, _, _ = np.split(bounds, 5)
-    inside: Scalar = 1.0
-    slow: Scalar = 1.0
-    near: Scalar = 1.0
-    for j in range(len(q)):
-        inside = select(between(lower[j], q[j], upper[j]) > 0.5, inside, 0.0)
-        slow = select(between(-fastest[j], u[j], fastest[j]) > 0.5, slow, 0.0)
-        near = select(jumped[j] > 0.5, 0.0, near)
-    # The most basic fault counts: outside the limits, then too fast, then a jump.
-    fault = select(near > 0.5, 0.0, float(FAULTS.index(JUMP)))
-    fault = select(slow > 0.5, fault, float(FAULTS.index(TOO_FAST)))
-    return select(inside > 0.5, fault, float(FAULTS.index(OUTSIDE)))
-
-
-def jumped_joints(memory: StateMemory, moment: Scalar, state: Vector, last: Vector,
-                  elapsed: Scalar, settings: CheckSettings) -> Vector:
-    """
-    Return a flag for each joint that has jumped since the last accepted state, (n,).
-
-    A joint jumps if it moves farther than its speed limit allows. Then it counts as
-    jumped for as long as its positions go on from there without another jump, unless its
-    mean speed explains where it is. So an offset that stays does not become possible
-    when enough time has passed, and a joint that returns is accepted at once. Positions
-    that were late and have caught up are explained. After the grace time nothing is: an
-    arm that falls or stops may bring a false position to the last accepted one.
-
-    Parameters
-    ----------
-    memory : StateMemory
-        Of the states before.
-    moment : Scalar
-        Stamp of the state, ns.
-    state, last : (2 n,) arrays
-        Positions and velocities of the state, and of the one that it is compared with.
-    elapsed : Scalar
-        Time between both, s.
-    settings : CheckSettings
-        Of the parameters.
-
-    """
-    q, u = np.split(state, 2)
-    q_last, u_last = np.split(last, 2)
-    _, _, _, slope, step = np.split(settings.bounds, 5)
-    since = (moment - memory.jumped_at) / NANO
-    since = select(since > 0.0, since, 0.0)
-    in_grace = 1.0 - flag(memory.frozen_at > NEVER)
-    jumped = []
-    for j, turned in enumerate(settings.turned):
-        moved = q[j] - q_last[j]
-        is_near = within(moved, step[j] + slope[j] * elapsed, turned)
-        continues = within(q[j] - memory.refused[j], step[j] + slope[j] * since, turned)
-        # The trapezoidal rule: the torque is constant while states are refused, so the
-        # acceleration nearly is.
-        predicted = 0.5 * (u_last[j] + u[j]) * elapsed
-        late = LATE_SHARE * select(predicted < 0.0, -predicted, predicted)
-        is_explained = within(moved - predicted, step[j] + late, turned)
-        stays = memory.jumped[j] * continues * (1.0 - in_grace * is_explained)
-        jumped.append(either(is_near, stays, 1.0))
-    return np.array(jumped)
-
-
-def within(moved: Scalar, distance: Scalar, turned: Scalar) -> Scalar:
-    """Return 1 if a joint moved by less than a distance, or may turn and did so, else 0."""
-    straight = between(-distance, moved, distance)
-    if is_zero(turned):
-        return straight
-    # Modulo whole turns two angles are as near as their cosine says.
-    widest = select(distance < math.pi, distance, math.pi)
-    on_circle = turned * flag(np.cos(widest) < np.cos(moved))
-    return select(straight > 0.5, 1.0, on_circle)
-
-
-def between(low: Scalar, x: Scalar, high: Scalar) -> Scalar:
-    """Return 1 if a number lies between two others, else 0."""
-    return select(low < x, flag(x < high), 0.0)
-
-
-def judged(memory: StateMemory, moment: Scalar, state: Vector, settings: CheckSettings
-           ) -> tuple[Scalar, StateMemory]:
-    """
-    Judge a state; return the index of the outcome in `FAULTS`, and the next memory.
-
-    The first state is compared with the next one: a command follows only from two states
-    that agree, so that a false first state is not answered. A first state older than the
-    timeout confirms no other: meanwhile the arm can have moved anywhere. `kept` makes a
-    possible state the last accepted one, after its command.
-
-    Parameters
-    ----------
-    memory : StateMemory
-        Of the states before.
-    moment : Scalar
-        Stamp of the state, ns.
-    state : array
-        Positions and velocities, (2 n,), then numbers that are only to be finite.
-    settings : CheckSettings
-        Of the parameters.
-
-    """
-    # A state without an earlier one that is recent enough is the first.
-    recent = flag(moment - memory.stamp < settings.timeout + 1.0)
-    has_earlier = memory.known * either(memory.confirmed, 1.0, recent)
-    measured = state[:len(memory.accepted)]
-    last = either(has_earlier, memory.accepted, measured)
-    # After a lasting fault, no more than the grace time counts.
-    until = select(memory.frozen_at < moment, memory.frozen_at, moment)
-    until = either(flag(memory.frozen_at > NEVER), until, moment)
-    elapsed = (until - memory.stamp) / NANO
-    elapsed = has_earlier * select(elapsed > 0.0, elapsed, 0.0)
-    jumped = jumped_joints(memory, moment, measured, last, elapsed, settings)
-    fault = state_fault(measured, settings.bounds, jumped)
-    is_finite = finite(state)
-    fault = either(is_finite, fault, float(FAULTS.index(NOT_FINITE)))
-    is_possible = flag(fault < 0.5)
-    judged_memory = memory._replace(elapsed=elapsed)
-    with_state = judged_memory.kept(moment, measured)
-
-    # The jump of a state that is not the first is remembered.
-    with_jump = judged_memory._replace(jumped_at=moment, jumped=jumped,
-                                       refused=measured[:len(jumped)])
-    has_jumped = is_finite * has_earlier * flag(sum(jumped) > 0.5)
-    refused_memory = branch(has_jumped, with_jump, judged_memory)
-
-    # The second of two states that agree confirms both. Of two that disagree one is
-    # false: the next one is compared with the later one.
-    disagrees = flag(fault > FAULTS.index(JUMP) - 0.5) * (1.0 - memory.confirmed)
-    refused = branch(disagrees, with_state, refused_memory)
-    compared = branch(is_possible, judged_memory._replace(confirmed=1.0), refused)
-    begun = with_state._replace(confirmed=1.0 - settings.compares)
-    first = branch(is_possible, begun, judged_memory)
-
-    waits = settings.compares * (1.0 - has_earlier)
-    outcome = either(is_possible, waits * float(FAULTS.index(FIRST)), fault)
-    return outcome, branch(has_earlier, compared, first)

@@ -14,47 +14,40 @@ from kane_dynamics._util.typing import Scalar
 from kane_dynamics.control.controller import Controller, Mode
 from kane_dynamics.control.stopping import motion_to_rest
 from kane_dynamics.control.torque_limiter import Command
+from kane_dynamics.control_cycle import cycle_results, cycle_rules
+from kane_dynamics.control_cycle.arbitration import Arbitration, STOPPED
+from kane_dynamics.control_cycle.cycle_results import NEVER
+from kane_dynamics.control_cycle.cycle_rules import (begun_stop, CycleSettings, Event,
+                                                     initial_path, PathShape, PathState)
+from kane_dynamics.control_cycle.state_judgement import UNLIMITED
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTION, SINGULAR,
-                                                    UNKNOWN)
 from kane_dynamics.motion.motion import Motion, State
-from kane_dynamics.ros.common.conversion import Array, NANO, NEVER
+from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
-from kane_dynamics.ros.torque_path import cycle_rules
+from kane_dynamics.ros.common.stamped_numbers import NOT_FINITE
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
+from kane_dynamics.ros.loads.wrench_input import WrenchInput
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
-from kane_dynamics.ros.torque_path.arbitration import Arbitration
 from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
                                                               commanded_joints)
 from kane_dynamics.ros.torque_path.command_messages import CommandMessages
 from kane_dynamics.ros.torque_path.cycle_observer import Arbiter, Cycle, CycleObserver
-from kane_dynamics.ros.torque_path.cycle_rules import (begun_stop, CycleSettings, Event,
-                                                       initial_path, PathShape,
-                                                       PathState)
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.guard_messages import STOPPED
-from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN, JointStateReader,
-                                                              MISSING, NO_CLOCK,
-                                                              NOT_FINITE, time_fault)
+from kane_dynamics.ros.torque_path.drop_reasons import FOREIGN, MISSING, REASONS
+from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
 from kane_dynamics.ros.torque_path.path_memory import (COMMANDED_AT, COMMANDING,
                                                        CycleRules, DROPS, FAULT,
                                                        LAST_HEARD, LAST_STAMP, LAW_KNOWN,
                                                        PathMemory, PUBLISH, REFUSING,
                                                        REQUEST, SENT_AT, STOP_BEGAN,
                                                        STOPS, TIMED_OUT)
-from kane_dynamics.ros.torque_path.state_check import FAULTS, StateCheck, UNLIMITED
-from kane_dynamics.ros.torque_path.wrench_input import WrenchInput
+from kane_dynamics.ros.torque_path.state_check import StateCheck
 import numpy as np
 from rclpy.publisher import Publisher
 
-NO_TORQUE, REFUSED = 'no finite torque', 'closed loop without a torque'
-# Reasons with their details
-WITHOUT_CLOCK = NO_CLOCK, 'use_sim_time is true and no time was received'
+# A reason with its details
 CLOCK_JUMPED = 'clock', 'jumped backward or replaced; desired motion dropped'
 TOO_LARGE_TORQUE = ('torques: not finite; expected a state, a motion and gains in a '
                     'physical range')
-LONGEST_AGE = 2**63  # ns
-OF_LOOPS = {CONTRADICTION: cycle_rules.CONTRADICTORY, BRANCH: cycle_rules.OFF_BRANCH,
-            SINGULAR: cycle_rules.NEAR_SINGULAR, UNKNOWN: cycle_rules.NO_MODE}
 
 
 @dataclass
@@ -503,17 +496,17 @@ class TorquePath:
                                                                                 now)
             torque = self._torque(stamp, motion, moment, external)
         except InputError as error:  # the torques of a finite state overflowed
-            self._refuse(cycle_rules.NO_TORQUE, NO_TORQUE, str(error), now)
+            self._refuse(cycle_results.NO_TORQUE, str(error), now)
             return
         except ConstraintError as error:
             dropped = self.active_motion.clear(str(error))
-            self._refuse(cycle_rules.REFUSED, REFUSED,
+            self._refuse(cycle_results.REFUSED,
                          str(error) + '; desired motion dropped' * dropped, now)
             return
         try:
             rules.answer(self.messages.of_commanded(torque))
         except InputError:
-            self._refuse(cycle_rules.NO_TORQUE, NO_TORQUE, TOO_LARGE_TORQUE, now)
+            self._refuse(cycle_results.NO_TORQUE, TOO_LARGE_TORQUE, now)
             return
         # 3. Publish it, unless the guard may have taken over meanwhile.
         if self.arbiter is not None and not self.arbiter.confirm(time.perf_counter()):
@@ -578,20 +571,18 @@ class TorquePath:
         if rules.next.entries[DROPS] != self._memory.entries[DROPS]:
             self.controller.stop()
             self._note_drop(self._memory.path, rules.next.path, now)
-        if code < cycle_rules.NOT_FINITE:
+        if code < cycle_results.NOT_FINITE:
             rules.keep()
-            if code > cycle_rules.FIRST:
+            if code > cycle_results.FIRST:
                 self._drop_stamp(code, stamp, now)
-            return code == cycle_rules.ACCEPTED and self._complete(stamp, now)
+            return code == cycle_results.ACCEPTED and self._complete(stamp, now)
         # Faults of the numbers: the arm is heard, and the last command goes on for a
         # time.
-        reason = fault or FAULTS[code - cycle_rules.NOT_FINITE + 1] or ''
         detail = self._reader.detail
         if fault is None:
-            detail = self.states.explain(reason, self._memory.states,
-                                         rules.next.states)
+            detail = self.states.explain(code, self._memory.states, rules.next.states)
         rules.keep()
-        self._refuse(code, reason, detail, now)
+        self._refuse(code, detail, now)
         return False
 
     def _complete(self, stamp: int, now: int) -> bool:
@@ -600,10 +591,10 @@ class TorquePath:
         fault = self._reader.complete(min(stamp, now))
         if fault is None:
             return True
-        self._refuse(OF_LOOPS[fault], fault, self._reader.detail, now)
+        self._refuse(fault, self._reader.detail, now)
         return False
 
-    def _refuse(self, code: int, reason: str, detail: str, now: int) -> None:
+    def _refuse(self, code: int, detail: str, now: int) -> None:
         """Refuse a state: command what `cycle_rules.refuse` says."""
         rules = self._rules
         was_commanding = self.commanding
@@ -622,9 +613,9 @@ class TorquePath:
         if self._memory.entries[STOPS] > 0.5:
             self._command_stop()
         self._publish()
-        self._drop(reason, detail)
+        self._drop(REASONS[code], detail)
         if begins:
-            self._note_fault(was_commanding, self._memory.path, reason, now)
+            self._note_fault(was_commanding, self._memory.path, code, now)
 
     def _give_up(self) -> None:
         """Restart the law; closed loops may have passed a singular configuration."""
@@ -733,19 +724,18 @@ class TorquePath:
 
     def _drop_stamp(self, code: int, stamp: int, now: int) -> None:
         """Count a state whose stamp says nothing about the arm, and explain it."""
-        if code == cycle_rules.NO_CLOCK:  # no timeout would ever expire
-            self._drop(*WITHOUT_CLOCK)
-            return
         last = round(self._memory.entries[LAST_STAMP]) + self._epoch
-        # state_timeout may have changed since the rule has compared the times.
-        exceeded = LONGEST_AGE if code == cycle_rules.OUT_OF_ORDER else 0
-        fault = time_fault(stamp, now, last, exceeded)
-        assert fault is not None
-        self._drop(*fault)
+        details = {
+            cycle_results.NO_CLOCK: 'use_sim_time is true and no time was received',
+            cycle_results.STALE: f'{(now - stamp) / NANO:.3f} s old',
+            cycle_results.FUTURE: f'{(stamp - now) / NANO:.3f} s ahead of the clock',
+            cycle_results.OUT_OF_ORDER: f'{(last - stamp) / NANO:.6f} s before it'}
+        self._drop(REASONS[code], details[code])
 
-    def _note_fault(self, was_commanding: bool, path: PathState, reason: str, now: int
+    def _note_fault(self, was_commanding: bool, path: PathState, code: int, now: int
                     ) -> None:
         """Count and explain the begin of a fault that lasts, which drops the motion."""
+        reason = REASONS[code]
         self._reason = reason
         dropped = self._clear_motion(f'joint states are refused: {reason}', path)
         self.statistics.faults += 1
@@ -758,7 +748,7 @@ class TorquePath:
     def _begins_fault(before: PathState, path: PathState) -> bool:
         """Return whether a lasting fault began with a refused state."""
         return bool(path.fault and not before.fault
-                    and path.reason >= cycle_rules.NOT_FINITE)
+                    and path.reason >= cycle_results.NOT_FINITE)
 
     def _note_drop(self, before: PathState, path: PathState, now: int) -> bool:
         """

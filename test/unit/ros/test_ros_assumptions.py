@@ -10,6 +10,8 @@ pytest.importorskip('rclpy')
 
 from kane_dynamics import load_urdf, QuasiStatic, Robot, stiffened  # noqa: E402, I100
 from kane_dynamics._util.resources import resource_path  # noqa: E402
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
+from kane_dynamics.ros.loads.wrench_input import WrenchFrames  # noqa: E402
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
@@ -20,8 +22,6 @@ from kane_dynamics.ros.services.service_calls import (explain, forward_dynamics,
 from kane_dynamics.ros.services.simulation_request import SimulationRequest  # noqa: E402
 from kane_dynamics.ros.services.time_optimal_request import timing_request  # noqa: E402
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle  # noqa: E402
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames  # noqa: E402
 from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,  # noqa: E402
                                           InverseDynamics, Simulate, TimeOptimal)
 

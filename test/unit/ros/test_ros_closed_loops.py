@@ -18,8 +18,10 @@ from kane_dynamics.mechanics.constraints.loop_closure import closed_configuratio
 from kane_dynamics.model.model import with_payload  # noqa: E402
 from kane_dynamics.robot.robot import TORQUE_TERMS  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.common.stamped_numbers import NOT_FINITE  # noqa: E402
 from kane_dynamics.ros.doctor.live_graph import examine_states, ReceivedState  # noqa: E402
 from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque  # noqa: E402
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
                                                         ContactPublishers)
@@ -32,11 +34,9 @@ from kane_dynamics.ros.plant.plant_parameters import SPECS as PLANT_SPECS  # noq
 from kane_dynamics.ros.plant.plant_state import PlantState  # noqa: E402
 from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,  # noqa: E402
                                                               commanded_joints)
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.torque_path.joint_state_reader import (MISSING,  # noqa: E402
-                                                              NOT_FINITE, STALE, TWICE)
-from kane_dynamics.ros.torque_path.torque_path import (NO_TORQUE, REFUSED,  # noqa: E402
-                                                       TorquePath)
+from kane_dynamics.ros.torque_path.drop_reasons import (MISSING, NO_TORQUE, REFUSED,  # noqa: E402
+                                                        STALE, TWICE)
+from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from node_values import node_values, UNCHECKED  # noqa: E402
 from palletizer import (bending_palletizer, DRIVEN, palletizer, positions,  # noqa: E402
                         SINGULAR_SHOULDER)

@@ -21,19 +21,17 @@ pytest.importorskip('rclpy')
 
 from kane_dynamics import Closure, Controller, load_urdf, Motion, Robot  # noqa: E402, I100
 from kane_dynamics._util.resources import resource_path  # noqa: E402
+from kane_dynamics.control_cycle.arbitration import Arbitration  # noqa: E402
 from kane_dynamics.model.inertial import Inertial  # noqa: E402
 from kane_dynamics.ros.common.cdr import float64_multi_array, write_joint_state  # noqa: E402
-from kane_dynamics.ros.common.cdr import PreparedMessage  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink  # noqa: E402
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard  # noqa: E402
+from kane_dynamics.ros.guard.guard_messages import (arm_digest, loads_from_numbers,  # noqa: E402
+                                                    LOADS_LENGTH, loads_to_numbers)
 from kane_dynamics.ros.guard.node_torques import NodeTorques  # noqa: E402
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings  # noqa: E402
-from kane_dynamics.ros.torque_path.arbitration import Arbitration  # noqa: E402
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.torque_path.guard_messages import (arm_digest,  # noqa: E402
-                                                          loads_from_numbers,
-                                                          LOADS_LENGTH, loads_to_numbers)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from native_rig import guarded, native_path  # noqa: E402
 from node_values import node_values, UNCHECKED  # noqa: E402

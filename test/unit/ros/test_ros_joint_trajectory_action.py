@@ -16,6 +16,7 @@ from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.control.elastic_control import derivatives_of  # noqa: E402
 from kane_dynamics.motion.smooth_motion import require_smooth  # noqa: E402
 from kane_dynamics.ros.common.conversion import JointNamesError  # noqa: E402
+from kane_dynamics.ros.inputs.trajectory_input import CdrTime  # noqa: E402
 from kane_dynamics.ros.joint_trajectory_action.action_server import (  # noqa: E402
     follow_joint_trajectory_type)
 from kane_dynamics.ros.joint_trajectory_action.goal_message import TrajectoryGoal  # noqa: E402
@@ -25,7 +26,6 @@ from kane_dynamics.ros.joint_trajectory_action.goal_tolerances import (  # noqa:
     goal_tolerances, GoalTolerances, StateTolerance)
 from kane_dynamics.ros.joint_trajectory_action.stop_motion import (  # noqa: E402
     HEADROOM, limit_demand, SHORTEST, stop_along, stop_from)
-from kane_dynamics.ros.torque_path.trajectory_input import CdrTime  # noqa: E402
 from node_values import node_values, served_robot  # noqa: E402
 from palletizer import DRIVEN, palletizer, positions  # noqa: E402
 

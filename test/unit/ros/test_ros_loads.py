@@ -7,8 +7,8 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.model import with_payload
+from kane_dynamics.ros.loads.gravity_payload import checked_payload, GravityAndPayload
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
-from kane_dynamics.ros.torque_path.gravity_payload import checked_payload, GravityAndPayload
 import numpy as np
 import pytest
 from sensor_msgs.msg import Imu

@@ -6,17 +6,15 @@ import pytest
 
 pytest.importorskip('rclpy')
 from kane_dynamics import Drive, Inertial, InputError, Motion, MotorSideControl  # noqa: E402, I100
-from kane_dynamics import Robot, SmoothMotion, StiffnessCurve, with_drives  # noqa: E402
-from kane_dynamics import with_rigid_joints  # noqa: E402
 from kane_dynamics.control.controller import Controller  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.inputs.trajectory_input import follow_trajectory  # noqa: E402
 from kane_dynamics.ros.modes.motor_side_mode import MotorSideMode  # noqa: E402
 from kane_dynamics.ros.modes.task_modes import TaskModes  # noqa: E402
 from kane_dynamics.ros.services.motion_check import refuse_impossible  # noqa: E402
 from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from kane_dynamics.ros.torque_path.trajectory_input import follow_trajectory  # noqa: E402
 from node_process import model as rigid_model  # noqa: E402
 from node_values import node_values, served_robot, UNCHECKED  # noqa: E402
 import numpy as np  # noqa: E402

@@ -19,6 +19,7 @@ from kane_dynamics import Controller, load_urdf, Motion, Robot, Terms  # noqa: E
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.control import traced_laws  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
+from kane_dynamics.control_cycle import cycle_results, cycle_rules  # noqa: E402
 from kane_dynamics.native.runtime import message_loop  # noqa: E402
 from kane_dynamics.native.runtime.message_loop import (NOTHING_TAKEN, NOW, STAMP,  # noqa: E402
                                                        STEADILY)
@@ -26,13 +27,14 @@ from kane_dynamics.ros.common.cdr import (PreparedMessage, wrench_stamped,  # no
                                           write_joint_state)
 from kane_dynamics.ros.common.rcl_functions import (handle_address, message_of,  # noqa: E402
                                                     SerializedMessage, UnsupportedError)
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
+from kane_dynamics.ros.loads.wrench_input import WrenchInput  # noqa: E402
 from kane_dynamics.ros.modes.task_modes import (native_laws,  # noqa: E402
                                                 NATIVE_MODES, TaskModes)
-from kane_dynamics.ros.torque_path import cycle_rules, native_loop  # noqa: E402
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.torque_path.native_path import LEARNED, python_reason  # noqa: E402
+from kane_dynamics.ros.torque_path import native_loop  # noqa: E402
+from kane_dynamics.ros.torque_path.drop_reasons import LEARNED  # noqa: E402
+from kane_dynamics.ros.torque_path.native_path import python_reason  # noqa: E402
 from kane_dynamics.ros.torque_path.state_check import turning_joints  # noqa: E402
-from kane_dynamics.ros.torque_path.wrench_input import WrenchInput  # noqa: E402
 import native_rig  # noqa: E402
 from native_rig import BothPaths, Choices, NANO, Side  # noqa: E402
 from node_values import node_values  # noqa: E402
@@ -396,9 +398,9 @@ def test_the_compiled_rules_equal_the_readable_ones(mode):
         if path.active_motion.scheduled != (None, None):
             continue
         parameters = path.controller.robot.parameters.block
-        if after.reason >= cycle_rules.NOT_FINITE:
+        if after.reason >= cycle_results.NOT_FINITE:
             expected = cycle_rules.refuse(stop, judged, event, settings, parameters)
-        elif after.reason == cycle_rules.ACCEPTED:
+        elif after.reason == cycle_results.ACCEPTED:
             expected = cycle_rules.answer(
                 robot, laws[path.controller.mode], judged, event, loop.state.copy(),
                 np.zeros((6, 6)), settings, parameters, parameters[3:])
@@ -407,8 +409,8 @@ def test_the_compiled_rules_equal_the_readable_ones(mode):
         np.testing.assert_allclose(cycle_rules.packed(after), cycle_rules.packed(expected),
                                    rtol=1e-9, atol=1e-9)
         compared[int(after.reason)] += 1
-    assert compared[cycle_rules.ACCEPTED] > 10
-    refused = range(cycle_rules.NOT_FINITE, cycle_rules.REFUSED)
+    assert compared[cycle_results.ACCEPTED] > 10
+    refused = range(cycle_results.NOT_FINITE, cycle_results.REFUSED)
     assert any(compared[code] for code in refused)
 
 

@@ -11,15 +11,17 @@ pytest.importorskip('rclpy')
 
 from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402, I100
 from kane_dynamics._util.resources import resource_path  # noqa: E402
+from kane_dynamics.control_cycle import cycle_results  # noqa: E402
+from kane_dynamics.control_cycle.state_judgement import (CheckSettings, judged,  # noqa: E402
+                                                         StateMemory)
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.mechanics.algebra.flags import packed  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.common.stamped_numbers import FUTURE, NOT_FINITE, OUT_OF_ORDER  # noqa: E402
 from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
-from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE,  # noqa: E402
-                                                              NOT_FINITE, OUT_OF_ORDER, STALE)
-from kane_dynamics.ros.torque_path.state_check import (CheckSettings, FAULTS,  # noqa: E402
-                                                       FIRST, judged, JUMP, OUTSIDE,
-                                                       StateCheck, StateMemory, TOO_FAST)
+from kane_dynamics.ros.torque_path.drop_reasons import (JUMP, OUTSIDE, REASONS,  # noqa: E402
+                                                        STALE, TOO_FAST)
+from kane_dynamics.ros.torque_path.state_check import StateCheck  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from node_values import node_values  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
@@ -33,6 +35,7 @@ ARM = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'),
 HOME = np.array([0.0, -0.7, 0.0, -2.2, 0.0, 1.6, 0.8])
 LIMITS = ARM.limits
 REST = np.zeros(7)
+FIRST = 'first state'
 
 
 class Rig:
@@ -392,12 +395,11 @@ class JudgedStates:
         check = self.settings
         settings = CheckSettings(NANO // 10, check.compares, check.turned, check.bounds.ravel())
         outcome, after = judged(self.memory, stamp, self.state, settings)
-        fault = FAULTS[int(outcome)]
-        if fault not in (None, FIRST):
-            self.detail = check.explain(fault, self.memory, after)
+        if outcome >= cycle_results.NOT_FINITE:
+            self.detail = check.explain(int(outcome), self.memory, after)
         self.memory = StateMemory.of(packed(after))
         self._kept = self.memory.kept(stamp, self.state.copy())
-        return fault
+        return FIRST if outcome == cycle_results.FIRST else REASONS.get(int(outcome))
 
     def accept(self):
         """Keep the state that was judged last as the last accepted one."""

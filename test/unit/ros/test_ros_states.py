@@ -5,10 +5,9 @@ import math
 import struct
 from types import SimpleNamespace
 
-from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateReader, MALFORMED,
-                                                              MAX_LAYOUTS, MISSING,
-                                                              NO_VELOCITY, NOT_FINITE, SHORT,
-                                                              TWICE)
+from kane_dynamics.ros.common.stamped_numbers import MALFORMED, NOT_FINITE
+from kane_dynamics.ros.torque_path.drop_reasons import MISSING, NO_VELOCITY, SHORT, TWICE
+from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader, MAX_LAYOUTS
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
 import pytest

@@ -13,17 +13,17 @@ pytest.importorskip('rclpy')
 from geometry_msgs.msg import (PoseStamped, TransformStamped, TwistStamped,  # noqa: E402, I100
                                WrenchStamped)
 from kane_dynamics.control.terms import Mode  # noqa: E402
+from kane_dynamics.control_cycle import cycle_rules  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.model.model import WORLD  # noqa: E402
 from kane_dynamics.ros.common.configuration_files import load_model  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.common.transform_tree import TransformTree  # noqa: E402
+from kane_dynamics.ros.inputs.target_input import TargetInput  # noqa: E402
 from kane_dynamics.ros.modes.task_modes import LAWS, TaskModes  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import LAW_MODES  # noqa: E402
-from kane_dynamics.ros.torque_path import cycle_rules  # noqa: E402
 from kane_dynamics.ros.torque_path.path_controller import (path_controller,  # noqa: E402
                                                            path_settings)
-from kane_dynamics.ros.torque_path.target_input import TargetInput  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from node_values import node_values  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402

@@ -16,16 +16,15 @@ from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.common.configuration_files import load_model  # noqa: E402
 from kane_dynamics.ros.common.conversion import motion_from_message  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.common.stamped_numbers import FUTURE, OUT_OF_ORDER  # noqa: E402
+from kane_dynamics.ros.inputs import trajectory_input  # noqa: E402
+from kane_dynamics.ros.inputs.trajectory_input import follow_trajectory  # noqa: E402
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
+from kane_dynamics.ros.loads.wrench_input import WrenchInput  # noqa: E402
 from kane_dynamics.ros.services.motion_check import refuse_impossible  # noqa: E402
-from kane_dynamics.ros.torque_path import trajectory_input  # noqa: E402
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE,  # noqa: E402
-                                                              MISSING, NO_CLOCK,
-                                                              OUT_OF_ORDER, STALE)
+from kane_dynamics.ros.torque_path.drop_reasons import MISSING, NO_CLOCK, STALE  # noqa: E402
 from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from kane_dynamics.ros.torque_path.trajectory_input import follow_trajectory  # noqa: E402
-from kane_dynamics.ros.torque_path.wrench_input import WrenchInput  # noqa: E402
 from node_values import node_values, served_robot, UNCHECKED  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402

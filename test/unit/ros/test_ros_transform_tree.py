@@ -14,9 +14,8 @@ from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.model.model import Frame, WORLD  # noqa: E402
 from kane_dynamics.ros.common.transform_tree import MOST_FRAMES, TransformTree  # noqa: E402
+from kane_dynamics.ros.loads.wrench_input import SHARED, WrenchFrames, WrenchInput  # noqa: E402
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu  # noqa: E402
-from kane_dynamics.ros.torque_path.wrench_input import (SHARED, WrenchFrames,  # noqa: E402
-                                                        WrenchInput)
 from node_values import node_values  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import Imu  # noqa: E402

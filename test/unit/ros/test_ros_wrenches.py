@@ -13,21 +13,20 @@ from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.common.stamped_numbers import (FUTURE, MALFORMED, NOT_FINITE,  # noqa: E402
+                                                      OUT_OF_ORDER)
+from kane_dynamics.ros.loads import wrench_input  # noqa: E402
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
+from kane_dynamics.ros.loads.wrench_input import (FRAME, LARGE, STALE, TIMED_OUT,  # noqa: E402
+                                                  WrenchInput)
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
                                                         ContactPublishers)
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics  # noqa: E402
 from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS  # noqa: E402
-from kane_dynamics.ros.torque_path import wrench_input  # noqa: E402
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle  # noqa: E402
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE,  # noqa: E402
-                                                              MALFORMED, NOT_FINITE,
-                                                              OUT_OF_ORDER)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from kane_dynamics.ros.torque_path.wrench_input import (FRAME, LARGE,  # noqa: E402
-                                                        STALE, TIMED_OUT, WrenchInput)
 from node_values import node_values, UNCHECKED  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402

@@ -171,13 +171,13 @@ def test_commands_and_sweeps_warn_of_too_long_steps(tmp_path, capsys):
 def test_the_simulated_arm_and_the_services_choose_an_integrator_or_warn_of_the_step():
     pytest.importorskip('rclpy')
     pytest.importorskip('kane_dynamics_interfaces')
-    from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
+    from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
+    from kane_dynamics.ros.loads.wrench_input import WrenchFrames
     from kane_dynamics.ros.parameters.parameter_checks import read
+    from kane_dynamics.ros.parameters.parameter_table import SPECS
     from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
     from kane_dynamics.ros.services.served_robot import ServedRobot
     from kane_dynamics.ros.services.simulation_request import SimulationRequest
-    from kane_dynamics.ros.parameters.parameter_table import SPECS
-    from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
     from kane_dynamics_interfaces.srv import Simulate
     robot = wheel(**RUB)
     assert SimulatedArm(robot, 0.05).step_warning() is None

@@ -14,10 +14,9 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import Frame, Model, WORLD
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
+from kane_dynamics.ros.common.stamped_numbers import (MALFORMED, NOT_FINITE,
+                                                      read_stamped, time_fault)
 from kane_dynamics.ros.common.transform_tree import TransformTree
-from kane_dynamics.ros.torque_path.joint_state_reader import (MALFORMED, NOT_FINITE,
-                                                              time_fault)
-from kane_dynamics.ros.torque_path.stamped_numbers import read_stamped
 import numpy as np
 
 STALE, FRAME, TIMED_OUT, LARGE, SHARED = (

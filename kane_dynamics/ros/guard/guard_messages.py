@@ -19,16 +19,13 @@ from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.model import Model
 from kane_dynamics.ros.common.command_topic import GUARD_STATE
 from kane_dynamics.ros.common.conversion import Array
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
+from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
 import numpy as np
 
 # Names of topics of the node
 LOADS, REQUEST, STATE = 'loads', 'guard_request', GUARD_STATE
 LOADS_LENGTH = 15
-STOPPED = 0.0  # request number of a node that commanded zeros
-FIELDS = 4  # numbers before the torques
 HEARTBEAT_PERIOD = 0.1  # s between two heartbeats of the guard
-LOST = 0.5  # s without a heartbeat after which the guard counts as dead
 DIGITS = 13  # hexadecimal digits of a digest, which a double holds exactly
 _UPPER = np.triu_indices(3)
 

@@ -20,25 +20,23 @@ from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.torque_blend import share_left
 from kane_dynamics.control.torque_limiter import within_effort, within_rates
 from kane_dynamics.control.traced_laws import Desired, LawInput, TracedLaw
+from kane_dynamics.control_cycle.arbitration import (after_computing, Arbitration,
+                                                     before_command, before_zeros,
+                                                     FIELDS, heard, SIZE, STOPPED,
+                                                     UNGUARDED)
+from kane_dynamics.control_cycle.cycle_results import (ACCEPTED, FUTURE, NANO, NEVER,
+                                                       NO_CLOCK, NO_TORQUE, NOT_FINITE,
+                                                       OFF_BRANCH, OUT_OF_ORDER, REFUSED,
+                                                       STALE, WAITING)
+from kane_dynamics.control_cycle.state_judgement import (CheckSettings, judged,
+                                                         state_memory_size, StateMemory)
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.flags import (branch, changed_if, either, finite,
                                                    flag, packed)
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.conversion import NANO, NEVER
-from kane_dynamics.ros.torque_path.arbitration import (after_computing, Arbitration,
-                                                       before_command, before_zeros,
-                                                       heard, SIZE, UNGUARDED)
-from kane_dynamics.ros.torque_path.guard_messages import FIELDS, STOPPED
-from kane_dynamics.ros.torque_path.state_check import (CheckSettings, judged,
-                                                       state_memory_size, StateMemory)
 import numpy as np
 
 NO_REQUEST = -1.0  # to torque_guard
-# Results of a cycle. From NOT_FINITE on, the arm is heard, and the state is refused; up to
-# OFF_BRANCH the state is false, from NO_TORQUE on the arm or the motion is the reason.
-(ACCEPTED, FIRST, WAITING, NO_CLOCK, STALE, FUTURE, OUT_OF_ORDER, NOT_FINITE, OUTSIDE,
- TOO_FAST, JUMP, CONTRADICTORY, OFF_BRANCH, NO_TORQUE, NEAR_SINGULAR, NO_MODE,
- REFUSED) = range(17)
 # Why a motion was dropped last.
 NOT_DROPPED, BY_CLOCK, BY_TIMEOUT, BY_REFUSAL, BY_GUARD, BY_LOOPS = range(6)
 
@@ -562,8 +560,8 @@ def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings,
     # Judged at its stamp, but not in the future.
     turned = np.where(turning, settings.turned, 0.0)
     check = CheckSettings(settings.timeout, settings.compares, turned, settings.bounds)
-    outcome, states = judged(path.states, moment, state, check)
-    heard = path.with_states(states)._replace(last_heard=moment, reason=_reason(outcome))
+    result, states = judged(path.states, moment, state, check)
+    heard = path.with_states(states)._replace(last_heard=moment, reason=result)
     # Faults of the stamp say nothing about the arm, not even that it is heard.
     reason = select(stamp < path.last_stamp, float(OUT_OF_ORDER), float(ACCEPTED))
     reason = select(settings.timeout < stamp - now, float(FUTURE), reason)
@@ -581,13 +579,6 @@ def _measured(path: PathState, state: Vector) -> Vector:
 def _kept(path: PathState, moment: Scalar, state: Vector) -> PathState:
     """Return the path with a state to compare the next one with."""
     return path.with_states(path.states.kept(moment, _measured(path, state)))
-
-
-def _reason(outcome: Scalar) -> Scalar:
-    """Return the result of a cycle for an outcome of `judged`."""
-    # The faults are numbered in the same order.
-    reason = select(outcome > 0.5, outcome + float(NOT_FINITE - 1), float(ACCEPTED))
-    return select(outcome > JUMP - NOT_FINITE + 1.5, float(FIRST), reason)
 
 
 # The command.

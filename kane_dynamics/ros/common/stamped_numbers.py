@@ -1,4 +1,4 @@
-"""Read small serialized messages: a header, then numbers."""
+"""Read small serialized messages, a header and numbers, and compare their stamps."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -8,6 +8,10 @@ from kane_dynamics.ros.common.cdr import Reader, TooShortError
 from kane_dynamics.ros.common.conversion import Array, NANO
 import numpy as np
 from rclpy.serialization import deserialize_message
+
+# Reasons to drop a message
+NOT_FINITE, MALFORMED = 'not finite', 'malformed message'
+FUTURE, OUT_OF_ORDER = 'stamp in the future', 'stamp before the latest one'
 
 
 class StampedNumbers(NamedTuple):
@@ -62,3 +66,28 @@ def read_stamped(data: bytes, kind: Any, count: int,
         frame = message.header.frame_id
         numbers = numbers_of(message)
     return StampedNumbers(sec * NANO + nanosec, frame, numbers)
+
+
+def time_fault(stamp: int, now: int, last: int, timeout: int, stale: str) -> tuple[str, str] | None:
+    """
+    Return the reason and the details for which a stamp is invalid; None if it is valid.
+
+    Parameters
+    ----------
+    stamp, now, last : int
+        Stamp of the message, time of the node's clock, stamp of the latest valid
+        message, ns.
+    timeout : int
+        Age above which a message is stale, and largest difference of clocks, ns.
+    stale : str
+        Reason to return for a stale message.
+
+    """
+    # In either direction of time, then in order.
+    if now - stamp > timeout:
+        return stale, f'{(now - stamp) / NANO:.3f} s old'
+    if stamp - now > timeout:
+        return FUTURE, f'{(stamp - now) / NANO:.3f} s ahead of the clock'
+    if stamp < last:
+        return OUT_OF_ORDER, f'{(last - stamp) / NANO:.6f} s before it'
+    return None

@@ -13,23 +13,24 @@ from kane_dynamics.control.stopping import reached_state, stopping_motion
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.traced_laws import (Actuation, commanded_torques, Desired,
                                                followed_feedforward, TracedLaw)
-from kane_dynamics.loop_tracking.loop_tracker import (DEVIATING,
-                                                      ILL_CONDITIONED, LoopSearch,
-                                                      MeasuredJoints,
-                                                      search_places, search_size,
-                                                      SearchRules, UNKNOWN_MODE,
-                                                      unpacked_search)
+from kane_dynamics.control_cycle.cycle_results import (ACCEPTED, CONTRADICTORY, NANO,
+                                                       NEAR_SINGULAR, NEVER, NO_MODE,
+                                                       OFF_BRANCH, REFUSED)
+from kane_dynamics.control_cycle.cycle_rules import (begun_stop, CycleSettings,
+                                                     desired_motion, Event, LOOP_LIMITS,
+                                                     PathState, torques_within_limits)
+from kane_dynamics.loop_tracking.loop_tracker import (DEVIATING, ILL_CONDITIONED,
+                                                      largest_square, LoopSearch,
+                                                      MeasuredJoints, search_places,
+                                                      search_size, SearchRules,
+                                                      UNKNOWN_MODE, unpacked_search)
+from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.flags import branch, either, flag, packed
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.conversion import NANO, NEVER
-from kane_dynamics.ros.torque_path.closed_loop_reader import may_be_singular
-from kane_dynamics.ros.torque_path.cycle_rules import (ACCEPTED, begun_stop, CONTRADICTORY,
-                                                       CycleSettings, desired_motion,
-                                                       Event, LOOP_LIMITS,
-                                                       NEAR_SINGULAR, NO_MODE,
-                                                       OFF_BRANCH, PathState,
-                                                       REFUSED, torques_within_limits)
 import numpy as np
+
+REACH = 2.0  # times its last speed, an arm moves until the next state at most
+STANDSTILL = 1e-3  # rad, or lengths of the mechanism: noise of positions at rest
 
 
 class LoopMemory(NamedTuple):
@@ -161,7 +162,7 @@ class LoopRules:
             earlier=either(reached, memory.latest, memory.earlier),
             latest=either(reached, moment, memory.latest),
             singular=either(lost, 1.0, memory.singular * (1.0 - reached)))
-        reason = either(ended, _reason(after.outcome), float(ACCEPTED))
+        reason = either(ended, result_of(after), float(ACCEPTED))
         return path._replace(loops=packed(kept), searching=after.searching, reason=reason)
 
     def given_up(self, path: PathState) -> PathState:
@@ -267,9 +268,40 @@ class LoopRules:
         return Desired(q_d, u_d, udot_d, 1.0)
 
 
-def _reason(outcome: Scalar) -> Scalar:
-    """Return the reason of a cycle for the outcome of its search."""
+def may_be_singular(search: LoopSearch, before: Vector, units: Vector,
+                    between: Scalar, since: Scalar) -> Scalar:
+    """
+    Return whether an arm can be at a singular configuration by now, over any scalar.
+
+    The distance is one over the conditioning figure of the last state. The arm moves at
+    most `REACH` times as fast as there: as measured, or as from the state before.
+
+    Parameters
+    ----------
+    search : LoopSearch
+        With the last accepted state, whose speeds are rates of the measured joints.
+    before : (n_q,) array
+        The accepted configuration before it.
+    units : (n_q,) array
+        Of the coordinates: 1 rad, or the length of the mechanism.
+    between, since : Scalar
+        Time between both states, and since the last, ns.
+
+    """
+    rates = search.T.reshape(-1, len(search.u)) @ search.u
+    # Both states may have one stamp, or the clock may have jumped backward between them.
+    between = select(between > 1.0, between, 1.0)
+    change = (search.q - before) * (NANO / between)
+    speed_2 = largest_square(np.concatenate([rates / units, change / units]))
+    reached = REACH * np.sqrt(speed_2) * since / NANO + STANDSTILL
+    # 1 / figure <= reached
+    return flag(reached * reached * search.figure > 1.0)
+
+
+def result_of(search: LoopSearch) -> Scalar:
+    """Return the result of a cycle for the outcome of its search."""
     # The outcomes are numbered by reason: see `REASONS` of the tracker.
+    outcome = search.outcome
     reason = either(flag(outcome < ILL_CONDITIONED + 0.5), float(NEAR_SINGULAR),
                     float(OFF_BRANCH))
     reason = either(flag(outcome > DEVIATING - 0.5), float(CONTRADICTORY), reason)

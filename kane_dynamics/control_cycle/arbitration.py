@@ -13,14 +13,18 @@ clock, flags 1 or 0; 0 stands for a time that has not come yet.
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Scalar, Vector
+from kane_dynamics.control_cycle.cycle_results import NANO
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.flags import branch, either, flag
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.conversion import NANO
-from kane_dynamics.ros.torque_path.guard_messages import FIELDS, LOST
 import numpy as np
 
+# A message of torque_guard: number of the request that it answers, whether it commanded
+# until then, whether the last torques are its own, its identity; then the last torques.
+FIELDS = 4
+LOST = 0.5  # s without a message after which the guard counts as dead
+STOPPED = 0.0  # request number of a node that commanded zeros
 # Of the lease, after which the node may no longer command without a request.
 SHARE = 0.75
 PERIODS = 1.5  # the guard takes over after two periods of the states at the earliest

@@ -17,18 +17,18 @@ from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.model.model import Frame, WORLD
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
+from kane_dynamics.ros.common.stamped_numbers import (MALFORMED, NOT_FINITE,
+                                                      read_stamped, StampedNumbers,
+                                                      time_fault)
 from kane_dynamics.ros.common.transform_tree import TransformTree
+from kane_dynamics.ros.loads.wrench_input import wrench_array
 from kane_dynamics.ros.modes.cartesian_cycle import LONGEST_PERIOD
 from kane_dynamics.ros.modes.cartesian_mode import CartesianMode
 from kane_dynamics.ros.modes.cartesian_target import (CartesianTarget, largest_of,
                                                       pose_of_numbers)
 from kane_dynamics.ros.modes.pose_functions import bound, displaced, displacement
 from kane_dynamics.ros.modes.target_reach import REACHED, TargetReach
-from kane_dynamics.ros.torque_path.joint_state_reader import (MALFORMED, NOT_FINITE,
-                                                              time_fault)
-from kane_dynamics.ros.torque_path.stamped_numbers import read_stamped, StampedNumbers
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
-from kane_dynamics.ros.torque_path.wrench_input import wrench_array
 import numpy as np
 
 POSE, TWIST, WRENCH = 'target_pose', 'target_twist', 'target_wrench'

@@ -1,0 +1,1 @@
+"""Messages that move the arm: trajectories and targets."""

@@ -1,0 +1,1 @@
+"""Loads on the arm: gravity, payload and measured wrenches."""
