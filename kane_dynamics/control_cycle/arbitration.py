@@ -6,7 +6,7 @@ one. Until a part of that time has passed, the node may command without asking; 
 and after each activation, it sends a request and is silent until the guard answers that
 it is silent too. Without a living guard it commands after a short wait.
 
-Both torque paths of the node use these rules, compiled. Times are nanoseconds of a steady
+Times are nanoseconds of a steady
 clock, flags 1 or 0; 0 stands for a time that has not come yet.
 """
 
@@ -16,9 +16,6 @@ from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control_cycle.cycle_results import NANO
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.flags import branch, either, flag
-from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.robot.robot import Robot
-import numpy as np
 
 # A message of torque_guard: number of the request that it answers, whether it commanded
 # until then, whether the last torques are its own, its identity; then the last torques.
@@ -101,9 +98,7 @@ class Arbitration(NamedTuple):
 
 
 SIZE = len(Arbitration._fields)
-PERMITTED, SENDS, NUMBER, RETRIES = map(Arbitration._fields.index, (
-    'permitted', 'sends', 'number', 'retries'))
-UNANSWERED = Arbitration._fields.index('unanswered')
+PERMITTED, UNANSWERED = map(Arbitration._fields.index, ('permitted', 'unanswered'))
 # Without a guard every command is permitted.
 UNGUARDED = Arbitration(1.0, *[0.0] * (SIZE - 1))
 
@@ -205,36 +200,3 @@ def _sending(last: Arbitration, now: Scalar) -> Arbitration:
     sent = last._replace(permitted=0.0, sends=1.0, waited=last.waited + counted,
                          sent=either(flag(last.sent > 0.0), last.sent, now), repeated=now)
     return branch(sends, sent, last._replace(permitted=0.0, sends=0.0))
-
-
-class ArbitrationKernels(NamedTuple):
-    """The compiled rules: the next `Arbitration`, of the last one and the time."""
-
-    before_command: Kernel
-    before_zeros: Kernel
-    after_computing: Kernel
-    heard: Kernel
-
-
-def arbitration_kernels(robot: Robot, joints: int) -> ArbitrationKernels:
-    """Compile the rules for a number of commanded joints."""
-    # The rules are written once, over any scalar; each kernel only packs their records
-    # into rows.
-    def command(last: Vector, now: Scalar) -> Vector:
-        return np.array(before_command(Arbitration(*last), now))
-
-    def zeros(last: Vector, now: Scalar) -> Vector:
-        return np.array(before_zeros(Arbitration(*last), now))
-
-    def computed(last: Vector, now: Scalar) -> Vector:
-        return np.array(after_computing(Arbitration(*last), now))
-
-    def hear(last: Vector, now: Scalar, numbers: Vector) -> Vector:
-        return np.array(heard(Arbitration(*last), numbers, now))
-    size = (SIZE,)
-    return ArbitrationKernels(
-        robot.compiled(command, name='before_command', last=size, now=(), shape=size),
-        robot.compiled(zeros, name='before_zeros', last=size, now=(), shape=size),
-        robot.compiled(computed, name='after_computing', last=size, now=(), shape=size),
-        robot.compiled(hear, name=f'heard_{joints}', last=size, now=(),
-                       numbers=(FIELDS + joints,), shape=size))

@@ -22,8 +22,7 @@ from kane_dynamics.control.torque_limiter import within_effort, within_rates
 from kane_dynamics.control.traced_laws import Desired, LawInput, TracedLaw
 from kane_dynamics.control_cycle.arbitration import (after_computing, Arbitration,
                                                      before_command, before_zeros,
-                                                     FIELDS, heard, SIZE, STOPPED,
-                                                     UNGUARDED)
+                                                     FIELDS, heard, SIZE, STOPPED)
 from kane_dynamics.control_cycle.cycle_results import (ACCEPTED, FUTURE, NANO, NEVER,
                                                        NO_CLOCK, NO_TORQUE, NOT_FINITE,
                                                        OFF_BRANCH, OUT_OF_ORDER, REFUSED,
@@ -367,8 +366,7 @@ def _parts(array: Vector, sizes: list[int]) -> list[Vector]:
     return np.split(array, np.cumsum(sizes))
 
 
-def initial_path(shape: PathShape, now: float, arbitration: Arbitration = UNGUARDED,
-                 loops: Vector | None = None) -> PathState:
+def initial_path(shape: PathShape, now: float, arbitration: Arbitration) -> PathState:
     """Return the state of a path that starts."""
     # No state was accepted, nothing commanded, and no request is known.
     zeros = np.zeros(shape.commanded)
@@ -381,8 +379,7 @@ def initial_path(shape: PathShape, now: float, arbitration: Arbitration = UNGUAR
     return PathState(**scalars, tau=zeros, clamped=zeros, rate_limited=zeros, last=zeros,
                      difference=zeros, pose=np.zeros(shape.n), check=packed(states),
                      stop=at_rest, arbitration=np.array(arbitration),
-                     loops=np.zeros(0) if loops is None else loops,
-                     memory=np.zeros(shape.memory))
+                     loops=np.zeros(shape.loops), memory=np.zeros(shape.memory))
 
 
 # The clock.
@@ -509,8 +506,8 @@ def hear(path: PathState, event: Event, numbers: Vector, settings: CycleSettings
     path = at_time(path, event.now, settings)
     known = heard(Arbitration(*path.arbitration), numbers, event.steady)
     noted = _decided(path, known)._replace(retries=known.retries)
-    continued = taken_back(noted, event, numbers[FIELDS:], settings)
-    noted = branch(known.answered * known.resumes, continued, noted)
+    noted = changed_if(known.answered * known.resumes, noted, partial(
+        taken_back, event=event, tau=numbers[FIELDS:], settings=settings))
     return branch(finite(numbers), noted, path)
 
 

@@ -59,8 +59,8 @@ def native_path(controller, commands, torques, now, *arguments, stamped=None, **
 def guarded(path, link):
     """Let a native path follow the rules of a link to torque_guard."""
     path.outputs[REQUESTS] = link.requests, path.native.request
-    path.use_guard(link, REQUESTS)
-    path.arbiter = link
+    path.use_guard(link)
+    path.native.ask_by(REQUESTS)
 
 
 def address(function):

@@ -68,7 +68,8 @@ def read_stamped(data: bytes, kind: Any, count: int,
     return StampedNumbers(sec * NANO + nanosec, frame, numbers)
 
 
-def time_fault(stamp: int, now: int, last: int, timeout: int, stale: str) -> tuple[str, str] | None:
+def time_fault(stamp: int, now: int, last: int, timeout: int, stale: str
+               ) -> tuple[str, str] | None:
     """
     Return the reason and the details for which a stamp is invalid; None if it is valid.
 

@@ -63,8 +63,7 @@ from kane_dynamics.ros.services.trajectory_filling import FillSettings
 from kane_dynamics.ros.torque_path.closed_loop_reader import (closed_loop_reader,
                                                               command_fault)
 from kane_dynamics.ros.torque_path.native_loop import compile_loop
-from kane_dynamics.ros.torque_path.native_path import (Inputs, NativeTorquePath,
-                                                       python_reason)
+from kane_dynamics.ros.torque_path.native_path import NativeTorquePath, python_reason
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
 from kane_dynamics.ros.torque_path.state_check import speed_limits
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
@@ -307,9 +306,9 @@ class ConfiguredRobot:
         if guarded:
             self.guard = GuardLink(node, self.path, values['guard.lease'], opened,
                                    len(self.path.messages.joints), self._digest)
+            self.path.use_guard(self.guard)
             if isinstance(self.path, NativeTorquePath):
-                self.path.use_guard(self.guard, handle_address(self.guard.requests))
-        self.path.arbiter = self.guard
+                self.path.native.ask_by(handle_address(self.guard.requests))
         if isinstance(self.path, NativeTorquePath):
             self.path.compile()
         # Gravity of a mobile base comes from its IMU.
@@ -415,14 +414,13 @@ class ConfiguredRobot:
                 entities.callback(subscription.destroy)
                 return subscription
             states = subscribe(JointState, 'joint_states', THREAD_STATES, True)
-            inputs = Inputs(
-                states,
-                subscribe(Float64MultiArray, f'~/{STATE}', RELIABLE,
-                          self.values['guard.enabled']),
-                subscribe(ClockMessage, '/clock', CLOCK, self._simulated_time))
+            guard = subscribe(Float64MultiArray, f'~/{STATE}', RELIABLE,
+                              self.values['guard.enabled'])
+            clock = subscribe(ClockMessage, '/clock', CLOCK, self._simulated_time)
             wake = guard_condition(node.context)
             entities.callback(wake.destroy_when_not_in_use)
-            path.connect(node, inputs, wake, publishers, self.lost_states)
+            path.connect(node, states, guard, clock, wake, publishers,
+                         self.lost_states)
             entities.callback(path.close)
             # The interpreter reads reports of the thread at its own pace.
             timer = node.create_timer(REPORT_PERIOD, path.read_reports,

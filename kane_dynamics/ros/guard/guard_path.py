@@ -4,10 +4,11 @@ from collections.abc import Callable, Mapping
 import time
 from typing import Any
 
+from kane_dynamics._util.typing import Scalar
 from kane_dynamics.control.controller import Controller, Mode
 from kane_dynamics.control_cycle import cycle_rules
-from kane_dynamics.control_cycle.arbitration import LOST
-from kane_dynamics.control_cycle.cycle_results import NEVER
+from kane_dynamics.control_cycle.arbitration import Arbitration, LOST, PERMITTED
+from kane_dynamics.control_cycle.cycle_results import ACCEPTED, NEVER
 from kane_dynamics.control_cycle.cycle_rules import GivenStop, PathState
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.motion.motion import Motion
@@ -80,7 +81,7 @@ class GuardPath(TorquePath):
                                                        f'joint states: {detail}'))
         joints = self.messages.joints
         self.watch = NodeWatch(values['guard.lease'], len(joints))
-        self.arbiter = self.watch
+        self._keep_waiting, = self._rules.bound({'WAIT': cycle_rules.waiting})
         self._report = report
         self._pending_report = ''
         self._node_torques = joint_state_of_efforts(joints)
@@ -149,7 +150,7 @@ class GuardPath(TorquePath):
             needed = np.divide(np.abs(self._offset), rate, out=np.zeros(len(rate)),
                                where=rate > 0.0)
             self._ramp = max(values['guard.ramp'], *needed.tolist())
-            self.resume(self.watch.torque)
+            self._resume()
             silent = self.watch.silent_for * 1e3
             self._pending_report = (f'no command for {silent:.1f} ms: '
                                     f"commanding '{values['guard.action']}'")
@@ -237,21 +238,61 @@ class GuardPath(TorquePath):
         self._took_over = self._now()
         # The torque does not change until the next state, where another stop begins from
         # where the model says that the arm is.
-        self.resume(self.watch.torque)
+        self._resume()
         self._change(lambda path: cycle_rules.resumed(path, 1.0, path.last_heard)._replace(
             stop_began=NEVER))
         self._report('error',
                      f'no command for {self.watch.silent_for * 1e3:.1f} ms, and joint '
                      f'states are impossible ({self.fault}): {self.reaction}')
 
+    def _resume(self) -> None:
+        """Continue from the last torque of the node: the limit of the rate counts from it."""
+        now = self._now()
+        settings = self._rules.settings
+        event = self._event(now)
+
+        def taken_back(path: PathState) -> PathState:
+            path = cycle_rules.at_time(path, event.now, settings)
+            return cycle_rules.taken_back(path, event, self.watch.torque, settings)
+        self.controller.stop()
+        before, path = self._change(taken_back)
+        self._last_good = now
+        self._note_drop(before, path, now)
+
+    # Who commands, by `NodeWatch`.
+
+    def _permitted(self, code: int) -> bool:
+        """Decide whether to command at a state with this result; False: the node may."""
+        now = time.perf_counter()
+        if code == ACCEPTED:
+            permitted = self.watch.may_command(now)
+        else:
+            permitted = not self.commanding or self.watch.may_repeat(now)
+        self._memory.arbitration[PERMITTED] = permitted
+        return code != ACCEPTED or permitted
+
+    def _confirmed(self, began: float) -> bool:
+        """Return whether the guard still commands."""
+        return self.watch.confirm(time.perf_counter())
+
+    def _wait(self, data: bytes, stamp: int, now: int) -> None:
+        """Keep a state that the node answers."""
+        self._keep_waiting()
+        self._rules.keep()
+        super()._wait(data, stamp, now)
+
+    def _decide_zeros(self, known: Arbitration, steady: Scalar) -> Arbitration:
+        """Command zeros if the guard commands."""
+        return known._replace(permitted=float(self.watch.acting))
+
     # The motion that is not measured.
 
-    def _refuse(self, code: int, reason: str, detail: str, now: int) -> None:
+    def _refuse(self, code: int, detail: str, now: int) -> None:
         """Refuse a state; the model says where the arm is meanwhile."""
         if not self._refusing:
             self._predicted = self._last_accepted
         self._predict(self._last_heard)
-        super()._refuse(code, reason, detail, now)
+        super()._refuse(code, detail, now)
 
     @property
     def _last_accepted(self) -> tuple[Array, Array, int] | None:

@@ -13,7 +13,7 @@ SHARE = 0.9
 
 class NodeWatch:
     """
-    Decides which process commands; an `Arbiter` of the torque path.
+    Decides which process commands.
 
     The guard takes over if torques act, `lease` has passed since the last command of the
     node, and two valid states were received since then. All times are of
@@ -68,9 +68,6 @@ class NodeWatch:
     def holding(self) -> bool:
         """Return whether a torque of the guard acts."""
         return self.acting or (self.commanded_last and self.armed)
-
-    def start(self) -> None:
-        """Start, with the torque path."""
 
     def note_node_command(self, torque: Array, now: float) -> None:
         """Note a command of the node."""
@@ -129,13 +126,6 @@ class NodeWatch:
         """Return whether the guard commands; a refused state does not count."""
         self.tick(now)
         return self.acting
-
-    def may_stop(self, now: float) -> bool:
-        """Return whether the guard commands."""
-        return self.acting
-
-    def note_zeros(self) -> None:
-        """Do nothing: the guard knows its own commands."""
 
     def confirm(self, now: float) -> bool:
         """Return whether the guard still commands."""

@@ -21,6 +21,7 @@ from kane_dynamics.simulation.step_size import (stable_integrator, step_warning,
 from kane_dynamics.simulation.sticking.friction_samples import ExactFriction
 from kane_dynamics.simulation.sticking.friction_state import FrictionState
 from kane_dynamics.simulation.sticking.sticking_steps import compile_sticking
+from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_step
 from kane_dynamics.simulation.torque_input import TorqueInput

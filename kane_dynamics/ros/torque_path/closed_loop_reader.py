@@ -88,9 +88,6 @@ class ClosedLoopReader(JointStateReader):
         self._singular = False
         self._before = self.q.copy()  # one accepted state before the last
         self._last = self.q.copy()  # the last one, until the next is accepted
-        # The byte views are copied several times as fast as the arrays.
-        self._to_before, self._to_last, self._from = (memoryview(q).cast('B') for q in (
-            self._before, self._last, np.ascontiguousarray(self.q)))
         self._stamps = 0, 0  # of both, ns
         self._lengths = equations.mechanism.units
         self.update(values)
@@ -136,8 +133,8 @@ class ClosedLoopReader(JointStateReader):
                 tracker.known = not self._may_be_singular(stamp)
             return int(result_of(search_of(tracker)))
         # The last valid state and the one before predict through a singularity.
-        self._to_before[:] = self._to_last
-        self._to_last[:] = self._from
+        self._before[:] = self._last
+        self._last[:] = self.q
         self._singular = False
         self._stamps = (self._stamps[1], stamp)
         return None

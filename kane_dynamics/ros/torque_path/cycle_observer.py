@@ -1,8 +1,9 @@
-"""Interfaces that the torque path calls: observers of cycles, and the arbiter."""
+"""Interfaces that the torque path calls: observers of cycles, and torque_guard's side."""
 
 from typing import NamedTuple, Protocol
 
 from kane_dynamics.control.torque_limiter import Command
+from kane_dynamics.control_cycle.arbitration import Arbitration
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
@@ -56,27 +57,17 @@ class CycleObserver(Protocol):
         """Stop, because the torque path stops."""
 
 
-class Arbiter(Protocol):
-    """
-    Decides which of two processes publishes on `commands`.
+class GuardSide(Protocol):
+    """The side of torque_guard in the dynamics node."""
 
-    Times are of `perf_counter`.
-    """
+    def beginning(self) -> Arbitration:
+        """Return the state of a node that starts, and asks before its first command."""
 
-    def start(self) -> None:
-        """Start, with the torque path."""
+    def send(self, number: float) -> None:
+        """Send a request to torque_guard."""
 
-    def may_command(self, now: float) -> bool:
-        """Return whether this process may command; called once for each valid state."""
+    def report_silence(self) -> None:
+        """Log that the guard does not answer."""
 
-    def may_repeat(self, now: float) -> bool:
-        """Return whether this process may command at a refused state."""
-
-    def may_stop(self, now: float) -> bool:
-        """Return whether this process may command zeros because states are stale."""
-
-    def note_zeros(self) -> None:
-        """Note that this process commanded zeros."""
-
-    def confirm(self, now: float) -> bool:
-        """Return whether this process may still command, immediately before it does."""
+    def report_return(self, silent: float, dropped: bool) -> None:
+        """Log that the guard held the arm, after a silence of this node, s."""

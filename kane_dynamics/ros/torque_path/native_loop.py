@@ -8,13 +8,12 @@ import signal
 from typing import Any, NamedTuple
 from weakref import finalize
 
-from kane_dynamics._util.typing import Vector
 from kane_dynamics.control.terms import Mode, Terms
 from kane_dynamics.control.traced_laws import TracedLaw
 from kane_dynamics.control_cycle import cycle_rules
 from kane_dynamics.control_cycle.arbitration import FIELDS
-from kane_dynamics.control_cycle.cycle_rules import (CycleSettings, Event, ModelStop,
-                                                     PathShape, PathState)
+from kane_dynamics.control_cycle.cycle_rules import (CycleSettings, ModelStop, PathShape,
+                                                     PathState)
 from kane_dynamics.control_cycle.loop_rules import LoopRules
 from kane_dynamics.mechanics.algebra.flags import packed
 from kane_dynamics.motion.motion import Motion, segment_table
@@ -29,7 +28,7 @@ from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.common.rcl_functions import message_of, RclLoop
 from kane_dynamics.ros.common.realtime import named_threads
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateLayout
-from kane_dynamics.ros.torque_path.path_memory import INPUTS, rule_kernel, WITH_PARAMETERS
+from kane_dynamics.ros.torque_path.path_memory import inputs_of, rule_kernel
 from kane_dynamics.ros.torque_path.state_check import turning_joints
 from kane_dynamics.task_space.law_kernel import identifier
 import numpy as np
@@ -42,6 +41,7 @@ NAME = 'torque_path'  # of the thread
 INFO_SIZE = 256  # bytes, more than a message info has
 INPUTS_AT_MOST = 3  # subscriptions: of states, of torque_guard, of /clock
 DROPS = PathState._fields.index('drops')
+OF_ROBOT = ('REFUSE', 'HOLD')  # programs with its dynamics, beside answers
 OF_GUARD = ('PERMIT', 'CONFIRM', 'HEAR')  # only with torque_guard
 
 
@@ -66,6 +66,8 @@ class CycleKernels:
     by_name : dict of str to Kernel
         Each moves the state of the path; the keys are those of a plan. Kernels compile
         at their first use, or by `compile`.
+    inputs : dict of str to list of str
+        The arrays that each of them reads, by name.
     answers, aims : dict of Mode to Kernel
         The command of each mode; where its law needs it, the begin of the search for the
         desired configuration.
@@ -103,6 +105,7 @@ class CycleKernels:
         self.further = np.array(further, dtype=np.int64)
 
         # A kernel for each rule of the cycle; answers and aims depend on the mode.
+        self.inputs: dict[str, list[str]] = {}
         self.by_name: dict[str, Kernel] = {}
         self.answers: dict[Mode, Kernel] = {}
         self.aims: dict[Mode, Kernel] = {}
@@ -113,11 +116,13 @@ class CycleKernels:
         self._make('PERMIT', cycle_rules.permit)
         self._make('CONFIRM', cycle_rules.confirm)
         self._make('HEAR', cycle_rules.hear)
-        self._make('REFUSE', self._with_parameters(
-            partial(cycle_rules.refuse,
-                    loops or ModelStop(robot, terms, tuple(commanded)))))
+        stop = loops or ModelStop(robot, terms, tuple(commanded))
+        self._make('REFUSE', partial(cycle_rules.refuse, stop))
         for mode, law in laws.items():
-            self.answers[mode] = self._answer(mode, law, loops)
+            # A law of another frame or other axes must not be found in the cache.
+            self.answers[mode] = self._kernel(
+                'ANSWER', partial(cycle_rules.answer, robot, law, loops=loops),
+                identifier(f'_{mode}', *law.variant))
         if loops is not None:
             self._make_of_loops(loops, laws)
 
@@ -128,44 +133,21 @@ class CycleKernels:
         self._make('CLOSE', loops.close)
         self._make('CLOSING', loops.go_on_closing)
         self._make('AIMING', loops.go_on_aiming)
-
-        def hold(path: PathState, settings: CycleSettings, parameters: Vector,
-                 limits: Vector) -> PathState:
-            return loops.hold(path, settings, parameters, limits)
-        self._make('HOLD', hold)
+        self._make('HOLD', loops.hold)
         for mode, law in laws.items():
             if law.closes:
                 aim = partial(loops.aim, law=law)
                 self.aims[mode] = self._kernel('AIM', aim, f'_{mode}')
 
-    def _answer(self, mode: Mode, law: TracedLaw, loops: LoopRules | None) -> Kernel:
-        """Make the kernel of the command of a mode."""
-        robot = self._robot
-
-        def answer(path: PathState, event: Event, state: Vector, row: Vector,
-                   settings: CycleSettings, parameters: Vector, limits: Vector
-                   ) -> PathState:
-            return cycle_rules.answer(robot, law, path, event, state, row, settings,
-                                      parameters, limits, loops)
-        # A law of another frame or other axes must not be found in the cache.
-        return self._kernel('ANSWER', answer, identifier(f'_{mode}', *law.variant))
-
     def compile(self, modes: Collection[Mode], with_guard: bool) -> None:  # noqa: A003
         """Compile the commands of some modes, and the rules, on all processors."""
         # Programs of the robot are the longest: first, so that they do not end last.
-        rules = sorted(self.by_name, key=lambda name: name not in WITH_PARAMETERS)
+        rules = sorted(self.by_name, key=lambda name: name not in OF_ROBOT)
         kernels = [self.answers[mode] for mode in modes]
         kernels += [self.aims[mode] for mode in modes if mode in self.aims]
         kernels += [self.by_name[name] for name in rules
                     if with_guard or name not in OF_GUARD]
         run_concurrently([kernel.compile for kernel in kernels])
-
-    @staticmethod
-    def _with_parameters(rule: Callable[..., PathState]) -> Callable[..., PathState]:
-        """Return a rule of the robot's parameters, which does not use their limits."""
-        def supplied(*arguments: Any, parameters: Vector, limits: Vector) -> PathState:
-            return rule(*arguments, parameters)
-        return supplied
 
     def _make(self, name: str, rule: Callable[..., PathState]) -> None:
         """Make the kernel of a rule by its name."""
@@ -174,6 +156,7 @@ class CycleKernels:
     def _kernel(self, name: str, rule: Callable[..., PathState], variant: str = ''
                 ) -> Kernel:
         """Make the kernel of a rule."""
+        self.inputs[name] = inputs_of(rule)
         return rule_kernel(self._robot, self.shape, name, rule, self._label + variant)
 
 
@@ -239,7 +222,7 @@ class CyclePlan:
         arrays = {'path': loop.path, 'event': loop.event, 'state': loop.state,
                   'row': at_rest, 'numbers': loop.heard, 'settings': numbers}
         for name, kernel in called.items():
-            addresses = [self._at(arrays[key]) for key in INPUTS[name]]
+            addresses = [self._at(arrays[key]) for key in kernels.inputs[name]]
             addresses += [self._at(block), self._at(loop.result)]
             words[name] = kernel.address
             words[f'{name}_TABLE'] = self._words(addresses)
@@ -477,8 +460,15 @@ class NativeLoop:
         for name, value in words.items():
             self.block[message_loop.BLOCK.index(name)] = value or 0
 
-    def _get(self, name: str) -> int:
-        """Return a word of the block before everything read afterwards."""
+    def number(self, name: str) -> int:
+        """
+        Return a word of the block, before everything read afterwards.
+
+        Among them are HEAD, the number of reports since the start of the thread; LOST,
+        those that found the ring full; UNSENT, commands that the middleware refused;
+        NOT_TAKEN, its failures to return a message; and ENDED, the code of rcl with which
+        the thread ended by itself, or 0.
+        """
         place = message_loop.BLOCK.index(name)
         return int(self._read(self.block.ctypes.data + 8 * place))
 
@@ -502,7 +492,7 @@ class NativeLoop:
         self._plans.append(plan)
         self._publish_word('PLAN', plan.address)
         self._wake()
-        in_use = self._get('IN_USE')
+        in_use = self.number('IN_USE')
         addresses = [earlier.address for earlier in self._plans]
         if in_use in addresses:
             del self._plans[:addresses.index(in_use)]
@@ -546,35 +536,10 @@ class NativeLoop:
         """Stop the thread and wait for its end; a forked process has none."""
         self._end()
 
-    @property
-    def code_of_end(self) -> int:
-        """Return the code of rcl with which the thread ended by itself; 0: it runs."""
-        return self._get('ENDED')
-
-    @property
-    def written(self) -> int:
-        """Return the number of reports since the start of the thread."""
-        return self._get('HEAD')
-
-    @property
-    def lost(self) -> int:
-        """Return the number of reports that found the ring full."""
-        return self._get('LOST')
-
-    @property
-    def unsent(self) -> int:
-        """Return the number of commands that the middleware refused."""
-        return self._get('UNSENT')
-
-    @property
-    def not_taken(self) -> int:
-        """Return the number of failures of the middleware to return a message."""
-        return self._get('NOT_TAKEN')
-
     def reports(self) -> list[Report]:
         """Return the cycles since the last call, and free their slots."""
-        head = self._get('HEAD')
-        tail = self._get('TAIL')
+        head = self.number('HEAD')
+        tail = self.number('TAIL')
         reports = [self._report(self._ring[k % SLOTS]) for k in range(tail, head)]
         self._publish_word('TAIL', head)
         return reports
@@ -593,23 +558,15 @@ class NativeLoop:
                       named['SEQUENCE'], event, cycle_rules.unpacked_path(path, self.shape),
                       path, message)
 
-    def answer(self, message: bytes) -> None:
-        """Run one cycle in the calling thread, with the latest plan, for tests."""
-        run = self._code.function('cycle', ctypes.PYFUNCTYPE(
+    def call(self, function: str, message: bytes = b'') -> None:
+        """
+        Call a function of the loop in the calling thread, with the latest plan, for tests.
+
+        They are `cycle` and `hear`, with a message, and `look_at_time`.
+        """
+        run = self._code.function(function, ctypes.PYFUNCTYPE(
             None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int64))
         run(self.block.ctypes.data, self._plans[-1].address, message, len(message))
-
-    def hear(self, message: bytes) -> None:
-        """Hear torque_guard in the calling thread, for tests."""
-        run = self._code.function('hear', ctypes.PYFUNCTYPE(
-            None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int64))
-        run(self.block.ctypes.data, self._plans[-1].address, message, len(message))
-
-    def look_at_time(self) -> None:
-        """Look at the time in the calling thread, for tests."""
-        run = self._code.function('look_at_time', ctypes.PYFUNCTYPE(
-            None, ctypes.c_void_p, ctypes.c_void_p))
-        run(self.block.ctypes.data, self._plans[-1].address)
 
     def durations(self, message: bytes, count: int, works: bool = True) -> Words:
         """
@@ -619,7 +576,7 @@ class NativeLoop:
         to read the clocks.
         """
         # Reports of earlier cycles are skipped, so that the ring does not fill up.
-        self._publish_word('TAIL', self._get('HEAD'))
+        self._publish_word('TAIL', self.number('HEAD'))
         durations = np.zeros(count, dtype=np.int64)
         data = ctypes.create_string_buffer(message, len(message))
         run = self._code.function('repeat_cycles', ctypes.CFUNCTYPE(

@@ -10,16 +10,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import threading
 import time
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.traced_laws import (Actuation, closed_loop_laws,
                                                controller_laws, MODES)
 from kane_dynamics.control_cycle import cycle_results, cycle_rules
-from kane_dynamics.control_cycle.arbitration import Arbitration, UNGUARDED
+from kane_dynamics.control_cycle.arbitration import Arbitration
 from kane_dynamics.control_cycle.cycle_results import NEVER
-from kane_dynamics.control_cycle.cycle_rules import (CycleSettings, initial_path,
-                                                     PathState)
+from kane_dynamics.control_cycle.cycle_rules import CycleSettings, PathState
 from kane_dynamics.control_cycle.loop_rules import (initial_loops, LoopRules,
                                                     unpacked_loops)
 from kane_dynamics.loop_tracking.loop_tracker import (LoopTracker, mirror, refusal,
@@ -39,7 +38,8 @@ from kane_dynamics.ros.modes.task_modes import native_laws, NATIVE_MODES
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
 from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
                                                               commanded_joints)
-from kane_dynamics.ros.torque_path.cycle_observer import Cycle, CycleObserver
+from kane_dynamics.ros.torque_path.cycle_observer import (Cycle, CycleObserver,
+                                                          GuardSide)
 from kane_dynamics.ros.torque_path.drop_reasons import LEARNED, REASONS
 from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateLayout,
                                                               MAX_LAYOUTS)
@@ -95,39 +95,6 @@ def python_reason(values: Mapping[str, Any], controller: Controller) -> str:
     return ''
 
 
-class Inputs(NamedTuple):
-    """
-    The subscriptions of the thread.
-
-    Attributes
-    ----------
-    states : Subscription
-        Of joint states.
-    guard : Subscription or None
-        Of ~/guard_state.
-    clock : Subscription or None
-        Of /clock, if time is simulated.
-
-    """
-
-    states: Any
-    guard: Any = None
-    clock: Any = None
-
-
-class GuardSide(Protocol):
-    """The side of torque_guard in the dynamics node, which the path reports to."""
-
-    def beginning(self) -> Arbitration:
-        """Return the state of a node that starts, and asks before its first command."""
-
-    def report_silence(self) -> None:
-        """Log that the guard does not answer."""
-
-    def report_return(self, silent: float, dropped: bool) -> None:
-        """Log that the guard held the arm, after a silence of this node, s."""
-
-
 class NativeTorquePath(TorquePath):
     """
     The torque path on a native thread; its interface is that of `TorquePath`.
@@ -142,11 +109,6 @@ class NativeTorquePath(TorquePath):
 
     Other parameters are those of `TorquePath`.
 
-    Attributes
-    ----------
-    unobserved : int
-        Cycles whose reports found the ring full.
-
     """
 
     def __init__(self, controller: Controller, *arguments: Any, **named: Any) -> None:
@@ -158,14 +120,12 @@ class NativeTorquePath(TorquePath):
         self.active_motion = ActiveMotion(self._replan)
         self._rcl: RclLoop | None = None
         self._states: Any = None  # the subscription
-        self._guard: GuardSide | None = None
         self._time_source: Any = None  # the node's clock, if the thread hears /clock
         self._last = self._initial()  # as reported
         self._replay = 0, b''
         self._message_fault: str | None = None  # of the last report, by the reader
         self._layouts: list[JointStateLayout] = []  # that the thread knows
-        self.unobserved = 0
-        self._unsent = self._not_taken = 0
+        self._counted: dict[str, int] = {}  # by the thread, as warned of
         self._noted = 0  # reports that were read since the start
         self._lost_states = LostMessages()
 
@@ -207,7 +167,7 @@ class NativeTorquePath(TorquePath):
         assert self._loop is not None
         return self._loop
 
-    def connect(self, node: Any, inputs: 'Inputs', wake: Any,
+    def connect(self, node: Any, states: Any, guard: Any, clock: Any, wake: Any,
                 publishers: Sequence[Any], lost_states: LostMessages) -> None:
         """
         Use the clock of a node, subscriptions, a guard condition and publishers.
@@ -216,8 +176,9 @@ class NativeTorquePath(TorquePath):
         ----------
         node : Node
             Its clock and its context are used.
-        inputs : Inputs
-            Subscriptions that no executor reads.
+        states, guard, clock : Subscription
+            Of joint states, ~/guard_state and /clock, which no executor reads; None
+            without torque_guard or simulated time.
         wake : GuardCondition
             Wakes the thread.
         publishers : sequence of Publisher
@@ -233,9 +194,9 @@ class NativeTorquePath(TorquePath):
         """
         # States, then what else the configuration has; the places tell the native loop
         # which is which.
-        subscriptions = [inputs.states]
+        subscriptions = [states]
         places: list[int | None] = []
-        for subscription in (inputs.guard, inputs.clock):
+        for subscription in (guard, clock):
             places.append(None if subscription is None else len(subscriptions))
             if subscription is not None:
                 subscriptions.append(subscription)
@@ -244,22 +205,17 @@ class NativeTorquePath(TorquePath):
         loop.connect(rcl, *places)
         loop.publish_to(*[handle_address(publisher) for publisher in publishers])
         self._rcl = rcl
-        self._states = inputs.states
+        self._states = states
         self._lost_states = lost_states
-        if inputs.clock is not None:
+        if clock is not None:
             self._time_source = node.get_clock()
 
-    def use_guard(self, guard: 'GuardSide', requests: int) -> None:
-        """Ask torque_guard from the thread, by a publisher with a handle at an address."""
+    def use_guard(self, guard: GuardSide) -> None:
+        """Ask torque_guard as `TorquePath`, by the thread."""
         self._guard = guard
-        self.native.ask_by(requests)
 
-    @property
-    def arbitration(self) -> Arbitration | None:
-        """Return the state of the guard at the last report of the thread."""
-        if self._guard is None:
-            return None
-        return Arbitration(*self._last.arbitration.tolist())
+    def hear(self, numbers: Array) -> None:
+        """Do nothing: the thread hears torque_guard itself."""
 
     @property
     def guard_seen(self) -> float:
@@ -369,12 +325,12 @@ class NativeTorquePath(TorquePath):
 
     def _initial(self) -> PathState:
         """Return the state of the path at its start."""
-        self._begun = UNGUARDED if self._guard is None else self._guard.beginning()
-        loops = None
-        if self.loops is not None:
-            robot = self.controller.robot
-            loops = initial_loops(search_array(self.loops.tracker), robot.n_q, robot.n)
-        return initial_path(self.native.shape, 0.0, self._begun, loops)
+        path = super()._initial()
+        if self.loops is None:
+            return path
+        robot = self.controller.robot
+        search = search_array(self.loops.tracker)
+        return path._replace(loops=initial_loops(search, robot.n_q, robot.n))
 
     def law_changed(self) -> None:
         """Use what the law of the mode was asked for from the next cycle on."""
@@ -397,10 +353,9 @@ class NativeTorquePath(TorquePath):
         loop = self.native
         self._last = self._memory.path
         self._replay = 0, b''
-        self.unobserved = 0
-        self._unsent = loop.unsent
         self._noted = 0
-        self._not_taken = loop.not_taken
+        self._counted = {'LOST': 0, 'UNSENT': loop.number('UNSENT'),
+                         'NOT_TAKEN': loop.number('NOT_TAKEN')}
         self._applied_loads = None
         loop.begin(self._epoch, self._last)
         loop.simulate_time(self._hears_time)
@@ -422,22 +377,19 @@ class NativeTorquePath(TorquePath):
         self.read_reports()
         super().stop(reason)
 
-    def time_out(self, reason: str) -> None:
-        """Command zeros by the thread until the next valid state."""
-        self._silence_reason = reason
-        self._counts.silences += 1
-        self._replan()
+    def _look_at_clock(self) -> None:
+        """Do nothing: the thread looks at the clock, with the plan of now."""
 
     def on_clock_jump(self) -> None:
         """Drop motions and stamps of the time before the jump, in the thread."""
         if not self._hears_time:  # else the thread sees it
-            self._counts.jumps += 1
+            self._counts['jumps'] += 1.0
             self._replan()
 
     def on_clock_replaced(self) -> None:
         """Use another clock, whose stamps have nothing in common with those before."""
         self.native.simulate_time(self._hears_time)
-        self._counts.jumps += 1
+        self._counts['jumps'] += 1.0
         if self.wrenches is not None:
             self.wrenches.clear()
         self.time_out('clock replaced')
@@ -460,13 +412,13 @@ class NativeTorquePath(TorquePath):
     def on_state(self, data: bytes) -> None:
         """Answer one message in this thread, as the native one does; for tests."""
         if self.running:
-            self.native.answer(data)
+            self.native.call('cycle', data)
             self.read_reports()
 
     def check_timeout(self) -> None:
         """Read reports, and look at the clock if there is no thread."""
         if self.running and self._rcl is None:
-            self.native.look_at_time()
+            self.native.call('look_at_time')
         self.read_reports()
 
     def read_reports(self) -> None:
@@ -481,29 +433,27 @@ class NativeTorquePath(TorquePath):
                 self._read(report)
             self._noted += len(reports)
         # Cycles that no report describes any more were answered nevertheless.
-        missing = self.native.lost - self.unobserved
-        if missing:
-            self.unobserved += missing
-            self.statistics.unobserved += missing
-            self._warn('cycles', f'{missing} answered, but not observed: the '
-                       'interpreter was busy')
-        unsent = self.native.unsent
-        if unsent > self._unsent:
-            self._warn('commands', f'{unsent - self._unsent} refused by the middleware')
-            self._unsent = unsent
-        not_taken = self.native.not_taken
-        if not_taken > self._not_taken:
-            self._warn('messages', f'{not_taken - self._not_taken} not returned by the '
-                       'middleware')
-            self._not_taken = not_taken
-        code = self.native.code_of_end
+        self.statistics.unobserved += self._warn_of(
+            'LOST', 'cycles', 'answered, but not observed: the interpreter was busy')
+        self._warn_of('UNSENT', 'commands', 'refused by the middleware')
+        self._warn_of('NOT_TAKEN', 'messages', 'not returned by the middleware')
+        code = self.native.number('ENDED')
         if code:
             self._end(f'rcl returned {code}')
+
+    def _warn_of(self, counter: str, subject: str, words: str) -> int:
+        """Warn of what a counter of the thread has counted since the last call."""
+        count = self.native.number(counter)
+        grown = count - self._counted[counter]
+        self._counted[counter] = count
+        if grown:
+            self._warn(subject, f'{grown} {words}')
+        return grown
 
     def _read(self, report: Report) -> None:
         """Read one report."""
         # Lost states are those that the thread did not see, by their sequence numbers.
-        if report.lost > self.unobserved:
+        if report.lost > self._counted['LOST']:
             self._lost_states.skip()
         is_of_state = report.kind not in (ELAPSED, HEARD)
         if is_of_state:
@@ -515,7 +465,7 @@ class NativeTorquePath(TorquePath):
         now = round(float(report.event[NOW])) + self._epoch
         dropped = self._note_drop(self._last, report.path, now)
         if self._guard is not None:
-            self._note_guard(self._guard, report.path, dropped)
+            self._note_guard(self._guard, self._last, report.path, dropped)
         if is_of_state:
             self._message_fault = self._reader.read(report.message, self.need_velocity)
         if self.loops is not None:
@@ -529,20 +479,11 @@ class NativeTorquePath(TorquePath):
         """Count and observe what followed a state."""
         reason = int(report.path.reason)
         if reason == cycle_results.ACCEPTED:
-            self._note_command(report, now)
+            self._note_answer(report, now)
         elif reason == cycle_results.WAITING:
             self._last_good = round(float(report.path.last_stamp)) + self._epoch
         elif reason != cycle_results.FIRST:
             self._note_dropped_state(report, reason, now)
-
-    def _note_guard(self, guard: 'GuardSide', path: PathState, dropped: bool) -> None:
-        """Say what happened between the thread and torque_guard."""
-        known = Arbitration(*path.arbitration.tolist())
-        before = Arbitration(*self._last.arbitration.tolist())
-        if known.returns > before.returns:
-            guard.report_return(known.silent / NANO, dropped)
-        if known.unanswered > before.unanswered:
-            guard.report_silence()
 
     def _mirror_loops(self, loops: ClosedLoopReader, path: PathState) -> None:
         """Copy the closed loops of the thread."""
@@ -552,21 +493,18 @@ class NativeTorquePath(TorquePath):
         mirror(loops.tracker, memory.measured)
         mirror(self._desired_loops, memory.desired)
 
-    def _note_command(self, report: Report, now: int) -> None:
+    def _note_answer(self, report: Report, now: int) -> None:
         """Count a command and call the observers."""
         path = report.path
         stamp = round(float(report.event[STAMP])) + self._epoch
-        is_limited = bool((path.clamped > 0.5).any() or (path.rate_limited > 0.5).any())
-        self._last_good = min(stamp, now)
-        self.statistics.command((report.end - report.begin) / NANO,
-                                (now - stamp) / NANO, is_limited)
-        self.statistics.full_parses = self._reader.full_parses
+        self._note_command((report.end - report.begin) / NANO, stamp, now, path.clamped,
+                           path.rate_limited)
         motion = None
         if report.event[MOVING]:
             motion, _ = self.active_motion.at(stamp)
         law = self._laws.get(self.controller.mode)
         # A report from before a change of the mode has the memory of another law.
-        if law is not None and path.restarts == self._counts.restarts:
+        if law is not None and path.restarts == self._counts['restarts']:
             law.mirror(path.memory, self._epoch)
         external = None
         if self.wrenches is not None:
@@ -655,7 +593,7 @@ class NativeTorquePath(TorquePath):
         self._replay = number + 1, data
         self._replan()
         if self._rcl is None:  # there is no thread
-            self.native.answer(data)
+            self.native.call('cycle', data)
 
     def _keep_layout(self, data: bytes) -> None:
         """Let the thread know the layout of a message that was read last."""
@@ -691,7 +629,7 @@ class NativeTorquePath(TorquePath):
         """
         is_reader = threading.current_thread() is threading.main_thread()
         until = time.monotonic() + LONGEST_LAG
-        written = self.native.written
+        written = self.native.number('HEAD')
         while self.running and time.monotonic() < until:
             if is_reader:
                 self.read_reports()

@@ -1,13 +1,14 @@
 """The memory of a torque path, and the compiled rules of a cycle in the interpreter."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from inspect import signature
 import struct
 from typing import Any
 
 from kane_dynamics._util.typing import Vector
 from kane_dynamics.control_cycle import cycle_rules
-from kane_dynamics.control_cycle.arbitration import FIELDS, PERMITTED
+from kane_dynamics.control_cycle.arbitration import FIELDS
 from kane_dynamics.control_cycle.cycle_rules import (CycleSettings, Event, EVENT_SIZE,
                                                      GivenStop, path_size, PathShape,
                                                      PathState, SCALARS, settings_size,
@@ -23,25 +24,7 @@ from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.torque_path.state_check import turning_joints
 import numpy as np
 
-# The arguments of the rules, by the name of their kernel.
-INPUTS = {
-    'JUDGE': ('path', 'event', 'state', 'settings'),
-    'ANSWER': ('path', 'event', 'state', 'row', 'settings'),
-    'ANSWERED': ('path', 'event', 'state', 'torque', 'settings'),
-    'WAIT': ('path', 'event', 'state'),
-    'REFUSE': ('path', 'event', 'settings'),
-    'REFUSED': ('path', 'event', 'settings', 'begin'),
-    'STOP': ('path', 'torque', 'settings'),
-    'ELAPSE': ('path', 'event', 'settings'),
-    'PERMIT': ('path', 'event', 'state'),
-    'CONFIRM': ('path', 'event', 'state'),
-    'HEAR': ('path', 'event', 'numbers', 'settings'),
-    'CLOSE': ('path', 'event', 'state', 'settings'),
-    'CLOSING': ('path', 'event', 'state', 'settings'),
-    'AIM': ('path', 'event', 'state', 'row', 'settings'),
-    'AIMING': ('path', 'settings'),
-    'HOLD': ('path', 'settings')}
-WITH_PARAMETERS = ('ANSWER', 'REFUSE', 'HOLD')  # of the robot
+ARRAYS = ('path', 'event', 'state', 'row', 'numbers', 'torque', 'settings', 'begin')
 EVENT = struct.Struct(f'{EVENT_SIZE}d')
 (REASON, PUBLISH, SENT_AT, REQUEST, COMMANDED_AT, LAST_HEARD, LAST_STAMP, REFUSING, FAULT,
  TIMED_OUT, COMMANDING, DROPS, STOP_BEGAN, STOPS, LAW_KNOWN) = map(
@@ -51,39 +34,38 @@ EVENT = struct.Struct(f'{EVENT_SIZE}d')
          'stop_began', 'stops', 'law_known'))
 
 
+def inputs_of(rule: Callable[..., PathState]) -> list[str]:
+    """Return the names of the arrays that a rule reads: those of its arguments."""
+    return [name for name in signature(rule).parameters if name in ARRAYS]
+
+
 def rule_kernel(robot: Robot, shape: PathShape, name: str, rule: Callable[..., PathState],
                 label: str) -> Kernel:
     """
     Return the kernel of a rule; it compiles at its first use.
 
-    Its arguments and its result are arrays. `name` is a key of `INPUTS`; `label` is what
-    distinguishes the kernel from others of this name and robot.
-
+    It reads the arrays that the arguments of the rule name; its result is a path as an
+    array. `label` distinguishes it from others of this name and robot.
     """
-    path_shape = (path_size(shape),)
-    shapes = {'path': path_shape, 'event': (EVENT_SIZE,), 'state': (shape.state,),
+    shapes = {'path': (path_size(shape),), 'event': (EVENT_SIZE,), 'state': (shape.state,),
               'row': (6, 3 * shape.n), 'numbers': (FIELDS + shape.commanded,),
               'torque': (shape.commanded,), 'settings': (settings_size(shape),),
               'begin': (2 * shape.n,)}
-    inputs = INPUTS[name]
+    arguments = signature(rule).parameters
+    inputs = inputs_of(rule)
 
     def compiled(*arrays: Vector, parameters: Vector, limits: Vector) -> Vector:
         # Arrays become records, with which the rules are written.
-        arguments: list[Any] = []
-        for key, array in zip(inputs, arrays, strict=True):
-            if key == 'path':
-                arguments.append(unpacked_path(array, shape))
-            elif key == 'settings':
-                arguments.append(unpacked_settings(array, shape))
-            elif key == 'event':
-                arguments.append(Event(*array))
-            else:
-                arguments.append(array)
-        if name in WITH_PARAMETERS:
-            return packed(rule(*arguments, parameters=parameters, limits=limits))
-        return packed(rule(*arguments))
+        named: dict[str, Any] = dict(zip(inputs, arrays, strict=True))
+        named['path'] = unpacked_path(named['path'], shape)
+        if 'settings' in named:
+            named['settings'] = unpacked_settings(named['settings'], shape)
+        if 'event' in named:
+            named['event'] = Event(*named['event'])
+        named |= {'parameters': parameters, 'limits': limits}
+        return packed(rule(**{key: named[key] for key in arguments if key in named}))
     return robot.kernels.compiled(compiled, f'{name.lower()}_{label}',
-                                  {key: shapes[key] for key in inputs}, path_shape,
+                                  {key: shapes[key] for key in inputs}, shapes['path'],
                                   ahead=False)
 
 
@@ -178,8 +160,9 @@ class CycleRules:
     def __init__(self, robot: Robot, memory: PathMemory, joints: Sequence[str],
                  state: Array) -> None:
         shape = memory.shape
+        self._robot = robot
         self.memory = memory
-        # The arrays that the rules read and write, by the names in `INPUTS`.
+        # The arrays that the rules read and write, by the names of their arguments.
         self.next = PathMemory(shape)
         self.settings: CycleSettings
         self._numbers = np.zeros(settings_size(shape))
@@ -187,31 +170,30 @@ class CycleRules:
         self._event = np.zeros(EVENT_SIZE)
         self._torque = np.zeros(shape.commanded)
         self._begin = np.zeros(2 * shape.n)
-        arrays = {'path': memory.array, 'event': self._event, 'state': state,
-                  'settings': self._numbers, 'torque': self._torque,
-                  'begin': self._begin}
+        self._arrays = {'path': memory.array, 'event': self._event, 'state': state,
+                        'settings': self._numbers, 'torque': self._torque,
+                        'begin': self._begin}
         self._to = memory.entries
         self._from = self.next.entries
         self._turning = turning_joints(robot, joints)
-        # One kernel for each rule, compiled on all processors.
-        rules: dict[str, Callable[..., PathState]] = {
+        self._judge, self._answer, self._refuse, self._stop = self.bound({
             'JUDGE': partial(cycle_rules.judge, turning=self._turning),
-            'ANSWERED': cycle_rules.answered, 'WAIT': cycle_rules.waiting,
-            'REFUSED': _refused, 'STOP': torques_within_limits}
+            'ANSWERED': cycle_rules.answered, 'REFUSED': _refused,
+            'STOP': torques_within_limits})
+
+    def bound(self, rules: Mapping[str, Callable[..., PathState]]
+              ) -> list[Callable[[], object]]:
+        """Compile rules; return calls that read the memory and write the next state."""
+        shape = self.memory.shape
         label = '_'.join(map(str, (*shape, *self._turning.astype(int))))
-        kernels = {name: rule_kernel(robot, shape, name, rule, label)
+        kernels = {name: rule_kernel(self._robot, shape, name, rule, label)
                    for name, rule in rules.items()}
         run_concurrently([kernel.compile for kernel in kernels.values()])
-        # Calls that read these arrays in place and write the next path.
-        bound = {}
+        calls = []
         for name, kernel in kernels.items():
-            inputs = [arrays[key] for key in INPUTS[name]]
-            bound[name] = kernel.bind(inputs, self.next.array, f'Rule {name}.')
-        self._judge = bound['JUDGE']
-        self._answer = bound['ANSWERED']
-        self.wait = bound['WAIT']
-        self._refuse = bound['REFUSED']
-        self._stop = bound['STOP']
+            inputs = [self._arrays[key] for key in inputs_of(rules[name])]
+            calls.append(kernel.bind(inputs, self.next.array, f'Rule {name}.'))
+        return calls
 
     def begin(self, now: int, stamp: int, ticking: bool, steady: float) -> None:
         """Begin a cycle: times since the epoch, ns; steady time, s."""
@@ -245,7 +227,7 @@ class CycleRules:
         self._torque[:] = torque
         self._answer()
 
-    def refuse(self, reason: int, permitted: bool, begin: Array | None = None) -> None:
+    def refuse(self, reason: int, begin: Array | None = None) -> None:
         """
         Refuse the state by `cycle_rules.refuse`, for a reason.
 
@@ -253,15 +235,12 @@ class CycleRules:
         ----------
         reason : int
             A result of a cycle.
-        permitted : bool
-            Whether this process may command.
         begin : (2 n,) array, optional
             Where a stop begins now, positions and rates of the measured joints. Without
             it the arm is taken to rest at its last accepted state.
 
         """
         self._to[REASON] = reason
-        self.memory.arbitration[PERMITTED] = permitted
         rest = self.memory.accepted.copy()
         rest[len(rest) // 2:] = 0.0
         self._begin[:] = rest if begin is None else begin

@@ -182,5 +182,3 @@ def looks_like_degrees(value: float, lower: float, upper: float) -> str:
     finite = math.isfinite(lower) and math.isfinite(upper)
     within = lower <= turned <= upper if finite else abs(turned) <= WHOLE_TURN
     return f' ({turned:.3g} rad, if these are degrees)' if within else ''
-
-

@@ -6,7 +6,6 @@ It runs in the main thread only and works on serialized messages.
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 import time
 from typing import Any
 
@@ -15,10 +14,12 @@ from kane_dynamics.control.controller import Controller, Mode
 from kane_dynamics.control.stopping import motion_to_rest
 from kane_dynamics.control.torque_limiter import Command
 from kane_dynamics.control_cycle import cycle_results, cycle_rules
-from kane_dynamics.control_cycle.arbitration import Arbitration, STOPPED
+from kane_dynamics.control_cycle.arbitration import (Arbitration, before_zeros,
+                                                     UNANSWERED, UNGUARDED)
 from kane_dynamics.control_cycle.cycle_results import NEVER
 from kane_dynamics.control_cycle.cycle_rules import (begun_stop, CycleSettings, Event,
-                                                     initial_path, PathShape, PathState)
+                                                     initial_path, NO_REQUEST, PathShape,
+                                                     PathState)
 from kane_dynamics.control_cycle.state_judgement import UNLIMITED
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.motion.motion import Motion, State
@@ -31,43 +32,26 @@ from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
 from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
                                                               commanded_joints)
 from kane_dynamics.ros.torque_path.command_messages import CommandMessages
-from kane_dynamics.ros.torque_path.cycle_observer import Arbiter, Cycle, CycleObserver
+from kane_dynamics.ros.torque_path.cycle_observer import (Cycle, CycleObserver,
+                                                          GuardSide)
 from kane_dynamics.ros.torque_path.drop_reasons import FOREIGN, MISSING, REASONS
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
 from kane_dynamics.ros.torque_path.path_memory import (COMMANDED_AT, COMMANDING,
                                                        CycleRules, DROPS, FAULT,
                                                        LAST_HEARD, LAST_STAMP, LAW_KNOWN,
-                                                       PathMemory, PUBLISH, REFUSING,
-                                                       REQUEST, SENT_AT, STOP_BEGAN,
-                                                       STOPS, TIMED_OUT)
+                                                       PathMemory, PUBLISH, REASON,
+                                                       REFUSING, REQUEST, SENT_AT,
+                                                       STOP_BEGAN, STOPS, TIMED_OUT)
 from kane_dynamics.ros.torque_path.state_check import StateCheck
 import numpy as np
 from rclpy.publisher import Publisher
 
+# Changes in `CycleSettings`, on which a rule acts where their number has grown
+COUNTS = ('restarts', 'blends', 'jumps', 'silences')
 # A reason with its details
 CLOCK_JUMPED = 'clock', 'jumped backward or replaced; desired motion dropped'
 TOO_LARGE_TORQUE = ('torques: not finite; expected a state, a motion and gains in a '
                     'physical range')
-
-
-@dataclass
-class Counts:
-    """
-    Numbers of changes that the rules act on: a rule acts where its number has grown.
-
-    Attributes
-    ----------
-    restarts, blends : int
-        Restarts of the law, and its changes.
-    jumps, silences : int
-        Jumps of the clock, and zeros that were asked for.
-
-    """
-
-    restarts: int = 0
-    blends: int = 0
-    jumps: int = 0
-    silences: int = 0
 
 
 class TorquePath:
@@ -124,8 +108,9 @@ class TorquePath:
                                         stamped)
         self._follow = list(map(robot.joint_names.index, controller.followed))
         self.wrenches: WrenchInput | None = None
-        self.arbiter: Arbiter | None = None
-        self._waiting = b''  # the last state, if the arbiter denied a command
+        self._guard: GuardSide | None = None
+        self._begun = UNGUARDED  # what the guard was at the start
+        self._waiting = b''  # the last state, if it waits for torque_guard
         self._observers: list[CycleObserver] = []
         self._loads: GravityAndPayload | None = None
         self._applied_loads: GravityAndPayload | None = None
@@ -134,7 +119,7 @@ class TorquePath:
         self._reason = ''  # of a fault
         self._silence_reason = ''
         self.ended = ''
-        self._counts = Counts()
+        self._counts = dict.fromkeys(COUNTS, 0.0)
         # When the last stop by the controller began, and its motion.
         self._stop: tuple[float, Motion | None] = NEVER, None
         self._make_memory()
@@ -165,10 +150,10 @@ class TorquePath:
         mode = self.controller.mode
         numbers = self._numbers()
         if mode != self._mode:
-            self._counts.restarts += 1
-            self._counts.blends += 1
+            self._counts['restarts'] += 1.0
+            self._counts['blends'] += 1.0
         elif not np.array_equal(numbers, self._law_numbers):
-            self._counts.blends += 1
+            self._counts['blends'] += 1.0
         self._mode = mode
         self._law_numbers = numbers
 
@@ -182,16 +167,13 @@ class TorquePath:
         effort = self.messages.of_commanded(controller.effort_limit)
         is_limited = np.isfinite(rate)
         check = self.states
-        counts = self._counts
         # This path evaluates motions, wrenches, closed loops and the law by itself.
         nothing = np.zeros(0)
         return CycleSettings(
             timeout=float(check.timeout), grace=float(check.grace),
             holds=float(check.holds), stop_time=check.stop_time * NANO,
             compares=float(check.compares), blend_time=controller.blend_time * NANO,
-            restarts=float(counts.restarts), blends=float(counts.blends),
-            jumps=float(counts.jumps), silences=float(counts.silences), drops=0.0,
-            wrench_timeout=0.0,
+            **self._counts, drops=0.0, wrench_timeout=0.0,
             bounds=check.bounds.ravel(), turned=check.turned.copy(),
             effort=np.minimum(effort, UNLIMITED), slope=np.where(is_limited, rate, 0.0),
             free=np.where(is_limited, 0.0, UNLIMITED), wrenches=nothing,
@@ -203,7 +185,7 @@ class TorquePath:
 
     def blend(self) -> None:
         """Continue from the last command, as after a change of a law."""
-        self._counts.blends += 1
+        self._counts['blends'] += 1.0
         self._replan()
 
     # What the rules know of the path.
@@ -337,7 +319,7 @@ class TorquePath:
         # Everything that refers to an earlier activation is forgotten.
         self.ended = ''
         self._epoch = self._last_good = self._now()
-        self._counts = Counts()
+        self._counts = dict.fromkeys(COUNTS, 0.0)
         self._memory.path = self._initial()
         self._stop = NEVER, None
         self.controller.stop()
@@ -347,14 +329,14 @@ class TorquePath:
             self.wrenches.clear()
         for observer in self._observers:
             observer.start()
-        if self.arbiter is not None:
-            self.arbiter.start()
         self._replan()
         self.running = True
 
     def _initial(self) -> PathState:
         """Return the state of the path at its start."""
-        return initial_path(self._memory.shape, 0.0)
+        if self._guard is not None:
+            self._begun = self._guard.beginning()
+        return initial_path(self._memory.shape, 0.0, self._begun)
 
     def stop(self, reason: str = 'the node was deactivated') -> None:
         """Command zeros and ignore further states, for a reason."""
@@ -382,23 +364,24 @@ class TorquePath:
         before, path = self._change(cycle_rules.elapse, self._event(now),
                                     self._rules.settings, self._decide_zeros)
         self._note_drop(before, path, now)
+        if self._guard is not None:
+            self._note_guard(self._guard, before, path, dropped=False)
 
     def _decide_zeros(self, known: Arbitration, steady: Scalar) -> Arbitration:
-        """Ask the arbiter, if there is one, whether this process may command zeros."""
-        permitted = self.arbiter is None or self.arbiter.may_stop(steady / NANO)
-        return known._replace(permitted=float(permitted))
+        """Decide whether this process may command zeros."""
+        return before_zeros(known, steady)
 
     def time_out(self, reason: str) -> None:
         """Command zeros until the next valid state, and drop the desired motion."""
         self._silence_reason = reason
-        self._counts.silences += 1
+        self._counts['silences'] += 1.0
         self._replan()
         self._look_at_clock()
 
     def on_clock_jump(self) -> None:
         """Drop motions, wrenches and stamps, which refer to the time before the jump."""
         self.controller.stop()
-        self._counts.jumps += 1
+        self._counts['jumps'] += 1.0
         self._replan()
         self._look_at_clock()
 
@@ -411,7 +394,7 @@ class TorquePath:
                 ) -> tuple[PathState, PathState]:
         """Change the path by a rule, and publish; return the path before and after."""
         # What the last cycle published is not published again.
-        before = self._memory.path._replace(publish=0.0, request=cycle_rules.NO_REQUEST)
+        before = self._memory.path._replace(publish=0.0, request=NO_REQUEST)
         path = rule(before, *arguments)
         self._memory.path = path
         if before.law_known > path.law_known:
@@ -424,8 +407,8 @@ class TorquePath:
         entries = self._memory.entries
         if entries[PUBLISH] > 0.5:
             self._send(round(entries[SENT_AT]) + self._epoch)
-        if entries[REQUEST] == STOPPED and self.arbiter is not None:
-            self.arbiter.note_zeros()
+        if entries[REQUEST] > NO_REQUEST and self._guard is not None:
+            self._guard.send(entries[REQUEST])
 
     def _send(self, stamp: int) -> None:
         """Publish the torques of the path, with a stamp, ns."""
@@ -433,12 +416,14 @@ class TorquePath:
 
     @property
     def arbitration(self) -> Arbitration | None:
-        """Return the state of the guard, for a thread with the rules of the arbiter."""
-        return None
+        """Return the state of torque_guard as the path knows it; None without one."""
+        if self._guard is None:
+            return None
+        return Arbitration(*self._memory.arbitration.tolist())
 
     @property
     def guard_seen(self) -> float:
-        """Return when such a thread heard torque_guard last, steady ns; 0: never."""
+        """Return when a thread of the path heard torque_guard last, steady ns; 0: never."""
         return 0.0
 
     @property
@@ -483,7 +468,7 @@ class TorquePath:
         if not self._accept(fault, stamp, now, began):
             return
         rules = self._rules
-        if self.arbiter is not None and not self.arbiter.may_command(began):
+        if not self._permitted(cycle_results.ACCEPTED):
             self._wait(data, stamp, now)
             return
         # 2. Compute the command. New loads are applied between two cycles, so that each
@@ -509,18 +494,13 @@ class TorquePath:
             self._refuse(cycle_results.NO_TORQUE, TOO_LARGE_TORQUE, now)
             return
         # 3. Publish it, unless the guard may have taken over meanwhile.
-        if self.arbiter is not None and not self.arbiter.confirm(time.perf_counter()):
+        if not self._confirmed(began):
             self._wait(data, stamp, now)
             return
         rules.keep()
         self._waiting = b''
         self._send(stamp)
-        self._last_good = min(stamp, now)
-        clamped, rate_limited = self._memory.limited
-        is_limited = any(clamped.tolist()) or any(rate_limited.tolist())
-        self.statistics.command(time.perf_counter() - began, (now - stamp) / NANO,
-                                is_limited)
-        self.statistics.full_parses = reader.full_parses
+        self._note_command(time.perf_counter() - began, stamp, now, *self._memory.limited)
         # After the command, which must not wait for them
         if self._observers:
             self._observe(self._memory.path, stamp, motion, moment, external)
@@ -549,18 +529,69 @@ class TorquePath:
                                       external, stamp / NANO)
 
     def _wait(self, data: bytes, stamp: int, now: int) -> None:
-        """Keep a state whose command the arbiter denied, and its message."""
-        self._rules.wait()
-        self._rules.keep()
+        """Keep the message of a state that waits for torque_guard."""
         self._last_good = min(stamp, now)
         self._waiting = data
 
-    def retry(self) -> None:
-        """Answer the latest state, if the arbiter denied its command."""
-        data = self._waiting
-        self._waiting = b''
-        if data:
-            self.on_state(data)
+    # Who commands, this process or torque_guard.
+
+    def use_guard(self, guard: GuardSide) -> None:
+        """Ask torque_guard before each command that may follow one of its own."""
+        self._guard = guard
+        self._permit, = self._rules.bound({'PERMIT': cycle_rules.permit})
+
+    def _permitted(self, code: int) -> bool:
+        """Decide whether to command at a state with this result; False: the state waits."""
+        if self._guard is None:
+            return True
+        memory = self._memory
+        memory.array[REASON] = code
+        if code == cycle_results.NOT_FINITE:
+            self._reader.state.fill(0.0)  # kernels accept finite numbers only
+        unanswered = memory.arbitration[UNANSWERED]
+        self._permit()
+        self._rules.keep()
+        if memory.arbitration[UNANSWERED] > unanswered:
+            self._guard.report_silence()
+        waits = memory.entries[REASON] == cycle_results.WAITING
+        if waits:
+            self._publish()
+        return not waits
+
+    def _confirmed(self, began: float) -> bool:
+        """Return whether the computation was not interrupted; else the state waits."""
+        steady = time.perf_counter()
+        if self._guard is None or (steady - began) * NANO < self._begun.shortest:
+            return True
+        event = self._rules.event._replace(steady=steady * NANO)
+        _, path = self._change(cycle_rules.confirm, event, self._reader.state)
+        return bool(path.reason != cycle_results.WAITING)
+
+    def hear(self, numbers: Array) -> None:
+        """Note a message of torque_guard, and answer the state that waited for it."""
+        if self._guard is None or not self.running:
+            return
+        now = self._now()
+        before, path = self._change(cycle_rules.hear, self._event(now), numbers,
+                                    self._rules.settings)
+        dropped = self._note_drop(before, path, now)
+        self._note_guard(self._guard, before, path, dropped)
+        waiting = self._waiting
+        if path.retries and waiting:
+            self._waiting = b''
+            self.on_state(waiting)
+        self._look_at_clock()
+
+    @staticmethod
+    def _note_guard(guard: GuardSide, before: PathState, path: PathState, dropped: bool
+                    ) -> None:
+        """Say what happened between this process and torque_guard."""
+        last = Arbitration(*before.arbitration.tolist())
+        known = Arbitration(*path.arbitration.tolist())
+        if known.returns > last.returns:
+            guard.report_return(known.silent / NANO, dropped)
+        if known.unanswered > last.unanswered:
+            guard.report_silence()
 
     def _accept(self, fault: str | None, stamp: int, now: int, began: float) -> bool:
         """Judge the state that was read; return whether it is to be answered."""
@@ -582,6 +613,7 @@ class TorquePath:
         if fault is None:
             detail = self.states.explain(code, self._memory.states, rules.next.states)
         rules.keep()
+        self._permitted(code)
         self._refuse(code, detail, now)
         return False
 
@@ -591,6 +623,7 @@ class TorquePath:
         fault = self._reader.complete(min(stamp, now))
         if fault is None:
             return True
+        self._permitted(fault)
         self._refuse(fault, self._reader.detail, now)
         return False
 
@@ -598,15 +631,13 @@ class TorquePath:
         """Refuse a state: command what `cycle_rules.refuse` says."""
         rules = self._rules
         was_commanding = self.commanding
-        may_command = not was_commanding or self.arbiter is None or (
-            self.arbiter.may_repeat(time.perf_counter()))
-        rules.refuse(code, may_command)
+        rules.refuse(code)
         begins = rules.next.entries[FAULT] > self._memory.entries[FAULT]
         if begins and self.states.holds and self.known:
             # The model says where the arm is by now, which the rules do not evaluate.
             begin = self._begin_of_stop()
             if np.isfinite(begin).all():
-                rules.refuse(code, may_command, begin)
+                rules.refuse(code, begin)
         if begins:
             self._give_up()
         rules.keep()
@@ -674,26 +705,6 @@ class TorquePath:
         """Return the torques of all joints that act, (n_q,)."""
         return self.messages.of_all(self._memory.tau)
 
-    def resume(self, tau: Array) -> bool:
-        """
-        Continue from commands of another process; return whether a motion was dropped.
-
-        As after a pause of the joint states, the desired motion is dropped if the last
-        command is older than the timeout. The first change of torque is that of one
-        period of the states.
-        """
-        now = self._now()
-        settings = self._rules.settings
-        event = self._event(now)
-
-        def taken_back(path: PathState) -> PathState:
-            path = cycle_rules.at_time(path, event.now, settings)
-            return cycle_rules.taken_back(path, event, tau, settings)
-        self.controller.stop()
-        before, path = self._change(taken_back)
-        self._last_good = now
-        return self._note_drop(before, path, now)
-
     def _event(self, now: int) -> Event:
         """Return the times of a look at the clock."""
         time_of_path = float(now - self._epoch)
@@ -731,6 +742,14 @@ class TorquePath:
             cycle_results.FUTURE: f'{(stamp - now) / NANO:.3f} s ahead of the clock',
             cycle_results.OUT_OF_ORDER: f'{(last - stamp) / NANO:.6f} s before it'}
         self._drop(REASONS[code], details[code])
+
+    def _note_command(self, duration: float, stamp: int, now: int, clamped: Array,
+                      rate_limited: Array) -> None:
+        """Count a command."""
+        self._last_good = min(stamp, now)
+        is_limited = any(clamped.tolist()) or any(rate_limited.tolist())
+        self.statistics.command(duration, (now - stamp) / NANO, is_limited)
+        self.statistics.full_parses = self._reader.full_parses
 
     def _note_fault(self, was_commanding: bool, path: PathState, code: int, now: int
                     ) -> None:

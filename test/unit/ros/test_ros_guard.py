@@ -21,9 +21,9 @@ pytest.importorskip('rclpy')
 
 from kane_dynamics import Closure, Controller, load_urdf, Motion, Robot  # noqa: E402, I100
 from kane_dynamics._util.resources import resource_path  # noqa: E402
-from kane_dynamics.control_cycle.arbitration import Arbitration  # noqa: E402
 from kane_dynamics.model.inertial import Inertial  # noqa: E402
 from kane_dynamics.ros.common.cdr import float64_multi_array, write_joint_state  # noqa: E402
+from kane_dynamics.ros.common.cdr import PreparedMessage  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink  # noqa: E402
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard  # noqa: E402
@@ -164,21 +164,23 @@ class Pair:
             self.controller, process.create_publisher(None, 'commands', None),
             process.create_publisher(None, '~/joint_torques', None),
             lambda: round(self.machine.now * NANO), self.values, Statistics(), lambda *words: None)
-        self.link = self.path.arbiter = GuardLink(process, self.path, LEASE, ExitStack(), 2, 0.0)
+        self.link = GuardLink(process, self.path, LEASE, ExitStack(), 2, 0.0)
         if self.native:
             guarded(self.path, self.link)
             process.create_subscription(None, '~/guard_state', self.hear, None)
+        else:
+            self.path.use_guard(self.link)
         self.path.start()
         process.create_subscription(None, 'joint_states', self.path.on_state, None)
 
     @property
     def number(self):
         """Return the number of the node's last request."""
-        return (self.path.arbitration or self.link.arbitration).number
+        return self.path.arbitration.number
 
     def hear(self, data):
         """Let the native path hear the guard, as its thread does."""
-        self.path.native.hear(data)
+        self.path.native.call('hear', data)
         self.path.read_reports()
 
     def step(self, states=True):
@@ -439,7 +441,7 @@ def test_slow_states_neither_trigger_the_guard_nor_blind_it(pair):
 def test_heartbeats_that_the_thread_has_heard_are_not_missed_by_a_paused_interpreter(pair):
     both = pair()
     both.run(0.3)
-    both.link._last[Arbitration._fields.index('seen')] -= 2.0 * NANO
+    both.link._known = both.link._known._replace(seen=both.link._known.seen - 2.0 * NANO)
     assert ('silent for 2.' in both.link.warning) == (not both.native)
 
 

@@ -6,6 +6,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 from kane_dynamics import Drive, Inertial, InputError, Motion, MotorSideControl  # noqa: E402, I100
+from kane_dynamics import Robot, SmoothMotion, StiffnessCurve, with_drives  # noqa: E402
+from kane_dynamics import with_rigid_joints  # noqa: E402
 from kane_dynamics.control.controller import Controller  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402

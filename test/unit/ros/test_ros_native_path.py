@@ -360,7 +360,7 @@ def test_no_memory_of_another_law_is_read_as_that_of_the_frame():
         pair.do_state('state')
     pair.time += 1_000_000
     path = pair.sides[1].path
-    path.native.answer(message(pair.q, np.zeros(2), pair.time))
+    path.native.call('cycle', message(pair.q, np.zeros(2), pair.time))
     path.controller.update(mode='cartesian_impedance')
     path.set_limits(pair.values)
     path.read_reports()
@@ -438,9 +438,9 @@ def test_a_full_ring_counts_what_nothing_observed():
     pair.do_state('state')
     stamped = message(pair.q, np.zeros(2), pair.time)
     for _ in range(native_loop.SLOTS + 7):
-        side.path.native.answer(stamped)
+        side.path.native.call('cycle', stamped)
     side.path.read_reports()
-    assert side.path.unobserved == 7
+    assert side.path.native.number('LOST') == 7
     assert side.statistics.unobserved == 7
     assert side.warnings[-1][0] == 'cycles'
 
@@ -457,13 +457,16 @@ def in_motion():
 def test_a_motion_does_not_come_back_if_the_report_of_its_fault_was_lost():
     pair = in_motion()
     side = pair.sides[1]
-    answer = side.path.native.answer
+
+    def answer(data):
+        side.path.native.call('cycle', data)
+
     for _ in range(native_loop.SLOTS):  # nothing reads the reports meanwhile
         answer(message(pair.q, np.zeros(2), pair.time))
     for _ in range(4):  # longer than the grace time
         pair.time += 10_000_000
         answer(message(pair.q + 1.0, np.zeros(2), pair.time))
-    assert side.path.native.lost
+    assert side.path.native.number('LOST')
     side.path.read_reports()
     pair.time += 10_000_000
     answer(message(pair.q, np.zeros(2), pair.time))
@@ -478,7 +481,7 @@ def test_a_stale_state_is_counted_as_such_if_the_timeout_grows_before_it_is_repo
                         ('before', pair.time - 50_000_000)):
         side = pair.sides[1]
         before = side.statistics.dropped.total()
-        side.path.native.answer(message(pair.q, np.zeros(2), stamp))
+        side.path.native.call('cycle', message(pair.q, np.zeros(2), stamp))
         side.path.set_limits(pair.values | {'state_timeout': 0.01 if late == 'before' else 1.0})
         side.path.read_reports()
         side.path.set_limits(pair.values)
@@ -597,7 +600,7 @@ def test_failures_to_take_messages_that_last_end_the_path():
     side.path.stop()
     assert not side.path.ended
     side.path.start()
-    assert side.path.native.code_of_end == 0
+    assert side.path.native.number('ENDED') == 0
 
 
 def test_no_cycle_has_a_part_of_changes_that_belong_together():
@@ -624,11 +627,11 @@ def test_a_new_motion_waits_for_a_report_of_now():
     side.path.active_motion.clear('test')
     loop = side.path.native
     for _ in range(native_loop.SLOTS + 5):
-        loop.answer(message(pair.q, np.zeros(2), pair.time))
+        loop.call('cycle', message(pair.q, np.zeros(2), pair.time))
     for _ in range(200):  # lost, while the arm moves
         pair.time += 1_000_000
         pair.q = pair.q + 1e-4
-        loop.answer(message(pair.q, np.zeros(2), pair.time))
+        loop.call('cycle', message(pair.q, np.zeros(2), pair.time))
     side.path.controller.update(mode='gravity_compensation')  # holds no pose
     side.path.set_limits(pair.values | {'mode': 'gravity_compensation'})
 
@@ -636,7 +639,7 @@ def test_a_new_motion_waits_for_a_report_of_now():
 
     def answer_on():
         while not stops.wait(0.005):
-            loop.answer(message(pair.q, np.zeros(2), pair.time))
+            loop.call('cycle', message(pair.q, np.zeros(2), pair.time))
     states = threading.Thread(target=answer_on)
     states.start()
     q, _, _ = side.path.desired(pair.time)
@@ -730,7 +733,7 @@ def test_a_known_message_larger_than_a_slot_is_not_copied_into_the_ring():
     data = message(pair.q, np.zeros(2), pair.time)
     path.native._set(LARGEST=len(data) - 1)
     path.native._ring[:] = 0
-    path.native.answer(data)
+    path.native.call('cycle', data)
     assert path.native.reports()[-1].message == b''
     assert data[20:] not in path.native._ring.tobytes()
 
@@ -749,11 +752,11 @@ def test_two_publishers_of_one_length_are_both_answered_at_once():
             prepared.stamp(*divmod(pair.time, NANO))
             assert len(prepared.serialized()) == len(data)
             data = prepared.serialized()
-        path.native.answer(data)
+        path.native.call('cycle', data)
         kinds = {report.kind for report in path.native.reports()} if step > 3 else {0}
         assert kinds == {0}, 'answered, not unknown'
         if step <= 3:
-            path.native._publish_word('TAIL', path.native._get('HEAD') - 1)
+            path.native._publish_word('TAIL', path.native.number('HEAD') - 1)
             path.read_reports()
 
 
@@ -765,8 +768,8 @@ def test_the_first_message_of_a_layout_behind_newer_states_is_counted_by_its_nam
         pair.do_state('state')
     late = message(pair.q, np.zeros(2), pair.time + 1) + bytes(8)  # another layout
     pair.time += 1_000_000
-    loop.answer(late)
-    loop.answer(message(pair.q, np.zeros(2), pair.time))
+    loop.call('cycle', late)
+    loop.call('cycle', message(pair.q, np.zeros(2), pair.time))
     side.path.read_reports()
     assert side.statistics.dropped == {LEARNED: 1}
 

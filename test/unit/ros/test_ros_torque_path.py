@@ -12,6 +12,7 @@ pytest.importorskip('rclpy')
 from geometry_msgs.msg import WrenchStamped  # noqa: E402, I100
 from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
+from kane_dynamics.control_cycle.arbitration import begun, UNGUARDED  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.common.configuration_files import load_model  # noqa: E402
 from kane_dynamics.ros.common.conversion import motion_from_message  # noqa: E402
@@ -136,14 +137,42 @@ def test_a_backward_clock_jump_between_two_states_drops_the_motion():
     np.testing.assert_array_equal(rig.state(), gravity())
 
 
+class Guard:
+    """torque_guard as the path asks it; `numbers` are its message for the last request."""
+
+    def __init__(self):
+        self.requests, self.returns = [], []
+        self.send = self.requests.append
+
+    def beginning(self):
+        now = time.perf_counter() * NANO
+        return begun(UNGUARDED._replace(seen=now), 0.1 * NANO, now, 7.0)
+
+    def numbers(self, commands, tau):
+        return np.array([self.requests[-1], commands, commands, 1.0, *tau])
+
+    def report_return(self, silent, dropped):
+        self.returns.append(dropped)
+
+
 def test_a_clock_that_jumped_while_the_guard_commanded_is_reported(monkeypatch):
-    rig = Rig()
+    rig, guard = Rig(), Guard()
+    rig.state()  # compiles the law, which takes longer than the guard waits
+    rig.commands.sent.clear()
+    rig.path.use_guard(guard)
+    rig.path.start()
+    assert rig.state() is None, 'it waits for the answer'
+    rig.path.hear(guard.numbers(0.0, gravity()))
+    np.testing.assert_array_equal(rig.commands.sent, [gravity()])
+    for _ in range(3):  # the guard takes over after two periods of the states
+        np.testing.assert_array_equal(rig.state(after=0.002), gravity())
     rig.follow(rig.time)
-    rig.state(after=0.5)
-    rig.time -= 20 * NANO
     later = time.perf_counter() + 1.0
     monkeypatch.setattr(time, 'perf_counter', lambda: later)
-    assert rig.path.resume(gravity()), 'the motion was dropped'
+    assert rig.state(after=0.5) is None
+    rig.time -= 20 * NANO
+    rig.path.hear(guard.numbers(1.0, gravity()))
+    assert guard.returns == [True], 'the motion was dropped'
     assert rig.warnings == ['clock']
     np.testing.assert_array_equal(rig.state(after=0.01), gravity())
 
