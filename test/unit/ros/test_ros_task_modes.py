@@ -101,6 +101,11 @@ class Rig:
         """Compare the next state with no earlier one, as it is elsewhere."""
         self.path._change(cycle_rules.forgotten)
 
+    def hand_back(self, torque):
+        """Go on from the torques of torque_guard."""
+        path = self.path
+        path._change(cycle_rules.taken_back, path._event(self.now), torque, path._rules.settings)
+
     def state(self):
         """Pass the present state to the path; return the torque, or None."""
         message = JointState(name=list(self.robot.joint_names), position=self.q.tolist(),
@@ -462,7 +467,7 @@ def test_the_arm_is_held_where_the_guard_left_it():
     rig.q, rig.u = rig.q + [0.2, 0.1], np.zeros(2)
     torque = rig.robot.gravity_force(rig.q)
     rig.forget_states()
-    rig.path.resume(torque)
+    rig.hand_back(torque)
     held = rig.q.copy()
     rig.run(1.0)
     np.testing.assert_allclose(rig.q, held, atol=5e-3)
