@@ -50,9 +50,8 @@ def native_path(controller, commands, torques, now, *arguments, stamped=None, **
     callbacks = SimpleNamespace(clock=CLOCK(clock), publish=PUBLISH(publish),
                                 steady=STEADY(steady))
     path.callbacks = callbacks  # alive as long as the path
-    loop.use_clock(address(callbacks.clock), 0)
-    loop.use_publisher(address(callbacks.publish))
-    loop._set(STEADY=address(callbacks.steady))
+    loop.set_words(CLOCK=address(callbacks.clock), CLOCK_HANDLE=0,
+                   PUBLISH=address(callbacks.publish), STEADY=address(callbacks.steady))
     return path
 
 
@@ -60,7 +59,7 @@ def guarded(path, link):
     """Let a native path follow the rules of a link to torque_guard."""
     path.outputs[REQUESTS] = link.requests, path.native.request
     path.use_guard(link)
-    path.native.ask_by(REQUESTS)
+    path.native.set_words(REQUEST_TO=REQUESTS)
 
 
 def address(function):

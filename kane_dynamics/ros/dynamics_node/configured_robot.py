@@ -308,7 +308,8 @@ class ConfiguredRobot:
                                    len(self.path.messages.joints), self._digest)
             self.path.use_guard(self.guard)
             if isinstance(self.path, NativeTorquePath):
-                self.path.native.ask_by(handle_address(self.guard.requests))
+                requests = handle_address(self.guard.requests)
+                self.path.native.set_words(REQUEST_TO=requests)
         if isinstance(self.path, NativeTorquePath):
             self.path.compile()
         # Gravity of a mobile base comes from its IMU.

@@ -11,7 +11,6 @@ import math
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from kane_dynamics._util.typing import Matrix, Vector
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.model.model import Frame, WORLD
@@ -86,8 +85,8 @@ class TargetInput:
         # Where a target stops that leaves the pose of the message at its speed.
         self._advance = np.zeros(6)
         self._stop_at = np.eye(4)
-        self._read_stop = bound(robot, _stopping_pose, self._stop_at,
-                                pose=self._pose, step=self._advance)
+        self._read_stop = bound(robot, displaced, self._stop_at, start=self._pose,
+                                step=self._advance)
         self._last_pose: Array | None = None  # the last one that was accepted
         # With fewer speeds a frame moves along curves: straight on is out of its reach.
         self._moves_freely = robot.n >= 6
@@ -320,11 +319,6 @@ class TargetInput:
 
     def _refuse(self, topic: str, reason: str, detail: str) -> None:
         self._reject(f'{topic}: {reason}', detail)
-
-
-def _stopping_pose(pose: Matrix, step: Vector) -> Matrix:
-    """Return a pose (4, 4) moved by m and turned by a rotation vector, (6,)."""
-    return displaced(pose, step)
 
 
 def fixed_frames(robot: Robot) -> dict[str, Array]:

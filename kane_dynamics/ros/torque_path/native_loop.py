@@ -364,24 +364,24 @@ class NativeLoop:
         """Write the addresses and sizes of the memory into the block."""
         from_guard = float64_multi_array(len(self.heard))
         # Addresses stay valid because these arrays live as long as the loop.
-        self._set(RING=self._ring.ctypes.data, SLOTS=SLOTS,
-                  SLOT_SIZE=self._ring.shape[1], INFO=self._info.ctypes.data)
-        self._set(PATH=self.path.ctypes.data, RESULT=self.result.ctypes.data,
-                  PATH_SIZE=len(self.path), TAU=cycle_rules.SCALARS,
-                  TAU_COUNT=self.shape.commanded)
-        self._set(EVENT=self.event.ctypes.data, STATE=self.state.ctypes.data,
-                  STATE_COUNT=len(self.state))
-        self._set(LARGEST=LARGEST, KEPT=self._kept.ctypes.data,
-                  FAILURES=self._failures.ctypes.data)
-        self._set(GUARD_LENGTH=from_guard.bytes.size,
-                  GUARD_AT=from_guard.bytes.size - from_guard.numbers.nbytes,
-                  GUARD_NUMBERS=self.heard.ctypes.data, GUARD_BYTES=self.heard.nbytes)
-        self._set(REQUEST_MESSAGE=self._message(self.request),
-                  REQUEST_NUMBER=self.request.numbers.ctypes.data)
+        self.set_words(RING=self._ring.ctypes.data, SLOTS=SLOTS,
+                       SLOT_SIZE=self._ring.shape[1], INFO=self._info.ctypes.data)
+        self.set_words(PATH=self.path.ctypes.data, RESULT=self.result.ctypes.data,
+                       PATH_SIZE=len(self.path), TAU=cycle_rules.SCALARS,
+                       TAU_COUNT=self.shape.commanded)
+        self.set_words(EVENT=self.event.ctypes.data, STATE=self.state.ctypes.data,
+                       STATE_COUNT=len(self.state))
+        self.set_words(LARGEST=LARGEST, KEPT=self._kept.ctypes.data,
+                       FAILURES=self._failures.ctypes.data)
+        self.set_words(GUARD_LENGTH=from_guard.bytes.size,
+                       GUARD_AT=from_guard.bytes.size - from_guard.numbers.nbytes,
+                       GUARD_NUMBERS=self.heard.ctypes.data, GUARD_BYTES=self.heard.nbytes)
+        self.set_words(REQUEST_MESSAGE=self._message(self.request),
+                       REQUEST_NUMBER=self.request.numbers.ctypes.data)
         steady = ctypes.cast(self._library.clock_gettime, ctypes.c_void_p).value
         rest = ctypes.cast(self._library.usleep, ctypes.c_void_p).value
-        self._set(STEADY=steady, REST_FOR=rest,
-                  PUBLISH=self._code.address('publish_nothing'))
+        self.set_words(STEADY=steady, REST_FOR=rest,
+                       PUBLISH=self._code.address('publish_nothing'))
 
     def _message(self, message: PreparedMessage) -> int:
         """Return the address of the structure of a message, which is kept."""
@@ -404,7 +404,7 @@ class NativeLoop:
                          stamp])
         table = np.array(rows, dtype=np.int64)
         self._used.append(table)
-        self._set(OUTPUTS=table.ctypes.data, OUTPUT_COUNT=len(rows))
+        self.set_words(OUTPUTS=table.ctypes.data, OUTPUT_COUNT=len(rows))
 
     def connect(self, rcl: RclLoop, guard_input: int | None = None,
                 clock_input: int | None = None) -> None:
@@ -415,32 +415,20 @@ class NativeLoop:
         /clock.
         """
         self._wake = rcl.wake
-        self.use_clock(rcl.address('rcl_clock_get_now'), rcl.clock)
-        self._set(PUBLISH=rcl.address('rcl_publish_serialized_message'))
+        self.set_words(CLOCK=rcl.address('rcl_clock_get_now'), CLOCK_HANDLE=rcl.clock,
+                       PUBLISH=rcl.address('rcl_publish_serialized_message'))
         # Inputs that this node does not have keep their address of zero.
         for name, place in (('GUARD_INPUT', guard_input), ('CLOCK_INPUT', clock_input)):
             if place is not None:
-                self._set(**{name: self._input(rcl, place)})
-        self._set(WAIT_SET=ctypes.addressof(rcl.wait_set),
-                  SUBSCRIPTION=rcl.subscriptions[0],
-                  GUARD=rcl.guard, TAKEN=ctypes.addressof(rcl.taken[0]),
-                  CLEAR=rcl.address('rcl_wait_set_clear'),
-                  ADD_SUBSCRIPTION=rcl.address('rcl_wait_set_add_subscription'),
-                  ADD_GUARD=rcl.address('rcl_wait_set_add_guard_condition'),
-                  WAIT=rcl.address('rcl_wait'),
-                  TAKE=rcl.address('rcl_take_serialized_message'))
-
-    def use_clock(self, function: int, handle: int) -> None:
-        """Use the clock of a handle, as `rcl_clock_get_now` reads it."""
-        self._set(CLOCK=function, CLOCK_HANDLE=handle)
-
-    def use_publisher(self, function: int) -> None:
-        """Publish by a function like `rcl_publish_serialized_message`."""
-        self._set(PUBLISH=function)
-
-    def ask_by(self, publisher: int) -> None:
-        """Publish requests to torque_guard, by the address of a publisher's handle."""
-        self._set(REQUEST_TO=publisher)
+                self.set_words(**{name: self._input(rcl, place)})
+        self.set_words(WAIT_SET=ctypes.addressof(rcl.wait_set),
+                       SUBSCRIPTION=rcl.subscriptions[0],
+                       GUARD=rcl.guard, TAKEN=ctypes.addressof(rcl.taken[0]),
+                       CLEAR=rcl.address('rcl_wait_set_clear'),
+                       ADD_SUBSCRIPTION=rcl.address('rcl_wait_set_add_subscription'),
+                       ADD_GUARD=rcl.address('rcl_wait_set_add_guard_condition'),
+                       WAIT=rcl.address('rcl_wait'),
+                       TAKE=rcl.address('rcl_take_serialized_message'))
 
     def simulate_time(self, is_simulated: bool) -> None:
         """Use the time of the messages of /clock, or that of the clock."""
@@ -455,8 +443,8 @@ class NativeLoop:
         self._used += [info, words]
         return int(words.ctypes.data)
 
-    def _set(self, **words: int | None) -> None:
-        """Set words of the block."""
+    def set_words(self, **words: int | None) -> None:
+        """Set words of the block, which the thread reads when it starts."""
         for name, value in words.items():
             self.block[message_loop.BLOCK.index(name)] = value or 0
 
@@ -482,9 +470,9 @@ class NativeLoop:
         self.path[:] = packed(path)
         self.event[:] = 0.0
         self._plans = []
-        self._set(EPOCH=epoch, STOP=0, ENDED=0, HEAD=0, TAIL=0, LOST=0, REPLAYED=0,
-                  PLAN=0, IN_USE=0, KEPT_LENGTH=0, SIMULATED_TIME=epoch,
-                  BROKEN=0)
+        self.set_words(EPOCH=epoch, STOP=0, ENDED=0, HEAD=0, TAIL=0, LOST=0, REPLAYED=0,
+                       PLAN=0, IN_USE=0, KEPT_LENGTH=0, SIMULATED_TIME=epoch,
+                       BROKEN=0)
         self._failures[:] = 0
 
     def use(self, plan: CyclePlan) -> None:

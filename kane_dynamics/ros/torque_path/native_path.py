@@ -109,13 +109,17 @@ class NativeTorquePath(TorquePath):
 
     Other parameters are those of `TorquePath`.
 
+    Attributes
+    ----------
+    native : NativeLoop
+        The memory and the thread.
+
     """
 
     def __init__(self, controller: Controller, *arguments: Any, **named: Any) -> None:
         # Plans are made in two threads. Held also while a motion is dropped.
         self._lock = threading.RLock()
         self._changes_last = False  # whether changes that belong together are under way
-        self._loop: NativeLoop | None = None
         super().__init__(controller, *arguments, **named)
         self.active_motion = ActiveMotion(self._replan)
         self._rcl: RclLoop | None = None
@@ -132,8 +136,8 @@ class NativeTorquePath(TorquePath):
     def _make_memory(self) -> None:
         """Make the memory of the thread, and what computes in it."""
         self._laws = {} if self.loops else native_laws(self.controller)
-        self._loop = NativeLoop(self._kernels(), self.messages.joints)
-        self._memory = PathMemory(self._loop.shape)
+        self.native = NativeLoop(self._kernels(), self.messages.joints)
+        self._memory = PathMemory(self.native.shape)
 
     def _kernels(self) -> CycleKernels:
         """Return the rules and laws of the thread as kernels."""
@@ -160,12 +164,6 @@ class NativeTorquePath(TorquePath):
         if other_modes:
             modes = [mode for mode in kernels.answers if mode not in modes]
         kernels.compile(modes, self._guard is not None)
-
-    @property
-    def native(self) -> NativeLoop:
-        """Return the memory and the thread."""
-        assert self._loop is not None
-        return self._loop
 
     def connect(self, node: Any, states: Any, guard: Any, clock: Any, wake: Any,
                 publishers: Sequence[Any], lost_states: LostMessages) -> None:
@@ -239,12 +237,12 @@ class NativeTorquePath(TorquePath):
 
     def _replan(self) -> None:
         """Make what is valid now the plan of the next cycle; callable from any thread."""
-        if self._loop is None or not self.running:
+        if not self.running:
             return
         with self._lock:
             if self._changes_last:
                 return
-            self._loop.use(self._plan(self._loop))
+            self.native.use(self._plan())
 
     @contextmanager
     def one_change(self) -> Iterator[None]:
@@ -257,7 +255,7 @@ class NativeTorquePath(TorquePath):
                 self._changes_last = False
                 self._replan()
 
-    def _plan(self, loop: NativeLoop) -> CyclePlan:
+    def _plan(self) -> CyclePlan:
         """Return the plan of the next cycle."""
         controller = self.controller
         parameters = controller.robot.parameters
@@ -279,7 +277,7 @@ class NativeTorquePath(TorquePath):
         longest = None
         if self._guard is not None:
             longest = round(self._begun.shortest)
-        return CyclePlan(loop, controller.mode, self._settings(), parameters.block,
+        return CyclePlan(self.native, controller.mode, self._settings(), parameters.block,
                          layouts, motions, period, self._replay, longest)
 
     def _numbers(self) -> Array:

@@ -511,7 +511,7 @@ def test_a_thread_that_ends_by_itself_ends_the_path_until_it_is_started_again():
     pair = in_motion()
     side = pair.sides[1]
     path = side.path
-    path.native._set(ENDED=1)
+    path.native.set_words(ENDED=1)
     path.read_reports()
     assert not path.running
     assert path.active_motion.scheduled == (None, None)
@@ -540,9 +540,9 @@ class Middleware:
         self._kept = (SerializedMessage * 2)()
         self._functions = []
         nothing = self._word(TAKE, lambda *words: 0)
-        loop._set(CLEAR=nothing, ADD_SUBSCRIPTION=nothing, ADD_GUARD=nothing, WAIT=nothing,
-                  TAKE=self._word(TAKE, self.take), TAKEN=ctypes.addressof(self._kept),
-                  REST_FOR=self._word(REST, self.rest))
+        loop.set_words(CLEAR=nothing, ADD_SUBSCRIPTION=nothing, ADD_GUARD=nothing, WAIT=nothing,
+                       TAKE=self._word(TAKE, self.take), TAKEN=ctypes.addressof(self._kept),
+                       REST_FOR=self._word(REST, self.rest))
         self._stop = partial(loop._publish_word, 'STOP', 1)
 
     def _word(self, kind, function):
@@ -731,7 +731,7 @@ def test_a_known_message_larger_than_a_slot_is_not_copied_into_the_ring():
     path = pair.sides[1].path
     pair.do_state('state')
     data = message(pair.q, np.zeros(2), pair.time)
-    path.native._set(LARGEST=len(data) - 1)
+    path.native.set_words(LARGEST=len(data) - 1)
     path.native._ring[:] = 0
     path.native.call('cycle', data)
     assert path.native.reports()[-1].message == b''
