@@ -120,6 +120,14 @@ def print_table(header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
         print('  '.join(line).rstrip())
 
 
+def print_section(title: str, header: Sequence[str],
+                  rows: Sequence[Sequence[Any]]) -> None:
+    """Print an empty line, a title and a table; nothing if the table has no rows."""
+    if rows:
+        print(f'\n{title}')
+        print_table(header, rows)
+
+
 def _cell(value: Any) -> str:
     """Return a text as it is, and a number with six digits; -0.0 is 0."""
     return value if isinstance(value, str) else f'{value + 0.0:.6g}'

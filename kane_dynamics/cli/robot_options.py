@@ -170,9 +170,12 @@ def warn_outside(robot: Robot, q: Array, what: str) -> None:
 
 def say_start(robot: Robot, q: Array, what: str) -> None:
     """Print the coordinates that do not start at 0 because their limits exclude it."""
-    nonzero = np.flatnonzero(q != neutral(robot.model))
-    if len(nonzero):
-        values = [f'{robot.coordinate_names[k]} {q[k]:.4g}' for k in nonzero]
+    lower, upper = robot.limits.lower, robot.limits.upper
+    zero = neutral(robot.model)
+    excluded = np.flatnonzero((zero < lower) | (zero > upper))
+    # A stated configuration is no surprise.
+    if len(excluded) and robot.configuration is None:
+        values = [f'{robot.coordinate_names[k]} {q[k]:.4g}' for k in excluded]
         print(f'kane-dynamics: {what}: 0 is outside the limits of these joints; they '
               f'start in the middle of their limits: {short(values)}', file=sys.stderr)
 
@@ -189,48 +192,38 @@ def positions(options: Namespace, name: str, robot: Robot,
     """
     Return an argument as the positions of all joints, (n_q,).
 
-    With constraints, positions of the independent joints are enough: the loops are
-    closed from the configuration of the constraints file. `default` are positions of the
-    independent joints; its default is that configuration, and
-    `Robot.feasible_configuration` for a tree.
+    Positions of the joints whose rates are the independent speeds are enough: the loops
+    are closed from the configuration of the constraints file. `default` are positions of
+    these joints; its default is `Robot.feasible_configuration`.
     """
-    if robot.constraint_names:
-        q = _closed_positions(options, name, robot, default)
+    stated = getattr(options, name)
+    if stated is not None:
+        q = _numbers(options, name, _orders(robot))
+    elif default is not None:
+        q = default
     else:
-        q = _free_positions(options, name, robot, default)
+        q = robot.feasible_configuration()
+        say_start(robot, q, f'--{name}')
+    # Positions in degrees would close other loops, or none.
     if name == 'q':
         warn_degrees(robot, q, f'--{name}')
+    if len(q) < robot.n_q:
+        q = _closed_near(robot, robot.speed_names, q)
+    if name == 'q':
         warn_outside(robot, q, f'--{name}')
-    if len(q) == robot.n_q:
-        return q
-    return _closed_near(robot, robot.speed_names, q)
-
-
-def _free_positions(options: Namespace, name: str, robot: Robot,
-                    default: Array | None) -> Array:
-    """Return the positions of a robot without constraints."""
-    if getattr(options, name) is not None:
-        return _numbers(options, name, [robot.coordinate_names])
-    if default is not None:
-        return default
-    q = robot.feasible_configuration()
-    say_start(robot, q, f'--{name}')
     return q
 
 
-def _closed_positions(options: Namespace, name: str, robot: Robot, default: Array | None
-                      ) -> Array:
-    """Return the positions of all joints of a robot with constraints, or of the independent."""
-    if getattr(options, name) is not None:
-        orders = [robot.coordinate_names]
-        if not velocity_rows(robot):
-            orders = [robot.speed_names, robot.coordinate_names]
-        return _numbers(options, name, orders)
-    if default is not None:
-        return _closed_near(robot, robot.speed_names, default)
-    # From the stated configuration the independent joints stay where they are.
-    fixed = () if robot.configuration is None else robot.speed_names
-    return _closed_near(robot, fixed)
+def _orders(robot: Robot) -> list[Sequence[str]]:
+    """Return the lists of names by which positions may be stated, the shortest first."""
+    every = robot.coordinate_names
+    independent = robot.speed_names
+    # Speeds that are no joint rates have no positions, and constraints of velocities
+    # leave those of the other joints open.
+    are_joint_rates = set(independent) < set(every)
+    if are_joint_rates and not velocity_rows(robot):
+        return [independent, every]
+    return [every]
 
 
 def _closed_near(robot: Robot, names: Sequence[str], values: Any = ()) -> Array:

@@ -226,13 +226,11 @@ def of_mechanism(path: str, robot: Robot, t: Array | None, state: State) -> Stat
     """
     Return q (K, n_q), u and udot (K, n) of a robot for the rows of its independent joints.
 
-    With constraints the other joints follow by loop closure, from the configuration of
-    the constraints file.
+    Other joints follow by loop closure, row by row from the configuration of the
+    constraints file. Rows without times are in the order of a motion.
     """
-    if not robot.constraint_names:
-        return state
     if t is None:
-        raise InputError(f"{path}: no column 't'; expected the times of the rows, s")
+        robot.equations.require_timeless(path, "or a column 't' with the times, s")
     return mechanism_motion(robot, robot.speed_names, t, *state)
 
 

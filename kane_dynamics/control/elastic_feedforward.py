@@ -215,7 +215,8 @@ class ElasticFeedforward:
         Parameters
         ----------
         motion : SmoothMotion or Motion
-            Of `joint_names`, in this order, with a continuous jerk.
+            Of `joint_names`, or under constraints of as many of them as independent
+            speeds; with a continuous jerk.
         step : float
             Time between rows, s.
         deflection : (n,) array_like, optional
@@ -261,15 +262,9 @@ class ElasticFeedforward:
 
     def check_joints(self, joints: Sequence[str]) -> None:
         """Raise InputError unless a motion of these joints is one of the links."""
-        if not self.robot.constraint_names:
-            if tuple(joints) != self.joint_names:
-                raise InputError(f'motion: of {listing(joints)}; expected '
-                                 f'{listing(self.joint_names)}, in this order: the links '
-                                 'of elastic joints')
-            return
         count = len(self.speed_names)
         distinct = set(joints)
-        # Under constraints, as many joints as independent speeds determine the motion.
+        # As many joints as independent speeds determine the motion.
         fits = len(joints) == len(distinct) == count
         if not fits or not distinct <= set(self.joint_names):
             raise InputError(f'motion: of {listing(joints)}; expected {count} of '
@@ -297,7 +292,7 @@ class ElasticFeedforward:
         state : SmoothState
             Of the joints at these times, unchecked, (N, k) arrays.
         joints : sequence of k str
-            `joint_names`, or under constraints as many as independent speeds.
+            As many of `joint_names` as independent speeds, in any order.
         deflection : (n,) array_like, optional
             As in `along`.
 
@@ -457,7 +452,7 @@ class ElasticFeedforward:
     # The links in a choice of speeds and rows, and the functions that are compiled.
 
     def _choice_of_speeds(self) -> LinkSpeeds:
-        """Return the choice of the robot's speeds, of which the calls are."""
+        """Return the robot's own choice of speeds, in which calls state the motion."""
         mechanism = self.robot.mechanism
         speeds = list(map(mechanism.speed_names.index, self.speed_names))
         return LinkSpeeds(True, tuple(mechanism.free), tuple(mechanism.kept),

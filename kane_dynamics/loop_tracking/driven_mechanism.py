@@ -187,7 +187,7 @@ class MechanismMotion(NamedTuple):
     udot: Array
 
 
-def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array,
+def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array | None, q: Array,
                      rates: Array, accelerations: Array) -> MechanismMotion:
     """
     Return the motion of a mechanism for that of its driving joints.
@@ -203,8 +203,8 @@ def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array,
         Velocity constraints (rolling, knife edges) do not determine positions.
     joints : sequence of n str
         Driving joints, as many as independent speeds.
-    t : (N,) array
-        Times, s, in order.
+    t : (N,) array, optional
+        Times, s, in order; they may be left out where nothing depends on them.
     q, rates, accelerations : (N, n) arrays
         Of the driving joints; rad or m, and s.
 
@@ -230,18 +230,25 @@ def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array,
     return motion_of_closed(robot, driving, t, Q, rates, accelerations)
 
 
-def closed_configurations(robot: Robot, driving: list[int], t: Array, q: Array) -> Array:
+def _named_row(t: Array | None, row: int) -> str:
+    """Return a row of a motion in words, by its time or its number."""
+    return f'row {row}' if t is None else f'at {t[row]:.4g} s'
+
+
+def closed_configurations(robot: Robot, driving: list[int], t: Array | None,
+                          q: Array) -> Array:
     """Return closed configurations, (N, n_q), with the driving joints at q, (N, n)."""
-    Q = np.zeros((len(t), robot.n_q))
+    times = np.zeros(len(q)) if t is None else t
+    Q = np.zeros((len(q), robot.n_q))
     Q[:, driving] = q
-    if not len(t):
+    if not len(q):
         return Q
     # The first configuration closes from the stated one, all others from their
     # predecessor.
     joints = [robot.coordinate_names[k] for k in driving]
     loops = DrivenLoops(robot, joints)
-    start = _first_closed(robot, Q[0], float(t[0]), joints)
-    return loops.followed(start, Q, t, lambda row: f'motion: at {t[row]:.4g} s')
+    start = _first_closed(robot, Q[0], float(times[0]), joints)
+    return loops.followed(start, Q, times, lambda row: f'motion: {_named_row(t, row)}')
 
 
 def _first_closed(robot: Robot, q: Array, t: float, joints: Sequence[str]) -> Array:
@@ -263,7 +270,7 @@ def _first_closed(robot: Robot, q: Array, t: float, joints: Sequence[str]) -> Ar
             raise error from None
 
 
-def motion_of_closed(robot: Robot, driving: Sequence[int], t: Array, Q: Array,
+def motion_of_closed(robot: Robot, driving: Sequence[int], t: Array | None, Q: Array,
                      rates: Array, accelerations: Array) -> MechanismMotion:
     """
     Return the motion through closed configurations, (N, n_q), of a robot.
@@ -272,7 +279,7 @@ def motion_of_closed(robot: Robot, driving: Sequence[int], t: Array, Q: Array,
     `mechanism_motion`. In joint rates without constraints they may be some of the
     joints; the others rest.
     """
-    at_rest = np.zeros((len(t), robot.n))
+    at_rest = np.zeros((len(Q), robot.n))
     if robot.equations.in_joint_rates:  # T = 1
         u = at_rest.copy()
         udot = at_rest.copy()
@@ -280,18 +287,20 @@ def motion_of_closed(robot: Robot, driving: Sequence[int], t: Array, Q: Array,
         udot[:, driving] = accelerations
         return MechanismMotion(Q, u, udot)
     # Columns of T: the rates at unit speeds, less those at rest, x.
-    drift = robot.joint_rates(Q, at_rest, t=t)
-    columns = [robot.joint_rates(Q, at_rest + unit, t=t) - drift
+    times = np.zeros(len(Q)) if t is None else t
+    drift = robot.joint_rates(Q, at_rest, t=times)
+    columns = [robot.joint_rates(Q, at_rest + unit, t=times) - drift
                for unit in np.eye(robot.n)]
     T = np.stack(columns, axis=-1)[:, driving]
     singular = np.flatnonzero(np.linalg.cond(T) > LARGEST_CONDITION)
     if singular.size:
         names = [robot.coordinate_names[k] for k in driving]
-        raise InputError(f'motion: at {t[singular[0]]:.4g} s the joints {names} do not '
-                         'determine the motion; expected others there')
+        row = _named_row(t, int(singular[0]))
+        raise InputError(f'motion: {row} the joints {names} do not determine the motion; '
+                         'expected others there')
     # T u = rates - x in the rows of the driving joints, and the same for udot.
     u = _solved(T, rates - drift[:, driving])
-    without_udot = robot.joint_accelerations(Q, u, at_rest, t=t)[:, driving]
+    without_udot = robot.joint_accelerations(Q, u, at_rest, t=times)[:, driving]
     return MechanismMotion(Q, u, _solved(T, accelerations - without_udot))
 
 

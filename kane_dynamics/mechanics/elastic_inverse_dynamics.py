@@ -92,8 +92,10 @@ class ElasticLinks:
         self.sides = list(sides)
         self.geometry = geometry
         self.speeds = list(speeds)
-        # A tree needs the mechanism of the links alone: its motors move nothing.
-        self.is_tree = mechanism.in_joint_speeds
+        # A tree needs the mechanism of the links alone: its motors move nothing. Speeds
+        # in another order than the links need the general one.
+        in_order = self.speeds == sorted(self.speeds)
+        self.is_tree = mechanism.in_joint_speeds and in_order
         self.mechanism = mechanism
         if self.is_tree:
             self.mechanism = Mechanism(tree.model)

@@ -98,7 +98,10 @@ def test_inspect_states_degrees_of_freedom_motors_and_residual():
     assert found['degrees_of_freedom'] == 4 and found['redundant'] == []
     assert found['independent'] == list(DRIVEN) and sorted(found['actuated']) == sorted(DRIVEN)
     assert len(found['rows']) == 6 and found['residual'] < 1e-9
-    assert 'constraints' not in answer('inspect', str(URDF))
+    of_tree = answer('inspect', str(URDF))['constraints']
+    assert of_tree['rows'] == of_tree['redundant'] == [] and of_tree['residual'] is None
+    assert of_tree['degrees_of_freedom'] == len(of_tree['independent'])
+    assert 'constraints' not in command('inspect', str(URDF)).stdout
     text = command('inspect', *ARM).stdout
     assert text.startswith('palletizer: 4 degrees of freedom') and 'level_1/side' in text
 
@@ -247,6 +250,27 @@ def test_rows_far_apart_stay_in_the_assembly_mode_of_the_file(tmp_path):
     path.write_text('t,swivel,shoulder,lever_drive,turn\n0,0,0,0,0\n1,0.3,0.2,0.1,1\n2,0,0,0,0\n')
     q = np.array(answer('torque', *ARM, '--motion', str(path))['q'])
     assert np.abs(q[2] - q[0]).max() <= 1e-9  # not turned by 2 pi
+
+
+def test_rows_without_times_are_those_of_rows_with_times(tmp_path):
+    timed = tmp_path / 'timed.csv'
+    timed.write_text('t,' + ','.join(f'{what}.{name}' for what in ('q', 'u', 'udot')
+                                     for name in DRIVEN) + '\n'
+                     + '\n'.join(','.join(map(str, [k, *np.multiply(AT, 1.0 + 0.1 * k), *RATES,
+                                                    *ACCELERATIONS])) for k in range(3)) + '\n')
+    untimed = tmp_path / 'untimed.csv'
+    untimed.write_text('\n'.join(line.partition(',')[2]
+                                 for line in timed.read_text().splitlines()) + '\n')
+    of_times = answer('torque', *ARM, '--motion', str(timed))
+    of_rows = answer('torque', *ARM, '--motion', str(untimed))
+    assert of_rows['t'] is None and of_rows['tau'] == of_times['tau']
+    # A row that the loops cannot reach is named by its number.
+    broken = tmp_path / 'broken.csv'
+    head, first, *_ = untimed.read_text().splitlines()
+    far = ','.join(map(str, [0.0, 3.0, -3.0, 0.0, *RATES, *ACCELERATIONS]))
+    broken.write_text(f'{head}\n{first}\n{far}\n')
+    done = command('torque', *ARM, '--motion', str(broken))
+    assert done.returncode == 2 and 'motion: row 1' in done.stderr
 
 
 def test_an_empty_constraints_file_is_named(tmp_path):

@@ -14,27 +14,19 @@ PACKAGE = Path(__file__).resolve().parents[2] / 'kane_dynamics'
 # Modules that ask whether a robot has constraints, how often, and why no general rule serves both.
 ASKS_FOR_CONSTRAINTS = {
     # Faster without rows.
-    'robot/methods/configuration_methods.py': (2, 'closing compiles nothing'),
+    'robot/methods/configuration_methods.py': (1, 'closing compiles nothing'),
     'loop_tracking/driven_mechanism.py': (1, 'without rows no kernel tracks loops'),
-    'ros/monitors/applied_torque.py': (1, 'in each cycle, efforts are forces already'),
-    'ros/plant/simulated_arm.py': (1, 'in each step, rates are speeds already'),
     'kinematics/damped_least_squares.py': (1, 'a step that closes a tree takes 1.4 times as long'),
-    # Torques of actuators are shared; without rows each link has its own motion and torque.
-    'control/elastic_feedforward.py': (2, 'the choice of joints, and of their actuators'),
+    'ros/monitors/applied_torque.py': (1, 'in each cycle: 4 us of conversion more'),
+    'ros/plant/simulated_arm.py': (1, 'in each step: 15 us in place of 7'),
+    # Torques of actuators are shared; without rows each link has its own motor.
+    'control/elastic_feedforward.py': (1, 'the choice of actuators'),
     # Assembly modes: only loops have them.
     'task_space/frame_task.py': (1, 'loops stay near the stated configuration'),
-    'cli/robot_options.py': (1, 'positions of independent joints are enough'),
-    'ros/plant/plant_state.py': (1, 'loops begin at the configuration of the file'),
-    'ros/services/trajectory_filling.py': (1, 'joints that are not given follow, and do not rest'),
     'ros/torque_path/closed_loop_reader.py': (1, 'joint states close the loops'),
     'ros/torque_path/native_path.py': (1, 'the features of the native path'),
-    # What is printed, or checked before a command uses it.
-    'cli/commands/doctor_command.py': (1, 'a URDF alone states no loops'),
+    # Checked before a command uses it.
     'cli/commands/identify_command.py': (1, 'recordings are examined joint by joint'),
-    'cli/commands/inspect_command.py': (1, 'a section of the constraints'),
-    'cli/commands/simulate_command.py': (1, 'a line and a table of the constraints'),
-    'cli/tables.py': (1, 'rows without times follow no order'),
-    'ros/doctor/live_graph.py': (1, 'a finding on the loops'),
 }
 # Everywhere in the package, at most: questions that could stand in for the one above, and those
 # for the time, which callers pass always and `Equations.time_inputs` leaves out.

@@ -35,8 +35,8 @@ def doctor(options: Namespace) -> int:
         of_configuration, node_robot = configuration.examine_configuration(
             Path(options.config), read_source(source_of(options)), prefix=options.prefix,
             namespace=options.namespace, told=model_texts)
-    if node_robot is not None and node_robot.constraint_names and not options.constraints:
-        # The tree would have other motors and loads.
+    if node_robot is not None and not options.constraints:
+        # The node's robot has the constraints, motors and loads of the configuration.
         robot = node_robot
         model = node_robot.model
     findings = [*examine_model(model, robot, model_texts, uncertainty_of(options, model)),

@@ -74,7 +74,7 @@ def _write(out: str, trajectories: Sequence[Any],
 
 
 def _warn_of_arm(robot: Robot, without: Sequence[str]) -> None:
-    """Print a warning if a known arm adds other terms itself than those that are left out."""
+    """Print a warning unless the terms left out are those that the arm itself adds."""
     from kane_dynamics.analysis.known_arms import arms_named, contradiction  # reads a file
     rows = arms_named(robot.model.name, robot.model.joint_names)
     text = contradiction(rows, tuple(without) or (NO_TERM,))

@@ -10,7 +10,7 @@ import warnings
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.model_checks import examine_masses
-from kane_dynamics.cli.printing import brief, print_json, print_table
+from kane_dynamics.cli.printing import brief, print_json, print_section, print_table
 from kane_dynamics.cli.robot_options import load, selection, source_of
 from kane_dynamics.errors import InputError, ModelError, ModelWarning
 from kane_dynamics.kinematics.poses import rotation_rpy
@@ -71,12 +71,11 @@ def describe(model: Model, robot: Robot, model_texts: Sequence[str] = (), *,
              'base': model.base_name, 'base_mass': model.base_inertial.mass,
              'moving_mass': moving_mass, 'gravity': model.gravity.tolist(),
              'bodies': [_body(model, body) for body in model.bodies],
+             'constraints': _constraints(robot),
              'warnings': list(model_texts), 'problems': problems}
-    # Parts that are long, or that not every robot has.
+    # Parts that are long.
     if frames:
         facts['frames'] = _frames(model)
-    if robot.constraint_names:
-        facts['constraints'] = _constraints(robot)
     if operations:
         facts['operations'] = _operations(robot)
     return facts
@@ -120,7 +119,7 @@ def _constraints(robot: Robot) -> dict[str, Any]:
     residual = None
     if robot.configuration is not None:
         residuals = robot.constraint_residual(robot.configuration)
-        residual = float(np.abs(residuals).max())
+        residual = float(np.abs(residuals).max(initial=0.0))
     return {'degrees_of_freedom': robot.n, 'independent': list(robot.speed_names),
             'actuated': list(robot.actuated_names), 'rows': list(labels),
             'redundant': redundant, 'residual': residual}
@@ -141,26 +140,19 @@ def _operations(robot: Robot) -> dict[str, dict[str, int]]:
 
 def print_facts(facts: dict[str, Any]) -> None:
     """Print the results of `describe` and of a comparison."""
-    constraints = facts.get('constraints')
-    degrees = len(facts['joint_names'])
-    # Under constraints, fewer degrees of freedom than joints.
-    if constraints is not None:
-        degrees = constraints['degrees_of_freedom']
-    print(f'{facts["name"]}: {degrees} degrees of freedom, '
+    constraints = facts['constraints']
+    print(f'{facts["name"]}: {constraints["degrees_of_freedom"]} degrees of freedom, '
           f'{len(facts["bodies"])} moving bodies of {facts["moving_mass"]:.6g} kg on '
           f'{facts["base"]} of {facts["base_mass"]:.6g} kg\n')
     _print_bodies(facts['bodies'])
-    if constraints is not None:
-        _print_constraints(constraints)
+    _print_constraints(constraints)
     # Parts on request.
-    if facts.get('frames'):
-        print('\nframes, on the bodies that carry them:')
-        table = []
-        for frame in facts['frames']:
-            table.append([frame['frame'], frame['body'], *frame['position'],
-                          *frame['rpy']])
-        print_table(['frame', 'body', 'x [m]', 'y', 'z', 'roll [rad]', 'pitch', 'yaw'],
-                    table)
+    table = []
+    for frame in facts.get('frames', ()):
+        table.append([frame['frame'], frame['body'], *frame['position'], *frame['rpy']])
+    print_section('frames, on the bodies that carry them:',
+                  ['frame', 'body', 'x [m]', 'y', 'z', 'roll [rad]', 'pitch', 'yaw'],
+                  table)
     if facts.get('operations'):
         _print_operations(facts['operations'])
     # Problems first: warnings follow from the file, problems from what it says.
@@ -199,16 +191,17 @@ def _units(bodies: list[dict[str, Any]]) -> tuple[str, str, str]:
 
 
 def _print_constraints(constraints: dict[str, Any]) -> None:
-    """Print the constraint rows, the redundant ones, the independent speeds and the actuators."""
-    print(f'\nconstraints, {len(constraints["rows"])} rows: {", ".join(constraints["rows"])}')
-    print(f'redundant: {", ".join(constraints["redundant"]) or "none"}')
-    print(f'independent: {", ".join(constraints["independent"])}; '
-          f'actuated: {", ".join(constraints["actuated"])}')
-    residual = constraints['residual']
-    if residual is None:
-        print('no configuration is given')
-    else:
-        print(f'largest residual at the given configuration: {residual:.3g} m or rad')
+    """Print independent speeds and actuators, and the constraint rows, if there are any."""
+    residual = 'no configuration is given'
+    if constraints['residual'] is not None:
+        residual = (f'largest residual at the given configuration: '
+                    f'{constraints["residual"]:.3g} m or rad')
+    title = (f'constraints: independent {", ".join(constraints["independent"])}; actuated '
+             f'{", ".join(constraints["actuated"])}; {residual}')
+    table = []
+    for row in constraints['rows']:
+        table.append([row, 'redundant' if row in constraints['redundant'] else ''])
+    print_section(title, ['row', ''], table)
 
 
 def _print_operations(operations: dict[str, dict[str, int]]) -> None:

@@ -82,18 +82,16 @@ def _data(robot: Robot, result: Trajectory, wall_time: float) -> dict[str, Any]:
 def _print_last_state(robot: Robot, result: Trajectory) -> None:
     """Print positions, speeds and torques at the end."""
     q, u, tau = (without_rounding(rows[-1]) for rows in (result.q, result.u, result.tau))
-    if robot.constraint_names:
+    if result.drift > 0.0:
         print(f'largest residual of the constraints: {result.drift:.3g} m or rad, or '
               'per s')
-        print_table(['joint', 'q'], zip(robot.joint_names, q, strict=True))
-        print_table(['independent joint', 'u', 'tau'],
-                    zip(robot.speed_names, u, tau, strict=True))
-    elif robot.n_q > robot.n:  # quaternions
-        print_table(['coordinate', 'q'], zip(robot.coordinate_names, q, strict=True))
-        print_table(['speed', 'u', 'tau'], zip(robot.speed_names, u, tau, strict=True))
-    else:
+    if robot.speed_names == robot.coordinate_names:
         print_table(['joint', 'q', 'u', 'tau'],
                     zip(robot.joint_names, q, u, tau, strict=True))
+        return
+    # Quaternions, loops and chosen speeds have more coordinates than speeds, or others.
+    print_table(['coordinate', 'q'], zip(robot.coordinate_names, q, strict=True))
+    print_table(['speed', 'u', 'tau'], zip(robot.speed_names, u, tau, strict=True))
 
 
 def _print_events(result: Trajectory) -> None:

@@ -585,14 +585,16 @@ class Configurations(Dispatch):
 
     def _closed_all(self, q: Array, t: Array | float) -> Array:
         """Return configurations, (n_q,) or (N, n_q), with closed loops."""
-        if not self.constraint_names:  # all are closed, and there may be many
+        constraint_rows = self._compiled_rows()
+        if constraint_rows is None:  # all are closed, and there may be many
             return q
         times = np.broadcast_to(t, q.shape[:-1]).ravel()
-        rows = q.reshape(-1, self.n_q)
-        # Row by row, because closing loops is an iteration of its own for each.
+        configurations = q.reshape(-1, self.n_q)
+        # One by one, because closing loops is an iteration of its own for each.
         closed = []
-        for row, s in zip(rows, times):
-            closed.append(self.closed_configuration(row, t=float(s)))
+        for configuration, time in zip(configurations, times):
+            closed.append(closed_configuration(self.mechanism, configuration,
+                                               t=float(time), rows=constraint_rows))
         return np.array(closed).reshape(q.shape)
 
     def _closed(self, rng: np.random.Generator, lower: Array, upper: Array) -> Array:

@@ -9,8 +9,8 @@ from kane_dynamics.analysis.model_checks import examine_efforts, Finding, listed
 from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.identification.efforts import (actuated_joints, Efforts,
                                                   generalized_force)
+from kane_dynamics.loop_tracking.driven_mechanism import driving_tracker
 from kane_dynamics.loop_tracking.loop_error import LoopError
-from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.command_topic import commanders, several_commanders
 from kane_dynamics.ros.common.conversion import Array, NANO, nanoseconds
@@ -293,7 +293,6 @@ def _numbers(robot: Robot, message: JointState,
     names = tuple(name for name in robot.joint_names if name in message.name)
     q = _column(message, message.position, names)
     u = _column(message, message.velocity, names)
-    effort = _column(message, message.effort, names)
     if q is None or u is None:
         missing = 'position' if q is None else 'velocity'
         return [Finding('problem', f'joint states: no {missing}; expected positions and '
@@ -316,9 +315,16 @@ def _numbers(robot: Robot, message: JointState,
         findings.append(Finding('problem', f'positions of {listed(beyond)}: outside the '
                                 'limits of the URDF; expected the URDF of this arm, in '
                                 'rad'))
-    if robot.constraint_names:
-        return findings + _loops(robot, message, names, q, efforts)
-    return findings + _efforts(robot, q, u, effort, efforts)
+    of_loops, configuration = _closed(robot, names, q)
+    findings += of_loops
+    # Efforts are compared with the weight at the configuration of all joints.
+    actuated = actuated_joints(robot)
+    if configuration is None or not set(actuated) <= set(names):
+        return findings
+    rates = _column(message, message.velocity, actuated)
+    assert rates is not None  # as for all names
+    effort = _column(message, message.effort, actuated)
+    return findings + _efforts(robot, configuration, rates, effort, efforts)
 
 
 def _column(message: JointState, values: Sequence[float],
@@ -330,12 +336,14 @@ def _column(message: JointState, values: Sequence[float],
     return np.array(values, dtype=np.float64)[index]
 
 
-def _loops(robot: Robot, message: JointState, names: tuple[str, ...], q: Array,
-           efforts: Efforts | None) -> list[Finding]:
-    """Return the findings of the closed loops, from the measured joints."""
+def _closed(robot: Robot, names: tuple[str, ...],
+            q: Array) -> tuple[list[Finding], Array | None]:
+    """Return the findings of closed loops, if any, and all positions; None if they are open."""
     # As the node does at each state: loops from the measured joints, compared with the
     # others.
-    tracker = LoopTracker(robot, needed_joints(robot))
+    tracker = driving_tracker(robot, needed_joints(robot))
+    if tracker is None:
+        return [], q
     places = list(map(robot.joint_names.index, names))
     further = [k for k in places if k not in tracker.places]
     whole = np.zeros(robot.n_q)
@@ -343,18 +351,12 @@ def _loops(robot: Robot, message: JointState, names: tuple[str, ...], q: Array,
     try:
         tracker.update(whole[tracker.places], np.zeros(robot.n), further, whole[further])
     except LoopError as error:
-        return [Finding('problem', str(error))]
+        return [Finding('problem', str(error))], None
     closed = Finding('fine',
                      f'closed loops: residual {tracker.residual:.1e}, conditioning '
                      f'{tracker.figure:.3g}, measured joints within '
                      f'{tracker.deviation:.2g}')
-    actuated = robot.actuated_names
-    if not set(actuated) <= set(names):
-        return [closed]
-    u = _column(message, message.velocity, actuated)
-    assert u is not None  # else `_numbers` has ended
-    effort = _column(message, message.effort, actuated)
-    return [closed, *_efforts(robot, tracker.q, u, effort, efforts)]
+    return [closed], tracker.q
 
 
 def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None,

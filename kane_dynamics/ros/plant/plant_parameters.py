@@ -47,9 +47,9 @@ SPECS = (
     Spec('start_paused', 'flag', False, 'start paused; ~/pause resumes'),
     live('initial.position', 'per_joint', [],
          'initial positions, at rest, at the start and after '
-         '~/reset, rad or m; empty: 0, or the limit nearest to it; with closed loops '
-         'those of the independent joints count, and empty is the configuration of the '
-         'constraints file'),
+         '~/reset, rad or m; empty: 0, or the middle of limits that exclude it, or the '
+         'configuration of the constraints file; with closed loops those of the '
+         'independent joints count'),
     Spec('arm_compensates', 'terms', ['none'],
          'torque terms that the simulated arm adds to '
          'commanded efforts itself, all but inertia; efforts in joint_states are '

@@ -130,12 +130,12 @@ class PlantState:
     def reset(self) -> None:
         """Put the arm at rest at its initial position; keep the time."""
         arm = self.arm
-        initial = per_joint(self._values, 'initial.position', arm.joint_names, 0.0)
-        stated = self._values['initial.position'].shape != (0,)
-        if stated or not self.robot.constraint_names:
-            arm.reset(np.clip(initial, arm.lower, arm.upper))
+        # Empty stands for a configuration within the limits, of loops that of the file.
+        if self._values['initial.position'].shape == (0,):
+            arm.reset(None)
         else:
-            arm.reset(None)  # at the configuration of the constraints file
+            initial = per_joint(self._values, 'initial.position', arm.joint_names, 0.0)
+            arm.reset(np.clip(initial, arm.lower, arm.upper))
         # Nothing of the time before acts any more.
         self._wrench_until.clear()
         self._torque = self._zero

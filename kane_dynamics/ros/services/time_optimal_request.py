@@ -14,7 +14,8 @@ from kane_dynamics.ros.common.conversion import check_points, doubles, message_o
 from kane_dynamics.ros.services.motion_check import check_positions
 from kane_dynamics.ros.services.request_kernels import TIMINGS
 from kane_dynamics.ros.services.served_robot import RIGID, ServedRobot
-from kane_dynamics.ros.services.trajectory_filling import assembly_mode, FIELDS, table
+from kane_dynamics.ros.services.trajectory_filling import (FIELDS, resting_configuration,
+                                                            table)
 import numpy as np
 
 LIMITED = ('acceleration', 'power', 'jerk', 'torque_rate')  # quantities with a limit
@@ -41,7 +42,9 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
     every_joint = robot.joint_names
     joints = list(driving_joints(robot))
     # Joints that follow from others begin in the assembly mode of the arm.
-    assembled = assembly_mode(served) if len(joints) < len(every_joint) else None
+    assembled = None
+    if len(joints) < len(every_joint):
+        assembled = resting_configuration(served, joints)
     names = list(request.joint_names) or joints
     # Exactly the joints that drive the arm, in any order.
     if sorted(names) != sorted(joints):

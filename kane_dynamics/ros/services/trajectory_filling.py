@@ -8,8 +8,8 @@ from typing import Any
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.trajectory_feedforward import (fill_trajectory,
                                                           FilledTrajectory)
+from kane_dynamics.control.trajectory_joints import driving_joints
 from kane_dynamics.errors import InputError
-from kane_dynamics.loop_tracking.loop_error import LoopError, UNKNOWN
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.cdr import HEAD, STAMP, STAMP_AT, Writer
@@ -188,7 +188,6 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
 
     """
     joints = served.robot.joint_names
-    loops = bool(served.robot.constraint_names)
     settings = FillSettings.from_values(served.values, joints)
     index = [joints.index(name) for name in names if name in joints]
     all_known = len(index) == len(names)  # `fill_trajectory` refuses unknown joints
@@ -197,22 +196,12 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
     # A first point later than 0 s: the motion sets out from where the arm is.
     first_time = points[0][0]
     sets_out = first_time > 0.0
-    lacking = len(set(names)) < len(joints)
-    measured = served.measured() if sets_out or lacking or loops else None
+    measured = served.measured()
     if sets_out and measured is None:
         raise InputError(f'point 0: time_from_start {first_time:g} s without a measured '
                          'position; expected 0 s, or an active node that receives joint '
                          'states')
-    # Joints that the trajectory lacks rest at the parameter's positions, or where they
-    # are.
-    resting = measured if settings.rest is None else settings.rest
-    if loops:
-        resting = _assembly_mode(served.robot, measured, settings.rest, lacking)
-    elif lacking and resting is None:
-        missing = [name for name in joints if name not in names]
-        raise InputError(f'joint_names: without {", ".join(missing)}; expected all '
-                         'joints, parameter feedforward.rest, or an active node that '
-                         'receives joint states')
+    resting = _resting(served.robot, names, measured, settings.rest)
     start = None
     if sets_out and measured is not None and all_known:
         start = (measured[index], None, None)
@@ -225,21 +214,39 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
         max_figure=served.values['closure.max_conditioning'])
 
 
-def _assembly_mode(robot: Robot, measured: Array | None, resting: Array | None,
-                   lacking: bool) -> Array | None:
-    """Return a configuration in the assembly mode of the latest states, if known."""
-    known = resting if measured is None else measured
-    if known is None and lacking and robot.configuration is None:
-        raise LoopError(UNKNOWN, 'no joint states, no parameter feedforward.rest, no '
-                        '`configuration` in the constraints file; expected one of them, '
-                        'or a trajectory of all joints')
-    return known
+def resting_configuration(served: ServedRobot, names: Sequence[str]) -> Array | None:
+    """
+    Return where the joints are that a trajectory or a path lacks, (n_q,), if known.
 
-
-def assembly_mode(served: ServedRobot) -> Array | None:
-    """Return a configuration in the assembly mode of a path of actuated joints."""
+    `names` are its joints. The configuration is in the assembly mode of the latest joint
+    states; InputError if joints are missing whose positions are not known.
+    """
     settings = FillSettings.from_values(served.values, served.robot.joint_names)
-    return _assembly_mode(served.robot, served.measured(), settings.rest, lacking=True)
+    return _resting(served.robot, names, served.measured(), settings.rest)
+
+
+def _resting(robot: Robot, names: Sequence[str], measured: Array | None,
+             rest: Array | None) -> Array | None:
+    """Return `resting_configuration` for measured positions and the parameter's."""
+    missing = [name for name in robot.joint_names if name not in names]
+    known = rest if measured is None else measured
+    if known is None:
+        # Loops may close from the configuration of the constraints file.
+        if missing and robot.configuration is None:
+            raise InputError(f'positions of {", ".join(missing)}: not known; expected a '
+                             'trajectory of all joints, parameter feedforward.rest, a '
+                             '`configuration` in the constraints file, or an active node '
+                             'that receives joint states')
+        return None
+    resting = known.copy()
+    # Missing joints that no others drive rest at the parameter's positions; those that
+    # follow by loop closure stay in the measured assembly mode.
+    if rest is not None:
+        driving = driving_joints(robot)
+        for k, name in enumerate(robot.joint_names):
+            if name in missing and name in driving:
+                resting[k] = rest[k]
+    return resting
 
 
 def table(request: Any, field: str, points: int, joints: int) -> Array | None:

@@ -239,7 +239,7 @@ BAD = [
      InputError, "acceleration of joint 'shoulder' jumps"),
     (lambda: demand(robot_of(), SmoothMotion.from_points(
         [0, 1], [[0] * 5, [1] * 5], joint_names=robot_of().joint_names)),
-     InputError, 'the links of elastic joints'),
+     InputError, 'as many as independent speeds of the links'),
     (lambda: demand(robot_of(), 3), InputError, 'motion: a int; expected a Motion'),
     (lambda: demand(robot_of(), move(), speed=0.0), InputError, 'speed: 0'),
     (lambda: demand(robot_of(), move(), uncertainty=1), InputError,
@@ -248,7 +248,7 @@ BAD = [
     (lambda: demand(robot_of(), move(), power=-1.0), InputError, 'power'),
     (lambda: largest_payload(Robot(arm(), payload_frame='wrist_link'), Motion.from_points(
         [0.0, 1.0], np.zeros((2, 5)), joint_names=robot_of().joint_names)), InputError,
-     'the links of elastic joints'),
+     'as many as independent speeds of the links'),
     (lambda: largest_payload(carrier(), move(), bending=1), InputError, 'bending: given'),
     (lambda: largest_payload(carrier(), move(), speed=50.0), InputError,
      'motion without a payload: joint'),

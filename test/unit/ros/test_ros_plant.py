@@ -341,11 +341,12 @@ def test_gravity_payload_and_effort_limits_change_between_ticks():
     assert loaded.arm.effort.tolist() == [4.0, 1.0]
 
 
-def test_the_default_initial_position_is_zero_or_the_nearest_limit():
+def test_the_default_initial_position_is_zero_or_the_middle_of_limits_that_exclude_it():
     bodies = [replace(body, joint=replace(body.joint, limits=replace(
         body.joint.limits, upper=upper))) for body, upper in zip(MODEL.bodies, (3.0, -0.15))]
     which = PlantState(Robot(replace(MODEL, bodies=tuple(bodies))), values())
-    assert which.arm.q.tolist() == [0.0, -0.15]
+    lower = MODEL.bodies[1].joint.limits.lower
+    assert which.arm.q.tolist() == [0.0, 0.5 * (lower - 0.15)]
 
 
 @pytest.mark.parametrize(('words', 'changes'), [
