@@ -229,7 +229,7 @@ class Controller:
 
     @property
     def preload(self) -> Array | None:
-        """Return the torques to which those of redundant actuators are nearest, (n_q,)."""
+        """Return the preload of redundant actuators, (n_q,), N m or N; None by default."""
         return None if self._preload is None else self._preload.copy()
 
     @property

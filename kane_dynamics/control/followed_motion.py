@@ -48,7 +48,7 @@ class FollowedMotion:
         self._is_tracking = False  # whether the last motion was one of the same joints
 
     def check(self, motion: Motion) -> None:
-        """Raise InputError unless a motion is of these joints, or of all and closed."""
+        """Raise InputError unless a motion has these joints, or all of closed loops."""
         motion_columns(self._robot, self.places, motion.joint_names)
         require_closed(self._robot, motion.positions, motion.times)
 

@@ -128,7 +128,7 @@ class TrajectoryJoints:
         return list(map(self._robot.joint_names.index, names))
 
     def chosen(self, values: Array) -> Array:
-        """Return the driving joints' columns of those of the trajectory, (..., m)."""
+        """Return the columns of the driving joints, from all of the trajectory."""
         return values[..., self._chosen]
 
     def allowed(self, tolerance: ArrayLike) -> Array:

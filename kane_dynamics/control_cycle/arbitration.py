@@ -191,7 +191,7 @@ def _waiting(last: Arbitration, now: Scalar) -> Arbitration:
 
 
 def _sending(last: Arbitration, now: Scalar) -> Arbitration:
-    """Return the state after a request, at most once every `REPEAT`."""
+    """Return the state after a cycle, which sends a request every `REPEAT`."""
     since = now - last.repeated
     # To a guard that can answer.
     sends = flag(last.seen > 0.0) * (1.0 - flag(since < REPEAT))

@@ -164,7 +164,7 @@ class PathState(NamedTuple):
 
 class PathShape(NamedTuple):
     """
-    Numbers of entries.
+    Sizes of the arrays of a path.
 
     Attributes
     ----------

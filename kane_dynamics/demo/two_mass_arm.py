@@ -109,7 +109,7 @@ class TwoMassArm:
 
 
 def _delete_unmoved(spec: Any, moved: Sequence[str]) -> None:
-    """Delete the other joints, such as those of fingers, and what couples them."""
+    """Delete the other joints, such as those of fingers, and their couplings."""
     unmoved = [joint for joint in spec.joints if joint.name not in moved]
     names = {joint.name for joint in unmoved}
     for equality in list(spec.equalities):

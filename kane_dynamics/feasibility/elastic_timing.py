@@ -172,7 +172,7 @@ class _AlongPath:
                                  f'{bound[j]:.6g}')
 
     def limits(self, law: TimeLaw) -> '_Limits':
-        """Return the limits of time laws with as many coefficients, from this one on."""
+        """Return the limits as functions of the coefficients of such a time law."""
         return _Limits(self, law)
 
     def uses(self, needed: Demand) -> Array:

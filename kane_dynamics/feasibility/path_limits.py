@@ -315,7 +315,7 @@ class PathLimits:
         return limits
 
     def _updated(self, limits: IntervalLimits) -> IntervalLimits:
-        """Return linear limits after those at some vertices were tightened."""
+        """Return the linear limits with the tightened ones of some vertices."""
         near = self.tightened
         begin = 0
         # Only the widths of the tightened vertices change, in the order of `at`.

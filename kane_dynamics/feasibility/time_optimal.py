@@ -191,7 +191,7 @@ def _with_drives(robot: Robot, path: Motion | SmoothMotion | ArrayLike, bounds: 
 
 
 def _require_linear_damping(robot: Robot, rates: RateBounds) -> None:
-    """Raise InputError for limits of the torque's rate and friction that is not linear."""
+    """Raise InputError if the torque's rate is limited and friction is not linear."""
     if not robot.friction or np.isinf(rates.torque_rate).all():
         return
     for body in robot.model.bodies:

@@ -217,7 +217,7 @@ def library_of(x: Any) -> str:
 
 
 def same_stream(a: int, b: int) -> bool:
-    """Return whether two handles are of one stream: the default one has two."""
+    """Return whether two handles are of one stream; the default stream has two."""
     return (a or LEGACY) == (b or LEGACY)
 
 

@@ -369,9 +369,9 @@ def _sliding_fit(plain_fits: _PlainFits, plain: LawFit, fit: LawFit, prior: Prio
     sliding = fit_sliding(rows_of_fit, fit.laws, plain)
     # The errors of both on blocks that neither has seen.
     of_plain = Blocks(rows_of_fit, blocks, plain)
-    kept = Blocks(rows_of_fit, blocks, sliding).sliding_errors(of_plain, prior)
+    of_sliding = Blocks(rows_of_fit, blocks, sliding).sliding_errors(of_plain, prior)
     fitted = Blocks(rows_of_fit, blocks, fit).errors(prior)[0]
-    return None if clearly_smaller(fitted, kept) else sliding
+    return None if clearly_smaller(fitted, of_sliding) else sliding
 
 
 def _identification(first: LawRows, second: LawRows, fit: LawFit, weight: float,

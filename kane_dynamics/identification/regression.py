@@ -83,8 +83,11 @@ class RegressionRows:
     @lazy_property
     def stretches(self) -> list['RegressionRows']:
         """Return the rows as consecutive blocks of equal length."""
-        ends = np.linspace(0, len(self.recording), STRETCHES + 1).round().astype(int)
-        return [self.part(slice(a, b)) for a, b in pairwise(ends)]
+        bounds = np.linspace(0, len(self.recording), STRETCHES + 1).round().astype(int)
+        blocks = []
+        for first, end in pairwise(bounds):
+            blocks.append(self.part(slice(first, end)))
+        return blocks
 
     @lazy_property
     def factors(self) -> list[Factor]:

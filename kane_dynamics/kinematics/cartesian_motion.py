@@ -256,7 +256,7 @@ class _Follower:
         return np.clip(state.q + step, limits.lower, limits.upper)
 
     def _at_pose(self, q: Array, pose: Array, t: float) -> Array:
-        """Return the configuration at a pose near another one; InputError if none is."""
+        """Return the configuration at a pose, near q; InputError without one."""
         target = pose if self.rows == 6 else pose[:3, 3]
         # One start: another configuration than the nearest one is no continuation.
         solution = inverse_kinematics(self.robot, self.frame, target, q, starts=1,

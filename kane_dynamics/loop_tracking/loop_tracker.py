@@ -755,7 +755,7 @@ class LoopStep:
         return int(np.argmax(self._weights * deviation))
 
     def compare(self, others: Sequence[int], values: Array | None) -> None:
-        """Compare the result with the positions of these joints; with none for None."""
+        """Compare the result with the positions of further joints, if there are any."""
         compared = () if values is None else tuple(others)
         if compared != self._others:
             self._others = compared
@@ -1068,13 +1068,13 @@ def path_rows(robot: Robot) -> tuple[str, ...]:
 
 
 def _velocity_rows(mechanism: Mechanism, rows: Iterable[int]) -> tuple[str, ...]:
-    """Return those of some rows whose constraints have no residual of positions."""
+    """Return which of some rows belong to constraints without a residual of positions."""
     at_zero = mechanism.rows(mechanism.state(np.zeros(len(mechanism.units))))
     return tuple(mechanism.labels[k] for k in rows if at_zero.residual[k] is None)
 
 
 def _limit(value: float, what: str) -> float:
-    """Return a limit, a negative one of which refuses everything; InputError for no number."""
+    """Return a limit, which may be negative; InputError unless it is a number."""
     return number(value, what, 'a number', lambda x: not math.isnan(x))
 
 

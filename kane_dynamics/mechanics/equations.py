@@ -542,7 +542,7 @@ class Equations:
 
     def _projected(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
                    parameters: Vector, t: Scalar) -> tuple[JointMotion, Vector, Vector]:
-        """Return the motion at udot = 0, the joint forces of the actual one, udot."""
+        """Return the motion at udot = 0; joint forces and udot of the actual motion."""
         # M udot = tau - T^T f, with the joint forces f at udot = 0.
         motion = self.joint_motion(q, u, self.zeros, t)
         if self.tree.carries_loads:

@@ -121,8 +121,9 @@ class Beam:
         return across, np.multiply.outer(along, self.direction)
 
 
-def renumbered(bent: Bent | None, number: Callable[[int], int]) -> Bent | None:
+def renumbered(bent: Bent | None, new_index: Callable[[int], int]) -> Bent | None:
     """Return a beam or a deflection with other indices of its modal coordinates."""
     if bent is None:
         return None
-    return replace(bent, coordinates=tuple(number(k) for k in bent.coordinates))
+    coordinates = tuple(new_index(k) for k in bent.coordinates)
+    return replace(bent, coordinates=coordinates)

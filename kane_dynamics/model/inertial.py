@@ -54,9 +54,9 @@ class Inertial:
 
     def __repr__(self) -> str:
         """Return mass, center of mass and moments on one line."""
+        com = self.com.round(6).tolist()
         moments = ', '.join(f'{moment:.4g}' for moment in np.diag(self.inertia).tolist())
-        return (f'<Inertial: {self.mass:.6g} kg at {self.com.round(6).tolist()} m, '
-                f'moments {moments} kg m^2>')
+        return f'<Inertial: {self.mass:.6g} kg at {com} m, moments {moments} kg m^2>'
 
     @property
     def pseudo_inertia(self) -> Array:

@@ -50,7 +50,7 @@ def kernels(n: int) -> tuple[Kernel, Kernel]:
 
 def free_velocities(t: Array, q: Array) -> Array:
     """
-    Return the velocities, (K, n), of the spline whose two cubics at each end are one.
+    Return the velocities, (K, n), of a not-a-knot spline: one cubic for two intervals.
 
     With three points it is the parabola through them, with two the line.
 

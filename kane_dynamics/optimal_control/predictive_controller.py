@@ -190,7 +190,7 @@ class PredictiveController:
             iterations=0, converged=False, feasible=False)
 
     def _forget_disturbance(self) -> None:
-        """Reset the estimate, in which a state without a plan would leave a trace."""
+        """Reset the estimated disturbance, after a state without a plan."""
         if self._observer is None:
             return
         self._observer.reset()

@@ -161,7 +161,7 @@ class Uncertainty:
 
     @lazy_property
     def box(self) -> Array:
-        """Return all numbers, (10 + 14 bodies,): payload, bodies, then joints."""
+        """Return all half-widths, (10 + 14 bodies,): payload, bodies, then joints."""
         losses = [np.asarray(getattr(self, name)) for name in LOSSES]
         box = np.concatenate([np.ravel(self.payload), np.ravel(self.inertial), *losses])
         box.flags.writeable = False
@@ -495,6 +495,7 @@ def _require_single_loads(equations: Equations, q: Vector, t: Scalar) -> None:
     for joint in equations.model.coordinate_joints:
         if not carries_load(joint):
             continue
+        # The generalized forces to which its friction adds, and those that load its motor.
         acts_on = [r for r, x in enumerate(T[joint.coordinate]) if not is_zero(x)]
         bears = [r for r, x in enumerate(loads[joint.coordinate]) if not is_zero(x)]
         # A joint without a motor has no load.

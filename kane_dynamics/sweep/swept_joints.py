@@ -88,7 +88,7 @@ class SweptJoints:
 
     def closed(self, q0: Array, t0: float) -> tuple[Array, list[str | None]]:
         """
-        Return closed configurations near q0, (N, n_q), and why there is none.
+        Return closed configurations near q0, (N, n_q), and the reasons where none exists.
 
         Rows without one are NaN. The joints whose rates are independent speeds keep
         their values; the assembly mode is that of q0, if its loops are nearly closed,

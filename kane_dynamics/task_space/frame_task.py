@@ -66,7 +66,7 @@ class FrameTask:
         return self.rotation
 
     def scaled(self, six: Matrix) -> Matrix:
-        """Return the rows of the task, angular ones times `length`, of six rows."""
+        """Return the task's rows among six, with angular ones times `length`."""
         scales = self.scales
         return np.array([scales[k] * six[row] for k, row in enumerate(self.rows)])
 

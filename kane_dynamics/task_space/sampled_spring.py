@@ -58,7 +58,7 @@ class JointSpring(NamedTuple):
 def spring_of_walls(robot: Robot, q: Array, stiffness: Array, damping: Array
                     ) -> JointSpring | None:
     """
-    Return the spring of the walls that act at q in the independent speeds; None without.
+    Return the spring of the walls that act at q, in the independent speeds, if any act.
 
     Parameters
     ----------

@@ -121,7 +121,7 @@ class _Part:
             self._check_deviation(motion, jump)
 
     def _check_deviation(self, motion: Motion, jump: Array) -> None:
-        """Raise InputError if the path without jumps of acceleration is another one."""
+        """Raise InputError if the path deviates to avoid jumps of acceleration."""
         # Three places within each piece.
         h = np.diff(self.t)
         t = np.concatenate([self.t[:-1] + x * h for x in (0.25, 0.5, 0.75)])

@@ -51,7 +51,7 @@ REFUSAL = ('path: no timing satisfies the limits of effort and torque rate with 
 
 class ThirdOrderTiming(NamedTuple):
     """
-    A timing that satisfies the limits, and that on its grid without tighter limits.
+    A timing within all limits, with the faster profile from which its grid was made.
 
     Attributes
     ----------
@@ -200,7 +200,7 @@ def _tighten(limits: ThirdOrderLimits, largest: Array) -> None:
 
 
 def _slow(spline: ProfileSpline, limits: ThirdOrderLimits) -> tuple[Array, float] | None:
-    """Return a profile of one x well within the limits, and how far it is from fast."""
+    """Return a profile of constant x within the limits, and its distance from fast."""
     x = FASTEST * limits.size
     at_rest = limits.at(spline.at(np.full(spline.count, 1e-30 * x))).values
     allowed = INSIDE + (1.0 - INSIDE) * np.abs(at_rest)
@@ -214,7 +214,7 @@ def _slow(spline: ProfileSpline, limits: ThirdOrderLimits) -> tuple[Array, float
 
 def _below(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array
            ) -> tuple[Array, float] | None:
-    """Return a profile within the limits, slower than c, and how far it is from fast."""
+    """Return a profile within the limits, slower than c, and its distance from fast."""
     factor = SLOWER
     for _ in range(STRETCHES):
         uses = limits.at(spline.at(factor * c)).values

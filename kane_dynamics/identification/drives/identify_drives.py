@@ -384,7 +384,7 @@ def _is_determined(fit: GearFit) -> bool:
 
 def _joint_numbers(fit: GearFit, curve: CurveFit | None, skew: float | None,
                    signal: JointSignals) -> dict[str, DriveNumber]:
-    """Return the numbers of a joint, with reasons of those that are not determined."""
+    """Return the parameters of a joint, each with a reason if it is not determined."""
     late = fit.value('skew')
     of_late = fit.deviation('skew')
     if curve is not None:

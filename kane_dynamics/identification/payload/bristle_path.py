@@ -76,6 +76,7 @@ class BristlePath:
         self._robot = robot
         self.bare = without_bristles(robot)
         tree = robot.equations.tree
+        # Numbers of the friction law, (n_b,), one entry for each joint with bristles.
         self._joints: list[Joint] = tree.bristles
         self._coordinates = [joint.coordinate for joint in self._joints]
         self._stiffness = np.array([joint.presliding_stiffness for joint in self._joints])

@@ -184,7 +184,7 @@ class Recording:
 
 def check_recording(model: Model, recording: Recording, least: int = 3,
                     joints: Sequence[str] | None = None) -> None:
-    """Raise InputError unless a recording has a model's joints, or these, and rows enough."""
+    """Raise InputError unless a recording has all joints and enough rows."""
     instance(model, Model, 'model')
     instance(recording, Recording, 'recording')
     require_angles(model, 'recording')

@@ -63,7 +63,7 @@ def outliers(values: Array) -> tuple[Flags, Array]:
 
 
 def without_outliers(recording: Recording) -> tuple[Recording, Flags]:
-    """Return the recording with the neighbors' medians for outliers of efforts, and these."""
+    """Return the recording with medians in place of outliers, and where they were."""
     flags, medians = outliers(recording.tau)
     return replace(recording, tau=np.where(flags, medians, recording.tau)), flags
 

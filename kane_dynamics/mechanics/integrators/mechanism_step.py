@@ -127,7 +127,7 @@ class MechanismStep:
 
     def excess(self, q: Vector, u: Vector, torques: Vector, w: Vector, t: Scalar,
                h: Scalar, parameters: Vector) -> Vector:
-        """Return the force, (n,), that the step's equation lacks: 0 where w is u+."""
+        """Return the residual force of a step's equation, (n,): 0 where w is u+."""
         equations = self.equations
         # u' = (u+ - u) / h: the forces of the step's begin, with friction at the rates
         # u+ of its end.

@@ -229,7 +229,7 @@ def _inertial(links: Sequence[Link]) -> list[Column]:
 
 
 def _columns(arrays: Sequence[Any], filled: Any) -> list[Column]:
-    """Return a column for each entry of arrays of one shape, with that of `filled`."""
+    """Return a column for each entry of the arrays, padded with that of `filled`."""
     entries = [np.ravel(array) for array in arrays]
     result: list[Column] = []
     for k, value in enumerate(np.ravel(filled)):

@@ -49,7 +49,7 @@ def gc_paused() -> Iterator[None]:
 
 
 def collect_automatically(enabled: bool) -> None:
-    """Enable or disable the garbage collector, in a pause when the last thread leaves it."""
+    """Enable or disable the garbage collector; during `gc_paused`, as soon as it ends."""
     global _enabled
     with _lock.held():
         _enabled = enabled

@@ -259,7 +259,7 @@ def dependence(program: Program) -> list[int]:
 
 
 def _union(depends: Mapping[int, int], values: Iterable[Any]) -> int:
-    """Return the bits of all that some values depend on."""
+    """Return the union of the dependences, as bits, of some values."""
     bits = 0
     for x in values:
         if isinstance(x, Expr):

@@ -156,7 +156,7 @@ def _summed(x: Any, shape: tuple[int, ...]) -> Any:
 
 def _mapped(arrays: Sequence[Any], axes: Sequence[Any], *,
             operation: JaxOperation) -> Any:
-    """Evaluate for a further batch axis, as the first one."""
+    """Evaluate with a further batch axis, which becomes the first axis."""
     ranks = []  # numbers of batch axes, without the further one
     for argument, x, axis in zip(operation.function.arguments, arrays, axes):
         ranks.append(x.ndim - len(argument.shape) - (axis is not None))

@@ -49,7 +49,7 @@ class TorchOperation:
         return self._of('vjp', *by)
 
     def jvp(self, *by: str) -> 'TorchOperation':
-        """Return the operation of the rate for tangents of some arguments."""
+        """Return the operation from tangents of arguments to that of the result."""
         return self._of('jvp', *by)
 
     def _of(self, mode: str, *by: str) -> 'TorchOperation':
@@ -130,7 +130,7 @@ def _rate(ctx: Any, _: Any, *tangents: Any) -> Any:
 
 
 def _mapped(info: Any, in_dims: Any, handle: str, *tensors: Any) -> Any:
-    """Evaluate an operation for a further batch axis, as the first one."""
+    """Evaluate an operation with a further batch axis, which becomes the first axis."""
     axes = in_dims[1:]
     ranks = []  # numbers of batch axes, without the further one
     for argument, x, axis in zip(_operation_of(handle).function.arguments, tensors,

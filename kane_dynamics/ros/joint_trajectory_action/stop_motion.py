@@ -98,7 +98,7 @@ def stop_from(served: ServedRobot, joints: tuple[str, ...], q: Array, u: Array,
 def limit_demand(served: ServedRobot, effort: Array, rate: Array, motion: Motion
                  ) -> float:
     """
-    Return the largest part of its limits of effort and its rate that a motion needs.
+    Return the largest share of the limits of effort and its rate that a motion needs.
 
     Parameters
     ----------

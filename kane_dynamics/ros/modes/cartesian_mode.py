@@ -124,7 +124,7 @@ class CartesianMode(NativeLaw):
         return kernel.entry('', kernel)
 
     def _cycle_of(self, robot: Robot, lanes_of: LanesOf) -> CartesianCycle:
-        """Return the cycle for the robot, or for the same in other speeds."""
+        """Return the traced cycle in the speeds of a robot."""
         frame = robot.model.frame(self.frame)
 
         def frame_pose(q: Vector, t: Scalar) -> Matrix:
@@ -264,7 +264,7 @@ class CartesianMode(NativeLaw):
         return JointSpring(stiffness, -J.T @ np.stack(wrenches, axis=1), by_ratio=True)
 
     def wall_spring(self, q: Array) -> JointSpring | None:
-        """Return the walls that act at a position, (n_q,); None without."""
+        """Return the walls that act at a position, (n_q,); None without walls."""
         return spring_of_walls(self._robot, q, *wall_slopes(self._describing, q))
 
     def _rotation(self, desired: Array) -> Array:

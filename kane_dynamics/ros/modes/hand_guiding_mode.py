@@ -116,7 +116,7 @@ class HandGuidingMode(NativeLaw):
         return TaskDescription(saturated=tuple(saturated))
 
     def wall_spring(self, q: Array) -> JointSpring | None:
-        """Return the walls that act at a position, (n_q,); None without."""
+        """Return the walls that act at a position, (n_q,); None without walls."""
         return spring_of_walls(self._robot, q, *wall_slopes(self.law, q))
 
     # On the native torque path.

@@ -64,7 +64,7 @@ class CommandMessages:
         return tau[self._places]
 
     def of_all(self, tau: Array) -> Array:
-        """Return the torques of all joints, (n_q,), of those commanded."""
+        """Return the torques of all joints, (n_q,), zero where none is commanded."""
         whole = np.zeros(self._count)
         whole[self._places] = tau
         return whole

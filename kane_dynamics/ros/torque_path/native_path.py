@@ -331,7 +331,7 @@ class NativeTorquePath(TorquePath):
         return path._replace(loops=initial_loops(search, robot.n_q, robot.n))
 
     def law_changed(self) -> None:
-        """Use what the law of the mode was asked for from the next cycle on."""
+        """Use new settings and targets of the mode's law from the next cycle on."""
         self._replan()
 
     @property

@@ -245,7 +245,7 @@ class TorquePath:
         self._reader.need_effort |= need_effort
 
     def remove_observer(self, observer: CycleObserver) -> None:
-        """Call `observer` no more; callable from the thread that added it."""
+        """Stop calling `observer`; callable from the thread that added it."""
         self._observers = [other for other in self._observers if other is not observer]
 
     def catch_up(self) -> None:
@@ -677,7 +677,7 @@ class TorquePath:
         return np.concatenate([begin, speeds])
 
     def _command_stop(self) -> None:
-        """Command the torque that brings the arm to rest; the last one goes on without."""
+        """Command the torque that brings the arm to rest, or else the last torque."""
         try:
             self._rules.stop(self.messages.of_commanded(self._stop_torque()))
         except (InputError, ConstraintError):  # not finite, or the loops are singular there

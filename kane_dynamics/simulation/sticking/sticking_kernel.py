@@ -232,7 +232,7 @@ class FrictionMotion(HeldMotion):
         self.driving: Vector = ()  # of the first stage, (k,)
 
     def held(self, modes: Vector) -> Held:
-        """Return the joints with direction 0, where any may be held."""
+        """Return the joints that may be held, and which of them stick (direction 0)."""
         if not self._holds:
             return Held([], [])
         return Held(self._joints, [direction * direction < 0.5 for direction in modes])
