@@ -15,4 +15,4 @@ for frame in ('link1', 'link2', 'tip'):
     R = robot.frame_pose(frame, q)[:3, :3]
     v, omega = robot.frame_velocity(frame, q, u).reshape(2, 3) @ R
     print(f'{frame}: v = {v.round(6).tolist()}, omega = {omega.round(6).tolist()} in its own axes')
-print('Jacobian of the tip, base axes:', robot.partial_velocities('tip', q)[:2].round(6).tolist())
+print('Jacobian of the tip, base axes:', robot.jacobian('tip', q)[:2].round(6).tolist())

@@ -27,13 +27,14 @@ COUNTERPARTS = {
     'jacobian(frame, q)': 'jac framejacobian computeframejacobian getframejacobian '
                           'jacobians computejointjacobians computejointjacobian mjjac j '
                           'calcjacobianspatialvelocity geometricjacobian '
-                          'calcbodyjacobian jacobianmatrix jacob0 jacobe',
+                          'calcbodyjacobian jacobianmatrix jacob0 jacobe '
+                          'partialvelocities partialvelocity',
     'jacobian_rate(frame, q, u)': 'jacobiandot jdot jacobiantimederivative djacobian '
                                   'computejointjacobianstimevariation '
                                   'jacobianderivative partialvelocityrates',
     'frame_pose(frame, q)': 'fk fkine forward_kinematics forwardkinematics '
                             'framesforwardkinematics updateframeplacements pose omf '
-                            'calcrelativetransform transform placement',
+                            'calcrelativetransform transform placement frameposes',
     'closed_configuration(q)': 'closedposture closeloops loopclosure assemble',
     'center_of_mass(q)': 'com centerofmass calccenterofmasspositioninworld subtreecom',
     'center_of_mass_jacobian(q)': 'jacobiancenterofmass comjacobian jcom '

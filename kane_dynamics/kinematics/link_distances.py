@@ -289,7 +289,7 @@ def _carrier(model: Model, body: int, with_shapes: Collection[int]) -> int:
 
 def _size(robot: Robot, q: Array) -> float:
     """Return the diagonal of the box around all frames at q, m; 1 if they coincide."""
-    origins = robot.frame_poses(robot.frame_names, q)[:, :3, 3]
+    origins = np.stack([robot.frame_pose(frame, q)[:3, 3] for frame in robot.frame_names])
     return float(np.linalg.norm(np.ptp(origins, axis=0))) or 1.0
 
 

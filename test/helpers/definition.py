@@ -65,7 +65,7 @@ class Definition:
         """Return (6,)."""
         return kinematics.frame_motion(self.model, self.model.frame(frame), q, u, udot)[1]
 
-    def partial_velocities(self, frame, q):
+    def jacobian(self, frame, q):
         """Return (6, n)."""
         return kane.partial_velocities(self.model, q, frame)
 

@@ -139,7 +139,7 @@ class Peer:
         return pin.getFrameClassicalAcceleration(
             self.pin, self.data, self._at(frame, q, u, udot), pin.LOCAL_WORLD_ALIGNED).vector
 
-    def partial_velocities(self, frame, q):
+    def jacobian(self, frame, q):
         """Return a link's Jacobian, (6, n)."""
         return pin.computeFrameJacobian(
             self.pin, self.data, self.position(q), self.pin.getFrameId(frame, pin.BODY),

@@ -50,7 +50,7 @@ def test_compiled_frames_are_the_definitions(drawn):
     robot, q, u, udot = drawn
     by_definition = reference(robot)
     frame = robot.model.frames[-1].name
-    for name, state in (('frame_pose', (q,)), ('partial_velocities', (q,)),
+    for name, state in (('frame_pose', (q,)), ('jacobian', (q,)),
                         ('jacobian_rate', (q, u)),
                         ('frame_velocity', (q, u)), ('frame_acceleration', (q, u, udot))):
         expected = getattr(by_definition, name)(frame, *state)

@@ -78,13 +78,13 @@ def test_frames_move_as_their_partial_velocities_say(kind):
     tip = robot.model.frames[-1].name
     q, u, udot = state(robot, 1)
     rest = robot.frame_velocity(tip, q, np.zeros(robot.n), t=T)
-    J = robot.partial_velocities(tip, q, t=T)
+    J = robot.jacobian(tip, q, t=T)
     np.testing.assert_allclose(J @ u + rest, robot.frame_velocity(tip, q, u, t=T), atol=1e-10)
     rate = robot.joint_rates(q, u, t=T)
     after, before = ({'q': q + s * h * rate, 't': T + s * h} for s in (1.0, -1.0))
     np.testing.assert_allclose(
         robot.jacobian_rate(tip, q, u, t=T),
-        (robot.partial_velocities(tip, **after) - robot.partial_velocities(tip, **before))
+        (robot.jacobian(tip, **after) - robot.jacobian(tip, **before))
         / (2 * h), atol=1e-6 * (1.0 + np.abs(J).max()))
     np.testing.assert_allclose(
         robot.frame_acceleration(tip, q, u, udot, t=T),

@@ -66,7 +66,7 @@ def test_three_formulations_give_one_torque(seed, twists):
     expected = kane.inverse_dynamics(model, q, u, udot, wrenches=wrenches)
     near = {'rtol': 0.0, 'atol': 1e-12 * (1.0 + np.abs(expected).max())}
     np.testing.assert_allclose(tau, expected, **near)
-    J = [robot.partial_velocities(name, q) for name in ('middle', 'hand')]
+    J = [robot.jacobian(name, q) for name in ('middle', 'hand')]
     by_energy = -(energies.generalized_inertia_force(model, q, u, udot)
                   + energies.conservative_force(model, q) + energies.friction_force(model, u)
                   + sum(partials.T @ f for partials, f in zip(J, push)))
@@ -153,8 +153,8 @@ def test_frames_on_a_beam_move_as_finite_differences_of_their_poses():
         np.testing.assert_allclose(velocity[:3], (after - before)[:3, 3] / (2 * h), atol=1e-8)
         spin = (after - before)[:3, :3] / (2 * h) @ robot.frame_pose(frame, q)[:3, :3].T
         np.testing.assert_allclose(velocity[3:], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-8)
-        np.testing.assert_allclose(robot.partial_velocities(frame, q) @ u, velocity, atol=1e-12)
-        moved = [(robot.partial_velocities(frame, q + s * h * u),
+        np.testing.assert_allclose(robot.jacobian(frame, q) @ u, velocity, atol=1e-12)
+        moved = [(robot.jacobian(frame, q + s * h * u),
                   robot.frame_velocity(frame, q + s * h * u, u + s * h * udot))
                  for s in (1.0, -1.0)]
         np.testing.assert_allclose(robot.jacobian_rate(frame, q, u),

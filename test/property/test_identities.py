@@ -136,7 +136,7 @@ def test_partial_velocities_are_finite_differences_of_poses(drawn):
     robot, q = drawn
     frame, h = robot.model.frames[-1].name, 1e-3
     here = robot.frame_pose(frame, q)
-    partials = robot.partial_velocities(frame, q)
+    partials = robot.jacobian(frame, q)
     for r, e in enumerate(np.eye(robot.n)):
         T = [robot.frame_pose(frame, q + k * h * e) for k in (-2, -1, 1, 2)]
         rate = (T[0] - 8.0 * T[1] + 8.0 * T[2] - T[3]) / (12.0 * h)
@@ -152,7 +152,7 @@ def test_velocity_is_partials_times_speeds_and_acceleration_its_rate(drawn):
 
     def velocity(t):
         return robot.frame_velocity(frame, q + t * (u + 0.5 * t * udot), u + t * udot)
-    partials = robot.partial_velocities(frame, q)
+    partials = robot.jacobian(frame, q)
     np.testing.assert_allclose(velocity(0.0), partials @ u, atol=1e-12 * (1 + np.abs(u).sum()))
     v = [velocity(k * h) for k in (-2, -1, 1, 2)]
     acceleration = robot.frame_acceleration(frame, q, u, udot)
@@ -164,7 +164,7 @@ def test_velocity_is_partials_times_speeds_and_acceleration_its_rate(drawn):
 def test_generalized_force_of_a_wrench_is_the_transposed_jacobian_times_it(drawn):
     robot, q, u, udot = drawn
     push = np.random.default_rng(1).normal(size=(1, 6))
-    partials = robot.partial_velocities(robot.equations.wrench_frames[0].name, q)
+    partials = robot.jacobian(robot.equations.wrench_frames[0].name, q)
     difference = (robot.inverse_dynamics(q, u, udot)
                   - robot.inverse_dynamics(q, u, udot, wrench=push))
     np.testing.assert_allclose(difference, partials.T @ push[0],

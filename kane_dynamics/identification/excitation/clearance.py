@@ -207,7 +207,7 @@ class Clearance:
                     continue
                 # Gradient, from the principle of virtual power: the wrench of the pull
                 # times the Jacobian.
-                J = self.robot.partial_velocities(self._frames[body].name, q[short])
+                J = self.robot.jacobian(self._frames[body].name, q[short])
                 arm = point[short] - poses[body][short, :3, 3]
                 force = direction[short]
                 wrench = np.concatenate([force, np.cross(arm, force)], axis=1)

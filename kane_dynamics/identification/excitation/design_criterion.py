@@ -196,7 +196,7 @@ class DesignCriterion:
         for frame in self.frames:
             low = np.maximum(self.floor - self._height(frame, q), 0.0)
             total += float(np.sum(low**2)) / len(q)
-            up = self.robot.partial_velocities(frame, q)[:, 2]
+            up = self.robot.jacobian(frame, q)[:, 2]
             slopes[0] -= 2.0 / len(q) * low[:, None] * up
         return total, slopes
 

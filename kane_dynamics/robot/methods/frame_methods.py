@@ -17,14 +17,6 @@ DIRECTIONS = ('x', 'y', 'z', 'rx', 'ry', 'rz')  # linear, then angular, world ax
 SINGULAR = 1e12  # condition number of J M^-1 J^T at which a direction counts as singular
 
 
-def _listed(frames: Sequence[str]) -> list[str]:
-    """Return several frames; InputError for a single name or none."""
-    if isinstance(frames, str) or not isinstance(frames, Sequence) or not frames:
-        raise InputError(f'frames: {frames!r}; expected a sequence of at least one '
-                         'frame name')
-    return list(frames)
-
-
 class FrameMethods(DynamicsMethods):
     """The methods of `Robot` for poses and motion of frames, in world axes."""
 
@@ -46,27 +38,6 @@ class FrameMethods(DynamicsMethods):
                            t: ArrayLike = 0.0, out: Array | None = None) -> Array:
         """Return the acceleration of a frame, (6,): linear, angular; without gravity."""
         return self._at_frame('frame_acceleration', frame, (q, u, udot), out, t)
-
-    @hinting_method
-    def frame_poses(self, frames: Sequence[str], q: ArrayLike) -> Array:
-        """
-        Return the poses of several frames, (k, 4, 4) or (N, k, 4, 4), m.
-
-        Parameters
-        ----------
-        frames : sequence of str
-            k of the `frame_names`.
-        q : (n_q,) or (N, n_q) array_like
-            Coordinates, rad or m.
-
-        Raises
-        ------
-        InputError
-            Names the argument, what was given and what is expected.
-
-        """
-        return np.stack([self.frame_pose(frame, q) for frame in _listed(frames)],
-                        axis=-3)
 
     @of_frame('partial_velocities')
     def jacobian(self, frame: str, q: ArrayLike, *, t: ArrayLike = 0.0,
@@ -115,12 +86,6 @@ class FrameMethods(DynamicsMethods):
                       out: Array | None = None) -> Array:
         """Return the time derivative of `jacobian` along the motion, (6, n)."""
         return self._at_frame('partial_velocity_rates', frame, (q, u), out, t)
-
-    @of_frame('partial_velocities')
-    def partial_velocities(self, frame: str, q: ArrayLike, *, t: ArrayLike = 0.0,
-                           out: Array | None = None) -> Array:
-        """Return the partial velocities of a frame, (6, n): columns of `jacobian`."""
-        return self._at_frame('partial_velocities', frame, (q,), out, t)
 
     @hinting_method
     def operational_space_inertia(self, frame: str, q: ArrayLike, *,

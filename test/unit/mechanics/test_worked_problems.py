@@ -183,7 +183,7 @@ def test_jacobian_of_the_planar_arm_in_base_axes(engine):
         (s1, s12), (c1, c12) = np.sin((q[0], q.sum())), np.cos((q[0], q.sum()))
         expected = [[-l1 * s1 - l2 * s12, -l2 * s12], [l1 * c1 + l2 * c12, l2 * c12],
                     [0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0]]
-        np.testing.assert_allclose(robot.partial_velocities('tip', q), expected, atol=1e-14)
+        np.testing.assert_allclose(robot.jacobian('tip', q), expected, atol=1e-14)
 
 
 @pytest.mark.parametrize('model', [spring_mass_pendulum(2.0, 3.0, 0.7, 40.0), two_rods(),

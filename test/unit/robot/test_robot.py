@@ -127,9 +127,9 @@ def test_frames_move_as_their_partial_velocities_say(seed):
     q, u, udot = random_state(model, seed)
     h = 1e-5
     for name in ('frame5', 'frame2', 'base'):
-        assert_equal(robot.partial_velocities(name, q), kane.partial_velocities(model, q, name))
+        assert_equal(robot.jacobian(name, q), kane.partial_velocities(model, q, name))
         velocity = robot.frame_velocity(name, q, u)
-        np.testing.assert_allclose(velocity, robot.partial_velocities(name, q) @ u, atol=1e-12)
+        np.testing.assert_allclose(velocity, robot.jacobian(name, q) @ u, atol=1e-12)
         before, after = (robot.frame_pose(name, q + s * h * u) for s in (-1.0, 1.0))
         rate = (after - before) / (2.0 * h)
         np.testing.assert_allclose(velocity[:3], rate[:3, 3], atol=1e-8)

@@ -137,15 +137,6 @@ def test_impossible_payloads_are_refused_and_far_ones_warned_of():
         arm().with_payload('tool0', point_mass(1.0, at=(80.0, 0.0, 0.0)))
 
 
-@pytest.mark.parametrize('count', [None, 2])
-def test_several_frames_are_those_of_single_calls(count):
-    q, *_ = states(count)
-    frames = ['tool0', 'forearm_link', 'base_link']
-    poses = arm().frame_poses(frames, q)
-    for k, frame in enumerate(frames):
-        assert_array_equal(poses[..., k, :, :], arm().frame_pose(frame, q))
-    with pytest.raises(InputError, match="frames: 'tool0'; expected a sequence"):
-        arm().frame_poses('tool0', q)
 
 
 def test_the_body_jacobian_is_pinocchios_local_one():

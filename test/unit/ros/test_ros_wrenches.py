@@ -106,7 +106,7 @@ def load(numbers, frame=TIP):
     """Return the joint torques of a wrench in axes of its frame, by the Jacobian."""
     R = ROBOT.frame_pose(frame, Q)[:3, :3]
     world = np.concatenate([R @ numbers[:3], R @ numbers[3:]])
-    return ROBOT.partial_velocities(frame, Q).T @ world
+    return ROBOT.jacobian(frame, Q).T @ world
 
 
 PUSH = np.array([3.0, -2.0, 5.0, 0.5, 1.5, -0.2])
