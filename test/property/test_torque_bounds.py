@@ -49,10 +49,10 @@ def at_vertex(robot, uncertainty, inertial_signs, loss_signs):
     return Robot(replace(robot.model, bodies=tuple(bodies)), **robot.options)
 
 
-def torque_of(robot, q, u, udot, t):
+def torque_of(robot, q, u, udot, t, wrench=None):
     """Return inverse dynamics by the equations over floats."""
     parameters = np.concatenate([robot.parameters.gravity, np.zeros(10)])
-    return np.array(robot.equations.inverse_dynamics(q, u, udot, None, parameters, t),
+    return np.array(robot.equations.inverse_dynamics(q, u, udot, wrench, parameters, t),
                     dtype=float)
 
 
@@ -369,7 +369,7 @@ def test_bounds_with_load_friction_are_reached_with_motors_speeds_and_wrenches(a
         losses[:3] *= friction_sign
         losses[3] *= share
         changed = at_vertex(which, box, share * inertial, losses)
-        return changed.inverse_dynamics(*state, **pushed)[row]
+        return torque_of(changed, *state, 0.0, **pushed)[row]
     for row in range(robot.n):
         ends = [torque(bare, row, share, 0.0) for share in (-1.0, 1.0)]
         shares = [-1.0, 1.0]
@@ -386,7 +386,7 @@ def test_bounds_with_load_friction_are_reached_with_motors_speeds_and_wrenches(a
     for _ in range(50):
         inertial = rng.uniform(-1.0, 1.0, (bodies, 10))
         losses = rng.uniform(-1.0, 1.0, (4, bodies))
-        inside = at_vertex(robot, box, inertial, losses).inverse_dynamics(*state, **pushed)
+        inside = torque_of(at_vertex(robot, box, inertial, losses), *state, 0.0, **pushed)
         assert (bounds.lower - 1e-10 * scale < inside).all()
         assert (inside < bounds.upper + 1e-10 * scale).all()
 
