@@ -6,6 +6,7 @@ import math
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.constraints import (Closure, Constraint, Coupling,
                                                  PointVelocity, Prescribed)
+from kane_dynamics.mechanics.friction import breakaway_levels
 from kane_dynamics.model.model import Inertial, Joint, Model, WORLD
 import numpy as np
 
@@ -45,6 +46,30 @@ def length_of(model: Model, constraints: Sequence[Constraint] = ()) -> float:
     # Radii of gyration, where all joints and frames coincide.
     radii = [_gyration(body.inertial) for body in model.bodies]
     return max(radii, default=0.0) or 1.0
+
+
+def rate_of(model: Model, constraints: Sequence[Constraint] = ()) -> float:
+    """
+    Return the characteristic rate of a mechanism, 1/s.
+
+    It is sqrt(F / (m L)), with the characteristic length L, the mass m, rotors included, and
+    the larger F of the weight and of the largest friction of a joint: the rate of a motion
+    that they end or begin within about a radian. 1 without weight and friction.
+    """
+    length = length_of(model, constraints)
+    mass = 0.0
+    largest_friction = 0.0
+    for body in model.bodies:
+        joint = body.joint
+        # Torques and inertias of joints that turn, as forces and masses at this length.
+        arm = 1.0 if joint.kind == 'prismatic' else length
+        mass += body.inertial.mass + joint.armature / arm**2
+        friction = max(breakaway_levels(joint)) / arm
+        largest_friction = max(largest_friction, friction)
+    force = max(mass * float(np.linalg.norm(model.gravity)), largest_friction)
+    if force == 0.0 or mass == 0.0:
+        return 1.0
+    return math.sqrt(force / (mass * length))
 
 
 def closure_length(model: Model, closure: Closure, longest: float) -> float:

@@ -19,7 +19,7 @@ from kane_dynamics._util.typing import Array, Flags, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
-from kane_dynamics.mechanics.constraints.row_units import coordinate_units
+from kane_dynamics.mechanics.constraints.row_units import coordinate_units, rate_of
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.friction import (AT_BOUND, driving_torque, drops,
                                               held_forces, holding_friction, HOLDS,
@@ -30,7 +30,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import tau_from
 import numpy as np
 
-AT_REST = 1e-9  # rad/s, or lengths of the mechanism per second, with constraints
+AT_REST = 3e-10  # rad, or lengths, in the time of the mechanism, with constraints
 TOUCHING = 1e-9  # rad, or lengths of the mechanism: distance of a joint at its stop
 NEGLIGIBLE = 1e-9  # acceleration, relative to the largest one without the forces
 TRIALS = 4  # changes of joints that break away together, for each joint
@@ -240,10 +240,12 @@ class FrictionState:
         # Joints of trees rest exactly, those of loops to the error of closing them.
         self.constrained = not robot.equations.in_joint_rates
         self.units = np.ones(len(self.joints))
+        slow = 0.0
         if self.constrained:
             units = coordinate_units(model, robot.mechanism.constraints)
             self.units = units[self.places]
-        self.slow = AT_REST * self.units * self.constrained
+            slow = AT_REST * rate_of(model, robot.mechanism.constraints)
+        self.slow = slow * self.units
         drop = np.zeros(model.n)
         # A joint alone with friction has no other that could hold it at its bound.
         if self.constrained and robot.friction and len(self.joints) > 1:

@@ -16,7 +16,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.ball_joints import angle_places, angles, on_unit_quaternions
-from kane_dynamics.mechanics.constraints.row_units import coordinate_units
+from kane_dynamics.mechanics.constraints.row_units import coordinate_units, rate_of
 from kane_dynamics.mechanics.integrators.held_joints import REGULAR
 from kane_dynamics.mechanics.joint_stops import (ended_motion, nearest_stops,
                                                  stop_impulses, stopped_state)
@@ -24,7 +24,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 TOUCHING = 1e-9  # rad, or lengths of the mechanism: distance of a joint at its stop
-AT_REST = 1e-7  # rad/s, or lengths of the mechanism per second, with constraints
+AT_REST = 3e-8  # rad, or lengths, in the time of the mechanism, with constraints
 ROUNDING = 1e-11  # rad or lengths: past a stop, with constraints, after loops are closed
 DRIVEN = 1e-6  # relative: speed into a stop that its impulse cannot end
 ITERATIONS = 20  # of moving joints back and closing loops
@@ -53,7 +53,7 @@ def resting_sides(robot: Robot, q: Array, u: Array, lower: Array, upper: Array,
     if not robot.equations.in_joint_rates:
         units = coordinate_units(robot.model, robot.mechanism.constraints)
         near = TOUCHING * units
-        slow = AT_REST * units
+        slow = AT_REST * rate_of(robot.model, robot.mechanism.constraints) * units
     else:
         # Joints of trees rest at their stops exactly.
         near = np.zeros(robot.n_q)
