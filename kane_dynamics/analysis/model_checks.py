@@ -2,17 +2,20 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+import re
 from typing import Literal
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.friction import resists
 from kane_dynamics.model.drive import StiffnessCurve
-from kane_dynamics.model.model import Model
+from kane_dynamics.model.model import Model, WORLD
+from kane_dynamics.model.plausible_sizes import upward_gravity
 from kane_dynamics.robot.methods.configuration_methods import sampling_range
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.torque_bounds import torque_deviation, Uncertainty
-from kane_dynamics.urdf.notices import DEGREES, NO_INERTIAL
+from kane_dynamics.urdf.assembly import DEGREES as DEGREE_LIMIT
+from kane_dynamics.urdf.notices import DEGREE_LIMITS, DEGREES, NO_INERTIAL
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +28,10 @@ PROBLEMS = (NO_INERTIAL, DEGREES)
 SAG = {'prismatic': 0.01, 'revolute': 0.05}  # deflection of a gear under gravity
 UNITS = {'prismatic': 'm', 'revolute': 'rad'}
 SLOWEST, FASTEST = 1.0, 1e3  # Hz of a link on the spring of its drive
+# Words in the names of what legged and wheeled robots stand on.
+UNDERCARRIAGE = frozenset(('hip', 'thigh', 'knee', 'calf', 'shank', 'ankle', 'foot',
+                           'leg', 'upperleg', 'lowerleg', 'wheel'))
+NAME_PART = re.compile('[A-Z]?[a-z]+|[A-Z]+(?![a-z])')  # of hip_joint, LHip and LEFT_HIP
 SMALLEST_STEP, ROUNDING = 1e-4, 1e-12  # relative to the range; to the gravity force
 Level = Literal['fine', 'warning', 'problem']
 
@@ -54,6 +61,8 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str],
     # problem.
     for warning in warnings:
         level: Level = 'problem' if warning.startswith(PROBLEMS) else 'warning'
+        if warning.startswith(DEGREE_LIMITS) and _has_limits_in_degrees(model):
+            level = 'problem'
         findings.append(Finding(level, f'URDF: {warning}'))
     findings += _examine_compensation(model)
     findings += examine_masses(robot)
@@ -70,6 +79,7 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str],
     elif not robot.equations.in_joint_rates:
         findings += _examine_holding_torques(robot, uncertainty)
     else:
+        findings += _examine_fixed_base(model)
         findings += _examine_weight(robot, uncertainty)
     findings += _examine_drives(model, robot)
     if model.drives and robot.equations.in_joint_rates:
@@ -123,6 +133,40 @@ def _examine_limits(model: Model, robot: Robot) -> list[Finding]:
             findings.append(Finding('warning',
                                     f'no {limit}: {listed(without)}; {consequence}'))
     return findings
+
+
+def _has_limits_in_degrees(model: Model) -> bool:
+    """Return whether the limits of most revolute joints look like degrees."""
+    bounds = []
+    for joint in model.coordinate_joints:
+        largest = max(abs(joint.limits.lower), abs(joint.limits.upper))
+        if joint.kind == 'revolute' and np.isfinite(largest):
+            bounds.append(largest)
+    return bool(np.count_nonzero(np.array(bounds) > DEGREE_LIMIT) > len(bounds) / 2)
+
+
+def _examine_fixed_base(model: Model) -> list[Finding]:
+    """
+    Return a warning of legs or wheels on a base that is fixed to the world.
+
+    A URDF does not state whether its base moves. Two of the branches on the base have a
+    body or joint whose name contains one of `UNDERCARRIAGE` as a word.
+    """
+    branches: dict[int, str] = {}  # the first such joint of each branch on the base
+    branch_of: list[int] = []
+    for index, body in enumerate(model.bodies):
+        branch = index if body.parent == WORLD else branch_of[body.parent]
+        branch_of.append(branch)
+        words = NAME_PART.findall(f'{body.name} {body.joint.name}')
+        if UNDERCARRIAGE.intersection(map(str.lower, words)):
+            branches.setdefault(branch, body.joint.name)
+    if len(branches) < 2:
+        return []
+    return [Finding('warning',
+                    f"base '{model.base_name}': fixed to the world, with legs or wheels "
+                    f'({listed(branches.values())}); expected root_joint free or planar '
+                    '(--root-joint) for a robot that walks or drives, because the torques '
+                    'here are those of a robot held at its base')]
 
 
 def _examine_drives(model: Model, robot: Robot) -> list[Finding]:
@@ -225,11 +269,9 @@ def examine_units(model: Model) -> list[Finding]:
                                 'expected m: are these millimeters?'))
     elif reach > 0.0:
         findings += _examine_inertias(model, reach)
-    if model.gravity[2] > 0.0:
-        findings.append(Finding('warning',
-                                f'gravity {model.gravity.tolist()} m/s^2 points '
-                                'upwards in the axes of the base; expected 0 0 -9.81, '
-                                'unless the arm hangs from a ceiling'))
+    upward = upward_gravity(model.gravity)
+    if upward:
+        findings.append(Finding('warning', upward))
     return findings
 
 

@@ -6,6 +6,8 @@ Names = list[str]
 NOT_USED = 'the URDF states these, but they are not used'
 NOT_OURS = 'the URDF states these for actuators and simulators; they are not used'
 NO_INERTIAL = 'moving links without <inertial>; treated as massless'
+DEGREE_LIMITS = ('revolute joints whose <limit> spans many turns (URDF states rad): '
+                 'degrees?')
 DEGREES = 'origins whose rpy exceeds a full turn (URDF states rad): degrees?'
 # Of actuators, simulators and drivers: no part of the mechanism.
 OTHERS = ('<transmission>', '<gazebo>', '<safety_controller>', '<calibration>')
@@ -31,8 +33,7 @@ class Notices:
                               'unlimited there')
     no_room: Names = _kind('mimic joints whose <limit> excludes all positions of their '
                            'master; unlimited in position')
-    degrees: Names = _kind('revolute joints whose <limit> spans many turns (URDF states '
-                           'rad): degrees?')
+    degrees: Names = _kind(DEGREE_LIMITS)
     degree_rpy: Names = _kind(DEGREES)
     locked_outside: Names = _kind('locked positions outside the limits; expected rad or '
                                   'm: degrees?')

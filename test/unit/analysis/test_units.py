@@ -3,9 +3,9 @@
 from dataclasses import replace
 import warnings
 
-from kane_dynamics import load_urdf
+from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.analysis.model_checks import examine_units
+from kane_dynamics.analysis.model_checks import examine_model, examine_units
 from kane_dynamics.cli import main
 import pytest
 from urdf_writer import joint, link, load_with_warnings, robot
@@ -55,3 +55,43 @@ def test_origins_in_degrees_are_a_problem(tmp_path, capsys):
     path.write_text(text)
     assert main(['doctor', str(path)]) == 1
     assert 'problem: URDF: origins whose rpy' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(('bounds', 'level'), [
+    ((170.0, 170.0, 90.0), 'problem'), ((170.0, 1.0, 1.0), 'warning')])
+def test_limits_in_degrees_are_a_problem_where_most_joints_have_them(bounds, level):
+    """A single joint may turn many times, as a winch does."""
+    links = [link(name) for name in 'abcd']
+    joints = [joint(f'j{k}', 'abcd'[k], 'abcd'[k + 1], xyz='0 0 0.3',
+                    limit=f'<limit lower="{-x}" upper="{x}" velocity="2" effort="99"/>')
+              for k, x in enumerate(bounds)]
+    model, messages = load_with_warnings(robot(*links, *joints))
+    found = [f for f in examine_model(model, Robot(model), messages)
+             if 'spans many turns' in f.words]
+    assert [f.level for f in found] == [level]
+
+
+def standing(*names):
+    """Return a robot on a base, with two links in series for each name."""
+    parts = [link('base')]
+    for name in names:
+        parts += [link(f'{name}_upper'), link(f'{name}_lower'),
+                  joint(f'{name}_1', 'base', f'{name}_upper', axis='0 1 0'),
+                  joint(f'{name}_2', f'{name}_upper', f'{name}_lower', axis='0 1 0',
+                        xyz='0 0 -0.3')]
+    return robot(*parts)
+
+
+@pytest.mark.parametrize(('names', 'root_joint', 'warned'), [
+    (('FL_hip', 'FR_hip'), 'fixed', True), (('left_wheel', 'right_wheel', 'arm'), 'fixed', True),
+    (('FL_hip', 'FR_hip'), 'free', False), (('FL_hip', 'FR_hip'), 'planar', False),
+    (('LHip', 'RHip'), 'fixed', True), (('LEFT_KNEE', 'RIGHT_KNEE'), 'fixed', True),
+    (('left_arm', 'right_arm'), 'fixed', False), (('leg',), 'fixed', False),
+    (('legato', 'ship'), 'fixed', False)])
+def test_legs_or_wheels_on_a_fixed_base_are_a_warning(names, root_joint, warned):
+    model = load_urdf(standing(*names), root_joint=root_joint)
+    found = [f for f in examine_model(model, Robot(model), []) if 'legs or wheels' in f.words]
+    assert [f.level for f in found] == ['warning'] * warned
+    if warned:
+        assert f'({names[0]}_1, {names[1]}_1)' in found[0].words
+        assert '--root-joint' in found[0].words
