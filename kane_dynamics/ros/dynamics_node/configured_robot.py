@@ -44,6 +44,7 @@ from kane_dynamics.ros.modes.task_modes import TaskModes
 from kane_dynamics.ros.monitors.attached_objects import (AttachedObjects, scene_types,
                                                          SceneRequest)
 from kane_dynamics.ros.monitors.coupling_topics import CouplingTopics
+from kane_dynamics.ros.monitors.drift_watch import DriftWatch
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.model_watch_monitor import check_reference
 from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
@@ -61,7 +62,8 @@ from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
 from kane_dynamics.ros.torque_path.closed_loop_reader import (closed_loop_reader,
-                                                              command_fault)
+                                                              command_fault,
+                                                              commanded_joints)
 from kane_dynamics.ros.torque_path.native_loop import compile_loop
 from kane_dynamics.ros.torque_path.native_path import NativeTorquePath, python_reason
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
@@ -118,6 +120,8 @@ class ConfiguredRobot:
         What computes the commands: native, or python with the reason.
     swing : SwingMonitor or None
         Of the modes with springs.
+    drift : DriftWatch or None
+        Of an arm that can be commanded.
 
     Raises
     ------
@@ -300,8 +304,16 @@ class ConfiguredRobot:
         self._targets: TargetInput | None = None
         self._coupling: CouplingTopics | None = None
         self.swing: SwingMonitor | None = None
+        self.drift: DriftWatch | None = None
         if not self.fault:
             self._open_task_topics(publisher, opened)
+            self.drift = DriftWatch(
+                server, self.path,
+                [self.robot.joint_names[k]
+                 for k in commanded_joints(self.robot, controller.followed)],
+                self._now, lambda: self._commands.get_subscription_count() > 0,
+                node.get_logger())
+            opened.callback(self.drift.close)
         self.guard: GuardLink | None = None
         if guarded:
             self.guard = GuardLink(node, self.path, values['guard.lease'], opened,

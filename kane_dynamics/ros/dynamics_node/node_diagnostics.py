@@ -134,6 +134,8 @@ def _warnings(arm: ConfiguredRobot, dropped: Counter[str],
         warnings.append(f'model watch: {change}: identify the arm again, or check it')
     if arm.swing is not None and arm.swing.warning:
         warnings.append(arm.swing.warning)
+    if arm.drift is not None and arm.drift.warning:
+        warnings.append(arm.drift.warning)
 
     # Joint states that came and were refused, then those that never came.
     if dropped:
