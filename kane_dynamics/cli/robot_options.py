@@ -15,6 +15,7 @@ from kane_dynamics.loop_tracking.loop_tracker import velocity_rows
 from kane_dynamics.mechanics.ball_joints import neutral
 from kane_dynamics.mjcf import is_mjcf, load_mjcf
 from kane_dynamics.model.model import GRAVITY, Model
+from kane_dynamics.model.plausible_sizes import upward_gravity
 from kane_dynamics.robot.methods.configuration_methods import (outside_limits,
                                                                suspected_degrees)
 from kane_dynamics.robot.robot import Robot
@@ -57,6 +58,8 @@ def load(options: Namespace, collected: list[str] | None = None, **choices: Any
     with model_warnings(collected, verbose=options.verbose):
         model, robot_options = _chosen(options)
         robot = Robot(model, **robot_options, **choices)
+    if collected is None:
+        _warn_of_gravity(model)
     return model, robot
 
 
@@ -64,7 +67,15 @@ def load_rigid(options: Namespace, **choices: Any) -> tuple[Robot, QuasiStatic |
     """Return the chosen robot with rigid links, and the flexible arm if the links are beams."""
     with model_warnings(verbose=options.verbose):
         model, robot_options = _chosen(options)
+        _warn_of_gravity(model)
         return rigid_and_bending(model, robot_options | choices)
+
+
+def _warn_of_gravity(model: Model) -> None:
+    """Print a warning if gravity points upwards."""
+    upward = upward_gravity(model.gravity)
+    if upward:
+        warn(upward)
 
 
 def _chosen(options: Namespace) -> tuple[Model, dict[str, Any]]:

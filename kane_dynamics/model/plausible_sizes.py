@@ -1,4 +1,4 @@
-"""Warn of lengths and masses that do not fit a mechanism: millimeters, grams."""
+"""Warn of lengths, masses and gravity that do not fit a mechanism: millimeters, grams."""
 
 import warnings
 
@@ -37,3 +37,11 @@ def warn_of_mass(mass: float, model: Model, what: str, stacklevel: int) -> None:
         warnings.warn(f'{what}: {mass:.5g} kg, on a mechanism that moves {moving:.5g} '
                       'kg; expected kg: are these grams?', ModelWarning,
                       stacklevel=stacklevel + 1)
+
+
+def upward_gravity(gravity: Array) -> str:
+    """Return the warning that gravity, (3,) m/s^2, points upwards; empty if it does not."""
+    if gravity[2] <= 0.0:
+        return ''
+    return (f'gravity {gravity.tolist()} m/s^2 points upwards in the axes of the base; '
+            'expected 0 0 -9.81, unless the arm hangs from a ceiling')

@@ -10,6 +10,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from kane_dynamics.analysis.known_arms import words
 from kane_dynamics.errors import InputError, KaneError
+from kane_dynamics.model.plausible_sizes import upward_gravity
 from kane_dynamics.native.machine_code.compiling import reported_to
 from kane_dynamics.ros.common import realtime
 from kane_dynamics.ros.common.command_topic import not_simulated, SubscriberWatch
@@ -366,6 +367,7 @@ class DynamicsNode(LifecycleNode):
         log = self.get_logger()
         model = load_model(source, self.values, log.warning)
         self._contradictions = examine_statement(self.values, model)
+        self._warn_of_gravity()
         self.statistics = Statistics()
         with reported_to(log.info):
             self.arm = ConfiguredRobot(self, self.server, model, self.values,
@@ -395,6 +397,13 @@ class DynamicsNode(LifecycleNode):
             log.info(f'the node remains inactive: {fault}')
         # Last, since commands come first.
         self.arm.later_kernels.start()
+
+    def _warn_of_gravity(self) -> None:
+        """Log a warning if the stated gravity points upwards."""
+        upward = upward_gravity(self.values['gravity'])
+        # An IMU measures the direction.
+        if upward and not self.values['imu.topic']:
+            self.get_logger().warning(f"parameter 'gravity': {upward}")
 
     def _open_bond(self) -> None:
         """Prepare the bond with a lifecycle manager; warn where its package is missing."""
@@ -494,6 +503,8 @@ class DynamicsNode(LifecycleNode):
             self._start_timers()
         if self.arm is not None:
             self.arm.update(self.values, changed)
+            if 'gravity' in changed:
+                self._warn_of_gravity()
             if clock_replaced:
                 self.arm.on_clock_jump(replaced=True)
 

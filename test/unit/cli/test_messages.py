@@ -76,3 +76,11 @@ def test_rounding_errors_of_torques_that_cancel_are_zero(tmp_path, capsys):
     assert 'e-1' not in printed
     row = next(line for line in printed.splitlines() if line.startswith('free'))
     assert row.split()[1] == '0'
+
+
+def test_gravity_upwards_is_one_warning(away, capsys):
+    assert main(['torque', away, '--q', '0', '-1', '-0.3', '--gravity', '0', '0', '9.81']) == 0
+    line, = capsys.readouterr().err.splitlines()
+    assert 'points upwards in the axes of the base; expected 0 0 -9.81' in line
+    assert main(['torque', away, '--q', '0', '-1', '-0.3', '--gravity', '0', '0', '-1.62']) == 0
+    assert not capsys.readouterr().err
