@@ -26,7 +26,8 @@ import numpy as np
 CHUNK_SECONDS = 0.01  # of steps between two progress reports: half of the documented bound
 CHUNK_BYTES = 2**27  # of states in one chunk, unless a single step of all takes more
 FIRST_CHUNK = 256  # steps of one simulation
-GROWTH = 16  # largest ratio of two chunks in succession
+GROWTH = 16  # largest ratio of two chunks in succession, with progress reports
+GROWTH_UNREPORTED = 64  # without: they may take longer than the time between reports
 LEAST_CHUNK = 8  # steps of many simulations, so that checks take less time than the steps
 
 Progress = Callable[[float], bool | None]
@@ -154,6 +155,7 @@ def run(steps: Steps, starts: Array, count: int, every: int,
     length = FIRST_CHUNK
     if not steps.source.single:
         least = length = LEAST_CHUNK
+    growth = GROWTH_UNREPORTED if progress is None else GROWTH
     longest = max(1, CHUNK_BYTES // starts.nbytes) if len(starts) else count
     done = 0
     while done < count:
@@ -176,7 +178,7 @@ def run(steps: Steps, starts: Array, count: int, every: int,
         # The next chunk is to take the time between two reports; a short one may have
         # been measured badly.
         in_time = int(computed * CHUNK_SECONDS / max(seconds, 1e-9))
-        length = max(least, min(GROWTH * computed, in_time))
+        length = max(least, min(growth * computed, in_time))
     # A simulation that ends early has its last state as an additional sample.
     rows_done = int(np.searchsorted(sampled, done, side='right'))
     if sampled[rows_done - 1] < done:

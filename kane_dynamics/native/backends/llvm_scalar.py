@@ -4,7 +4,8 @@ Generate LLVM IR: one straight-line function per program.
 With `lanes` > 1 every scalar of the program is a vector of `lanes` numbers, one state
 per lane, in registers and in the memory of arguments and results. For one state,
 `abreast` arguments of elementary functions are packed into a vector; processors without
-SIMD registers have 1.
+SIMD registers have 1. A program of one state may call others in lanes, for several
+states at once (`tracing.side_by_side`).
 
 A program of one state may also compute with rows (`tracing.wide`): `LANES` doubles in
 SIMD registers, which `Rows` generates. `Function` generates everything else.
@@ -22,6 +23,7 @@ from kane_dynamics.native.backends.llvm_math import (constant_vector, DOUBLE,
                                                      vector_type)
 from kane_dynamics.native.tracing.expression import Expr, operands
 from kane_dynamics.native.tracing.program import PLACING, Program, ROWS
+from kane_dynamics.native.tracing.side_by_side import SideBySide
 from kane_dynamics.native.tracing.subroutine import is_first
 import numpy as np
 
@@ -35,6 +37,7 @@ TOGETHER = (('sc', ('sin', 'cos')), ('th', ('tanh',)), ('ex', ('exp',)),
 ELEMENTARY = frozenset(op for _, ops in TOGETHER for op in ops)
 ROW_TYPE = vector_type(LANES)
 CHUNK = 256 * LANES  # numbers of a loop's results that one pointer reaches in few bytes
+CALLS = ('call', 'side_by_side', 'loop')  # nodes whose results stay in memory
 ROW_ARITHMETIC = {'wide_add': 'fadd', 'wide_sub': 'fsub', 'wide_mul': 'fmul',
                   'wide_div': 'fdiv'}
 
@@ -339,7 +342,7 @@ def placements(program: Program, symbol: str) -> dict[int, PlacedResults]:
 
 def _reads_arguments(node: Expr) -> bool:
     """Return whether a node is a call or loop that may read arguments in place."""
-    return node.op in ('call', 'loop') and any(x.op == 'input' for x in operands(node))
+    return node.op in CALLS and any(x.op == 'input' for x in operands(node))
 
 
 def _of_loops(x: Expr, loops: Container[int]) -> bool:
@@ -520,10 +523,10 @@ class Function:
         self.real = real
         self.abreast = abreast
         self.type = vector_type(lanes, real)
-        self.width = abreast if lanes == 1 else lanes  # of elementary functions
+        self.width = abreast * lanes  # of elementary functions
         self.lines: list[str] = []
         self.names = Names(self.lines, real)
-        self.callees: list[Program] = []
+        self.callees: list[Program | SideBySide] = []
         # Memory of the function, reserved once before its loops; and constants.
         self.reserved: list[str] = []
         self.tables: list[str] = []
@@ -577,8 +580,11 @@ class Function:
         head = f'define void @{symbol}({self.pointers}){aligned} {{'
         self.lines[:0] = [head, *self.reserved]
 
-    def callee(self, program: Program) -> 'Function':
+    def callee(self, program: Program | SideBySide) -> 'Function':
         """Return the function of a subroutine."""
+        if isinstance(program, SideBySide):
+            return Function(program.program, program.name, program.states, self.real,
+                            self.abreast)
         return Function(program, program.name, self.lanes, self.real, self.abreast)
 
     def value(self, x: Expr | float) -> str:
@@ -596,13 +602,17 @@ class Function:
         for k, name in enumerate(pointers):
             self.lines += [f'  %slot.{name} = getelementptr ptr, ptr %args, i64 {k}',
                            f'  %in.{name} = load ptr, ptr %slot.{name}']
+        # The first input may be one state's of rows of several; see `Program.stride`.
+        spread = self.program.inputs[0][0] if self.program.inputs else ''
+        stride = self.program.stride
         # Each input that the program uses is loaded once.
         for node in schedule:
             if node.op == 'input':
                 name, k = node.args
                 at = f'%at.{name}.{k}'
                 row = f'ptr %in.{name}'
-                self.lines += [f'  {at} = getelementptr {self.type}, {row}, i64 {k}',
+                place = k * stride if name == spread else k
+                self.lines += [f'  {at} = getelementptr {self.type}, {row}, i64 {place}',
                                f'  %{name}.{k} = load {self.type}, ptr {at}']
                 self.names[node.index] = f'%{name}.{k}'
 
@@ -731,7 +741,7 @@ class Function:
             return
         # Control first: calls and loops leave their results in memory, from which
         # `output` loads.
-        if node.op == 'call':
+        if node.op in ('call', 'side_by_side'):
             self._call(node)
         elif node.op == 'loop':
             self._loop(node)
@@ -791,19 +801,63 @@ class Function:
         if callee not in self.callees:
             self.callees.append(callee)
         i = node.index
-        slots = len(callee.inputs) + 1
+        states = callee.states if node.op == 'side_by_side' else 1
+        size = max(len(callee.outputs), 1)
+        row = states * self.real.bits // 8
         # A subroutine takes a table of pointers.
-        self.lines += [f'  %ptrs{i} = alloca [{slots} x ptr]',
-                       f'  %ret{i} = alloca [{max(len(callee.outputs), 1)} x {self.type}]']
+        self.lines += [f'  %ptrs{i} = alloca [{len(callee.inputs) + 1} x ptr]',
+                       f'  %ret{i} = alloca [{size} x {self.type}], align {row}']
         offset = 0
         # Pointers to the arguments, then to the results.
         for k, (name, shape) in enumerate([*callee.inputs, ('result', ())]):
             entries = flat[offset:offset + math.prod(shape)]
             offset += len(entries)
-            where = f'%ret{i}' if name == 'result' else self._argument(i, k, entries)
+            if name == 'result':
+                where = f'%ret{i}'
+            elif states > 1:
+                where = self._rows_of_states(i, k, entries, states)
+            elif k == 0 and callee.stride > 1:
+                where = self._of_one_state(i, entries, callee.stride)
+            else:
+                where = self._argument(i, k, entries)
             self.lines += [f'  %slot{i}.{k} = getelementptr ptr, ptr %ptrs{i}, i64 {k}',
                            f'  store ptr {where}, ptr %slot{i}.{k}']
         self.lines.append(f'  call void @{callee.name}(ptr %ptrs{i})')
+
+    def _of_one_state(self, i: int, entries: list[Expr | float], stride: int) -> str:
+        """Return a pointer to one state's results of a subroutine of several states."""
+        where = self._contiguous(i, 0, entries, stride)
+        if where is None:
+            raise ValueError(f'call {i}: the first argument of {self.symbol}; expected the '
+                             'results of one state of `call_side_by_side`')
+        return where
+
+    def _rows_of_states(self, i: int, k: int, entries: list[Expr | float],
+                        states: int) -> str:
+        """Store the entries of an argument of several states as rows; return a pointer."""
+        key = (states, *_entries_key(entries))
+        where = self._stored.get(key)
+        if where is not None:  # an earlier call has the same argument
+            return where
+        where = f'%arg{i}.{k}'
+        self._stored[key] = where
+        row = vector_type(states, self.real)
+        align = states * self.real.bits // 8
+        count = len(entries) // states
+        self.lines.append(f'  {where} = alloca [{count} x {row}], align {align}')
+        # A row is stored at once, because a load of a row would wait for several stores.
+        for j in range(count):
+            vector = 'poison'
+            for lane in range(states):
+                name = f'%put{i}.{k}.{j}.{lane}'
+                x = self.value(entries[j * states + lane])
+                self.lines.append(f'  {name} = insertelement {row} {vector}, '
+                                  f'{self.type} {x}, i32 {lane}')
+                vector = name
+            put = f'%put{i}.{k}.{j}'
+            self.lines += [f'  {put} = getelementptr {row}, ptr {where}, i64 {j}',
+                           f'  store {row} {vector}, ptr {put}, align {align}']
+        return where
 
     def _loop(self, node: Expr) -> None:
         """Call a subroutine for each row of tables; its results stay in memory."""
@@ -974,10 +1028,11 @@ class Function:
                            f'  store {self.type} {self.value(x)}, ptr {put}']
         return where
 
-    def _contiguous(self, i: int, k: int, entries: list[Expr | float]) -> str | None:
+    def _contiguous(self, i: int, k: int, entries: list[Expr | float],
+                    stride: int = 1) -> str | None:
         """Return a pointer into an argument or result with the entries, or None."""
         # Entries that lie one after the other in memory are passed where they are.
-        begin = self._begin(entries) if entries else None
+        begin = self._begin(entries, stride) if entries else None
         if begin is None:
             return None
         pointer, place = begin
@@ -987,14 +1042,14 @@ class Function:
                           f'{place}')
         return f'%row{i}.{k}'
 
-    def _begin(self, entries: Sequence[Any]) -> tuple[str, int] | None:
-        """Return pointer and place of entries that follow one another in memory, or None."""
+    def _begin(self, entries: Sequence[Any], stride: int = 1) -> tuple[str, int] | None:
+        """Return pointer and place of entries that are `stride` apart in memory, or None."""
         begin = self._address(entries[0])
         if begin is None:
             return None
         pointer, place = begin
         for j, x in enumerate(entries):
-            if self._address(x) != (pointer, place + j):
+            if self._address(x) != (pointer, place + j * stride):
                 return None
         return begin
 
@@ -1018,10 +1073,8 @@ class Function:
                     chosen.append(node)
                     by_index[node.args[0].index] = node.args[0]
             arguments = list(by_index.values())
-            # Lanes that hold different states already fill the vector.
-            abreast = self.abreast if self.lanes == 1 else 1
-            for start in range(0, len(arguments), abreast):
-                chunk = arguments[start:start + abreast]
+            for start in range(0, len(arguments), self.abreast):
+                chunk = arguments[start:start + self.abreast]
                 # States side by side keep the processor busy, a single state does not.
                 vector = Vector(self.lines, f'{label}{chunk[0].index}', self.width,
                                 self.real, few_operations=self.lanes > 1,
@@ -1039,19 +1092,29 @@ class Function:
 
     def _packed(self, vector: Vector, chunk: list[Expr]) -> str:
         """Pack scalars into one vector; a vector value is returned unchanged."""
-        if self.lanes > 1 or self.abreast == 1:
+        if self.abreast == 1:
             return self.value(chunk[0])
         packed = 'zeroinitializer'
         for place, arg in enumerate(chunk):
-            packed = vector.new(f'insertelement {vector.type} {packed}, double '
-                                f'{self.value(arg)}, i32 {place}')
+            for lane in range(self.lanes):
+                x = self.value(arg)
+                if self.lanes > 1:
+                    x = vector.new(f'extractelement {self.type} {x}, i32 {lane}')
+                packed = vector.new(f'insertelement {vector.type} {packed}, '
+                                    f'{self.real.name} {x}, i32 '
+                                    f'{place * self.lanes + lane}')
         return packed
 
     def _unpacked(self, vector: Vector, packed: str, place: int) -> str:
         """Return the scalar in a lane of a packed vector."""
-        if self.lanes > 1 or self.abreast == 1:
+        if self.abreast == 1:
             return packed
-        return vector.new(f'extractelement {vector.type} {packed}, i32 {place}')
+        if self.lanes == 1:
+            return vector.new(f'extractelement {vector.type} {packed}, i32 {place}')
+        first = place * self.lanes
+        lanes = ', '.join(f'i32 {first + lane}' for lane in range(self.lanes))
+        return vector.new(f'shufflevector {vector.type} {packed}, {vector.type} poison, '
+                          f'<{self.lanes} x i32> <{lanes}>')
 
 
 def module_text(program: Program, symbol: str) -> str:
@@ -1062,10 +1125,11 @@ def module_text(program: Program, symbol: str) -> str:
 def with_callees(main: Function, declarations: Sequence[str]) -> str:
     """Return the LLVM IR of a function, its subroutines and their declarations."""
     # A subroutine may call others; each is emitted once.
-    named: dict[str, Program] = {}
+    named: dict[str, Program | SideBySide] = {}
     functions: list[list[str]] = []
     tables = list(main.tables)
     pending = list(main.callees)
+    widths = {main.width}
     # A subroutine that several functions call is emitted once.
     while pending:
         current = pending.pop()
@@ -1074,18 +1138,20 @@ def with_callees(main: Function, declarations: Sequence[str]) -> str:
             functions.append(function.lines)
             tables += function.tables
             pending += function.callees
+            widths.add(function.width)
     # Declarations of the intrinsics of elementary functions, as vectors and scalars.
-    v = vector_type(main.width, main.real)
-    end = intrinsic_end(main.width, main.real)
-    lines = [*declarations,
-             f'declare {v} @llvm.fma.{end}({v}, {v}, {v})',
-             f'declare {v} @llvm.fabs.{end}({v})',
-             f'declare {v} @llvm.copysign.{end}({v}, {v})',
-             f'declare {v} @llvm.sqrt.{end}({v})',
-             f'declare {v} @llvm.floor.{end}({v})']
-    x = main.real.name
-    scalar = intrinsic_end(1, main.real)
-    if end != scalar:
+    lines = list(declarations)
+    for width in sorted(widths):
+        v = vector_type(width, main.real)
+        end = intrinsic_end(width, main.real)
+        lines += [f'declare {v} @llvm.fma.{end}({v}, {v}, {v})',
+                  f'declare {v} @llvm.fabs.{end}({v})',
+                  f'declare {v} @llvm.copysign.{end}({v}, {v})',
+                  f'declare {v} @llvm.sqrt.{end}({v})',
+                  f'declare {v} @llvm.floor.{end}({v})']
+    if 1 not in widths:
+        x = main.real.name
+        scalar = intrinsic_end(1, main.real)
         lines += [f'declare {x} @llvm.sqrt.{scalar}({x})',
                   f'declare {x} @llvm.floor.{scalar}({x})']
     lines += ['declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)', *main.lines]

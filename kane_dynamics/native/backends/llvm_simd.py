@@ -116,7 +116,7 @@ class RowFunction(Function):
         """Generate the function; `lines` holds the IR."""
         self.shared = shared
         self.permutes = lanes == AVX512 and llvm.features().get('avx512f', False)
-        super().__init__(program, symbol, lanes)
+        super().__init__(program, symbol, lanes, abreast=1)
 
     def _load_inputs(self, schedule: list[Expr]) -> None:
         """Load all inputs first: results may overlap arguments in memory."""

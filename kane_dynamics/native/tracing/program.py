@@ -15,7 +15,8 @@ from kane_dynamics.native.tracing.expression import Expr, operands, Scalar, Trac
 import numpy as np
 
 Shape = tuple[int, ...]
-STRUCTURE = ('input', 'output', 'call', 'loop')  # nodes that are not operations
+# Nodes that are not operations.
+STRUCTURE = ('input', 'output', 'call', 'loop', 'side_by_side')
 ROWS = {'wide_mul': 'multiplications', 'wide_add': 'additions', 'wide_sub': 'additions',
         'wide_div': 'divisions', 'wide_less': 'functions', 'wide_select': 'functions',
         'wide_neg': 'negations'}  # operations on the rows of `wide`
@@ -78,6 +79,9 @@ class Program:
     nodes : list of Expr, optional
         All nodes of a finished trace, in order of creation; by default those of the trace
         of the outputs, which is still open.
+    stride : int
+        Distance of two entries of the first input in memory: more than 1 if they are of
+        one of several states, see `side_by_side`.
 
     """
 
@@ -86,6 +90,7 @@ class Program:
     outputs: tuple[Scalar, ...]
     shape: Shape
     nodes: list[Expr] | None = field(default=None, kw_only=True)
+    stride: int = field(default=1, kw_only=True)
 
     def schedule(self) -> list[Expr]:
         """Return the nodes that the outputs depend on, in order of creation."""
@@ -115,7 +120,7 @@ class Program:
                 'div': 'divisions', 'neg': 'negations'}
         inner = OperationCount()
         for node in self.schedule():
-            if node.op == 'call':
+            if node.op in ('call', 'side_by_side'):
                 inner = inner + node.args[0].operation_count()
             elif node.op == 'loop':
                 loop = node.args[0]
@@ -139,6 +144,8 @@ class Program:
         for node in self.schedule():
             if node.op == 'call':
                 total += node.args[0].instruction_count(width)
+            elif node.op == 'side_by_side':
+                total += node.args[0].program.instruction_count(width)
             elif node.op == 'loop':
                 loop = node.args[0]
                 total += loop.count * loop.program.instruction_count(width)
