@@ -91,7 +91,7 @@ class DriftWatch:
             if self._place is None:
                 self._place = q
             reference = self._place
-            deviation = 'from where it was, without a motion'
+            deviation = 'from where it was, without a motion; if nothing else moves it'
         else:
             self._place = None
             reference = q.copy()
@@ -111,4 +111,4 @@ class DriftWatch:
         place = self._places[worst]
         unit = 'm' if worst in self._sliding else 'rad'
         return (f"{mode}: joint '{worst}' is {q[place] - reference[place]:.2g} {unit} "
-                f'{deviation}; {EXPECTED[mode]}')
+                f'{deviation}: {EXPECTED[mode]}')
