@@ -14,5 +14,5 @@ def pytest_collection_finish(session):
 
 @pytest.fixture(autouse=True)
 def no_lines_of_progress(monkeypatch):
-    """Compile without lines of progress, which a busy machine or an empty cache would add."""
+    """Compile without lines of progress, which a busy machine could add."""
     monkeypatch.setattr(compiling, 'SLOW', 1e6)

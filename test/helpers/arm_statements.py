@@ -1,8 +1,8 @@
 """
 What pages, parameter files and commands state of the arms that they start.
 
-A start is a dynamics node or a simulated arm with its URDF and its statement arm_compensates,
-merged from parameter files and arguments as ROS 2 merges them.
+A start is a dynamics node or a simulated arm with its URDF and its statement
+arm_compensates, merged from parameter files and arguments as ROS 2 merges them.
 """
 
 from itertools import pairwise
@@ -33,10 +33,11 @@ class Start(NamedTuple):
 
 
 def faults(start):
-    """Return what is wrong with a start: nothing stated, or a contradiction to the table."""
+    """Return what is wrong with a start: nothing stated, or a contradiction."""
     parameters = DEFAULTS.get(start.executable, {}) | start.parameters
     if 'arm_compensates' not in parameters:
-        return [f'{start.where}: arm_compensates is not stated'] if start.complete else []
+        return [
+            f'{start.where}: arm_compensates is not stated'] if start.complete else []
     stated = stated_terms(parameters['arm_compensates'], start.where)
     rows = arms_named(robot_name(parameters.get('urdf', '')))
     wrong = contradiction(rows, stated)
@@ -44,7 +45,7 @@ def faults(start):
 
 
 def robot_name(urdf):
-    """Return the name of the robot in a URDF; the name of the file where it is a reader's own."""
+    """Return the name of the robot in a URDF; the file's name if it is a reader's."""
     path = ROOT / urdf.removeprefix('package://kane_dynamics/')
     if path.is_file():
         return re.search(r'<robot[^>]*\bname="([^"]*)"', path.read_text())[1]
@@ -52,24 +53,24 @@ def robot_name(urdf):
 
 
 def starts_of_page(page):
-    """Return the starts of a page: its parameter files, and the commands in its blocks."""
+    """Return the starts of a page: its parameter files, and its commands."""
     files = {block.file: block.text for block in blocks(page) if block.file}
-    found = []
+    starts = []
     for block in blocks(page):
         if block.language == 'yaml':
-            found += starts_of_parameters(block.text, f'{page.name}, line {block.line}')
+            starts += starts_of_parameters(block.text, f'{page.name}, line {block.line}')
         if block.language in ('sh', 'console'):
-            found += starts_of_text(block.text, page.name, files)
-    return found
+            starts += starts_of_text(block.text, page.name, files)
+    return starts
 
 
 def starts_of_text(text, where, files=None):
     """Return the starts of the commands in a text."""
-    found = []
+    starts = []
     for line in re.sub(r'\\+\n\s*', ' ', text).splitlines():
         if re.search(r'dynamics_node|plant_node|kane_dynamics\.launch\.py', line):
-            found += starts_of_line(line.strip().removeprefix('$ '), where, files or {})
-    return found
+            starts += starts_of_line(line.strip().removeprefix('$ '), where, files or {})
+    return starts
 
 
 def starts_of_line(line, where, files):
@@ -82,11 +83,13 @@ def starts_of_line(line, where, files):
     executable = next((name for name in names if name in NODES), None)
     if executable is None or '--ros-args' not in words:
         return []
-    parameters, complete = {}, True
+    parameters = {}
+    complete = True
     for flag, value in pairwise(words):
         if flag == '--params-file':
             content, known = of_file(value, files)
-            parameters, complete = parameters | content, complete and known
+            parameters = parameters | content
+            complete = complete and known
         elif flag in ('-p', '--param'):
             name, _, text = value.partition(':=')
             parameters[name] = yaml.safe_load(text)
@@ -95,18 +98,22 @@ def starts_of_line(line, where, files):
 
 def launched(words, where, files):
     """Return the starts of the launch file with some arguments."""
-    given = dict(word.split(':=', 1) for word in words if ':=' in word)
-    shared = {name: given[name] for name in ('urdf', 'arm_compensates') if name in given}
-    found = []
+    arguments = dict(word.split(':=', 1) for word in words if ':=' in word)
+    shared = {}
+    for name in ('urdf', 'arm_compensates'):
+        if name in arguments:
+            shared[name] = arguments[name]
+    starts = []
     for argument, executable in (('config', 'dynamics_node'), ('plant', 'plant_node')):
-        if argument in given or executable == 'dynamics_node':
-            content, known = of_file(given[argument], files) if argument in given else ({}, True)
-            found.append(Start(where, executable, content | shared, known))
-    return found
+        if argument in arguments or executable == 'dynamics_node':
+            content, known = of_file(arguments[argument],
+                                     files) if argument in arguments else ({}, True)
+            starts.append(Start(where, executable, content | shared, known))
+    return starts
 
 
 def of_file(name, files):
-    """Return the parameters of a file and whether it is known: shipped, or on the page."""
+    """Return a file's parameters and whether it is known: shipped, or on the page."""
     base = name.rsplit('/', 1)[-1]
     if base in files:
         return parameters_of(files[base]), True
@@ -126,16 +133,17 @@ def _nodes(text):
     data = yaml.safe_load(text)
     if not isinstance(data, dict):
         return []
-    return [(str(name), dict(flat(content['ros__parameters']))) for name, content in data.items()
-            if isinstance(content, dict) and isinstance(content.get('ros__parameters'), dict)]
+    return [(str(name), dict(flat(content['ros__parameters'])))
+            for name, content in data.items() if isinstance(content, dict)
+            and isinstance(content.get('ros__parameters'), dict)]
 
 
 def starts_of_parameters(text, where):
     """Return the starts of a parameter file: the nodes whose parameters name a URDF."""
-    found = []
+    starts = []
     for name, parameters in _nodes(text):
         plant = name.rsplit('/', 1)[-1] == 'plant' or 'hold_until_command' in parameters
         if 'urdf' in parameters:
             executable = 'plant_node' if plant else 'dynamics_node'
-            found.append(Start(f'{where}, {name}', executable, parameters, True))
-    return found
+            starts.append(Start(f'{where}, {name}', executable, parameters, True))
+    return starts

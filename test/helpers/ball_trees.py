@@ -10,7 +10,8 @@ KINDS = ('free', 'ball', 'revolute', 'prismatic', 'ball', 'revolute')
 
 def angles_of(R):
     """Return roll, pitch and yaw of a rotation."""
-    return np.arctan2(R[2, 1], R[2, 2]), np.arcsin(-R[2, 0]), np.arctan2(R[1, 0], R[0, 0])
+    return np.arctan2(R[2, 1],
+                      R[2, 2]), np.arcsin(-R[2, 0]), np.arctan2(R[1, 0], R[0, 0])
 
 
 def random_ball_tree(seed, kinds=KINDS, gravity=(0.3, -0.2, -9.81)):
@@ -28,22 +29,25 @@ def random_ball_tree(seed, kinds=KINDS, gravity=(0.3, -0.2, -9.81)):
 
 
 def peer_of(model):
-    """Return Pinocchio's model: a ball joint is JointModelSpherical, with the same q and u."""
-    peer, places = pin.Model(), {}
+    """Return Pinocchio's model; a ball joint is JointModelSpherical, same q and u."""
+    peer = pin.Model()
+    places = {}
     peer.gravity.linear[:] = model.gravity
     k = 0
     while k < len(model.bodies):
-        body, joint = model.bodies[k], model.bodies[k].joint
+        body = model.bodies[k]
+        joint = model.bodies[k].joint
         kind = (pin.JointModelSpherical() if k in model.balls else
-                pin.JointModelRevoluteUnaligned(joint.axis) if joint.kind == 'revolute' else
-                pin.JointModelPrismaticUnaligned(joint.axis))
+                pin.JointModelRevoluteUnaligned(joint.axis) if joint.kind == 'revolute'
+                else pin.JointModelPrismaticUnaligned(joint.axis))
         last = k + 2 if k in model.balls else k
         carrier = model.bodies[last]
         place = peer.addJoint(places.get(body.parent, 0), kind,
                               pin.SE3(joint.rotation, joint.translation), carrier.name)
-        own = carrier.inertial
-        peer.appendBodyToJoint(place, pin.Inertia(own.mass, own.com, own.inertia),
-                               pin.SE3.Identity())
+        inertial = carrier.inertial
+        peer.appendBodyToJoint(
+            place, pin.Inertia(inertial.mass, inertial.com, inertial.inertia),
+            pin.SE3.Identity())
         places[last] = place
         k = last + 1
     for frame in model.frames:

@@ -1,4 +1,4 @@
-"""A headless Chromium, driven by its DevTools protocol over the web sockets that viser brings."""
+"""A headless Chromium, driven by its DevTools protocol over viser's web sockets."""
 
 import base64
 from contextlib import contextmanager, ExitStack
@@ -19,7 +19,8 @@ from websockets.sync.client import connect
 CHROMIUM = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser',
                                                 'google-chrome'))), None)
 FLAGS = ('--headless=new', '--no-sandbox', '--disable-dev-shm-usage', '--no-first-run',
-         '--disable-background-networking', '--disable-component-update', '--hide-scrollbars',
+         '--disable-background-networking', '--disable-component-update',
+         '--hide-scrollbars',
          '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
          '--remote-debugging-port=0', '--window-size=1100,650')
 
@@ -28,13 +29,14 @@ FLAGS = ('--headless=new', '--no-sandbox', '--disable-dev-shm-usage', '--no-firs
 def browser(url):
     """Give a page in a browser of its own."""
     with ExitStack() as ending:
-        folder = ending.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
+        folder = ending.enter_context(
+            tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
         process = ending.enter_context(subprocess.Popen(
             [CHROMIUM, *FLAGS, f'--user-data-dir={folder}', 'about:blank'],
             stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True))
         lines = queue.Queue()
-        reader = threading.Thread(target=lambda: [lines.put(line) for line in process.stderr],
-                                  daemon=True)
+        reader = threading.Thread(
+            target=lambda: [lines.put(line) for line in process.stderr], daemon=True)
         reader.start()
         ending.callback(reader.join)
         ending.callback(process.terminate)
@@ -48,8 +50,11 @@ class Page:
     """A page, its errors and what it asked for."""
 
     def __init__(self, socket, url):
-        self._socket, self._count, self._session = socket, 0, None
-        self.errors, self.requests = [], []
+        self._socket = socket
+        self._count = 0
+        self._session = None
+        self.errors = []
+        self.requests = []
         target = self.call('Target.createTarget', url='about:blank')['targetId']
         self._session = self.call('Target.attachToTarget', targetId=target,
                                   flatten=True)['sessionId']
@@ -58,7 +63,7 @@ class Page:
         self.call('Page.navigate', url=url)
 
     def call(self, method, **parameters):
-        """Send a command and return its result; events on the way are kept or dropped."""
+        """Send a command and return its result; events are kept or dropped."""
         self._count += 1
         message = {'id': self._count, 'method': method, 'params': parameters}
         self._socket.send(json.dumps({**message, **(
@@ -90,7 +95,8 @@ class Page:
 
     def picture(self, path=None):
         """Return what the page looks like, (height, width, 3) from 0 to 1."""
-        data = base64.b64decode(self.call('Page.captureScreenshot', format='png')['data'])
+        data = base64.b64decode(
+            self.call('Page.captureScreenshot', format='png')['data'])
         if path:
             Path(path).write_bytes(data)
         return np.asarray(matplotlib.image.imread(io.BytesIO(data)))[..., :3]

@@ -1,4 +1,4 @@
-"""Commands run in the tests' own process, where what a process adds has a test of its own."""
+"""Commands run in the tests' own process; what a process adds is tested apart."""
 
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
@@ -9,7 +9,8 @@ from kane_dynamics.cli import main
 
 def command(*arguments):
     """Run kane-dynamics with these arguments; return what a process would have left."""
-    out, err = StringIO(), StringIO()
+    out = StringIO()
+    err = StringIO()
     with redirect_stdout(out), redirect_stderr(err):
         try:
             code = main(arguments)

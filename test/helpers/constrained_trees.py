@@ -1,10 +1,10 @@
-"""Random trees and closed loops with chosen speeds and a constraint of each kind, for tests."""
+"""Random trees and loops with chosen speeds and a constraint of each kind."""
 
 from functools import cache
 
 from kane_dynamics import ModelBuilder
-from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, knife_edge,
-                                                 PointVelocity, Prescribed, Rolling)
+from kane_dynamics.mechanics.constraints import (
+    Closure, Coupling, DependentSpeeds, knife_edge, PointVelocity, Prescribed, Rolling)
 from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
                                                                     closed_configuration)
 from kane_dynamics.mechanics.constraints.speeds import absolute_rates, momenta, Speeds
@@ -16,7 +16,7 @@ T = 0.7  # s: where rheonomic choices are looked at
 
 
 def wavy(n, seed):
-    """Return smooth speeds of everything, u = Y(q, t) q' + Z(q, t), never singular here."""
+    """Return smooth speeds of everything, u = Y(q, t) q' + Z(q, t), regular here."""
     rng = np.random.default_rng(seed)
     constant, wave = rng.normal(size=(2, n, n)) * 0.2
 
@@ -34,8 +34,9 @@ def tree_constraints(frame, base):
     """Return a constraint of each kind that any tree can meet anywhere."""
     return {
         'a point in the world': PointVelocity(frame, (1, 2, 3)),
-        'a point in time': PointVelocity(frame, (1, 0, 1), value=lambda t: np.sin(2.0 * t)),
-        'a point seen from a body': PointVelocity(frame, (0, 1, 1), axes=base, relative_to=base),
+        'a point in time': PointVelocity(frame, (1, 0, 1),
+                                         value=lambda t: np.sin(2.0 * t)), 'a point '
+        'seen from a body': PointVelocity(frame, (0, 1, 1), axes=base, relative_to=base),
         'an angular velocity': PointVelocity(frame, (0, 0, 1), angular=True, value=0.3),
         'a knife edge': knife_edge(frame, (0, 1, 0)),
         'a coupling': Coupling('joint0', {'joint1': -2.0}, 0.1),
@@ -50,20 +51,22 @@ KINDS = [*tree_constraints('', ''), 'speeds of others']
 def tree(seed, kind, speeds):
     """Return a random tree with a constraint, and two of its frames."""
     model = random_model(seed, 5, branching=0.0, prismatic=0.2)
-    frame, base = model.frames[-1].name, model.frames[1].name
+    frame = model.frames[-1].name
+    base = model.frames[1].name
     chosen = {'rates': None, 'absolute': absolute_rates, 'momenta': momenta,
               'wavy': wavy(5, seed)}[speeds]
     if kind == 'speeds of others':
         names = choose_independent(model, chosen, ()).speed_names
         constraint = DependentSpeeds(names[3:], lambda q, t: np.array(
-            [[np.sin(q[0]), 0.5, t], [0.2, np.cos(q[1]), 1.0]]), lambda q, t: np.array([t, q[2]]))
+            [[np.sin(q[0]), 0.5, t], [0.2, np.cos(q[1]), 1.0]]),
+                                     lambda q, t: np.array([t, q[2]]))
     else:
         constraint = tree_constraints(frame, base)[kind]
     return choose_independent(model, chosen, (constraint,))
 
 
 def linkage_of_four_bars():
-    """Return crank, coupler and rocker of a planar four-bar, its loop cut at the last pin."""
+    """Return crank, coupler and rocker of a planar four-bar, cut at the last pin."""
     b = ModelBuilder('four_bar')
     b.body('crank', 'world', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
     b.body('coupler', 'crank', axis=(0, 1, 0), at=(1, 0, 0),
@@ -78,7 +81,8 @@ def linkage_of_four_bars():
 def rolling_disc():
     """Return a thin disc that is free to move anywhere."""
     b = ModelBuilder('disc')
-    b.body('disc', 'world', 'floating', turns='zxy', inertial=disc(1.0, 0.3, axis=(0, 1, 0)))
+    b.body('disc', 'world', 'floating', turns='zxy',
+           inertial=disc(1.0, 0.3, axis=(0, 1, 0)))
     return b.model()
 
 
@@ -90,7 +94,7 @@ def states(mechanism, seed):
 
 
 def two_bodies_on_a_base():
-    """Return a base that floats, and two bodies on it, each with frames turned and shifted."""
+    """Return a floating base and two bodies on it, with frames turned and shifted."""
     b = ModelBuilder('pair')
     b.body('base', 'world', 'floating', inertial=disc(2.0, 0.3))
     b.body('one', 'base', 'spherical', at=(0.3, 0.1, 0),
@@ -104,8 +108,8 @@ def two_bodies_on_a_base():
     return b.model()
 
 
-CLOSURES = ('weld', 'revolute', 'prismatic', 'cylindrical', 'universal', 'spherical', 'planar',
-            'inline', 'distance')
+CLOSURES = ('weld', 'revolute', 'prismatic', 'cylindrical', 'universal', 'spherical',
+            'planar', 'inline', 'distance')
 AXIS = np.array([0.2, 0.3, 0.9]) / np.sqrt(0.94)
 
 
@@ -114,10 +118,11 @@ def closure(kind, first='end', second='socket'):
     return Closure(first, second, kind, AXIS, length=0.5 if kind == 'distance' else None)
 
 
-ROLLING = {f'{body} {side} {surface}'.replace('  ', ' '): (axis, surface, side == 'inside')
-           for body, axis in (('ball', None), ('wheel', (0.1, 0.2, 0.97)))
-           for surface in ('plane', 'cylinder', 'sphere')
-           for side in (('on',) if surface == 'plane' else ('on', 'inside'))}
+ROLLING = {
+    f'{body} {side} {surface}'.replace('  ', ' '): (axis, surface, side == 'inside')
+    for body, axis in (('ball', None), ('wheel', (0.1, 0.2, 0.97)))
+    for surface in ('plane', 'cylinder', 'sphere')
+    for side in (('on',) if surface == 'plane' else ('on', 'inside'))}
 
 
 def rolling(kind):
@@ -125,11 +130,13 @@ def rolling(kind):
     axis, surface, inside = ROLLING[kind]
     curved = {} if surface == 'plane' else {'surface_radius': 1.2 if inside else 0.8}
     return Rolling('end', 0.4, axis, (0.1, 0.2, 0.9), 0.1 if surface == 'plane' else 0.0,
-                   'roll', 'socket', surface, surface_axis=(0.2, 0.1, 1.0), inside=inside,
+                   'roll', 'socket', surface,
+                   surface_axis=(0.2, 0.1, 1.0), inside=inside,
                    **curved)
 
 
-# A tilted rim touches the inner side of a cylinder at two points: no residual tells it there.
+# A tilted rim touches the inner side of a cylinder at two points: no residual tells it
+# there.
 ROLLING_TESTED = [kind for kind in ROLLING if kind != 'wheel inside cylinder']
 
 

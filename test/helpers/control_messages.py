@@ -63,10 +63,10 @@ SOURCES = {
 
 
 def control_messages():
-    """Build control_msgs; return the environment variables of processes that import it."""
+    """Build control_msgs; return the environment of processes that import it."""
     return package_environment('control_msgs', SOURCES)
 
 
 def imported_control_messages():
-    """Let this process and those that it starts import control_msgs while a block runs."""
+    """Let this process and its children import control_msgs while a block runs."""
     return imported_package('control_msgs', SOURCES)

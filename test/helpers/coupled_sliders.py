@@ -1,9 +1,9 @@
 """
 Sliders with friction on a shaken cart, coupled to each other, and their exact motion.
 
-The rates of the sliders are T u with a constant T, so the mass matrix is constant, and the
-speeds between two transitions are polynomials of the time. Each transition is found by trying
-all signs of motion.
+The rates of the sliders are T u with a constant T, so the mass matrix is constant, and
+the speeds between two transitions are polynomials of the time. Each transition is found
+by trying all signs of motion.
 """
 
 from dataclasses import dataclass
@@ -85,12 +85,12 @@ class Sliders:
         return rows[rank:].T
 
     def acceleration(self, t, signs):
-        """Return u' where sliders move in the directions of `signs`, and others, 0, rest."""
+        """Return u' where sliders move as `signs` says, and others, 0, rest."""
         N = self.admissible(signs == 0.0)
         return N @ np.linalg.solve(N.T @ self.mass() @ N, N.T @ self.force(t, signs))
 
     def excess(self, t, signs):
-        """Return by how much the friction that holds sliders exceeds its bounds, relative."""
+        """Return by how much holding friction exceeds its bounds, relative to them."""
         held = np.flatnonzero(signs == 0.0)
         if not len(held):
             return -1.0
@@ -100,20 +100,23 @@ class Sliders:
     def patterns(self, t, rates):
         """Return the signs of motion just after a time that satisfy the law."""
         moving = np.sign(rates) * (np.abs(rates) > AT_REST)
-        choices = [[s] if s else [0.0, 1.0, -1.0] for s in moving]
+        choices = []
+        for s in moving:
+            choices.append([s] if s else [0.0, 1.0, -1.0])
         solutions = []
         for choice in product(*choices):
             signs = np.array(choice)
             a = self.T @ self.acceleration(t, signs)
             begins = (moving == 0.0) & (signs != 0.0)
-            if (a[begins] * signs[begins] > TINY).all() and self.excess(t, signs) <= TINY:
+            if (a[begins] * signs[begins] > TINY).all() and self.excess(
+                    t, signs) <= TINY:
                 solutions.append(signs)
         # A joint rests where it can: no other solution has fewer joints that move.
         return [signs for signs in solutions
-                if not any(rests_more(other, signs) for other in solutions)]
+                if not any(rests_more(rival, signs) for rival in solutions)]
 
     def signs_after(self, t, u):
-        """Return the signs of motion after a time, if only one solution satisfies the law."""
+        """Return the signs of motion after a time, if one solution satisfies the law."""
         possible = self.patterns(t + LATER, self.T @ u)
         if len(possible) != 1:
             raise Ambiguous(f'{len(possible)} motions at {t} s: {possible}')
@@ -179,8 +182,9 @@ class Phase:
 
 
 def exact_motion(sliders, u, duration):
-    """Return the phases of the motion from q = 0; Ambiguous where the law has several."""
-    t, q = 0.0, np.zeros_like(u)
+    """Return the phases of the motion from q = 0; Ambiguous if there are several."""
+    t = 0.0
+    q = np.zeros_like(u)
     phases = []
     while t < duration:
         signs = sliders.signs_after(t, u)
@@ -190,7 +194,8 @@ def exact_motion(sliders, u, duration):
         phase = Phase(t, u, q, signs, coefficients)
         phases.append(phase)
         length = phase_length(sliders, phase, duration - t)
-        q, u = phase.positions(length), phase.speeds(length)
+        q = phase.positions(length)
+        u = phase.speeds(length)
         t += length
         # Sliders that stopped rest exactly.
         N = sliders.admissible(np.abs(sliders.T @ u) <= AT_REST)
@@ -202,7 +207,8 @@ def phase_length(sliders, phase, left):
     """Return the time from the beginning of a phase to the next transition, s."""
     grid = np.linspace(0.0, left, GRID + 1)[1:]
     length = left
-    # Sliders reverse where their rates along the motion, which first grow from rest, end.
+    # Sliders reverse where their rates along the motion, which first grow from rest,
+    # end.
     for j in np.flatnonzero(phase.signs):
         def ahead(s, j=j):
             return phase.signs[j] * (sliders.T @ phase.speeds(s))[j]

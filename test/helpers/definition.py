@@ -11,9 +11,11 @@ class Definition:
 
     def __init__(self, model, *, friction=True, wrench_frames=()):
         """Take the same arguments as Robot."""
-        self.model, self.n = model, model.n
+        self.model = model
+        self.n = model.n
         self.joint_names = model.joint_names
-        self._friction, self._wrench_frames = friction, wrench_frames
+        self._friction = friction
+        self._wrench_frames = wrench_frames
 
     def _forces(self, wrench):
         named = {} if wrench is None else {
@@ -59,11 +61,13 @@ class Definition:
 
     def frame_velocity(self, frame, q, u):
         """Return (6,)."""
-        return kinematics.frame_motion(self.model, self.model.frame(frame), q, u, 0.0 * u)[0]
+        return kinematics.frame_motion(
+            self.model, self.model.frame(frame), q, u, 0.0 * u)[0]
 
     def frame_acceleration(self, frame, q, u, udot):
         """Return (6,)."""
-        return kinematics.frame_motion(self.model, self.model.frame(frame), q, u, udot)[1]
+        return kinematics.frame_motion(
+            self.model, self.model.frame(frame), q, u, udot)[1]
 
     def jacobian(self, frame, q):
         """Return (6, n)."""
@@ -77,7 +81,8 @@ class Definition:
 
 def relative_error(value, expected):
     """Return the largest difference, relative to the largest entry expected."""
-    value, expected = np.asarray(value), np.asarray(expected)
+    value = np.asarray(value)
+    expected = np.asarray(expected)
     assert value.shape == expected.shape
     scale = np.abs(expected).max(initial=0.0)
     difference = np.abs(value - expected).max(initial=0.0)

@@ -16,13 +16,13 @@ import warnings
 
 from kane_dynamics import (box, CollisionDetector, Controller, Drive, ElasticFeedforward,
                            FlexibleLink, FrictionError, HandGuiding, JointImpedance,
-                           KaneError, LinkDistances, LinkShape,
-                           load_urdf, LoopError, LoopTracker, ModelBuilder, ModelWarning,
-                           MomentumObserver, Motion, PoseFilter, PoseMotion, PosePath, QuasiStatic,
-                           Robot, SmoothMotion, Uncertainty, with_drives)
+                           KaneError, LinkDistances, LinkShape, load_urdf, LoopError,
+                           LoopTracker, ModelBuilder, ModelWarning, MomentumObserver,
+                           Motion, PoseFilter, PoseMotion, PosePath, QuasiStatic, Robot,
+                           SmoothMotion, Uncertainty, with_drives)
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.identification import (DriveRecording, Efforts, PayloadEstimator, Recording,
-                                          rows)
+from kane_dynamics.identification import (DriveRecording, Efforts, PayloadEstimator,
+                                          Recording, rows)
 from kane_dynamics.optimal_control import TrajectoryOptimizer
 from kinds_of_mechanism import case
 import numpy as np
@@ -30,39 +30,47 @@ from public_surface import public_classes, public_functions, public_methods
 
 PATIENCE = 20  # s, for one call
 EXPECTED = re.compile('expected|Use |use ')  # an error says what is valid
-# What users get as results, and what needs a GPU, a browser, a bag or processes of its own.
+# What users get as results, and what needs a GPU, a browser, a bag or processes of its
+# own.
 RESULTS = frozenset((
-    'CartesianMotion', 'FilledTrajectory', 'TorqueBounds', 'Trajectory', 'closed_forms.ClosedForm',
+    'CartesianMotion', 'FilledTrajectory', 'TorqueBounds', 'Trajectory',
+    'closed_forms.ClosedForm',
     'feasibility.Demand', 'feasibility.PayloadBound', 'feasibility.TimeOptimal',
-    'feasibility.TimeScale', 'gpu.DeviceFunction', 'gpu.DeviceRollout', 'identification.BaseFit',
+    'feasibility.TimeScale', 'gpu.DeviceFunction', 'gpu.DeviceRollout',
+    'identification.BaseFit',
     'identification.BaseParameters', 'identification.CollisionCalibration',
-    'identification.Excitation', 'identification.Identification', 'identification.Payload',
+    'identification.Excitation', 'identification.Identification',
+    'identification.Payload',
     'identification.RecordingFault', 'identification.TorqueDelays',
-    'identification.DriveIdentification',
-    'optimal_control.OptimizedMotion', 'sweep.Summary', 'PosePath', 'Uncertainty', 'Model',
-    'identification.WatchReport',
+    'identification.DriveIdentification', 'optimal_control.OptimizedMotion',
+    'sweep.Summary', 'PosePath', 'Uncertainty', 'Model', 'identification.WatchReport',
     'Motion', 'SmoothMotion'))
 ELSEWHERE = frozenset((
     'identification.ModelWatch',  # of a calibrated recording: its own tests
     'gpu.function', 'gpu.rollout', 'view.Window', 'sweep.run_sweep', 'sweep.read_table',
-    'identification.read_drive_recording',
-    'identification.read_recording', 'expand_xacro', 'load_mjcf', 'load_collision_shapes',
+    'identification.read_drive_recording', 'identification.read_recording',
+    'expand_xacro', 'load_mjcf', 'load_collision_shapes',
     'plot.plot_demand', 'plot.plot_energy', 'plot.plot_phase', 'plot.plot_reactions',
-    'plot.plot_sweep', 'plot.plot_timing', 'plot.plot_torque_by_source', 'plot.plot_tracking',
-    'plot.plot_trajectory', 'plot.plot_replay', 'plot.plot_bending', 'plot.plot_vibrations'))
-SLOW = frozenset(('identification.excite', 'identification.identify', 'sweep.Sweep',
-                  'optimal_control.TrajectoryOptimizer', 'closed_forms.closed_form',
-                  'feasibility.time_optimal', 'identification.diagnose', 'cartesian_motion',
-                  'identification.calibrate_collision', 'identification.torque_delays',
-                  'identification.identify_drives'))
+    'plot.plot_sweep', 'plot.plot_timing', 'plot.plot_torque_by_source',
+    'plot.plot_tracking', 'plot.plot_trajectory', 'plot.plot_replay',
+    'plot.plot_bending', 'plot.plot_vibrations'))
+SLOW = frozenset(
+    ('identification.excite', 'identification.identify', 'sweep.Sweep',
+     'optimal_control.TrajectoryOptimizer', 'closed_forms.closed_form',
+     'feasibility.time_optimal', 'identification.diagnose', 'cartesian_motion',
+     'identification.calibrate_collision', 'identification.torque_delays',
+     'identification.identify_drives'))
 # Methods without numbers, of processes and files, or of the tracer (`geometry`).
 LEFT_OUT = frozenset((
     'Robot.casadi', 'Robot.torch', 'Robot.jax', 'Robot.export_c', 'Robot.compile',
-    'Robot.compiled', 'Robot.verify', 'Robot.bind', 'Robot.copy', 'Robot.operation_count',
-    'Robot.equals', 'Robot.neutral', 'Robot.feasible_configuration', 'Robot.constraint_forces',
-    'Robot.constraint_residual', 'Robot.constraint_velocity_residual', 'Robot.generalized_force',
+    'Robot.compiled', 'Robot.verify', 'Robot.bind', 'Robot.copy',
+    'Robot.operation_count', 'Robot.equals', 'Robot.neutral',
+    'Robot.feasible_configuration', 'Robot.constraint_forces',
+    'Robot.constraint_residual', 'Robot.constraint_velocity_residual',
+    'Robot.generalized_force',
     'Robot.with_payload', 'Robot.derivative', 'Robot.jvp', 'Robot.vjp',
-    'Robot.operational_space_inertia', 'Robot.operational_space_bias', 'Robot.torque_bounds',
+    'Robot.operational_space_inertia', 'Robot.operational_space_bias',
+    'Robot.torque_bounds',
     # Called by loops that have checked their arrays.
     'Controller.torque', 'Controller.gravity_torque', 'Controller.motion_torque',
     'Controller.stopping_motion',
@@ -72,13 +80,13 @@ LEFT_OUT = frozenset((
     'Motion.velocities_inside', 'CollisionDetector.update', 'MomentumObserver.hold',
     'QuasiStatic.require_drives', 'QuasiStatic.require_rigid_model', 'Model.path',
     'LinkDistances.nearest', 'Model.prefixed', 'Model.renamed',
-    'identification.Recording.rows', 'identification.Efforts.compile', 'PosePath.section_limits'))
-# Whose numbers are checked where a model or a problem is made of them; `identify` returns NaN
-# for what a recording does not determine.
-UNCHECKED = frozenset((
-    'identification.identify', 'identification.identify_drives',
-    'Bending', 'Body', 'FlexibleLink', 'Frame', 'Joint', 'Limits', 'LinkShape', 'Torsion',
-    'optimal_control.CostWeights'))
+    'identification.Recording.rows', 'identification.Efforts.compile',
+    'PosePath.section_limits'))
+# Whose numbers are checked where a model or a problem is made of them; `identify`
+# returns NaN for what a recording does not determine.
+UNCHECKED = frozenset(('identification.identify', 'identification.identify_drives',
+                       'Bending', 'Body', 'FlexibleLink', 'Frame', 'Joint', 'Limits',
+                       'LinkShape', 'Torsion', 'optimal_control.CostWeights'))
 
 
 @cache
@@ -114,7 +122,8 @@ def loop():
 def beam():
     """Return an arm with a beam."""
     b = ModelBuilder('beam')
-    b.beam('arm', 'world', FlexibleLink(1.0, 2.0, 80.0, (1, 0), up=(0, 0, 1), damping=0.02),
+    b.beam('arm', 'world',
+           FlexibleLink(1.0, 2.0, 80.0, (1, 0), up=(0, 0, 1), damping=0.02),
            axis=(0, -1, 0))
     return b.model()
 
@@ -155,21 +164,23 @@ def drive_recording():
 
 def pose(angle=0.3):
     """Return a pose."""
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     return np.array([[c, -s, 0, 0.3], [s, c, 0, 0.2], [0, 0, 1, 0.1], [0, 0, 0, 1.0]])
 
 
 @cache
 def path():
     """Return a path of positions."""
-    return PosePath.through([[0.3, 0.0, 0.1], [0.4, 0.2, 0.1], [0.3, 0.3, 0.2]], blend=0.01)
+    return PosePath.through([[0.3, 0.0, 0.1], [0.4, 0.2, 0.1], [0.3, 0.3, 0.2]],
+                            blend=0.01)
 
 
 Q, U, UDOT, TAU = np.array([[0.3, -0.4], [0.5, 0.2], [1.0, -0.7], [2.0, 1.0]])
 
 
 def standard():
-    """Return valid values of arguments by their names, for calls that state no others."""
+    """Return valid values of arguments by name, for calls that state no others."""
     return {
         'robot': arm(), 'model': arm().model, 'other': arm().model, 'motion': motion(),
         'recording': recording(), 'frame': 'tip', 'joint': 'joint1', 'name': 'new',
@@ -178,20 +189,23 @@ def standard():
         'quaternion': (0.0, 0.0, 0.6, 0.8), 'inertial': box(1.0, (0.1, 0.1, 0.1)),
         'q': Q, 'u': U, 'udot': UDOT, 'tau': TAU, 'q0': Q, 'u0': U, 'duration': 0.02,
         'joint_names': arm().joint_names, 'kp': 20.0, 'kd': 3.0, 'gain': 20.0,
-        'pose': pose(), 'actual': pose(), 'desired': pose(0.4), 'rotation': pose()[:3, :3],
+        'pose': pose(), 'actual': pose(), 'desired': pose(0.4),
+        'rotation': pose()[:3, :3],
         'vector': (0.1, 0.2, 0.3), 'twist': (0.1, 0.2, 0.3, 0.4, 0.5, 0.6),
         'position': (0.1, 0.2, 0.3), 'target': (0.5, 0.3, 0.0), 't': 0.1,
         'stiffness': 80.0, 'length': 1.0, 'density': 2.0, 'inertia': 0.02,
         'threshold': 3.0, 'times': [0.0, 0.5, 1.0], 'measured': ('crank',),
         'path': [[0.0, 0.1], [0.4, -0.3], [0.1, 0.2]], 'torque': (1.0, 2.0),
-        'positions': [[0.0, 0.1], [0.4, -0.3], [0.1, 0.2]], 'first': 'tip', 'second': 'base',
+        'positions': [[0.0, 0.1], [0.4, -0.3], [0.1, 0.2]], 'first': 'tip',
+        'second': 'base',
         'on': 'tip', 'source': resource_path('urdf', 'two_link.urdf'), 'damping': 0.5,
         'dt': 0.1, 'q1': Q + 0.1, 'wrench': np.array([[1.0, 2.0, 3.0, 0.1, 0.2, 0.3]]),
         'frames': ('tip',), 'external': (0.1, 0.2), 'moment': 0.1, 'effort': TAU,
         'rates': (0.5,), 'speed': 1.2, 'goal': pose(0.5), 'elapsed': 0.01, 's': 0.1,
         'cutoff': 5.0, 'q_d': Q + 0.1, 'translation': (0.1, 0.2, 0.3), 'prefix': 'left_',
-        'new_name': str.upper, 'parameters': box(1.0, (0.1, 0.2, 0.3)).parameters, 'parent': -1,
-        'pseudo': np.diag([0.1, 0.2, 0.3, 1.0]), 'confirm': 0.01, 'release': 0.8, 'clear': 0.2,
+        'new_name': str.upper, 'parameters': box(1.0, (0.1, 0.2, 0.3)).parameters,
+        'parent': -1, 'pseudo': np.diag([0.1, 0.2, 0.3, 1.0]), 'confirm': 0.01,
+        'release': 0.8, 'clear': 0.2,
         'max_gap': 0.1, 'chosen': slice(0, 3), 'linear': (1.0, 2.0, 20.0),
         'data': rows(arm().model, recording()), 'lowest': np.zeros(4)}
 
@@ -203,16 +217,19 @@ def smooth_motion():
 
 
 def stated():
-    """Return valid arguments by the name of the call, where the standard ones do not do."""
-    robot, model = arm(), arm().model
+    """Return valid arguments by the call's name, where the standard ones fail."""
+    robot = arm()
+    model = arm().model
     data = recording()
     return {
-        'rod': {'start': (0, 0, 0), 'end': (0.3, 0.1, 0)}, 'box': {'at': (0.1, 0.2, 0.3)},
+        'rod': {'start': (0, 0, 0), 'end': (0.3, 0.1, 0)},
+        'box': {'at': (0.1, 0.2, 0.3)},
         'frame_wrench': {'partial_velocities': robot.jacobian('tip', Q)},
         'with_beam': {'model': model, 'link': 'link1', 'beam': FlexibleLink(
             0.5, 2.0, 80.0, (1, 0), up=(0, 0, 1))},
         'with_drives': {'drives': {'joint1': Drive(100.0, rotor_inertia=0.1)}},
-        'StiffnessCurve': {'deflection': (0.01, 0.03), 'torque': (1.0, 5.0), 'rounding': 1e-3},
+        'StiffnessCurve': {'deflection': (0.01, 0.03), 'torque': (1.0, 5.0),
+                           'rounding': 1e-3},
         'Drive': {'stiffness': 100.0, 'friction': {'damping': 0.1}, 'motor': ''},
         'Drive.from_motor_side': {'stiffness': 100.0, 'friction': {'damping': 0.1}},
         'ElasticFeedforward': {'robot': elastic()}, 'SmoothMotion': {
@@ -223,24 +240,27 @@ def stated():
         'MotorTracking': {'feedforward': ElasticFeedforward(elastic()),
                           'motion': smooth_motion()},
         'with_rigid_joints': {'model': elastic().model},
-        'with_locked': {'positions': {'joint1': 0.3}}, 'with_names': {'names': {'link1': 'a'}},
-        'with_model': {'prefix': 'left_'},
+        'with_locked': {'positions': {'joint1': 0.3}},
+        'with_names': {'names': {'link1': 'a'}}, 'with_model': {'prefix': 'left_'},
         'load_constraints': {'source': {'constraints': {'pin': {
             'closure': {'first': 'a', 'second': 'b', 'axis': [0, 0, 1]}}}}},
         'fill_trajectory': {'times': [0.0, 0.5, 1.0], 'tolerance': 0.5, 'rest': None},
         'identification.base_parameters': {'speeds': np.full(2, 0.05), 'states': 40},
-        'identification.base_speeds': {}, 'identification.fit_base': {'speeds': np.full(2, 0.05)},
+        'identification.base_speeds': {},
+        'identification.fit_base': {'speeds': np.full(2, 0.05)},
         'identification.friction_speeds': {}, 'plot.check_path': {'path': 'a.png'},
-        'Bending': {'tip_mass': 0.3}, 'Body': {'joint': arm().model.bodies[0].joint}, 'Joint': {
-            'name': 'a', 'kind': 'revolute', 'axis': (0, 0, 1.0)},
+        'Bending': {'tip_mass': 0.3}, 'Body': {'joint': arm().model.bodies[0].joint},
+        'Joint': {'name': 'a', 'kind': 'revolute', 'axis': (0, 0, 1.0)},
         'Frame': {'body': 0, 'name': 'f'}, 'Closure': {'first': 'tip', 'second': 'base'},
         'Coupling': {'ratios': {'joint2': 2.0}},
-        'DependentSpeeds': {'dependent': ['joint2'], 'A': lambda q, t: np.array([[2.0]])},
+        'DependentSpeeds': {'dependent': ['joint2'],
+                            'A': lambda q, t: np.array([[2.0]])},
         'Prescribed': {'position': lambda t: 0.1 * t}, 'PointVelocity': {},
         'Speeds': {'Y': lambda q, t: np.eye(2), 'Z': None, 'names': None},
         'Terms': {}, 'Torsion': {'stiffness': 30.0}, 'Limits': {
             'lower': -1.0, 'upper': 1.0, 'velocity': 2.0, 'effort': 3.0},
-        'LinkDistances': {'shapes': [LinkShape('link1', 'box', (0.1, 0.1, 0.1), np.eye(4))]},
+        'LinkDistances': {'shapes': [LinkShape('link1', 'box', (0.1, 0.1, 0.1),
+                                               np.eye(4))]},
         'LinkShape': {'link': 'link1', 'kind': 'box'},
         'LoopTracker': {'robot': loop()}, 'Motion': {
             'times': motion().times, 'positions': motion().positions,
@@ -248,17 +268,18 @@ def stated():
         'JointImpedance': {'damping': 4.0, 'followed': None},
         'CartesianImpedance': {'stiffness': [100.0] * 6, 'damping': None},
         'HybridForce': {'force_directions': ('x',), 'stiffness': [100.0] * 6},
-        'cartesian_motion': {'robot': robot, 'path': path(), 'duration': 2.0, 'q': (0.3, 1.0)},
-        'PoseFilter': {'linear_speed': 1.0, 'angular_speed': 1.0, 'linear_acceleration': 2.0,
-                       'angular_acceleration': 2.0},
+        'cartesian_motion': {'robot': robot, 'path': path(), 'duration': 2.0,
+                             'q': (0.3, 1.0)},
+        'PoseFilter': {'linear_speed': 1.0, 'angular_speed': 1.0,
+                       'linear_acceleration': 2.0, 'angular_acceleration': 2.0},
         'PoseLimits': {'linear': (1.0, 2.0, 20.0)}, 'PoseMotion': {
-            'path': path(), 'duration': 2.0},
-        'Robot': {'wrench_frames': ['tip']},
+            'path': path(), 'duration': 2.0}, 'Robot': {'wrench_frames': ['tip']},
         'Inertial': {'com': (0.1, 0, 0), 'inertia': np.diag([0.1, 0.1, 0.1])},
         'FlexibleLink': {'up': (0, 0, 1), 'modes': (1, 0), 'stiffness': 80.0},
         'FrictionError': {'coulomb': 0.1},
         'identification.identify_payload': {'recording': loaded_recording()},
-        'identification.Efforts': {}, 'identification.PayloadEstimator': {'sigma': (0.1, 0.2)},
+        'identification.Efforts': {},
+        'identification.PayloadEstimator': {'sigma': (0.1, 0.2)},
         'identification.Recording': {name: getattr(data, name)
                                      for name in ('t', 'q', 'u', 'udot', 'tau')},
         'identification.DriveRecording': {name: getattr(drive_recording(), name)
@@ -282,10 +303,13 @@ def stated():
         'LoopTracker.update': {'measured': (0.8,)}, 'Controller.command': {'u': U},
         'ComputedTorque': {'motion': motion()}, 'Model.frame': {'name': 'tip'},
         'PosePath.through': {'poses': [[0.3, 0, 0], [0.4, 0.1, 0.2]]},
-        'PosePath.arc': {'start': (0.3, 0, 0), 'via': (0.4, 0.1, 0), 'end': (0.3, 0.2, 0)},
-        'PosePath.circle': {'start': (0.3, 0, 0), 'center': (0.2, 0, 0), 'axis': (0, 0, 1.0)},
+        'PosePath.arc': {'start': (0.3, 0, 0), 'via': (0.4, 0.1, 0),
+                         'end': (0.3, 0.2, 0)},
+        'PosePath.circle': {'start': (0.3, 0, 0), 'center': (0.2, 0, 0),
+                            'axis': (0, 0, 1.0)},
         'PosePath.joined': {'paths': [path()]}, 'Recording.rows': {},
-        'QuasiStatic.configuration': {'q': (0.2,)}, 'QuasiStatic.gravity_force': {'q': (0.2,)},
+        'QuasiStatic.configuration': {'q': (0.2,)},
+        'QuasiStatic.gravity_force': {'q': (0.2,)},
         'QuasiStatic.feedforward_change': {'q': (0.2,), 'u': (0.1,), 'udot': (0.3,)},
         'QuasiStatic.inverse_dynamics': {'q': (0.2,), 'u': (0.1,), 'udot': (0.3,)},
         'QuasiStatic.modes': {'q': (0.2,), 'u': (0.1,), 'udot': (0.3,)},
@@ -305,7 +329,8 @@ def objects():
     observer = MomentumObserver(robot, gain=20.0)
     return {
         'Robot': robot, 'Motion': motion(), 'Inertial': box(1.0, (0.1, 0.2, 0.3)),
-        'Model': robot.model, 'CollisionDetector': CollisionDetector(robot.joint_names, 3.0),
+        'Model': robot.model,
+        'CollisionDetector': CollisionDetector(robot.joint_names, 3.0),
         'Controller': Controller(robot, kp=20.0, kd=3.0),
         'FrictionError': FrictionError(robot.joint_names, coulomb=0.1),
         'MomentumObserver': observer, 'HandGuiding': HandGuiding(robot),
@@ -315,9 +340,9 @@ def objects():
             LinkShape('link2', 'box', (0.1, 0.1, 0.1), np.eye(4))], ignored=[]),
         'LoopTracker': LoopTracker(loop(), ('crank',)), 'PoseMotion': PoseMotion(
             path(), duration=2.0),
-        'PoseFilter': PoseFilter(linear_speed=1.0, angular_speed=1.0, linear_acceleration=2.0,
-                                 angular_acceleration=2.0), 'PosePath': path(),
-        'identification.Efforts': Efforts('joint_torque'),
+        'PoseFilter': PoseFilter(linear_speed=1.0, angular_speed=1.0,
+                                 linear_acceleration=2.0, angular_acceleration=2.0),
+        'PosePath': path(), 'identification.Efforts': Efforts('joint_torque'),
         'identification.Recording': recording(),
         'identification.DriveRecording': drive_recording(),
         'identification.PayloadEstimator': PayloadEstimator(robot, 'tip', (0.1, 0.2)),
@@ -335,7 +360,8 @@ class Call:
 
     def __call__(self, **changes):
         """Call the function with some arguments replaced."""
-        positional, named = [], {}
+        positional = []
+        named = {}
         for parameter in self.signature:
             if parameter.name not in self.arguments | changes:
                 continue
@@ -351,10 +377,13 @@ class Call:
 
 def valid_calls():
     """Return public calls with valid arguments, and the names of those without any."""
-    calls, unknown = [], []
-    named, common = stated(), standard()
+    calls = []
+    unknown = []
+    named = stated()
+    common = standard()
     targets = [(name, call, inspect.signature(call)) for name, call in (
-        public_functions() | public_classes()).items() if name not in RESULTS | ELSEWHERE]
+        public_functions() | public_classes()).items()
+               if name not in RESULTS | ELSEWHERE]
     for owner, value in objects().items():
         for method in public_methods(type(value)):
             name = f'{owner}.{method}'
@@ -381,7 +410,8 @@ def valid_calls():
             elif _is_number(parameter.default) or _is_row(parameter.default):
                 arguments[parameter.name] = parameter.default
         else:
-            calls.append(Call(name, function, list(signature.parameters.values()), arguments))
+            calls.append(
+                Call(name, function, list(signature.parameters.values()), arguments))
     return calls, unknown
 
 
@@ -423,7 +453,8 @@ def same(value):
     spread[..., ::2] = array
     frozen = array.copy()
     frozen.flags.writeable = False
-    return {'list': array.tolist(), 'array': array, 'Fortran order': np.asfortranarray(array),
+    return {'list': array.tolist(), 'array': array,
+            'Fortran order': np.asfortranarray(array),
             'not contiguous': spread[..., ::2], 'read-only': frozen,
             'reversed twice': array[..., ::-1].copy()[..., ::-1]}
 
@@ -433,7 +464,8 @@ def other(value):
     if isinstance(value, bool):
         return {'None': None, '2': 2, 'text': 'yes'}
     if _is_number(value):
-        return {'zero': 0.0, 'negative': -1.0, 'tiny': 1e-300, 'huge': 1e300, '1e18': 1e18,
+        return {'zero': 0.0, 'negative': -1.0, 'tiny': 1e-300, 'huge': 1e300,
+                '1e18': 1e18,
                 'NaN': np.nan, 'infinite': np.inf, 'text': 'a', 'complex': 1j,
                 'list': [value, value], 'empty': [], 'mapping': {}}
     if _is_row(value):
@@ -445,20 +477,24 @@ def other(value):
                 'infinite': np.full_like(array, np.inf), 'empty': [], 'one': single,
                 'longer': np.concatenate([array, single], axis=-1),
                 'no rows': np.zeros((0, *array.shape)), 'one row': array[None],
-                'two axes more': array[None, None], 'integers': np.ones_like(array, dtype=int),
+                'two axes more': array[None, None],
+                'integers': np.ones_like(array, dtype=int),
                 'float32': array.astype(np.float32), 'complex': array + 1j,
                 'objects': array.astype(object), 'ragged': [[1.0], [1.0, 2.0]],
                 'text': 'abc', 'texts': ['a'] * len(array), 'truth values': array > 0.0,
                 'number': 1.0, 'mapping': {}, 'a function': len}
     if isinstance(value, str):
-        return {'empty': '', 'unknown': 'nonsense', 'number': 3, 'bytes': b'a', 'list': ['a']}
+        return {'empty': '', 'unknown': 'nonsense', 'number': 3, 'bytes': b'a',
+                'list': ['a']}
     if isinstance(value, (tuple, list)):
         return {'empty': [], 'twice': [*value, *value], 'numbers': [1, 2], 'text': 'abc',
                 'None': None, 'unknown': ['nonsense'], 'number': 3}
     if callable(value) and not isinstance(value, type):
         return {'number': 3, 'text': 'a', 'no arguments': lambda: 0.0,
-                'NaN': lambda *_: np.nan, 'None': lambda *_: None, 'text of it': lambda *_: 'a'}
-    return {'None': None, 'number': 3, 'text': 'abc', 'array': np.zeros(3), 'class': type(value)}
+                'NaN': lambda *_: np.nan, 'None': lambda *_: None,
+                'text of it': lambda *_: 'a'}
+    return {'None': None, 'number': 3, 'text': 'abc', 'array': np.zeros(3),
+            'class': type(value)}
 
 
 @contextmanager
@@ -466,13 +502,13 @@ def patience():
     """Raise TimeoutError in a block that takes longer than `PATIENCE`."""
     def late(*_):
         raise TimeoutError(f'longer than {PATIENCE} s')
-    before = signal.signal(signal.SIGALRM, late)
+    former_handler = signal.signal(signal.SIGALRM, late)
     signal.alarm(PATIENCE)
     try:
         yield
     finally:
         signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGALRM, former_handler)
 
 
 def attempted(call, **changes):
@@ -501,7 +537,7 @@ def numbers_in(value, depth=3):
 
 
 def fault(call, **changes):
-    """Return what is wrong with a call; empty if it gives numbers or an error that explains."""
+    """Return what is wrong with a call; '' if it gives numbers or a clear error."""
     try:
         result = attempted(call, **changes)
     except Exception as error:
@@ -509,7 +545,8 @@ def fault(call, **changes):
     if isinstance(result, LoopError):  # of a valid state that the loop does not reach
         return ''
     if isinstance(result, KaneError):
-        return '' if EXPECTED.search(str(result)) else f'unexplained: {str(result)[:150]}'
+        return '' if EXPECTED.search(
+            str(result)) else f'unexplained: {str(result)[:150]}'
     if call.name not in UNCHECKED and any(
             np.isnan(array).any() for array in numbers_in(result)):
         return 'NaN in the result'
@@ -518,8 +555,10 @@ def fault(call, **changes):
 
 def differs(result, expected):
     """Return whether two results have different numbers."""
-    first, second = list(numbers_in(result)), list(numbers_in(expected))
+    first = list(numbers_in(result))
+    second = list(numbers_in(expected))
     if type(result) is not type(expected) or len(first) != len(second):
         return True
-    return any(x.shape != y.shape or not np.allclose(x, y, rtol=1e-12, atol=1e-14, equal_nan=True)
+    return any(x.shape != y.shape
+               or not np.allclose(x, y, rtol=1e-12, atol=1e-14, equal_nan=True)
                for x, y in zip(first, second))

@@ -39,7 +39,8 @@ class DelayedNode(node.DynamicsNode):
         kind, seconds = message.data.split()
         self.get_logger().info(f'delayed: {kind}')
         if kind == 'lock':
-            threading.Thread(target=hold_the_lock, args=(float(seconds),), daemon=True).start()
+            threading.Thread(
+                target=hold_the_lock, args=(float(seconds),), daemon=True).start()
         elif kind == 'collect':
             threading.Thread(target=collect, daemon=True).start()
         elif kind == 'callback':

@@ -7,7 +7,7 @@ NODES = 20
 
 
 def time_derivatives(function, order, window=0.02):
-    """Return value and derivatives at t = 0 of an analytic function of time, to 1e-10."""
+    """Return value and derivatives at t = 0 of an analytic function, to 1e-10."""
     x = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
     values = np.array([np.ravel(function(t)) for t in window * x])
     coefficients = chebyshev.chebfit(x, values, NODES - 1)
@@ -19,7 +19,7 @@ def time_derivatives(function, order, window=0.02):
 
 
 def taylor_motion(q, *rates):
-    """Return a function of time: q, u and udot of the polynomial with these derivatives."""
+    """Return a function of time: q, u, udot of the polynomial with these derivatives."""
     derivatives = [q, *rates]
 
     def at(t):

@@ -1,11 +1,11 @@
 """
 The blocks of README and docs, and how they are run.
 
-A page is worked through as a reader would, in one folder: `python` blocks share their names,
-`console` blocks run in bash where a line begins with `$ `, and a block whose first line is a
-comment with nothing but a file's name is that file. What a console block shows below a command, or
-a `text` block below a python block, is what must come out; `...` stands for anything. `sh` blocks
-are not run and say why, in a comment above them.
+A page is worked through as a reader would, in one folder: `python` blocks share their
+names, `console` blocks run in bash where a line begins with `$ `, and a block whose
+first line is a comment with nothing but a file's name is that file. What a console block
+shows below a command, or a `text` block below a python block, is what must come out;
+`...` stands for anything. `sh` blocks are not run and say why, in a comment above them.
 """
 
 from contextlib import redirect_stdout, suppress
@@ -24,7 +24,8 @@ from kane_dynamics.errors import ModelWarning
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md'))]
 FENCE = re.compile(r'(?:<!-- not run: (?P<reason>.*?) -->\n+)?'
-                   r'^```(?P<language>\S*)[^\n]*\n(?P<text>.*?)^```$', re.DOTALL | re.MULTILINE)
+                   r'^```(?P<language>\S*)[^\n]*\n(?P<text>.*?)^```$',
+                   re.DOTALL | re.MULTILINE)
 FILE = re.compile(r'(?:#|<!--|//) ([\w.-]+\.\w+)(?: -->)?\n')
 PROMPT = '$ '
 MARK = '@@ command '
@@ -49,8 +50,8 @@ class Block:
 def blocks(page):
     """Return the blocks of a page, but those that are directives of the site."""
     text = page.read_text(encoding='utf-8')
-    return [Block(match['language'], match['text'], text.count('\n', 0, match.start('text')),
-                  match['reason'] or '')
+    return [Block(match['language'], match['text'],
+                  text.count('\n', 0, match.start('text')), match['reason'] or '')
             for match in FENCE.finditer(text) if not match['language'].startswith('{')]
 
 
@@ -60,7 +61,7 @@ def path_in_checkout(page):
 
 
 def starts_nodes(page):
-    """Tell whether a page's commands start nodes, which take the processors for themselves."""
+    """Return whether a page's commands start nodes, which take the processors."""
     return any(block.language == 'console' and '_node --ros-args' in block.text
                for block in blocks(page))
 
@@ -68,8 +69,9 @@ def starts_nodes(page):
 def work_through(page, folder):
     """Run a page's blocks in a folder, and compare what they show."""
     install(folder)
-    names, printed = {'__name__': page.name}, None
-    before = os.getcwd()
+    names = {'__name__': page.name}
+    printed = None
+    former_folder = os.getcwd()
     os.chdir(folder)
     try:
         for block in blocks(page):
@@ -81,7 +83,8 @@ def work_through(page, folder):
                 printed = io.StringIO()
                 code = compile('\n' * block.line + block.text, str(page), 'exec')
                 with redirect_stdout(printed), warnings.catch_warnings():
-                    warnings.simplefilter('ignore', ModelWarning)  # a reader sees them and goes on
+                    # A reader sees them and goes on.
+                    warnings.simplefilter('ignore', ModelWarning)
                     exec(code, names)
                 continue
             elif block.language == 'console':
@@ -90,11 +93,11 @@ def work_through(page, folder):
                 compare(block.text, printed.getvalue(), 'the python block above')
             printed = None
     finally:
-        os.chdir(before)
+        os.chdir(former_folder)
 
 
 def install(folder):
-    """Lay out what a reader has: the checkout's folders, and an environment with its commands."""
+    """Lay out what a reader has: the checkout's folders, and a set of commands."""
     for name in ('urdf', 'config', 'examples'):
         (folder / name).symlink_to(ROOT / name)
     binary = folder / '.venv' / 'bin'
@@ -102,7 +105,8 @@ def install(folder):
     (folder / '.venv' / 'lib').symlink_to(Path(sys.prefix) / 'lib')
     setup = (ROOT / 'setup.py').read_text(encoding='utf-8')
     for name, module in re.findall(r"'([\w-]+) = ([\w.]+):main'", setup):
-        write_program(binary / name, f'-c "from {module} import main; raise SystemExit(main())"')
+        write_program(binary / name,
+                      f'-c "from {module} import main; raise SystemExit(main())"')
     write_program(binary / 'python', '')
 
 
@@ -115,8 +119,9 @@ def write_program(path, arguments):
 def run_console(text, folder):
     """Run the commands of a block in one shell, and compare what it shows below each."""
     text = text.replace('\\\n', '')  # commands of several lines
-    commands = [(part.splitlines() + [''])[:1] + [part.partition('\n')[2]]
-                for part in re.split(rf'^{re.escape(PROMPT)}', text, flags=re.MULTILINE)[1:]]
+    commands = []
+    for part in re.split(rf'^{re.escape(PROMPT)}', text, flags=re.MULTILINE)[1:]:
+        commands.append((part.splitlines() + [''])[:1] + [part.partition('\n')[2]])
     assert commands, f'no line begins with {PROMPT!r}:\n{text}'
     script = ''.join(f'echo "{MARK}"\n{command}\n' for command, _ in commands)
     path = os.pathsep.join([str(folder / '.venv' / 'bin'), os.environ['PATH']])
@@ -125,7 +130,8 @@ def run_console(text, folder):
     with subprocess.Popen(
             ['bash', '-euo', 'pipefail', '-c', script], cwd=folder, text=True,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
-            env={**os.environ, 'PATH': path, 'PYTHONUNBUFFERED': '1', 'ROS_DOMAIN_ID': str(domain),
+            env={**os.environ, 'PATH': path, 'PYTHONUNBUFFERED': '1',
+                 'ROS_DOMAIN_ID': str(domain),
                  'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
                  'AMENT_PREFIX_PATH': os.environ.get('AMENT_PREFIX_PATH', sys.prefix),
                  'PYTHONPATH': os.pathsep.join(

@@ -1,4 +1,4 @@
-"""The palletizer on the simulated robot: a node moves it with only its driven joints measured."""
+"""The palletizer on the simulated robot: only its driven joints are measured."""
 
 import time
 
@@ -16,7 +16,7 @@ PATIENCE = 120.0  # s, for models that compile first
 
 def tracking_errors(client, start, files, ready, end, gains, **plant_options):
     """
-    Return |q - desired q| of the driven joints at each state of a motion from START to `end`.
+    Return |q - desired q| of the driven joints at each state, from START to `end`.
 
     `ready` is what the plant logs when it runs, `gains` are kp and kd of the node.
     """
@@ -31,8 +31,8 @@ def tracking_errors(client, start, files, ready, end, gains, **plant_options):
     kp, kd = gains
     try:
         plant.wait_for(ready, PATIENCE)
-        node = start(real_states=True, mode='computed_torque', gains__kp=kp, gains__kd=kd,
-                     state_timeout=1.0, **files)
+        node = start(real_states=True, mode='computed_torque', gains__kp=kp,
+                     gains__kd=kd, state_timeout=1.0, **files)
         node.wait_for('active, mode', PATIENCE)
         # The arm follows in real time, also beside other work.
         for process, priority in ((plant, 25), (node, 18)):
@@ -46,7 +46,9 @@ def tracking_errors(client, start, files, ready, end, gains, **plant_options):
         client.joints = DRIVEN
         client.follow([(0.0, START), (DURATION, end)], start=began, velocities=REST)
         assert wait_until(lambda: states[-1][0] > began + DURATION * 1e9, 20.0)
-        assert plant.alive() and 'stopped until' not in plant.log and 'rejected' not in node.log
+        assert plant.alive()
+        assert 'stopped until' not in plant.log
+        assert 'rejected' not in node.log
     finally:
         client.destroy_subscription(listening)
         plant.end()

@@ -1,14 +1,15 @@
 """
 An effort loop that does what joint_trajectory_controller's documentation says.
 
-Interpolation: docs.ros.org/en/jazzy/p/joint_trajectory_controller/doc/trajectory.html. Positions
-alone are interpolated linearly, with velocities by cubics, with accelerations too by quintics, and
-efforts linearly. If the first point is later than now, a first segment leads to it from the
-measured state. After the last point it is held. Control law (doc/userdoc.html, "effort" without
-"position"): PID on the errors of position and velocity, plus the trajectory's effort.
+Interpolation: docs.ros.org/en/jazzy/p/joint_trajectory_controller/doc/trajectory.html.
+Positions alone are interpolated linearly, with velocities by cubics, with accelerations
+too by quintics, and efforts linearly. If the first point is later than now, a first
+segment leads to it from the measured state. After the last point it is held. Control law
+(doc/userdoc.html, "effort" without "position"): PID on the errors of position and
+velocity, plus the trajectory's effort.
 
-Run as a program, it drives the topics of a robot; scipy interpolates, so that it shares nothing
-with the code that it tests.
+Run as a program, it drives the topics of a robot; scipy interpolates, so that it shares
+nothing with the code that it tests.
 """
 
 from dataclasses import dataclass
@@ -52,15 +53,19 @@ class Spline:
 
 class EffortLoop:
     """
-    The controller with command interface `effort` and state interfaces `position`, `velocity`.
+    The controller with command interface `effort`, states `position` and `velocity`.
 
-    `ahead` is the time by which the effort is sampled after the state, s: the period in versions
-    from 4.17 on ("Sample at t + dT instead of the beginning of the control cycle"), else 0.
+    `ahead` is the time by which the effort is sampled after the state, s: the period in
+    versions from 4.17 on ("Sample at t + dT instead of the beginning of the control
+    cycle"), else 0.
     """
 
     def __init__(self, gains, ahead=0.0):
-        self.gains, self._ahead = gains, ahead
-        self._spline, self._sum, self._start = None, 0.0, 0.0
+        self.gains = gains
+        self._ahead = ahead
+        self._spline = None
+        self._sum = 0.0
+        self._start = 0.0
 
     @property
     def end(self):
@@ -69,13 +74,18 @@ class EffortLoop:
 
     def accept(self, start, q, t, points, u=None, udot=None, effort=None):
         """Execute a trajectory from `start`, s; q is the measured position."""
-        if t[0] > 0.0:  # from the measured state, at rest; the first segment has no effort
+        # From the measured state, at rest; the first segment has no effort.
+        if t[0] > 0.0:
             def with_first(field, first):
                 return None if field is None else np.vstack([first, field])
-            rest = np.zeros_like(q)
-            t, points = np.concatenate([[0.0], t]), np.vstack([q, points])
-            u, udot, effort = (with_first(field, rest) for field in (u, udot, effort))
-        self._spline, self._start = Spline(t, points, u, udot, effort), start
+            at_rest = np.zeros_like(q)
+            t = np.concatenate([[0.0], t])
+            points = np.vstack([q, points])
+            u = with_first(u, at_rest)
+            udot = with_first(udot, at_rest)
+            effort = with_first(effort, at_rest)
+        self._spline = Spline(t, points, u, udot, effort)
+        self._start = start
 
     def desired(self, now):
         """Return the desired position."""
@@ -97,8 +107,8 @@ def drive(joints, gains, hold):
     """
     Execute the trajectories on /jtc/joint_trajectory at the rate of the joint states.
 
-    Each starts at the next joint state. `hold` s after its end, print the RMS error of position of
-    each joint, and stop commanding.
+    Each starts at the next joint state. `hold` s after its end, print the RMS error of
+    position of each joint, and stop commanding.
     """
     import rclpy
     from rclpy.executors import ExternalShutdownException
@@ -109,16 +119,20 @@ def drive(joints, gains, hold):
     rclpy.init()
     node = rclpy.create_node('jtc')
     commands = node.create_publisher(Float64MultiArray, 'commands', 1)
-    waiting, errors = [], []
-    loop, before = None, 0.0
+    waiting = []
+    errors = []
+    loop = None
+    before = 0.0
 
     def on_state(message):
         nonlocal loop, before
         now = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         index = [list(message.name).index(name) for name in joints]
-        q, u = (np.array(values)[index] for values in (message.position, message.velocity))
+        q = np.array(message.position)[index]
+        u = np.array(message.velocity)[index]
         if waiting:
-            loop, before = EffortLoop(gains), now
+            loop = EffortLoop(gains)
+            before = now
             loop.accept(now, q, *fields(waiting.pop()))
             errors.clear()
         if loop is None:
@@ -129,7 +143,8 @@ def drive(joints, gains, hold):
         errors.append(q - loop.desired(now))
         if now > loop.end + hold:
             loop = None
-            print(json.dumps(np.sqrt(np.mean(np.square(errors), axis=0)).tolist()), flush=True)
+            print(json.dumps(np.sqrt(np.mean(np.square(errors), axis=0)).tolist()),
+                  flush=True)
 
     def fields(message):
         index = [list(message.joint_names).index(name) for name in joints]

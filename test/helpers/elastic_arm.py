@@ -2,8 +2,8 @@
 A planar arm with two elastic joints, from its Lagrangian, and what its sensors measure.
 
 It shares no code with the library: links in a vertical plane, a spring and a damper
-between motor and link of each driven joint, Coulomb and viscous friction on either side. The
-links are two in series, or a parallelogram whose lever turns the second one.
+between motor and link of each driven joint, Coulomb and viscous friction on either side.
+The links are two in series, or a parallelogram whose lever turns the second one.
 """
 
 from dataclasses import dataclass, field
@@ -99,9 +99,9 @@ def large_motion(seed, gains):
     def torque(t, theta, speed):
         argument = frequency * t + phase
         ramp = min(t, 1.0)
-        wanted = ramp * (amplitude * np.sin(argument)).sum(axis=1)
+        desired = ramp * (amplitude * np.sin(argument)).sum(axis=1)
         rate = ramp * (amplitude * frequency * np.cos(argument)).sum(axis=1)
-        return [gain * (wanted[k] - theta[k]) + 0.1 * gain * (rate[k] - speed[k])
+        return [gain * (desired[k] - theta[k]) + 0.1 * gain * (rate[k] - speed[k])
                 for k, gain in enumerate(gains)]
     return torque
 
@@ -142,14 +142,19 @@ def simulated(torque, duration, truth=None, start=(0.0, 0.0), links=None):
     links = links or SerialLinks()
     springs = []
     for stiffness in truth.stiffness:
-        springs.append(stiffness if callable(stiffness) else partial(operator.mul, stiffness))
+        springs.append(stiffness if callable(stiffness)
+                       else partial(operator.mul, stiffness))
 
     def rates(t, x):
-        q, theta, u, speed = x[:2], x[2:4], x[4:6], x[6:]
+        q = x[:2]
+        theta = x[2:4]
+        u = x[4:6]
+        speed = x[6:]
         motor = torque(t, theta, speed)
         gear = [springs[k](theta[k] - q[k])
                 + truth.damping[k] * (speed[k] - u[k]) for k in range(2)]
-        on_link, of_motor = [], []
+        on_link = []
+        of_motor = []
         for k in range(2):
             on_link.append(gear[k] - truth.link_damping[k] * u[k]
                            - truth.link_friction[k] * math.tanh(u[k] / SLIP))
@@ -159,7 +164,8 @@ def simulated(torque, duration, truth=None, start=(0.0, 0.0), links=None):
         return [*u, *speed, *links.accelerations(q, u, on_link), *of_motor]
 
     t = np.arange(round(duration * RATE)) / RATE
-    sag = [_deflection(spring, weight) for spring, weight in zip(springs, links.gravity(*start))]
+    sag = [_deflection(spring, weight)
+           for spring, weight in zip(springs, links.gravity(*start))]
     solution = solve_ivp(rates, (0.0, t[-1]), [*start, *np.add(start, sag), 0, 0, 0, 0],
                          t_eval=t, rtol=1e-8, atol=1e-10, method='RK45', max_step=2e-3)
     q, theta, u, speed = solution.y.reshape(4, 2, -1).transpose(0, 2, 1)
@@ -178,14 +184,15 @@ class SerialLinks:
     """Two links in series; the second angle is relative to the first link."""
 
     def gravity(self, q1, q2):
-        """Return the torques that hold the links, N m; angles from the horizontal, upwards."""
+        """Return the torques that hold the links, N m; angles upwards from level."""
         second = MASS[1] * GRAVITY * COM[1] * math.cos(q1 + q2)
         first = (MASS[0] * COM[0] + MASS[1] * LENGTH) * GRAVITY * math.cos(q1)
         return np.array([first + second, second])
 
     def accelerations(self, q, u, torque):
         """Return the accelerations of the links, by Lagrange's equations of two rods."""
-        cosine, sine = math.cos(q[1]), math.sin(q[1])
+        cosine = math.cos(q[1])
+        sine = math.sin(q[1])
         coupling = MASS[1] * LENGTH * COM[1]
         elbow = INERTIA[1] + MASS[1] * COM[1]**2
         shoulder = (INERTIA[0] + MASS[0] * COM[0]**2 + elbow + MASS[1] * LENGTH**2
@@ -204,20 +211,25 @@ class Parallelogram:
     """
     A parallelogram: arm and lever are driven at one point, and turn by q1 and q2.
 
-    A rod from the lever's end, parallel to the arm, keeps the forearm parallel to the lever,
-    which is `ahead` of the arm.
+    A rod from the lever's end, parallel to the arm, keeps the forearm parallel to the
+    lever, which is `ahead` of the arm.
     """
 
     joint_names = 'arm', 'lever'
     ahead = 1.5  # rad, of the lever at position zero
     lever = 0.2  # length, m
     # Of each part: mass, center of mass from its joint, and inertia about it.
-    arm, rod = (4.0, 0.25, 0.12), (1.0, 0.25, 0.03)
-    forearm, crank = (2.5, 0.3, 0.05), (1.5, 0.1, 0.02)
+    arm = (4.0, 0.25, 0.12)
+    rod = (1.0, 0.25, 0.03)
+    forearm = (2.5, 0.3, 0.05)
+    crank = (1.5, 0.1, 0.02)
 
     def constants(self):
-        """Return the inertias of arm and lever, their coupling, and their moments of mass."""
-        arm, lever, rod, forearm = self.arm, self.crank, self.rod, self.forearm
+        """Return the inertias of arm and lever, their coupling and mass moments."""
+        arm = self.arm
+        lever = self.crank
+        rod = self.rod
+        forearm = self.forearm
         of_arm = (arm[2] + arm[0] * arm[1]**2 + rod[2] + rod[0] * rod[1]**2
                   + forearm[0] * LENGTH**2)
         of_lever = (lever[2] + lever[0] * lever[1]**2 + forearm[2]
@@ -228,7 +240,7 @@ class Parallelogram:
         return of_arm, of_lever, coupling, moments
 
     def gravity(self, q1, q2):
-        """Return the torques that hold arm and lever, N m; angles from the horizontal."""
+        """Return the torques that hold arm and lever, N m; angles from horizontal."""
         moments = self.constants()[3]
         return GRAVITY * np.array([moments[0] * math.cos(q1),
                                    moments[1] * math.cos(q2 + self.ahead)])
@@ -262,5 +274,6 @@ class Parallelogram:
         b.frame('rod end', 'rod', at=(LENGTH, 0, 0))
         b.frame('forearm pin', 'forearm', at=(self.lever, 0, 0))
         options = {'independent': self.joint_names} | options
-        return Robot(b.model(), constraints=[Closure('rod end', 'forearm pin', 'revolute',
-                                                     axis=(0, 1, 0))], **options)
+        return Robot(b.model(),
+                     constraints=[Closure('rod end', 'forearm pin', 'revolute',
+                                          axis=(0, 1, 0))], **options)

@@ -1,8 +1,8 @@
 """
-Checks of features on the mechanisms of `kinds_of_mechanism`, each by an independent formulation.
+Checks of features on `kinds_of_mechanism`, each by an independent formulation.
 
-A check takes a case and fails unless the robot's result is that of Kane's definition, of the
-energies, or of a derivative of one of these.
+A check takes a case and fails unless the robot's result is that of Kane's definition, of
+the energies, or of a derivative of one of these.
 """
 
 import ctypes
@@ -15,15 +15,17 @@ from tempfile import TemporaryDirectory
 
 from host_gpu import host_gpu, on_gpu, values_of
 from kane_dynamics import (box, CollisionDetector, ComputedTorque, Controller,
-                           fill_trajectory, gpu, MomentumObserver, Motion, natural_vibration,
-                           QuasiStatic, Robot, simulate, stiffened, Uncertainty)
+                           fill_trajectory, gpu, MomentumObserver, Motion,
+                           natural_vibration, QuasiStatic, Robot, simulate, stiffened,
+                           Uncertainty)
 from kane_dynamics.analysis.power_balance import power_balance
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.feasibility import demand, fastest, time_optimal
 from kane_dynamics.identification import PayloadEstimator
 from kane_dynamics.identification.payload.payload_rows import PayloadRegressor
 from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
-from kane_dynamics.mechanics.ball_joints import balls, coordinate_rates, moved as joints_moved
+from kane_dynamics.mechanics.ball_joints import (balls, coordinate_rates,
+                                                 moved as joints_moved)
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.mechanics.integrators import INTEGRATORS
@@ -43,14 +45,15 @@ TOOL = 'tool'
 
 def assert_close(value, expected, tolerance=TOLERANCE):
     """Fail unless two results agree, relative to the largest entry."""
-    value, expected = (np.asarray(x, dtype=float) for x in (value, expected))
+    value = np.asarray(value, dtype=float)
+    expected = np.asarray(expected, dtype=float)
     assert value.shape == expected.shape, (value.shape, expected.shape)
     size = max(1.0, np.abs(expected).max(initial=0.0))
     np.testing.assert_allclose(value, expected, rtol=0.0, atol=tolerance * size)
 
 
 def slope(function, h=4e-3):
-    """Return the derivative of a function of one number at 0, to the eighth order in h."""
+    """Return a derivative at 0 of a function of one number, to 8th order in h."""
     weights = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
     return sum(w / h * (function(k * h) - function(-k * h)) for k, w in weights.items())
 
@@ -69,8 +72,9 @@ def moved(case, q, t):
 
 def inverse(case, u=None, udot=None, **forces):
     """Return inverse dynamics by Kane's definition."""
-    return nonholonomic.inverse_dynamics(case.mechanism, case.q, case.u if u is None else u,
-                                         case.udot if udot is None else udot, case.time, **forces)
+    return nonholonomic.inverse_dynamics(
+        case.mechanism, case.q, case.u if u is None else u,
+        case.udot if udot is None else udot, case.time, **forces)
 
 
 def reduced(case, force):
@@ -80,7 +84,8 @@ def reduced(case, force):
 
 def inverse_dynamics(case):
     push = np.linspace(-1.0, 1.0, 6)
-    tau = case.robot.inverse_dynamics(case.q, case.u, case.udot, wrench=push[None], **case.t)
+    tau = case.robot.inverse_dynamics(case.q, case.u, case.udot,
+                                      wrench=push[None], **case.t)
     assert_close(tau, inverse(case, wrenches={TOOL: (push[:3], push[3:])}))
 
 
@@ -98,7 +103,8 @@ def mass_matrix(case):
 
 
 def bias(case):
-    assert_close(case.robot.bias_force(case.q, case.u, **case.t), inverse(case, udot=0.0 * case.u))
+    assert_close(case.robot.bias_force(case.q, case.u, **case.t),
+                 inverse(case, udot=0.0 * case.u))
 
 
 def gravity(case):
@@ -108,29 +114,31 @@ def gravity(case):
 
 def friction_of_joints(case):
     """Return the friction of the joints by the definition, (n_q,)."""
-    model, (qdot, _) = case.robot.model, case.joint_motion
+    model = case.robot.model
+    qdot, _ = case.joint_motion
     return (kane.generalized_active_force(model, case.q, qdot, friction=False)
             - kane.generalized_active_force(model, case.q, qdot))
 
 
 def friction(case):
     force = reduced(case, friction_of_joints(case))
-    given = (case.u,) if case.name in ('tree', 'flexible') else (case.u, case.q)
-    assert_close(case.robot.friction_force(*given, **case.t), force)
+    arguments = (case.u,) if case.name in ('tree', 'flexible') else (case.u, case.q)
+    assert_close(case.robot.friction_force(*arguments, **case.t), force)
 
 
 def brackets_of(model):
-    """Return the Lie brackets of the motions of the joints, (n, n, n): of ball joints e x e."""
-    found = np.zeros((model.n,) * 3)
+    """Return the Lie brackets of the joints' motions, (n, n, n): ball joints e x e."""
+    brackets = np.zeros((model.n,) * 3)
     for body in model.balls:
         r = model.bodies[body].joint.coordinate
-        found[r:r + 3, r:r + 3, r:r + 3] = [np.cross(e, np.eye(3)) for e in np.eye(3)]
-    return found
+        brackets[r:r + 3, r:r + 3, r:r + 3] = [np.cross(e, np.eye(3)) for e in np.eye(3)]
+    return brackets
 
 
 def coriolis(case):
     C = case.robot.coriolis_matrix(case.q, case.u, **case.t)
-    model, (qdot, _) = case.robot.model, case.joint_motion
+    model = case.robot.model
+    qdot, _ = case.joint_motion
 
     def M(q, t):
         return kane.mass_matrix(model, q)
@@ -139,11 +147,14 @@ def coriolis(case):
         return nonholonomic.mass_matrix(case.mechanism, q, t)
     assert_close(C + C.T, along(case, reduced_M), CLOSED)
     n = model.n
-    by_q = np.array([slope(lambda s, k=k: M(joints_moved(model, case.q, s * np.eye(n)[k]), 0.0))
-                     for k in range(n)])
-    # Koszul's formula: brackets of the joints' motions, which are those of angular velocities.
+    by_q = np.array(
+        [slope(lambda s, k=k: M(joints_moved(model, case.q, s * np.eye(n)[k]), 0.0))
+         for k in range(n)])
+    # Koszul's formula: brackets of the joints' motions, which are those of angular
+    # velocities.
     brackets = np.einsum('kjl,li->kji', brackets_of(model), M(case.q, 0.0))
-    christoffel = 0.5 * (np.einsum('kij,k->ij', by_q, qdot) + np.einsum('jik,k->ij', by_q, qdot)
+    christoffel = 0.5 * (np.einsum('kij,k->ij', by_q, qdot)
+                         + np.einsum('jik,k->ij', by_q, qdot)
                          - np.einsum('ijk,k->ij', by_q, qdot)
                          + np.einsum('kji,k->ij', brackets, qdot)
                          - np.einsum('jik,k->ij', brackets, qdot)
@@ -151,10 +162,10 @@ def coriolis(case):
     T_rate = along(case, partial(moved, case))
     assert_close(C, case.T.T @ (christoffel @ case.T + M(case.q, 0.0) @ T_rate), CLOSED)
     if not case.t:  # C u is the force of the speeds
-        rest = inverse(case, 0.0 * case.u, 0.0 * case.u)
+        at_rest = inverse(case, 0.0 * case.u, 0.0 * case.u)
         force = inverse(case, udot=0.0 * case.u, friction=False) - inverse(
             case, 0.0 * case.u, 0.0 * case.u, friction=False)
-        assert_close(C @ case.u, force + 0.0 * rest)
+        assert_close(C @ case.u, force + 0.0 * at_rest)
 
 
 @cache
@@ -163,12 +174,14 @@ def torque_slopes(case):
     by_q = [slope(lambda s, e=e: nonholonomic.inverse_dynamics(
         case.mechanism, case.q + s * e, case.u, case.udot, case.time))
         for e in np.eye(case.robot.n_q)]
-    by_u = [slope(lambda s, e=e: inverse(case, case.u + s * e)) for e in np.eye(case.robot.n)]
+    by_u = [slope(lambda s, e=e: inverse(case, case.u + s * e))
+            for e in np.eye(case.robot.n)]
     return np.array(by_q).T, np.array(by_u).T
 
 
 def inverse_derivatives(case):
-    tau_q, tau_u, M = case.robot.inverse_dynamics_derivatives(case.q, case.u, case.udot, **case.t)
+    tau_q, tau_u, M = case.robot.inverse_dynamics_derivatives(
+        case.q, case.u, case.udot, **case.t)
     by_q, by_u = torque_slopes(case)
     assert_close(tau_q, by_q, CLOSED)
     assert_close(tau_u, by_u, CLOSED)
@@ -177,7 +190,8 @@ def inverse_derivatives(case):
 
 def forward_derivatives(case):
     tau = inverse(case)
-    udot_q, udot_u, W = case.robot.forward_dynamics_derivatives(case.q, case.u, tau, **case.t)
+    udot_q, udot_u, W = case.robot.forward_dynamics_derivatives(
+        case.q, case.u, tau, **case.t)
     by_q, by_u = torque_slopes(case)
     M = nonholonomic.mass_matrix(case.mechanism, case.q, case.time)
     assert_close(-M @ udot_q, by_q, CLOSED)
@@ -191,30 +205,36 @@ def partials(case, q, t):
 
 
 def jacobian(case):
-    assert_close(case.robot.jacobian(TOOL, case.q, **case.t), partials(case, case.q, case.time))
+    assert_close(case.robot.jacobian(TOOL, case.q, **case.t),
+                 partials(case, case.q, case.time))
     assert_close(case.robot.jacobian_rate(TOOL, case.q, case.u, **case.t),
                  along(case, partial(partials, case)), CLOSED)
 
 
 def frames(case):
-    robot, (qdot, qddot) = case.robot, case.joint_motion
+    robot = case.robot
+    qdot, qddot = case.joint_motion
     J = kane.partial_velocities(robot.model, case.q, TOOL)
     assert_close(robot.frame_velocity(TOOL, case.q, case.u, **case.t), J @ qdot)
-    J_rate = slope(lambda s: kane.partial_velocities(robot.model, case.q + s * case.q_rate, TOOL))
+    J_rate = slope(
+        lambda s: kane.partial_velocities(robot.model, case.q + s * case.q_rate, TOOL))
     assert_close(robot.frame_acceleration(TOOL, case.q, case.u, case.udot, **case.t),
                  J @ qddot + J_rate @ qdot, CLOSED)
 
 
 def kinetic_and_potential_energy(case):
-    model, (qdot, _) = case.robot.model, case.joint_motion
+    model = case.robot.model
+    qdot, _ = case.joint_motion
     assert_close(case.robot.kinetic_energy(case.q, case.u, **case.t),
                  energies.kinetic_energy(model, case.q, qdot))
-    assert_close(case.robot.potential_energy(case.q), energies.potential_energy(model, case.q))
+    assert_close(case.robot.potential_energy(case.q),
+                 energies.potential_energy(model, case.q))
 
 
 def rigid(case):
     """Return the torque of inertia and weight without rotors, by the definition."""
-    model, (qdot, qddot) = case.robot.model, case.joint_motion
+    model = case.robot.model
+    qdot, qddot = case.joint_motion
     force = kane.generalized_inertia_force(without_rotors(model), case.q, qdot, qddot)
     return reduced(case, kane.gravity_force(model, case.q) - force)
 
@@ -223,7 +243,8 @@ def sources(case):
     robot = case.robot
     push = np.linspace(-1.0, 1.0, 6)
     terms = robot.torque_terms(case.q, case.u, case.udot, **case.t)
-    model, (qdot, qddot) = robot.model, case.joint_motion
+    model = robot.model
+    qdot, qddot = case.joint_motion
     still = kane.generalized_active_force(model, case.q, 0.0 * qdot, friction=False)
     weight = kane.gravity_force(model, case.q)
     M = nonholonomic.mass_matrix(case.mechanism, case.q, case.time)
@@ -237,15 +258,16 @@ def sources(case):
 
 def by_body(case):
     """Compare each row with the definition's torque where only this body has inertia."""
-    model, (qdot, qddot) = case.robot.model, case.joint_motion
+    model = case.robot.model
+    qdot, qddot = case.joint_motion
 
     def torque(*bodies):
-        return reduced(case, kane.inverse_dynamics(with_inertia_in(model, bodies), case.q, qdot,
-                                                   qddot))
+        return reduced(case, kane.inverse_dynamics(with_inertia_in(model, bodies),
+                                                   case.q, qdot, qddot))
     every = range(len(model.bodies))
-    found = case.robot.body_torques(case.q, case.u, case.udot, **case.t)
-    assert_close(found, [torque(k) for k in every])
-    assert_close(found.sum(axis=0), torque(*every))
+    torques = case.robot.body_torques(case.q, case.u, case.udot, **case.t)
+    assert_close(torques, [torque(k) for k in every])
+    assert_close(torques.sum(axis=0), torque(*every))
 
 
 def regressor(case):
@@ -254,7 +276,7 @@ def regressor(case):
 
 
 def torque_bounds(case):
-    """Compare bounds for uncertain inertial parameters with the regressor's absolute values."""
+    """Compare bounds for uncertain inertial parameters with the regressor's."""
     model = case.robot.model
     box = Uncertainty.of(model, mass=0.1, com=0.01, inertia=0.2)
     bounds = case.robot.torque_bounds(case.q, case.u, case.udot, box, **case.t)
@@ -266,11 +288,14 @@ def torque_bounds(case):
 
 def joint_reactions(case):
     """
-    Compare reactions with the torque that reaches each link, and with Newton's law of the last.
+    Compare reactions with the torque that reaches each link, and with Newton's law.
 
-    Joints that follow a motion have an actuator of their own; joints on beams carry its moments.
+    Joints that follow a motion have an actuator of their own; joints on beams carry its
+    moments.
     """
-    robot, model, (qdot, qddot) = case.robot, case.robot.model, case.joint_motion
+    robot = case.robot
+    model = case.robot.model
+    qdot, qddot = case.joint_motion
     tau = inverse(case)
     reactions = robot.joint_reactions(case.q, case.u, case.udot, **case.t)
     still = replace(model, gravity=np.zeros(3))
@@ -278,15 +303,19 @@ def joint_reactions(case):
         still, case.q, 0.0 * qdot, friction=False)
     rows = case.mechanism.rows(case.mechanism.state(case.q, case.time))
     J = np.array(rows.J, dtype=float).reshape(-1, model.n)
-    driven = [k for k, owner in enumerate(case.mechanism.owners) if owner.startswith('drive')]
-    forces = robot.constraint_forces(case.q, case.u, tau, **case.t) if len(J) else np.zeros(0)
+    driven = [k for k, owner in enumerate(case.mechanism.owners)
+              if owner.startswith('drive')]
+    forces = robot.constraint_forces(case.q, case.u, tau,
+                                     **case.t) if len(J) else np.zeros(0)
     applied = robot.joint_torques(tau, case.q, **case.t) + J[driven].T @ forces[driven]
     for k, body in enumerate(model.bodies):
         if body.joint.deflection is None:
             j = body.joint.coordinate
             axis = kinematics.configurations(model, case.q)[k].axis
-            part = reactions[k][3:] if body.joint.kind == 'revolute' else reactions[k][:3]
-            assert_close(part @ axis, applied[j] - passive[j] - body.joint.armature * qddot[j],
+            part = (reactions[k][3:] if body.joint.kind == 'revolute'
+                    else reactions[k][:3])
+            assert_close(part @ axis,
+                         applied[j] - passive[j] - body.joint.armature * qddot[j],
                          CLOSED)
     if 'closed loop' not in case.name:
         last = model.bodies[-1].inertial
@@ -294,37 +323,46 @@ def joint_reactions(case):
         def speed(q, v):
             return kane.partial_velocities(model, q)[-1][:3] @ v
         acceleration = slope(lambda s: speed(case.q + s * case.q_rate, qdot + s * qddot))
-        assert_close(reactions[-1][:3], last.mass * (acceleration - model.gravity), CLOSED)
+        assert_close(reactions[-1][:3], last.mass * (acceleration - model.gravity),
+                     CLOSED)
 
 
 def constraint_forces(case):
     """Constraint forces and joint torques are the tree's inverse dynamics."""
-    robot, (qdot, qddot) = case.robot, case.joint_motion
+    robot = case.robot
+    qdot, qddot = case.joint_motion
     tau = inverse(case)
     forces = robot.constraint_forces(case.q, case.u, tau, **case.t)
     rows = case.mechanism.rows(case.mechanism.state(case.q, case.time))
     J = np.array(rows.J, dtype=float).reshape(-1, robot.model.n)
     needed = kane.inverse_dynamics(robot.model, case.q, qdot, qddot)
-    assert_close(robot.joint_torques(tau, case.q, **case.t) + J.T @ forces, needed, CLOSED)
+    assert_close(robot.joint_torques(tau, case.q, **case.t) + J.T @ forces, needed,
+                 CLOSED)
 
 
 def workspace(case):
     place = case.robot.bind()
-    place.q[:], place.u[:], place.udot[:] = case.q, case.u, case.udot
+    place.q[:] = case.q
+    place.u[:] = case.u
+    place.udot[:] = case.udot
     if case.t:
         place.t[...] = case.time
     assert_close(place.inverse_dynamics(), inverse(case))
 
 
 def batches(case):
-    q, u, udot = (np.tile(x, (5, 1)) for x in (case.q, case.u, case.udot))
+    q = np.tile(case.q, (5, 1))
+    u = np.tile(case.u, (5, 1))
+    udot = np.tile(case.udot, (5, 1))
     udot *= np.arange(5.0)[:, None]
-    assert_close(case.robot.inverse_dynamics(q, u, udot, **case.t)[3], inverse(case, udot=udot[3]))
+    assert_close(case.robot.inverse_dynamics(q, u, udot, **case.t)[3],
+                 inverse(case, udot=udot[3]))
 
 
 def pickling(case):
     again = pickle.loads(pickle.dumps(case.robot))
-    assert_close(again.inverse_dynamics(case.q, case.u, case.udot, **case.t), inverse(case))
+    assert_close(again.inverse_dynamics(case.q, case.u, case.udot, **case.t),
+                 inverse(case))
 
 
 def reference_step(case, h):
@@ -334,12 +372,14 @@ def reference_step(case, h):
         held = nonholonomic.inverse_dynamics(case.mechanism, q, u, 0.0 * u, t)
         speeds = nonholonomic.joint_motion(case.mechanism, q, u, 0.0 * u, t)[0]
         return coordinate_rates(case.robot.model, q, speeds), -np.linalg.solve(M, held)
-    y, t = (case.q, case.u), case.time
+    y = (case.q, case.u)
+    t = case.time
     k1 = rates(*y, t)
     k2 = rates(*(a + 0.5 * h * b for a, b in zip(y, k1)), t + 0.5 * h)
     k3 = rates(*(a + 0.5 * h * b for a, b in zip(y, k2)), t + 0.5 * h)
     k4 = rates(*(a + h * b for a, b in zip(y, k3)), t + h)
-    return [a + h / 6.0 * (w + 2.0 * x + 2.0 * y + z) for a, w, x, y, z in zip(y, k1, k2, k3, k4)]
+    return [a + h / 6.0 * (w + 2.0 * x + 2.0 * y + z)
+            for a, w, x, y, z in zip(y, k1, k2, k3, k4)]
 
 
 def simulation(case, integrator='rk4', step=1e-4, tolerance=CLOSED):
@@ -353,26 +393,32 @@ def simulation(case, integrator='rk4', step=1e-4, tolerance=CLOSED):
 
 def on_a_gpu(case, step=1e-4):
     """Evaluate the kernels of GPUs on the processor."""
-    given = {'q': case.q, 'u': case.u, 'udot': case.udot, 't': np.array(case.time),
-             'wrench': np.zeros_like(case.robot.kernels.no_wrench)}
+    arguments = {'q': case.q, 'u': case.u, 'udot': case.udot, 't': np.array(case.time),
+                 'wrench': np.zeros_like(case.robot.kernels.no_wrench)}
     with host_gpu():
         function = gpu.function(case.robot, 'inverse_dynamics')
-        assert_close(values_of(function(*on_gpu(*(given[name] for name in function.names)))),
-                     inverse(case))
+        assert_close(
+            values_of(function(*on_gpu(*(arguments[name] for name in function.names)))),
+            inverse(case))
         state = on_gpu(case.q, case.u, 0.0 * case.u)
-        after = gpu.rollout(case.robot)(*state, h=step, steps=1, t=case.time, every_step=False)
-        assert_close(values_of(after), np.concatenate(reference_step(case, step)), CLOSED)
+        state_after = gpu.rollout(case.robot)(*state, h=step, steps=1, t=case.time,
+                                              every_step=False)
+        assert_close(values_of(state_after), np.concatenate(reference_step(case, step)),
+                     CLOSED)
 
 
 def stopped(case):
-    """Compare the impact of the fastest joint with the inelastic one by the definition's M."""
-    robot, h = case.robot.copy(), 1e-7
+    """Compare the fastest joint's impact with the inelastic one by the definition."""
+    robot = case.robot.copy()
+    h = 1e-7
     M = nonholonomic.mass_matrix(case.mechanism, case.q, case.time)
-    T = np.array([coordinate_rates(robot.model, case.q, column) for column in case.T.T]).T
+    T = np.array([coordinate_rates(robot.model, case.q, column)
+                  for column in case.T.T]).T
     joints = [k for k, name in enumerate(robot.coordinate_names)
               if not ('/q' in name or 'mode' in name or np.abs(T[k]).max() < 1e-3)]
     joint = max(joints, key=lambda k: abs(case.q_rate[k]))
-    row, into = T[joint], case.q_rate[joint]
+    row = T[joint]
+    into = case.q_rate[joint]
     along = np.linalg.solve(M, row)
     bounds = {'lower': np.full(robot.n_q, -np.inf), 'upper': np.full(robot.n_q, np.inf)}
     bounds['upper' if into > 0.0 else 'lower'][joint] = case.q[joint] + 0.1 * h * into
@@ -382,22 +428,25 @@ def stopped(case):
                        integrator=integrator)
         assert_close(run.u[-1], case.u - along * into / (row @ along), 1e-4)
         assert_close(run.q[-1, joint], case.q[joint] + 0.1 * h * into)
-        assert [event.joint for event in run.stop_events] == [robot.coordinate_names[joint]]
+        assert [event.joint for event in run.stop_events] == [
+            robot.coordinate_names[joint]]
         if not case.t:
             assert_close(run.stop_events[0].loss, 0.5 * into**2 / (row @ along), 1e-4)
 
 
 def slid_exactly(case):
-    """Compare accelerations of sliding joints with those of the smooth law's difference."""
+    """Compare accelerations of sliding joints with the smooth law's difference."""
     robot = case.robot
     run = simulate(robot, case.q, case.u, 2e-3, step=1e-3, t0=case.time, sticking=True)
     for k in range(len(run.t)):
         at = {'t': run.t[k]} if case.t else {}
-        rates = np.array(robot.equations.joint_speeds(run.q[k], run.u[k], at.get('t', 0.0)),
-                         dtype=float)
+        rates = np.array(
+            robot.equations.joint_speeds(run.q[k], run.u[k], at.get('t', 0.0)),
+            dtype=float)
         difference = np.zeros(robot.model.n)
         for body in robot.model.bodies:
-            joint, v = body.joint, rates[body.joint.coordinate]
+            joint = body.joint
+            v = rates[body.joint.coordinate]
             if joint.friction:
                 assert abs(v) > 1e-3 and not run.sticking[k, joint.coordinate]
                 smooth = np.tanh(v / joint.friction_speed)
@@ -427,33 +476,40 @@ def computed_torque(case):
 
 
 def controller(case):
-    motion, rest = rest_motion(case), 0.0 * case.u
-    for mode, expected in ((Mode.INVERSE_DYNAMICS, inverse(case, rest, rest)),
-                           (Mode.COMPUTED_TORQUE, inverse(case, udot=-5.0 * case.u,
-                                                          friction=False))):
+    motion = rest_motion(case)
+    at_rest = 0.0 * case.u
+    for mode, expected in ((Mode.INVERSE_DYNAMICS, inverse(case, at_rest, at_rest)),
+                           (Mode.COMPUTED_TORQUE,
+                            inverse(case, udot=-5.0 * case.u, friction=False))):
         law = Controller(case.robot, mode=mode, kp=10.0, kd=5.0)
-        assert_close(case.T.T @ law.command(case.time, case.q, case.u, motion).tau, expected)
+        assert_close(case.T.T @ law.command(case.time, case.q, case.u, motion).tau,
+                     expected)
     if not case.robot.constraint_names:
-        motion = Motion.from_points([0.0, 1.0], [motion.positions[0], motion.positions[0] + 0.3],
+        motion = Motion.from_points([0.0, 1.0],
+                                    [motion.positions[0], motion.positions[0] + 0.3],
                                     joint_names=motion.joint_names)
         command = Controller(case.robot).command(0.3, case.q, case.u, motion)
-        assert_close(command.tau, kane.inverse_dynamics(case.robot.model, *motion.sample(0.3)))
+        assert_close(command.tau,
+                     kane.inverse_dynamics(case.robot.model, *motion.sample(0.3)))
 
 
 def observed(case, force):
     """
-    Return time and estimate of an observer whose arm has this force besides its actuators'.
+    Return time and estimate of an observer with this force beside the actuators'.
 
-    The arm is at rest, held by the definition's torque; what follows a function of time moves.
+    The arm is at rest, held by the definition's torque; what follows a function of time
+    moves.
     """
     watch = MomentumObserver(case.robot, gain=60.0)
     if case.t:
-        run = simulate(case.robot, case.q, case.u, 0.3, step=2.5e-4, t0=case.time, torque=force,
-                       sample=2.5e-4)
-        return [(t, watch.update(t, q, u, 0.0 * u)) for t, q, u in zip(run.t, run.q, run.u)]
-    rest = 0.0 * case.u
-    held = inverse(case, rest, rest)
-    return [(t, watch.update(t, case.q, rest, held - force)) for t in 0.05 * np.arange(7.0)]
+        run = simulate(case.robot, case.q, case.u, 0.3,
+                       step=2.5e-4, t0=case.time, torque=force, sample=2.5e-4)
+        return [(t, watch.update(t, q, u, 0.0 * u))
+                for t, q, u in zip(run.t, run.q, run.u)]
+    at_rest = 0.0 * case.u
+    held = inverse(case, at_rest, at_rest)
+    return [(t, watch.update(t, case.q, at_rest, held - force))
+            for t in 0.05 * np.arange(7.0)]
 
 
 def observer(case):
@@ -476,7 +532,8 @@ def collision(case):
 
 def balanced_power(case):
     balance = power_balance(case.robot, case.q, case.u, case.udot, **case.t)
-    model, (v, accelerations) = case.robot.model, case.joint_motion
+    model = case.robot.model
+    v, accelerations = case.joint_motion
 
     def energy(s):
         q = case.q + s * case.q_rate
@@ -492,7 +549,8 @@ def drawn(case):
     """Compare bodies and energies that are drawn with the definition."""
     from kane_dynamics import plot
     from kane_dynamics.view import Window
-    robot, (v, _) = case.robot, case.joint_motion
+    robot = case.robot
+    v, _ = case.joint_motion
     run = simulate(robot, case.q, case.u, 3e-4, step=1e-4, t0=case.time)
     window = Window(robot, run, port=0)
     try:
@@ -503,7 +561,8 @@ def drawn(case):
         window.close()
     figure = plot.plot_energy(robot, run)
     lines = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines}
-    assert_close(lines['kinetic'][0], energies.kinetic_energy(robot.model, case.q, v), CLOSED)
+    assert_close(lines['kinetic'][0], energies.kinetic_energy(robot.model, case.q, v),
+                 CLOSED)
     assert_close(lines['total'][0] - lines['kinetic'][0],
                  energies.potential_energy(robot.model, case.q), CLOSED)
     for figure in (plot.plot_trajectory(run), plot.plot_torque_by_source(robot, run),
@@ -513,8 +572,9 @@ def drawn(case):
 
 
 def payload(case):
-    """Compare the regressor with what a payload adds to the torque; find it in exact samples."""
-    robot, load = case.robot, box(2.0, (0.1, 0.2, 0.3), at=(0.02, 0.03, 0.05))
+    """Compare the regressor with a payload's torque; identify it in exact samples."""
+    robot = case.robot
+    load = box(2.0, (0.1, 0.2, 0.3), at=(0.02, 0.03, 0.05))
     loaded = Robot(with_payload(robot.model, TOOL, load), **robot.options)
     heavy = replace(case, robot=loaded)
     added = inverse(heavy) - inverse(case)
@@ -522,9 +582,12 @@ def payload(case):
     Y = regressor(case.q, case.u, case.udot, case.time)
     assert_close(Y @ parameters_of(load.pseudo_inertia), added)
     estimator = PayloadEstimator(robot, TOOL, np.full(robot.n, 1e-5))
-    rng, run = np.random.default_rng(1), simulate(
-        loaded, case.q, case.u, 1.5, step=5e-4, t0=case.time, sample=0.0125)
-    size = np.array([0.05 if 'mode' in name else 3.0 for name in robot.speed_names])
+    rng = np.random.default_rng(1)
+    run = simulate(loaded, case.q, case.u, 1.5, step=5e-4, t0=case.time, sample=0.0125)
+    rows = []
+    for name in robot.speed_names:
+        rows.append(0.05 if 'mode' in name else 3.0)
+    size = np.array(rows)
     for t, q in zip(run.t, run.q):
         u, udot = size * [[1.0], [10.0]] * rng.normal(size=(2, robot.n))
         sample = replace(heavy, q=q, u=u, udot=udot, t={'t': t} if case.t else {})
@@ -533,33 +596,37 @@ def payload(case):
 
 
 def swept(case):
-    """Compare a row with a step of the definition, and a longer loaded one with `simulate`."""
+    """Compare a row with a step of the definition, and a longer one with `simulate`."""
     robot = case.robot
     start = {'q0': case.q.tolist(), 'u0': case.u.tolist(), 't0': case.time}
     for integrator, tolerance in (('rk4', CLOSED), ('implicit', 1e-7)):
-        found = Simulator(Sweep(robot, samples=2, duration=1e-5, step=1e-5,
-                                integrator=integrator, **start)).columns(0)
-        for kind, names, expected in zip('qu', (robot.coordinate_names, robot.speed_names),
+        rows = Simulator(Sweep(robot, samples=2, duration=1e-5, step=1e-5,
+                               integrator=integrator, **start)).columns(0)
+        for kind, names, expected in zip('qu',
+                                         (robot.coordinate_names, robot.speed_names),
                                          reference_step(case, 1e-5)):
-            assert_close([found[f'{kind}.{name}'][1] for name in names], expected, tolerance)
+            assert_close([rows[f'{kind}.{name}'][1] for name in names], expected,
+                         tolerance)
     load = box(1.5, (0.1, 0.1, 0.1), at=(0.02, 0.03, 0.05))
-    heavy = Robot(with_payload(twice_the_friction(robot.model), TOOL, load), **robot.options)
-    found = Simulator(Sweep(
-        robot, samples=1, duration=0.02, step=1e-4, **start, payload={
-            'frame': TOOL, 'mass': load.mass, 'com': load.com.tolist(),
-            'gyration': float(np.sqrt(load.inertia[0, 0] / load.mass))}, friction={
-                name: 2.0 for name in robot.joint_names if 'mode' not in name})).columns(0)
+    heavy = Robot(with_payload(twice_the_friction(robot.model), TOOL, load),
+                  **robot.options)
+    rows = Simulator(Sweep(robot, samples=1, duration=0.02, step=1e-4, **start, payload={
+        'frame': TOOL, 'mass': load.mass, 'com': load.com.tolist(),
+        'gyration': float(np.sqrt(load.inertia[0, 0] / load.mass))}, friction={
+            name: 2.0 for name in robot.joint_names if 'mode' not in name})).columns(0)
     run = simulate(heavy, case.q, case.u, 0.02, step=1e-4, t0=case.time)
-    assert found['ok'].all() and found['energy_closes'].all()
-    assert_close([found[f'q.{name}'][0] for name in robot.coordinate_names], run.q[-1], CLOSED)
-    assert_close([found[f'u.{name}'][0] for name in robot.speed_names], run.u[-1], CLOSED)
+    assert rows['ok'].all() and rows['energy_closes'].all()
+    assert_close([rows[f'q.{name}'][0] for name in robot.coordinate_names], run.q[-1],
+                 CLOSED)
+    assert_close([rows[f'u.{name}'][0] for name in robot.speed_names], run.u[-1], CLOSED)
 
 
 def twice_the_friction(model):
     """Return a model with twice the friction of its joints."""
     return replace(model, bodies=tuple(replace(body, joint=replace(body.joint, **{
         name: 2.0 * getattr(body.joint, name)
-        for name in ('damping', 'friction', 'friction_offset')})) for body in model.bodies))
+        for name in ('damping', 'friction', 'friction_offset')}))
+                                       for body in model.bodies))
 
 
 def verification(case):
@@ -570,17 +637,21 @@ def exported(case):
     """Compile the exported C, which passes its self-test and gives inverse dynamics."""
     with TemporaryDirectory() as folder:
         source, _ = case.robot.export_c(Path(folder) / 'out.c', (
-            'inverse_dynamics', 'forward_dynamics', 'coriolis_matrix', f'jacobian:{TOOL}'))
+            'inverse_dynamics', 'forward_dynamics', 'coriolis_matrix',
+            f'jacobian:{TOOL}'))
         library = source.with_suffix('.so')
-        subprocess.run(['gcc', '-std=c99', '-Wall', '-Wextra', '-Wpedantic', '-Werror', '-O0',
-                        '-fPIC', '-shared', str(source), '-o', str(library), '-lm'], check=True)
+        subprocess.run(
+            ['gcc', '-std=c99', '-Wall', '-Wextra', '-Wpedantic', '-Werror', '-O0',
+             '-fPIC', '-shared', str(source), '-o', str(library), '-lm'], check=True)
         loaded = ctypes.CDLL(str(library))
     assert loaded.out_self_test() == 0
-    result, time = np.empty(case.robot.n), np.array(case.time)
-    given = [case.q, case.u, case.udot, None, *([time] if case.t else []), None, result]
+    result = np.empty(case.robot.n)
+    time = np.array(case.time)
+    arguments = [case.q, case.u, case.udot, None, *([time] if case.t else []), None,
+                 result]
     loaded.out_inverse_dynamics.restype = None
     loaded.out_inverse_dynamics(*(x if x is None else x.ctypes.data_as(ctypes.c_void_p)
-                                  for x in given))
+                                  for x in arguments))
     assert_close(result, inverse(case))
 
 
@@ -588,7 +659,7 @@ def vibration(case):
     """Small motions about a held configuration follow from Kane's forces beside it."""
     model = case.robot.model
     case = balanced(case) if model.balls else case
-    found = natural_vibration(case.robot, case.q)
+    modes = natural_vibration(case.robot, case.q)
 
     def slope_of_potential(q):
         return -kane.generalized_active_force(model, q, 0.0 * q, friction=False)
@@ -600,33 +671,40 @@ def vibration(case):
     K = np.array([slope(partial(force, direction)) for direction in case.T.T]).T
     M = nonholonomic.mass_matrix(case.mechanism, case.q)
     square = np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)
-    assert_close(np.sign(found.frequencies) * found.frequencies**2, square, CLOSED)
-    assert_close(found.shapes.T @ kane.mass_matrix(model, case.q) @ found.shapes, np.eye(len(M)),
-                 CLOSED)
+    assert_close(np.sign(modes.frequencies) * modes.frequencies**2, square, CLOSED)
+    assert_close(modes.shapes.T @ kane.mass_matrix(model, case.q) @ modes.shapes,
+                 np.eye(len(M)), CLOSED)
 
 
 def balanced(case):
-    """Return a case whose ball joints carry no moment, by Newton's method with Kane's forces."""
-    model, q = case.robot.model, case.q
-    places = [ball.speed + k for ball in balls(model) for k in range(3)]
+    """Return a case whose ball joints carry no moment, by Newton's method."""
+    model = case.robot.model
+    q = case.q
+    places = []
+    for ball in balls(model):
+        for k in range(3):
+            places.append(ball.speed + k)
     units = np.eye(model.n)[places]
 
     def moment(q, step, s):
         q = joints_moved(model, q, s * step)
-        return kane.generalized_active_force(model, q, 0.0 * step, friction=False)[places]
+        return kane.generalized_active_force(
+            model, q, 0.0 * step, friction=False)[places]
     for _ in range(30):
-        here = moment(q, units[0], 0.0)
+        reference = moment(q, units[0], 0.0)
         by_turn = np.array([slope(partial(moment, q, unit)) for unit in units])
-        turn = np.linalg.lstsq(by_turn.T, -here, rcond=1e-6)[0]
+        turn = np.linalg.lstsq(by_turn.T, -reference, rcond=1e-6)[0]
         q = joints_moved(model, q, turn @ units * min(1.0, 0.5 / np.abs(turn).max()))
-    assert_close(here, 0.0 * here)
+    assert_close(reference, 0.0 * reference)
     return replace(case, q=q)
 
 
 def driven(case):
-    """Return a motion of the driving joints through the case's configuration, and when it is."""
-    robot, moment = case.robot, case.time or 0.4
-    names = [name for name in robot.joint_names if name in ('upper', 'fore', 'crank')][:robot.n]
+    """Return a motion of the driving joints through the case's state, and when."""
+    robot = case.robot
+    moment = case.time or 0.4
+    names = [name for name in robot.joint_names if name in ('upper', 'fore',
+                                                            'crank')][:robot.n]
     places = [robot.coordinate_names.index(name) for name in names]
     rates = case.q_rate[places]
     return Motion.from_points(
@@ -638,23 +716,28 @@ def all_joints(robot, motion, *states):
     """Return q, q' and q'' of all joints for rows of the driving joints."""
     if robot.speed_names == robot.joint_names:
         return states
-    whole = mechanism_motion(robot, motion.joint_names, np.zeros(len(states[0])), *states)
-    return whole.q, robot.joint_rates(whole.q, whole.u), robot.joint_accelerations(*whole)
+    whole = mechanism_motion(robot, motion.joint_names, np.zeros(len(states[0])),
+                             *states)
+    return whole.q, robot.joint_rates(whole.q,
+                                      whole.u), robot.joint_accelerations(*whole)
 
 
 def actuators(case, q, needed):
-    """Return the torques of the actuators that give forces of joints, by the definition."""
-    # Each generalized force acts on its own speed: the joint torques are its row of W^-1.
+    """Return the actuators' torques that give forces of joints, by the definition."""
+    # Each generalized force acts on its own speed: the joint torques are its row of
+    # W^-1.
     parts = nonholonomic.reduction(case.mechanism, q, 0.0)
-    return np.linalg.inv(parts.W)[case.mechanism.free].T @ (moved(case, q, 0.0).T @ needed)
+    return np.linalg.inv(
+        parts.W)[case.mechanism.free].T @ (moved(case, q, 0.0).T @ needed)
 
 
 def rigid_model(case):
-    """Return a case's robot and None, or the rigid model and the arm with beams in equilibrium."""
+    """Return a case's robot and None, or the rigid model and the arm's bent beams."""
     robot = case.robot
     if not robot.model.flexible:
         return robot, None
-    model, choice = robot.model, {}
+    model = robot.model
+    choice = {}
     if robot.constraint_names:
         choice = {'constraints': case.mechanism.constraints, 'independent': ['crank']}
         modes = [model.coordinate_names[k] for k in model.modal_coordinates]
@@ -668,43 +751,47 @@ def held_by_actuators(case, bending, q, u, udot):
         return actuators(case, q, kane.inverse_dynamics(case.robot.model, q, u, udot))
     robot = bending.robot
     joints = list(bending.joint_names)
-    own = [joints.index(name) for name in bending.speed_names]
+    columns = [joints.index(name) for name in bending.speed_names]
     whole = np.zeros(robot.n_q)
     whole[[robot.coordinate_names.index(name) for name in joints]] = q
-    whole[list(robot.model.modal_coordinates)] = bending.modes(q, u[own], udot[own])
+    whole[list(robot.model.modal_coordinates)] = bending.modes(
+        q, u[columns], udot[columns])
     if robot.constraint_names:
         whole = robot.closed_configuration(whole, fixed=robot.speed_names)
     places = [robot.speed_names.index(name) for name in bending.speed_names]
     speeds = np.zeros((2, robot.n))
-    speeds[:, places] = u[own], udot[own]
+    speeds[:, places] = u[columns], udot[columns]
     mechanism = replace(case, robot=robot).mechanism
     tau = nonholonomic.inverse_dynamics(mechanism, whole, *speeds, 0.0)
     assert_close(np.delete(tau, places), np.zeros(robot.n - len(places)), 1e-7)  # modes
     result = np.zeros(len(joints))
-    result[own] = tau[places]
+    result[columns] = tau[places]
     return result
 
 
 def scaled(case):
-    """At the highest speed, a limit is reached and none is exceeded, by Kane's definition."""
-    (robot, bending), (motion, _, _) = rigid_model(case), driven(case)
-    found = fastest(robot, motion, step=0.05, bending=bending)
-    states = motion.sample(np.array([0.13, found.t * found.speed]))
+    """At the highest speed a limit is reached, none exceeded, by Kane's definition."""
+    robot, bending = rigid_model(case)
+    motion, _, _ = driven(case)
+    time_scale = fastest(robot, motion, step=0.05, bending=bending)
+    states = motion.sample(np.array([0.13, time_scale.t * time_scale.speed]))
     uses = []
     for q, u, udot in zip(*all_joints(robot, motion, *states)):
-        tau = held_by_actuators(case, bending, q, found.speed * u, found.speed**2 * udot)
+        tau = held_by_actuators(case, bending, q, time_scale.speed * u,
+                                time_scale.speed**2 * udot)
         uses.append(max((np.abs(tau) / robot.limits.effort).max(),
-                        np.abs(found.speed * u / robot.limits.velocity).max()))
+                        np.abs(time_scale.speed * u / robot.limits.velocity).max()))
     assert_close(uses[1], 1.0, 1e-6)
     assert uses[0] <= 1.0 + 1e-6
 
 
 def timed(case):
     """Reach some limit at most times, and exceed none, by Kane's definition."""
-    robot, (motion, _, _) = case.robot, driven(case)
-    found = time_optimal(robot, motion, acceleration=2.0, points=100)
-    times = found.motion.times
-    states = all_joints(robot, found.motion, *found.motion.sample(
+    robot = case.robot
+    motion, _, _ = driven(case)
+    timing = time_optimal(robot, motion, acceleration=2.0, points=100)
+    times = timing.motion.times
+    states = all_joints(robot, timing.motion, *timing.motion.sample(
         0.5 * (times[10:-10:7] + times[11:-9:7])))
     tau = np.array([actuators(case, row[0], kane.inverse_dynamics(robot.model, *row))
                     for row in zip(*states)])
@@ -716,22 +803,25 @@ def timed(case):
 
 
 def optimized(case):
-    """Plan a motion of three short intervals, whose torques are those of Kane's definition."""
+    """Plan a motion of three short intervals with torques of Kane's definition."""
     robot = case.robot
     problem = TrajectoryOptimizer(robot, nodes=3, interval=1e-8)
     problem.set_target(case.q, case.time)
     plan = problem.solve(case.q, case.u, iterations=2)
-    udot, at = np.diff(plan.u, axis=0) / problem.interval, case.time + problem.interval
+    udot = np.diff(plan.u, axis=0) / problem.interval
+    at = case.time + problem.interval
     places = [robot.joint_names.index(name) for name in problem.actuator_names]
-    assert_close(moved(case, plan.q[1], at)[places].T @ plan.tau[1], nonholonomic.inverse_dynamics(
-        case.mechanism, plan.q[1], plan.u[1], udot[1], at), 1e-4)
+    assert_close(moved(case, plan.q[1], at)[places].T @ plan.tau[1],
+                 nonholonomic.inverse_dynamics(
+                     case.mechanism, plan.q[1], plan.u[1], udot[1], at), 1e-4)
 
 
 def filled(case):
-    (robot, bending), (motion, moment, places) = rigid_model(case), driven(case)
+    robot, bending = rigid_model(case)
+    motion, moment, places = driven(case)
     q, u, udot = motion.sample(moment)
-    done = fill_trajectory(robot, [0.0], [q], [u], [udot], joint_names=motion.joint_names,
-                           bending=bending)
+    done = fill_trajectory(robot, [0.0], [q], [u], [udot],
+                           joint_names=motion.joint_names, bending=bending)
     (q,), (u,), (udot,) = all_joints(robot, motion, *(x[None] for x in (q, u, udot)))
     if bending is not None:
         tau = held_by_actuators(case, bending, q, u, udot)
@@ -740,31 +830,38 @@ def filled(case):
                      CLOSED)
         return
     T = moved(case, q, 0.0)  # each of the trajectory's joints has an actuator
-    assert_close(done.efforts[0], np.linalg.solve(T[places].T, T.T @ kane.inverse_dynamics(
-        robot.model, q, u, udot)), CLOSED if robot.constraint_names else TOLERANCE)
+    assert_close(
+        done.efforts[0], np.linalg.solve(T[places].T, T.T @ kane.inverse_dynamics(
+            robot.model, q, u, udot)), CLOSED if robot.constraint_names else TOLERANCE)
 
 
 def demanded(case):
-    """Move the other joints with the driving ones, with the torques of Kane's definition."""
-    (robot, bending), (motion, moment, _) = rigid_model(case), driven(case)
+    """Move the other joints with the driving ones, by Kane's definition."""
+    robot, bending = rigid_model(case)
+    motion, moment, _ = driven(case)
     places = [robot.coordinate_names.index(name) for name in motion.joint_names]
     asked = demand(robot, motion, step=0.05, bending=bending)
     k = int(np.argmin(np.abs(asked.t - moment)))
-    t, q, qdot, qddot = asked.t[k], asked.q[k], asked.u[k], asked.udot[k]
-    for mine, given in zip((q, qdot, qddot), motion.sample(t)):
-        assert_close(mine[places], given)
+    t = asked.t[k]
+    q = asked.q[k]
+    qdot = asked.u[k]
+    qddot = asked.udot[k]
+    for mine, stated in zip((q, qdot, qddot), motion.sample(t)):
+        assert_close(mine[places], stated)
     if bending is not None:
-        assert_close(asked.tau[k], held_by_actuators(case, bending, q, qdot, qddot), CLOSED)
+        assert_close(asked.tau[k], held_by_actuators(case, bending, q, qdot, qddot),
+                     CLOSED)
         return
 
     def missed(s):
         rows = case.mechanism.rows(case.mechanism.state(q + s * qdot, t + s))
-        J, b = (np.array(x, dtype=float) for x in (rows.J, rows.b))
+        J = np.array(rows.J, dtype=float)
+        b = np.array(rows.b, dtype=float)
         return J.reshape(-1, robot.n_q) @ (qdot + s * qddot) - b
     assert_close(missed(0.0), 0.0 * missed(0.0), CLOSED)
     assert_close(slope(missed), 0.0 * missed(0.0), CLOSED)
     rows = case.mechanism.rows(case.mechanism.state(q, t))
     assert_close([x or 0.0 for x in rows.residual], np.zeros(len(rows.residual)))
     T = moved(case, q, t)
-    assert_close(T.T @ asked.tau[k], T.T @ kane.inverse_dynamics(robot.model, q, qdot, qddot),
-                 CLOSED)
+    assert_close(T.T @ asked.tau[k],
+                 T.T @ kane.inverse_dynamics(robot.model, q, qdot, qddot), CLOSED)

@@ -1,5 +1,5 @@
 """
-The table of features by kind of mechanism: what works, by which check, and why the rest does not.
+The table of features by kind of mechanism: what works, by which check, or why not.
 
 `python test/helpers/feature_matrix.py` writes the table into docs/limits.md.
 """
@@ -13,31 +13,36 @@ from kinds_of_mechanism import ELASTIC, KINDS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / 'docs' / 'limits.md'
-BEGIN, END = '<!-- features by kind: generated -->\n', '<!-- end of the generated table -->\n'
+BEGIN = '<!-- features by kind: generated -->\n'
+END = '<!-- end of the generated table -->\n'
 TREE, SPEEDS, LOOP, ROLLING, TIME, BEAM, BALL = KINDS
 COLUMNS = (*KINDS, ELASTIC)
 
-# Reasons, one sentence each. The first are of physics or definition, the others of today.
+# Reasons, one sentence each. The first are of physics or definition, the others of
+# today.
 NO_CONSTRAINT = 'There is no constraint that could exert a force.'
-NO_TEN = ("A beam's inertia is a set of modal integrals, not the ten inertial parameters of a "
-          'body, in which the regressor is linear.')
-NO_SHAPE = ('The positions of some joints do not determine those of a nonholonomic mechanism, '
-            'which depend on the path.')
-BENDS = ('The deflections of beams follow from the load, and the motion of the joints does not '
-         'state them; `QuasiStatic` computes those in equilibrium.')
-NO_SPLIT = ('Chosen speeds may mix the rates of joints and modes, and modes are in equilibrium '
-            'alone.')
-NO_ACTUATOR = ('No actuator moves the coordinates of bending; `Controller(bending=)` commands the '
-               'joints of an arm with beams.')
+NO_TEN = ("A beam's inertia is a set of modal integrals, not the ten inertial "
+          "parameters of a body, in which the regressor is linear.")
+NO_SHAPE = ('The positions of some joints do not determine those of a nonholonomic '
+            'mechanism, which depend on the path.')
+BENDS = ('The deflections of beams follow from the load, and the motion of the joints '
+         'does not state them; `QuasiStatic` computes those in equilibrium.')
+NO_SPLIT = ('Chosen speeds may mix the rates of joints and modes, and modes are in '
+            'equilibrium alone.')
+NO_ACTUATOR = ('No actuator moves the coordinates of bending; `Controller(bending=)` '
+               'commands the joints of an arm with beams.')
 NO_SCALE = 'What follows a function of time cannot be moved faster or slower.'
-NO_REST = ('A mechanism that follows a function of time has no equilibrium about which it could '
-           'vibrate.')
-NO_ANGLE = ('The position of a ball joint is a rotation, which the points and splines of a motion '
-            'do not state.')
+NO_REST = ('A mechanism that follows a function of time has no equilibrium about which '
+           'it could vibrate.')
+NO_ANGLE = ('The position of a ball joint is a rotation, which the points and splines '
+            'of a motion do not state.')
 NO_START = ('A trajectory does not state at which time of a function of time it starts.')
-NO_ROTATION = 'The position of a ball joint is a rotation, which joint states do not state.'
-SAME = ('Joint states and efforts are those of joints: chosen speeds would not change a message.')
-BY_MOTORS = ('Motors move the links of elastic joints through springs: `MotorSideControl`, its '
+NO_ROTATION = (
+    'The position of a ball joint is a rotation, which joint states do not state.')
+SAME = ('Joint states and efforts are those of joints: chosen speeds would not change a '
+        'message.')
+BY_MOTORS = ('Motors move the links of elastic joints through springs: '
+             '`MotorSideControl`, its '
              '`trajectory` and the other laws of elastic joints command them.')
 NO_FUNCTION = 'A function of time is Python code, which no parameter file states.'
 
@@ -51,8 +56,8 @@ class Row:
     ----------
     name : str
     check : callable, optional
-        Fails unless a case's result is that of an independent formulation. It runs for every kind
-        and pair without a reason, and must be refused for the others.
+        Fails unless a case's result is that of an independent formulation. It runs for
+        every kind and pair without a reason, and must be refused for the others.
     reasons : dict of kind or pair to sentence
         Why it does not work. A pair has the reasons of its kinds.
     tests : dict of kind to test
@@ -70,8 +75,8 @@ class Row:
 
     def reason(self, *kinds):
         """Return why it does not work for these kinds, or None."""
-        found = [self.reasons[key] for key in (kinds, *kinds) if key in self.reasons]
-        return found[0] if found else None
+        reasons = [self.reasons[key] for key in (kinds, *kinds) if key in self.reasons]
+        return reasons[0] if reasons else None
 
 
 CONTROL = 'test/unit/control/'
@@ -87,10 +92,12 @@ ROWS = (
     Row('friction force', check.friction),
     Row('Coriolis matrix', check.coriolis),
     Row('derivatives of inverse dynamics', check.inverse_derivatives, {}, dict.fromkeys(
-        KINDS[:-1], f'{DERIVATIVES}test_inverse_dynamics_derivatives_are_the_definitions'),
+        KINDS[:-1],
+        f'{DERIVATIVES}test_inverse_dynamics_derivatives_are_the_definitions'),
         pairs=False),
     Row('derivatives of forward dynamics', check.forward_derivatives, {}, dict.fromkeys(
-        KINDS[:-1], f'{DERIVATIVES}test_forward_dynamics_derivatives_are_the_definitions'),
+        KINDS[:-1],
+        f'{DERIVATIVES}test_forward_dynamics_derivatives_are_the_definitions'),
         pairs=False),
     Row('Jacobian and its rate', check.jacobian),
     Row('velocity and acceleration of frames', check.frames, pairs=False),
@@ -112,49 +119,49 @@ ROWS = (
         BEAM: NO_ACTUATOR, BALL: NO_ANGLE, ELASTIC: BY_MOTORS}, pairs=False),
     Row('`Controller`, beams by `QuasiStatic`', check.controller, {
         BALL: NO_ANGLE, ELASTIC: BY_MOTORS}, {
-        BEAM: f'{CONTROL}test_quasi_static.py::'
-              'test_feedforward_with_bending_tracks_far_better'}, pairs=False),
+            BEAM: f'{CONTROL}test_quasi_static.py::'
+            'test_feedforward_with_bending_tracks_far_better'}, pairs=False),
     Row('`MomentumObserver`', check.observer),
     Row('collision detection', check.collision, pairs=False),
     Row('payload estimate', check.payload),
     Row('joint stops of `simulate`', check.stopped, pairs=False),
     Row('exact friction of `simulate`', check.slid_exactly, pairs=False),
-    Row('presliding friction of `simulate`', None, {}, {**dict.fromkeys(
-        KINDS, 'test/unit/simulation/test_presliding.py::'
-        'test_every_kind_of_mechanism_moves_as_a_readable_reference'), ELASTIC:
-        'test/unit/simulation/test_presliding.py::'
-        'test_bristles_of_a_motor_are_seen_through_its_gear'}, pairs=False),
+    Row('presliding friction of `simulate`', None, {},
+        {**dict.fromkeys(
+            KINDS, 'test/unit/simulation/test_presliding.py::'
+            'test_every_kind_of_mechanism_moves_as_a_readable_reference'), ELASTIC:
+         'test/unit/simulation/test_presliding.py::'
+         'test_bristles_of_a_motor_are_seen_through_its_gear'}, pairs=False),
     Row('power balance', check.balanced_power, pairs=False),
     Row('sweep', check.swept),
     Row('view and plots of a simulated motion', check.drawn, pairs=False),
     Row('node', None, {
-        SPEEDS: SAME, ROLLING: NO_SHAPE, TIME: NO_FUNCTION, BALL: NO_ROTATION}, {
-        TREE: f'{NODE}torques.py::test_along_a_motion_the_torques_equal_those_of_the_library',
-        LOOP: f'{NODE}closed_loops.py::'
-              'test_computed_torque_moves_the_plant_with_only_the_driven_joints_measured',
-        BEAM: f'{NODE}flexible.py::'
-              'test_quasi_static_feedforward_is_better_than_rigid_feedforward',
-        ELASTIC: f'{NODE}elastic_joints.py::'
-                 'test_elastic_feedforward_leaves_a_twentieth_of_the_vibration'}, pairs=False),
+        SPEEDS: SAME, ROLLING: NO_SHAPE, TIME: NO_FUNCTION, BALL: NO_ROTATION},
+        {TREE: f'{NODE}torques.py::test_along_a_motion_the_torques_equal_those_of_the_library',
+         LOOP: f'{NODE}closed_loops.py::'
+         'test_computed_torque_moves_the_plant_with_only_the_driven_joints_measured',
+         BEAM: f'{NODE}flexible.py::'
+         'test_quasi_static_feedforward_is_better_than_rigid_feedforward',
+         ELASTIC: f'{NODE}elastic_joints.py::'
+         'test_elastic_feedforward_leaves_a_twentieth_of_the_vibration'}, pairs=False),
     Row('`export_c`', check.exported, pairs=False),
     Row('natural vibration', check.vibration, {TIME: NO_REST}),
-    Row('`demand`, `largest_payload`: motion of the driving joints, beams by `QuasiStatic`',
-        check.demanded, {ROLLING: NO_SHAPE, BALL: NO_ANGLE}, {
+    Row('`demand`, `largest_payload`: motion of the driving joints, beams by '
+        '`QuasiStatic`', check.demanded, {ROLLING: NO_SHAPE, BALL: NO_ANGLE}, {
             ELASTIC: f'{LIMITS}of_drives.py::'
-                     'test_the_demand_satisfies_the_equations_of_links_and_motors'}, pairs=False),
+            'test_the_demand_satisfies_the_equations_of_links_and_motors'}, pairs=False),
     Row('`fastest`, beams by `QuasiStatic`', check.scaled, {
         ROLLING: NO_SHAPE,
         TIME: NO_SCALE,
         (SPEEDS, BEAM): NO_SPLIT,
-        BALL: NO_ANGLE}, {
-        ELASTIC: f'{LIMITS}of_drives.py::test_the_fastest_speed_reaches_a_limit_of_the_drive'}),
+        BALL: NO_ANGLE},
+        {ELASTIC: f'{LIMITS}of_drives.py::test_the_fastest_speed_reaches_a_limit_of_the_drive'}),
     Row('`time_optimal`', check.timed, {
         ROLLING: NO_SHAPE,
         TIME: NO_SCALE,
         BEAM: BENDS,
-        BALL: NO_ANGLE}, {
-        ELASTIC: 'test/unit/feasibility/test_elastic_timing.py::'
-                 'test_no_limit_is_exceeded_and_one_is_always_near'}),
+        BALL: NO_ANGLE}, {ELASTIC: 'test/unit/feasibility/test_elastic_timing.py::'
+                          'test_no_limit_is_exceeded_and_one_is_always_near'}),
     Row('`TrajectoryOptimizer`', check.optimized, {ELASTIC: BY_MOTORS}),
     Row('`fill_trajectory`, beams by `QuasiStatic`', check.filled, {
         ROLLING: NO_SHAPE,
@@ -167,7 +174,8 @@ ROWS = (
 
 def table():
     """Return the table and its notes, in Markdown."""
-    notes, lines = [], [f'| | {" | ".join(COLUMNS)} |', f'|---{"|---" * len(COLUMNS)}|']
+    notes = []
+    lines = [f'| | {" | ".join(COLUMNS)} |', f'|---{"|---" * len(COLUMNS)}|']
     for row in ROWS:
         cells = []
         for kind in COLUMNS:
@@ -185,8 +193,8 @@ def table():
 
 def page(text):
     """Return the text of docs/limits.md with the table."""
-    before, _, rest = text.partition(BEGIN)
-    return f'{before}{BEGIN}\n{table()}\n{END}{rest.partition(END)[2]}'
+    head, _, tail = text.partition(BEGIN)
+    return f'{head}{BEGIN}\n{table()}\n{END}{tail.partition(END)[2]}'
 
 
 if __name__ == '__main__':

@@ -39,11 +39,13 @@ class Command(NamedTuple):
 
 
 class Recorder(Node):
-    """Records the commands of node and guard by their ~/joint_torques, and the joint states."""
+    """Records the commands of node and guard, by their topics, and the joint states."""
 
     def __init__(self):
         super().__init__('recorder')
-        self.commands, self.states = [], []  # states: (stamp, q, u)
+        # states: (stamp, q, u)
+        self.commands = []
+        self.states = []
         self.create_subscription(
             JointState, f'{NAME}/joint_torques',
             lambda message: self._keep('node', message, time.time_ns()), DEEP)
@@ -53,15 +55,18 @@ class Recorder(Node):
                 'guard', message, info['source_timestamp']), DEEP)
         self.create_subscription(JointState, 'joint_states', self._on_state,
                                  qos_profile_sensor_data)
-        self.motions = self.create_publisher(JointTrajectory, f'{NAME}/joint_trajectory', 1)
+        self.motions = self.create_publisher(JointTrajectory, f'{NAME}/joint_trajectory',
+                                             1)
         self.block = self.create_publisher(Empty, f'{NAME}/block', 1)
         self._executor = EventsExecutor()
         self._executor.add_node(self)
-        self._slow_executor = SingleThreadedExecutor()  # the other gives no times of sending
+        # The other gives no times of sending.
+        self._slow_executor = SingleThreadedExecutor()
         self._slow_executor.add_node(self._of_guard)
 
     def _keep(self, source, message, when):
-        self.commands.append(Command(source, _stamp(message), when, np.array(message.effort)))
+        self.commands.append(
+            Command(source, _stamp(message), when, np.array(message.effort)))
 
     def _on_state(self, message):
         self.names = tuple(message.name)
@@ -71,7 +76,8 @@ class Recorder(Node):
     def spin(self, seconds):
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
-            self._executor.spin_until_future_complete(Future(), max(min(left, 0.01), 1e-4))
+            self._executor.spin_until_future_complete(Future(),
+                                                      max(min(left, 0.01), 1e-4))
             for _ in range(10):  # it executes one callback
                 self._slow_executor.spin_once(0.0)
 
@@ -82,7 +88,7 @@ class Recorder(Node):
             self.spin(0.005)
 
     def of(self, source):
-        return [each for each in self.commands if each.source == source]
+        return [command for command in self.commands if command.source == source]
 
     def forget(self):
         self.commands.clear()
@@ -141,19 +147,23 @@ class Rig:
             rclpy.init()
         urdf = folder / 'arm.urdf'
         urdf.write_text(arm.urdf)
-        self.arm, self._mujoco, self._module = arm, mujoco, node
+        self.arm = arm
+        self._mujoco = mujoco
+        self._module = node
         self.urdf = {'urdf': str(urdf)}
         self.parameters = {
             'activation': 'at_once', 'arm_compensates': arm_compensates,
-            'mode': 'computed_torque', 'guard__enabled': 'true', 'limits__rate': arm.rate,
+            'mode': 'computed_torque', 'guard__enabled': 'true',
+            'limits__rate': arm.rate,
             'gains__kp': 400.0, 'gains__kd': 40.0, 'realtime__priority': 20,
             'realtime__keep_awake': 'true', 'guard__damping': DAMPING,
             'torque_path': TORQUE_PATH, **parameters}
         if mujoco:  # its joint states have no fingers
             self.parameters['joints'] = f'[{",".join(arm.joints)}]'
         self.recorder = Recorder()
-        self._watches = [Process(program=[str(Path(__file__).with_name('stall_watch.py')), str(k)])
-                         for k in sorted(os.sched_getaffinity(0))]
+        self._watches = [
+            Process(program=[str(Path(__file__).with_name('stall_watch.py')), str(k)])
+            for k in sorted(os.sched_getaffinity(0))]
         self.failed_at = 0  # system time, ns
         self.plant = Process(program=[
             '-m', 'kane_dynamics.demo.mujoco_plant', 'fr3',
@@ -174,12 +184,15 @@ class Rig:
     def wait(self):
         """Wait until the node commands alone, for 100 states."""
         recorder = self.recorder
-        for words, process in (('watching kane_dynamics', self.guard), ('active', self.node)):
-            recorder.spin_until(lambda p=process, w=words: w in p.log or not p.alive(), 120.0)
+        for words, process in (('watching kane_dynamics', self.guard),
+                               ('active', self.node)):
+            recorder.spin_until(lambda p=process, w=words: w in p.log or not p.alive(),
+                                120.0)
             assert words in process.log, self.logs()
         recorder.spin_until(lambda: recorder.states and len(recorder.of('node')) > 20
                             and recorder.motions.get_subscription_count() > 0, 90.0)
-        if self._mujoco:  # switch the servo off that held the arm; a reset would be a jump
+        # Switch the servo off that held the arm; a reset would be a jump.
+        if self._mujoco:
             client = recorder.create_client(SetBool, '/plant/servo')
             recorder.spin_until(client.service_is_ready)
             future = client.call_async(SetBool.Request(data=False))
@@ -189,12 +202,13 @@ class Rig:
             prefer(process.pid, priority)
         recorder.forget()
         recorder.spin_until(lambda: len(recorder.commands) > 100 and all(
-            each.source == 'node' for each in recorder.commands[-100:]), 90.0)
+            command.source == 'node' for command in recorder.commands[-100:]), 90.0)
 
     def move(self):
         """Start a motion and wait until the arm moves."""
         self.wait()
-        recorder, arm = self.recorder, self.arm
+        recorder = self.recorder
+        arm = self.arm
         names = recorder.names
         q0 = recorder.states[-1][1][[names.index(joint) for joint in arm.joints]]
         message = JointTrajectory(joint_names=list(arm.joints))
@@ -204,8 +218,8 @@ class Rig:
             q = q0 + grow * (arm.home - q0 + arm.amplitude * np.sin(
                 2.0 * t + np.arange(len(q0))))
             point = JointTrajectoryPoint(positions=q.tolist())
-            point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * 1e9),
-                                                                              10**9)
+            point.time_from_start.sec, point.time_from_start.nanosec = divmod(
+                round(t * 1e9), 10**9)
             message.points.append(point)
         for _ in range(5):  # a new node may not be discovered yet
             recorder.motions.publish(message)
@@ -218,11 +232,11 @@ class Rig:
     def moving(self):
         """Return whether the arm moves and only the node commands."""
         recent = self.recorder.commands[-50:]
-        return (len(recent) == 50 and all(each.source == 'node' for each in recent)
+        return (len(recent) == 50 and all(command.source == 'node' for command in recent)
                 and np.abs(self.recorder.states[-1][2]).max() > 0.2)
 
     def fail(self, number):
-        """Send a signal to the node, or block its main thread; return the system time, ns."""
+        """Send a signal to the node or block its main thread; return the time, ns."""
         self.failed_at = began = time.time_ns()
         if number is None:
             self.recorder.block.publish(Empty())
@@ -231,9 +245,13 @@ class Rig:
         return began
 
     def stalled(self, seconds):
-        """Return whether a processor stalled from just before the failure until long after it."""
-        first, last = self.failed_at - 50_000_000, self.failed_at + round(seconds * 1e9)
-        stalls = [line.split() for watch in self._watches for line in watch.log.splitlines()]
+        """Return whether a processor stalled between before and after the failure."""
+        first = self.failed_at - 50_000_000
+        last = self.failed_at + round(seconds * 1e9)
+        stalls = []
+        for watch in self._watches:
+            for line in watch.log.splitlines():
+                stalls.append(line.split())
         return any(int(start) < last and int(end) > first for start, end in stalls)
 
     def logs(self):
@@ -252,7 +270,8 @@ def ideal_stop(model, states, failed, taken_over):
     """
     Return the index of the failure and the positions of an ideal stop from there on.
 
-    Until the takeover the joints keep their speeds; then the guard's law acts without ramp.
+    Until the takeover the joints keep their speeds; then the guard's law acts without
+    ramp.
     """
     k = next(i for i, (stamp, _, _) in enumerate(states) if stamp >= failed)
     robot = Robot(model)
@@ -261,10 +280,10 @@ def ideal_stop(model, states, failed, taken_over):
     arm.reset(states[k][1])
     arm.u[:] = states[k][2]
     positions = [arm.q.copy()]
-    for before, after in pairwise(stamp for stamp, _, _ in states[k:]):
+    for earlier, later in pairwise(stamp for stamp, _, _ in states[k:]):
         # A busy recorder loses states: as many periods as the stamps are apart.
-        for period in range(round((after - before) * 1e-9 / PERIOD)):
-            if before + period * PERIOD * 1e9 < taken_over:
+        for period in range(round((later - earlier) * 1e-9 / PERIOD)):
+            if earlier + period * PERIOD * 1e9 < taken_over:
                 arm.q[:] += PERIOD * arm.u
                 continue
             tau = law.command(0.0, arm.q, arm.u).tau
@@ -275,8 +294,9 @@ def ideal_stop(model, states, failed, taken_over):
 
 
 def sag(rig, failed, taken_over):
-    """Return the largest distance from the ideal stop, degrees; arguments are stamps, ns."""
-    recorder, arm = rig.recorder, rig.arm
+    """Return the largest distance from the ideal stop, degrees; stamps in ns."""
+    recorder = rig.recorder
+    arm = rig.arm
     order = [recorder.names.index(joint) for joint in arm.joints]
     states = [(stamp, q[order], u[order]) for stamp, q, u in recorder.states]
     k, ideal = ideal_stop(load_urdf(arm.urdf, joints=list(arm.joints)), states, failed,
@@ -292,9 +312,10 @@ def largest_step(commands, rate):
     Zeros, which are commanded when states are stale, have no rate limit.
     """
     ordered = sorted(commands, key=lambda each: each.stamp)
-    return max(float(np.abs(after.tau - before.tau).max())
-               / (rate * max((after.stamp - before.stamp) * 1e-9, PERIOD))
-               for before, after in pairwise(ordered) if before.tau.any() and after.tau.any())
+    return max(float(np.abs(later.tau - earlier.tau).max())
+               / (rate * max((later.stamp - earlier.stamp) * 1e-9, PERIOD))
+               for earlier, later in pairwise(ordered)
+               if earlier.tau.any() and later.tau.any())
 
 
 def turns(commands):

@@ -1,4 +1,4 @@
-"""A GPU that is the processor: the same kernels, compiled for it, evaluate one state at a time."""
+"""A GPU that is the processor: the same kernels, compiled for it, state by state."""
 
 from contextlib import contextmanager, nullcontext
 import ctypes
@@ -14,20 +14,26 @@ class HostArray:
     """A NumPy array as one of a GPU, by `__cuda_array_interface__`."""
 
     def __init__(self, array, stream=None, read_only=False):
-        self.array, self.stream, self.read_only = array, stream, read_only
+        self.array = array
+        self.stream = stream
+        self.read_only = read_only
 
     @property
     def __cuda_array_interface__(self):
         x = self.array
         return {'shape': x.shape, 'strides': x.strides, 'typestr': x.dtype.str,
-                'data': (x.ctypes.data, self.read_only), 'version': 3, 'stream': self.stream}
+                'data': (x.ctypes.data, self.read_only), 'version': 3,
+                'stream': self.stream}
 
 
 class HostDriver:
     """The members of `Driver` that calls need."""
 
     def __init__(self):
-        self.launches, self.waited, self.memory, self.made = [], [], {}, {}
+        self.launches = []
+        self.waited = []
+        self.memory = {}
+        self.made = {}
         self.devices = ('Processor',)
 
     def device_of(self, pointer):
@@ -72,7 +78,8 @@ def host_gpu():
     driver = HostDriver()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(kernel_call, 'driver', lambda: driver)
-        for module, name in ((device_function, 'kernel_text'), (device_rollout, 'rollout_text')):
+        for module, name in ((device_function, 'kernel_text'),
+                             (device_rollout, 'rollout_text')):
             patch.setattr(module, name, partial(getattr(module, name), host=True))
             patch.setattr(module, 'ptx_text', lambda name, key, dtype, text: text())
         yield driver
@@ -80,7 +87,8 @@ def host_gpu():
 
 def on_gpu(*arrays, dtype='float64', coalesced=True):
     """Return copies of arrays, with states as neighbors in memory or row by row."""
-    return [HostArray(np.array(x, dtype=dtype, order='F' if coalesced else 'C')) for x in arrays]
+    return [HostArray(np.array(x, dtype=dtype, order='F' if coalesced else 'C'))
+            for x in arrays]
 
 
 def values_of(result):

@@ -1,9 +1,9 @@
 """
 A process that publishes joint states at a fixed rate and counts those without torques.
 
-States are not judged near which the machine held up this process, or the threads of the node that
-process states: they are lost whatever the node does. Linux counts the time in which a thread could
-run and had no processor.
+States are not judged near which the machine held up this process, or the threads of the
+node that process states: they are lost whatever the node does. Linux counts the time in
+which a thread could run and had no processor.
 """
 
 import json
@@ -21,19 +21,22 @@ from sensor_msgs.msg import JointState
 
 RATE = 500.0
 QUEUED = 5  # states that wait for the node before the oldest is lost
-HELD = 0.25 * QUEUED / RATE  # s of one thread in that time: several may wait one after the other
+# s of one thread in that time: several may wait one after the other
+HELD = 0.25 * QUEUED / RATE
 
 
 def waits_for_a_processor(pid):
-    """Return a function that returns how long each thread of a torque path waited so far, s."""
-    files = [os.open(task / 'schedstat', os.O_RDONLY)
-             for task in Path(f'/proc/{pid}/task').iterdir()
-             if task.name == str(pid) or (task / 'comm').read_text().startswith('dds.')]
-    return lambda: np.array([1e-9 * int(os.pread(file, 100, 0).split()[1]) for file in files])
+    """Return a function of how long each thread of a torque path waited so far, s."""
+    files = []
+    for task in Path(f'/proc/{pid}/task').iterdir():
+        if task.name == str(pid) or (task / 'comm').read_text().startswith('dds.'):
+            files.append(os.open(task / 'schedstat', os.O_RDONLY))
+    return lambda: np.array(
+        [1e-9 * int(os.pread(file, 100, 0).split()[1]) for file in files])
 
 
 def states_to_judge(held):
-    """Return which states to judge, (K,), by how long each thread was held up, (K, threads), s."""
+    """Return which states to judge, (K,), by waits of threads, (K, threads), s."""
     chosen = np.ones(len(held), dtype=bool)
     recent = np.max([np.convolve(thread, np.ones(QUEUED))[:len(held)]
                      for thread in held.T], axis=0)
@@ -44,16 +47,17 @@ def states_to_judge(held):
 
 
 def drive(joints, seconds, pid):
-    """Print how many states were sent and judged, and how many of both have no torque."""
+    """Print how many states were sent and judged, and how many lack a torque."""
     rclpy.init()
     node = rclpy.create_node('driver')
     answered = set()
     publisher = node.create_publisher(
-        JointState, 'joint_states', QoSProfile(depth=1,
-                                               reliability=ReliabilityPolicy.BEST_EFFORT))
+        JointState, 'joint_states',
+        QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
     node.create_subscription(
         JointState, f'{NAME}/joint_torques',
-        lambda m: answered.add(m.header.stamp.sec * 10**9 + m.header.stamp.nanosec), DEEP)
+        lambda m: answered.add(m.header.stamp.sec * 10**9 + m.header.stamp.nanosec),
+        DEEP)
     executor = EventsExecutor()
     executor.add_node(node)
     message = JointState(name=joints, velocity=np.zeros(len(joints)).tolist())
@@ -71,15 +75,17 @@ def drive(joints, seconds, pid):
         send()
         executor.spin_once(0.1)
     print('ready', flush=True)
-    sent, held = [], []
+    sent = []
+    held = []
     waited = waits_for_a_processor(pid)
-    due, before = time.perf_counter(), waited()
+    due = time.perf_counter()
+    waited_before = waited()
     for _ in range(round(seconds * RATE)):
         sent.append(send())
         now = time.perf_counter()
-        after = waited()
-        held.append([now - due, *(after - before)])
-        before = after
+        waited_after = waited()
+        held.append([now - due, *(waited_after - waited_before)])
+        waited_before = waited_after
         due = max(due + 1.0 / RATE, now)  # no bursts after a delay
         while (left := due - time.perf_counter()) > 0.0:
             executor.spin_once(left)
@@ -88,7 +94,8 @@ def drive(joints, seconds, pid):
         executor.spin_once(0.1)
     chosen = np.array(sent)[states_to_judge(np.array(held))].tolist()
     print(json.dumps({'sent': len(sent), 'unanswered': len(set(sent) - answered),
-                      'judged': len(chosen), 'lost': len(set(chosen) - answered)}), flush=True)
+                      'judged': len(chosen), 'lost': len(set(chosen) - answered)}),
+          flush=True)
     rclpy.shutdown()
 
 

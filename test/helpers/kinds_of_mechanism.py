@@ -1,28 +1,28 @@
-"""A small mechanism of every kind, and of every two kinds together, for tests of features."""
+"""A small mechanism of every kind, and of every pair of kinds, for features."""
 
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations
 
-from kane_dynamics import (absolute_rates, box, Closure, disc, Drive, FlexibleLink, knife_edge,
-                           ModelBuilder, Prescribed, Robot, rod, Speeds, StiffnessCurve,
-                           with_drives)
+from kane_dynamics import (absolute_rates, box, Closure, disc, Drive, FlexibleLink,
+                           knife_edge, ModelBuilder, Prescribed, Robot, rod, Speeds,
+                           StiffnessCurve, with_drives)
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.definition import nonholonomic
 from kane_dynamics.model.model import Limits
 import numpy as np
 
-KINDS = ('tree', 'chosen speeds', 'closed loop', 'nonholonomic', 'time-dependent', 'flexible',
-         'free and ball joints')
+KINDS = ('tree', 'chosen speeds', 'closed loop', 'nonholonomic', 'time-dependent',
+         'flexible', 'free and ball joints')
 PAIRS = tuple(combinations(KINDS[1:], 2))
 ELASTIC = 'elastic joints'  # of a tree
 DRIVES = {'upper': Drive(800.0, damping=0.4, rotor_inertia=0.3,
                          friction={'damping': 0.5, 'friction': 0.2}),
           'fore': Drive(500.0, rotor_inertia=0.2)}
 T = 0.4  # s, of states
-JOINT = {'damping': 0.3, 'friction': 0.2, 'armature': 0.02, 'stiffness': 1.5, 'rest': 0.1,
-         'limits': Limits(-6.0, 6.0, 20.0, 200.0)}
+JOINT = {'damping': 0.3, 'friction': 0.2, 'armature': 0.02, 'stiffness': 1.5,
+         'rest': 0.1, 'limits': Limits(-6.0, 6.0, 20.0, 200.0)}
 ARM = ('upper', 'fore')
 LOOP = ('crank', 'coupler', 'rocker')
 CART = ('cart/x', 'cart/y', 'cart/rz')
@@ -30,7 +30,7 @@ CART = ('cart/x', 'cart/y', 'cart/rz')
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A robot with a state that meets its constraints; `t` holds the keyword of its time."""
+    """A robot with a state that meets its constraints; `t` holds its time."""
 
     name: str
     robot: Robot
@@ -52,7 +52,7 @@ class Case:
 
     @cached_property
     def T(self):
-        """Return the joint rates per unit of each independent speed, by the definition."""
+        """Return the joint rates per unit of each speed, by the definition."""
         parts = nonholonomic.reduction(self.mechanism, self.q, self.time)
         free = self.mechanism.free
         return parts.W[:, free] + parts.W[
@@ -60,8 +60,9 @@ class Case:
 
     @cached_property
     def joint_motion(self):
-        """Return q' and q'', of ball joints angular velocity and acceleration, by definition."""
-        return nonholonomic.joint_motion(self.mechanism, self.q, self.u, self.udot, self.time)
+        """Return q' and q'', of ball joints angular velocity and acceleration."""
+        return nonholonomic.joint_motion(self.mechanism, self.q, self.u, self.udot,
+                                         self.time)
 
     @cached_property
     def q_rate(self):
@@ -82,10 +83,11 @@ def rheonomic(model):
 
 
 def bar(b, name, on, at, length, beam, **joint):
-    """Add a bar that turns about a horizontal axis, rigid or a beam; return where it ends."""
+    """Add a bar about a horizontal axis, rigid or a beam; return its end."""
     joint = {'axis': (0, -1, 0), 'at': at, **JOINT, **joint}
     if beam:
-        b.beam(name, on, FlexibleLink(length, 2.0, 80.0, (1, 0), up=(0, 0, 1), damping=0.02),
+        b.beam(name, on,
+               FlexibleLink(length, 2.0, 80.0, (1, 0), up=(0, 0, 1), damping=0.02),
                **joint)
         return f'{name}/tip', (0, 0, 0)
     b.body(name, on, inertial=rod(2.0 * length, (0, 0, 0), (length, 0, 0.1)), **joint)
@@ -93,14 +95,18 @@ def bar(b, name, on, at, length, beam, **joint):
 
 
 def model_of(kinds):
-    """Return the model that shows these kinds; a cart is nonholonomic, an arm no loop."""
+    """Return the model of these kinds; a cart is nonholonomic, an arm no loop."""
     b = ModelBuilder('-'.join(kinds) or 'tree')
-    on, beam, free = 'world', 'flexible' in kinds, 'free and ball joints' in kinds
+    on = 'world'
+    beam = 'flexible' in kinds
+    free = 'free and ball joints' in kinds
     if 'nonholonomic' in kinds:
-        b.body('cart', kind='planar', inertial=box(5.0, (0.6, 0.4, 0.2), at=(0.1, 0, 0.2)))
+        b.body('cart', kind='planar',
+               inertial=box(5.0, (0.6, 0.4, 0.2), at=(0.1, 0, 0.2)))
         on = 'cart'
     elif free:
-        b.body('craft', kind='free', inertial=box(8.0, (0.6, 0.4, 0.3), at=(0.05, 0.02, 0.01)))
+        b.body('craft', kind='free',
+               inertial=box(8.0, (0.6, 0.4, 0.3), at=(0.05, 0.02, 0.01)))
         on = 'craft'
     elif 'closed loop' in kinds and 'time-dependent' in kinds:
         b.body('table', axis=(0, 0, 1), inertial=disc(20.0, 0.5), **JOINT)
@@ -129,7 +135,8 @@ def model_of(kinds):
 def case(*kinds):
     """Return the mechanism of one kind or of several."""
     kinds = tuple(kind for kind in kinds if kind != 'tree')
-    model, choice = model_of(kinds), {}
+    model = model_of(kinds)
+    choice = {}
     if ELASTIC in kinds:
         model = with_drives(model, DRIVES)
     constraints = []
@@ -138,13 +145,15 @@ def case(*kinds):
     elif 'time-dependent' in kinds:
         free = 'free and ball joints' in kinds
         constraints.append(Prescribed(
-            'craft/x' if 'closed loop' in kinds and free else 'table' if 'closed loop' in kinds
-            else 'upper' if free else 'fore', drive, name='drive'))
+            'craft/x' if 'closed loop' in kinds and free else 'table' if 'closed loop'
+            in kinds else 'upper' if free else 'fore', drive, name='drive'))
     if 'closed loop' in kinds:
-        constraints.append(Closure('end', 'ground', 'revolute', axis=(0, 1, 0), name='pin'))
+        constraints.append(Closure('end', 'ground', 'revolute',
+                                   axis=(0, 1, 0), name='pin'))
     if 'nonholonomic' in kinds:
         constraints.append(knife_edge('cart', (0, 1, 0), name='runner'))
-    robot = Robot(model, constraints=constraints, wrench_frames=('tool',), payload_frame='tool',
+    robot = Robot(model, constraints=constraints, wrench_frames=('tool',),
+                  payload_frame='tool',
                   **choice)
     q, u, udot = state(robot)
     return Case(' and '.join(kinds) or 'tree', robot, q, u,
@@ -157,7 +166,10 @@ def state(robot, seed=0):
     guess = {'crank': 0.8, 'rocker': -1.5, 'upper': 0.4, 'fore': -0.7, 'cart/rz': 0.5,
              'cart/x': 0.2, 'craft/qw': 1.0, 'hand/qw': 1.0, 'upper_motor': 0.41,
              'fore_motor': -0.69}
-    small = np.array([0.02 if 'mode' in name else 1.0 for name in robot.coordinate_names])
+    rows = []
+    for name in robot.coordinate_names:
+        rows.append(0.02 if 'mode' in name else 1.0)
+    small = np.array(rows)
     q = np.array([guess.get(name, 0.0) for name in robot.coordinate_names])
     q = q + 0.1 * small * rng.uniform(-1.0, 1.0, robot.n_q)
     q = on_unit_quaternions(robot.model, q)
@@ -185,11 +197,13 @@ ELASTIC_JOINTS = ('upper', 'crank', 'fore', 'rocker', 'table')
 
 
 def elastic_case(one):
-    """Return the robot of a case with drives in its joints, and a configuration of it."""
+    """Return a case's robot with drives in its joints, and a configuration."""
     joints = [joint for joint in ELASTIC_JOINTS if joint in one.robot.model.joint_names]
     model = with_drives(one.robot.model, dict(zip(joints, ELASTIC_DRIVES)))
     places = {name: k for k, name in enumerate(one.robot.coordinate_names)}
-    q = np.array([one.q[places[name]] if name in places else
-                  one.q[places[name.removesuffix('_motor')]] + 0.015
-                  for name in model.coordinate_names])
+    rows = []
+    for name in model.coordinate_names:
+        rows.append(one.q[places[name]] if name in places
+                    else one.q[places[name.removesuffix('_motor')]] + 0.015)
+    q = np.array(rows)
     return Robot(model, **one.robot.options | {'configuration': q}), q

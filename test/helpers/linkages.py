@@ -6,24 +6,30 @@ from kane_dynamics import Closure, disc, Inertial, knife_edge, ModelBuilder, Rob
 import numpy as np
 
 PIN = Closure('end', 'ground', 'revolute', axis=(0, 1, 0), name='pin')
-SLOPE, SPIN = 0.3, 1.7  # rad, rad/s
-ARM, SPAN = (0.4, 0.7), 0.5  # m, bars of each arm of the five-bar, and between the arms
+# rad, rad/s
+SLOPE = 0.3
+SPIN = 1.7
+# m, bars of each arm of the five-bar, and between the arms
+ARM = (0.4, 0.7)
+SPAN = 0.5
 
 
 @cache
 def four_bar_model(turntable=False, bars=(0.3, 0.9, 0.7), span=1.0):
-    """Return crank, coupler and rocker, on a turntable or not, with frames to close the loop."""
+    """Return crank, coupler and rocker, on a turntable or not, with closing frames."""
     b = ModelBuilder('four-bar')
     base = 'world'
     if turntable:
         b.body('table', axis=(0, 0, 1), inertial=disc(20.0, 0.5))
         base = 'table'
     b.frame('base', base)
-    on, at = 'base', (0, 0, 0)
+    on = 'base'
+    at = (0, 0, 0)
     for name, length in zip(('crank', 'coupler', 'rocker'), bars):
         b.body(name, on, axis=(0, -1, 0), at=at,
                inertial=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
-        on, at = name, (length, 0, 0)
+        on = name
+        at = (length, 0, 0)
     b.frame('end', on, at=at)
     b.frame('ground', 'base', at=(span, 0, 0))
     b.frame('middle', 'coupler', at=(0.45, 0, 0.1))
@@ -45,7 +51,7 @@ def at_angle(angle):
 
 @cache
 def sleigh(*independent):
-    """Return a body on a runner that slides down a slope (Kane & Levinson's knife edge)."""
+    """Return a body on a runner that slides down (Kane & Levinson's knife edge)."""
     b = ModelBuilder('sleigh', gravity=(0, 9.81 * np.sin(SLOPE), -9.81 * np.cos(SLOPE)))
     b.body('body', kind='planar', inertial=Inertial(2.0, (0, 0, 0), 0.4 * np.eye(3)))
     return Robot(b.model(), constraints=[knife_edge('body', (0, 1, 0), name='runner')],
@@ -54,7 +60,8 @@ def sleigh(*independent):
 
 def sleigh_path(t):
     """Return where the sleigh is at times, (K, 2), m, in closed form."""
-    c, w = 9.81 * np.sin(SLOPE) / SPIN, SPIN
+    c = 9.81 * np.sin(SLOPE) / SPIN
+    w = SPIN
     return np.array([c * (np.sin(w * t) / w - t / 2 - np.sin(2 * w * t) / (4 * w)),
                      c * ((1 - np.cos(w * t)) / w - np.sin(w * t)**2 / (2 * w))]).T
 
@@ -64,11 +71,13 @@ def five_bar(*actuated, weights=(), wrench_frames=()):
     """Return two arms of two bars each, joined at their tips: two degrees of freedom."""
     b = ModelBuilder('five-bar')
     for arm, x in (('left', 0.0), ('right', SPAN)):
-        on, at = 'world', (x, 0, 0)
+        on = 'world'
+        at = (x, 0, 0)
         for name, length in zip(('crank', 'bar'), ARM):
             b.body(f'{arm}_{name}', on, axis=(0, -1, 0), at=at,
                    inertial=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
-            on, at = f'{arm}_{name}', (length, 0, 0)
+            on = f'{arm}_{name}'
+            at = (length, 0, 0)
         b.frame(f'{arm}_tip', on, at=at)
     tip = Closure('left_tip', 'right_tip', 'revolute', axis=(0, 1, 0), name='tip')
     names = dict(zip(actuated, weights)) if weights else actuated or None
@@ -98,5 +107,6 @@ def five_bar_partial_rates(q):
     J = np.array([columns[0], columns[1], -columns[2], -columns[3]]).T
     dependent = -np.linalg.solve(J[:, [1, 3]], J[:, [0, 2]])
     T = np.zeros((4, 2))
-    T[[0, 2]], T[[1, 3]] = np.eye(2), dependent
+    T[[0, 2]] = np.eye(2)
+    T[[1, 3]] = dependent
     return T

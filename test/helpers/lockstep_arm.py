@@ -1,4 +1,4 @@
-"""An arm in MuJoCo that a node commands over DDS, in lockstep: it waits for each torque."""
+"""An arm in MuJoCo that a node commands over DDS in lockstep, torque by torque."""
 
 import time
 from typing import NamedTuple
@@ -20,7 +20,7 @@ EARLIEST = NANO  # stamp of the first state; 0 would say that no clock runs
 
 
 class Cycle(NamedTuple):
-    """One period: its state, and the torques that the node answered, in the robot's order."""
+    """One period: its state and the node's torques, in the robot's order."""
 
     time: float  # s since the first state
     q: np.ndarray
@@ -45,18 +45,21 @@ class LockstepArm:
         self.plant = plant
         self.joints = plant.robot.joint_names
         self.node = Node('lockstep_arm')
-        self._states = self.node.create_publisher(JointState, 'joint_states', BEST_EFFORT)
+        self._states = self.node.create_publisher(JointState, 'joint_states',
+                                                  BEST_EFFORT)
         self._clock = self.node.create_publisher(Clock, '/clock', BEST_EFFORT)
         self._targets = self.node.create_publisher(PoseStamped, f'{NAME}/target_pose', 1)
         self._torques = self.node.create_subscription(
             JointState, f'{NAME}/joint_torques', lambda message: None, DEEP)
         self._task_states = self.node.create_subscription(
             TaskState, f'{NAME}/task_state', lambda message: None, DEEP)
-        # A service of the thread of the node that takes targets and publishes task states.
+        # A service of the thread of the node that takes targets and publishes task
+        # states.
         self._asking = Node('lockstep_asking')
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._asking)
-        self._parameters = self._asking.create_client(GetParameters, f'{NAME}/get_parameters')
+        self._parameters = self._asking.create_client(GetParameters,
+                                                      f'{NAME}/get_parameters')
         self.task_states = []
         self.unanswered = 0
         self._stamp = EARLIEST
@@ -77,11 +80,12 @@ class LockstepArm:
         raise AssertionError('the node publishes no torques')
 
     def cycle(self, patience=5.0):
-        """Publish the state, wait for its torques, and advance by one period under them."""
+        """Publish the state, wait for its torques, and advance by one period."""
         q, u = self.plant.state
         now = self.time
         clock = Clock()
-        message = JointState(name=list(self.joints), position=q.tolist(), velocity=u.tolist())
+        message = JointState(name=list(self.joints), position=q.tolist(),
+                             velocity=u.tolist())
         for stamp in (clock.clock, message.header.stamp):
             stamp.sec, stamp.nanosec = divmod(self._stamp, NANO)
         self._clock.publish(clock)
@@ -97,27 +101,31 @@ class LockstepArm:
         return Cycle(now, q, u, tau)
 
     def _answer(self, end):
-        """Return the torques for the present state in the robot's order; None if none come."""
+        """Return the torques for the present state in our order; None without any."""
         while time.monotonic() < end:
             taken = self._torques.handle.take_message(JointState, False)
             if taken is None:
                 time.sleep(0.0)
                 continue
             message = taken[0]
-            if message.header.stamp.sec * NANO + message.header.stamp.nanosec == self._stamp:
+            stamp = message.header.stamp
+            if stamp.sec * NANO + stamp.nanosec == self._stamp:
                 efforts = dict(zip(message.name, message.effort, strict=True))
                 return np.array([efforts[name] for name in self.joints])
         return None
 
     def _take_task_states(self):
-        while (taken := self._task_states.handle.take_message(TaskState, False)) is not None:
+        while (taken := self._task_states.handle.take_message(TaskState,
+                                                              False)) is not None:
             self.task_states.append(taken[0])
 
     def send_target(self, pose):
         """Publish a pose (4, 4) of the controlled frame in the world."""
         message = PoseStamped()
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(self._stamp, NANO)
-        p, r = message.pose.position, message.pose.orientation
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(
+            self._stamp, NANO)
+        p = message.pose.position
+        r = message.pose.orientation
         p.x, p.y, p.z = pose[:3, 3].tolist()
         r.x, r.y, r.z, r.w = rotation_quaternion(pose[:3, :3]).tolist()
         self._targets.publish(message)
@@ -126,8 +134,8 @@ class LockstepArm:
         """
         Wait until the node has taken what was published before.
 
-        Its torques do not wait for the interpreter, which takes targets and publishes task
-        states: on a busy machine both would be late by many periods of the arm.
+        Its torques do not wait for the interpreter, which takes targets and publishes
+        task states: on a busy machine both would be late by many periods of the arm.
         """
         assert self._parameters.wait_for_service(patience)
         future = self._parameters.call_async(GetParameters.Request())

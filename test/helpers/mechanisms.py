@@ -8,7 +8,7 @@ import numpy as np
 
 
 def random_rotation(rng):
-    """Return a rotation matrix, uniformly distributed; now and then quarter turns only."""
+    """Return a rotation matrix, uniform; now and then quarter turns only."""
     if rng.random() < 0.3:
         order = rng.permutation(3)
         R = np.eye(3)[:, order] * rng.choice([-1.0, 1.0], 3)
@@ -50,7 +50,8 @@ def random_model(seed, n=6, *, prismatic=0.25, branching=0.3, mimics=0, axes='an
 
     """
     rng = np.random.default_rng(seed)
-    bodies, names = [], []
+    bodies = []
+    names = []
     for i in range(n + mimics):
         follows = i > 0 and i >= n
         parent = i - 1
@@ -62,16 +63,18 @@ def random_model(seed, n=6, *, prismatic=0.25, branching=0.3, mimics=0, axes='an
                         rng.uniform(10, 100))
         extra = {'damping': rng.uniform(0, 1), 'friction': rng.uniform(0, 1),
                  'armature': rng.uniform(0, 0.1), 'stiffness': rng.uniform(0, 5),
-                 'rest': rng.normal(),
-                 'friction_offset': np.random.default_rng((seed, i)).normal()} if passive else {}
+                 'rest': rng.normal(), 'friction_offset': np.random.default_rng(
+                     (seed, i)).normal()} if passive else {}
         coordinate = int(rng.integers(n)) if follows else len(names)
-        multiplier, offset = (rng.uniform(-2, 2), rng.normal()) if follows else (1.0, 0.0)
+        multiplier, offset = (rng.uniform(-2, 2),
+                              rng.normal()) if follows else (1.0, 0.0)
         name = f'joint{i}'
         if not follows:
             names.append(name)
-        joint = Joint(name, 'prismatic' if rng.random() < prismatic else 'revolute', axis,
-                      random_rotation(rng), rng.normal(size=3) * 0.5 * rng.integers(0, 2, 3),
-                      coordinate, multiplier, offset, limits, **extra)
+        joint = Joint(
+            name, 'prismatic' if rng.random() < prismatic else 'revolute', axis,
+            random_rotation(rng), rng.normal(size=3) * 0.5 * rng.integers(0, 2, 3),
+            coordinate, multiplier, offset, limits, **extra)
         bodies.append(Body(f'body{i}', parent, joint, random_inertial(rng)))
     frames = [Frame('base', WORLD, np.eye(3), np.zeros(3))]
     frames += [Frame(f'frame{i}', i, random_rotation(rng), rng.normal(size=3) * 0.3)
@@ -93,7 +96,7 @@ def random_state(model, seed, count=3):
 
 
 def with_inertia_in(model, kept):
-    """Return a model in which bodies `kept` have inertia and elasticity, joints no force."""
+    """Return a model whose bodies `kept` alone have inertia, joints no force."""
     free = {'stiffness': 0.0, 'damping': 0.0, 'friction': 0.0, 'friction_offset': 0.0,
             'armature': 0.0, 'drive': None}
 

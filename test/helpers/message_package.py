@@ -22,21 +22,23 @@ def build_package(package, sources, dependencies=()):
     """
     Build a package; return the paths for PYTHONPATH and AMENT_PREFIX_PATH.
 
-    The wheel is unpacked in the folder `build`, so that no environment changes. A package of the
-    same sources is built once.
+    The wheel is unpacked in the folder `build`, so that no environment changes. A
+    package of the same sources is built once.
 
     Parameters
     ----------
     package : str
         Its name.
     sources : dict
-        Text of each interface by its path in the package, such as ``msg/JointCommand.msg``.
+        Text of each interface by its path in the package, such as
+        ``msg/JointCommand.msg``.
     dependencies : sequence of str
         Packages of messages that they use, besides those of our interfaces.
 
     """
-    tools = [(INTERFACES / name).read_text() for name in ('CMakeLists.txt', 'pip_ros.cmake',
-                                                          'package.xml', 'pyproject.toml')]
+    tools = []
+    for name in ('CMakeLists.txt', 'pip_ros.cmake', 'package.xml', 'pyproject.toml'):
+        tools.append((INTERFACES / name).read_text())
     content = repr((package, sorted(sources.items()), tools, sys.version, *dependencies))
     folder = BUILT / f'{package}_{hashlib.sha256(content.encode()).hexdigest()[:16]}'
     if not folder.exists():
@@ -100,28 +102,29 @@ def _build(folder, package, sources, dependencies):
         text = text.replace('kane_dynamics_interfaces', package).replace(
             'kane-dynamics-interfaces', package.replace('_', '-'))
         for name in dependencies:
-            text = text.replace('  <depend>std_msgs</depend>\n',
-                                f'  <depend>{name}</depend>\n  <depend>std_msgs</depend>\n')
+            text = text.replace(
+                '  <depend>std_msgs</depend>\n',
+                f'  <depend>{name}</depend>\n  <depend>std_msgs</depend>\n')
         (source / file).write_text(text)
     listed = ''.join(f'  "{path}"\n' for path in sources)
     text = (INTERFACES / 'CMakeLists.txt').read_text()
     for name in dependencies:
-        text = text.replace('find_package(std_msgs REQUIRED)',
-                            f'find_package({name} REQUIRED)\nfind_package(std_msgs REQUIRED)')
+        text = text.replace(
+            'find_package(std_msgs REQUIRED)',
+            f'find_package({name} REQUIRED)\nfind_package(std_msgs REQUIRED)')
         text = text.replace('  DEPENDENCIES', f'  DEPENDENCIES {name}')
     text = re.sub(r'(?:  "(?:action|msg|srv)/\w+\.\w+"\n)+', listed, text)
     (source / 'CMakeLists.txt').write_text(
         text.replace('kane_dynamics_interfaces', package))
-    subprocess.run([_uv(), 'build', '--python', sys.executable,
-                    '--quiet', '--wheel', '--out-dir', str(source), str(source)], check=True,
-                   timeout=900)
+    subprocess.run([_uv(), 'build', '--python', sys.executable, '--quiet', '--wheel',
+                    '--out-dir', str(source), str(source)], check=True, timeout=900)
     wheel, = source.glob('*.whl')
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(folder)
 
 
 def _uv():
-    """Return the path of uv: colcon's environment has none, but that of `make install` has."""
+    """Return the path of uv, which `make install` has and colcon may lack."""
     folders = [str(Path(sys.executable).parent), str(REPOSITORY / '.venv' / 'bin'),
                os.environ['PATH']]
     return shutil.which('uv', path=os.pathsep.join(folders))

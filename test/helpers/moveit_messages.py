@@ -1,4 +1,4 @@
-"""The names and fields of tf2_msgs and moveit_msgs that the node uses; no wheel has them."""
+"""The names and fields of tf2_msgs and moveit_msgs that the node uses."""
 
 from contextlib import ExitStack
 
@@ -51,7 +51,7 @@ moveit_msgs/PlanningScene scene
 
 
 def imported_tf_and_moveit():
-    """Let this process and those that it starts import both packages while a block runs."""
+    """Let this process and its children import both packages in a block."""
     packages = ExitStack()
     packages.enter_context(imported_package('tf2_msgs', TF))
     packages.enter_context(imported_package('moveit_msgs', MOVEIT, ('shape_msgs',)))

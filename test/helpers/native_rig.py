@@ -22,8 +22,13 @@ EPOCH = 1000 * NANO  # small: `TorquePath` computes with stamps in s
 
 CLOCK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(ctypes.c_int64))
 STEADY = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.POINTER(ctypes.c_int64))
-PUBLISH = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
-COMMANDS, TORQUES, STAMPED, REQUESTS = 1, 2, 3, 4  # stand for the handles of publishers
+PUBLISH = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p,
+                           ctypes.c_void_p)
+# Stand for the handles of publishers.
+COMMANDS = 1
+TORQUES = 2
+STAMPED = 3
+REQUESTS = 4
 
 
 def native_path(controller, commands, torques, now, *arguments, stamped=None, **named):
@@ -90,7 +95,8 @@ class Side:
 
     def outcome(self):
         path = self.path
-        return {'dropped': dict(self.statistics.dropped), 'faults': self.statistics.faults,
+        return {'dropped': dict(self.statistics.dropped),
+                'faults': self.statistics.faults,
                 'timeouts': self.statistics.timeouts, 'timed out': path.timed_out,
                 'commanding': path.commanding, 'fault': path.fault,
                 'lost': self.loops is not None and self.loops.lost,
@@ -126,9 +132,11 @@ class BothPaths:
         self.rng = np.random.default_rng(seed)
         self.time = EPOCH
         action = self.rng.choice(['zero', 'hold'])
-        self.values = node_values({'mode': mode, 'state_check.grace': 0.02,
-                                   'state_timeout': 0.1, 'state_check.action': action, **values})
-        self.sides = [self.side(make, mode, **settings) for make in (TorquePath, native_path)]
+        self.values = node_values(
+            {'mode': mode, 'state_check.grace': 0.02,
+             'state_timeout': 0.1, 'state_check.action': action, **values})
+        self.sides = [self.side(make, mode, **settings)
+                      for make in (TorquePath, native_path)]
         for side in self.sides:
             side.path.start()
 
@@ -172,7 +180,7 @@ class BothPaths:
             side.path.set_limits(self.values)
 
     def limits(self, side, largest):
-        """Return limits of all joints; of those without motors as the node states them."""
+        """Return limits of all joints; without motors, as the node states them."""
         motors = side.path.messages.of_all(np.ones(len(side.path.messages.joints)))
         return np.where(motors > 0.0, largest, math.inf)
 

@@ -1,8 +1,8 @@
 """
 Stress the machine code and what the interpreter reads of it, from several threads.
 
-Run as a program: the argument is the time in s. Every number is compared with that of a robot that
-lives throughout. The process exits while its threads run.
+Run as a program: the argument is the time in s. Every number is compared with that of a
+robot that lives throughout. The process exits while its threads run.
 """
 
 from contextlib import suppress
@@ -24,9 +24,10 @@ from mechanisms import random_model, random_state
 import numpy as np
 
 THREADS = 4
-NAMES = ('inverse_dynamics', 'mass_matrix', 'forward_dynamics', 'kinetic_energy', 'gravity_force')
-ARGUMENTS = {'inverse_dynamics': 3, 'mass_matrix': 1, 'forward_dynamics': 3, 'kinetic_energy': 2,
-             'gravity_force': 1}
+NAMES = ('inverse_dynamics', 'mass_matrix', 'forward_dynamics', 'kinetic_energy',
+         'gravity_force')
+ARGUMENTS = {'inverse_dynamics': 3, 'mass_matrix': 1, 'forward_dynamics': 3,
+             'kinetic_energy': 2, 'gravity_force': 1}
 STATES = 40
 FRAME = 'frame2'
 
@@ -47,12 +48,13 @@ class Holder:
 
 
 class Stress:
-    """The shared robots, which are replaced all the time, and what threads do with them."""
+    """The shared robots, replaced all the time, and what threads do with them."""
 
     def __init__(self):
         self.models = [random_model(seed, 3) for seed in (3, 4)]
-        self.states = [np.array([random_state(model, k) for k in range(STATES)]).swapaxes(0, 1)
-                       for model in self.models]
+        self.states = [
+            np.array([random_state(model, k) for k in range(STATES)]).swapaxes(0, 1)
+            for model in self.models]
         self.kept = [self.robot(k) for k in range(2)]
         self.expected = [{name: self.batch(robot, name, self.states[k])
                           for name in NAMES} for k, robot in enumerate(self.kept)]
@@ -76,10 +78,12 @@ class Stress:
         return getattr(robot, name)(*states[:ARGUMENTS[name]])
 
     def same(self, k, name, found, rows=slice(None)):
-        assert np.allclose(found, self.expected[k][name][rows], rtol=1e-9, atol=1e-9), name
+        assert np.allclose(found, self.expected[k][name][rows],
+                           rtol=1e-9, atol=1e-9), name
 
     def do_single(self, rng):
-        k, name = rng.randrange(2), rng.choice(NAMES)
+        k = rng.randrange(2)
+        name = rng.choice(NAMES)
         call = getattr(self.shared[k], name)
         results = []
         for i in range(STATES):
@@ -95,15 +99,21 @@ class Stress:
         self.kept[0].gravity_force(self.states[0][0, 0])
 
     def do_batch(self, rng):
-        k, name = rng.randrange(2), rng.choice(NAMES)
+        k = rng.randrange(2)
+        name = rng.choice(NAMES)
         rows = np.array([rng.randrange(STATES) for _ in range(rng.choice([1, 7, 500]))])
-        self.same(k, name, self.batch(self.shared[k], name, self.states[k][:, rows]), rows)
+        self.same(k, name, self.batch(self.shared[k], name, self.states[k][:, rows]),
+                  rows)
 
     def do_workspace(self, rng):
-        k, i = rng.randrange(2), rng.randrange(STATES)
+        k = rng.randrange(2)
+        i = rng.randrange(STATES)
         workspace = self.shared[k].bind()
         workspace.q[:], workspace.u[:], workspace.udot[:] = self.states[k][:, i]
-        calls = [getattr(workspace, name) for name in NAMES if name != 'forward_dynamics']
+        calls = []
+        for name in NAMES:
+            if name != 'forward_dynamics':
+                calls.append(getattr(workspace, name))
         pose = workspace.at_frame('frame_pose', FRAME)
         for call in calls:
             self.same(k, call.__name__, call(), i)
@@ -112,9 +122,9 @@ class Stress:
         del workspace, calls
         self.same(k, 'gravity_force', call(), i)
         if rng.random() < 0.3:
-            other = self.shared[k].bind().mass_matrix
-            other()
-            Holder(call, pose, other)
+            shared_mass_matrix = self.shared[k].bind().mass_matrix
+            shared_mass_matrix()
+            Holder(call, pose, shared_mass_matrix)
 
     def do_replace(self, rng):
         k = rng.randrange(2)
@@ -127,8 +137,10 @@ class Stress:
         self.shared[k] = robot
 
     def do_exceptions(self, rng):
-        k, n = rng.randrange(2), 3
-        robot, workspace = self.shared[k], self.shared[k].bind()
+        k = rng.randrange(2)
+        n = 3
+        robot = self.shared[k]
+        workspace = self.shared[k].bind()
         workspace.q[:] = np.nan
         for call in (lambda: robot.gravity_force(np.full(n, np.nan)),
                      lambda: robot.gravity_force(np.zeros((2, 3, n))),
@@ -149,7 +161,8 @@ class Stress:
                 raise AssertionError('no TypeError')
 
     def do_pickle(self, rng):
-        k, i = rng.randrange(2), rng.randrange(STATES)
+        k = rng.randrange(2)
+        i = rng.randrange(STATES)
         call = pickle.loads(pickle.dumps(self.shared[k].gravity_force))
         self.same(k, 'gravity_force', call(self.states[k][0, i]), i)
 
@@ -166,7 +179,8 @@ class Stress:
 
     def work(self, seed):
         """Do random work, for ever."""
-        rng, works = random.Random(seed), self.works()
+        rng = random.Random(seed)
+        works = self.works()
         while True:
             name = rng.choice([*works])
             try:
@@ -195,8 +209,8 @@ class Stress:
             while True:
                 rows = np.arange(rng.choice([500, 20_000])) % STATES
                 self.same(0, 'forward_dynamics',
-                          self.batch(self.kept[0], 'forward_dynamics', self.states[0][:, rows]),
-                          rows)
+                          self.batch(self.kept[0], 'forward_dynamics',
+                                     self.states[0][:, rows]), rows)
 
     def forked(self, rng):
         """Compute in a forked child."""
@@ -221,11 +235,13 @@ def interrupt(number, frame):
 
 if __name__ == '__main__':
     faulthandler.enable()
-    warnings.simplefilter('ignore')  # forks beside threads; random states need short steps
+    # Forks beside threads; random states need short steps.
+    warnings.simplefilter('ignore')
     os.environ[threads.VARIABLE] = '3'
     threads.THREAD_WORK = 1e-6
     signal.signal(signal.SIGALRM, interrupt)
-    gc.disable()  # else the interrupted thread collects: llvmlite's lock survives no interrupt
+    # Else the interrupted thread collects: llvmlite's lock survives no interrupt.
+    gc.disable()
     stress = Stress()
     stress.main(float(sys.argv[1]))
     print(stress.counts, flush=True)

@@ -18,7 +18,8 @@ from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.executors import (ExternalShutdownException, ShutdownException,
+                             SingleThreadedExecutor)
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -36,27 +37,30 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def _link(name, mass, x):
-    return (f'<link name="{name}"><inertial><origin xyz="{x} 0.01 -0.02"/><mass value="{mass}"/>'
-            '<inertia ixx="0.03" iyy="0.04" izz="0.05" ixy="0.001" ixz="0.002" iyz="0.003"/>'
+    return (f'<link name="{name}"><inertial><origin xyz="{x} 0.01 -0.02"/><mass '
+            f'value="{mass}"/><inertia ixx="0.03" iyy="0.04" izz="0.05" ixy="0.001" '
+            'ixz="0.002" iyz="0.003"/>'
             '</inertial></link>')
 
 
 def _joint(name, kind, parent, child, axis, effort):
-    return (f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-            f'<origin xyz="0.1 0 0.3" rpy="0.2 0 0.1"/><axis xyz="{axis}"/>'
-            '<dynamics damping="0.5" friction="0.2"/>'
+    return (f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child '
+            f'link="{child}"/><origin xyz="0.1 0 0.3" rpy="0.2 0 0.1"/><axis '
+            f'xyz="{axis}"/><dynamics damping="0.5" friction="0.2"/>'
             f'<limit lower="-3" upper="3" velocity="5" effort="{effort}"/></joint>')
 
 
 URDF = ('<robot name="arm"><link name="base"/>'
         + _joint('turn', 'revolute', 'base', 'a', '0 0 1', 80) + _link('a', 3.0, 0.1)
         + _joint('lift', 'revolute', 'a', 'b', '0 1 0', 60) + _link('b', 2.0, 0.2)
-        + _joint('reach', 'prismatic', 'b', 'c', '1 0 0', 90) + _link('c', 1.0, 0.0) + '</robot>')
+        + _joint('reach', 'prismatic', 'b', 'c', '1 0 0', 90) + _link('c', 1.0, 0.0)
+        + '</robot>')
 
 
 def close(value, expected):
     """Return whether numbers agree to 1e-12 of the largest."""
-    value, expected = np.asarray(value), np.asarray(expected)
+    value = np.asarray(value)
+    expected = np.asarray(expected)
     return np.abs(value - expected).max() <= 1e-12 * max(np.abs(expected).max(), 1.0)
 
 
@@ -65,8 +69,8 @@ def model():
 
 
 # Exit codes of processes that ended by a fault, which a log need not show.
-FAULTS = [-number for number in (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE,
-                                 signal.SIGILL)]
+FAULTS = [-number for number in (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS,
+                                 signal.SIGFPE, signal.SIGILL)]
 
 # The states and motions of most tests are of no arm: they jump.
 UNCHECKED = {'state_check__speed_factor': '.inf', 'state_check__position_margin': '.inf',
@@ -75,7 +79,7 @@ UNCHECKED = {'state_check__speed_factor': '.inf', 'state_check__position_margin'
 
 class Process:
     """
-    A node in its own process; the dynamics node unless another module or program is given.
+    A node in its own process; by default the dynamics node.
 
     The dynamics node checks joint states as it does by default if `real_states` is true.
     `latest` is the one that was started last.
@@ -90,8 +94,8 @@ class Process:
         command = [sys.executable, *(program or ['-m', module, '--ros-args'])]
         if module == DYNAMICS_NODE and program is None:
             # The client is no simulated robot; torques are compared with unlimited ones.
-            choices = {'activation': 'at_once', 'limits__rate': '.inf', 'blend_time': '0.0',
-                       'torque_path': TORQUE_PATH}
+            choices = {'activation': 'at_once', 'limits__rate': '.inf',
+                       'blend_time': '0.0', 'torque_path': TORQUE_PATH}
             if '--params-file' in arguments:  # what comes last is used
                 arguments = (*arguments, '-p', 'activation:=at_once')
             else:
@@ -104,10 +108,12 @@ class Process:
         self.log = ''
         Process.latest = self
         environment = os.environ | (environment or {}) | {
-            'RCUTILS_LOGGING_BUFFERED_STREAM': '0', 'PYTHONPATH': os.pathsep.join(filter(None, [
+            'RCUTILS_LOGGING_BUFFERED_STREAM': '0',
+            'PYTHONPATH': os.pathsep.join(filter(None, [
                 str(Path(__file__).parents[2]), os.environ.get('PYTHONPATH', '')]))}
-        self._process = subprocess.Popen([*command, *arguments], stderr=subprocess.STDOUT,
-                                         stdout=subprocess.PIPE, text=True, env=environment)
+        self._process = subprocess.Popen(
+            [*command, *arguments], stderr=subprocess.STDOUT,
+            stdout=subprocess.PIPE, text=True, env=environment)
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -152,10 +158,11 @@ def end_all(processes):
 
 
 def prefer(pid, priority):
-    """Schedule all threads of a process before those of other programs, where that is allowed."""
+    """Schedule a process's threads before those of other programs, where allowed."""
     for task in os.listdir(f'/proc/{pid}/task'):
         try:
-            if os.sched_getscheduler(int(task)) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER:
+            if os.sched_getscheduler(
+                    int(task)) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER:
                 os.sched_setscheduler(int(task), os.SCHED_FIFO, os.sched_param(priority))
         except OSError:
             break
@@ -181,7 +188,7 @@ def wait_until(condition, timeout=10.0):
 
 
 class Stall:
-    """Measures the longest time for which the machine delays a thread while a block runs."""
+    """Measures the longest delay of a thread by the machine while a block runs."""
 
     def __enter__(self):
         self.longest, self._ended = 0.0, threading.Event()
@@ -190,10 +197,11 @@ class Stall:
         return self
 
     def _look(self):
-        before = time.perf_counter()
+        start = time.perf_counter()
         while not self._ended.wait(0.005):
             now = time.perf_counter()
-            self.longest, before = max(self.longest, now - before), now
+            self.longest = max(self.longest, now - start)
+            start = now
 
     def __exit__(self, *error):
         self._ended.set()
@@ -211,10 +219,12 @@ class Client(Node):
         self.commands = []
         self.diagnostics = []
         self.states = self.create_publisher(JointState, 'joint_states', BEST_EFFORT)
-        self.motions = self.create_publisher(JointTrajectory, f'{NAME}/joint_trajectory', 1)
+        self.motions = self.create_publisher(JointTrajectory, f'{NAME}/joint_trajectory',
+                                             1)
         self._subscriptions_of_torques = []
         self.listen(True)
-        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, DEEP)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics,
+                                 DEEP)
         self.spinner = SingleThreadedExecutor()
         self.spinner.add_node(self)
         self._ended = False
@@ -226,7 +236,7 @@ class Client(Node):
 
     @contextmanager
     def describing(self):
-        """Provide a publisher of the URDF for a block; its latched message ends with it."""
+        """Publish the URDF while a block runs; its latched message ends with it."""
         publisher = self.create_publisher(String, 'robot_description', LATCHED)
         try:
             yield publisher
@@ -254,7 +264,8 @@ class Client(Node):
         for subscription in self._subscriptions_of_torques:
             self.destroy_subscription(subscription)
         self._subscriptions_of_torques = [
-            self.create_subscription(JointState, f'{NAME}/joint_torques', self._on_torques, DEEP),
+            self.create_subscription(JointState, f'{NAME}/joint_torques',
+                                     self._on_torques, DEEP),
             self.create_subscription(Float64MultiArray, 'commands',
                                      lambda m: self.commands.append(list(m.data)), DEEP),
         ] if on else []
@@ -286,13 +297,14 @@ class Client(Node):
         return self.torques.get(stamp)
 
     def rest(self, stamp=None):
-        return self.ask(np.zeros(len(self.joints)), np.zeros(len(self.joints)), stamp=stamp,
-                        timeout=0.3)
+        return self.ask(np.zeros(len(self.joints)), np.zeros(len(self.joints)),
+                        stamp=stamp, timeout=0.3)
 
     def connect(self, timeout=60.0):
         """Wait until the node computes torques."""
         assert wait_until(lambda: self.rest() is not None, timeout), (
-            f'the node publishes no torques; log: {Process.latest and Process.latest.log}')
+            'the node publishes no torques; log: '
+            f'{Process.latest and Process.latest.log}')
 
     def _service_client(self, kind, name, timeout):
         if name not in self._service_clients:
@@ -304,15 +316,19 @@ class Client(Node):
         """
         Wait until the process of a service has discovered this client.
 
-        `wait_for_service` tells what this side has discovered. A server that has not discovered
-        the client's reader sends its answer nowhere, after 0.1 s (rmw_fastrtps), and a busy
-        machine discovers later than that. Endpoints are announced reliably and in order, so that
-        the answer to a client that is made last shows that all others are discovered. Only the
-        first call of a process's service waits for it, by reading no parameters, repeatedly.
+        `wait_for_service` tells what this side has discovered. A server that has not
+        discovered the client's reader sends its answer nowhere, after 0.1 s
+        (rmw_fastrtps), and a busy machine discovers later than that. Endpoints are
+        announced reliably and in order, so that the answer to a client that is made last
+        shows that all others are discovered. Only the first call of a process's service
+        waits for it, by reading no parameters, repeatedly.
         """
         # The publishers of a service's answers are new with each process.
-        servers = frozenset(bytes(publisher.endpoint_gid) for publisher in
-                            self.get_publishers_info_by_topic(f'rr{name}Reply', no_mangle=True))
+        rows = []
+        for publisher in self.get_publishers_info_by_topic(f'rr{name}Reply',
+                                                           no_mangle=True):
+            rows.append(bytes(publisher.endpoint_gid))
+        servers = frozenset(rows)
         if servers and self._discovered.get(name) == servers:
             return
         node, _, _ = name.rpartition('/')
@@ -321,11 +337,13 @@ class Client(Node):
 
         def answered():
             if not answers or time.monotonic() - answers[-1][0] > 1.0:
-                answers.append((time.monotonic(), probe.call_async(GetParameters.Request())))
+                answers.append(
+                    (time.monotonic(), probe.call_async(GetParameters.Request())))
             return any(future.done() for _, future in answers)
         try:
             assert probe.wait_for_service(timeout), f'{node} has no parameters'
-            assert wait_until(answered, timeout), f'{node} does not answer get_parameters'
+            assert wait_until(answered,
+                              timeout), f'{node} does not answer get_parameters'
         finally:
             self.destroy_client(probe)
         self._discovered[name] = servers
@@ -343,8 +361,9 @@ class Client(Node):
         """
         Return what a function returns that runs where messages are taken.
 
-        A goal's answer that comes before its request is noted is lost in an action client, which
-        locks nothing; on the thread that takes the answers it cannot come before.
+        A goal's answer that comes before its request is noted is lost in an action
+        client, which locks nothing; on the thread that takes the answers it cannot come
+        before.
         """
         task = self.spinner.create_task(function)
         assert wait_until(task.done), 'the client does not spin'
@@ -353,7 +372,8 @@ class Client(Node):
     def send_goal(self, kind, name, feedback_callback=None, **fields):
         """Send a goal; return its handle and the future of its result."""
         name = name if name.startswith('/') else f'{NAME}/{name}'
-        if name not in self._action_clients:  # kept: an executor cannot bear that one is destroyed
+        # kept: an executor cannot bear that one is destroyed
+        if name not in self._action_clients:
             self._action_clients[name] = ActionClient(self, kind, name)
         client = self._action_clients[name]
         assert client.wait_for_server(20.0), name
@@ -367,14 +387,15 @@ class Client(Node):
     def transition(self, number):
         request = ChangeState.Request()
         request.transition.id = number
-        return self.call(ChangeState, 'change_state', transition=request.transition).success
+        return self.call(ChangeState, 'change_state',
+                         transition=request.transition).success
 
     def state(self, timeout=20.0):
         """
-        Return the lifecycle state; ask again where no node hears, as after one was killed.
+        Return the lifecycle state; ask again where no node answers.
 
-        The services of a killed node are seen until its lease ends, so that a request can be sent
-        before the node that follows it is known.
+        The services of a killed node are seen until its lease ends, so that a request
+        can be sent before the node that follows it is known.
         """
         answers = []
 
@@ -398,15 +419,16 @@ class Client(Node):
 
     def follow(self, points, names=None, start=None, velocities=None):
         """Publish a desired motion; points is a list of (time, positions)."""
-        message = JointTrajectory(joint_names=list(self.joints if names is None else names))
+        message = JointTrajectory(
+            joint_names=list(self.joints if names is None else names))
         if start is not None:
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(start, 10**9)
         for k, (t, positions) in enumerate(points):
             point = JointTrajectoryPoint(positions=[float(x) for x in positions])
             if velocities is not None:
                 point.velocities = [float(x) for x in velocities[k]]
-            point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * 1e9),
-                                                                              10**9)
+            point.time_from_start.sec, point.time_from_start.nanosec = divmod(
+                round(t * 1e9), 10**9)
             message.points.append(point)
         self.motions.publish(message)
 

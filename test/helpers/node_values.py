@@ -9,7 +9,8 @@ from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
 from kane_dynamics.ros.services.served_robot import ServedRobot
 
 # For tests whose states are of no arm: these jump, and the first one is answered.
-UNCHECKED = {'state_check.speed_factor': math.inf, 'state_check.position_margin': math.inf,
+UNCHECKED = {'state_check.speed_factor': math.inf,
+             'state_check.position_margin': math.inf,
              'trajectory.start_tolerance': math.inf}
 
 

@@ -12,23 +12,25 @@ import pinocchio as pin
 
 N_STATES = 20
 # What load_urdf refuses, and why: no error of ours can hide in a longer list.
-REFUSED = {'alex_psyonic_hands.urdf': 'is no joint; expected',  # mimics joints that are not there
-           'ur3.urdf': 'name None'}  # a robot without a name
+REFUSED = {
+    # It mimics joints that are not there.
+    'alex_psyonic_hands.urdf': 'is no joint; expected',
+    'ur3.urdf': 'name None'}  # a robot without a name
 
 
 def urdf_files():
     """Return every URDF of example-robot-data once: copies are left out."""
-    found = {}
+    file_by_name = {}
     for file in sorted(files('example-robot-data'), key=str):
         if file.name.endswith('.urdf'):
             path = file.locate().resolve()
-            found.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)
-    return list(found.values())
+            file_by_name.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)
+    return list(file_by_name.values())
 
 
 @cache
 def loaded(path):
-    """Return our model of a URDF; indefinite inertias, which the peer does not mind, too."""
+    """Return our model of a URDF, with the indefinite inertias a peer accepts."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')
         return load_urdf(path, strict=False)
@@ -38,8 +40,8 @@ class Peer:
     """
     Pinocchio on the same URDF, in our coordinates.
 
-    With our q, the joints' positions are G q + g: G holds the mimics' multipliers, and projects
-    forces the other way.
+    With our q, the joints' positions are G q + g: G holds the mimics' multipliers, and
+    projects forces the other way.
     """
 
     def __init__(self, path):
@@ -54,24 +56,28 @@ class Peer:
         for body in self.model.bodies:
             joint = body.joint
             row = self.pin.joints[self.pin.getJointId(joint.name)].idx_v
-            self.G[row, joint.coordinate], self.g[row] = joint.multiplier, joint.offset
+            self.G[row, joint.coordinate] = joint.multiplier
+            self.g[row] = joint.offset
         rng = np.random.default_rng(n)
-        turns = np.array([joint.kind == 'revolute' for joint in self.model.coordinate_joints])
+        turns = np.array(
+            [joint.kind == 'revolute' for joint in self.model.coordinate_joints])
         self.q = rng.uniform(-1.0, 1.0, (N_STATES, n)) * np.where(turns, np.pi, 0.5)
         self.u, self.udot = rng.uniform(-2.0, 2.0, (2, N_STATES, n))
         self.tau = rng.uniform(-20.0, 20.0, (N_STATES, n))
         self.frames = self._some_frames(rng)
 
     def _some_frames(self, rng):
-        """Return the names of two links: the one behind the most joints, and any other."""
+        """Return the names of two links: the one behind most joints, and another."""
         frames = self.model.frames
-        deepest = max(frames, key=lambda frame: sum(1 for _ in self.model.path(frame.body)))
+        deepest = max(frames,
+                      key=lambda frame: sum(1 for _ in self.model.path(frame.body)))
         moving = [frame.name for frame in frames if frame.body != WORLD]
         return dict.fromkeys([deepest.name, str(rng.choice(moving))])
 
     def position(self, q):
         """Return Pinocchio's q: cosine and sine where a joint turns without end."""
-        x, result = self.G @ q + self.g, np.zeros(self.pin.nq)
+        x = self.G @ q + self.g
+        result = np.zeros(self.pin.nq)
         for joint in list(self.pin.joints)[1:]:
             if joint.nq == 2:
                 angle = x[joint.idx_v]
@@ -92,14 +98,16 @@ class Peer:
 
     def bias_force(self, q, u):
         """Return the bias."""
-        return self.G.T @ pin.nonLinearEffects(self.pin, self.data, self.position(q), self.G @ u)
+        return self.G.T @ pin.nonLinearEffects(self.pin, self.data, self.position(q),
+                                               self.G @ u)
 
     def gravity_force(self, q):
         """Return the torque that holds gravity."""
-        return self.G.T @ pin.computeGeneralizedGravity(self.pin, self.data, self.position(q))
+        return self.G.T @ pin.computeGeneralizedGravity(self.pin, self.data,
+                                                        self.position(q))
 
     def forward_dynamics(self, q, u, tau):
-        """Return udot: by the articulated-body algorithm unless a mimic ties joints together."""
+        """Return udot: by the articulated-body algorithm unless a mimic ties joints."""
         if self.pin.nv > self.model.n:
             return np.linalg.solve(self.mass_matrix(q), tau - self.bias_force(q, u))
         return self.G.T @ pin.aba(self.pin, self.data, self.position(q), self.G @ u,
@@ -107,21 +115,24 @@ class Peer:
 
     def kinetic_energy(self, q, u):
         """Return the kinetic energy."""
-        return pin.computeKineticEnergy(self.pin, self.data, self.position(q), self.G @ u)
+        return pin.computeKineticEnergy(self.pin, self.data, self.position(q),
+                                        self.G @ u)
 
     def potential_energy(self, q):
         """Return the potential energy."""
         return pin.computePotentialEnergy(self.pin, self.data, self.position(q))
 
     def potential_energy_scale(self, q):
-        """Return the sum of the bodies' potential energies without signs: it can't cancel."""
+        """Return the sum of the bodies' unsigned potential energies: it can't cancel."""
         pin.forwardKinematics(self.pin, self.data, self.position(q))
-        heights = [pose.act(body.lever)[2] for pose, body in zip(self.data.oMi, self.pin.inertias)]
+        heights = [pose.act(body.lever)[2]
+                   for pose, body in zip(self.data.oMi, self.pin.inertias)]
         masses = [body.mass for body in self.pin.inertias]
         return 9.81 * np.abs(np.array(masses[1:]) * heights[1:]).sum()
 
     def _at(self, frame, q, u, udot):
-        pin.forwardKinematics(self.pin, self.data, self.position(q), self.G @ u, self.G @ udot)
+        pin.forwardKinematics(self.pin, self.data, self.position(q), self.G @ u,
+                              self.G @ udot)
         pin.updateFramePlacements(self.pin, self.data)
         return self.pin.getFrameId(frame, pin.BODY)
 
@@ -137,7 +148,8 @@ class Peer:
     def frame_acceleration(self, frame, q, u, udot):
         """Return a link's classical acceleration, (6,)."""
         return pin.getFrameClassicalAcceleration(
-            self.pin, self.data, self._at(frame, q, u, udot), pin.LOCAL_WORLD_ALIGNED).vector
+            self.pin, self.data, self._at(frame, q, u,
+                                          udot), pin.LOCAL_WORLD_ALIGNED).vector
 
     def jacobian(self, frame, q):
         """Return a link's Jacobian, (6, n)."""
@@ -156,26 +168,26 @@ class Peer:
 
     def coriolis_matrix(self, q, u):
         """Return the Coriolis matrix of Christoffel's symbols."""
-        return self.G.T @ pin.computeCoriolisMatrix(self.pin, self.data, self.position(q),
-                                                    self.G @ u) @ self.G
+        return self.G.T @ pin.computeCoriolisMatrix(
+            self.pin, self.data, self.position(q), self.G @ u) @ self.G
 
     def inverse_dynamics_derivatives(self, q, u, udot):
         """Return dtau/dq, dtau/du, M."""
-        parts = pin.computeRNEADerivatives(self.pin, self.data, self.position(q), self.G @ u,
-                                           self.G @ udot)
+        parts = pin.computeRNEADerivatives(self.pin, self.data, self.position(q),
+                                           self.G @ u, self.G @ udot)
         return [*(self.G.T @ part @ self.G for part in parts[:2]), self.mass_matrix(q)]
 
     def forward_dynamics_derivatives(self, q, u, tau):
         """Return dudot/dq, dudot/du, M^-1 of a robot without mimics."""
-        parts = pin.computeABADerivatives(self.pin, self.data, self.position(q), self.G @ u,
-                                          self.G @ tau)
+        parts = pin.computeABADerivatives(self.pin, self.data, self.position(q),
+                                          self.G @ u, self.G @ tau)
         W = np.triu(parts[2])
         return [self.G.T @ part @ self.G for part in (*parts[:2], W + np.triu(W, 1).T)]
 
     def regressor(self, q, u, udot):
         """Return the torque regressor, its columns in the order of our bodies."""
-        Y = pin.computeJointTorqueRegressor(self.pin, self.data, self.position(q), self.G @ u,
-                                            self.G @ udot)
+        Y = pin.computeJointTorqueRegressor(self.pin, self.data, self.position(q),
+                                            self.G @ u, self.G @ udot)
         numbers = [self.pin.getJointId(body.joint.name) for body in self.model.bodies]
         return self.G.T @ np.hstack([Y[:, 10 * k - 10:10 * k] for k in numbers])
 

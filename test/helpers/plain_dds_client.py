@@ -1,9 +1,9 @@
 """
-A client without ROS: plain DDS by Cyclone, which shares no code with the node's Fast DDS.
+A client without ROS: plain DDS by Cyclone, which shares no code with Fast DDS.
 
-It prints one line of JSON: torques that it read for a state that it sent, and the answer of a
-service. Only names and types follow ROS's conventions: topics `rt/...`, services `rq/...Request`
-and `rr/...Reply`, types `package::msg::dds_::Name_`.
+It prints one line of JSON: torques that it read for a state that it sent, and the answer
+of a service. Only names and types follow ROS's conventions: topics `rt/...`, services
+`rq/...Request` and `rr/...Reply`, types `package::msg::dds_::Name_`.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,8 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-RELIABLE = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(10))
+RELIABLE = Qos(Policy.Reliability.Reliable(duration(seconds=1)),
+               Policy.History.KeepLast(10))
 
 
 @dataclass
@@ -77,7 +78,8 @@ class Wrench(IdlStruct, typename='geometry_msgs::msg::dds_::Wrench_'):
 
 
 @dataclass
-class Request(IdlStruct, typename='kane_dynamics_interfaces::srv::dds_::InverseDynamics_Request_'):
+class Request(IdlStruct,
+              typename='kane_dynamics_interfaces::srv::dds_::InverseDynamics_Request_'):
     joint_names: sequence[str]
     position: sequence[float64]
     velocity: sequence[float64]
@@ -85,8 +87,9 @@ class Request(IdlStruct, typename='kane_dynamics_interfaces::srv::dds_::InverseD
 
 
 @dataclass
-class Response(IdlStruct,
-               typename='kane_dynamics_interfaces::srv::dds_::InverseDynamics_Response_'):
+class Response(
+        IdlStruct,
+        typename='kane_dynamics_interfaces::srv::dds_::InverseDynamics_Response_'):
     success: bool
     message: str
     joint_names: sequence[str]
@@ -111,33 +114,35 @@ def torques(participant, joints, q):
     states = DataWriter(participant, Topic(participant, 'rt/joint_states', JointState))
     named = DataReader(participant, Topic(participant, 'rt/kane_dynamics/joint_torques',
                                           JointState), qos=RELIABLE)
-    commands = DataReader(participant, Topic(participant, 'rt/commands', Numbers), qos=RELIABLE)
+    commands = DataReader(participant, Topic(participant, 'rt/commands', Numbers),
+                          qos=RELIABLE)
 
     def send():
         stamp = Time(*divmod(time.time_ns(), 10**9))
         states.write(JointState(Header(stamp, ''), joints, q, [0.0] * len(q), []))
     sample = first(named, lambda sample: any(sample.effort), send)
-    return {'name': list(sample.name), 'effort': list(sample.effort),
-            'commands': list(first(commands, lambda sample: any(sample.data), send).data)}
+    return {
+        'name': list(sample.name), 'effort': list(sample.effort),
+        'commands': list(first(commands, lambda sample: any(sample.data), send).data)}
 
 
 def inverse_dynamics(participant, joints, q):
     """
     Call the service at rest; return its answer.
 
-    A ROS client tells its requests apart by a sample identity in the in-line QoS, which Cyclone's
-    Python API cannot write. The node then answers to the identity of the sample itself, which a
-    client that is alone need not read.
+    A ROS client tells its requests apart by a sample identity in the in-line QoS, which
+    Cyclone's Python API cannot write. The node then answers to the identity of the
+    sample itself, which a client that is alone need not read.
     """
     name = 'kane_dynamics/inverse_dynamics'
     requests = DataWriter(participant, Topic(participant, f'rq/{name}Request', Request),
                           qos=RELIABLE)
     answers = DataReader(participant, Topic(participant, f'rr/{name}Reply', Response),
                          qos=RELIABLE)
-    rest = [0.0] * len(q)
+    at_rest = [0.0] * len(q)
 
     def ask():
-        requests.write(Request(joints, q, rest, rest))
+        requests.write(Request(joints, q, at_rest, at_rest))
     answer = first(answers, lambda answer: True, ask)
     return {'success': answer.success, 'name': list(answer.joint_names),
             'effort': list(answer.effort), 'message': answer.message}
@@ -146,8 +151,8 @@ def inverse_dynamics(participant, joints, q):
 def main(domain, joints, q):
     participant = DomainParticipant(int(domain))
     arguments = participant, joints.split(','), [float(x) for x in q.split(',')]
-    print(json.dumps({'topic': torques(*arguments), 'service': inverse_dynamics(*arguments)}),
-          flush=True)
+    print(json.dumps({'topic': torques(*arguments),
+                      'service': inverse_dynamics(*arguments)}), flush=True)
 
 
 if __name__ == '__main__':

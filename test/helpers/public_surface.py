@@ -1,4 +1,4 @@
-"""What users of the library may call: found by introspection, so that nothing is left out."""
+"""What users of the library may call, by introspection, so that none is left out."""
 
 from enum import Enum
 from importlib import import_module
@@ -29,7 +29,7 @@ def public_functions():
 
 
 def public_classes():
-    """Return the public classes that users construct: no errors, enumerations, results."""
+    """Return the public classes that users construct: no errors, no results."""
     results = BaseException, Enum, tuple
     return {name: value for name, value in public_objects().items()
             if inspect.isclass(value) and not issubclass(value, results)}

@@ -1,4 +1,4 @@
-"""Laws in the space of a frame, readable: NumPy's eigenvalues and inverses of full matrices."""
+"""Laws in the space of a frame, readable: NumPy's eigenvalues and inverses."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ import numpy as np
 @dataclass(frozen=True)
 class ArmNumbers:
     """
-    What the laws need of an arm at a state, in the coordinates of u; frames in world axes.
+    What the laws need of an arm at a state, in coordinates of u and world axes.
 
     `pose`, `J`, `J_rate` are of the frame.
     """
@@ -24,8 +24,8 @@ class ArmNumbers:
 
 def arm_numbers(robot, frame, q, u):
     """Return the numbers of our robot; springs count as gravity."""
-    rest = 0.0 * u
-    springs = robot.torque_terms(q, rest, rest)[4]
+    at_rest = 0.0 * u
+    springs = robot.torque_terms(q, at_rest, at_rest)[4]
     return ArmNumbers(robot.mass_matrix(q), robot.coriolis_matrix(q, u),
                       robot.gravity_force(q) + springs, robot.jacobian(frame, q),
                       robot.jacobian_rate(frame, q, u), robot.frame_pose(frame, q))
@@ -37,17 +37,19 @@ def both(R, x):
 
 
 def spring_gradient(error_pose, K, h=1e-5):
-    """Return the gradient of 1/2 e K e by differences, of order 4, in the pose's axes."""
+    """Return the gradient of 1/2 e K e by differences, order 4, in the pose's axes."""
     def energy(p, R):
         e = np.concatenate([p, rotation_log(R)])
         return 0.5 * e @ K @ e
-    p, R = error_pose[:3, 3], error_pose[:3, :3]
+    p = error_pose[:3, 3]
+    R = error_pose[:3, :3]
     gradient = []
     for k in range(6):
         unit = np.eye(6)[k]
         values = [energy(p + s * h * unit[:3], turned(s * h * unit[3:]) @ R)
                   for s in (-2, -1, 1, 2)]
-        gradient.append((values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * h))
+        gradient.append(
+            (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * h))
     return np.array(gradient)
 
 
@@ -70,8 +72,8 @@ def matrix_root(A):
     return vectors @ np.diag(np.sqrt(values)) @ vectors.T
 
 
-def cartesian_impedance(arm, u, target, K, ratio, *, axes=None, twist=None, acceleration=None,
-                        wrench=None, null_rate=2.0, posture=None):
+def cartesian_impedance(arm, u, target, K, ratio, *, axes=None, twist=None,
+                        acceleration=None, wrench=None, null_rate=2.0, posture=None):
     """Return the torque of a regular arm, without friction, walls and limits."""
     zero = np.zeros(6)
     twist = zero if twist is None else twist

@@ -1,4 +1,4 @@
-"""Steps with joints held at their stops, in NumPy: one linear system for motion and forces."""
+"""Steps with joints held at stops, in NumPy: one system for motion and forces."""
 
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
 from kane_dynamics.mechanics.integrators.interface import StageRates
@@ -13,7 +13,9 @@ class HeldMotion:
 
     def __init__(self, robot, tau, side):
         """Store them; `side` is by coordinate."""
-        self.robot, self.tau, self.side = robot, tau, side
+        self.robot = robot
+        self.tau = tau
+        self.side = side
         self.rows = [robot.model.places.index(k) for k in np.flatnonzero(side)]
         self.method = ImplicitStep(robot.equations)
         self.stages = []
@@ -23,31 +25,36 @@ class HeldMotion:
         robot = self.robot
         if robot.equations.in_joint_rates:
             return np.eye(robot.n), u, np.zeros(robot.n)
-        found = robot.equations.joint_motion(q, u, np.zeros(robot.n), t)
-        return [np.array(x, dtype=float) for x in (found.T, found.qdot, found.qddot)]
+        coefficients = robot.equations.joint_motion(q, u, np.zeros(robot.n), t)
+        return [np.array(x, dtype=float)
+                for x in (coefficients.T, coefficients.qdot, coefficients.qddot)]
 
     def solution(self, q, u, t, more=0.0, force=0.0):
-        """Return udot and keep what holds; `more` is added to M, `force` to the torque."""
-        robot, (T, _, drift) = self.robot, self.motion(q, u, t)
+        """Return udot and what holds; `more` is added to M, `force` to the torque."""
+        robot = self.robot
+        T, _, drift = self.motion(q, u, t)
         at = {'t': t} if robot.equations.timed else {}
-        rest = np.zeros(robot.n)
-        net = self.tau - robot.inverse_dynamics(q, u, rest, **at) + force
-        held, n = T[self.rows], robot.n
+        at_rest = np.zeros(robot.n)
+        net = self.tau - robot.inverse_dynamics(q, u, at_rest, **at) + force
+        held = T[self.rows]
+        n = robot.n
         K = np.block([[robot.mass_matrix(q, **at) + more, -held.T],
                       [held, np.zeros((len(held), len(held)))]])
-        found = np.linalg.solve(K, np.concatenate([net, -drift[self.rows]]))
+        unknowns = np.linalg.solve(K, np.concatenate([net, -drift[self.rows]]))
         f, a = np.zeros((2, robot.n_q))
-        f[self.side != 0.0] = found[n:]
+        f[self.side != 0.0] = unknowns[n:]
         places = [p is not None for p in robot.model.places]
-        a[[p for p in robot.model.places if p is not None]] = (T @ found[:n] + drift)[places]
-        self.stages.append((f, a, held.T @ found[n:]))
-        return found[:n]
+        a[[p for p in robot.model.places
+           if p is not None]] = (T @ unknowns[:n] + drift)[places]
+        self.stages.append((f, a, held.T @ unknowns[n:]))
+        return unknowns[:n]
 
     def rates(self, x, t):
         """Return the rates of q and u."""
         q, u = np.split(x, [self.robot.n_q])
         v = self.motion(q, u, t)[1]
-        return np.concatenate([coordinate_rates(self.robot.model, q, v), self.solution(q, u, t)])
+        return np.concatenate(
+            [coordinate_rates(self.robot.model, q, v), self.solution(q, u, t)])
 
     def implicit(self, x, t, h):
         """Return q and u after a linearly implicit step."""
@@ -56,11 +63,14 @@ class HeldMotion:
         def stage(q, u, tau, first, g, moment, deflections):
             now = t + 0.5 * moment * h
             T, v, _ = self.motion(q, u, now)
-            D, K, C = np.diag(method.resistance(v).astype(float)), method._K, method._C
+            D = np.diag(method.resistance(v).astype(float))
+            K = method._K
+            C = method._C
             turned = T @ first.udot
             force = 2.0 * g * ((D + C) @ turned + K @ first.joints)
             force = force - g * K @ (v - 2.0 * g * turned)
-            w = self.solution(q, u, now, T.T @ (g * (D + C) + g * g * K) @ T, T.T @ force)
+            w = self.solution(q, u, now, T.T @ (g * (D + C) + g * g * K) @ T,
+                              T.T @ force)
             rates = v + g * method._sprung * (T @ w - 2.0 * turned)
             return StageRates(rates, w)
         q, u = np.split(x, [self.robot.n_q])
@@ -69,7 +79,8 @@ class HeldMotion:
 
     def corrected(self, q, u, t, stop):
         """Return q and u without the rest of the motion of the held joints."""
-        robot, where = self.robot, np.flatnonzero(self.side)
+        robot = self.robot
+        where = np.flatnonzero(self.side)
         if robot.equations.in_joint_rates:
             return q, u
         at = {'t': t} if robot.equations.timed else {}
@@ -91,24 +102,32 @@ class HeldMotion:
 
 def pressed_step(source, state, done, count, side, lower, upper):
     """Return what `pressed_steps` returns for one step with held torques."""
-    robot, h = source.robot, source.step
-    n_q, n, t = robot.n_q, robot.n, source.start + done * h
+    robot = source.robot
+    h = source.step
+    n_q = robot.n_q
+    n = robot.n
+    t = source.start + done * h
     table = source.torque[0]
     motion = HeldMotion(robot, table[min(done, len(table) - 1)], side)
     x = state[:n_q + n]
-    x = motion.implicit(x, t, h) if source.choice.integrator == 'implicit' else runge_kutta_4(
-        motion.rates, x, (t, t + 0.5 * h, t + h), h)
-    before, end = state.copy(), t + h
-    before[:n_q], before[n_q:n_q + n] = motion.closed(x[:n_q], end), x[n_q:]
+    x = motion.implicit(x, t,
+                        h) if source.choice.integrator == 'implicit' else runge_kutta_4(
+                            motion.rates, x, (t, t + 0.5 * h, t + h), h)
+    state_before = state.copy()
+    end = t + h
+    state_before[:n_q] = motion.closed(x[:n_q], end)
+    state_before[n_q:n_q + n] = x[n_q:]
     if robot.equations.timed:
-        before[n_q + n] = end
-    after = before.copy()
-    after[:n_q], after[n_q:n_q + n] = motion.corrected(
-        before[:n_q], x[n_q:], end, np.where(side > 0.0, upper, lower))
+        state_before[n_q + n] = end
+    rates_after = state_before.copy()
+    rates_after[:n_q], rates_after[n_q:n_q + n] = motion.corrected(
+        state_before[:n_q], x[n_q:], end, np.where(side > 0.0, upper, lower))
     f, a, force = (np.array(part) for part in zip(*motion.stages))
     a = np.where(np.isfinite(lower) | np.isfinite(upper), a, 0.0)
-    pulls, q = np.maximum(0.0, side * f), after[:n_q]
+    pulls = np.maximum(0.0, side * f)
+    q = rates_after[:n_q]
     pull = pulls.max(axis=0)
-    valid = ((side != 0.0) | ((lower - 1e-11 < q) & (q < upper + 1e-11))).all() & (pull <= 0).all()
-    return PressedSteps(after[None], before[None], a[:1], pulls[:1], pull[None],
-                        force[[0, -1], None], np.array([valid]))
+    valid = ((side != 0.0) | ((lower - 1e-11 < q)
+                              & (q < upper + 1e-11))).all() & (pull <= 0).all()
+    return PressedSteps(rates_after[None], state_before[None], a[:1], pulls[:1],
+                        pull[None], force[[0, -1], None], np.array([valid]))

@@ -28,34 +28,39 @@ def from_mujoco(folder, urdf, losses, noise):
     """
     Write what an arm in MuJoCo is measured to do, in uneven steps; return the path.
 
-    MuJoCo gives the rigid-body torques, which stand in columns of their own as a reference; the
-    friction of each joint and the noise of its torque come on top.
+    MuJoCo gives the rigid-body torques, which stand in columns of their own as a
+    reference; the friction of each joint and the noise of its torque come on top.
     """
-    text = re.sub(r'<(visual|collision)\b.*?</\1>', '', urdf.read_text(), flags=re.DOTALL)
+    text = re.sub(r'<(visual|collision)\b.*?</\1>', '', urdf.read_text(),
+                  flags=re.DOTALL)
     arm = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(arm)
     rng = np.random.default_rng(5)
     every, *state = exciting(arm.nv, 5, duration=24.0, rate=500.0)
-    kept = np.cumsum(rng.integers(1, 5, len(every)))  # 2 to 8 ms between rows
-    kept = kept[kept < len(every)]
-    q, u, udot = (part[kept] for part in state)
+    indices = np.cumsum(rng.integers(1, 5, len(every)))  # 2 to 8 ms between rows
+    indices = indices[indices < len(every)]
+    q, u, udot = (part[indices] for part in state)
     rigid = np.empty_like(q)
     for k in range(len(q)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], u[k], udot[k]
+        data.qpos[:] = q[k]
+        data.qvel[:] = u[k]
+        data.qacc[:] = udot[k]
         mujoco.mj_inverse(arm, data)
         rigid[k] = data.qfrc_inverse
     damping, friction = losses
-    tau = rigid + damping * u + friction * np.tanh(u / 0.05) + noise * rng.normal(size=q.shape)
-    header = ['t', *(f'{word}{k + 1}' for word in ('q', 'v', 'a', 'tau', f'tau_pin_{urdf.stem}_')
+    tau = rigid + damping * u + friction * np.tanh(u / 0.05) + noise * rng.normal(
+        size=q.shape)
+    header = ['t', *(f'{word}{k + 1}'
+                     for word in ('q', 'v', 'a', 'tau', f'tau_pin_{urdf.stem}_')
                      for k in range(arm.nv))]
     path = folder / 'from_mujoco.csv'
-    np.savetxt(path, np.column_stack([every[kept], q, u, udot, tau, rigid]), delimiter=',',
-               header=','.join(header), comments='', fmt='%.17g')
+    np.savetxt(path, np.column_stack([every[indices], q, u, udot, tau, rigid]),
+               delimiter=',', header=','.join(header), comments='', fmt='%.17g')
     return path
 
 
 def quiet(urdf, joints=None):
-    """Return the model of a real URDF, with many elements that the library does not use."""
+    """Return the model of a real URDF, with many elements that we do not use."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', ModelWarning)
         return load_urdf(urdf, joints=joints)
@@ -67,14 +72,15 @@ def exciting(n, seed, duration=20.0, rate=100.0, harmonics=5, speed=2.0):
     t = np.arange(0.0, duration, 1.0 / rate)
     w = 2.0 * np.pi * 0.1 * np.arange(1, harmonics + 1)
     a, b = rng.normal(size=(2, harmonics, n))
-    s, c = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+    s = np.sin(np.outer(t, w))
+    c = np.cos(np.outer(t, w))
     u = c @ a + s @ b
     k = speed / np.abs(u).max(axis=0)
     return t, (s / w @ a - c / w @ b) * k, u * k, ((-s * w) @ a + (c * w) @ b) * k
 
 
 def simulated(model, seed, noise=0.0, **motion):
-    """Return a recording of a model along a random motion, torques with white noise, N m."""
+    """Return a recording along a random motion, torques with white noise, N m."""
     t, q, u, udot = exciting(model.n, seed, **motion)
     tau = Robot(model).inverse_dynamics(q, u, udot)
     rng = np.random.default_rng(seed + 1)

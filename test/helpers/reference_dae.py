@@ -1,10 +1,11 @@
 """
 Motion under constraints from the tree's own equations and all rows of the Jacobian.
 
-Nothing of the library's treatment of constraints is used: no independent speeds, no choice of
-rows. At each time M q'' + h = J^T lambda and J q'' = -J' q' are solved in the least-squares sense,
-DOP853 integrates, and every so often positions and velocities are projected onto the constraints.
-Every function takes one state, (n,), or N states, (N, n), which share their steps.
+Nothing of the library's treatment of constraints is used: no independent speeds, no
+choice of rows. At each time M q'' + h = J^T lambda and J q'' = -J' q' are solved in the
+least-squares sense, DOP853 integrates, and every so often positions and velocities are
+projected onto the constraints. Every function takes one state, (n,), or N states, (N,
+n), which share their steps.
 """
 
 from kane_dynamics import Closure, Coupling, PointVelocity, Robot, Rolling
@@ -18,7 +19,8 @@ TOLERANCE = 1e-13  # of DOP853: free motions of several loops amplify errors by 
 PERTURBED = 1e-9  # rad or m
 SKEW = np.zeros((3, 3, 3))  # v x w = (v @ SKEW) w
 for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    SKEW[i, j, k], SKEW[i, k, j] = -1.0, 1.0
+    SKEW[i, j, k] = -1.0
+    SKEW[i, k, j] = 1.0
 SKEW = SKEW.reshape(3, 9)
 
 
@@ -49,14 +51,16 @@ class Reference:
         self.rank = int(np.sum(size > RANK * size[0]))
 
     def rows(self, q):
-        """Return J, all rows, and the residuals of positions with their own rows' numbers."""
+        """Return J, all rows, and the residuals of positions with their rows."""
         J, gaps, _ = self._stack(q, np.zeros(q.shape))
         places = [k for k, gap in enumerate(gaps) if gap is not None]
         return J, np.array([gaps[k] for k in places]).T, places
 
     def _stack(self, q, v):
         """Return J, each row's residual of position or None, and J' v."""
-        J, gaps, rates = [], [], []
+        J = []
+        gaps = []
+        rates = []
         for constraint in self.constraints:
             rows, gap, rate = (self._of_closure if isinstance(constraint, Closure)
                                else self._of_other)(constraint, q, v)
@@ -74,22 +78,30 @@ class Reference:
         return J, gaps, (8.0 * near - far) / (12.0 * h)
 
     def _of_closure(self, constraint, q, v):
-        tree, none = self.tree, np.zeros(q.shape)
+        tree = self.tree
+        none = np.zeros(q.shape)
         frames = constraint.first, constraint.second
         (T1, T2), (J1, J2) = ([of(frame, q) for frame in frames]
                               for of in (tree.frame_pose, tree.partial_velocities))
         c1, c2 = (tree.frame_acceleration(frame, q, v, none) for frame in frames)
-        moment1, moment2 = J1[..., 3:, :], J2[..., 3:, :]
-        w1, w2 = product(moment1, v), product(moment2, v)
-        J, rates = [J1[..., :3, :] - J2[..., :3, :]], [c1[..., :3] - c2[..., :3]]
+        moment1 = J1[..., 3:, :]
+        moment2 = J2[..., 3:, :]
+        w1 = product(moment1, v)
+        w2 = product(moment2, v)
+        J = [J1[..., :3, :] - J2[..., :3, :]]
+        rates = [c1[..., :3] - c2[..., :3]]
         gaps = [T1[..., :3, 3] - T2[..., :3, 3]]
         axes = {'spherical': [], 'revolute': [constraint.axis],
                 'weld': list(np.eye(3))}[constraint.kind]
         for axis in axes:
-            a, b = T1[..., :3, :3] @ axis, T2[..., :3, :3] @ axis
-            A, B = skew(a), skew(b)
-            BA, AB = B @ A, A @ B
-            da, db = cross(w1, a), cross(w2, b)
+            a = T1[..., :3, :3] @ axis
+            b = T2[..., :3, :3] @ axis
+            A = skew(a)
+            B = skew(b)
+            BA = B @ A
+            AB = A @ B
+            da = cross(w1, a)
+            db = cross(w2, b)
             # a x b = 0; its rate is (w1 x a) x b + a x (w2 x b)
             rates.append(product(BA, c1[..., 3:]) - product(AB, c2[..., 3:])
                          + cross(cross(w1, da), b) + 2.0 * cross(da, db)
@@ -105,10 +117,11 @@ class Reference:
         if isinstance(constraint, Coupling):
             row = np.zeros(q.shape)
             row[..., self.names.index(constraint.joint)] = 1.0
-            for other, ratio in constraint.ratios.items():
-                row[..., self.names.index(other)] -= ratio
+            for name, ratio in constraint.ratios.items():
+                row[..., self.names.index(name)] -= ratio
             return row[..., None, :], [np.sum(row * q, axis=-1) - constraint.offset]
-        T, J = tree.frame_pose(constraint.frame, q), tree.partial_velocities(constraint.frame, q)
+        T = tree.frame_pose(constraint.frame, q)
+        J = tree.partial_velocities(constraint.frame, q)
         if isinstance(constraint, PointVelocity):
             direction = T[..., :3, :3] @ constraint.direction
             return direction[..., None, :] @ J[..., :3, :], [None]
@@ -139,14 +152,14 @@ class Reference:
         return q, v - self._least(J, product(J, v))
 
     def _least(self, A, b):
-        """Return the least solution with as many singular values as J has where it was begun."""
+        """Return the least solution, with as many singular values as J had before."""
         U, size, V = np.linalg.svd(A, full_matrices=False)
         m = self.rank
         return product(V[..., :m, :].swapaxes(-1, -2),
                        product(U[..., :m].swapaxes(-1, -2), b) / size[..., :m])
 
     def regularity(self, q):
-        """Return the smallest singular value of J that is not zero by redundancy, relative."""
+        """Return J's smallest singular value not zero by redundancy, relative."""
         size = np.linalg.svd(self.rows(q)[0], compute_uv=False)
         return float(size[self.rank - 1] / size[0])
 
@@ -155,26 +168,28 @@ class Reference:
         def slope(t, x):
             q, v = x.reshape(shape)
             return np.concatenate([v, self.acceleration(q, v)]).ravel()
-        found, now, shape = [], 0.0, (2, *q.shape)
+        rates = []
+        now = 0.0
+        shape = (2, *q.shape)
         for t in times:
-            solver = DOP853(slope, now, np.concatenate([q, v]).ravel(), t, rtol=tolerance,
-                            atol=tolerance, max_step=longest)
+            solver = DOP853(slope, now, np.concatenate([q, v]).ravel(), t,
+                            rtol=tolerance, atol=tolerance, max_step=longest)
             while solver.status == 'running':
                 solver.step()
             if solver.status != 'finished':
                 raise ArithmeticError(f'the reference stops at {solver.t} s')
             q, v = self.projected(*solver.y.reshape(shape))
             now = t
-            found.append((q, v))
-        return tuple(np.array(x) for x in zip(*found))
+            rates.append((q, v))
+        return tuple(np.array(x) for x in zip(*rates))
 
     def growth(self, q, v, times):
         """
-        Return how many times larger a small perturbation of q and v may be at each time, (K,).
+        Return how much larger a small perturbation of q and v may be at each time, (K,).
 
-        The norm of the linear map from errors of all coordinates and rates, which are projected
-        onto the constraints, to the largest error of a coordinate. A single direction may have
-        little of the one that grows most.
+        The norm of the linear map from errors of all coordinates and rates, which are
+        projected onto the constraints, to the largest error of a coordinate. A single
+        direction may have little of the one that grows most.
         """
         n = len(q)
         paths = [(q, v)] + [self.projected(q + d[:n], v + d[n:])

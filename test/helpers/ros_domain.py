@@ -13,7 +13,8 @@ def own_domain():
     """
     Return a domain that is locked until this process ends, as text.
 
-    Two runs at once, in one domain, hear each other's nodes: of one name, with other arms.
+    Two runs at once, in one domain, hear each other's nodes: of one name, with other
+    arms.
     """
     for number in random.SystemRandom().sample(DOMAINS, len(DOMAINS)):
         path = Path(tempfile.gettempdir()) / f'kane_dynamics_domain_{number}.lock'

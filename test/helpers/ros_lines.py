@@ -1,4 +1,4 @@
-"""What of a page's ROS commands and parameter files can be checked without a ROS installation."""
+"""What can be checked of a page's ROS commands and files without an installation."""
 
 import ast
 import importlib
@@ -23,7 +23,7 @@ SOURCE = ''.join(path.read_text(encoding='utf-8')
 
 
 def check_line(line):
-    """Raise AssertionError if a line of a shell block names what this package does not have."""
+    """Raise AssertionError if a shell line names what this package does not have."""
     words = shlex.split(line, comments=True)
     while words and re.fullmatch(r'\w+=\S*', words[0]):
         words = words[1:]
@@ -34,7 +34,8 @@ def check_line(line):
         check_arguments(program, *words[1:])
     elif program == 'make':
         makefile = (ROOT / 'Makefile').read_text(encoding='utf-8')
-        assert re.search(rf'^[a-z -]*\b{words[1]}\b[a-z -]*:', makefile, re.MULTILINE), line
+        assert re.search(rf'^[a-z -]*\b{words[1]}\b[a-z -]*:', makefile,
+                         re.MULTILINE), line
     elif program == 'ros2' and not ELSEWHERE & set(words[1:3]):
         CHECKS[' '.join(words[1:3])](*words[3:])
 
@@ -56,11 +57,14 @@ def launch_arguments(file):
 
 
 def check_launch_file(text):
-    """Raise AssertionError if a page's launch file gives ours an argument that it lacks."""
-    given = [ast.literal_eval(key) for node in ast.walk(ast.parse(text))
-             if isinstance(node, ast.Dict) for key in node.keys]
-    assert given
-    assert set(given) <= set(launch_arguments('kane_dynamics.launch.py')), given
+    """Raise AssertionError if a page's launch file passes an unknown argument."""
+    names = []
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Dict):
+            for key in node.keys:
+                names.append(ast.literal_eval(key))
+    assert names
+    assert set(names) <= set(launch_arguments('kane_dynamics.launch.py')), names
 
 
 def check_arguments(executable, *arguments):
@@ -68,12 +72,12 @@ def check_arguments(executable, *arguments):
     specs = TABLES[EXECUTABLES[executable]]
     for flag, value in pairwise(arguments):
         if flag in ('-p', '--param'):
-            name, _, given = value.partition(':=')
-            check_parameter(specs, name, yaml.safe_load(given))
+            name, _, value_given = value.partition(':=')
+            check_parameter(specs, name, yaml.safe_load(value_given))
 
 
 def check_parameter(specs, name, value):
-    """Raise AssertionError or InputError unless there is such a parameter and it may be that."""
+    """Raise AssertionError or InputError unless the parameter and value are valid."""
     if name not in FOREIGN:
         assert name in specs, f'no parameter {name!r}'
         read(specs[name], value)
@@ -97,19 +101,21 @@ def check_call(name, kind, request='{}', *_):
     interface = getattr(importlib.import_module(f'{package}.{folder}'), cls)
     if package == 'kane_dynamics_interfaces':
         check_topic(name)
-    filled(getattr(interface, 'Request', None) or interface.Goal, yaml.safe_load(request))
+    filled(getattr(interface, 'Request', None) or interface.Goal,
+           yaml.safe_load(request))
 
 
 def check_publication(*arguments):
-    """Raise AssertionError unless the topic is ours, and the message has that type and fields."""
+    """Raise AssertionError unless the topic is ours, with that message and fields."""
     name, kind, values = (word for word in arguments if not word.startswith('--'))
     check_topic(name)
     package, folder, cls = kind.split('/')
-    filled(getattr(importlib.import_module(f'{package}.{folder}'), cls), yaml.safe_load(values))
+    filled(getattr(importlib.import_module(f'{package}.{folder}'), cls),
+           yaml.safe_load(values))
 
 
 def filled(kind, values):
-    """Return a message of a type with the values given by field; KeyError for one it lacks."""
+    """Return a message of a type with values by field; KeyError for an unknown one."""
     message = kind()
     for name, value in values.items():
         if isinstance(value, dict):
@@ -128,11 +134,14 @@ CHECKS = {'launch kane_dynamics': check_launch, 'run kane_dynamics': check_argum
 
 def check_prose(text):
     """Raise AssertionError if a text speaks of a parameter that neither node has."""
-    known = {name for table in TABLES.values() for name in table}
+    known = set()
+    for table in TABLES.values():
+        for name in table:
+            known.add(name)
     groups = {name.split('.')[0] for name in known if '.' in name}
-    for group, rest in re.findall(r'`(\w+)\.([\w.]+|\*)', text):
-        if group in groups and rest != '*':
-            assert f'{group}.{rest}' in known, f'no parameter {group}.{rest}'
+    for group, remainder in re.findall(r'`(\w+)\.([\w.]+|\*)', text):
+        if group in groups and remainder != '*':
+            assert f'{group}.{remainder}' in known, f'no parameter {group}.{remainder}'
 
 
 def flat(tree, prefix=''):

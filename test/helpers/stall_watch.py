@@ -1,16 +1,18 @@
 """
-Print when a processor stalled: when this process woke late, though it comes before all others.
+Print when a processor stalled: when this process, before all others, woke late.
 
-The argument is the number of the processor. A line is the start and the end of a stall, system
-time in ns. Without the right to real-time scheduling nothing is printed, since other programs
-might have delayed this one.
+The argument is the number of the processor. A line is the start and the end of a stall,
+system time in ns. Without the right to real-time scheduling nothing is printed, since
+other programs might have delayed this one.
 """
 
 import os
 import sys
 import time
 
-PERIOD, LATE = 1e-3, 4_000_000  # s; ns: two periods of the arm
+# s; ns: two periods of the arm
+PERIOD = 1e-3
+LATE = 4_000_000
 PRIORITY = 60  # above the arm, the guard and the node
 
 
@@ -20,13 +22,13 @@ def main():
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except PermissionError:
         return 1
-    before = time.time_ns()
+    start = time.time_ns()
     while True:
         time.sleep(PERIOD)
         now = time.time_ns()
-        if now - before > LATE:
-            print(before, now, flush=True)
-        before = now
+        if now - start > LATE:
+            print(start, now, flush=True)
+        start = now
 
 
 if __name__ == '__main__':

@@ -1,4 +1,4 @@
-"""SymPy's KanesMethod on a Model: frames, points and velocities by sympy.physics.mechanics."""
+"""SymPy's KanesMethod on a Model: frames, points and velocities of mechanics."""
 
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.equations import Equations
@@ -18,10 +18,12 @@ class Ours:
         self.equations = Equations(TreeEquations(model), self.mechanism)
 
     def mass_matrix(self, q):
-        return np.array(self.equations.mass_matrix(q, self.model.gravity, 0.0), dtype=float)
+        return np.array(self.equations.mass_matrix(q, self.model.gravity, 0.0),
+                        dtype=float)
 
     def bias_force(self, q, u, t=0.0):
-        return np.array(self.equations.bias_force(q, u, self.model.gravity, t), dtype=float)
+        return np.array(self.equations.bias_force(q, u, self.model.gravity, t),
+                        dtype=float)
 
     def forward_dynamics(self, q, u, tau, t=0.0):
         return self.equations.forward_dynamics(q, u, tau, None, self.model.gravity, t)
@@ -56,22 +58,28 @@ class Peer:
         self.N = me.ReferenceFrame('N')
         self.O = me.Point('O')  # noqa: E741
         self.O.set_vel(self.N, 0)
-        self.frames, self.points, self.bodies, self.loads = [], [], [], []
+        self.frames = []
+        self.points = []
+        self.bodies = []
+        self.loads = []
         for body in model.bodies:
             self._add(body)
 
     def _add(self, body):
-        joint, N = body.joint, self.N
+        joint = body.joint
+        N = self.N
         F, P = ((N, self.O) if body.parent == WORLD
                 else (self.frames[body.parent], self.points[body.parent]))
-        q, u = self.q[joint.coordinate], self.rates[joint.coordinate]
+        q = self.q[joint.coordinate]
+        u = self.rates[joint.coordinate]
         if np.array_equal(joint.rotation, np.eye(3)):
             A = F
         else:
             A = F.orientnew(f'A_{body.name}', 'DCM', sp.Matrix(joint.rotation.T))
             A.set_ang_vel(F, 0)
         axis = vector(A, joint.axis)
-        B, at = A, P.locatenew(f'J_{body.name}', vector(F, joint.translation))
+        B = A
+        at = P.locatenew(f'J_{body.name}', vector(F, joint.translation))
         at.v2pt_theory(P, N, F)
         if joint.kind == 'revolute':
             B = A.orientnew(body.name, 'Axis', [q, axis])
@@ -80,16 +88,17 @@ class Peer:
             on = at
             at = on.locatenew(f'O_{body.name}', q * axis)
             at.set_vel(N, on.vel(N) + F.ang_vel_in(N).cross(q * axis) + u * axis)
-        own = body.inertial
-        com = at.locatenew(f'C_{body.name}', vector(B, own.com))
+        inertial = body.inertial
+        com = at.locatenew(f'C_{body.name}', vector(B, inertial.com))
         com.v2pt_theory(at, N, B)
         self.frames.append(B)
         self.points.append(at)
-        if own.mass:
-            i = own.inertia
+        if inertial.mass:
+            i = inertial.inertia
             inertia = me.inertia(B, i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[1, 2], i[0, 2])
-            self.bodies.append(me.RigidBody(body.name, com, B, own.mass, (inertia, com)))
-            self.loads.append((com, own.mass * vector(N, self.model.gravity)))
+            self.bodies.append(
+                me.RigidBody(body.name, com, B, inertial.mass, (inertia, com)))
+            self.loads.append((com, inertial.mass * vector(N, self.model.gravity)))
 
     def body(self, name):
         """Return frame and origin of a body."""
@@ -115,11 +124,13 @@ class Peer:
             Numbers of the independent speeds; all by default.
 
         """
-        n, m = len(self.q), len(rows)
+        n = len(self.q)
+        m = len(rows)
         free = list(range(n)) if independent is None else list(independent)
         bound = [r for r in range(n) if r not in free]
         kd = [q.diff() - rate for q, rate in zip(self.q, self.rates)]
-        u_I, u_D = [self.u[r] for r in free], [self.u[r] for r in bound]
+        u_I = [self.u[r] for r in free]
+        u_D = [self.u[r] for r in bound]
         method = me.KanesMethod(self.N, self.q, u_I, kd_eqs=kd, u_dependent=u_D or None,
                                 velocity_constraints=list(rows) or None)
         method.kanes_equations(self.bodies, self.loads)
@@ -134,15 +145,20 @@ class Peer:
             everything = np.zeros(n)
             everything[free] = u
             J = np.array(function(q, everything)[2], dtype=float).reshape(m, n)
-            everything[bound] = -np.linalg.solve(J[:, bound], J[:, free] @ u) if m else ()
+            everything[bound] = -np.linalg.solve(J[:, bound],
+                                                 J[:, free] @ u) if m else ()
             parts = [np.array(x, dtype=float) for x in function(q, everything)]
-            M, f, M_tree, f_tree = parts[0], parts[1][:, 0], parts[3], parts[4][:, 0]
+            M = parts[0]
+            f = parts[1][:, 0]
+            M_tree = parts[3]
+            f_tree = parts[4][:, 0]
             p = n - m  # rows: p dynamical equations, m rates of constraints
             A = -np.linalg.solve(J[:, bound], J[:, free]) if m else np.zeros((0, n))
             drift = np.linalg.solve(M[p:, p:], f[p:]) if m else np.zeros(0)
             udot = np.linalg.solve(M, f)
             all_udot = np.empty(n)
-            all_udot[free], all_udot[bound] = udot[:p], udot[p:]
+            all_udot[free] = udot[:p]
+            all_udot[bound] = udot[p:]
             force = np.linalg.lstsq(J.T, M_tree @ all_udot - f_tree, rcond=None)[0]
             return {'mass_matrix': M[:p, :p] + M[:p, p:] @ A,
                     'bias': M[:p, p:] @ drift - f[:p], 'udot': udot[:p],
@@ -152,7 +168,8 @@ class Peer:
 
 def vector(frame, components):
     """Return a vector with components in a frame's axes."""
-    return sum((float(x) * axis for x, axis in zip(components, frame) if x), me.Vector(0))
+    return sum((float(x) * axis for x, axis in zip(components, frame) if x),
+               me.Vector(0))
 
 
 def agree(ours, peer, states, tolerance=1e-9, forces=None):
@@ -166,5 +183,6 @@ def agree(ours, peer, states, tolerance=1e-9, forces=None):
         if forces is not None:
             pairs.append((ours.constraint_forces(q, u)[list(forces)], theirs['forces']))
         for got, expected in pairs:
-            np.testing.assert_allclose(np.array(got, dtype=float), expected, rtol=tolerance,
+            np.testing.assert_allclose(np.array(got, dtype=float), expected,
+                                       rtol=tolerance,
                                        atol=tolerance * max(1.0, np.abs(expected).max()))
