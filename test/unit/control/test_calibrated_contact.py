@@ -1,4 +1,4 @@
-"""Contacts are detected, and their ends, whatever the friction; thresholds are calibrated."""
+"""Contacts and their ends are detected whatever the friction; thresholds fit."""
 
 from dataclasses import replace
 from functools import cache
@@ -10,11 +10,17 @@ from kane_dynamics.identification import calibrate_collision, Recording
 import numpy as np
 import pytest
 
-PERIOD, SUBSTEPS = 2e-3, 2  # s, of the controller; steps of the integration in it
+# s, of the controller; steps of the integration in it
+PERIOD = 2e-3
+SUBSTEPS = 2
 ARMATURE = 0.1  # kg m^2
 NOISE = 1e-5, 5e-4  # of positions, rad, and speeds, rad/s
-CONTACT, PAUSE, CLEARED = 0.6, 1.5, 0.5  # s
-# Coulomb friction, N m, damping, N m s, home and amplitude, rad, and the links in contact.
+# s
+CONTACT = 0.6
+PAUSE = 1.5
+CLEARED = 0.5
+# Coulomb friction, N m, damping, N m s, home and amplitude, rad, and the links in
+# contact.
 ARMS = {
     'fr3': ((.6, .7, .5, .6, .35, .3, .25), (.5, .5, .4, .4, .15, .15, .1),
             (0.0, -0.6, 0.0, -2.0, 0.0, 1.6, 0.6), (.8, .4, .6, .5, .7, .7, .8),
@@ -30,19 +36,21 @@ def robot(name, factor, wrench_frames=()):
     """Return an arm whose friction is a multiple of that of the model."""
     coulomb, damping, *_, joints, _ = ARMS[name]
     model = load_urdf(resource_path('urdf', f'{name}.urdf'), joints=joints)
-    friction = {joint: (mu, d) for joint, mu, d in zip(model.joint_names, coulomb, damping)}
+    friction = {joint: (mu, d)
+                for joint, mu, d in zip(model.joint_names, coulomb, damping)}
     bodies = []
     for body in model.bodies:
         joint = body.joint
         if joint.name in friction:
             mu, d = friction[joint.name]
-            joint = replace(joint, friction=factor * mu, damping=factor * d, armature=ARMATURE)
+            joint = replace(joint, friction=factor * mu, damping=factor * d,
+                            armature=ARMATURE)
         bodies.append(replace(body, joint=joint))
     return Robot(replace(model, bodies=tuple(bodies)), wrench_frames=wrench_frames)
 
 
 class Arm:
-    """An arm with noisy encoders under computed torque of the model, whose friction is another."""
+    """An arm with noisy encoders under computed torque, its friction unmodelled."""
 
     def __init__(self, name, factor, seed):
         self.links = ARMS[name][-1]
@@ -66,7 +74,8 @@ class Arm:
         q = self.q + NOISE[0] * self.rng.normal(size=len(self.q))
         u = self.u + NOISE[1] * self.rng.normal(size=len(self.q))
         q_d, u_d, udot_d = self.desired()
-        tau = self.model.inverse_dynamics(q, u, udot_d + 200.0 * (q_d - q) + 28.0 * (u_d - u))
+        tau = self.model.inverse_dynamics(q, u,
+                                          udot_d + 200.0 * (q_d - q) + 28.0 * (u_d - u))
         start = self.t
         for _ in range(SUBSTEPS):
             udot = self.plant.forward_dynamics(self.q, self.u, tau, wrench=self.wrench)
@@ -83,13 +92,14 @@ def calibration(name, factor, seconds):
 
 
 class Contacts:
-    """The counts of a run with contacts: detected, not cleared within 0.5 s, and false flags."""
+    """Counts of a run with contacts: detected, not cleared in 0.5 s, and false flags."""
 
     def __init__(self, name, factor, calibrated):
         self.arm = Arm(name, factor, seed=3)
         self.observer = MomentumObserver(self.arm.model, held=True,
                                          friction_error=calibrated.friction_error())
-        self.detector = CollisionDetector(self.arm.model.joint_names, calibrated.threshold)
+        self.detector = CollisionDetector(self.arm.model.joint_names,
+                                          calibrated.threshold)
         self.rng = np.random.default_rng(7)
         self.detected = self.late = self.false = 0
 
@@ -107,10 +117,12 @@ class Contacts:
             direction /= np.linalg.norm(direction)
             link = self.rng.integers(len(self.arm.links))
             self.arm.wrench[link, :3] = self.rng.uniform(10.0, 25.0) * direction
-            flags = [self.tick() or self.detector.collision for _ in range(steps(CONTACT))]
+            flags = [self.tick() or self.detector.collision
+                     for _ in range(steps(CONTACT))]
             self.detected += any(flags)
             self.arm.wrench[:] = 0.0
-            for _ in range(steps(CLEARED)):  # the arm swings back: a flag is no false one
+            # The arm swings back: a flag is no false one.
+            for _ in range(steps(CLEARED)):
                 self.tick()
             self.late += self.detector.collision
             self.pause(PAUSE - CLEARED)
@@ -126,7 +138,8 @@ def steps(seconds):
 
 
 @pytest.mark.parametrize(('name', 'factor'), [('fr3', 1.5), ('ur10e', 0.8)])
-def test_contacts_are_detected_and_cleared_with_other_friction_than_the_models(name, factor):
+def test_contacts_are_detected_and_cleared_with_other_friction_than_the_models(
+        name, factor):
     run = Contacts(name, factor, calibration(name, factor, 6.0)).run(4)
     assert (run.detected, run.late, run.false) == (4, 0, 0)
 
@@ -157,13 +170,16 @@ def test_the_flag_follows_friction_that_has_changed_since_the_calibration(name, 
 
 @pytest.mark.parametrize('factor', [0.8, 1.5])
 def test_the_friction_beyond_the_model_is_that_of_the_arm(factor):
-    found = calibration('fr3', factor, 6.0) if factor == 1.5 else calibration('ur10e', factor, 6.0)
-    coulomb, damping = (np.array(part) for part in ARMS['fr3' if factor == 1.5 else 'ur10e'][:2])
+    calibrated = calibration('fr3', factor,
+                             6.0) if factor == 1.5 else calibration('ur10e', factor, 6.0)
+    coulomb, damping = (np.array(part)
+                        for part in ARMS['fr3' if factor == 1.5 else 'ur10e'][:2])
     # Friction at 0.5 rad/s: single coefficients are correlated in a short recording.
     excess = (factor - 1.0) * (coulomb + 0.5 * damping)
-    fitted = found.coulomb * np.tanh(0.5 / found.friction_speed) + 0.5 * found.damping
+    fitted = calibrated.coulomb * np.tanh(
+        0.5 / calibrated.friction_speed) + 0.5 * calibrated.damping
     np.testing.assert_allclose(fitted, excess, rtol=0.1, atol=0.01)
-    assert found.suspected == found.unmoved == ()
+    assert calibrated.suspected == calibrated.unmoved == ()
 
 
 def recording_of(arm, seconds):
@@ -182,10 +198,10 @@ def test_a_contact_in_the_recording_is_reported():
     parts = first, touched, last
     whole = Recording(*(np.concatenate([getattr(part, name) for part in parts])
                         for name in ('t', 'q', 'u', 'udot', 'tau')))
-    found = calibrate_collision(arm.model, whole, held=True)
-    assert found.suspected
-    j = found.joint_names.index(found.suspected[0])
-    assert 4.0 < found.error_time[j] < 4.2
+    calibration = calibrate_collision(arm.model, whole, held=True)
+    assert calibration.suspected
+    j = calibration.joint_names.index(calibration.suspected[0])
+    assert 4.0 < calibration.error_time[j] < 4.2
 
 
 def test_thresholds_rise_by_the_largest_torque_of_uncertain_parameters():
@@ -200,7 +216,8 @@ def test_thresholds_rise_by_the_largest_torque_of_uncertain_parameters():
     unsure = calibrate_collision(arm, run, margin=1.5, uncertainty=box)
     bounds = arm.torque_bounds(q, u, udot, box)
     width = 0.5 * (bounds.upper - bounds.lower).max(axis=0)
-    np.testing.assert_allclose(unsure.threshold / 1.5, sure.threshold / 1.4 + width, rtol=1e-9)
+    np.testing.assert_allclose(unsure.threshold / 1.5, sure.threshold / 1.4 + width,
+                               rtol=1e-9)
 
 
 def test_a_force_on_a_resting_joint_is_never_taken_for_friction():
@@ -212,7 +229,8 @@ def test_a_force_on_a_resting_joint_is_never_taken_for_friction():
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [
-    ({'friction_speed': 0.0}, "friction_speed of joint 'a': 0; expected a positive number"),
+    ({'friction_speed': 0.0},
+     "friction_speed of joint 'a': 0; expected a positive number"),
     ({'memory': 0.0}, 'memory: 0.0; expected a positive time'),
     ({'memory': None}, 'memory: None; expected a positive time'),
     ({'coulomb': [1.0]}, 'coulomb: '), ({'offset': np.nan}, 'offset')])
@@ -223,8 +241,10 @@ def test_invalid_friction_is_refused_by_name(arguments, words):
 
 def test_friction_of_other_joints_is_refused():
     with pytest.raises(InputError, match='friction_error: of b, a; expected '):
-        MomentumObserver(Arm('fr3', 1.0, seed=1).model, friction_error=FrictionError(('b', 'a')))
-    with pytest.raises(InputError, match="joint_names: 'ab'; expected a sequence of names"):
+        MomentumObserver(Arm('fr3', 1.0, seed=1).model,
+                         friction_error=FrictionError(('b', 'a')))
+    with pytest.raises(InputError,
+                       match="joint_names: 'ab'; expected a sequence of names"):
         FrictionError('ab')
 
 

@@ -1,4 +1,4 @@
-"""A collision of an arm in MuJoCo is detected in time and named; fast motion raises no alarm."""
+"""A collision of an arm in MuJoCo is detected in time and named; no false alarm."""
 
 
 import numpy as np
@@ -14,11 +14,13 @@ from kane_dynamics.demo.demo_settings import FR3, RATE  # noqa: E402
 from kane_dynamics.demo.mujoco_plant import MujocoArm  # noqa: E402
 import mujoco  # noqa: E402
 
-# Every joint swings by itself, without a common period, at up to nine tenths of its speed limit.
+# Every joint swings by itself, without a common period, at up to nine tenths of its
+# speed limit.
 AMPLITUDE = np.array([1.2, 0.6, 0.9, 0.7, 0.9, 0.9, 0.9])  # rad
 OMEGA = np.array([1.9, 3.1, 2.3, 3.3, 4.9, 4.1, 4.7])  # rad/s
 NOISE = np.array([1e-5, 5e-4])  # of positions, rad, and speeds, rad/s: of good encoders
-# What the encoders' noise and the steps leave of a perfect model stays below half of these, N m.
+# What the encoders' noise and the steps leave of a perfect model stays below half of
+# these, N m.
 THRESHOLD = np.array([0.6, 0.8, 0.6, 0.6, 0.1, 0.1, 0.05])
 ROBOT = Robot(load_urdf(FR3.urdf, joints=list(FR3.joints)))
 
@@ -26,8 +28,8 @@ ROBOT = Robot(load_urdf(FR3.urdf, joints=list(FR3.joints)))
 def wave(t):
     """Return the desired state; it swells from rest in a second."""
     swell = min(t, 1.0)
-    return (FR3.home + AMPLITUDE * swell * np.sin(OMEGA * t),
-            AMPLITUDE * (OMEGA * swell * np.cos(OMEGA * t) + (t < 1.0) * np.sin(OMEGA * t)),
+    return (FR3.home + AMPLITUDE * swell * np.sin(OMEGA * t), AMPLITUDE
+            * (OMEGA * swell * np.cos(OMEGA * t) + (t < 1.0) * np.sin(OMEGA * t)),
             AMPLITUDE * (2.0 * (t < 1.0) * OMEGA * np.cos(OMEGA * t)
                          - OMEGA**2 * swell * np.sin(OMEGA * t)))
 
@@ -45,8 +47,9 @@ class Rig:
         self.largest = np.zeros(7)
 
     def push(self, link, force):
-        """Apply a force, N in world axes, at the center of mass of a link; return torques."""
-        arm, body = self.arm, self.arm.model.body(link).id
+        """Apply a force, N in world axes, at a link's center of mass; return torques."""
+        arm = self.arm
+        body = self.arm.model.body(link).id
         arm.data.xfrc_applied[:] = 0.0
         arm.data.xfrc_applied[body, :3] = force
         jacobian = np.zeros((3, arm.model.nv))
@@ -62,7 +65,8 @@ class Rig:
         q += NOISE[0] * self.chance.normal(size=7)
         u += NOISE[1] * self.chance.normal(size=7)
         q_d, u_d, udot_d = wave(t)
-        tau = ROBOT.inverse_dynamics(q_d, u_d, udot_d) + FR3.kp * (q_d - q) + FR3.kd * (u_d - u)
+        tau = ROBOT.inverse_dynamics(
+            q_d, u_d, udot_d) + FR3.kp * (q_d - q) + FR3.kd * (u_d - u)
         changed = self.detector.update(t, self.observer.update(t, q, u, tau))
         self.largest = np.maximum(self.largest, np.abs(self.observer.torque))
         self.arm.step(tau)
@@ -92,7 +96,8 @@ def test_five_minutes_of_fast_motion_raise_no_alarm():
 @pytest.mark.parametrize(('link', 'force'), [
     ('fr3_link7', (0.0, 0.0, -5.0)), ('fr3_link7', (0.0, 5.0, 0.0)),
     ('fr3_link5', (5.0, 0.0, 0.0)), ('fr3_link4', (0.0, 5.0, 0.0))])
-def test_a_push_of_five_newtons_is_found_within_50_ms_and_the_joint_named(link, force, start):
+def test_a_push_of_five_newtons_is_found_within_50_ms_and_the_joint_named(
+        link, force, start):
     rig = Rig()
     for _ in range(round(start * RATE)):
         rig.tick()
@@ -102,7 +107,8 @@ def test_a_push_of_five_newtons_is_found_within_50_ms_and_the_joint_named(link, 
     share = np.abs(torque) / THRESHOLD
     assert share[FR3.joints.index(rig.detector.joint)] > 0.9 * share.max()
     touched = int(link[-1])
-    assert set(rig.detector.beyond) <= set(FR3.joints[:touched]), 'no joint beyond that link'
+    assert set(rig.detector.beyond) <= set(
+        FR3.joints[:touched]), 'no joint beyond that link'
     rig.push(link, (0.0, 0.0, 0.0))
     assert any(rig.tick() for _ in range(175)), 'and its end is found too'
     assert not rig.detector.collision

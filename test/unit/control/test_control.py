@@ -1,4 +1,4 @@
-"""Promises of the controller, on a two-joint mechanism whose dynamics are known in closed form."""
+"""Promises of the controller, on a two-joint mechanism with closed-form dynamics."""
 
 from types import SimpleNamespace
 
@@ -14,11 +14,14 @@ import numpy as np
 import pytest
 
 NAMES = ('lift', 'slide')
-MASS, ARM, SLIDE, SPRING = 2.0, 0.5, 1.5, 7.0
+MASS = 2.0
+ARM = 0.5
+SLIDE = 1.5
+SPRING = 7.0
 
 
 class ClosedForm:
-    """A pendulum that carries a spring-loaded radial slide: M, Coriolis, gravity by hand."""
+    """A pendulum with a sprung radial slide: M, Coriolis, gravity by hand."""
 
     joint_names = coordinate_names = speed_names = NAMES
     n = n_q = len(NAMES)
@@ -28,9 +31,10 @@ class ClosedForm:
         self.limits = SimpleNamespace(effort=np.array(effort), lower=-none, upper=none)
         self.model = SimpleNamespace(coordinate_names=NAMES, sliding=NAMES[1:],
                                      modal_coordinates=(), drives=())
-        self.equations = SimpleNamespace(model=self.model, in_joint_rates=True, timed=False,
-                                         n=self.n, mechanism=None, tree=None, actuated=None,
-                                         carries_loads=False, time_inputs=lambda t: ())
+        self.equations = SimpleNamespace(
+            model=self.model, in_joint_rates=True, timed=False,
+            n=self.n, mechanism=None, tree=None, actuated=None,
+            carries_loads=False, time_inputs=lambda t: ())
         law = SimpleNamespace(entry=lambda doc, fallback: self.computed_torque)
         self.kernels = SimpleNamespace(compiled=lambda *_: law, no_wrench=())
         self.parameters = SimpleNamespace(block=None, closure_tolerance=None)
@@ -48,8 +52,8 @@ class ClosedForm:
         inertia = np.array([(MASS * r ** 2) * udot[0], SLIDE * udot[1]])
         coriolis = np.array([2 * MASS * r * u[0] * u[1], -MASS * r * u[0] ** 2])
         spring = np.array([0.0, SPRING * q[1]])
-        return np.array([inertia, coriolis, self.gravity_force(q), self.friction_force(u),
-                         spring])
+        return np.array(
+            [inertia, coriolis, self.gravity_force(q), self.friction_force(u), spring])
 
     def inverse_dynamics(self, q, u, udot):
         """Return the sum of all terms."""
@@ -67,9 +71,11 @@ class ClosedForm:
 ROBOT = ClosedForm()
 MOTION = Motion.from_points([0.0, 1.0, 2.0], [[0.0, 0.0], [0.7, 0.2], [0.4, -0.1]],
                             joint_names=NAMES)
-Q, U = np.array([0.3, 0.1]), np.array([0.9, -0.4])
+Q = np.array([0.3, 0.1])
+U = np.array([0.9, -0.4])
 T = 0.63
-KP, KD = np.array([80.0, 120.0]), np.array([18.0, 22.0])
+KP = np.array([80.0, 120.0])
+KD = np.array([18.0, 22.0])
 SWITCHES = [Terms(*(bool(bits >> k & 1) for k in range(4))) for bits in range(16)]
 
 
@@ -78,9 +84,11 @@ def compiled_robot(**options):
     inertial = Inertial(2.0, [0.1, 0.0, 0.2], np.diag([0.02, 0.03, 0.04]))
     joint = {'damping': 0.4, 'friction': 0.7, 'translation': [0.0, 0.1, 0.3]}
     return Robot(Model('arm', (
-        Body('upper', -1, Joint(NAMES[0], 'revolute', [0.0, 1.0, 0.0], **joint), inertial),
-        Body('fore', 0, Joint(NAMES[1], 'prismatic', [1.0, 0.0, 0.0], coordinate=1,
-                              stiffness=9.0, limits=Limits(effort=1e3), **joint), inertial),
+        Body('upper', -1, Joint(NAMES[0], 'revolute', [0.0, 1.0, 0.0], **joint),
+             inertial),
+        Body('fore', 0,
+             Joint(NAMES[1], 'prismatic', [1.0, 0.0, 0.0], coordinate=1,
+                   stiffness=9.0, limits=Limits(effort=1e3), **joint), inertial),
     ), NAMES), **options)
 
 
@@ -129,7 +137,8 @@ def test_gravity_compensation_is_gravity_at_the_measured_pose(terms, motion):
 @pytest.mark.parametrize('terms', [Terms(), Terms(gravity=False)])
 def test_inverse_dynamics_before_any_motion_is_gravity_at_the_measured_pose(terms):
     tau = Controller(ROBOT, compensate=terms).command(T, Q, U).tau
-    np.testing.assert_array_equal(tau, ROBOT.gravity_force(Q) if terms.gravity else np.zeros(2))
+    np.testing.assert_array_equal(tau, ROBOT.gravity_force(Q) if terms.gravity
+                                  else np.zeros(2))
 
 
 def test_computed_torque_before_any_motion_holds_the_first_measured_pose():
@@ -155,22 +164,26 @@ def test_a_pose_held_before_is_not_held_again_after(between):
     control.command(0.0, Q + 1.0, np.zeros(2))
     between(control)
     tau = control.command(0.2, Q, np.zeros(2)).tau
-    np.testing.assert_allclose(tau, expected_terms(Terms(), Q, *[np.zeros(2)] * 3), rtol=1e-14)
+    np.testing.assert_allclose(tau, expected_terms(Terms(), Q, *[np.zeros(2)] * 3),
+                               rtol=1e-14)
 
 
 def test_motion_time_places_the_motion_on_another_clock():
-    here = Controller(ROBOT).command(1e6, Q, U, MOTION, motion_time=T).tau
-    np.testing.assert_array_equal(here, Controller(ROBOT).command(T, Q, U, MOTION).tau)
+    on_this_clock = Controller(ROBOT).command(1e6, Q, U, MOTION, motion_time=T).tau
+    np.testing.assert_array_equal(on_this_clock,
+                                  Controller(ROBOT).command(T, Q, U, MOTION).tau)
 
 
 def test_computed_torque_closes_the_loop_on_its_own_plant():
     control = Controller(ROBOT, mode='computed_torque', kp=100.0, kd=20.0)
-    q, u, step = np.array([0.3, -0.2]), np.zeros(2), 1e-3
+    q = np.array([0.3, -0.2])
+    u = np.zeros(2)
+    step = 1e-3
     for i in range(2500):
         tau = control.command(i * step, q, u, MOTION).tau
         M = np.diag([MASS * (ARM + q[1]) ** 2, SLIDE])
-        rest = ROBOT.torque_terms(q, u, np.zeros(2))
-        u = u + step * np.linalg.solve(M, tau - rest.sum(axis=0))
+        terms_at_rest = ROBOT.torque_terms(q, u, np.zeros(2))
+        u = u + step * np.linalg.solve(M, tau - terms_at_rest.sum(axis=0))
         q = q + step * u
     np.testing.assert_allclose(q, [0.4, -0.1], atol=5e-3)
 
@@ -186,18 +199,21 @@ def test_torque_is_clamped_to_the_tighter_of_two_limits_and_is_flagged():
 
 def test_torque_changes_no_faster_than_the_rate_limit_and_is_flagged():
     control = Controller(ROBOT, mode='gravity_compensation', rate_limit=[10.0, np.inf])
-    wanted = ROBOT.gravity_force(Q)
-    assert wanted[0] > 0.7
-    for t, limit in ((5.0, 0.0), (5.01, 0.1), (5.05, 0.5), (5.05, 0.5), (4.0, 0.5), (4.02, 0.7)):
+    desired = ROBOT.gravity_force(Q)
+    assert desired[0] > 0.7
+    for t, limit in ((5.0, 0.0), (5.01, 0.1), (5.05, 0.5), (5.05, 0.5), (4.0, 0.5),
+                     (4.02, 0.7)):
         command = control.command(t, Q)
-        np.testing.assert_allclose(command.tau, [limit, wanted[1]], rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(command.tau, [limit, desired[1]],
+                                   rtol=1e-12, atol=1e-15)
         np.testing.assert_array_equal(command.rate_limited, [True, False])
         assert not command.clamped.any()
-    np.testing.assert_array_equal(control.command(60.0, Q).tau, wanted)
+    np.testing.assert_array_equal(control.command(60.0, Q).tau, desired)
 
 
 def test_clamp_comes_before_the_rate_limit():
-    control = Controller(ROBOT, mode='gravity_compensation', effort_limit=0.3, rate_limit=1.0)
+    control = Controller(ROBOT, mode='gravity_compensation', effort_limit=0.3,
+                         rate_limit=1.0)
     control.command(0.0, Q)
     np.testing.assert_allclose(control.command(0.1, Q).tau, [0.1, 0.1])
     command = control.command(0.9, Q)
@@ -226,11 +242,11 @@ def test_a_tightened_effort_limit_holds_at_once_in_spite_of_the_rate_limit():
 def test_an_effort_limit_that_is_lowered_and_raised_between_states_leaves_no_jump():
     control = Controller(ROBOT, mode='gravity_compensation', rate_limit=1.0)
     control.command(0.0, Q)
-    before = control.command(2.0, Q).tau.copy()
+    torque_before = control.command(2.0, Q).tau.copy()
     control.update(effort_limit=0.1)
     control.update(effort_limit=100.0)
-    change = np.abs(control.command(2.1, Q).tau - before)
-    assert before.max() > 1.0 and change.max() < 0.1 + 1e-12
+    change = np.abs(control.command(2.1, Q).tau - torque_before)
+    assert torque_before.max() > 1.0 and change.max() < 0.1 + 1e-12
 
 
 def test_a_refused_update_changes_nothing():
@@ -261,16 +277,20 @@ def test_opposite_infinities_do_not_cancel():
 
 def test_a_torque_that_overflows_is_refused():
     with pytest.raises(InputError, match='not finite'), np.errstate(over='ignore'):
-        Controller(ROBOT, mode='computed_torque', kp=1e300).command(T, Q + 1e200, U, MOTION)
+        Controller(ROBOT, mode='computed_torque', kp=1e300).command(
+            T, Q + 1e200, U, MOTION)
 
 
-@pytest.mark.parametrize('terms', [Terms(), Terms(gravity=False)], ids=['all', 'without gravity'])
+@pytest.mark.parametrize('terms', [Terms(), Terms(gravity=False)],
+                         ids=['all', 'without gravity'])
 def test_a_refused_state_is_no_pose_to_hold(terms):
     control = Controller(ROBOT, mode='computed_torque', compensate=terms)
-    with pytest.raises(InputError, match='finite'), np.errstate(over='ignore', invalid='ignore'):
+    with pytest.raises(InputError,
+                       match='finite'), np.errstate(over='ignore', invalid='ignore'):
         control.command(T, np.full(2, 1e308), U)
     fresh = Controller(ROBOT, mode='computed_torque', compensate=terms)
-    np.testing.assert_array_equal(control.command(T, Q, U).tau, fresh.command(T, Q, U).tau)
+    np.testing.assert_array_equal(control.command(T, Q, U).tau,
+                                  fresh.command(T, Q, U).tau)
 
 
 OTHER = Motion.from_points([0.0], [[0.0, 0.0]], joint_names=NAMES[::-1])
@@ -292,7 +312,8 @@ def test_a_bad_state_is_refused_with_the_reason(arguments, words):
 
 
 @pytest.mark.parametrize(('settings', 'words'), [
-    ({'mode': 'pd'}, ['pd', 'inverse_dynamics', 'computed_torque', 'gravity_compensation']),
+    ({'mode': 'pd'},
+     ['pd', 'inverse_dynamics', 'computed_torque', 'gravity_compensation']),
     ({'kp': -1.0}, ['kp', "'lift'", '-1.0', '>= 0']),
     ({'kd': [1.0, np.inf]}, ['kd', "'slide'", 'inf', 'finite']),
     ({'kd': [1.0, 2.0, 3.0]}, ['kd', 'one number, or 2', 'lift']),
@@ -312,6 +333,7 @@ def test_computed_torque_spreads_its_gains_over_the_joints_and_checks_them():
     builder.body('lift', axis=(0, 1, 0), inertial=point_mass(1.0, (1, 0, 0)))
     builder.body('slide', 'lift', 'prismatic', axis=(1, 0, 0), inertial=point_mass(1.0))
     robot = Robot(builder.model())
-    np.testing.assert_array_equal(ComputedTorque(robot, MOTION, 4.0, [1.0, 2.0]).kp, [4.0, 4.0])
+    np.testing.assert_array_equal(ComputedTorque(robot, MOTION, 4.0, [1.0, 2.0]).kp,
+                                  [4.0, 4.0])
     with pytest.raises(InputError, match=r"kd of joint 'slide': -2\.0"):
         ComputedTorque(robot, MOTION, 4.0, [1.0, -2.0])

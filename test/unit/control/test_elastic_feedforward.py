@@ -1,11 +1,11 @@
-"""Inverse dynamics of elastic joints to the fourth order, against differentiated definitions."""
+"""Inverse dynamics of elastic joints to 4th order, against differentiated ones."""
 
 from dataclasses import replace
 import math
 
 from differentiated import taylor_motion, time_derivatives
-from kane_dynamics import (Drive, Inertial, InputError, ModelBuilder, Motion,
-                           point_mass, Robot, rod, SmoothMotion, StiffnessCurve, with_drives)
+from kane_dynamics import (Drive, Inertial, InputError, ModelBuilder, Motion, point_mass,
+                           Robot, rod, SmoothMotion, StiffnessCurve, with_drives)
 from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.model.elastic_model import link_side
@@ -19,7 +19,7 @@ CURVE = StiffnessCurve([0.01, 0.03], [6.0, 40.0], rounding=0.01)
 
 
 def elastic_robot(seed, **options):
-    """Return a random tree with springs, curves and rigid joints, and a motion of its links."""
+    """Return a random tree with springs, curves and rigid joints, and a motion."""
     model = random_model(seed, 5)
     bodies = []
     for body in model.bodies:  # friction that changes slowly, for the reference
@@ -34,7 +34,7 @@ def elastic_robot(seed, **options):
 
 
 def assert_rows(rows, robot, motion, torque_at, tolerance=1e-9):
-    """Compare rows with differentiated torques, and with the equations of the elastic robot."""
+    """Compare rows with differentiated torques, and with the elastic equations."""
     links = [elastic.link for elastic in robot.drives]
     expected = time_derivatives(torque_at, 2)
     for order in range(3):
@@ -80,17 +80,21 @@ def test_outputs_are_those_of_the_differentiated_definition(seed):
 
 
 def deflection(drive, torque):
-    """Return the deflection of a spring by bisection of its curve as the docs state it."""
+    """Return a spring's deflection by bisection of its curve as documented."""
     if not isinstance(drive.stiffness, StiffnessCurve):
         return torque / drive.stiffness
-    x, y = CURVE.deflection, CURVE.torque
-    k1, k2 = y[0] / x[0], (y[1] - y[0]) / (x[1] - x[0])
+    x = CURVE.deflection
+    y = CURVE.torque
+    k1 = y[0] / x[0]
+    k2 = (y[1] - y[0]) / (x[1] - x[0])
 
     def ramp(z):  # the second integral of 35 / (32 w) (1 - (z / w)^2)^3
         s = min(max(z / CURVE.rounding, -1.0), 1.0)
-        within = s / 2 + 35 / 32 * (s**2 / 2 - s**4 / 4 + s**6 / 10 - s**8 / 56) + 35 / 256
+        within = (s / 2 + 35 / 32 * (s**2 / 2 - s**4 / 4 + s**6 / 10 - s**8 / 56)
+                  + 35 / 256)
         return CURVE.rounding * within + max(z - CURVE.rounding, 0.0)
-    low, high = -10.0, 10.0
+    low = -10.0
+    high = 10.0
     for _ in range(200):
         middle = 0.5 * (low + high)
         value = k1 * middle + (k2 - k1) * (ramp(middle - x[0]) - ramp(-middle - x[0]))
@@ -104,7 +108,8 @@ def test_payload_wrenches_and_gravity_may_vary_in_time():
     robot = Robot(robot.model, wrench_frames=(frame,), payload_frame=frame)
     robot.parameters.payload = Inertial(2.0, (0.1, 0.0, 0.2), 0.01 * np.eye(3))
     rng = np.random.default_rng(5)
-    gravity, wrench = rng.normal(size=(3, 3)), rng.normal(size=(3, 1, 6))
+    gravity = rng.normal(size=(3, 3))
+    wrench = rng.normal(size=(3, 1, 6))
     robot.parameters.gravity = gravity[0]
     links = Robot(link_side(robot.model), wrench_frames=(frame,), payload_frame=frame)
     links.parameters.payload = robot.parameters.payload
@@ -137,7 +142,8 @@ def test_batches_are_rows_of_single_states():
 
 def test_bases_with_a_quaternion_carry_elastic_arms():
     b = ModelBuilder()
-    b.body('base', 'world', 'free', inertial=Inertial(5.0, (0.1, 0, 0), np.diag([1, 2, 2.5])))
+    b.body('base', 'world',
+           'free', inertial=Inertial(5.0, (0.1, 0, 0), np.diag([1, 2, 2.5])))
     b.body('arm', 'base', axis=(0, 1, 0), inertial=rod(2, (0, 0, 0), (0.1, 0.2, 0.8)),
            drive=Drive(500.0, rotor_inertia=0.1))
     robot = Robot(b.model())
@@ -153,7 +159,8 @@ def test_bases_with_a_quaternion_carry_elastic_arms():
 
     def torque_at(t):
         # q' = G(q) u, by many short Runge-Kutta steps.
-        q, steps = q0.copy(), 12
+        q = q0.copy()
+        steps = 12
         h = t / steps
         for k in range(steps):
             def slope(s, x):
@@ -182,9 +189,14 @@ def test_spongs_single_link_arm_in_closed_form():
     b = ModelBuilder(gravity=(0, 0, -10.0))
     b.body('link', axis=(0, -1, 0), inertial=point_mass(1.0, (0, 0, -1.0)),
            drive=Drive(100.0, rotor_inertia=1.0))
-    q, u, a, j, s = 0.4, -0.3, 0.8, 1.1, -2.0
+    q = 0.4
+    u = -0.3
+    a = 0.8
+    j = 1.1
+    s = -2.0
     rows = ElasticFeedforward(Robot(b.model()))([q], [u], [a], [j], [s])[:, 0]
-    sine, cosine = math.sin(q), math.cos(q)
+    sine = math.sin(q)
+    cosine = math.cos(q)
     gear = a + 10.0 * sine
     gear_rate = j + 10.0 * cosine * u
     gear_acceleration = s + 10.0 * (cosine * a - sine * u * u)
@@ -195,8 +207,12 @@ def test_spongs_single_link_arm_in_closed_form():
 
 
 def test_two_masses_on_a_spring():
-    """With m q'' = k (theta - q), a sine of q needs the torque of both masses' inertia."""
-    m, B, k, w, t = 3.0, 0.5, 200.0, 7.0, 0.3
+    """With m q'' = k (theta - q), a sine of q takes both masses' torque."""
+    m = 3.0
+    B = 0.5
+    k = 200.0
+    w = 7.0
+    t = 0.3
     b = ModelBuilder(gravity=(0, 0, 0))
     b.body('mass', 'world', 'prismatic', axis=(1, 0, 0), inertial=point_mass(m),
            drive=Drive(k, rotor_inertia=B))
@@ -242,26 +258,31 @@ def two_links(**drive):
     """Return an elastic arm of two joints, j0 and j1."""
     b = ModelBuilder()
     for k, on in enumerate(('world', 'l0')):
-        b.body(f'l{k}', on, joint=f'j{k}', axis=(0, 1, 0), at=(1.0 * k, 0, 0),
-               inertial=rod(1, (0, 0, 0), (1, 0, 0)),
-               drive=Drive(**{'stiffness': 400.0, 'rotor_inertia': 0.3, 'friction': SMOOTH,
-                              **drive}))
+        b.body(
+            f'l{k}', on, joint=f'j{k}', axis=(0, 1, 0), at=(1.0 * k, 0, 0),
+            inertial=rod(1, (0, 0, 0), (1, 0, 0)),
+            drive=Drive(**{'stiffness': 400.0, 'rotor_inertia': 0.3, 'friction': SMOOTH,
+                           **drive}))
     return Robot(b.model())
 
 
 def test_along_a_motion_without_damping_each_row_is_a_call():
-    robot, motion = two_links(), smooth_motion(2)
+    robot = two_links()
+    motion = smooth_motion(2)
     feedforward = ElasticFeedforward(robot)
     result = feedforward.along(motion, 0.01)
     assert result.time.shape == (101,) and result.motor_torque.shape == (101, 2)
     rows = np.stack(result[2:], axis=1)
-    assert_allclose(rows, feedforward(*motion.sample(result.time)), rtol=1e-12, atol=1e-12)
+    assert_allclose(rows, feedforward(*motion.sample(result.time)),
+                    rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize('stiffness', [400.0, StiffnessCurve([0.02, 0.05], [6.0, 40.0], 0.03)])
+@pytest.mark.parametrize('stiffness',
+                         [400.0, StiffnessCurve([0.02, 0.05], [6.0, 40.0], 0.03)])
 def test_damped_deflections_satisfy_the_equations_of_the_elastic_robot(stiffness):
-    """Also D delta' = tau_J - k(delta): the links' equations hold with no torque on links."""
-    robot, motion = two_links(stiffness=stiffness, damping=3.0), smooth_motion(2)
+    """Also D delta' = tau_J - k(delta): the links' equations, no torque on links."""
+    robot = two_links(stiffness=stiffness, damping=3.0)
+    motion = smooth_motion(2)
     step = 2.5e-4
     result = ElasticFeedforward(robot).along(motion, step)
     state = motion.sample(result.time)
@@ -281,10 +302,13 @@ def test_damped_deflections_satisfy_the_equations_of_the_elastic_robot(stiffness
 
 
 def test_the_integration_of_the_deflection_is_of_order_five():
-    robot, motion = two_links(damping=30.0), smooth_motion(2)
+    robot = two_links(damping=30.0)
+    motion = smooth_motion(2)
     feedforward = ElasticFeedforward(robot)
-    ends = [feedforward.along(motion, 0.1 / 2**k, deflection=[0.05, -0.02]).motor_position
-            for k in range(7)]
+    ends = []
+    for k in range(7):
+        ends.append(feedforward.along(motion, 0.1 / 2**k,
+                                      deflection=[0.05, -0.02]).motor_position)
     middles = np.array([end[len(end) // 2] for end in ends])
     errors = np.abs(middles[:-1] - middles[-1]).max(axis=1)
     orders = np.log2(errors[1:4] / errors[2:5])
@@ -299,8 +323,10 @@ def test_the_integration_of_the_deflection_is_of_order_five():
 
 
 @pytest.mark.parametrize('settling', [1e-12, 1e-9, 1e-6, 1.1e-6, 1e-5])
-def test_motors_of_drives_with_little_damping_are_those_of_springs_but_for_the_lag(settling):
-    motion, stiffness = smooth_motion(2), 400.0
+def test_motors_of_drives_with_little_damping_are_those_of_springs_but_for_the_lag(
+        settling):
+    motion = smooth_motion(2)
+    stiffness = 400.0
     undamped = ElasticFeedforward(two_links(stiffness=stiffness)).along(motion, 0.01)
     drives = two_links(stiffness=stiffness, damping=settling * stiffness)
     damped = ElasticFeedforward(drives).along(motion, 0.01)

@@ -1,4 +1,4 @@
-"""Inverse dynamics of elastic joints to the fourth order, in loops and with chosen speeds."""
+"""Inverse dynamics of elastic joints to 4th order, in loops, with chosen speeds."""
 
 import copy
 from dataclasses import replace
@@ -43,7 +43,7 @@ def turning_four_bar(drives=TABLE_AND_CRANK, **options):
 
 
 def closed_motion(rigid, q, rates):
-    """Return a function of time: q, u and udot of a loop whose speeds are polynomials."""
+    """Return a function of time: q, u, udot of a loop with polynomial speeds."""
     names = rigid.speed_names
     places = [rigid.coordinate_names.index(name) for name in names]
     motion = taylor_motion(q[places], *rates)
@@ -74,7 +74,8 @@ def assert_equations(robot, rows, q, speeds, tolerance=1e-10):
     for k, elastic in zip(column, robot.drives):
         coordinates[elastic.motor] = rows[3, k]
     u[links], udot[links] = speeds
-    u[names], udot[names] = rows[4, column], rows[5, column]
+    u[names] = rows[4, column]
+    udot[names] = rows[5, column]
     tau = robot.inverse_dynamics(coordinates, u, udot)
     size = np.abs(rows[[0, 6]]).max()
     assert_allclose(tau[names], rows[6, column], rtol=0, atol=tolerance * size)
@@ -125,9 +126,11 @@ def test_a_motion_of_a_loop_may_begin_far_from_zero(positions):
     assert_allclose(links[0], q, rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize('weights', [slow(('crank', 'rocker')), {'crank': 1.0, 'rocker': 4.0}])
+@pytest.mark.parametrize('weights',
+                         [slow(('crank', 'rocker')), {'crank': 1.0, 'rocker': 4.0}])
 def test_redundant_drives_share_the_load_as_rigid_ones(weights):
-    drives = {'crank': Drive(700.0, rotor_inertia=0.1), 'rocker': Drive(500.0, rotor_inertia=0.2)}
+    drives = {'crank': Drive(700.0, rotor_inertia=0.1),
+              'rocker': Drive(500.0, rotor_inertia=0.2)}
     model = four_bar_model()
     robot = Robot(with_drives(model, drives), constraints=[PIN])
     rigid = Robot(model, constraints=[PIN], independent=('crank',), actuated=weights)
@@ -146,7 +149,8 @@ def test_redundant_drives_share_the_load_as_rigid_ones(weights):
 
 def chosen(q, t):
     """Return Y of speeds that depend on configuration and time, for three links."""
-    a, b = 1.0 + 0.3 * np.sin(q[1]), 0.2 * np.cos(q[0]) + 0.1 * t
+    a = 1.0 + 0.3 * np.sin(q[1])
+    b = 0.2 * np.cos(q[0]) + 0.1 * t
     Y = np.array([[a, b, 0.0], [0.0, 1.0, 0.2], [0.1, 0.0, 1.5 + 0.0 * t]])
     full = np.eye(len(q)).astype(object)
     full[:3, :3] = Y
@@ -168,7 +172,8 @@ def test_trees_with_chosen_speeds_have_the_torques_of_joint_rates(speeds):
 
     def speeds_at(t):
         q, qdot, _ = motion(t)
-        full_q, full_rate = np.concatenate([q, [0, 0]]), np.concatenate([qdot, [0, 0]])
+        full_q = np.concatenate([q, [0, 0]])
+        full_rate = np.concatenate([qdot, [0, 0]])
         Y, Z = robot.mechanism.speeds.of(full_q, t)
         return (np.asarray(Y, dtype=float) @ full_rate + Z)[:3]
     u = time_derivatives(speeds_at, 3, window=0.1)
@@ -177,7 +182,8 @@ def test_trees_with_chosen_speeds_have_the_torques_of_joint_rates(speeds):
     sizes = np.abs(expected).max(axis=1, keepdims=True)
     assert_allclose(rows / sizes, expected / sizes, rtol=0, atol=1e-8)
     # A motion is that of the joints, whatever the speeds.
-    lift = SmoothMotion.from_points([0.0, 0.5, 1.0], np.random.default_rng(1).normal(size=(3, 3)),
+    lift = SmoothMotion.from_points([0.0, 0.5, 1.0],
+                                    np.random.default_rng(1).normal(size=(3, 3)),
                                     joint_names=['j0', 'j1', 'j2'])
     for row, same in zip(feedforward.along(lift, 0.1), in_joint_rates.along(lift, 0.1)):
         assert_allclose(row, same, rtol=1e-12, atol=1e-12)
@@ -185,9 +191,11 @@ def test_trees_with_chosen_speeds_have_the_torques_of_joint_rates(speeds):
 
 def test_a_rolling_base_with_an_elastic_arm():
     b = ModelBuilder()
-    b.body('base', kind='planar', inertial=Inertial(9.0, (0.1, 0, 0), np.diag([1, 1, 1.4])))
+    b.body('base', kind='planar',
+           inertial=Inertial(9.0, (0.1, 0, 0), np.diag([1, 1, 1.4])))
     b.body('arm', 'base', axis=(0, 0, 1), at=(0.2, 0, 0),
-           inertial=rod(2.0, (0, 0, 0), (0.8, 0, 0)), drive=Drive(300.0, rotor_inertia=0.2))
+           inertial=rod(2.0, (0, 0, 0), (0.8, 0, 0)),
+           drive=Drive(300.0, rotor_inertia=0.2))
     edge = knife_edge('base', (0, 1, 0))
     robot = Robot(b.model(), constraints=[edge])
     model = link_side(robot.model)
@@ -195,13 +203,15 @@ def test_a_rolling_base_with_an_elastic_arm():
     rigid = Robot(model, constraints=[edge], independent=feedforward.speed_names,
                   actuated=model.joint_names)
     rng = np.random.default_rng(2)
-    q0, rates = rng.normal(size=4), rng.normal(size=(4, 3))
+    q0 = rng.normal(size=4)
+    rates = rng.normal(size=(4, 3))
     rows = feedforward(q0, *rates)
     speeds = taylor_motion(*rates)
 
     def torque_at(t):
         # q' = T(q) u has no integral: by many Runge-Kutta steps.
-        q, steps = q0.copy(), 20
+        q = q0.copy()
+        steps = 20
         h = t / steps
         for k in range(steps):
             s = k * h
@@ -255,9 +265,11 @@ def test_constraints_may_depend_on_time():
 
 
 @pytest.mark.parametrize('joints, damping', [
-    (('rocker', 'table'), 3.0), slow(('rocker', 'table'), 0.0), slow(('table', 'crank'), 0.0)])
+    (('rocker', 'table'), 3.0), slow(('rocker', 'table'), 0.0),
+    slow(('table', 'crank'), 0.0)])
 def test_along_a_motion_loops_and_motors_satisfy_the_equations(joints, damping):
-    drives = {name: replace(drive, damping=damping) for name, drive in TABLE_AND_CRANK.items()}
+    drives = {name: replace(drive, damping=damping)
+              for name, drive in TABLE_AND_CRANK.items()}
     robot, rigid = turning_four_bar(drives)
     start = rigid.closed_configuration([0.3, 0.9, 0.0, -1.5], fixed=rigid.speed_names)
     robot = Robot(robot.model, constraints=[PIN], configuration=[*start, 0.0, 0.0])
@@ -267,7 +279,8 @@ def test_along_a_motion_loops_and_motors_satisfy_the_equations(joints, damping):
     step = 5e-4
     result = ElasticFeedforward(robot).along(motion, step)
     driven = [robot.coordinate_names.index(name) for name in joints]
-    assert_allclose(result.link_position[:, driven], motion.sample(result.time).q, atol=1e-12)
+    assert_allclose(result.link_position[:, driven], motion.sample(result.time).q,
+                    atol=1e-12)
     # Speeds and accelerations by differences of the positions, of order four.
     whole = np.hstack([result.link_position, result.motor_position[:, :2]])
     inside = slice(2, -2)
@@ -279,12 +292,14 @@ def test_along_a_motion_loops_and_motors_satisfy_the_equations(joints, damping):
     motors = [robot.speed_names.index(elastic.drive.motor) for elastic in robot.drives]
     links = [k for k in range(robot.n) if k not in motors]
     size = np.abs(result.motor_torque).max()
-    assert_allclose(tau[:, motors], result.motor_torque[inside, :2], rtol=0, atol=2e-6 * size)
+    assert_allclose(tau[:, motors], result.motor_torque[inside, :2],
+                    rtol=0, atol=2e-6 * size)
     assert_allclose(tau[:, links], 0.0, rtol=0, atol=2e-6 * size)
 
 
 @pytest.mark.parametrize('options, arguments, message', [
-    ({'constraints': [PIN, Prescribed('crank_motor', lambda t: 0.1 * t)]}, {}, 'on motors'),
+    ({'constraints': [PIN, Prescribed('crank_motor', lambda t: 0.1 * t)]}, {},
+     'on motors'),
     ({'constraints': [PIN]}, {'actuated': ['crank']}, 'at least 2'),
     ({'constraints': [PIN]}, {'actuated': ['crank', 'wheel']}, "actuated: 'wheel'"),
     ({'constraints': [PIN]}, {'actuated': {'crank': 1.0, 'table': -1.0}}, 'positive'),
@@ -300,7 +315,8 @@ def test_mechanisms_whose_motors_do_not_follow_are_refused(options, arguments, m
 
 
 def test_open_loops_singular_states_and_other_motions_are_refused():
-    robot, rigid = turning_four_bar(independent=('table', 'crank', 'table_motor', 'crank_motor'))
+    robot, rigid = turning_four_bar(
+        independent=('table', 'crank', 'table_motor', 'crank_motor'))
     feedforward = ElasticFeedforward(robot)
     rates = np.zeros((4, 2))
     with pytest.raises(ConstraintError, match='residual'):
@@ -384,10 +400,12 @@ def test_copies_arguments_that_no_equation_uses_and_deflections_are_checked():
     robot = Robot(with_drives(four_bar_model(), {'crank': drive}), constraints=[PIN])
     weights = {'crank': 1.0, 'rocker': 2.0}
     feedforward = ElasticFeedforward(robot, actuated=weights)
-    q = robot.closed_configuration([0.5, 0.0, -1.5, 0.5], fixed=('crank', 'crank_motor'))[:3]
+    q = robot.closed_configuration([0.5, 0.0, -1.5,
+                                    0.5], fixed=('crank', 'crank_motor'))[:3]
     rows = feedforward(q, *np.ones((4, 1)))
-    for other in (pickle.loads(pickle.dumps(feedforward)), copy.deepcopy(feedforward)):
-        assert_allclose(other(q, *np.ones((4, 1))), rows, rtol=1e-13)
+    for duplicate in (pickle.loads(pickle.dumps(feedforward)),
+                      copy.deepcopy(feedforward)):
+        assert_allclose(duplicate(q, *np.ones((4, 1))), rows, rtol=1e-13)
     for time in ('a', math.nan, [0.0, 1.0]):
         with pytest.raises(InputError, match='t: '):
             feedforward(q, *np.ones((4, 1)), t=time)
@@ -411,14 +429,17 @@ def test_functions_may_be_defined_in_a_part_of_all_configurations():
 
 
 def test_a_motion_has_the_same_rows_after_any_other_motion():
-    # The crank turns more than once, so that the same pose has coordinates of several turns.
-    robot = Robot(with_drives(four_bar_model(), {'crank': Drive(800.0, rotor_inertia=0.2)}),
-                  constraints=[PIN])
+    # The crank turns more than once, so that the same pose has coordinates of several
+    # turns.
+    robot = Robot(
+        with_drives(four_bar_model(), {'crank': Drive(800.0, rotor_inertia=0.2)}),
+        constraints=[PIN])
 
     def motion(begin, end):
-        return SmoothMotion.from_points([0.0, 1.0], [[begin], [end]], joint_names=['crank'])
+        return SmoothMotion.from_points([0.0, 1.0], [[begin], [end]],
+                                        joint_names=['crank'])
     expected = ElasticFeedforward(robot).along(motion(6.8, 7.5), 0.1)
     used = ElasticFeedforward(robot)
     used.along(motion(-7.0, 8.0), 1e-3)
-    for after, before in zip(used.along(motion(6.8, 7.5), 0.1), expected):
-        assert_allclose(after, before, rtol=1e-9, atol=1e-9)
+    for column, expected_column in zip(used.along(motion(6.8, 7.5), 0.1), expected):
+        assert_allclose(column, expected_column, rtol=1e-9, atol=1e-9)

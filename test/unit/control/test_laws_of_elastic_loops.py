@@ -1,11 +1,11 @@
-"""Link-side control and torque feedback of elastic joints in loops and with chosen speeds."""
+"""Link-side control and torque feedback of elastic joints in loops and speeds."""
 
 from dataclasses import replace
 import pickle
 
 from kane_dynamics import (absolute_rates, Drive, ElasticFeedforward, InputError,
-                           JointTorqueFeedback, LinkSideControl, load_urdf, Robot, simulate,
-                           SmoothMotion, StiffnessCurve, with_drives)
+                           JointTorqueFeedback, LinkSideControl, load_urdf, Robot,
+                           simulate, SmoothMotion, StiffnessCurve, with_drives)
 from kane_dynamics._util.resources import resource_path
 from linkages import four_bar_model, PIN
 import numpy as np
@@ -20,7 +20,7 @@ TURN = SmoothMotion.from_points([0.0, 0.8], [[0.3, 0.9], [0.9, 1.6]],
 
 
 def turning_four_bar(drives=DRIVES, **options):
-    """Return a four-bar on a turntable with elastic drives, whose friction changes slowly."""
+    """Return a four-bar on a turntable, elastic drives, slowly changing friction."""
     bodies = []
     for body in four_bar_model(turntable=True).bodies:
         law = {'damping': 0.2, 'friction': 0.4, 'friction_speed': 2.0}
@@ -45,7 +45,7 @@ def places_of(robot):
 
 
 def accelerations_after(robot, q, u, tau, time):
-    """Return the accelerations of table and crank after a time, which may be negative."""
+    """Return the accelerations of table and crank after a time, or before."""
     def rates(q, u):
         return robot.joint_rates(q, u), robot.forward_dynamics(q, u, tau)
     steps = 20
@@ -69,19 +69,24 @@ def test_joints_of_a_loop_get_the_fourth_derivative_that_is_wanted(independent):
     w = 20.0
     control = LinkSideControl(robot, TURN, bandwidth=w)
     q = closed(robot, 0.5, 1.2)
-    u, t = 0.3 * np.random.default_rng(0).normal(size=robot.n), 0.3
+    u = 0.3 * np.random.default_rng(0).normal(size=robot.n)
+    t = 0.3
     tau = control(t, q, u)
     # Derivatives of the joints' accelerations while the torque is held.
     h = 3e-4
-    back, here, ahead = (accelerations_after(robot, q, u, tau, time) for time in (-h, 0.0, h))
+    back = accelerations_after(robot, q, u, tau, -h)
+    present = accelerations_after(robot, q, u, tau, 0.0)
+    ahead = accelerations_after(robot, q, u, tau, h)
     jerk = (ahead - back) / (2.0 * h)
-    snap = (ahead - 2.0 * here + back) / h**2
+    snap = (ahead - 2.0 * present + back) / h**2
     position = q[places_of(robot)]
     rate = robot.joint_rates(q, u)[places_of(robot)]
     desired = TURN.sample(t)
-    wanted = (desired.snap + w**4 * (desired.q - position) + 4.0 * w**3 * (desired.u - rate)
-              + 6.0 * w**2 * (desired.udot - here) + 4.0 * w * (desired.jerk - jerk))
-    np.testing.assert_allclose(snap, wanted, rtol=0, atol=1e-3 * np.abs(wanted).max())
+    commanded = (
+        desired.snap + w**4 * (desired.q - position) + 4.0 * w**3 * (desired.u - rate)
+        + 6.0 * w**2 * (desired.udot - present) + 4.0 * w * (desired.jerk - jerk))
+    np.testing.assert_allclose(snap, commanded,
+                               rtol=0, atol=1e-3 * np.abs(commanded).max())
 
 
 def test_a_copy_by_pickle_has_the_same_law():
@@ -95,10 +100,11 @@ def test_a_copy_by_pickle_has_the_same_law():
 @pytest.mark.slow
 def test_errors_of_a_loop_decay_with_four_equal_poles():
     robot = turning_four_bar()
-    w, e0 = 20.0, 0.01
-    rest = SmoothMotion.from_points([0.0, 1.0], [[0.5, 1.2], [0.5, 1.2]],
-                                    joint_names=('table', 'crank'))
-    control = LinkSideControl(robot, rest, bandwidth=w)
+    w = 20.0
+    e0 = 0.01
+    resting = SmoothMotion.from_points([0.0, 1.0], [[0.5, 1.2], [0.5, 1.2]],
+                                       joint_names=('table', 'crank'))
+    control = LinkSideControl(robot, resting, bandwidth=w)
     q = closed(robot, 0.5 - e0, 1.2 - e0)
     # The deflections that hold the links there.
     feedforward = ElasticFeedforward(robot)
@@ -106,7 +112,8 @@ def test_errors_of_a_loop_decay_with_four_equal_poles():
     rows = feedforward(q[links], *np.zeros((4, 2)))
     for elastic in robot.drives:
         q[elastic.motor] = rows[3, feedforward.joint_names.index(elastic.name)]
-    run = simulate(robot, q, np.zeros(robot.n), 0.3, step=1e-4, torque=control, sample=0.01)
+    run = simulate(robot, q, np.zeros(robot.n), 0.3,
+                   step=1e-4, torque=control, sample=0.01)
     x = w * run.t
     expected = e0 * np.exp(-x) * (1.0 + x + x**2 / 2.0 + x**3 / 6.0)
     error = np.array([0.5, 1.2]) - run.q[:, places_of(robot)]
@@ -116,8 +123,10 @@ def test_errors_of_a_loop_decay_with_four_equal_poles():
 def test_trees_with_chosen_speeds_have_the_torques_of_joint_rates():
     rigid = load_urdf(resource_path('urdf', 'two_link.urdf'))
     names = rigid.joint_names
-    model = with_drives(rigid, {name: Drive(300.0, rotor_inertia=0.05) for name in names})
-    plain, chosen = Robot(model), Robot(model, speeds=absolute_rates)
+    model = with_drives(rigid,
+                        {name: Drive(300.0, rotor_inertia=0.05) for name in names})
+    plain = Robot(model)
+    chosen = Robot(model, speeds=absolute_rates)
     motion = SmoothMotion.from_points([0.0, 0.5], [[0.3, -0.8], [0.8, -0.1]],
                                       joint_names=names)
     rng = np.random.default_rng(1)
@@ -136,7 +145,8 @@ RIGID_ROCKER = 'table_motor', 'crank_motor', 'table', 'rocker'
 
 @pytest.mark.parametrize('actuated', [None, RIGID_ROCKER])
 def test_torque_feedback_of_a_loop_gives_the_motors_the_stated_inertia(actuated):
-    drives = {name: replace(drive, friction={}, damping=0.5) for name, drive in DRIVES.items()}
+    drives = {name: replace(drive, friction={}, damping=0.5)
+              for name, drive in DRIVES.items()}
     robot = turning_four_bar(drives, actuated=actuated)
     inertia = {'table': 0.05, 'crank': 0.4, 'rocker': 1.0}
     names = ('table', 'crank', 'rocker') if actuated else TURN.joint_names
@@ -146,7 +156,8 @@ def test_torque_feedback_of_a_loop_gives_the_motors_the_stated_inertia(actuated)
                                for name, drive in drives.items()})
     q = closed(robot, 0.5, 1.2)
     rng = np.random.default_rng(2)
-    u, torque = rng.normal(size=robot.n), rng.normal(size=len(names))
+    u = rng.normal(size=robot.n)
+    torque = rng.normal(size=len(names))
     actual = robot.forward_dynamics(q, u, feedback.torque(q, u, torque))
     torques = np.zeros(robot.model.n)
     torques[[elastic.motor for elastic in robot.drives]] = torque[:2]
@@ -157,9 +168,9 @@ def test_torque_feedback_of_a_loop_gives_the_motors_the_stated_inertia(actuated)
 
 
 def test_loops_whose_links_the_drives_do_not_determine_are_refused():
-    more = {**DRIVES, 'rocker': Drive(500.0, rotor_inertia=0.1)}
+    further = {**DRIVES, 'rocker': Drive(500.0, rotor_inertia=0.1)}
     with pytest.raises(InputError, match='expected 2, as many as independent speeds'):
-        LinkSideControl(turning_four_bar(more), TURN)
+        LinkSideControl(turning_four_bar(further), TURN)
     with pytest.raises(InputError, match=r"rigid joints \['rocker'\]; expected a drive"):
         LinkSideControl(turning_four_bar(actuated=RIGID_ROCKER), TURN)
     with pytest.raises(InputError, match='motion: of rocker; expected 2 of'):

@@ -35,7 +35,8 @@ def motion(robot):
     lambda robot: identify(robot.model, Recording(TIMES, *np.ones((4, 5, 2)))),
 ])
 def test_laws_of_rigid_joints_refuse_elastic_ones(law):
-    with pytest.raises(InputError, match='robot: with elastic joints shoulder; expected'):
+    with pytest.raises(InputError,
+                       match='robot: with elastic joints shoulder; expected'):
         law(Robot(elastic()))
 
 
@@ -43,7 +44,8 @@ def test_computed_torque_that_states_no_robot_is_refused_by_the_simulation():
     robot = Robot(elastic())
     with pytest.warns(DeprecationWarning, match='is deprecated'):
         law = ComputedTorque(motion(robot), 1.0, 1.0)
-    with pytest.raises(InputError, match='robot: with elastic joints shoulder; expected'):
+    with pytest.raises(InputError,
+                       match='robot: with elastic joints shoulder; expected'):
         simulate(robot, [0.0, 0.0], [0.0, 0.0], 0.01, torque=law)
 
 

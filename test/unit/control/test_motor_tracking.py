@@ -1,8 +1,8 @@
-"""PD of motors around a computed motion: exact feedforward, loops, damping, rigid joints."""
+"""PD of motors around a computed motion: feedforward, loops, damping, rigid."""
 
 from kane_dynamics import (Closure, Drive, ElasticFeedforward, InputError, load_urdf,
-                           ModelBuilder, MotorSideControl, MotorTracking, Robot, rod, simulate,
-                           SmoothMotion, with_drives)
+                           ModelBuilder, MotorSideControl, MotorTracking, Robot, rod,
+                           simulate, SmoothMotion, with_drives)
 from kane_dynamics._util.resources import resource_path
 import numpy as np
 import pytest
@@ -10,7 +10,8 @@ import pytest
 JOINTS = 'joint1', 'joint2'
 RIGID = load_urdf(resource_path('urdf', 'two_link.urdf'), supplement={
     'joints': {name: {'armature': 0.1} for name in JOINTS}})
-MOVE = SmoothMotion.from_points([0.0, 0.6], [[0.1, -0.2], [0.9, 0.5]], joint_names=JOINTS)
+MOVE = SmoothMotion.from_points([0.0, 0.6], [[0.1, -0.2], [0.9, 0.5]],
+                                joint_names=JOINTS)
 TURN = SmoothMotion.from_points([0.0, 0.6], [[0.5], [2.0]], joint_names=['crank'])
 STEP = 1e-3
 
@@ -21,7 +22,7 @@ def arm(damping=0.0, joints=JOINTS):
 
 
 def four_bar(actuated=None, **options):
-    """Return a four-bar linkage with an elastic crank, and a motor at the coupler if actuated."""
+    """Return a four-bar with an elastic crank, and a motor at the coupler on request."""
     b = ModelBuilder('four-bar')
     b.body('crank', axis=(0, -1, 0), inertial=rod(0.6, (0, 0, 0), (0.3, 0, 0)),
            drive=Drive(900.0, rotor_inertia=0.2))
@@ -31,16 +32,20 @@ def four_bar(actuated=None, **options):
            inertial=rod(1.4, (0, 0, 0), (0.7, 0, 0)))
     b.frame('end', 'rocker', at=(0.7, 0, 0))
     b.frame('ground', 'world', at=(1.0, 0, 0))
-    robot = Robot(b.model(), constraints=[Closure('end', 'ground', 'revolute', axis=(0, 1, 0))],
+    robot = Robot(b.model(),
+                  constraints=[Closure('end', 'ground', 'revolute', axis=(0, 1, 0))],
                   **options)
     return ElasticFeedforward(robot, actuated=actuated)
 
 
 def start(control):
     """Return the state in which the motion begins."""
-    robot, command = control.robot, control.command
-    links = [robot.coordinate_names.index(name) for name in RIGID.joint_names
-             if name in robot.coordinate_names]
+    robot = control.robot
+    command = control.command
+    links = []
+    for name in RIGID.joint_names:
+        if name in robot.coordinate_names:
+            links.append(robot.coordinate_names.index(name))
     q = np.zeros(robot.n_q)
     if links:
         q[links] = command.link_position[0]
@@ -52,12 +57,12 @@ def start(control):
 
 
 def largest_error(control, motion, joint=0, torque=None):
-    """Return the largest error of a link in a simulation, whose torque is held for a step."""
+    """Return a link's largest error in a simulation with torques held for a step."""
     robot = control.robot
     run = simulate(robot, start(control), np.zeros(robot.n), 0.8, step=STEP,
                    torque=torque or control)
-    wanted = motion.sample(np.minimum(run.t, motion.duration))[0]
-    return np.abs(run.q[:, joint] - wanted[:, joint]).max()
+    expected = motion.sample(np.minimum(run.t, motion.duration))[0]
+    return np.abs(run.q[:, joint] - expected[:, joint]).max()
 
 
 def test_torques_are_those_of_the_law_of_trees():
@@ -69,7 +74,8 @@ def test_torques_are_those_of_the_law_of_trees():
     for t in (0.0, 0.1234, 0.3, 0.6, 2.0):
         q, u = rng.uniform(-0.5, 0.5, (2, robot.n))
         expected = law(min(t, 0.6 - 1e-9), q, u)
-        np.testing.assert_allclose(control(t, q, u), expected, atol=2e-4 * np.abs(expected).max())
+        np.testing.assert_allclose(control(t, q, u), expected,
+                                   atol=2e-4 * np.abs(expected).max())
 
 
 def test_damped_drives_follow_their_exact_motion():
@@ -94,7 +100,8 @@ def test_rigid_joints_beside_elastic_ones_are_controlled():
 @pytest.mark.parametrize('options', [
     {}, {'independent': ('rocker', 'crank_motor')}, {'actuated': ('crank', 'rocker')}])
 def test_the_motor_of_a_loop_moves_its_crank(options):
-    # Without actuators beside the drive, with other speeds, and with a motor at the rocker.
+    # Without actuators beside the drive, with other speeds, and with a motor at the
+    # rocker.
     feedforward = four_bar(**options)
     control = MotorTracking(feedforward, TURN, kp=200.0, kd=10.0, lead=0.5 * STEP)
     assert control.joint_names == options.get('actuated', ('crank',))
@@ -102,11 +109,15 @@ def test_the_motor_of_a_loop_moves_its_crank(options):
 
 
 @pytest.mark.parametrize(('control', 'motion'), [
-    (lambda: MotorTracking(ElasticFeedforward(arm(damping=5.0)), MOVE, kp=1.0, kd=1.0), MOVE),
-    (lambda: MotorTracking(four_bar(), TURN, kp=1.0, kd=1.0), TURN)], ids=['damped', 'loop'])
-def test_a_trajectory_follows_the_motion_of_the_motors_within_the_tolerance(control, motion):
+    (lambda: MotorTracking(ElasticFeedforward(arm(damping=5.0)), MOVE, kp=1.0, kd=1.0),
+     MOVE),
+    (lambda: MotorTracking(four_bar(), TURN, kp=1.0, kd=1.0), TURN)],
+                         ids=['damped', 'loop'])
+def test_a_trajectory_follows_the_motion_of_the_motors_within_the_tolerance(
+        control, motion):
     control = control()
-    rows, driven = control.command, len(control.joint_names)
+    rows = control.command
+    driven = len(control.joint_names)
     filled = control.trajectory(0.1)
     assert filled.joint_names == control.joint_names
     assert len(filled.times) < len(rows.time) / 3
@@ -123,13 +134,15 @@ def test_a_trajectory_follows_the_motion_of_the_motors_within_the_tolerance(cont
     np.testing.assert_allclose(filled.velocities[-1], 0.0, atol=1e-9)
     of_links = control.trajectory(0.1, sensor_side='link')
     np.testing.assert_array_equal(of_links.efforts, filled.efforts)
-    for actual, wanted in zip((of_links.positions, of_links.velocities,
-                               of_links.accelerations), motion.sample(of_links.times)):
-        np.testing.assert_allclose(actual, wanted, atol=1e-9 * (1.0 + np.abs(wanted).max()))
+    for actual, expected in zip((of_links.positions, of_links.velocities,
+                                 of_links.accelerations), motion.sample(of_links.times)):
+        np.testing.assert_allclose(actual, expected,
+                                   atol=1e-9 * (1.0 + np.abs(expected).max()))
 
 
 def test_arguments_are_checked():
-    feedforward, turn = four_bar(), TURN
+    feedforward = four_bar()
+    turn = TURN
     with pytest.raises(InputError, match='feedforward'):
         MotorTracking(feedforward.robot, turn, kp=1.0, kd=1.0)
     with pytest.raises(InputError, match='kp'):

@@ -1,4 +1,4 @@
-"""The momentum observer: it is a low-pass of the true external torque, and alarms are earned."""
+"""The momentum observer: a low-pass of the external torque; alarms are earned."""
 
 from dataclasses import replace
 from functools import cache
@@ -21,32 +21,36 @@ GAIN = 30.0
 
 @cache
 def robot(friction=False):
-    """Return a robot; friction that turns within one step would hide the order of the error."""
-    return Robot(random_model(5, 4), wrench_frames=('frame3', 'frame1'), friction=friction)
+    """Return a robot; friction that turns in one step would hide the order."""
+    return Robot(random_model(5, 4), wrench_frames=('frame3', 'frame1'),
+                 friction=friction)
 
 
 @cache
 def motion():
     generator = np.random.default_rng(1)
-    return Motion.from_points(np.linspace(0.0, 2.0, 9), generator.uniform(-1.5, 1.5, (9, 4)),
+    return Motion.from_points(np.linspace(0.0, 2.0, 9),
+                              generator.uniform(-1.5, 1.5, (9, 4)),
                               joint_names=robot().joint_names)
 
 
 def wrench(t):
-    return np.array([[3.0, -2.0, 4.0, 1.0, -0.5, 0.3], [0.0, 1.0, 0.0, 0.2, 0.0, 0.0]]) * (
-        math.sin(9.0 * t))
+    return np.array([[3.0, -2.0, 4.0, 1.0, -0.5, 0.3],
+                     [0.0, 1.0, 0.0, 0.2, 0.0, 0.0]]) * (
+                         math.sin(9.0 * t))
 
 
 def sample(t):
-    """Return state, actuator torque and true external torque of the motion under wrenches."""
+    """Return state, actuator torque and true external torque under wrenches."""
     q, u, udot = motion().sample(t)
     external = robot().external_force(q, wrench=wrench(t))
     return q, u, robot().inverse_dynamics(q, u, udot, wrench=wrench(t)), external
 
 
 def filtered(times):
-    """Return the true external torque behind the low-pass, on a grid a hundred times finer."""
-    r, out = np.zeros(4), [np.zeros(4)]
+    """Return the external torque behind the low-pass, on a hundredfold finer grid."""
+    r = np.zeros(4)
+    out = [np.zeros(4)]
     for start, end in pairwise(times):
         fine = np.linspace(start, end, 101)
         for a, b in pairwise(fine):
@@ -63,7 +67,8 @@ def estimate(observer, times):
 def test_the_estimate_is_the_low_passed_external_torque_to_second_order_in_the_step():
     generator = np.random.default_rng(0)
     # Between two points of the spline, whose third derivative jumps there.
-    coarse = 0.26 + np.concatenate([[0.0], np.cumsum(generator.uniform(0.002, 0.008, 40))])
+    coarse = 0.26 + np.concatenate(
+        [[0.0], np.cumsum(generator.uniform(0.002, 0.008, 40))])
     fine = np.sort(np.concatenate([coarse, 0.5 * (coarse[1:] + coarse[:-1])]))
     expected = filtered(coarse)
     first = estimate(MomentumObserver(robot(), gain=GAIN), coarse)
@@ -89,24 +94,27 @@ def estimate_at_rest(observer, t, extra):
 
 @pytest.mark.parametrize('held', [False, True])
 def test_a_constant_external_torque_is_found_after_the_time_constant_with_its_sign(held):
-    observer, push = MomentumObserver(robot(), gain=GAIN, held=held), np.array([1.0, -2, 3, 4])
-    generator, t = np.random.default_rng(2), 5.0
+    observer = MomentumObserver(robot(), gain=GAIN, held=held)
+    push = np.array([1.0, -2, 3, 4])
+    generator = np.random.default_rng(2)
+    t = 5.0
     estimate_at_rest(observer, t, push)
     while t < 5.0 + 1.0 / GAIN:
         t += generator.uniform(1e-4, 5e-3)
-        found = estimate_at_rest(observer, t, push)
-    np.testing.assert_allclose(found, push * -math.expm1(-GAIN * (t - 5.0)), rtol=1e-9)
+        estimate = estimate_at_rest(observer, t, push)
+    np.testing.assert_allclose(estimate, push * -math.expm1(-GAIN * (t - 5.0)),
+                               rtol=1e-9)
 
 
 def test_a_held_command_acts_until_the_next_sample_and_no_longer():
     observer = MomentumObserver(robot(), gain=GAIN, held=True)
-    none, push = np.zeros(4), np.full(4, 2.0)
+    none = np.zeros(4)
+    push = np.full(4, 2.0)
     estimate_at_rest(observer, 0.0, push)
-    found = estimate_at_rest(observer, 0.01, none)
-    np.testing.assert_allclose(found, push * -math.expm1(-GAIN * 0.01), rtol=1e-9)
+    estimate = estimate_at_rest(observer, 0.01, none)
+    np.testing.assert_allclose(estimate, push * -math.expm1(-GAIN * 0.01), rtol=1e-9)
     np.testing.assert_allclose(estimate_at_rest(observer, 0.02, none),
-                               found * math.exp(-GAIN * 0.01),
-                               rtol=1e-9)
+                               estimate * math.exp(-GAIN * 0.01), rtol=1e-9)
 
 
 @pytest.mark.parametrize('jump', [0.2, -0.01])
@@ -114,9 +122,9 @@ def test_the_observer_restarts_after_a_gap_or_a_jump_back_in_time(jump):
     observer = MomentumObserver(robot(), gain=GAIN, max_gap=0.1)
     push = np.ones(4)
     for t in (0.0, 0.05, 0.1):
-        found = estimate_at_rest(observer, t, push)
-    assert (estimate_at_rest(observer, 0.1, 9.0 * push) == found).all()
-    assert found.all()
+        estimate = estimate_at_rest(observer, t, push)
+    assert (estimate_at_rest(observer, 0.1, 9.0 * push) == estimate).all()
+    assert estimate.all()
     assert not estimate_at_rest(observer, 0.1 + jump, push).any()
     np.testing.assert_allclose(estimate_at_rest(observer, 0.15 + jump, push),
                                push * -math.expm1(-GAIN * 0.05), rtol=1e-9)
@@ -129,12 +137,13 @@ def test_an_announced_payload_is_no_external_torque():
         t = 0.1 + 0.002 * k
         q, u, udot = motion().sample(t)
         if k == 200:
-            carrier.parameters.payload = Inertial(2.0, np.array([0.1, 0.0, 0.2]), np.eye(3) * 0.1)
+            carrier.parameters.payload = Inertial(2.0, np.array([0.1, 0.0, 0.2]),
+                                                  np.eye(3) * 0.1)
             observer.refresh()
-        found = observer.update(t, q, u, carrier.inverse_dynamics(q, u, udot))
+        estimate = observer.update(t, q, u, carrier.inverse_dynamics(q, u, udot))
         # One interval in which the torque of before meets the payload of after.
-        assert np.abs(found).max() < (0.02 if k < 200 else 4.0), k
-    assert np.abs(found).max() < 0.02
+        assert np.abs(estimate).max() < (0.02 if k < 200 else 4.0), k
+    assert np.abs(estimate).max() < 0.02
 
 
 @pytest.mark.parametrize(('words', 'values'), [
@@ -145,8 +154,9 @@ def test_an_invalid_sample_is_refused_and_the_observer_restarts(words, values):
     estimate_at_rest(observer, 0.0, np.ones(4))
     assert estimate_at_rest(observer, 0.05, np.ones(4)).all()
     with pytest.raises(InputError, match=words):
-        observer.update(**{'t': 0.06, 'q': np.zeros(4), 'u': np.zeros(4), 'tau': np.zeros(4),
-                           **values})
+        observer.update(
+            **{'t': 0.06, 'q': np.zeros(4), 'u': np.zeros(4), 'tau': np.zeros(4),
+               **values})
     assert not observer.torque.any()
     assert not estimate_at_rest(observer, 0.06, np.ones(4)).any()
 
@@ -215,14 +225,14 @@ def test_bad_settings_are_refused(words, settings):
 def test_a_wrench_at_the_frame_is_recovered_where_the_arm_feels_all_of_it():
     J = np.random.default_rng(4).normal(size=(6, 7))
     wrench = np.array([5.0, -3.0, 2.0, 0.4, 0.1, -0.7])
-    found = frame_wrench(J, J.T @ wrench)
-    np.testing.assert_allclose(found.wrench, wrench, rtol=1e-9)
-    assert found.seen == 6
-    np.testing.assert_allclose(found.rest, 0.0, atol=1e-9)
+    estimated_wrench = frame_wrench(J, J.T @ wrench)
+    np.testing.assert_allclose(estimated_wrench.wrench, wrench, rtol=1e-9)
+    assert estimated_wrench.seen == 6
+    np.testing.assert_allclose(estimated_wrench.rest, 0.0, atol=1e-9)
     elsewhere = np.linalg.svd(J)[2][6] * 2.0  # a torque that no wrench there can cause
-    found = frame_wrench(J, J.T @ wrench + elsewhere)
-    np.testing.assert_allclose(found.wrench, wrench, rtol=1e-9)
-    np.testing.assert_allclose(found.rest, elsewhere, atol=1e-9)
+    estimated_wrench = frame_wrench(J, J.T @ wrench + elsewhere)
+    np.testing.assert_allclose(estimated_wrench.wrench, wrench, rtol=1e-9)
+    np.testing.assert_allclose(estimated_wrench.rest, elsewhere, atol=1e-9)
 
 
 def test_near_a_singular_configuration_the_unseen_direction_is_small_and_smooth():
@@ -231,9 +241,9 @@ def test_near_a_singular_configuration_the_unseen_direction_is_small_and_smooth(
     sizes = []
     for smallest in (0.0, 1e-6, 0.049999, 0.050001):
         J = (left * np.array([2.0, 1.5, 1.0, 0.9, 0.8, smallest]) @ right).T
-        found = frame_wrench(J, np.ones(7), length=1.0, damping=0.05)
-        assert found.seen == (6 if smallest > 0.05 else 5)
-        sizes.append(np.abs(right[5] @ found.wrench))
+        estimated_wrench = frame_wrench(J, np.ones(7), length=1.0, damping=0.05)
+        assert estimated_wrench.seen == (6 if smallest > 0.05 else 5)
+        sizes.append(np.abs(right[5] @ estimated_wrench.wrench))
     assert sizes[0] == pytest.approx(0.0, abs=1e-12)
     assert sizes[1] < 1e-3
     assert sizes[2] == pytest.approx(sizes[3], rel=1e-3)
@@ -261,7 +271,8 @@ LUGRE = {**BRISTLES, 'breakaway_friction': 3.0, 'stribeck_speed': 0.05, 'damping
 def hinges(law):
     """Return two hinges in a vertical plane, whose friction has bristles."""
     builder = ModelBuilder('hinges')
-    builder.body('upper', axis=(0, -1, 0), inertial=rod(2.0, (0, 0, 0), (0.5, 0, 0)), **law)
+    builder.body('upper', axis=(0, -1, 0), inertial=rod(2.0, (0, 0, 0), (0.5, 0, 0)),
+                 **law)
     builder.body('fore', 'upper', axis=(0, -1, 0), at=(0.5, 0, 0),
                  inertial=rod(1.0, (0, 0, 0), (0.4, 0, 0)), **law)
     return builder.model()
@@ -275,16 +286,21 @@ def test_presliding_friction_is_no_external_torque(law, coupled):
 
     def torque(t, q, u):
         pull = 4.0 * np.array([math.sin(3.0 * t), 0.6 * math.sin(5.0 * t)])
-        return arm.gravity_force(q) + (arm.generalized_force(pull, q) if coupled else pull)
-    run = simulate(arm, np.array([0.3, -0.5]), np.zeros(2), 3.0, torque=torque, step=1e-3)
+        return arm.gravity_force(q) + (arm.generalized_force(pull, q) if coupled
+                                       else pull)
+    run = simulate(arm, np.array([0.3, -0.5]), np.zeros(2), 3.0,
+                   torque=torque, step=1e-3)
     observer = MomentumObserver(arm, gain=50.0)
-    estimates = np.array([observer.update(*row) for row in zip(run.t, run.q, run.u, run.tau)])
+    estimates = np.array(
+        [observer.update(*row) for row in zip(run.t, run.q, run.u, run.tau)])
     # Bristles begin without a deflection, as in the simulation.
     stiff = replace(arm.model, bodies=tuple(
         replace(body, joint=replace(body.joint, presliding_stiffness=0.0,
-                                    presliding_damping=0.0)) for body in arm.model.bodies))
+                                    presliding_damping=0.0))
+        for body in arm.model.bodies))
     memoryless = MomentumObserver(Robot(stiff, **options), gain=50.0)
-    wrong = np.array([memoryless.update(*row) for row in zip(run.t, run.q, run.u, run.tau)])
+    wrong = np.array(
+        [memoryless.update(*row) for row in zip(run.t, run.q, run.u, run.tau)])
     assert np.abs(wrong).max() > 1.0
     assert np.abs(estimates).max() < 0.03 * np.abs(wrong).max()
 
@@ -292,7 +308,8 @@ def test_presliding_friction_is_no_external_torque(law, coupled):
 @pytest.mark.parametrize('held', [False, True])
 def test_load_friction_and_friction_beyond_the_model_are_no_part_of_a_held_command(held):
     builder = ModelBuilder('lift')
-    builder.body('lift', kind='prismatic', axis=(0, 0, 1), inertial=rod(2.0, (0, 0, 0), (0, 0, 1)),
+    builder.body('lift', kind='prismatic', axis=(0, 0, 1),
+                 inertial=rod(2.0, (0, 0, 0), (0, 0, 1)),
                  friction=3.0, load_friction=0.1)
     lift = Robot(builder.model())
     beyond = FrictionError(['lift'], coulomb=1.5)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 ROBOT = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
-Q, U = np.array([0.3, -0.2]), np.array([0.1, 0.4])
+Q = np.array([0.3, -0.2])
+U = np.array([0.1, 0.4])
 STEP = 0.001
 
 
@@ -19,7 +20,8 @@ class ConstantLaw:
     pose = None
 
     def __init__(self, tau):
-        self.tau, self.restarts = np.array(tau), 0
+        self.tau = np.array(tau)
+        self.restarts = 0
 
     def restart(self):
         self.restarts += 1
@@ -40,31 +42,35 @@ def controller(blend_time=0.1, **settings):
     return Controller(ROBOT, blend_time=blend_time, laws=laws, **settings)
 
 
-@pytest.mark.parametrize('first', ['computed_torque', 'joint_impedance', 'gravity_compensation'])
-@pytest.mark.parametrize('second', ['joint_impedance', 'cartesian_impedance', 'inverse_dynamics'])
+@pytest.mark.parametrize('first',
+                         ['computed_torque', 'joint_impedance', 'gravity_compensation'])
+@pytest.mark.parametrize('second',
+                         ['joint_impedance', 'cartesian_impedance', 'inverse_dynamics'])
 def test_a_change_of_mode_is_continuous_and_ends_at_the_new_law(first, second):
     motion = Motion.from_points([0.0, 2.0], [[0.0, 0.0], [1.0, -1.0]],
                                 joint_names=ROBOT.joint_names)
     control = controller(mode=first, kp=400.0)
     follows = motion if Mode(first).follows_motions else None
-    before = commands(control, 20, motion=follows)[-1]
+    torque_before = commands(control, 20, motion=follows)[-1]
     control.update(mode=second)
-    after = commands(control, 150, first=20)
-    np.testing.assert_allclose(after[0], before, rtol=0, atol=1e-12)
+    torque_after = commands(control, 150, first=20)
+    np.testing.assert_allclose(torque_after[0], torque_before, rtol=0, atol=1e-12)
     alone = controller(mode=second).command(0.0, Q, U).tau
-    np.testing.assert_allclose(after[101:], np.broadcast_to(alone, (49, 2)), rtol=1e-12)
+    np.testing.assert_allclose(torque_after[101:], np.broadcast_to(alone, (49, 2)),
+                               rtol=1e-12)
     # The slope of the cubic is at most 1.5 times the difference over the time.
-    largest = 1.5 * np.abs(before - alone) / 0.1 * STEP
-    assert (np.abs(np.diff(after, axis=0)) <= largest + 1e-9).all()
+    largest = 1.5 * np.abs(torque_before - alone) / 0.1 * STEP
+    assert (np.abs(np.diff(torque_after, axis=0)) <= largest + 1e-9).all()
 
 
 def test_a_change_of_gains_is_continuous():
     control = controller(mode='computed_torque', kp=100.0)
     control.command(0.0, Q, U)  # the pose that is held
     moved = Q + 0.1
-    before = control.command(STEP, moved, U).tau
+    torque_before = control.command(STEP, moved, U).tau
     control.update(kp=900.0)
-    np.testing.assert_allclose(control.command(2 * STEP, moved, U).tau, before, atol=1e-12)
+    np.testing.assert_allclose(control.command(2 * STEP, moved, U).tau, torque_before,
+                               atol=1e-12)
     control.update(kp=900.0)  # no change: no new beginning
     late = control.command(0.2, moved, U).tau
     expected = Controller(ROBOT, mode='computed_torque', kp=900.0)
