@@ -1,25 +1,28 @@
-"""Closures of every kind: what they hold, at the right orientation alone, in axes that turn."""
+"""Closures of every kind: what they hold, at the right orientation, in axes."""
 
 from functools import cache
 import re
 
 from constrained_trees import AXIS, closure, CLOSURES, two_bodies_on_a_base
-from kane_dynamics import Closure, ConstraintError, ModelBuilder, point_mass, Robot, rod, simulate
+from kane_dynamics import (Closure, ConstraintError, ModelBuilder, point_mass, Robot,
+                           rod, simulate)
 from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
                                                                     closed_configuration)
 import numpy as np
 import pytest
 
-# Of each kind: may the first origin move along the axis, and across it (second's axes); may the
-# frames turn about the axis, and tilt it.
-FREE = {'weld': '', 'revolute': 'turn', 'prismatic': 'along', 'cylindrical': 'along turn',
+# Of each kind: may the first origin move along the axis, and across it (second's axes);
+# may the frames turn about the axis, and tilt it.
+FREE = {'weld': '', 'revolute': 'turn', 'prismatic': 'along',
+        'cylindrical': 'along turn',
         'spherical': 'turn tilt', 'planar': 'across turn', 'inline': 'along turn tilt'}
 
 
 def at(mechanism, q):
-    """Return where the first origin is in the second's axes, and the relative rotation."""
-    here = mechanism.state(q)
-    (R1, p1), (R2, p2) = here.pose('end'), here.pose('socket')
+    """Return the first origin in the second's axes, and the relative rotation."""
+    placed = mechanism.state(q)
+    R1, p1 = placed.pose('end')
+    R2, p2 = placed.pose('socket')
     return R2.T @ (p1 - p2), R2.T @ R1
 
 
@@ -38,11 +41,13 @@ def test_a_closed_loop_is_what_its_kind_says(kind):
         r, Q = at(mechanism, closed_configuration(mechanism, rng.uniform(-1.5, 1.5, 15)))
         tilt = np.arccos(np.clip(AXIS @ Q @ AXIS, -1.0, 1.0))
         turn = np.arccos(np.clip((np.trace(Q) - 1.0) / 2.0, -1.0, 1.0))
-        for word, size in (('along', abs(r @ AXIS)), ('tilt', tilt), ('turn', turn - tilt),
+        for word, size in (('along', abs(r @ AXIS)), ('tilt', tilt),
+                           ('turn', turn - tilt),
                            ('across', np.linalg.norm(r - (r @ AXIS) * AXIS))):
             moved[word] = max(moved[word], size)
     for word, size in moved.items():
-        assert (size > 0.1) if word in FREE[kind].split() else (size < 1e-7), (word, size)
+        assert (size
+                > 0.1) if word in FREE[kind].split() else (size < 1e-7), (word, size)
 
 
 def test_a_universal_closure_keeps_its_axes_perpendicular_and_a_distance_its_length():
@@ -59,7 +64,8 @@ def test_a_universal_closure_keeps_its_axes_perpendicular_and_a_distance_its_len
 @pytest.mark.parametrize('kind', CLOSURES)
 def test_rows_are_the_rates_of_their_residuals(kind):
     mechanism = choose_independent(two_bodies_on_a_base(), None, (closure(kind),))
-    rng, h = np.random.default_rng(2), 1e-6
+    rng = np.random.default_rng(2)
+    h = 1e-6
     for _ in range(5):
         q = closed_configuration(mechanism, rng.uniform(-1.5, 1.5, 15))
         for place, exact in ((q, True), (q + rng.uniform(-0.3, 0.3, 15), False)):
@@ -73,8 +79,10 @@ def test_rows_are_the_rates_of_their_residuals(kind):
             np.testing.assert_allclose(J[rows], rate[rows], atol=2e-8)
 
 
-@pytest.mark.parametrize('kind', ['weld', 'revolute', 'prismatic', 'cylindrical', 'planar'])
-@pytest.mark.parametrize('angle', [0.5, 2.0, 3.0, np.pi - 1e-9, np.pi, -3.0, 2.0 * np.pi])
+@pytest.mark.parametrize('kind',
+                         ['weld', 'revolute', 'prismatic', 'cylindrical', 'planar'])
+@pytest.mark.parametrize('angle',
+                         [0.5, 2.0, 3.0, np.pi - 1e-9, np.pi, -3.0, 2.0 * np.pi])
 def test_orientations_are_held_the_right_way_round(kind, angle):
     b = ModelBuilder('plate')
     b.body('cart', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0))
@@ -94,38 +102,46 @@ def test_orientations_are_held_the_right_way_round(kind, angle):
 
 
 def turntable(kind, axis):
-    """Return a four-bar on a table that turns about z, its pins along an axis across z."""
+    """Return a four-bar on a table turning about z, its pins across z."""
     b = ModelBuilder('turntable')
     b.body('table', axis=(0, 0, 1), inertial=rod(20.0, (-0.5, 0, 0), (0.5, 0, 0)))
-    on, place = 'table', (0, 0, 0)
+    on = 'table'
+    place = (0, 0, 0)
     for name, length in (('crank', 0.3), ('coupler', 0.9), ('rocker', 0.7)):
         b.body(name, on, axis=(0, -1, 0), at=place,
                inertial=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
-        on, place = name, (length, 0, 0)
+        on = name
+        place = (length, 0, 0)
     b.frame('end', 'rocker', at=place)
     b.frame('ground', 'table', at=(1, 0, 0))
-    return Robot(b.model(), constraints=[Closure('end', 'ground', kind, axis=axis, name='pin')],
+    return Robot(b.model(),
+                 constraints=[Closure('end', 'ground', kind, axis=axis, name='pin')],
                  independent=['table', 'crank'])
 
 
-@pytest.mark.parametrize(('kind', 'axis'), [('revolute', (0, 1, 0)), ('spherical', (0, 0, 1))])
+@pytest.mark.parametrize(('kind', 'axis'),
+                         [('revolute', (0, 1, 0)), ('spherical', (0, 0, 1))])
 def test_forces_of_a_planar_loop_do_not_depend_on_the_heading_of_its_base(kind, axis):
     robot = turntable(kind, axis)
     q = robot.closed_configuration((0.0, 0.8, 0.0, -1.5), fixed=['table', 'crank'])
-    u, found = np.array([0.0, 5.0]), []
+    u = np.array([0.0, 5.0])
+    forces = []
     for heading in np.deg2rad([0.0, 45.0, 89.99, 90.0, 90.000001, 135.0, -170.0]):
         q[0] = heading
         tau = robot.inverse_dynamics(q, u, np.zeros(2))
-        found.append([*tau, *robot.constraint_forces(q, u, tau)])
-    np.testing.assert_allclose(found, np.broadcast_to(found[0], np.shape(found)), atol=1e-10)
-    assert np.abs(found[0]).max() < 100.0
+        forces.append([*tau, *robot.constraint_forces(q, u, tau)])
+    np.testing.assert_allclose(forces, np.broadcast_to(forces[0], np.shape(forces)),
+                               atol=1e-10)
+    assert np.abs(forces[0]).max() < 100.0
 
 
 @pytest.mark.parametrize(('make', 'words'), [
     (lambda: Closure('a', 'b', 'distance'), 'length: missing'),
-    (lambda: Closure('a', 'b', 'distance', length=-1.0), 'length: -1.0; expected a positive'),
+    (lambda: Closure('a', 'b', 'distance', length=-1.0),
+     'length: -1.0; expected a positive'),
     (lambda: Closure('a', 'b', 'weld', length=1.0), "length, given with kind 'weld'"),
-    (lambda: Closure('a', 'b', 'weld', second_axis=(1, 0, 0)), 'second_axis, given with kind'),
+    (lambda: Closure('a', 'b', 'weld', second_axis=(1, 0, 0)),
+     'second_axis, given with kind'),
     (lambda: Closure('a', 'b', 'universal', second_axis=(0, 0, 0)), 'second_axis: ')])
 def test_parameters_that_a_kind_has_not_are_refused(make, words):
     with pytest.raises(ConstraintError, match=words):
@@ -133,15 +149,18 @@ def test_parameters_that_a_kind_has_not_are_refused(make, words):
 
 
 def rounded(kind, tolerance=1e-9, digits=4, tilt=0.0, configuration=None):
-    """Return a four-bar whose pins are parallel but for the rounding of half pi and pi."""
+    """Return a four-bar whose pins are parallel up to rounding of pi."""
     b = ModelBuilder('rounded')
-    on, place = 'world', (0, 0, 0)
-    quarter, half = round(np.pi / 2, digits), round(np.pi, digits)
+    on = 'world'
+    place = (0, 0, 0)
+    quarter = round(np.pi / 2, digits)
+    half = round(np.pi, digits)
     for name, length, turn in (('crank', 0.3, quarter + tilt), ('coupler', 0.9, half),
                                ('rocker', 0.7, -half)):
         b.body(name, on, at=place, rpy=(turn, 0, 0),
                inertial=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
-        on, place = name, (length, 0, 0)
+        on = name
+        place = (length, 0, 0)
     b.frame('end', 'rocker', at=place)
     b.frame('ground', 'world', at=(1, 0, 0), rpy=(quarter, 0, 0))
     return Robot(b.model(), constraints=[Closure('end', 'ground', kind, name='pin')],
@@ -149,12 +168,13 @@ def rounded(kind, tolerance=1e-9, digits=4, tilt=0.0, configuration=None):
                  configuration=configuration)
 
 
-def test_a_rounded_loop_that_does_not_close_at_the_given_configuration_gets_the_same_advice():
+def test_a_rounded_loop_that_does_not_close_at_the_configuration_gets_the_advice():
     near = 0.8, 1.9, 2.1
     with pytest.raises(ConstraintError, match='no configuration found') as told:
         rounded('revolute', tilt=1e-4, configuration=near)
     assert "'pin' as kind 'inline' would leave 1" in str(told.value)
-    tolerance = float(re.search(r'rank_tolerance=(\S+) treats them as zero', str(told.value))[1])
+    tolerance = float(
+        re.search(r'rank_tolerance=(\S+) treats them as zero', str(told.value))[1])
     assert rounded('revolute', tolerance, tilt=1e-4, configuration=near).n == 1
 
 
@@ -173,8 +193,10 @@ def test_a_rounded_loop_moves_with_the_tolerance_and_with_the_kind_that_are_advi
         kind, digits, off):
     with pytest.raises(ConstraintError, match='singular values') as told:
         rounded(kind, digits=digits)
-    tolerance = float(re.search(r'rank_tolerance=(\S+) treats them as zero', str(told.value))[1])
+    tolerance = float(
+        re.search(r'rank_tolerance=(\S+) treats them as zero', str(told.value))[1])
     assert tolerance < 10.0**-digits
     assert "'pin' as kind 'inline' would leave 1" in str(told.value)
     np.testing.assert_allclose(motion_of_a_rounded_loop(kind, tolerance, digits),
-                               motion_of_a_rounded_loop('inline', 1e-9, digits), rtol=off)
+                               motion_of_a_rounded_loop('inline', 1e-9, digits),
+                               rtol=off)

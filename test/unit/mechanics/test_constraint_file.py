@@ -1,7 +1,8 @@
 """Constraints from YAML: the same as from Python, and every slip told by name."""
 
-from kane_dynamics import (Closure, ConstraintError, Coupling, knife_edge, load_constraints,
-                           ModelBuilder, PointVelocity, Robot, rod, Rolling)
+from kane_dynamics import (Closure, ConstraintError, Coupling, knife_edge,
+                           load_constraints, ModelBuilder, PointVelocity, Robot, rod,
+                           Rolling)
 import numpy as np
 from palletizer import CONSTRAINTS, DRIVEN, palletizer
 import pytest
@@ -21,7 +22,8 @@ constraints:
 independent: [crank]
 """
 PYTHON = (Closure('end', 'ground', 'revolute', (0, 1, 0), 'pin'),
-          Coupling('wrist', {'elbow': -1.5}, 0.1, 'gear'), knife_edge('skate', (0, 1, 0), 'blade'),
+          Coupling('wrist', {'elbow': -1.5}, 0.1, 'gear'),
+          knife_edge('skate', (0, 1, 0), 'blade'),
           Rolling('hub', 0.1, (0, 1, 0), height=0.2, name='wheel'),
           PointVelocity('tool', (1, 0, 0), 'tool', 'base', 0.5, True, 'drift'),
           Closure('a', 'b', 'distance', name='rod', length=0.5),
@@ -31,41 +33,46 @@ PYTHON = (Closure('end', 'ground', 'revolute', (0, 1, 0), 'pin'),
 
 
 def plain(constraint):
-    return type(constraint), {name: value.tolist() if isinstance(value, np.ndarray) else value
-                              for name, value in vars(constraint).items()}
+    return type(constraint), {name: value.tolist() if isinstance(value, np.ndarray)
+                              else value for name, value in vars(constraint).items()}
 
 
 def test_a_file_says_what_python_says(tmp_path):
     path = tmp_path / 'all.yaml'
     path.write_text(WHOLE)
-    given = load_constraints(path)
-    assert given['independent'] == ('crank',)
-    assert list(map(plain, given['constraints'])) == list(map(plain, PYTHON))
+    loaded = load_constraints(path)
+    assert loaded['independent'] == ('crank',)
+    assert list(map(plain, loaded['constraints'])) == list(map(plain, PYTHON))
 
 
 def test_a_prefix_goes_before_every_joint_and_frame_but_not_before_forces(tmp_path):
     path = tmp_path / 'all.yaml'
     path.write_text(WHOLE)
-    given = load_constraints(path, prefix='left_')
-    assert given['independent'] == ('left_crank',)
-    pin, gear, blade, wheel, drift, *_, rim = given['constraints']
+    loaded = load_constraints(path, prefix='left_')
+    assert loaded['independent'] == ('left_crank',)
+    pin, gear, blade, wheel, drift, *_, rim = loaded['constraints']
     assert (rim.frame, rim.surface_frame) == ('left_planet', 'left_ring')
     assert (pin.first, pin.second, pin.labels[0]) == ('left_end', 'left_ground', 'pin/x')
     assert (gear.joint, dict(gear.ratios)) == ('left_wrist', {'left_elbow': -1.5})
-    assert (blade.frame, blade.axes, wheel.frame) == ('left_skate', 'left_skate', 'left_hub')
-    assert (drift.frame, drift.axes, drift.relative_to) == ('left_tool', 'left_tool', 'left_base')
+    assert (blade.frame, blade.axes, wheel.frame) == ('left_skate', 'left_skate',
+                                                      'left_hub')
+    assert (drift.frame, drift.axes, drift.relative_to) == ('left_tool', 'left_tool',
+                                                            'left_base')
 
 
 def test_constraints_of_a_mapping_act_on_the_robot():
     b = ModelBuilder('pair')
-    b.body('one', 'world', 'revolute', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
+    b.body('one', 'world', 'revolute', axis=(0, 1, 0),
+           inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
     b.body('two', 'one', 'revolute', axis=(0, 1, 0), at=(1, 0, 0),
            inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
-    given = {'constraints': {'gear': {'coupling': {'joint': 'two', 'ratios': {'one': -2}}}}}
-    robot = Robot(b.model(), **load_constraints(given))
+    mapping = {
+        'constraints': {'gear': {'coupling': {'joint': 'two', 'ratios': {'one': -2}}}}}
+    robot = Robot(b.model(), **load_constraints(mapping))
     assert robot.constraint_names == ('gear',)
     np.testing.assert_allclose(robot.joint_rates([0.1, -0.2], [1.0])[1]
-                               / robot.joint_rates([0.1, -0.2], [1.0])[0], -2.0, rtol=1e-14)
+                               / robot.joint_rates([0.1, -0.2], [1.0])[0], -2.0,
+                               rtol=1e-14)
 
 
 @pytest.mark.parametrize(('text', 'words'), [
@@ -78,12 +85,16 @@ def test_constraints_of_a_mapping_act_on_the_robot():
      "constraint 'pin': unknown key 'weld'; expected one of closure"),
     ('constraints: {pin: {}}', "constraint 'pin': []; expected one of closure"),
     ('constraints: {pin: {closure: {first: a}}}', 'closure without second'),
-    ('constraints: {pin: {closure: {first: a, second: 3}}}', 'second: 3; expected a name'),
-    ('constraints: {pin: {closure: {first: a, second: b, kind: glued}}}', "kind: 'glued'"),
+    ('constraints: {pin: {closure: {first: a, second: 3}}}',
+     'second: 3; expected a name'),
+    ('constraints: {pin: {closure: {first: a, second: b, kind: glued}}}',
+     "kind: 'glued'"),
     ('constraints: {pin: {closure: {first: a, second: b, axis: [0, 0]}}}', 'axis'),
-    ('constraints: {g: {coupling: {joint: a, ratios: {b: true}}}}', "ratio of 'b': True"),
+    ('constraints: {g: {coupling: {joint: a, ratios: {b: true}}}}',
+     "ratio of 'b': True"),
     ('constraints: {w: {rolling: {frame: a, radius: -1.0}}}', 'radius: -1.0'),
-    ('constraints: {w: {rolling: {frame: a, radius: wide}}}', "radius: 'wide'; expected a num"),
+    ('constraints: {w: {rolling: {frame: a, radius: wide}}}',
+     "radius: 'wide'; expected a num"),
     ('constraints: {d: {point_velocity: {frame: a, direction: [1, 0, 0], angular: 1}}}',
      'angular: 1; expected true or false'),
     ('{constraints: {d: {coupling: {joint: a, ratios: {b: 1}}}}, independent: a}',
@@ -108,13 +119,14 @@ def test_a_file_names_actuators_and_the_assembly_mode():
     assert [robot.joint_names[k] for k in robot.equations.actuated] == sorted(
         DRIVEN, key=robot.joint_names.index)
     np.testing.assert_array_equal(robot.configuration, np.zeros(robot.n_q))
-    given = load_constraints({**CONSTRAINTS, 'actuated': {'swivel': 2}, 'configuration': {
-        'shoulder': 0.1}}, prefix='left_')
-    assert given['actuated'] == {'left_swivel': 2.0}
-    assert given['configuration'] == {'left_shoulder': 0.1}
-    with pytest.raises(ConstraintError, match=r"configuration: joint 'left_shoulder'; expected"):
+    loaded = load_constraints({**CONSTRAINTS, 'actuated': {'swivel': 2},
+                               'configuration': {'shoulder': 0.1}}, prefix='left_')
+    assert loaded['actuated'] == {'left_swivel': 2.0}
+    assert loaded['configuration'] == {'left_shoulder': 0.1}
+    with pytest.raises(ConstraintError,
+                       match=r"configuration: joint 'left_shoulder'; expected"):
         Robot(robot.model, constraints=robot.mechanism.constraints,
-              configuration=given['configuration'])
+              configuration=loaded['configuration'])
     for key, value in (('actuated', 'swivel'), ('configuration', {'shoulder': 'up'})):
         with pytest.raises(ConstraintError, match=rf'constraints file: {key}'):
             load_constraints({**CONSTRAINTS, key: value})

@@ -6,16 +6,19 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
 import pytest
 
-LOW, PRECISION = 1e-3, 1e-12
+LOW = 1e-3
+PRECISION = 1e-12
 
 
 def fixed_point(value):
-    return upper_fixed_point(value, LOW, PRECISION, 'speed: none found; expected another')
+    return upper_fixed_point(value, LOW, PRECISION,
+                             'speed: none found; expected another')
 
 
 @pytest.mark.parametrize('slope', [0.9, 0.2, 0.0, -0.5, -0.99, -1.0, -4.0, -1e6])
 def test_the_fixed_point_of_a_line_is_found_for_every_slope_below_one(slope):
-    assert fixed_point(lambda x: 3.0 + slope * (x - 3.0)) == pytest.approx(3.0, rel=2e-11)
+    assert fixed_point(lambda x: 3.0 + slope * (x - 3.0)) == pytest.approx(
+        3.0, rel=2e-11)
 
 
 @pytest.mark.parametrize('error', [False, True])

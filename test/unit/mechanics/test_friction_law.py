@@ -1,4 +1,4 @@
-"""The friction law: every term against its formula, in every formulation and kind of robot."""
+"""The friction law: every term against its formula, in every formulation."""
 
 from dataclasses import replace
 
@@ -18,17 +18,20 @@ import pytest
 from same_numbers import assert_same_numbers
 
 AXIS = (0.0, 0.0, 1.0)
-LAW = {'damping': 0.7, 'quadratic_damping': 0.3, 'friction': 1.2, 'friction_backward': 0.8,
+LAW = {'damping': 0.7, 'quadratic_damping': 0.3, 'friction': 1.2,
+       'friction_backward': 0.8,
        'breakaway_friction': 1.5, 'stribeck_speed': 0.4, 'load_friction': 0.2,
        'load_friction_backdriven': 0.35, 'friction_speed': 0.05, 'friction_offset': 0.1}
 
 
 def formula(joint, v, load):
-    """Return the friction of a joint in sliding, written for each direction by itself."""
-    excess = (joint.breakaway_friction - joint.friction) * np.exp(-(v / joint.stribeck_speed)**2)
+    """Return the friction of a sliding joint, written for each direction."""
+    excess = (joint.breakaway_friction - joint.friction) * np.exp(
+        -(v / joint.stribeck_speed)**2)
     coulomb = joint.friction if v > 0.0 else joint.friction_backward
     fraction = joint.load_friction if v * load > 0.0 else joint.load_friction_backdriven
-    return (joint.damping * v + joint.quadratic_damping * v * abs(v) + joint.friction_offset
+    return (joint.damping * v + joint.quadratic_damping * v * abs(v)
+            + joint.friction_offset
             + np.sign(v) * (coulomb + excess + fraction * abs(load)))
 
 
@@ -72,7 +75,8 @@ def test_slopes_are_derivatives_of_the_law(v, load):
 
 @pytest.mark.parametrize('v', [-0.7, -0.03, 0.0, 0.04, 0.9])
 @pytest.mark.parametrize('load', [-2.0, 0.0, 3.0])
-@pytest.mark.parametrize('fractions', [(0.2, 0.35), (0.2, None), (2.5, 0.0), (0.1, 0.99)])
+@pytest.mark.parametrize('fractions',
+                         [(0.2, 0.35), (0.2, None), (2.5, 0.0), (0.1, 0.99)])
 def test_the_load_of_a_drive_is_the_one_that_gives_the_torque(v, load, fractions):
     joint = Joint('j', 'revolute', AXIS, **LAW | {
         'load_friction': fractions[0], 'load_friction_backdriven': fractions[1]})
@@ -84,7 +88,8 @@ def test_friction_over_rate_is_within_8_percent_of_the_law_without_offset():
     joint = Joint('j', 'revolute', AXIS, friction=1.2, damping=0.3, load_friction=0.2)
     for v in np.geomspace(1e-3, 3.0, 30):
         over_rate = friction.friction_over_rate(joint, v, -2.0)
-        assert over_rate == pytest.approx(friction.friction_torque(joint, v, -2.0) / v, rel=0.08)
+        assert over_rate == pytest.approx(friction.friction_torque(joint, v, -2.0) / v,
+                                          rel=0.08)
 
 
 def test_power_of_friction_is_never_negative():
@@ -97,21 +102,25 @@ def test_power_of_friction_is_never_negative():
 @pytest.mark.parametrize('seed', range(4))
 def test_formulations_agree_with_all_terms_of_the_law(seed):
     model = with_law(random_model(seed, 3, mimics=1), seed)
-    robot, by_definition = Robot(model), Definition(model)
+    robot = Robot(model)
+    by_definition = Definition(model)
     q, u, udot = random_state(model, seed)
     tau = robot.inverse_dynamics(q, u, udot)
     size = np.abs(robot.torque_terms(q, u, udot)).max()
-    np.testing.assert_allclose(tau, by_definition.inverse_dynamics(q, u, udot), atol=1e-12 * size)
+    np.testing.assert_allclose(tau, by_definition.inverse_dynamics(q, u, udot),
+                               atol=1e-12 * size)
     np.testing.assert_allclose(robot.torque_terms(q, u, udot).sum(axis=0), tau,
                                atol=1e-12 * size)
 
-    # The load is the torque of the energies, and forward dynamics undoes inverse dynamics.
+    # The load is the torque of the energies, and forward dynamics undoes inverse
+    # dynamics.
     load = -(energies.generalized_inertia_force(model, q, u, udot)
              + energies.conservative_force(model, q))
     np.testing.assert_allclose(tau, load - energies.friction_force(model, u, load),
                                atol=1e-11 * size)
     np.testing.assert_allclose(robot.forward_dynamics(q, u, tau), udot, atol=1e-9)
-    np.testing.assert_allclose(by_definition.forward_dynamics(q, u, tau), udot, atol=1e-9)
+    np.testing.assert_allclose(by_definition.forward_dynamics(q, u, tau), udot,
+                               atol=1e-9)
     assert robot.verify() < 1e-9
 
 
@@ -128,11 +137,13 @@ def test_derivatives_are_those_of_the_law(seed):
             rows = []
             for unit in h:
                 ends = [list(at), list(at)]
-                ends[0][k], ends[1][k] = at[k] + unit, at[k] - unit
+                ends[0][k] = at[k] + unit
+                ends[1][k] = at[k] - unit
                 rows.append((function(*ends[0]) - function(*ends[1])) / 2e-6)
             columns.append(np.stack(rows, axis=1))
         return columns
-    for name, at in (('inverse_dynamics', (q, u, udot)), ('forward_dynamics', (q, u, tau))):
+    for name, at in (('inverse_dynamics', (q, u, udot)),
+                     ('forward_dynamics', (q, u, tau))):
         analytic = getattr(robot, f'{name}_derivatives')(*at)
         for matrix, expected in zip(analytic, differences(getattr(robot, name), *at)):
             np.testing.assert_allclose(matrix, expected,
@@ -148,14 +159,16 @@ def test_a_loaded_wheel_moves_with_the_efficiency_of_its_drive():
     robot = worm()
     for tau, u, expected in ((2.0, 1.0, 2.0 / 1.3), (-2.0, 1.0, -2.0 / 0.4),
                              (2.0, -1.0, 2.0 / 0.4), (-2.0, -1.0, -2.0 / 1.3)):
-        assert robot.forward_dynamics([0.0], [u], [tau])[0] == pytest.approx(expected, rel=1e-12)
+        assert robot.forward_dynamics([0.0], [u], [tau])[0] == pytest.approx(
+            expected, rel=1e-12)
 
 
 @pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
 def test_simulations_with_load_friction_balance_their_energy(integrator):
     robot = Robot(with_law(random_model(1, 3), 1))
     q0, u0, _ = random_state(robot.model, 1)
-    run = simulate(robot, q0, u0, 0.5, step=1e-4, torque=[3.0, -2.0, 1.0], integrator=integrator)
+    run = simulate(robot, q0, u0, 0.5, step=1e-4, torque=[3.0, -2.0, 1.0],
+                   integrator=integrator)
     assert run.warnings == ()
     reference = simulate(robot, q0, u0, 0.5, step=2e-5, torque=[3.0, -2.0, 1.0])
     np.testing.assert_allclose(run.q[-1], reference.q[-1], atol=2e-5)
@@ -166,7 +179,8 @@ def test_computed_torque_with_load_friction_follows_its_motion():
     motion = Motion.from_points([0.0, 1.0], [[0.0, 0.0, 0.0], [0.5, -0.3, 0.2]],
                                 joint_names=robot.joint_names)
     law = ComputedTorque(robot, motion, 100.0, 20.0)
-    run = simulate(robot, [0.0] * 3, [0.0] * 3, 1.0, step=1e-3, torque=law, integrator='implicit')
+    run = simulate(robot, [0.0] * 3, [0.0] * 3, 1.0,
+                   step=1e-3, torque=law, integrator='implicit')
     assert run.warnings == ()
     np.testing.assert_allclose(run.q[-1], [0.5, -0.3, 0.2], atol=2e-3)
 
@@ -174,10 +188,13 @@ def test_computed_torque_with_load_friction_follows_its_motion():
 def loaded_four_bar(actuated=('crank',), joint='crank', independent='crank'):
     """Return a four-bar linkage with load friction at a joint."""
     model = four_bar_model()
-    bodies = tuple(replace(body, joint=replace(body.joint, **LAW)) if body.name == joint
-                   else body for body in model.bodies)
-    return Robot(replace(model, bodies=bodies), constraints=[PIN], independent=[independent],
-                 actuated=actuated)
+    rows = []
+    for body in model.bodies:
+        rows.append(replace(body, joint=replace(body.joint, **LAW)) if body.name == joint
+                    else body)
+    bodies = tuple(rows)
+    return Robot(replace(model, bodies=bodies),
+                 constraints=[PIN], independent=[independent], actuated=actuated)
 
 
 @pytest.mark.parametrize('independent', ['crank', 'rocker'])
@@ -201,7 +218,8 @@ def loaded_arm(backdriven, **choice):
     """Return a two-link arm with load friction in both joints."""
     model = random_model(3, 2)
     law = {'load_friction': 0.1, 'load_friction_backdriven': backdriven}
-    bodies = tuple(replace(body, joint=replace(body.joint, **law)) for body in model.bodies)
+    bodies = tuple(replace(body, joint=replace(body.joint, **law))
+                   for body in model.bodies)
     return Robot(replace(model, bodies=bodies), **choice)
 
 
@@ -214,7 +232,8 @@ def test_a_closed_loop_with_load_friction_is_verified():
     lambda: loaded_four_bar(independent='rocker'), lambda: loaded_arm(0.3),
     lambda: loaded_arm(1.2), lambda: loaded_arm(0.3, speeds=absolute_rates),
     lambda: loaded_arm(1.2, speeds=absolute_rates)],
-    ids=['closed loop', 'tree', 'self-locking', 'chosen speeds', 'self-locking, chosen speeds'])
+                         ids=['closed loop', 'tree', 'self-locking', 'chosen speeds',
+                              'self-locking, chosen speeds'])
 def test_all_quantities_with_load_friction_are_verified(make):
     robot = make()
     robot.compile()
@@ -234,14 +253,16 @@ def test_a_closed_loop_with_load_friction_balances_its_energy(integrator):
     run = simulate(robot, at_angle(1.1), [0.9], 0.5, step=2e-4, torque=[9.0],
                    integrator=integrator)
     assert run.warnings == ()
-    # With the constraint forces of a motion under the motor's torque, the joints balance.
+    # With the constraint forces of a motion under the motor's torque, the joints
+    # balance.
     forces = robot.constraint_forces(run.q, run.u, run.tau)
     np.testing.assert_allclose(run.constraint_forces, forces,
                                atol=1e-9 * np.abs(forces).max())
 
 
 def test_drives_whose_load_is_not_determined_are_refused():
-    with pytest.raises(ConstraintError, match="joint 'crank': load friction in a mechanism"):
+    with pytest.raises(ConstraintError,
+                       match="joint 'crank': load friction in a mechanism"):
         loaded_four_bar(actuated=None)
     with pytest.raises(ConstraintError, match='2 motors for 1 independent speeds'):
         loaded_four_bar(actuated=['crank', 'rocker'])
@@ -262,8 +283,10 @@ def test_forward_dynamics_of_a_self_locking_drive_is_refused():
 
 
 @pytest.mark.parametrize('field, value', [
-    ('quadratic_damping', -1.0), ('friction_backward', -0.1), ('breakaway_friction', 0.5),
-    ('stribeck_speed', float('nan')), ('load_friction', 'x'), ('load_friction_backdriven', -1)])
+    ('quadratic_damping', -1.0), ('friction_backward', -0.1),
+    ('breakaway_friction', 0.5),
+    ('stribeck_speed', float('nan')), ('load_friction', 'x'),
+    ('load_friction_backdriven', -1)])
 def test_a_bad_parameter_of_the_law_is_refused_by_name(field, value):
     with pytest.raises(ModelError, match=f"joint 'j': {field}"):
         Joint('j', 'revolute', AXIS, friction=1.0, **{field: value})
@@ -303,7 +326,8 @@ def test_torques_that_hold_are_those_with_which_nothing_moves(fractions):
     load = Robot(robot.model, friction=False).gravity_force(q)
     for j in range(2):
         # The load pulls down: upward it is driven, downward it drives the motor.
-        up, down = fractions[0], fractions[0] if fractions[1] is None else fractions[1]
+        up = fractions[0]
+        down = fractions[0] if fractions[1] is None else fractions[1]
         assert load[j] > 0.0
         assert largest[j] == pytest.approx(0.2 + load[j] * (1.0 + up) + 1.3)
         assert least[j] == pytest.approx(0.2 + load[j] * (1.0 - down) - 0.9)
@@ -321,7 +345,8 @@ def test_torques_that_hold_are_those_with_which_nothing_moves(fractions):
             assert direction * moved.u[-1, j] > 0.0
     batch = robot.holding_torques([q, q])
     assert_same_numbers(batch[0][1], least)
-    with pytest.raises(InputError, match='holding_torques: of a robot with chosen speeds'):
+    with pytest.raises(InputError,
+                       match='holding_torques: of a robot with chosen speeds'):
         loaded_four_bar().holding_torques(at_angle(1.1))
 
 
@@ -361,7 +386,8 @@ def test_supplement_states_all_terms(tmp_path):
 
 def test_feasibility_refuses_load_friction():
     robot = worm()
-    motion = Motion.from_points([0.0, 1.0], [[0.0], [1.0]], joint_names=robot.joint_names)
+    motion = Motion.from_points([0.0, 1.0], [[0.0], [1.0]],
+                                joint_names=robot.joint_names)
     for function in (fastest, lambda robot, motion: time_optimal(robot, [[0.0], [1.0]])):
         with pytest.raises(InputError, match=r"joint 'wheel' has load friction 0\.3"):
             function(robot, motion)

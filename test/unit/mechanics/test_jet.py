@@ -6,19 +6,22 @@ import numpy as np
 from numpy.testing import assert_allclose
 import pytest
 
-X, Y = (0.7, -1.3, 0.4), (1.9, 0.6, -2.1)
+X = (0.7, -1.3, 0.4)
+Y = (1.9, 0.6, -2.1)
 FUNCTIONS = {
     'product': lambda x, y: x * y, 'square': lambda x, y: x * x,
     'quotient': lambda x, y: x / y, 'reciprocal': lambda x, y: 2.0 / y,
     'quotient of a number': lambda x, y: x / 3.0,
     'sum': lambda x, y: x + y, 'sum with a number': lambda x, y: 1.5 + x + 2.0,
-    'difference': lambda x, y: x - y, 'difference of a number': lambda x, y: 1.5 - x - 2.0,
-    'negative': lambda x, y: -x, 'power': lambda x, y: y ** 2.5, 'cube': lambda x, y: x ** 3,
+    'difference': lambda x, y: x - y,
+    'difference of a number': lambda x, y: 1.5 - x - 2.0, 'negative': lambda x, y: -x,
+    'power': lambda x, y: y ** 2.5, 'cube': lambda x, y: x ** 3,
     'sine': lambda x, y: np.sin(x), 'cosine': lambda x, y: np.cos(x),
     'tanh': lambda x, y: np.tanh(x * y), 'exp': lambda x, y: np.exp(x),
     'log': lambda x, y: np.log(y), 'sqrt': lambda x, y: np.sqrt(y),
     'arctan': lambda x, y: np.arctan(x), 'magnitude': lambda x, y: magnitude(-x),
-    'choice': lambda x, y: select(x < y, x * x, y), 'other': lambda x, y: select(x > y, x, y)}
+    'choice': lambda x, y: select(x < y, x * x, y),
+    'other': lambda x, y: select(x > y, x, y)}
 
 
 def nested(x):

@@ -9,7 +9,8 @@ import pytest
 @pytest.mark.parametrize('n', [1, 2, 5])
 def test_the_form_of_numbers_and_of_traced_values_is_the_matrix_product(n):
     rng = np.random.default_rng(n)
-    A, x = rng.normal(size=(n, n)), rng.normal(size=n)
+    A = rng.normal(size=(n, n))
+    x = rng.normal(size=n)
     A = A + A.T
     expected = x @ A @ x
     assert quadratic(A, x) == pytest.approx(expected, rel=1e-14)
@@ -22,8 +23,8 @@ def test_forms_of_the_same_vector_share_its_products():
     program = trace_program('forms', lambda y: np.array([quadratic(A[0], y),
                                                          quadratic(3.0 * A[1], y)]),
                             [('y', (3,))])
-    # Six products; the factors 2, 3 and 6 of the entries of A that are not 1 cost at most
-    # nine more.
+    # Six products; the factors 2, 3 and 6 of the entries of A that are not 1 cost at
+    # most nine more.
     assert program.operation_count().multiplications <= 15
 
 

@@ -1,4 +1,4 @@
-"""Rolling on planes, cylinders and spheres that move: distances and contacts by brute force."""
+"""Rolling on moving planes, cylinders, spheres: contacts by brute force."""
 
 from constrained_trees import ROLLING, rolling, two_bodies_on_a_base
 from kane_dynamics import (ConstraintError, disc, Inertial, ModelBuilder, Robot, Rolling,
@@ -10,8 +10,9 @@ import pytest
 
 def nearest(constraint, mechanism, q):
     """Return the least distance of the wheel or ball from the surface, by search."""
-    here = mechanism.state(q)
-    (R, p), (Rs, origin) = here.pose('end'), here.pose('socket')
+    placed = mechanism.state(q)
+    R, p = placed.pose('end')
+    Rs, origin = placed.pose('socket')
     center = Rs.T @ (p - origin)
 
     def far(x):
@@ -26,39 +27,45 @@ def nearest(constraint, mechanism, q):
     axle = Rs.T @ R @ constraint.axis
     one = np.cross(axle, [0.3, 0.5, 0.8])
     one /= np.linalg.norm(one)
-    low, high = 0.0, 2.0 * np.pi
+    low = 0.0
+    high = 2.0 * np.pi
     for _ in range(10):
         angle = np.linspace(low, high, 2001)
-        rim = center + constraint.radius * (np.outer(np.cos(angle), one)
-                                            + np.outer(np.sin(angle), np.cross(axle, one)))
+        rim = center + constraint.radius * (
+            np.outer(np.cos(angle), one) + np.outer(np.sin(angle), np.cross(axle, one)))
         k = int(np.argmin(distance := far(rim)))
         width = (high - low) / 1000.0
-        low, high = angle[k] - width, angle[k] + width
+        low = angle[k] - width
+        high = angle[k] + width
     return distance[k]
 
 
 def states(kind, mechanism, count):
-    """Return configurations with the bodies near each other, some open, some overlapping."""
+    """Return configurations with the bodies near, some open, some overlapping."""
     rng = np.random.default_rng(3)
     for _ in range(count):
         q = rng.uniform(-0.5, 0.5, 15)
-        (_, p1), (_, p2), (R_base, _) = (mechanism.state(q).pose(name)
-                                         for name in ('end', 'socket', 'base'))
+        (_, p1) = mechanism.state(q).pose('end')
+        (_, p2) = mechanism.state(q).pose('socket')
+        (R_base, _) = mechanism.state(q).pose('base')
         inside = 'inside' in kind
         if inside:
             apart = rng.uniform(-0.3, 0.3, 3)
         else:  # across the cylinder's axis
-            line = mechanism.state(q).pose('socket')[0] @ mechanism.constraints[0].surface_axis
+            line = mechanism.state(q).pose(
+                'socket')[0] @ mechanism.constraints[0].surface_axis
             apart = np.cross(line, rng.normal(size=3))
             apart *= rng.uniform(0.9, 1.5) / np.linalg.norm(apart)
         q[9:12] += R_base.T @ (p1 - p2 - apart)
         yield q
 
 
-@pytest.mark.parametrize('kind', [kind for kind in ROLLING if kind != 'wheel inside cylinder'])
+@pytest.mark.parametrize('kind',
+                         [kind for kind in ROLLING if kind != 'wheel inside cylinder'])
 def test_residual_is_the_distance_and_the_normal_row_its_rate(kind):
     constraint = rolling(kind)
-    mechanism, h = Mechanism(two_bodies_on_a_base(), None, (constraint,)), 1e-6
+    mechanism = Mechanism(two_bodies_on_a_base(), None, (constraint,))
+    h = 1e-6
 
     def normal(q):
         rows = mechanism.rows(mechanism.state(q))
@@ -73,15 +80,16 @@ def test_residual_is_the_distance_and_the_normal_row_its_rate(kind):
 
 @pytest.mark.parametrize('inside', [False, True])
 def test_a_wheel_on_a_parallel_cylinder_is_a_pair_of_gears(inside):
-    R, r = 1.0, 0.3
+    R = 1.0
+    r = 0.3
     b = ModelBuilder('planet', gravity=(0, 0, 0))
     b.body('sun', axis=(0, 0, 1), inertial=disc(3.0, R))
     b.body('arm', axis=(0, 0, 1), inertial=disc(1.0, 0.1))
     b.body('planet', 'arm', axis=(0, 0, 1), at=(R - r if inside else R + r, 0, 0),
            inertial=disc(0.5, r))
     robot = Robot(b.model(), independent=['sun', 'arm'], constraints=[
-        Rolling('planet', r, (0, 0, 1), name='mesh', surface_frame='sun', surface='cylinder',
-                surface_radius=R, inside=inside)])
+        Rolling('planet', r, (0, 0, 1), name='mesh', surface_frame='sun',
+                surface='cylinder', surface_radius=R, inside=inside)])
     rates = robot.joint_rates([0.3, 0.5, 0.2], [2.0, 0.7])
     # Willis: without slip R (sun - arm) = -+ r (planet - arm), rates of absolute angles
     ratio = R / r if inside else -R / r
@@ -91,7 +99,8 @@ def test_a_wheel_on_a_parallel_cylinder_is_a_pair_of_gears(inside):
 
 
 def test_a_ball_in_a_bowl_swings_as_a_pendulum_that_carries_its_spin():
-    R, r = 1.0, 0.1
+    R = 1.0
+    r = 0.1
     ball = 0.4 * r * r  # moment of inertia of a solid ball of 1 kg
     b = ModelBuilder('bowl')
     b.body('ball', kind='floating', at=(0, 0, R),
@@ -113,12 +122,15 @@ def test_a_ball_in_a_bowl_swings_as_a_pendulum_that_carries_its_spin():
 
 def test_a_ball_at_the_pole_opposite_to_the_normal_is_refused_by_its_rows():
     b = ModelBuilder('globe')
-    b.body('ball', kind='floating', inertial=Inertial(1.0, np.zeros(3), 4e-3 * np.eye(3)))
+    b.body('ball', kind='floating',
+           inertial=Inertial(1.0, np.zeros(3), 4e-3 * np.eye(3)))
     b.frame('globe', 'world')
     q = [0.0, 0.0, -1.1, 0.0, 0.0, 0.0]
-    robots = [Robot(b.model(), configuration=q, constraints=[Rolling(
-        'ball', 0.1, surface_frame='globe', surface='sphere', surface_radius=1.0, name='roll',
-        normal=normal)]) for normal in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0))]
+    robots = []
+    for normal in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)):
+        robots.append(Robot(b.model(), configuration=q, constraints=[
+            Rolling('ball', 0.1, surface_frame='globe', surface='sphere',
+                    surface_radius=1.0, name='roll', normal=normal)]))
     with pytest.raises(ConstraintError, match=(
             r"'roll/tangent_1', .* not finite at .*expected.* opposite to `normal`")):
         robots[0].mass_matrix(q)
@@ -133,12 +145,13 @@ def test_wheels_on_an_axle_hold_the_same_force_for_every_heading():
     robot = Robot(b.model(), constraints=[Rolling(name, 0.1, (0, 1, 0), height=-0.1)
                                           for name in ('left', 'right')],
                   independent=['left', 'right'])
-    found = []
+    forces = []
     for heading in np.deg2rad([0.0, 30.0, 89.9, 90.0, 180.0]):
         q = np.array([0.0, 0.0, heading, 0.1, 0.2])
-        found.append(robot.constraint_forces(q, [3.0, 8.0], [0.3, -0.1]))
-    np.testing.assert_allclose(found, np.broadcast_to(found[0], np.shape(found)), atol=1e-9)
-    assert 1e-3 < np.abs(found[0]).max() < 100.0
+        forces.append(robot.constraint_forces(q, [3.0, 8.0], [0.3, -0.1]))
+    np.testing.assert_allclose(forces, np.broadcast_to(forces[0], np.shape(forces)),
+                               atol=1e-9)
+    assert 1e-3 < np.abs(forces[0]).max() < 100.0
 
 
 @pytest.mark.parametrize(('options', 'words'), [

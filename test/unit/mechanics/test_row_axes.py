@@ -1,4 +1,4 @@
-"""Constraint rows in the axes that take the least arithmetic: the same numbers, fewer products."""
+"""Constraint rows in the axes of least arithmetic: same numbers, fewer products."""
 
 from kane_dynamics import box, disc, knife_edge, ModelBuilder, Robot, Rolling
 import numpy as np
@@ -31,23 +31,27 @@ def sleigh():
 
 @pytest.mark.parametrize('make', [rolling_disc, wheeled_base, sleigh])
 def test_rows_are_those_of_the_definition_and_inverse_to_n(make):
-    robot, rng = make(), np.random.default_rng(3)
-    mechanism, links = robot.mechanism, robot.equations.tree.geometry
+    robot = make()
+    rng = np.random.default_rng(3)
+    mechanism = robot.mechanism
+    links = robot.equations.tree.geometry
     for _ in range(5):
         q = robot.closed_configuration(rng.uniform(-0.8, 0.8, robot.n_q))
         u, udot = rng.uniform(-1.0, 1.0, (2, robot.n))
         defined = np.array(mechanism.rows(mechanism.state(q)).J, float)
         compiled = np.array(mechanism.rows(mechanism.state(q, links=links)).J, float)
         np.testing.assert_allclose(compiled, defined, atol=1e-14)
-        for given in (None, links):
-            N = np.array(mechanism.joint_motion(q, u, udot, links=given).N, float)
-            np.testing.assert_allclose(defined[mechanism.kept] @ N, np.eye(len(mechanism.kept)),
-                                       atol=1e-12)
+        for compiled_links in (None, links):
+            N = np.array(mechanism.joint_motion(q, u, udot, links=compiled_links).N,
+                         float)
+            np.testing.assert_allclose(defined[mechanism.kept] @ N,
+                                       np.eye(len(mechanism.kept)), atol=1e-12)
 
 
-# Multiplications with rows in world axes and no watch, which fixed rows need not turn: a wheel
-# that rolls freely 148, the base 83, the sleigh 31.
-@pytest.mark.parametrize('make, most', [(rolling_disc, 170), (wheeled_base, 95), (sleigh, 31)])
+# Multiplications with rows in world axes and no watch, which fixed rows need not turn: a
+# wheel that rolls freely 148, the base 83, the sleigh 31.
+@pytest.mark.parametrize('make, most',
+                         [(rolling_disc, 170), (wheeled_base, 95), (sleigh, 31)])
 def test_forward_dynamics_takes_at_most_a_fraction_more_than_in_world_axes(make, most):
     program = make().kernels.program('forward_dynamics')
     assert program.operation_count().multiplications <= most
