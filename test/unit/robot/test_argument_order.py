@@ -16,8 +16,8 @@ from kinds_of_mechanism import case
 import numpy as np
 import pytest
 
-# Mechanisms with as many speeds as coordinates, where a wrong order would have the right shapes,
-# and others.
+# Mechanisms with as many speeds as coordinates, where a wrong order would have the right
+# shapes, and others.
 KINDS = (('tree',), ('chosen speeds', 'time-dependent'), ('closed loop',))
 IDENTITIES = ('joint_rates', 'joint_accelerations', 'joint_torques')
 
@@ -31,9 +31,11 @@ def names_of(robot):
 def positional(name, robot):
     """Return the names of a method's arguments before the wrench and the time."""
     parameters = inspect.signature(getattr(Robot, name)).parameters
-    names = [key for key, parameter in parameters.items()
-             if parameter.kind is not parameter.KEYWORD_ONLY
-             and key not in ('self', 'frame', 'joint')]
+    names = []
+    for key, parameter in parameters.items():
+        if parameter.kind is not parameter.KEYWORD_ONLY and key not in ('self', 'frame',
+                                                                        'joint'):
+            names.append(key)
     if name == 'friction_force' and 'q' not in robot.kernels.arguments(name):
         names.remove('q')  # ignored where friction does not depend on it
     return tuple(names)
@@ -56,8 +58,9 @@ def with_a_robot(kinds):
 def test_quantities_take_the_arguments_of_their_methods(kinds):
     robot = with_a_robot(kinds).robot
     for name in (*names_of(robot), *FRAME_QUANTITIES, 'joint_reaction'):
-        method = {'partial_velocities': 'jacobian', 'partial_velocity_rates': 'jacobian_rate'}.get(
-            name, name)
+        method = {'partial_velocities': 'jacobian',
+                  'partial_velocity_rates': 'jacobian_rate'}.get(
+                      name, name)
         assert robot.kernels.arguments(name) == positional(method, robot), name
 
 
@@ -65,41 +68,45 @@ def test_quantities_take_the_arguments_of_their_methods(kinds):
 def test_derivatives_differentiate_the_method_by_its_arguments(kinds):
     """By all of its inputs, the time and others without axes included."""
     one = with_a_robot(kinds)
-    robot, state = one.robot, state_of(one) | {'t': np.array(one.time)}
+    robot = one.robot
+    state = state_of(one) | {'t': np.array(one.time)}
     rng = np.random.default_rng(7)
     for name in ('joint_torques', 'kinetic_energy'):  # a vector and a number
         method = positional(name, robot)
         arguments = [state[key] for key in method]
         by = (*method, 't') if one.t else method
-        if robot.constraint_names:  # beside q the loop is open, where the method has no value
+        # Beside q the loop is open, where the method has no value.
+        if robot.constraint_names:
             by = tuple(key for key in by if key != 'q')
         directions = {key: rng.normal(size=np.shape(state[key])) for key in by}
 
         def value(h, name=name, method=method, directions=directions):
             moved = {key: state[key] + h * directions.get(key, 0.0) for key in state}
             at = {'t': moved['t']} if one.t else {}
-            return np.asarray(getattr(robot, name)(*(moved[key] for key in method), **at))
+            return np.asarray(
+                getattr(robot, name)(*(moved[key] for key in method), **at))
         expected = (value(1e-6) - value(-1e-6)) / 2e-6
         slopes = robot.derivative(name, *arguments, by=by, **one.t)
         along = sum(np.tensordot(slope, directions[key], np.ndim(directions[key]))
                     if np.ndim(directions[key]) else slope * directions[key]
                     for key, slope in zip(by, slopes))
         np.testing.assert_allclose(along, expected, atol=1e-7)
-        np.testing.assert_allclose(robot.jvp(name, directions, *arguments, **one.t), along,
-                                   atol=1e-11)
+        np.testing.assert_allclose(robot.jvp(name, directions, *arguments, **one.t),
+                                   along, atol=1e-11)
         weight = rng.normal(size=expected.shape)
         gradients = robot.vjp(name, weight, *arguments, by=by, **one.t)
         for gradient, key in zip(gradients, by):
             assert np.shape(gradient) == np.shape(state[key])
-        total = sum(np.sum(gradient * directions[key]) for key, gradient in zip(by, gradients))
+        total = sum(np.sum(gradient * directions[key])
+                    for key, gradient in zip(by, gradients))
         assert total == pytest.approx(np.sum(weight * along), abs=1e-10)
 
 
 @pytest.mark.parametrize('kinds', KINDS, ids=' and '.join)
 def test_functions_of_frameworks_take_the_arguments_of_the_method(kinds):
     robot = with_a_robot(kinds).robot
-    expected_ends = {'', 'wrench', 't', 'wrench t', 'gravity', 'wrench gravity', 't gravity',
-                     'wrench t gravity'}
+    expected_ends = {'', 'wrench', 't', 'wrench t', 'gravity', 'wrench gravity',
+                     't gravity', 'wrench t gravity'}
     for name in names_of(robot):
         known = robot.kernels.differentiable(name)
         parameters = ('gravity',) if 'gravity' in known else ()
@@ -114,36 +121,39 @@ def test_functions_of_frameworks_take_the_arguments_of_the_method(kinds):
 @pytest.mark.parametrize('kinds', KINDS, ids=' and '.join)
 def test_casadi_functions_take_the_arguments_of_the_method(kinds):
     one = with_a_robot(kinds)
-    robot, state = one.robot, state_of(one)
-    for name in ('joint_torques', 'friction_force', 'joint_rates', 'joint_accelerations'):
+    robot = one.robot
+    state = state_of(one)
+    for name in ('joint_torques', 'friction_force', 'joint_rates',
+                 'joint_accelerations'):
         function = robot.casadi(name, compiled=False)
         method = list(positional(name, robot))
         assert function.name_in()[:len(method)] == method
         arguments = [state[key] for key in method]
         value = function(*arguments, *one.t.values())
-        np.testing.assert_allclose(value.full().ravel(), getattr(robot, name)(*arguments, **one.t),
-                                   atol=1e-12)
+        np.testing.assert_allclose(value.full().ravel(),
+                                   getattr(robot, name)(*arguments, **one.t), atol=1e-12)
 
 
 @pytest.mark.parametrize('kinds', KINDS, ids=' and '.join)
 def test_exported_functions_take_the_arguments_of_the_method(kinds, tmp_path):
     robot = with_a_robot(kinds).robot
     names = [name for name in robot.kernels.names if name in (
-        'inverse_dynamics', 'forward_dynamics', 'joint_torques', 'friction_force', 'joint_rates',
-        'kinetic_energy')]
+        'inverse_dynamics', 'forward_dynamics', 'joint_torques', 'friction_force',
+        'joint_rates', 'kinetic_energy')]
     _, header = robot.export_c(tmp_path / 'out.c', names, self_test=False)
     text = header.read_text(encoding='utf-8')
     for name in names:
         prototype = re.search(rf'out_{name}\(([^)]*)\)', text)[1]
-        found = re.findall(r'\*(\w+)', prototype)
+        exported = re.findall(r'\*(\w+)', prototype)
         method = list(positional(name, robot))
-        assert found[:len(method)] == method, prototype
+        assert exported[:len(method)] == method, prototype
 
 
 @pytest.mark.parametrize('kinds', KINDS, ids=' and '.join)
 def test_workspaces_give_what_the_methods_give(kinds):
     one = with_a_robot(kinds)
-    robot, state = one.robot, state_of(one)
+    robot = one.robot
+    state = state_of(one)
     workspace = robot.bind()
     for name, value in state.items():
         getattr(workspace, name)[:] = value

@@ -40,8 +40,9 @@ def test_a_function_of_states_equals_itself_for_one_state_and_for_a_batch(robot)
 
 def test_gravity_payload_and_wrench_are_those_of_the_robot_at_each_call(robot):
     def torque(q, u, udot, wrench, parameters):
-        return np.array(robot.equations.rigid_dynamics(q, u, udot, wrench, parameters)) + (
-            robot.equations.friction_force(u))
+        return np.array(
+            robot.equations.rigid_dynamics(q, u, udot, wrench, parameters)) + (
+                robot.equations.friction_force(u))
     kernel = robot.compiled(torque, q=ROW, u=ROW, udot=ROW, shape=ROW)
     q, u, udot = states(3)
     wrench = RANDOM.normal(size=(3, 1, 6))
@@ -49,10 +50,12 @@ def test_gravity_payload_and_wrench_are_those_of_the_robot_at_each_call(robot):
     moon.parameters.gravity = [0.0, 0.0, -1.62]
     moon.parameters.payload = Inertial(2.0, (0.1, 0.0, 0.2), np.diag([0.1, 0.1, 0.1]))
     on_moon = moon.compiled(torque, q=ROW, u=ROW, udot=ROW, shape=ROW)
-    for each, function in ((robot, kernel), (moon, on_moon)):
-        assert np.allclose(function(q, u, udot), each.inverse_dynamics(q, u, udot), rtol=1e-12)
+    for one_robot, function in ((robot, kernel), (moon, on_moon)):
+        assert np.allclose(function(q, u, udot), one_robot.inverse_dynamics(q, u, udot),
+                           rtol=1e-12)
         assert np.allclose(function(q, u, udot, wrench),
-                           each.inverse_dynamics(q, u, udot, wrench=wrench), rtol=1e-12)
+                           one_robot.inverse_dynamics(q, u, udot, wrench=wrench),
+                           rtol=1e-12)
     assert not np.allclose(kernel(q, u, udot), on_moon(q, u, udot))
 
 
@@ -91,7 +94,8 @@ def test_calls_may_end_with_a_time_that_nothing_depends_on():
             function(q)
         with pytest.raises((TypeError, ValueError)):
             function(q, u, 3.0, 4.0)
-    assert np.array_equal(kernel(np.stack([q, u]), np.stack([u, u]), 3.0), [q + u, u + u])
+    assert np.array_equal(kernel(np.stack([q, u]), np.stack([u, u]), 3.0),
+                          [q + u, u + u])
     # A function that does not ask for the time has none.
     strict = robot.compiled(without_time, q=(2,), u=(2,), shape=(2,))
     for function in (strict, strict.entry('', strict)):
@@ -142,7 +146,8 @@ def test_a_function_is_compiled_for_each_shape_of_its_inputs_and_result(robot):
 def test_shapes_are_tuples_of_integers_and_there_is_an_input(robot):
     def doubled(q):
         return q + q
-    assert robot.compiled(doubled, q=[2], shape=[2]) is robot.compiled(doubled, q=(2,), shape=(2,))
+    assert robot.compiled(doubled, q=[2], shape=[2]) is robot.compiled(
+        doubled, q=(2,), shape=(2,))
     with pytest.raises(InputError, match='shape of q: 4; expected a tuple of integers'):
         robot.compiled(doubled, q=4, shape=ROW)
     with pytest.raises(InputError, match='shape: -1; expected an integer >= 0'):
@@ -156,9 +161,10 @@ def test_functions_of_the_library_are_told_apart_by_code_and_plain_values(robot)
         function = lambda q: factor * q  # noqa: E731
         function.__module__ = 'kane_dynamics.stand_in'
         return function
-    first, second = (robot.compiled(scaled(factor), name='scaled', q=ROW, shape=ROW)
-                     for factor in (2.0, 3.0))
-    assert np.array_equal([first(np.ones(4)), second(np.ones(4))], [[2.0] * 4, [3.0] * 4])
+    first = robot.compiled(scaled(2.0), name='scaled', q=ROW, shape=ROW)
+    second = robot.compiled(scaled(3.0), name='scaled', q=ROW, shape=ROW)
+    assert np.array_equal([first(np.ones(4)), second(np.ones(4))],
+                          [[2.0] * 4, [3.0] * 4])
     assert robot.compiled(scaled(2.0), name='scaled', q=ROW, shape=ROW) is first
 
 
@@ -168,8 +174,10 @@ def returns_two(q):
 
 
 @pytest.mark.parametrize(('function', 'inputs', 'message'), [
-    (returns_two, {'q': ROW}, r'returns_two: the function returns shape \(2,\); expected \(4,\)'),
-    (returns_two, {'q': ROW, 'u': ROW}, 'returns_two: the function takes q; expected 2 inputs'),
+    (returns_two, {'q': ROW},
+     r'returns_two: the function returns shape \(2,\); expected \(4,\)'),
+    (returns_two, {'q': ROW, 'u': ROW},
+     'returns_two: the function takes q; expected 2 inputs'),
     (lambda q, mass: mass * q, {'q': ROW}, 'name: .<lambda>.; expected an identifier')])
 def test_a_function_that_does_not_fit_is_refused(robot, function, inputs, message):
     with pytest.raises(InputError, match=message):
@@ -177,19 +185,22 @@ def test_a_function_that_does_not_fit_is_refused(robot, function, inputs, messag
 
 
 def test_an_unknown_name_that_the_function_asks_for_is_refused(robot):
-    with pytest.raises(InputError, match='takes q, mass; expected 1 inputs, then some of wrench'):
+    with pytest.raises(InputError,
+                       match='takes q, mass; expected 1 inputs, then some of wrench'):
         robot.compiled(lambda q, mass: mass * q, name='scaled', q=ROW, shape=ROW)
 
 
 def test_errors_name_the_joint(robot):
     kernel = robot.compiled(lambda q: 1.0 * q, name='copied', q=ROW, shape=ROW)
-    with pytest.raises(InputError, match=r"q\[1\] \(joint '.*'\): nan; expected a finite"):
+    with pytest.raises(InputError,
+                       match=r"q\[1\] \(joint '.*'\): nan; expected a finite"):
         kernel([0.0, np.nan, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(('one', 'other'), [
     ([0, 1], [1, 0]), (np.array([1.0, 2.0]), np.array([1.0, 3.0])), ({'a': 1}, {'a': 2}),
-    (slice(2), slice(3)), (np.intp(1), np.intp(2)), ((np.zeros(2),), (np.zeros((2, 1)),)),
+    (slice(2), slice(3)), (np.intp(1), np.intp(2)),
+    ((np.zeros(2),), (np.zeros((2, 1)),)),
     (np.array([0, 1], dtype=object), np.array([1, 0], dtype=object)),
     (np.zeros(2).astype(object), np.zeros((2, 1)).astype(object))])
 def test_constants_of_a_function_tell_its_machine_code_from_others(one, other):

@@ -26,7 +26,8 @@ def test_a_copy_compiles_nothing_and_answers_the_same(monkeypatch, choices):
     robot = Robot(MODEL, **choices)
     names = ('inverse_dynamics', 'mass_matrix', 'forward_dynamics')
     robot.compile(*names, batches=True)
-    q, u = robot.closed_configuration(Q) if robot.constraint_names else Q, U[:robot.n]
+    q = robot.closed_configuration(Q) if robot.constraint_names else Q
+    u = U[:robot.n]
     expected = [robot.inverse_dynamics(q, u, u), robot.mass_matrix(q),
                 robot.forward_dynamics(q, u, u), robot.mass_matrix(np.array([q] * 9))]
 
@@ -34,48 +35,51 @@ def test_a_copy_compiles_nothing_and_answers_the_same(monkeypatch, choices):
         raise AssertionError('compiled or loaded again')
     monkeypatch.setattr(kernel_set, 'trace_program', refuse)
     monkeypatch.setattr(llvm, 'Code', refuse)
-    other = robot.copy()
-    given = [other.inverse_dynamics(q, u, u), other.mass_matrix(q),
-             other.forward_dynamics(q, u, u), other.mass_matrix(np.array([q] * 9))]
-    assert all(np.array_equal(a, b) for a, b in zip(expected, given))
+    copied = robot.copy()
+    answers = [copied.inverse_dynamics(q, u, u), copied.mass_matrix(q),
+               copied.forward_dynamics(q, u, u), copied.mass_matrix(np.array([q] * 9))]
+    assert all(np.array_equal(a, b) for a, b in zip(expected, answers))
 
 
 def test_gravity_and_payload_of_a_copy_are_its_own():
     robot = Robot(MODEL, payload_frame='frame2')
     robot.gravity_force(Q)
     robot.parameters.payload = PAYLOAD
-    before = robot.gravity_force(Q).copy()
-    other = robot.copy()
-    assert np.array_equal(other.gravity_force(Q), before)
-    assert other.parameters.payload is PAYLOAD
-    other.parameters.gravity = (0.0, 0.0, -1.62)
-    other.parameters.payload = None
-    assert np.array_equal(robot.gravity_force(Q), before)
-    assert_same_numbers(robot.gravity_force(np.array([Q] * 5))[4], before)
+    torque_before = robot.gravity_force(Q).copy()
+    copied = robot.copy()
+    assert np.array_equal(copied.gravity_force(Q), torque_before)
+    assert copied.parameters.payload is PAYLOAD
+    copied.parameters.gravity = (0.0, 0.0, -1.62)
+    copied.parameters.payload = None
+    assert np.array_equal(robot.gravity_force(Q), torque_before)
+    assert_same_numbers(robot.gravity_force(np.array([Q] * 5))[4], torque_before)
     alone = Robot(MODEL, payload_frame='frame2')
     alone.parameters.gravity = (0.0, 0.0, -1.62)
-    assert np.array_equal(other.gravity_force(Q), alone.gravity_force(Q))
-    assert_same_numbers(other.gravity_force(np.array([Q] * 5))[4], alone.gravity_force(Q))
+    assert np.array_equal(copied.gravity_force(Q), alone.gravity_force(Q))
+    assert_same_numbers(copied.gravity_force(np.array([Q] * 5))[4],
+                        alone.gravity_force(Q))
     robot.parameters.gravity = (0.0, 0.0, -3.7)
-    assert np.array_equal(other.gravity_force(Q), alone.gravity_force(Q))
+    assert np.array_equal(copied.gravity_force(Q), alone.gravity_force(Q))
 
 
 def test_a_workspace_and_a_frame_of_a_copy_read_its_parameters():
     robot = Robot(MODEL)
     robot.bind().gravity_force()
-    other = robot.copy()
-    other.parameters.gravity = (1.0, 2.0, 3.0)
-    expected, work = other.gravity_force(Q).copy(), other.bind()
+    copied = robot.copy()
+    copied.parameters.gravity = (1.0, 2.0, 3.0)
+    expected = copied.gravity_force(Q).copy()
+    work = copied.bind()
     work.q[:] = Q
     assert np.array_equal(work.gravity_force(), expected)
-    assert np.array_equal(other.frame_pose('frame1', Q), robot.frame_pose('frame1', Q))
-    assert other.limits.lower.shape == (3,)
+    assert np.array_equal(copied.frame_pose('frame1', Q), robot.frame_pose('frame1', Q))
+    assert copied.limits.lower.shape == (3,)
 
 
 def test_the_constants_of_steps_are_not_shared():
     robot = Robot(MODEL)
     compile_simulation(robot)
-    kernel, copied = step_kernel(robot, False), step_kernel(robot.copy(), False)
+    kernel = step_kernel(robot, False)
+    copied = step_kernel(robot.copy(), False)
     assert copied.address == kernel.address
     assert not np.shares_memory(copied.parameters, kernel.parameters)
 
@@ -83,5 +87,5 @@ def test_the_constants_of_steps_are_not_shared():
 def test_copies_and_pickles_keep_assigned_limits():
     robot = Robot(random_model(3, 3))
     robot.limits = replace(robot.limits, effort=np.array([1.0, 2.0, 3.0]))
-    for other in (robot.copy(), copy(robot), pickle.loads(pickle.dumps(robot))):
-        np.testing.assert_array_equal(other.limits.effort, [1.0, 2.0, 3.0])
+    for duplicate in (robot.copy(), copy(robot), pickle.loads(pickle.dumps(robot))):
+        np.testing.assert_array_equal(duplicate.limits.effort, [1.0, 2.0, 3.0])

@@ -1,4 +1,4 @@
-"""Promises of a bound workspace: the robot's numbers on fixed memory, refused where not finite."""
+"""Promises of a bound workspace: the robot's numbers, refused where not finite."""
 
 import copy
 import gc
@@ -39,10 +39,12 @@ def bound(robot):
 @pytest.mark.parametrize('name', QUANTITIES)
 def test_every_quantity_is_the_robots_own(robot, name):
     workspace = bound(robot)
-    given = {key: getattr(workspace, key).copy() for key in ('q', 'u', 'udot', 'tau', 'wrench')}
+    arguments = {key: getattr(workspace, key).copy()
+                 for key in ('q', 'u', 'udot', 'tau', 'wrench')}
     quantity = QUANTITIES[name]
-    wrench = {'wrench': given['wrench']} if quantity.wrench else {}
-    expected = getattr(robot, name)(*[given[a] for a in quantity.arguments], **wrench)
+    wrench = {'wrench': arguments['wrench']} if quantity.wrench else {}
+    expected = getattr(robot, name)(*[arguments[a] for a in quantity.arguments],
+                                    **wrench)
     result = getattr(workspace, name)()
     assert np.array_equal(result, expected)
     assert isinstance(result, float) == isinstance(expected, float)
@@ -51,7 +53,8 @@ def test_every_quantity_is_the_robots_own(robot, name):
 @pytest.mark.parametrize('name', FRAME_QUANTITIES)
 def test_every_quantity_of_a_frame_is_the_robots_own(robot, name):
     call = bound(robot).at_frame(name, 'frame4')
-    method = {'partial_velocity_rates': robot.jacobian_rate}.get(name) or getattr(robot, name)
+    method = {'partial_velocity_rates': robot.jacobian_rate}.get(name) or getattr(
+        robot, name)
     expected = method('frame4', *STATE[:len(FRAME_QUANTITIES[name].arguments)])
     assert np.array_equal(call(), expected)
     assert call() is call()
@@ -60,7 +63,8 @@ def test_every_quantity_of_a_frame_is_the_robots_own(robot, name):
 def test_a_joints_reaction_is_the_robots_own(robot):
     workspace = bound(robot)
     call = workspace.reaction('joint2')
-    assert np.array_equal(call(), robot.joint_reaction('joint2', *STATE, wrench=workspace.wrench))
+    assert np.array_equal(
+        call(), robot.joint_reaction('joint2', *STATE, wrench=workspace.wrench))
     assert call is workspace.reaction('joint2')
 
 
@@ -102,7 +106,8 @@ def test_no_infinite_result_is_returned(robot):
 def test_memory_stays_where_it_is(robot):
     workspace = bound(robot)
     for name in ('q', 'inverse_dynamics', 'nothing'):
-        with pytest.raises(InputError, match=rf'workspace.{name}: assigned; .*{name}\[:\]'):
+        with pytest.raises(InputError,
+                           match=rf'workspace.{name}: assigned; .*{name}\[:\]'):
             setattr(workspace, name, np.zeros(5))
     for array in (workspace.q, workspace.tau, workspace.mass_matrix()):
         with pytest.raises(ValueError, match='own'):
@@ -111,9 +116,11 @@ def test_memory_stays_where_it_is(robot):
 
 def test_arguments_and_unknown_names_are_refused(robot):
     workspace = bound(robot)
-    with pytest.raises(InputError, match=r'workspace: inverse_dynamics\(ndarray\); expected no'):
+    with pytest.raises(InputError,
+                       match=r'workspace: inverse_dynamics\(ndarray\); expected no'):
         workspace.inverse_dynamics(STATE[0])
-    with pytest.raises((InputError, TypeError), match=r'inverse_dynamics\(.*no .*arguments'):
+    with pytest.raises((InputError, TypeError),
+                       match=r'inverse_dynamics\(.*no .*arguments'):
         workspace.inverse_dynamics(q=STATE[0])
     with pytest.raises(AttributeError, match='torque'):
         _ = workspace.torque
@@ -127,43 +134,53 @@ def test_arguments_and_unknown_names_are_refused(robot):
 
 
 @pytest.mark.parametrize(('call', 'words'), [
-    (lambda w: w.at_frame('frame_pose'), r"at_frame\(\) missing .*'frame'; expected .*at_frame\("),
-    (lambda w: w.at_frame('frame_pose', 'frame4', 1), r'at_frame\(\) takes .*; expected '),
-    (lambda w: w.at_frame('frame_pose', frames='frame4'), r"at_frame.* 'frames'; expected frame="),
-    (lambda w: w.reaction(), r"reaction\(\) missing .*'joint'; expected .*reaction\(joint\)")])
-def test_arguments_that_a_method_does_not_take_are_answered_with_those_it_takes(robot, call,
-                                                                                words):
+    (lambda w: w.at_frame('frame_pose'),
+     r"at_frame\(\) missing .*'frame'; expected .*at_frame\("),
+    (lambda w: w.at_frame('frame_pose', 'frame4', 1),
+     r'at_frame\(\) takes .*; expected '),
+    (lambda w: w.at_frame('frame_pose', frames='frame4'),
+     r"at_frame.* 'frames'; expected frame="),
+    (lambda w: w.reaction(),
+     r"reaction\(\) missing .*'joint'; expected .*reaction\(joint\)")])
+def test_arguments_that_a_method_does_not_take_are_answered_with_those_it_takes(
+        robot, call, words):
     with pytest.raises(TypeError, match=rf'^Workspace\.{words}'):
         call(robot.bind())
 
 
 @pytest.mark.parametrize('name', [3, None, ['frame4']])
 def test_a_name_that_is_no_text_is_refused(robot, name):
-    workspace, given = robot.bind(), type(name).__name__
+    workspace = robot.bind()
+    kind = type(name).__name__
     for what, call in (('name', lambda: workspace.at_frame(name, 'frame4')),
                        ('frame', lambda: workspace.at_frame('frame_pose', name)),
                        ('joint', lambda: workspace.reaction(name))):
-        with pytest.raises(InputError, match=rf'^{what}: a {given}; expected the name of a'):
+        with pytest.raises(InputError,
+                           match=rf'^{what}: a {kind}; expected the name of a'):
             call()
-    with pytest.raises(InputError, match=r'^kernels: a Robot; expected .*robot\.bind\(\)'):
+    with pytest.raises(InputError,
+                       match=r'^kernels: a Robot; expected .*robot\.bind\(\)'):
         Workspace(robot)
 
 
 def test_two_workspaces_share_nothing(robot):
-    first, second = bound(robot), robot.bind()
+    first = bound(robot)
+    second = robot.bind()
     expected = first.inverse_dynamics().copy()
     second.inverse_dynamics()
     assert np.array_equal(first.tau, expected)
 
 
 def test_a_quantity_serves_workspaces_that_were_there_before_its_first_use(robot):
-    before, user = robot.bind(), bound(robot)
+    earlier = robot.bind()
+    user = bound(robot)
     expected = user.gravity_force().copy()
-    after = bound(robot)
-    assert not np.array_equal(before.gravity_force(), expected), 'at zero, not at the state'
-    assert np.array_equal(after.gravity_force(), expected)
+    later = bound(robot)
+    assert not np.array_equal(earlier.gravity_force(),
+                              expected), 'at zero, not at the state'
+    assert np.array_equal(later.gravity_force(), expected)
     assert np.array_equal(user.gravity_force(), expected)
-    assert len({id(w.gravity_force()) for w in (before, user, after)}) == 3
+    assert len({id(w.gravity_force()) for w in (earlier, user, later)}) == 3
 
 
 def test_quantities_are_methods_of_machine_code_found_without_a_look_into_the_object():
@@ -203,14 +220,14 @@ def test_a_call_allocates_nothing():
     references = [sys.getrefcount(call()) for call in calls]
     loop = [None] * 1000
     tracemalloc.start()
-    before = tracemalloc.get_traced_memory()[0]
+    memory_before = tracemalloc.get_traced_memory()[0]
     tracemalloc.reset_peak()
     for _ in loop:
         for call in calls:
             call()
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak - before < 200  # the loops' own iterators
+    assert peak - memory_before < 200  # the loops' own iterators
     assert [sys.getrefcount(call()) for call in calls] == references
 
 
@@ -232,9 +249,10 @@ def test_a_subclass_that_forgets_its_base_is_initialized_all_the_same(robot, bas
         def __init__(self, kernels):
             pass
     expected = robot.gravity_force(STATE[0])
-    own, made = Own(robot.kernels), Workspace.__new__(Workspace, robot.kernels)
-    assert isinstance(own, Own)
-    for workspace in (own, made):
+    derived = Own(robot.kernels)
+    bare = Workspace.__new__(Workspace, robot.kernels)
+    assert isinstance(derived, Own)
+    for workspace in (derived, bare):
         workspace.q[:] = STATE[0]
         assert np.array_equal(workspace.gravity_force(), expected)
 
@@ -255,8 +273,10 @@ def test_a_method_of_the_robot_is_pickled_with_it_and_a_bound_one_is_refused(rob
     call = pickle.loads(pickle.dumps(robot.gravity_force))
     assert np.array_equal(call(STATE[0]), robot.gravity_force(STATE[0]))
     workspace = bound(robot)
-    for function in (workspace.gravity_force, workspace.at_frame('frame_pose', 'frame4')):
-        # Without native methods the error is Python's; 3.13 has other words, 3.14 another type.
+    for function in (workspace.gravity_force,
+                     workspace.at_frame('frame_pose', 'frame4')):
+        # Without native methods the error is Python's; 3.13 has other words, 3.14
+        # another type.
         with pytest.raises((TypeError, AttributeError, pickle.PicklingError),
                            match=r"pickle|Can't get local object"):
             pickle.dumps(function)

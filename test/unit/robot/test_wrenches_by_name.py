@@ -1,10 +1,10 @@
-"""Wrenches and payloads without declaring their frames, several frames a call, body Jacobians."""
+"""Wrenches and payloads without declared frames, several a call, body Jacobians."""
 
 from functools import cache
 import pickle
 
-from kane_dynamics import (Inertial, InputError, load_urdf, ModelError, ModelWarning, point_mass,
-                           pose_from, Robot)
+from kane_dynamics import (Inertial, InputError, load_urdf, ModelError, ModelWarning,
+                           point_mass, pose_from, Robot)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.model.model import with_payload
 from linkages import four_bar
@@ -34,21 +34,23 @@ def test_a_wrench_by_name_acts_as_the_jacobian_says(count):
     robot = arm()
     force = (np.swapaxes(robot.jacobian('tool0', q), -1, -2) @ wrench[..., None])[..., 0]
     tau = robot.inverse_dynamics(q, u, udot)
-    assert_allclose(robot.inverse_dynamics(q, u, udot, wrench={'tool0': wrench}), tau - force,
-                    atol=1e-12)
+    assert_allclose(robot.inverse_dynamics(q, u, udot, wrench={'tool0': wrench}),
+                    tau - force, atol=1e-12)
     assert_allclose(robot.external_force(q, wrench={'tool0': wrench}), force, atol=1e-12)
-    assert_allclose(robot.forward_dynamics(q, u, tau - force, wrench={'tool0': wrench}), udot,
-                    atol=1e-9)
+    assert_allclose(robot.forward_dynamics(q, u, tau - force, wrench={'tool0': wrench}),
+                    udot, atol=1e-9)
     both = {'tool0': wrench, 'forearm_link': wrench}
-    forearm = (np.swapaxes(robot.jacobian('forearm_link', q), -1, -2) @ wrench[..., None])[..., 0]
+    forearm = (np.swapaxes(robot.jacobian('forearm_link',
+                                          q), -1, -2) @ wrench[..., None])[..., 0]
     assert_allclose(robot.external_force(q, wrench=both), force + forearm, atol=1e-12)
 
 
 def test_a_wrench_by_name_equals_a_wrench_by_row():
-    robot, (q, u, udot, wrench) = arm(wrench_frames=('tool0',)), states()
+    robot = arm(wrench_frames=('tool0',))
+    q, u, udot, wrench = states()
     expected = robot.inverse_dynamics(q, u, udot, wrench=wrench[None])
-    for given in (wrench, {'tool0': wrench}, list(wrench)):
-        assert_array_equal(robot.inverse_dynamics(q, u, udot, wrench=given), expected)
+    for form in (wrench, {'tool0': wrench}, list(wrench)):
+        assert_array_equal(robot.inverse_dynamics(q, u, udot, wrench=form), expected)
     assert_array_equal(robot.inverse_dynamics(q, u, udot, wrench={}),
                        robot.inverse_dynamics(q, u, udot))
     q, u, udot, wrench = states(3)
@@ -63,18 +65,22 @@ def test_a_wrench_by_name_equals_a_wrench_by_row():
 
 
 def test_kernels_of_other_frames_use_the_present_gravity_and_payload():
-    robot, (q, u, udot, wrench) = Robot(arm().model, payload_frame='tool0'), states()
+    robot = Robot(arm().model, payload_frame='tool0')
+    q, u, udot, wrench = states()
     for gravity, payload in (((0, 0, -9.81), None), ((1, 2, 3), LOAD)):
-        robot.parameters.gravity, robot.parameters.payload = gravity, payload
-        assert_allclose(robot.inverse_dynamics(q, u, udot, wrench={'forearm_link': wrench}),
-                        robot.inverse_dynamics(q, u, udot)
-                        - robot.jacobian('forearm_link', q).T @ wrench, atol=1e-12)
+        robot.parameters.gravity = gravity
+        robot.parameters.payload = payload
+        assert_allclose(
+            robot.inverse_dynamics(q, u, udot, wrench={'forearm_link': wrench}),
+            robot.inverse_dynamics(q, u, udot)
+            - robot.jacobian('forearm_link', q).T @ wrench, atol=1e-12)
 
 
 def test_wrenches_by_name_act_on_closed_loops():
     robot = four_bar('crank')
     q = robot.random_configuration(1)
-    u, wrench = np.array([0.7]), np.array([1.0, 0.0, 2.0, 0.0, 0.3, 0.0])
+    u = np.array([0.7])
+    wrench = np.array([1.0, 0.0, 2.0, 0.0, 0.3, 0.0])
     frame = robot.frame_names[-1]
     assert_allclose(robot.external_force(q, wrench={frame: wrench}),
                     robot.jacobian(frame, q).T @ wrench, atol=1e-12)
@@ -93,33 +99,35 @@ def test_a_wrong_wrench_is_refused_by_name(wrench, words):
 
 
 def test_a_payload_at_any_frame_is_the_model_with_it():
-    robot, (q, u, udot, _) = arm(), states()
+    robot = arm()
+    q, u, udot, _ = states()
     carrying = robot.with_payload('tool0', LOAD)
     model = with_payload(robot.model, 'tool0', LOAD)
     expected = Robot(model).inverse_dynamics(q, u, udot)
     assert_allclose(carrying.inverse_dynamics(q, u, udot), expected, rtol=1e-12)
-    more = carrying.with_payload('forearm_link', point_mass(1.0))
+    with_more = carrying.with_payload('forearm_link', point_mass(1.0))
     model = with_payload(model, 'forearm_link', point_mass(1.0))
-    assert_allclose(more.inverse_dynamics(q, u, udot), Robot(model).inverse_dynamics(q, u, udot),
-                    rtol=1e-12)
+    assert_allclose(with_more.inverse_dynamics(q, u, udot),
+                    Robot(model).inverse_dynamics(q, u, udot), rtol=1e-12)
     empty = carrying.with_payload('tool0', None)
-    assert_allclose(empty.inverse_dynamics(q, u, udot), robot.inverse_dynamics(q, u, udot),
-                    rtol=1e-12)
+    assert_allclose(empty.inverse_dynamics(q, u, udot),
+                    robot.inverse_dynamics(q, u, udot), rtol=1e-12)
     assert carrying.parameters.payload is LOAD
 
 
 def test_payloads_at_two_frames_are_taken_off_one_by_one():
-    robot, (q, u, udot, _) = arm(), states()
+    robot = arm()
+    q, u, udot, _ = states()
     part = point_mass(1.0)
     both = robot.with_payload('tool0', LOAD).with_payload('forearm_link', part)
     for two in (both, both.copy(), pickle.loads(pickle.dumps(both))):
         one = two.with_payload('tool0', None)
         expected = robot.with_payload('forearm_link', part)
-        assert_allclose(one.inverse_dynamics(q, u, udot), expected.inverse_dynamics(q, u, udot),
-                        rtol=1e-12)
+        assert_allclose(one.inverse_dynamics(q, u, udot),
+                        expected.inverse_dynamics(q, u, udot), rtol=1e-12)
         none = one.with_payload('forearm_link', None)
-        assert_allclose(none.inverse_dynamics(q, u, udot), robot.inverse_dynamics(q, u, udot),
-                        rtol=1e-12)
+        assert_allclose(none.inverse_dynamics(q, u, udot),
+                        robot.inverse_dynamics(q, u, udot), rtol=1e-12)
 
 
 @pytest.mark.parametrize('moment', range(3))
@@ -133,7 +141,8 @@ def test_ten_parameters_with_a_first_moment_and_no_mass_are_refused(moment):
 def test_impossible_payloads_are_refused_and_far_ones_warned_of():
     with pytest.raises(InputError, match='principal moments of inertia are'):
         arm().with_payload('tool0', Inertial(1.0, (0, 0, 0), np.diag([1.0, 0.1, 0.1])))
-    with pytest.warns(ModelWarning, match='center of mass 80 m from its frame.*expected m'):
+    with pytest.warns(ModelWarning,
+                      match='center of mass 80 m from its frame.*expected m'):
         arm().with_payload('tool0', point_mass(1.0, at=(80.0, 0.0, 0.0)))
 
 
@@ -142,7 +151,8 @@ def test_impossible_payloads_are_refused_and_far_ones_warned_of():
 def test_the_body_jacobian_is_pinocchios_local_one():
     pin = pytest.importorskip('pinocchio')
     peer = pin.buildModelFromUrdf(str(resource_path('urdf', 'ur10e.urdf')))
-    data, (q, *_) = peer.createData(), states()
+    data = peer.createData()
+    q, *_ = states()
     local = pin.computeFrameJacobian(peer, data, q, peer.getFrameId('tool0'),
                                      pin.ReferenceFrame.LOCAL)
     assert_allclose(arm().jacobian('tool0', q, axes='frame'), local, atol=1e-12)
