@@ -1,17 +1,21 @@
-"""Elastic joints in motion: closed forms, energy, order, stops, motors held and controlled."""
+"""Elastic joints in motion: closed forms, energy, order, stops, motors."""
 
 import warnings
 
-from kane_dynamics import (Drive, Inertial, Limits, load_urdf, longest_step, ModelBuilder,
-                           natural_vibration, Prescribed, Robot, simulate, StiffnessCurve,
-                           with_drives)
+from kane_dynamics import (Drive, Inertial, Limits, load_urdf, longest_step,
+                           ModelBuilder, natural_vibration, Prescribed, Robot, simulate,
+                           StiffnessCurve, with_drives)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import ModelWarning
 from kane_dynamics.model.editing import with_locked
 import numpy as np
 import pytest
 
-J, B, K, D = 0.5, 0.2, 800.0, 1.5  # kg m^2, kg m^2, N m/rad, N m s/rad
+# Kg m^2, kg m^2, N m/rad, N m s/rad.
+J = 0.5
+B = 0.2
+K = 800.0
+D = 1.5
 TWO_LINK = resource_path('urdf', 'two_link.urdf')
 
 
@@ -19,7 +23,8 @@ def two_mass(damping=0.0, stiffness=K, friction=None, **joint):
     """Return a link on a vertical axis, without gravity, behind an elastic drive."""
     builder = ModelBuilder('two mass', gravity=(0.0, 0.0, 0.0))
     link = Inertial(1.0, np.zeros(3), J * np.eye(3))
-    builder.body('link', 'world', 'revolute', axis=(0, 0, 1), joint='hinge', inertial=link,
+    builder.body('link', 'world', 'revolute',
+                 axis=(0, 0, 1), joint='hinge', inertial=link,
                  **joint)
     drive = Drive(stiffness, damping, rotor_inertia=B, friction=friction or {})
     return with_drives(builder.model(), {'hinge': drive})
@@ -33,7 +38,7 @@ def elastic_two_link(**options):
 
 
 def state_matrix(damping, kp=0.0, kd=0.0):
-    """Return A of x' = A x, x = (q, theta, q', theta'), with a controller of the motor."""
+    """Return A of x' = A x, x = (q, theta, q', theta'), under motor control."""
     stiffness = np.array([[K, -K], [-K, K + kp]])
     resistance = np.array([[damping, -damping], [-damping, damping + kd]])
     M = np.diag([J, B])
@@ -91,7 +96,8 @@ def test_the_energy_of_links_springs_and_rotors_is_conserved(stiffness):
 @pytest.mark.parametrize(('integrator', 'order'), [('rk4', 4), ('implicit', 2)])
 def test_the_order_of_the_integrators_holds_for_elastic_joints(integrator, order):
     robot = Robot(elastic_two_link(damping=0.2))
-    q0, u0 = [0.4, 0.9, 0.42, 0.85], [0.5, -1.0, 1.0, 0.0]
+    q0 = [0.4, 0.9, 0.42, 0.85]
+    u0 = [0.5, -1.0, 1.0, 0.0]
 
     def end(step):
         with warnings.catch_warnings():
@@ -99,7 +105,8 @@ def test_the_order_of_the_integrators_holds_for_elastic_joints(integrator, order
             return simulate(robot, q0, u0, 0.1, step=step, integrator=integrator,
                             sample=0.1).q[-1]
     reference = end(1e-5)
-    coarse, fine = (np.abs(end(h) - reference).max() for h in (1e-3, 5e-4))
+    coarse = np.abs(end(1e-3) - reference).max()
+    fine = np.abs(end(5e-4) - reference).max()
     assert np.log2(coarse / fine) == pytest.approx(order, abs=0.35)
 
 
@@ -153,7 +160,8 @@ def test_motors_that_are_held_leave_an_arm_on_springs():
 
 def test_motors_that_move_as_functions_of_time_drive_the_links():
     # Link on a spring whose other end moves: J q'' = K (theta(t) - q).
-    amplitude, rate = 0.1, 5.0
+    amplitude = 0.1
+    rate = 5.0
     robot = Robot(two_mass(), constraints=[
         Prescribed('hinge_motor', lambda t: amplitude * np.sin(rate * t))])
     motion = simulate(robot, [0.0, 0.0], [0.0], 1.0, step=1e-3)
@@ -164,7 +172,10 @@ def test_motors_that_move_as_functions_of_time_drive_the_links():
 
 
 def test_a_controller_of_the_motor_moves_the_link_as_the_linear_system_does():
-    kp, kd, target, step = 60.0, 8.0, 0.5, 1e-3
+    kp = 60.0
+    kd = 8.0
+    target = 0.5
+    step = 1e-3
     robot = Robot(two_mass(D))
 
     def control(t, q, u):
@@ -174,9 +185,11 @@ def test_a_controller_of_the_motor_moves_the_link_as_the_linear_system_does():
     # The torque is held during a step: x+ = P x + G tau.
     A = state_matrix(D)
     augmented = np.zeros((5, 5))
-    augmented[:4, :4], augmented[3, 4] = A, 1.0 / B
+    augmented[:4, :4] = A
+    augmented[3, 4] = 1.0 / B
     # The matrix is defective, so that its exponential is computed by its series.
-    power, step_matrix = np.eye(5), np.eye(5)
+    power = np.eye(5)
+    step_matrix = np.eye(5)
     for k in range(1, 25):
         power = power @ augmented * (step / k)
         step_matrix = step_matrix + power

@@ -1,10 +1,11 @@
-"""The implicit integrator with constraints, chosen speeds, functions of time and ball joints."""
+"""The implicit integrator with constraints, speeds, time and ball joints."""
 
 from functools import cache
 import warnings
 
 from kane_dynamics import (absolute_rates, Closure, ComputedTorque, ConstraintError,
-                           longest_step, ModelBuilder, ModelWarning, Motion, Robot, rod, simulate)
+                           longest_step, ModelBuilder, ModelWarning, Motion, Robot, rod,
+                           simulate)
 from kinds_of_mechanism import case
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh, sleigh_path, SPIN
 import numpy as np
@@ -19,27 +20,30 @@ SPRUNG = {'stiffness': 1e7, 'damping': 2e3}
 def linkage(**coupler):
     """Return a four-bar with this friction and spring in the joint of its coupler."""
     b = ModelBuilder('four-bar')
-    on, at = 'world', 0.0
+    on = 'world'
+    at = 0.0
     for name, length in zip(('crank', 'coupler', 'rocker'), (0.3, 0.9, 0.7)):
         b.body(name, on, axis=(0, -1, 0), at=(at, 0, 0),
                inertial=rod(2.0 * length, (0, 0, 0), (length, 0, 0)),
                **(coupler if name == 'coupler' else {}))
-        on, at = name, length
+        on = name
+        at = length
     b.frame('end', on, at=(at, 0, 0))
     b.frame('ground', 'world', at=(1, 0, 0))
-    return Robot(b.model(), independent=['crank'],
-                 constraints=[Closure('end', 'ground', 'revolute', axis=(0, 1, 0), name='pin')])
+    return Robot(
+        b.model(), independent=['crank'],
+        constraints=[Closure('end', 'ground', 'revolute', axis=(0, 1, 0), name='pin')])
 
 
 def exact(robot, q, u, tau, duration):
-    """Return q and u at the end, by an implicit method that is not ours; loops stay closed."""
+    """Return q and u at the end by another implicit method; loops stay closed."""
     def rates(t, x):
         q = robot.closed_configuration(x[:robot.n_q], fixed=['crank'])
         return np.concatenate([robot.joint_rates(q, x[robot.n_q:]),
                                robot.forward_dynamics(q, x[robot.n_q:], tau)])
-    found = solve_ivp(rates, (0.0, duration), np.concatenate([q, u]), 'BDF', rtol=1e-7,
-                      atol=1e-8)
-    return found.y[:robot.n_q, -1], found.y[robot.n_q:, -1]
+    solution = solve_ivp(rates, (0.0, duration), np.concatenate([q, u]), 'BDF',
+                         rtol=1e-7, atol=1e-8)
+    return solution.y[:robot.n_q, -1], solution.y[robot.n_q:, -1]
 
 
 @pytest.mark.parametrize('kind', ['chosen speeds', 'closed loop', 'nonholonomic',
@@ -47,14 +51,16 @@ def exact(robot, q, u, tau, duration):
 def test_half_the_step_leaves_a_quarter_of_the_error(kind):
     one = case(kind)
     robot = one.robot
-    if kind in ('chosen speeds', 'free and ball joints'):  # joints that stop are not smooth
+    # Joints that stop are not smooth.
+    if kind in ('chosen speeds', 'free and ball joints'):
         speeds = {'speeds': absolute_rates} if kind == 'chosen speeds' else {}
         robot = Robot(robot.model, friction=False, **speeds)
-    given = {'torque': np.linspace(1.0, 2.0, robot.n), 't0': one.time}
-    exactly = simulate(robot, one.q, one.u, 0.1, step=5e-4, **given)
+    arguments = {'torque': np.linspace(1.0, 2.0, robot.n), 't0': one.time}
+    exactly = simulate(robot, one.q, one.u, 0.1, step=5e-4, **arguments)
     errors = []
     for step in (4e-3, 2e-3, 1e-3):
-        run = simulate(robot, one.q, one.u, 0.1, step=step, integrator='implicit', **given)
+        run = simulate(robot, one.q, one.u, 0.1,
+                       step=step, integrator='implicit', **arguments)
         assert not run.warnings and run.drift < 1e-9
         errors.append(max(np.abs(run.q[-1] - exactly.q[-1]).max(),
                           np.abs(run.u[-1] - exactly.u[-1]).max()))
@@ -63,7 +69,10 @@ def test_half_the_step_leaves_a_quarter_of_the_error(kind):
 
 
 def test_a_four_bar_with_identified_friction_moves_rightly_at_a_millisecond():
-    robot, q, u, tau = linkage(**IDENTIFIED), at_angle(0.8), np.array([2.0]), np.array([40.0])
+    robot = linkage(**IDENTIFIED)
+    q = at_angle(0.8)
+    u = np.array([2.0])
+    tau = np.array([40.0])
     assert longest_step(robot, q).step < 1e-4
     q_end, u_end = exact(robot, q, u, tau, 0.5)
     with warnings.catch_warnings():
@@ -78,7 +87,8 @@ def test_a_four_bar_with_identified_friction_moves_rightly_at_a_millisecond():
 
 
 def test_a_four_bar_whose_friction_holds_it_stands_as_long_as_one_likes():
-    robot, q = linkage(**IDENTIFIED), at_angle(0.8)
+    robot = linkage(**IDENTIFIED)
+    q = at_angle(0.8)
     tau = robot.gravity_force(q) + 1.0
     run = simulate(robot, q, [0.01], 2.0, step=5e-3, torque=tau, integrator='implicit')
     balance = robot.bias_force(run.q[-1], run.u[-1]) - tau
@@ -93,7 +103,8 @@ def test_a_stiff_spring_in_a_loop_does_not_limit_the_step(step):
     assert longest_step(robot, q).step < 1e-3
     run = simulate(robot, q, [0.05], 100 * step, step=step, integrator='implicit')
     assert np.abs(run.u[-1]).max() < 1e-4
-    at_rest = robot.gravity_force(q) / robot.joint_rates(q, [1.0])[1]**2 / SPRUNG['stiffness']
+    at_rest = robot.gravity_force(q) / robot.joint_rates(
+        q, [1.0])[1]**2 / SPRUNG['stiffness']
     np.testing.assert_allclose(run.q[-1, 0] - q[0], -at_rest[0], rtol=1e-2)
     assert run.drift < 1e-9
 
@@ -105,7 +116,8 @@ def test_each_of_many_simulations_is_that_alone_and_feedback_follows():
     for k in range(3):
         alone = simulate(robot, q[k], [1.0], 0.05, integrator='implicit')
         np.testing.assert_allclose(many.q[k], alone.q, rtol=1e-9, atol=1e-12)
-    motion = Motion.from_points([0.0, 0.5], [[q[1, 0]], [q[1, 0] + 0.5]], joint_names=['crank'])
+    motion = Motion.from_points([0.0, 0.5], [[q[1, 0]], [q[1, 0] + 0.5]],
+                                joint_names=['crank'])
     damped = linkage(damping=3.0)
     run = simulate(damped, q[1], [0.0], 0.5, integrator='implicit',
                    torque=ComputedTorque(damped, motion, 400.0, 40.0))
@@ -122,10 +134,12 @@ def test_independent_speeds_change_before_they_become_singular():
 def test_singular_configurations_are_the_errors_of_every_integrator():
     parallelogram = Robot(four_bar_model(bars=(0.5, 1.0, 0.5)), constraints=[PIN],
                           independent=['crank'], configuration=(1.0, -1.0, 1.0 - np.pi))
-    given = {'step': 1e-3, 'integrator': 'implicit'}
-    with pytest.raises(ConstraintError, match=r"kinematic singularity \(dead point\).*'pin'"):
-        simulate(parallelogram, (1.0, -1.0, 1.0 - np.pi), [6.0], 3.0, **given)
+    arguments = {'step': 1e-3, 'integrator': 'implicit'}
+    with pytest.raises(ConstraintError,
+                       match=r"kinematic singularity \(dead point\).*'pin'"):
+        simulate(parallelogram, (1.0, -1.0, 1.0 - np.pi), [6.0], 3.0, **arguments)
     with pytest.raises(ConstraintError, match=r"speeds rocker become singular .*'pin'"):
-        simulate(four_bar('rocker'), at_angle(0.8), [1.97016605], 2.0, **given)
-    with pytest.raises(ConstraintError, match=r"body/x, body/rz become singular .*'runner'"):
-        simulate(sleigh('body/x', 'body/rz'), [0, 0, 0], [0.0, SPIN], 3.0, **given)
+        simulate(four_bar('rocker'), at_angle(0.8), [1.97016605], 2.0, **arguments)
+    with pytest.raises(ConstraintError,
+                       match=r"body/x, body/rz become singular .*'runner'"):
+        simulate(sleigh('body/x', 'body/rz'), [0, 0, 0], [0.0, SPIN], 3.0, **arguments)

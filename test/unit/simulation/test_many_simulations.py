@@ -1,4 +1,4 @@
-"""Promises of simulating many initial states at once: the numbers of one, cap and refusals."""
+"""Promises of many initial states at once: the numbers of one, refusals."""
 
 from dataclasses import replace
 import re
@@ -15,7 +15,8 @@ import pytest
 
 MODEL = random_model(11, 4, mimics=1)
 W = llvm_simd.width()
-N, STEPS = 2 * W + 3, 40
+N = 2 * W + 3
+STEPS = 40
 ARRAYS = ('q', 'u', 'udot', 'tau', 'energy')
 rng = np.random.default_rng(4)
 Q0, U0 = rng.uniform(-1.0, 1.0, (2, N, 4))
@@ -29,7 +30,8 @@ def robot():
 
 def law(robot):
     """Return computed torque on some motion."""
-    motion = Motion.from_points([0.0, 0.02, 0.04], np.cumsum(rng.normal(size=(3, 4)), axis=0),
+    motion = Motion.from_points([0.0, 0.02, 0.04],
+                                np.cumsum(rng.normal(size=(3, 4)), axis=0),
                                 joint_names=robot.joint_names)
     return ComputedTorque(robot, motion, 300.0, 30.0)
 
@@ -48,11 +50,13 @@ TORQUES = {
 def test_each_of_many_simulations_is_the_one_alone(robot, kind):
     torque = TORQUES[kind](robot)
     many = simulate(robot, Q0, U0, STEPS * 1e-3, torque=torque, sample=3e-3)
-    assert many.q.shape == (N, STEPS // 3 + 2, 4) and many.energy.shape == (N, STEPS // 3 + 2, 2)
+    assert many.q.shape == (N, STEPS // 3 + 2, 4)
+    assert many.energy.shape == (N, STEPS // 3 + 2, 2)
     for k in range(N):
-        own = torque[k] if np.ndim(torque) == 3 else torque
-        alone, among = (simulate(robot, Q0[k], U0[k], STEPS * 1e-3, torque=own, sample=3e-3),
-                        many.state(k))
+        row_torque = torque[k] if np.ndim(torque) == 3 else torque
+        alone = simulate(robot, Q0[k], U0[k], STEPS * 1e-3,
+                         torque=row_torque, sample=3e-3)
+        among = many.state(k)
         np.testing.assert_array_equal(among.t, alone.t)
         for name in ARRAYS:
             expected = getattr(alone, name)
@@ -66,7 +70,8 @@ def test_a_simulation_does_not_depend_on_the_others_or_on_threads(robot, monkeyp
     monkeypatch.setenv(threads.VARIABLE, '1')
     torque = rng.normal(size=(N, STEPS, 4))
     whole = simulate(robot, Q0, U0, STEPS * 1e-3, torque=torque)
-    part = simulate(robot, Q0[5:W + 6], U0[5:W + 6], STEPS * 1e-3, torque=torque[5:W + 6])
+    part = simulate(robot, Q0[5:W + 6], U0[5:W + 6], STEPS * 1e-3,
+                    torque=torque[5:W + 6])
     monkeypatch.setenv(threads.VARIABLE, '3')
     monkeypatch.setattr(threads, 'THREAD_WORK', 1e-12)
     threaded = simulate(robot, Q0, U0, STEPS * 1e-3, torque=torque)
@@ -109,9 +114,11 @@ def test_too_many_events_are_refused_not_dropped(robot, monkeypatch):
 
 
 def test_progress_is_reported_and_can_end_many_simulations(robot):
-    seen = []
-    simulate(robot, Q0, U0, 1.0, progress=seen.append)
-    assert seen == sorted(seen) and seen[-1] == pytest.approx(1.0) and len(seen) > 1
+    reported = []
+    simulate(robot, Q0, U0, 1.0, progress=reported.append)
+    assert reported == sorted(reported)
+    assert reported[-1] == pytest.approx(1.0)
+    assert len(reported) > 1
     run = simulate(robot, Q0, U0, 100.0, progress=lambda t: False)
     assert 0.0 < run.t[-1] < 10.0 and run.q.shape == (N, len(run.t), 4)
     alone = simulate(robot, Q0[1], U0[1], run.t[-1])
@@ -122,10 +129,12 @@ def test_progress_is_reported_and_can_end_many_simulations(robot):
 def test_no_initial_states_are_simulated_with_every_kind_of_mechanism(kind):
     robot = case(kind).robot
     none = simulate(robot, np.zeros((0, robot.n_q)), np.zeros((0, robot.n)), 0.01)
-    rows, joints = len(robot.constraint_names), len(robot.joint_names)
+    rows = len(robot.constraint_names)
+    joints = len(robot.joint_names)
     assert none.q.shape == (0, 11, robot.n_q)
     assert none.u.shape == none.udot.shape == none.tau.shape == (0, 11, robot.n)
-    assert none.constraint_forces.shape == none.constraint_residual.shape == (0, 11, rows)
+    assert none.constraint_forces.shape == none.constraint_residual.shape == (0, 11,
+                                                                              rows)
     assert none.stop_forces.shape == (0, 11, joints)
 
 
@@ -145,14 +154,16 @@ def test_without_a_sample_time_rows_get_fewer_as_states_get_more(robot, monkeypa
 @pytest.mark.parametrize('change, words', [
     ({'u0': U0[0]}, ['q0', f'({N}, 4)', 'u0', '(4,)', '(N, 4)']),
     ({'u0': U0[:-1]}, [f'({N - 1}, 4)']),
-    ({'q0': np.where(np.arange(N)[:, None] == 3, np.nan, Q0)}, ['q0[3, 0]', "'joint0'", 'nan']),
+    ({'q0': np.where(np.arange(N)[:, None] == 3, np.nan, Q0)},
+     ['q0[3, 0]', "'joint0'", 'nan']),
     ({'torque': lambda t, q, u: q}, ['a function', f'{N} initial states']),
-    ({'torque': np.zeros((N - 1, 100, 4))}, [f'({N - 1}, 100, 4)', f'each of the {N} states']),
+    ({'torque': np.zeros((N - 1, 100, 4))},
+     [f'({N - 1}, 100, 4)', f'each of the {N} states']),
     ({'torque': np.zeros((N, 99, 4))}, ['torque: 99 rows', '100']),
     ({'torque': np.zeros((N, 100, 3))}, ['torque', '(100, 4)']),
     ({'torque': np.full((N, 100, 4), np.nan)}, ['torque[0, 0, 0]', 'nan']),
-    ({'duration': 1e3, 'sample': 1e-3}, [f'for each of {N} initial states',
-                                         'at most 1000000 together', 'fewer states']),
+    ({'duration': 1e3, 'sample': 1e-3},
+     [f'for each of {N} initial states', 'at most 1000000 together', 'fewer states']),
 ])
 def test_bad_requests_are_refused_in_words(robot, change, words):
     with pytest.raises(InputError) as error:
@@ -164,7 +175,8 @@ def test_bad_requests_are_refused_in_words(robot, change, words):
 def test_the_simulation_that_diverges_is_named(robot):
     wild = U0.copy()
     wild[W + 1] = 1e200
-    with pytest.raises(InputError, match=rf'simulation {W + 1}: the state diverged .* at'):
+    with pytest.raises(InputError,
+                       match=rf'simulation {W + 1}: the state diverged .* at'):
         simulate(robot, Q0, wild, 0.1)
 
 
@@ -176,7 +188,8 @@ def test_files_keep_every_number_and_pictures_need_one_motion(robot, tmp_path):
         np.testing.assert_array_equal(getattr(back, name), getattr(run, name))
     assert back.limit_events == run.limit_events
     for what in ('save_csv', 'plot'):
-        with pytest.raises(InputError, match=rf'{what}: trajectory of \d+ motions.*state\(k\)'):
+        with pytest.raises(InputError,
+                           match=rf'{what}: trajectory of \d+ motions.*state\(k\)'):
             getattr(run, what)(tmp_path / 'x')
     run.state(-1).save_csv(tmp_path / 'last.csv')
     assert run.state(-1).limit_events == run.state(N - 1).limit_events

@@ -6,7 +6,7 @@ import pytest
 
 
 def extremes_after(buffer):
-    """Return the extremes of the states, (N, K + 1, size), of a chunk, whose first is earlier."""
+    """Return the extremes of a chunk's states, (N, K + 1, size), first one earlier."""
     return Chunk(0, np.arange(buffer.shape[1]), buffer, None, None).extremes
 
 

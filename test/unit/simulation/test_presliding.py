@@ -1,10 +1,10 @@
-"""Friction with a state of its own: Dahl, LuGre, all kinds of mechanisms, energy, stops."""
+"""Friction with its own state: Dahl, LuGre, all mechanisms, energy, stops."""
 
 from dataclasses import replace
 
-from kane_dynamics import (ComputedTorque, Drive, Limits, longest_step, ModelBuilder, Motion,
-                           point_mass, PointVelocity, Prescribed, Robot, rod, simulate,
-                           Trajectory, with_drives)
+from kane_dynamics import (ComputedTorque, Drive, Limits, longest_step, ModelBuilder,
+                           Motion, point_mass, PointVelocity, Prescribed, Robot, rod,
+                           simulate, Trajectory, with_drives)
 from kane_dynamics.errors import InputError, ModelError, ModelWarning
 from kane_dynamics.model.drive import friction_seen_through
 from kinds_of_mechanism import case, KINDS
@@ -14,8 +14,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 # Canudas de Wit, Olsson, Astrom & Lischinsky 1995, table I.
-STIFFNESS, DAMPING, VISCOUS = 1e5, np.sqrt(1e5), 0.4
-COULOMB, STATIC, STRIBECK = 1.0, 1.5, 1e-3
+STIFFNESS = 1e5
+DAMPING = np.sqrt(1e5)
+VISCOUS = 0.4
+COULOMB = 1.0
+STATIC = 1.5
+STRIBECK = 1e-3
 LUGRE = {'damping': VISCOUS, 'friction': COULOMB, 'breakaway_friction': STATIC,
          'stribeck_speed': STRIBECK, 'presliding_stiffness': STIFFNESS,
          'presliding_damping': DAMPING}
@@ -26,14 +30,16 @@ DAHL = {'friction': 2.0, 'presliding_stiffness': 500.0}
 def block(**law):
     """Return a mass of 1 kg that slides with friction."""
     builder = ModelBuilder('block', gravity=(0, 0, 0))
-    builder.body('block', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0), **law)
+    builder.body('block', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0),
+                 **law)
     return Robot(builder.model())
 
 
 def pulled(speed=0.1, stiffness=2.0):
-    """Return a block that a spring pulls, whose other end moves with a constant speed."""
+    """Return a block pulled by a spring whose other end moves steadily."""
     builder = ModelBuilder('pulled', gravity=(0, 0, 0))
-    builder.body('block', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0), **LUGRE)
+    builder.body('block', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0),
+                 **LUGRE)
     builder.body('hook', 'block', kind='prismatic', axis=(1, 0, 0), stiffness=stiffness)
     builder.frame('eye', 'hook')
     hook = PointVelocity('eye', (1, 0, 0), value=speed)
@@ -62,10 +68,12 @@ def reference(force, duration, tolerance=1e-11, times=None, method='Radau'):
     ('implicit', (1e-3, 5e-4), 2)])
 def test_a_block_breaks_away_as_a_stiff_reference_at_the_order_of_the_integrator(
         integrator, steps, order):
-    robot, expected = block(**LUGRE), reference(lambda t, x: 2.0, 0.1)[:, -1]
+    robot = block(**LUGRE)
+    expected = reference(lambda t, x: 2.0, 0.1)[:, -1]
     errors = []
     for step in steps:
-        run = simulate(robot, [0.0], [0.0], 0.1, step=step, torque=[2.0], integrator=integrator)
+        run = simulate(robot, [0.0], [0.0], 0.1,
+                       step=step, torque=[2.0], integrator=integrator)
         assert run.warnings == () and run.bristle_names == ('block',)
         reached = np.concatenate([run.q[-1], run.u[-1], run.bristles[-1]])
         errors.append(np.abs(reached - expected)[:2])
@@ -74,9 +82,10 @@ def test_a_block_breaks_away_as_a_stiff_reference_at_the_order_of_the_integrator
 
 
 def driven_block(amplitude, w, **law):
-    """Return a block that follows amplitude sin(w t), beside a wheel that turns freely."""
+    """Return a block that follows amplitude sin(w t), beside a free wheel."""
     builder = ModelBuilder('driven', gravity=(0, 0, 0))
-    builder.body('block', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0), **law)
+    builder.body('block', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0),
+                 **law)
     builder.body('wheel', axis=(1, 0, 0), inertial=rod(1.0, (0, 0, 0), (0, 0.3, 0)))
     path = Prescribed('block', lambda t: amplitude * np.sin(w * t))
     return Robot(builder.model(), constraints=[path], independent=['wheel'])
@@ -86,18 +95,22 @@ def driven_block(amplitude, w, **law):
     pytest.param('rk4', 1e-8, marks=pytest.mark.slow), ('implicit', 2e-5)])
 def test_dahls_friction_follows_its_closed_form_through_reversals(integrator, error):
     # dz/dx = 1 - z / z_s forward and 1 + z / z_s backward, z_s = friction / stiffness.
-    amplitude, w = 0.02, 2.0 * np.pi
+    amplitude = 0.02
+    w = 2.0 * np.pi
     robot = driven_block(amplitude, w, **DAHL)
     run = simulate(robot, [0.0, 0.0], [0.0], 1.25, step=1e-3, sample=1e-3, t0=0.0,
                    integrator=integrator)
-    x, z_s = run.q[:, 0], DAHL['friction'] / DAHL['presliding_stiffness']
+    x = run.q[:, 0]
+    z_s = DAHL['friction'] / DAHL['presliding_stiffness']
     z = np.zeros_like(x)
-    start, begin = 0.0, 0
+    start = 0.0
+    begin = 0
     for end, sign in ((250, 1.0), (750, -1.0), (1250, 1.0)):
         part = slice(begin, end + 1)
         travel = np.abs(x[part] - x[begin])
         z[part] = sign * z_s + (start - sign * z_s) * np.exp(-travel / z_s)
-        start, begin = z[end], end
+        start = z[end]
+        begin = end
     np.testing.assert_allclose(run.bristles[:, 0], z, atol=error * z_s)
 
     # The force that moves the block carries friction; a cycle of the loop costs energy.
@@ -107,14 +120,16 @@ def test_dahls_friction_follows_its_closed_form_through_reversals(integrator, er
 
 def test_a_force_below_breakaway_moves_a_block_along_the_hysteresis_loop_of_the_paper():
     # The force rises to 95 % of breakaway, falls to its opposite, and rises again.
-    turns, peaks = np.array([0.0, 0.5, 1.5, 2.5]), np.array([0.0, 1.425, -1.425, 1.425])
+    turns = np.array([0.0, 0.5, 1.5, 2.5])
+    peaks = np.array([0.0, 1.425, -1.425, 1.425])
     step = 5e-4
     middles = np.arange(0.5 * step, turns[-1], step)
     run = simulate(block(**LUGRE), [0.0], [0.0], turns[-1], step=step, sample=step,
-                   torque=np.interp(middles, turns, peaks)[:, None], integrator='implicit')
+                   torque=np.interp(middles, turns, peaks)[:, None],
+                   integrator='implicit')
     assert run.warnings == ()
-    expected = reference(lambda t, x: np.interp(t, turns, peaks), turns[-1], 1e-10, run.t,
-                         'LSODA')[0]
+    expected = reference(
+        lambda t, x: np.interp(t, turns, peaks), turns[-1], 1e-10, run.t, 'LSODA')[0]
     x = run.q[:, 0]
     np.testing.assert_allclose(x, expected, atol=1e-3 * np.ptp(expected))
     # It gives back less than it took: the loop is passed clockwise, force over position.
@@ -144,9 +159,11 @@ def test_a_block_that_a_spring_pulls_sticks_and_slips_as_a_stiff_reference():
 
 @pytest.mark.slow
 def test_breakaway_force_falls_with_the_force_rate_as_a_stiff_reference():
-    robot, forces = block(**LUGRE), []
+    robot = block(**LUGRE)
+    forces = []
     for rate in (1.0, 4.0, 16.0):
-        duration, step = 2.0 / rate, 1e-4 / np.sqrt(rate)
+        duration = 2.0 / rate
+        step = 1e-4 / np.sqrt(rate)
         count = round(duration / step)
         ramp = rate * step * (np.arange(count) + 0.5)
         run = simulate(robot, [0.0], [0.0], duration, step=step, sample=step,
@@ -156,7 +173,9 @@ def test_breakaway_force_falls_with_the_force_rate_as_a_stiff_reference():
         at = int(np.argmax(run.bristles[:, 0]))
         assert abs(at - int(np.argmax(expected[2]))) <= 3
         forces.append(rate * run.t[at])
-    assert (np.diff(forces) < -1e-3).all() and forces[-1] > COULOMB and forces[0] < STATIC
+    assert (np.diff(forces) < -1e-3).all()
+    assert forces[-1] > COULOMB
+    assert forces[0] < STATIC
 
 
 @pytest.mark.parametrize('kind, integrator', [
@@ -183,7 +202,8 @@ def test_every_kind_of_mechanism_moves_as_a_readable_reference(kind, integrator)
         q, u, z = np.split(y, [robot.n_q, robot.n_q + robot.n])
         at = {'t': t} if smooth.t else {}
         v = joint_speeds(smooth.robot, q, u, at)
-        torques, changes = np.zeros(robot.model.n), []
+        torques = np.zeros(robot.model.n)
+        changes = []
         for joint, deflection in zip(joints, z):
             rate = v[joint.coordinate]
             g = joint.friction * (1.0 + 0.4 * np.exp(-(rate / 0.2)**2))
@@ -196,9 +216,11 @@ def test_every_kind_of_mechanism_moves_as_a_readable_reference(kind, integrator)
         udot = smooth.robot.forward_dynamics(q, u, force, **at)
         return np.concatenate([smooth.robot.joint_rates(q, u, **at), udot, changes])
     start = np.concatenate([smooth.q, smooth.u, np.zeros(len(joints))])
-    expected = solve_ivp(rates, (t0, t0 + 0.1), start, 'DOP853', rtol=1e-9, atol=1e-11).y[:, -1]
+    expected = solve_ivp(rates, (t0, t0 + 0.1), start, 'DOP853',
+                         rtol=1e-9, atol=1e-11).y[:, -1]
     step = 5e-4
-    run = simulate(robot, smooth.q, smooth.u, 0.1, step=step, t0=t0, integrator=integrator)
+    run = simulate(robot, smooth.q, smooth.u, 0.1,
+                   step=step, t0=t0, integrator=integrator)
     assert run.warnings == ()
     reached = np.concatenate([run.q[-1], run.u[-1], run.bristles[-1]])
     np.testing.assert_allclose(reached, expected, rtol=0.0,
@@ -222,11 +244,14 @@ def test_a_constant_load_below_friction_does_not_creep_in_an_hour():
 
 
 def test_energy_of_bristles_and_of_the_block_is_the_work_less_what_is_dissipated():
-    robot, step = block(**LUGRE), 2e-5
+    robot = block(**LUGRE)
+    step = 2e-5
     torque = 1.2 + 0.6 * np.sin(40.0 * step * np.arange(10000))
-    run = simulate(robot, [0.0], [0.0], 0.2, step=step, sample=step, torque=torque[:, None])
+    run = simulate(robot, [0.0], [0.0], 0.2, step=step, sample=step,
+                   torque=torque[:, None])
     assert run.warnings == ()
-    v, z = run.u[:, 0], run.bristles[:, 0]
+    v = run.u[:, 0]
+    z = run.bristles[:, 0]
     friction, rate = readable_friction(v, z)
     lost = friction * v - STIFFNESS * z * rate
     assert (lost > -1e-12).all()
@@ -238,12 +263,14 @@ def test_energy_of_bristles_and_of_the_block_is_the_work_less_what_is_dissipated
 
 
 def test_steady_sliding_has_the_friction_of_the_law_without_bristles():
-    law = {'damping': 0.3, 'quadratic_damping': 0.1, 'friction': 1.0, 'friction_backward': 0.6,
+    law = {'damping': 0.3, 'quadratic_damping': 0.1, 'friction': 1.0,
+           'friction_backward': 0.6,
            'breakaway_friction': 1.2, 'stribeck_speed': 0.5, 'friction_offset': 0.05}
     sliding = block(**law, friction_speed=1e-3)
     bristled = block(**law, presliding_stiffness=2e3, presliding_damping=5.0)
     for torque in (2.0, -2.0):
-        run = simulate(bristled, [0.0], [0.0], 30.0, step=1e-3, torque=[torque], sample=30.0)
+        run = simulate(bristled, [0.0], [0.0], 30.0,
+                       step=1e-3, torque=[torque], sample=30.0)
         assert abs(run.udot[-1, 0]) < 1e-8
         friction = sliding.friction_force(run.u[-1])
         np.testing.assert_allclose(friction, torque, rtol=1e-8)
@@ -285,7 +312,8 @@ def test_a_stop_holds_a_block_whose_bristles_are_bent():
 @pytest.mark.slow
 def test_computed_torque_acts_on_a_joint_with_bristles():
     robot = wheel(**DAHL)
-    motion = Motion.from_points([0.0, 0.5], [[0.0], [0.4]], joint_names=robot.joint_names)
+    motion = Motion.from_points([0.0, 0.5], [[0.0], [0.4]],
+                                joint_names=robot.joint_names)
     run = simulate(robot, [0.0], [0.0], 0.5, step=1e-3,
                    torque=ComputedTorque(robot, motion, kp=400.0, kd=40.0))
     assert run.warnings == () and np.abs(run.q[-1] - 0.4).max() < 0.01
@@ -294,12 +322,14 @@ def test_computed_torque_acts_on_a_joint_with_bristles():
 
 def test_many_simulations_are_the_single_ones_and_start_bent():
     robot = block(**LUGRE)
-    torque, bent = np.full(1, 1.4), np.array([[0.0], [1e-5], [-1e-5]])
+    torque = np.full(1, 1.4)
+    bent = np.array([[0.0], [1e-5], [-1e-5]])
     runs = simulate(robot, np.zeros((3, 1)), np.zeros((3, 1)), 0.05, torque=torque,
                     bristles0=bent)
     for k in range(3):
         one = simulate(robot, [0.0], [0.0], 0.05, torque=torque, bristles0=bent[k])
-        np.testing.assert_allclose(runs.state(k).bristles, one.bristles, rtol=1e-12, atol=1e-18)
+        np.testing.assert_allclose(runs.state(k).bristles, one.bristles,
+                                   rtol=1e-12, atol=1e-18)
         np.testing.assert_allclose(runs.state(k).q, one.q, rtol=1e-12, atol=1e-18)
     assert np.ptp(runs.q[:, -1]) > 1e-7
 
@@ -319,7 +349,8 @@ def test_a_simulation_goes_on_from_its_last_deflection(tmp_path):
 def test_a_step_too_long_for_bristles_that_slide_is_reported():
     robot = block(**LUGRE)
     assert longest_step(robot, [0.0], [0.1]).step == pytest.approx(2.785e-4, rel=1e-2)
-    with pytest.warns(ModelWarning, match=r"too long for the bristles of joint 'block' with "
+    with pytest.warns(ModelWarning,
+                      match=r"too long for the bristles of joint 'block' with "
                       r"'rk4'; expected at most"):
         simulate(robot, [0.0], [0.0], 0.1, step=1e-3, torque=[2.0], integrator='rk4')
 

@@ -1,4 +1,4 @@
-"""Steps with joints that press against their stops: native, and those of the readable solution."""
+"""Steps with joints pressed against stops: native, and the readable solution's."""
 
 from dataclasses import replace
 from functools import cache
@@ -26,11 +26,12 @@ EVERY = 50  # calls between two that are compared with the readable formulation
 
 
 def pressing(kind):
-    """Return a robot with a stop ahead of one joint, its state, and torques that press on it."""
+    """Return a robot with a stop ahead of a joint, its state, pressing torques."""
     one = case(kind)
     robot = one.robot.copy()
     joint = robot.coordinate_names.index(PRESSED[kind])
-    push = np.array([robot.joint_rates(one.q, x, **one.t)[joint] for x in np.eye(robot.n)])
+    push = np.array(
+        [robot.joint_rates(one.q, x, **one.t)[joint] for x in np.eye(robot.n)])
     push = push - robot.joint_rates(one.q, np.zeros(robot.n), **one.t)[joint]
     upper = np.full(robot.n_q, np.inf)
     upper[joint] = one.q[joint] + 0.005
@@ -41,32 +42,35 @@ def pressing(kind):
 
 @pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
 @pytest.mark.parametrize('kind', PRESSED)
-def test_native_pressed_steps_are_those_of_the_readable_solution(kind, integrator, monkeypatch):
-    robot, one, joint, tau = pressing(kind)
-    given = {'torque': tau, 't0': one.time, 'stops': True, 'integrator': integrator,
-             'sample': 5e-3, 'step': 1e-4 if kind == 'flexible' else 1e-3}
+def test_native_pressed_steps_are_those_of_the_readable_solution(
+        kind, integrator, monkeypatch):
+    robot, part, joint, tau = pressing(kind)
+    options = {'torque': tau, 't0': part.time, 'stops': True, 'integrator': integrator,
+               'sample': 5e-3, 'step': 1e-4 if kind == 'flexible' else 1e-3}
     duration = 0.06 if kind == 'flexible' else 0.2
-    solved, stepped = [], []
+    solved = []
+    stepped = []
 
     def compared(*arguments):
-        found = pressed_steps.pressed_steps(*arguments)
+        states = pressed_steps.pressed_steps(*arguments)
         stepped.append(arguments[2])
         if len(stepped) % EVERY < 2:  # without and with the force of the stop
             size = robot.n_q + robot.n + robot.equations.timed  # without the margin
-            for one, other in zip(found, pressed_step(*arguments)):
-                np.testing.assert_allclose(one[..., :size], other[..., :size], rtol=1e-9,
-                                           atol=1e-9 * max(1.0, np.abs(other).max()))
-        return found
+            for part, expected_part in zip(states, pressed_step(*arguments)):
+                np.testing.assert_allclose(
+                    part[..., :size], expected_part[..., :size], rtol=1e-9,
+                    atol=1e-9 * max(1.0, np.abs(expected_part).max()))
+        return states
     impulses = JointStops._stopped
     monkeypatch.setattr(JointStops, '_stopped',
                         lambda *x: solved.append(x[-1]) or impulses(*x))
     with warnings.catch_warnings():
         warnings.simplefilter('error')  # the energy balance closes
-        native = simulate(robot, one.q, 0.1 * one.u, duration, **given)
+        native = simulate(robot, part.q, 0.1 * part.u, duration, **options)
         contacts = len(solved)
         monkeypatch.setattr(JointStops, '_pressed', lambda *_: 0)
         monkeypatch.setattr(joint_stops, 'pressed_steps', compared)
-        python = simulate(robot, one.q, 0.1 * one.u, duration, **given)
+        python = simulate(robot, part.q, 0.1 * part.u, duration, **options)
     rested = native.q[:, joint] >= robot.limits.upper[joint] - 1e-10
     assert rested.sum() > 10 and len(set(stepped)) > 50
     assert contacts < 0.2 * len(set(stepped)) and contacts == len(solved) - contacts
@@ -79,9 +83,9 @@ def test_native_pressed_steps_are_those_of_the_readable_solution(kind, integrato
 
 def test_a_joint_leaves_its_stop_when_pulled_and_computed_torque_presses_it():
     robot, one, joint, tau = pressing('closed loop')
-    rest = 0.0 * one.u
+    at_rest = 0.0 * one.u
     away = np.concatenate([np.tile(tau, (100, 1)), np.tile(-tau, (100, 1))])
-    run = simulate(robot, one.q, rest, 0.2, torque=away, stops=True)
+    run = simulate(robot, one.q, at_rest, 0.2, torque=away, stops=True)
     assert len(run.stop_events) == 1
     assert run.q[-1, joint] < robot.limits.upper[joint] - 1e-3
     assert run.q[100, joint] == pytest.approx(robot.limits.upper[joint], abs=1e-10)
@@ -90,7 +94,8 @@ def test_a_joint_leaves_its_stop_when_pulled_and_computed_torque_presses_it():
     ahead = np.sign(robot.joint_rates(one.q, [1.0])[joint])
     motion = Motion.from_points([0.0, 0.1], [[one.q[k]], [one.q[k] + 0.5 * ahead]],
                                 joint_names=[name])
-    run = simulate(robot, one.q, rest, 0.2, stops=True, torque=ComputedTorque(robot, motion))
+    run = simulate(robot, one.q, at_rest, 0.2,
+                   stops=True, torque=ComputedTorque(robot, motion))
     np.testing.assert_allclose(run.q[-1, joint], robot.limits.upper[joint], atol=1e-10)
     assert not run.warnings
 
@@ -98,31 +103,35 @@ def test_a_joint_leaves_its_stop_when_pulled_and_computed_torque_presses_it():
 @cache
 def chain():
     """Return three links on pivots with stops."""
-    b, on = ModelBuilder('chain'), 'world'
+    b = ModelBuilder('chain')
+    on = 'world'
     for k in range(3):
         b.body(f'j{k}', on, axis=(0, 1, 0), at=(0.3 if k else 0.0, 0, 0), inertial=box(
-            2.0, (0.3, 0.05, 0.05), at=(0.15, 0, 0)), limits=Limits(-0.1, 0.1, 100.0, 1e9))
+            2.0, (0.3, 0.05, 0.05), at=(0.15, 0, 0)),
+               limits=Limits(-0.1, 0.1, 100.0, 1e9))
         on = f'j{k}'
     return Robot(b.model())
 
 
 @pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
-def test_the_torque_that_presses_a_joint_does_not_change_the_impacts_of_others(integrator):
+def test_the_torque_that_presses_a_joint_does_not_change_the_impacts_of_others(
+        integrator):
     """A fixed joint takes every torque: only the motion of the others counts."""
-    one, other = (simulate(chain(), [0.1, 0.05, -0.02], [0.0, 1.0, -2.0], 0.1, stops=True,
-                           torque=[tau, 0.0, 0.0], integrator=integrator, sample=1e-3)
-                  for tau in (60.0, 1e6))
-    assert len(one.stop_events) == 3 and not other.warnings
-    assert [e[1:3] for e in one.stop_events] == [e[1:3] for e in other.stop_events]
+    one, other_run = (simulate(chain(), [0.1, 0.05, -0.02], [0.0, 1.0, -2.0], 0.1,
+                               stops=True, torque=[tau, 0.0, 0.0], integrator=integrator,
+                               sample=1e-3) for tau in (60.0, 1e6))
+    assert len(one.stop_events) == 3 and not other_run.warnings
+    assert [e[1:3] for e in one.stop_events] == [e[1:3] for e in other_run.stop_events]
     np.testing.assert_allclose(*([(e.t, e.speed, e.loss) for e in run.stop_events]
-                                 for run in (one, other)), rtol=1e-8)
-    np.testing.assert_allclose(one.q, other.q, rtol=0.0, atol=1e-9)
-    assert (np.diff(other.energy.sum(axis=1)) < 1e-9).all(), 'stops take energy'
+                                 for run in (one, other_run)), rtol=1e-8)
+    np.testing.assert_allclose(one.q, other_run.q, rtol=0.0, atol=1e-9)
+    assert (np.diff(other_run.energy.sum(axis=1)) < 1e-9).all(), 'stops take energy'
 
 
 @pytest.mark.parametrize('independent', ['crank', 'rocker'])
 def test_stops_take_energy_in_a_loop_whose_motor_presses_without_measure(independent):
-    robot = Robot(four_bar_model(), constraints=[PIN], independent=[independent], friction=False)
+    robot = Robot(four_bar_model(), constraints=[PIN], independent=[independent],
+                  friction=False)
     q0 = robot.closed_configuration((0.5, 0.0, -1.5), fixed=['crank'])
     robot.limits = replace(robot.limits, lower=np.full(3, -np.inf),
                            upper=np.array([q0[0] + 0.2, np.inf, q0[2]]))
@@ -137,8 +146,9 @@ def test_joints_that_hardly_press_stay_at_rest_beside_one_that_presses_much():
     b.body('arm', axis=(0, 0, 1), inertial=box(5.0, (0.5, 0.1, 0.1), at=(0.2, 0, 0)),
            limits=Limits(-1.0, 0.5, 10.0, 1e9))
     for k in range(2):
-        b.body(f'finger{k}', 'arm', 'prismatic', axis=(1, 0.1 * k, 0), at=(0.5, 0.01 * k, 0),
-               inertial=box(0.05, (0.02, 0.01, 0.05)), limits=Limits(0.0, 0.04, 1.0, 50.0))
+        b.body(f'finger{k}', 'arm', 'prismatic', axis=(1, 0.1 * k, 0),
+               at=(0.5, 0.01 * k, 0), inertial=box(0.05, (0.02, 0.01, 0.05)),
+               limits=Limits(0.0, 0.04, 1.0, 50.0))
     run = simulate(Robot(b.model()), [0.5, 0.0, 0.0], np.zeros(3), 0.02, stops=True,
                    torque=[1e6, -1e-6, -1e-7])
     assert not (run.u.any() or run.stop_events or run.warnings)
@@ -152,7 +162,8 @@ def pressed_kernels(robot):
 
 def test_kernels_compiled_in_advance_are_those_of_a_simulation():
     robot, one, _, tau = pressing('closed loop')
-    compile_pressed_steps(robot, 'rk4', [robot.coordinate_names.index(robot.speed_names[0])])
+    compile_pressed_steps(robot, 'rk4',
+                          [robot.coordinate_names.index(robot.speed_names[0])])
     compiled = pressed_kernels(robot)
     run = simulate(robot, one.q, one.u, 0.1, torque=tau, stops=True)
     assert run.stop_events

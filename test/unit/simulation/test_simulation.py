@@ -1,9 +1,9 @@
-"""Promises of simulate: the integrator's order, torque sources, sampling, limits, refusals."""
+"""Promises of simulate: integrator order, torques, sampling, limits."""
 
 from copy import copy
 
-from kane_dynamics import (Body, ComputedTorque, Inertial, InputError, Joint, Limits, Model,
-                           Motion, Robot, simulate, Trajectory)
+from kane_dynamics import (Body, ComputedTorque, Inertial, InputError, Joint, Limits,
+                           Model, Motion, Robot, simulate, Trajectory)
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.simulation.step_kernels import state_names
@@ -31,7 +31,8 @@ def pendulum(**joint):
 
 
 def test_native_steps_are_the_readable_integrators_steps(robot):
-    h, steps = 1e-3, 50
+    h = 1e-3
+    steps = 50
     tau = np.array([1.0, -2.0, 0.5, 3.0])
     x = np.concatenate([Q0, U0])
 
@@ -39,7 +40,8 @@ def test_native_steps_are_the_readable_integrators_steps(robot):
         return np.concatenate([x[4:], robot.forward_dynamics(x[:4], x[4:], tau)])
     for _ in range(steps):
         x = runge_kutta_4(rates, x, [tau] * 3, h)
-    q, u = x[:4], x[4:]
+    q = x[:4]
+    u = x[4:]
     run = simulate(robot, Q0, U0, steps * h, step=h, torque=tau)
     np.testing.assert_allclose(run.q[-1], q, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(run.u[-1], u, rtol=1e-12, atol=1e-12)
@@ -56,24 +58,29 @@ def test_energy_drift_falls_at_the_integrators_order(robot):
 
 def test_computed_torque_follows_its_motion(robot):
     motion = Motion.from_points([0.0, 0.5, 1.0], [Q0, Q0 + 0.3, Q0 - 0.2],
-                                [0 * Q0, 0 * Q0 + 0.1, 0 * Q0], joint_names=robot.joint_names)
-    run = simulate(robot, Q0, 0 * U0, 1.5, torque=ComputedTorque(robot, motion, 400.0, 40.0))
+                                [0 * Q0, 0 * Q0 + 0.1, 0 * Q0],
+                                joint_names=robot.joint_names)
+    run = simulate(robot, Q0, 0 * U0,
+                   1.5, torque=ComputedTorque(robot, motion, 400.0, 40.0))
     desired = motion.sample(run.t)[0]
     assert np.abs(run.q - desired).max() < 1e-3
     middle = len(run.t) // 3
     np.testing.assert_allclose(
-        run.tau[middle], robot.inverse_dynamics(run.q[middle], run.u[middle], run.udot[middle]),
+        run.tau[middle],
+        robot.inverse_dynamics(run.q[middle], run.u[middle], run.udot[middle]),
         rtol=1e-9, atol=1e-9)
 
 
 def test_computed_torque_with_friction_uses_the_desired_speed():
     robot = pendulum(damping=0.3, friction=0.5)
     motion = Motion.from_points([0.0, 1.0], [[0.2], [1.2]], joint_names=['hinge'])
-    run = simulate(robot, [0.2], [0.4], 1.0, torque=ComputedTorque(robot, motion, 100.0, 20.0))
-    until = np.minimum(run.t, np.nextafter(1.0, 0.0))  # at its end the motion is at rest already
+    run = simulate(robot, [0.2], [0.4],
+                   1.0, torque=ComputedTorque(robot, motion, 100.0, 20.0))
+    # At its end the motion is at rest already.
+    until = np.minimum(run.t, np.nextafter(1.0, 0.0))
     q_d, u_d, udot_d = motion.sample(until)
-    wanted = udot_d + 20.0 * (u_d - run.u) + 100.0 * (q_d - run.q)
-    expected = (wanted + 9.81 * np.sin(run.q) + 0.3 * u_d + 0.5 * np.tanh(u_d / 0.05))
+    commanded = udot_d + 20.0 * (u_d - run.u) + 100.0 * (q_d - run.q)
+    expected = (commanded + 9.81 * np.sin(run.q) + 0.3 * u_d + 0.5 * np.tanh(u_d / 0.05))
     np.testing.assert_allclose(run.tau, expected, rtol=1e-12)
 
 
@@ -126,9 +133,11 @@ def test_a_start_beyond_a_limit_is_reported():
 
 
 def test_progress_is_reported_and_can_end_the_simulation(robot):
-    seen = []
-    simulate(robot, Q0, 0 * U0, 2.0, progress=lambda t: seen.append(t))
-    assert seen == sorted(seen) and seen[-1] == pytest.approx(2.0) and len(seen) > 1
+    reported = []
+    simulate(robot, Q0, 0 * U0, 2.0, progress=lambda t: reported.append(t))
+    assert reported == sorted(reported)
+    assert reported[-1] == pytest.approx(2.0)
+    assert len(reported) > 1
     run = simulate(robot, Q0, 0 * U0, 100.0, sample=1e-2, progress=lambda t: False)
     assert 0.0 < run.t[-1] < 10.0
     run = simulate(robot, Q0, 0 * U0, 10.0, torque=lambda t, q, u: 0 * q,
@@ -141,8 +150,8 @@ def test_progress_is_reported_and_can_end_the_simulation(robot):
 
 def test_a_function_of_torque_passes_the_same_limits_as_zero_torque():
     robot = pendulum(limits=Limits(-0.5, 0.5, 2.0, 10.0))
-    asked, zero = (simulate(robot, [0.4], [1.0], 3.0, torque=torque)
-                   for torque in (lambda t, q, u: [0.0], None))
+    asked = simulate(robot, [0.4], [1.0], 3.0, torque=lambda t, q, u: [0.0])
+    zero = simulate(robot, [0.4], [1.0], 3.0, torque=None)
     assert asked.limit_events == zero.limit_events and len(zero.limit_events) > 2
 
 
@@ -154,7 +163,8 @@ def test_files_keep_every_number(robot, tmp_path):
         np.testing.assert_array_equal(getattr(back, name), getattr(run, name))
     assert back.joint_names == run.joint_names and back.limit_events == run.limit_events
     run.save_csv(tmp_path / 'run.csv')
-    table = np.genfromtxt(tmp_path / 'run.csv', delimiter=',', names=True, deletechars='')
+    table = np.genfromtxt(tmp_path / 'run.csv',
+                          delimiter=',', names=True, deletechars='')
     np.testing.assert_array_equal(table['q.hinge'], run.q[:, 0])
     np.testing.assert_array_equal(table['potential_energy'], run.energy[:, 1])
     (tmp_path / 'other.npz').write_bytes(b'nothing')
@@ -197,16 +207,17 @@ def test_a_motion_of_other_joints_is_refused(robot):
 
 def test_gravity_and_payload_are_those_of_the_moment():
     robot = Robot(MODEL, payload_frame='frame2')
-    before = simulate(robot, Q0, 0 * U0, 0.1).q[-1]
+    fallen = simulate(robot, Q0, 0 * U0, 0.1).q[-1]
     robot.parameters.gravity = np.zeros(3)
     np.testing.assert_allclose(simulate(robot, Q0, 0 * U0, 0.1).q[-1], Q0, atol=1e-12)
     robot.parameters.gravity = MODEL.gravity
     robot.parameters.payload = Inertial(2.0, [0.1, 0.0, 0.0])
-    assert np.abs(simulate(robot, Q0, 0 * U0, 0.1).q[-1] - before).max() > 1e-5
+    assert np.abs(simulate(robot, Q0, 0 * U0, 0.1).q[-1] - fallen).max() > 1e-5
 
 
 def test_a_second_simulation_looks_its_kernels_up(robot, monkeypatch):
-    q, u = np.full(robot.n, 0.1), np.zeros(robot.n)
+    q = np.full(robot.n, 0.1)
+    u = np.zeros(robot.n)
     first = simulate(robot, q, u, 0.01)
     monkeypatch.setattr(type(robot.kernels), 'compiled', None)  # which reads functions
     np.testing.assert_array_equal(simulate(robot, q, u, 0.01).q, first.q)
@@ -216,12 +227,13 @@ def test_a_step_whose_watch_is_left_out_is_the_same_step():
     robot = four_bar('crank')
     equations = copy(robot.equations)
     equations.watched = False
-    other = Robot(robot.model, **robot.options)
-    vars(other).update(equations=equations,  # robots refuse assignments
-                       kernels=KernelSet(equations, None, other.parameters.block))
+    unwatched = Robot(robot.model, **robot.options)
+    kernels = KernelSet(equations, None, unwatched.parameters.block)
+    # Robots refuse assignments.
+    vars(unwatched).update(equations=equations, kernels=kernels)
     q = at_angle(0.8)
     ends = []
-    for one in (robot, other):
+    for one in (robot, unwatched):
         source = torque_input(one, 1e-2, 100, None, None, 'rk4')
         states = np.ones((1, 101, len(state_names(one))))
         states[0, 0, :4] = *q, 2.0

@@ -1,4 +1,4 @@
-"""What simulations of constrained robots watch: results are right, or an error says why not."""
+"""What simulations of constrained robots watch: right results, or the reason."""
 
 import warnings
 
@@ -25,7 +25,8 @@ def test_speeds_of_the_asked_set_are_given_wherever_the_motion_goes():
     run = simulate(sleigh(), [0.0, 0.0, 0.0], [0.0, SPIN], 3.0, step=1e-3, sample=0.1)
     h = 1e-5
     rates = (sleigh_path(run.t + h) - sleigh_path(run.t - h)) / (2 * h)
-    np.testing.assert_allclose(run.u, np.column_stack([rates[:, 0], np.full(len(rates), SPIN)]),
+    np.testing.assert_allclose(run.u,
+                               np.column_stack([rates[:, 0], np.full(len(rates), SPIN)]),
                                atol=1e-7)
     accelerations = (sleigh_path(run.t + 1e-4) - 2 * sleigh_path(run.t)
                      + sleigh_path(run.t - 1e-4)) / 1e-8
@@ -33,9 +34,10 @@ def test_speeds_of_the_asked_set_are_given_wherever_the_motion_goes():
 
 
 def test_torques_stay_dual_to_the_user_given_speeds_after_a_change():
-    # A constant moment about the vertical: u2' = tau / J whichever speeds are independent.
-    run = simulate(sleigh(), [0.0, 0.0, 0.0], [0.3, SPIN], 3.0, step=1e-3, torque=[0.0, 0.2],
-                   sample=0.5)
+    # A constant moment about the vertical: u2' = tau / J whichever speeds are
+    # independent.
+    run = simulate(sleigh(), [0.0, 0.0, 0.0], [0.3, SPIN], 3.0,
+                   step=1e-3, torque=[0.0, 0.2], sample=0.5)
     assert run.speed_changes
     np.testing.assert_allclose(run.u[:, 1], SPIN + 0.5 * run.t, atol=1e-9)
     asked = []
@@ -43,8 +45,8 @@ def test_torques_stay_dual_to_the_user_given_speeds_after_a_change():
     def torque(t, q, u):
         asked.append(u[1])
         return [0.0, 0.2]
-    by_function = simulate(sleigh(), [0.0, 0.0, 0.0], [0.3, SPIN], 3.0, step=1e-3, torque=torque,
-                           sample=0.5)
+    by_function = simulate(sleigh(), [0.0, 0.0, 0.0], [0.3, SPIN], 3.0,
+                           step=1e-3, torque=torque, sample=0.5)
     np.testing.assert_allclose(by_function.q, run.q, atol=1e-10)
     np.testing.assert_allclose(asked, SPIN + 0.5 * np.arange(3001) * 1e-3, atol=1e-9)
 
@@ -62,16 +64,18 @@ def test_many_simulations_change_their_speeds_each_when_it_must():
 def test_speed_changes_are_saved(tmp_path):
     run = simulate(sleigh(), [0.0, 0.0, 0.0], [0.0, SPIN], 1.5, step=1e-3)
     run.save_npz(tmp_path / 'run.npz')
-    assert Trajectory.load_npz(tmp_path / 'run.npz').speed_changes == run.speed_changes != ()
+    assert Trajectory.load_npz(
+        tmp_path / 'run.npz').speed_changes == run.speed_changes != ()
 
 
 @pytest.mark.parametrize('step', [2e-3, 1e-3, 1e-4])
 def test_speeds_that_the_user_named_are_an_error_where_they_become_singular(step):
     with pytest.raises(ConstraintError, match=(
-            r"simulation, 0\.63\d* s: the independent speeds rocker become singular .*'pin', at "
-            r"\{'crank': 3\.1.*, u = \[0\.\d+\]")):
+        r"simulation, 0\.63\d* s: the independent speeds rocker become singular "
+        r".*'pin', at \{'crank': 3\.1.*, u = \[0\.\d+\]")):
         simulate(four_bar('rocker'), at_angle(0.8), [1.97016605], 2.0, step=step)
-    with pytest.raises(ConstraintError, match=r"body/x, body/rz become singular .*'runner'"):
+    with pytest.raises(ConstraintError,
+                       match=r"body/x, body/rz become singular .*'runner'"):
         simulate(sleigh('body/x', 'body/rz'), [0, 0, 0], [0.0, SPIN], 3.0, step=step)
 
 
@@ -87,13 +91,14 @@ def test_every_regular_choice_of_speeds_gives_the_same_motion(named):
 
 
 @pytest.mark.parametrize('named', [('crank',), ('coupler',), ('rocker',), ()])
-def test_the_four_bar_of_the_readme_makes_a_full_revolution_with_every_choice_or_says_why(named):
+def test_the_four_bar_of_the_readme_turns_fully_with_every_choice_or_says_why(named):
     q0 = at_angle(0.8)
     rates = four_bar('crank').joint_rates(q0, [5.0])
     robot = four_bar(*named)
     u0 = robot.mechanism.state(q0).speed_rows(robot.speed_names)[0] @ rates
     if named == ('rocker',):  # it stands still at its ends, where the crank does not
-        with pytest.raises(ConstraintError, match=r"speeds rocker become singular .*'pin'"):
+        with pytest.raises(ConstraintError,
+                           match=r"speeds rocker become singular .*'pin'"):
             simulate(robot, q0, u0, 2.0, step=1e-3)
         return
     run = simulate(robot, q0, u0, 2.0, step=1e-3)
@@ -107,16 +112,18 @@ def test_a_dead_point_is_an_error_that_says_so():
     q0 = (1.0, -1.0, 1.0 - np.pi)
     robot = Robot(model, constraints=[PIN], independent=['crank'], configuration=q0)
     for step in (1e-3, 1e-4):
-        with pytest.raises(ConstraintError, match=r"kinematic singularity \(dead point\).*'pin'"):
+        with pytest.raises(ConstraintError,
+                           match=r"kinematic singularity \(dead point\).*'pin'"):
             simulate(robot, q0, [6.0], 3.0, step=step)
-    with pytest.raises(ConstraintError, match=r"kinematic singularity \(dead point\) of 'pin'"):
+    with pytest.raises(ConstraintError,
+                       match=r"kinematic singularity \(dead point\) of 'pin'"):
         robot.inverse_dynamics([0.0, 0.0, -np.pi], [1.0], [0.0])
 
 
 @pytest.mark.parametrize('step', [1e-3, 1e-4])
 def test_a_loop_on_a_turntable_keeps_its_energy_wherever_the_table_turns(step):
-    run = simulate(four_bar('table', 'crank', turntable=True), [0.0, *at_angle(0.8)], [3.0, 5.0],
-                   3.0, step=step, sample=0.1)
+    run = simulate(four_bar('table', 'crank', turntable=True), [0.0, *at_angle(0.8)],
+                   [3.0, 5.0], 3.0, step=step, sample=0.1)
     assert run.q[-1, 0] > 2.0 * np.pi / 2.0
     assert np.ptp(run.energy.sum(axis=1)) < 1e-7 * run.energy[:, 0].max()
     assert run.drift < 1e-11
@@ -136,8 +143,9 @@ def contradicting():
 
 def test_constraints_that_contradict_each_other_later_are_an_error():
     robot = contradicting()
-    with pytest.raises(ConstraintError, match=r"simulation, 0\.0\d* s: constraint 'drive two' "
-                                              'contradicts the others'):
+    with pytest.raises(ConstraintError,
+                       match=r"simulation, 0\.0\d* s: constraint 'drive two' "
+                       'contradicts the others'):
         simulate(robot, np.zeros(3), [0.0], 1.0, step=1e-3)
     with pytest.raises(ConstraintError, match="'drive two'"):
         robot.inverse_dynamics([np.sin(1.0), np.sin(1.0), 0.0], [0.0], [0.0], t=1.0)
@@ -147,17 +155,21 @@ def test_drift_covers_velocities():
     run = simulate(four_bar('crank'), at_angle(0.8), [5.0], 0.1)
     worst = np.abs(run.constraint_velocity_residual).max()
     assert run.drift == max(worst, np.abs(run.constraint_residual).max())
-    h, k = 1e-6, 50
-    robot, q = four_bar('crank'), run.q[k]
+    h = 1e-6
+    k = 50
+    robot = four_bar('crank')
+    q = run.q[k]
     rates = robot.joint_rates(q, run.u[k]) + [0.0, 0.0, 0.1]
-    off = (robot.constraint_residual(q + h * rates) - robot.constraint_residual(q - h * rates)
-           ) / (2 * h)
+    ahead = robot.constraint_residual(q + h * rates)
+    behind = robot.constraint_residual(q - h * rates)
+    off = (ahead - behind) / (2 * h)
     exact = robot.mechanism.rows(robot.mechanism.state(q))
     np.testing.assert_allclose(np.array(exact.J, dtype=float) @ rates, off, atol=1e-8)
 
 
 def test_a_step_that_opens_a_loop_wide_is_an_error():
-    with pytest.raises(ConstraintError, match=r"'pin/.' opens by .* within one step of 0.05 s"):
+    with pytest.raises(ConstraintError,
+                       match=r"'pin/.' opens by .* within one step of 0.05 s"):
         simulate(four_bar('crank'), at_angle(0.8), [25.0], 2.0, step=0.05)
 
 
@@ -167,9 +179,10 @@ def test_a_simulation_may_start_at_another_time():
     b.body('arm', 'cart', axis=(0, -1, 0), inertial=rod(1.0, (0, 0, 0), (0.5, 0, 0)))
     robot = Robot(b.model(), constraints=[Prescribed('cart', lambda t: np.sin(3.0 * t))])
     whole = simulate(robot, [0.0, -1.0], [0.0], 2.0, step=1e-3, sample=0.5)
-    rest = simulate(robot, whole.q[2], whole.u[2], 1.0, step=1e-3, sample=0.5, t0=1.0)
-    np.testing.assert_allclose(rest.t, [1.0, 1.5, 2.0])
-    np.testing.assert_allclose(rest.q, whole.q[2:], atol=1e-11)
+    second_half = simulate(robot, whole.q[2], whole.u[2], 1.0,
+                           step=1e-3, sample=0.5, t0=1.0)
+    np.testing.assert_allclose(second_half.t, [1.0, 1.5, 2.0])
+    np.testing.assert_allclose(second_half.q, whole.q[2:], atol=1e-11)
     times = []
     simulate(robot, whole.q[2], whole.u[2], 0.01, step=1e-3, t0=1.0,
              torque=lambda t, q, u: times.append(t) or [0.0])
@@ -179,12 +192,13 @@ def test_a_simulation_may_start_at_another_time():
 def test_the_longest_step_counts_springs_under_constraints():
     b = ModelBuilder('stiff')
     b.body('cart', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0))
-    b.body('mass', 'cart', 'prismatic', axis=(1, 0, 0), inertial=point_mass(0.1), stiffness=1e6)
+    b.body('mass', 'cart', 'prismatic', axis=(1, 0, 0), inertial=point_mass(0.1),
+           stiffness=1e6)
     b.body('other', 'cart', 'prismatic', axis=(0, 0, 1), inertial=point_mass(0.1))
     robot = Robot(b.model(), constraints=[Coupling('other', {'cart': 0.5})])
     longest = longest_step(robot, np.zeros(3))
-    assert longest.step == pytest.approx(np.sqrt(8.0) / np.sqrt(1e6 * (10.0 + 1.0 / 1.125)),
-                                         rel=1e-3)
+    assert longest.step == pytest.approx(
+        np.sqrt(8.0) / np.sqrt(1e6 * (10.0 + 1.0 / 1.125)), rel=1e-3)
     assert longest.name == 'mass'
     for share, grows in ((0.97, False), (1.08, True)):
         step = share * longest.step
@@ -201,14 +215,17 @@ def test_a_closed_loop_of_stiff_beams_sets_a_step():
     def steps(stiffness):
         b = ModelBuilder('flexible')
         b.body('crank', axis=(0, -1, 0), inertial=rod(0.6, (0, 0, 0), (0.3, 0, 0)))
-        b.beam('coupler', 'crank', FlexibleLink(0.9, 2.0, stiffness, (2, 0), up=(0, 0, 1)),
+        b.beam('coupler', 'crank',
+               FlexibleLink(0.9, 2.0, stiffness, (2, 0), up=(0, 0, 1)),
                axis=(0, -1, 0), at=(0.3, 0, 0))
-        b.body('rocker', 'coupler/tip', axis=(0, -1, 0), inertial=rod(1.4, (0, 0, 0), (0.7, 0, 0)))
+        b.body('rocker', 'coupler/tip', axis=(0, -1, 0),
+               inertial=rod(1.4, (0, 0, 0), (0.7, 0, 0)))
         b.frame('end', 'rocker', at=(0.7, 0, 0))
         b.frame('ground', 'world', at=(1, 0, 0))
         free = ('crank', 'coupler/mode_1', 'coupler/mode_2')
         robot = Robot(b.model(), constraints=[PIN], independent=free)
-        start = dict.fromkeys(robot.coordinate_names, 0.0) | {'crank': 0.8, 'rocker': -1.5}
+        start = dict.fromkeys(robot.coordinate_names, 0.0) | {'crank': 0.8,
+                                                              'rocker': -1.5}
         q = robot.closed_configuration(list(start.values()), fixed=free)
         return longest_step(robot, q)
     soft, hard = steps(100.0), steps(400.0)

@@ -1,4 +1,4 @@
-"""Promises of the longest step: within it a robot stands still, beyond it that is said."""
+"""Promises of the longest step: stable within it, refused beyond it."""
 
 from dataclasses import replace
 import math
@@ -6,8 +6,8 @@ import warnings
 
 from examples.flexible_four_bar import flexible_four_bar
 from kane_dynamics import (Closure, FlexibleLink, InputError, load_urdf, longest_step,
-                           ModelBuilder, ModelWarning, natural_vibration, point_mass, Robot, rod,
-                           simulate)
+                           ModelBuilder, ModelWarning, natural_vibration, point_mass,
+                           Robot, rod, simulate)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
 from kane_dynamics.simulation.step_size import is_clearly_stable, step_warning
@@ -54,7 +54,8 @@ def test_longest_step_refuses_what_is_no_configuration_with_and_without_friction
 
 def test_weight_alone_sets_no_longest_step():
     assert longest_step(wheel(), [0.0]).step == math.inf
-    assert longest_step(Robot(wheel(**RUB).model, friction=False), [0.0]).step == math.inf
+    assert longest_step(Robot(wheel(**RUB).model,
+                              friction=False), [0.0]).step == math.inf
 
 
 @pytest.mark.parametrize('kind', KINDS)
@@ -68,7 +69,8 @@ def test_a_step_that_is_clearly_stable_is_below_the_longest(kind):
     assert not np.any(np.array(clear)[steps > longest])
 
 
-def test_an_arm_stands_still_within_the_longest_step_and_creeps_or_oscillates_beyond(arm):
+def test_an_arm_stands_still_within_the_longest_step_and_creeps_or_oscillates_beyond(
+        arm):
     step, name = longest_step(arm, Q)
     assert name == 'wrist_3_joint'
     tau = arm.gravity_force(Q)
@@ -78,13 +80,15 @@ def test_an_arm_stands_still_within_the_longest_step_and_creeps_or_oscillates_be
         return simulate(arm, Q, np.full(6, 1e-4), count * h, step=h, torque=tau,
                         integrator='rk4').u[-1]
     assert abs(speeds(0.98 * step)[5]) < 1e-5
-    with pytest.warns(ModelWarning, match=r"too long for 'wrist_3_joint'.*at most 6.*'implicit'"):
+    with pytest.warns(ModelWarning,
+                      match=r"too long for 'wrist_3_joint'.*at most 6.*'implicit'"):
         assert abs(speeds(4.0 * step)[5]) > 1e-3
 
 
 def test_a_stiffer_beam_takes_a_shorter_step_that_follows_its_highest_vibration():
     b = ModelBuilder('beam')
-    b.beam('arm', 'world', FlexibleLink(length=1.0, density=0.8, stiffness=120.0, modes=(3, 0)),
+    b.beam('arm', 'world',
+           FlexibleLink(length=1.0, density=0.8, stiffness=120.0, modes=(3, 0)),
            axis=(0, -1, 0))
     b.load('arm/tip', point_mass(0.5))
     robot = Robot(b.model())
@@ -95,7 +99,8 @@ def test_a_stiffer_beam_takes_a_shorter_step_that_follows_its_highest_vibration(
 
 def test_friction_in_a_closed_loop_counts_by_the_speeds_that_remain():
     b = ModelBuilder('four-bar')
-    for name, on, at, length in (('crank', 'world', 0.0, 0.3), ('coupler', 'crank', 0.3, 0.9),
+    for name, on, at, length in (('crank', 'world', 0.0, 0.3),
+                                 ('coupler', 'crank', 0.3, 0.9),
                                  ('rocker', 'coupler', 0.9, 0.7)):
         b.body(name, on, axis=(0, -1, 0), at=(at, 0, 0),
                inertial=rod(1.0, (0, 0, 0), (length, 0, 0)), **RUB)
@@ -129,12 +134,15 @@ DAMPED = """<robot name="damped"><link name="base"/>
 
 def test_a_urdf_with_strong_damping_simulates_with_the_defaults_and_says_how():
     robot = Robot(load_urdf(DAMPED))
-    q0, u0 = [1.0, 0.0], [0.0, 0.5]
-    with pytest.warns(ModelWarning, match="'implicit' is used: a step of 0.001 s is too long for "
+    q0 = [1.0, 0.0]
+    u0 = [0.0, 0.5]
+    with pytest.warns(ModelWarning,
+                      match="'implicit' is used: a step of 0.001 s is too long for "
                       "'roll'"):
         run = simulate(robot, q0, u0, 0.5)
     finely = simulate(robot, q0, u0, 0.5, step=2e-5, integrator='rk4')
-    # The roll stops within a step, in which it moves by less than its speed times the step.
+    # The roll stops within a step, in which it moves by less than its speed times the
+    # step.
     np.testing.assert_allclose(run.q[-1], finely.q[-1], atol=1e-3 * u0[1])
     assert run.warnings and 'implicit' in run.warnings[0]
     with pytest.warns(ModelWarning, match='too long'), pytest.raises(
@@ -151,12 +159,14 @@ def test_the_default_is_runge_kutta_where_its_step_is_stable():
 
 
 def test_commands_and_sweeps_warn_of_too_long_steps(tmp_path, capsys):
-    urdf, supplement = str(resource_path('urdf', 'two_link.urdf')), tmp_path / 'rubs.yaml'
+    urdf = str(resource_path('urdf', 'two_link.urdf'))
+    supplement = tmp_path / 'rubs.yaml'
     supplement.write_text('joints: {joint2: {friction: 40.0, friction_speed: 0.01}}')
     assert main(['simulate', urdf, '--supplement', str(supplement), '--duration', '0.01',
                  '--step', '0.0005']) == 0
     printed = capsys.readouterr().err
-    assert "--integrator implicit is used: a step of 0.0005 s is too long for 'joint2'" in printed
+    assert ("--integrator implicit is used: a step of 0.0005 s is too long for 'joint2'"
+            in printed)
     supplement.write_text('joints: {joint2: {damping: 400.0}}')
     assert main(['simulate', urdf, '--supplement', str(supplement), '--duration', '10',
                  '--step', '0.01', '--u', '1', '1', '--integrator', 'rk4']) == 2
@@ -188,12 +198,14 @@ def test_the_simulated_arm_and_the_services_choose_an_integrator_or_warn_of_the_
     assert SimulatedArm(robot, 0.06, 'implicit').step_warning() is None
     values = {spec.name: read(spec, spec.default) for spec in SPECS}
     answers = []
-    for step, integrator in ((0.05, 'rk4'), (0.06, 'rk4'), (0.06, 'implicit'), (0.05, 'auto'),
+    for step, integrator in ((0.05, 'rk4'), (0.06, 'rk4'), (0.06, 'implicit'),
+                             (0.05, 'auto'),
                              (0.06, 'auto')):
         served = ServedRobot(robot, robot, GravityAndPayload(robot.model.gravity),
-                             values | {'simulation.integrator': integrator}, WrenchFrames(robot))
-        request, answer = Simulate.Request(position=[0.0], duration=0.3, step=step), (
-            Simulate.Response())
+                             values | {'simulation.integrator': integrator},
+                             WrenchFrames(robot))
+        request = Simulate.Request(position=[0.0], duration=0.3, step=step)
+        answer = (Simulate.Response())
         with warnings.catch_warnings():
             warnings.simplefilter('ignore', ModelWarning)
             SimulationRequest.from_request(request, served).run(answer, lambda t: True)
@@ -206,16 +218,20 @@ def test_the_simulated_arm_and_the_services_choose_an_integrator_or_warn_of_the_
         'simulation.max_duration': 10.0, 'simulation.max_steps': 200,
         'simulation.max_points': 200, 'trajectory.max_points': 20,
         'simulation.integrator': 'rk4'})
-    request.step, request.duration, request.velocity = 0.1, 10.0, [1.0]
+    request.step = 0.1
+    request.duration = 10.0
+    request.velocity = [1.0]
     with pytest.warns(ModelWarning), pytest.raises(
             InputError, match=r'the state diverged.*: a step of 0.1 s is too long'):
-        SimulationRequest.from_request(request, served).run(Simulate.Response(), lambda t: True)
+        SimulationRequest.from_request(request, served).run(Simulate.Response(),
+                                                            lambda t: True)
 
 
 def test_no_warning_where_there_is_nothing_to_warn_of(arm):
     with warnings.catch_warnings():
         warnings.simplefilter('error')
-        simulate(Robot(load_urdf(resource_path('urdf', 'ur10e.urdf'))), Q, np.zeros(6), 0.01)
+        simulate(Robot(load_urdf(resource_path('urdf', 'ur10e.urdf'))), Q, np.zeros(6),
+                 0.01)
         simulate(arm, Q, np.zeros(6), 1e-3, step=5e-6)
 
 
@@ -248,7 +264,8 @@ def test_divergence_in_a_users_torque_names_the_time_and_the_joint():
 
     def away(t, q, u):
         return robot.gravity_force(q) + 50.0 * u
-    with pytest.raises(InputError, match=r'the state diverged \(is \d.*e\+12\) at 0\.\d+ s '
+    with pytest.raises(InputError,
+                       match=r'the state diverged \(is \d.*e\+12\) at 0\.\d+ s '
                        r"\('wheel' first\)"):
         simulate(robot, [0.1], [1.0], 2.0, torque=away)
 
@@ -264,7 +281,8 @@ def test_an_fr3_with_its_frictions_is_integrated_well_at_a_millisecond(speed, fi
     q = robot.feasible_configuration()
     levels = np.array([joint.friction for joint in robot.model.coordinate_joints])
     torque = robot.gravity_force(q) + 0.5 * levels
-    with pytest.warns(ModelWarning, match="'implicit' is used: a step of 0.001 s is too long"):
+    with pytest.warns(ModelWarning,
+                      match="'implicit' is used: a step of 0.001 s is too long"):
         run = simulate(robot, q, np.zeros(robot.n), 0.5, torque=torque)
     # The smooth law creeps under half of the friction, as the fine steps do too.
     reference = simulate(robot, q, np.zeros(robot.n), 0.5, torque=torque, step=fine,

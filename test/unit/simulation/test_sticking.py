@@ -1,13 +1,13 @@
-"""Exact Coulomb friction: closed forms, event-driven references, loops, stops, energy."""
+"""Exact Coulomb friction: closed forms, event-driven references, loops."""
 
 from dataclasses import replace
 import itertools
 import json
 
 from coupled_sliders import exact_motion, random_sliders, Sliders, state_at
-from kane_dynamics import (absolute_rates, Closure, ComputedTorque, FlexibleLink, Inertial, Limits,
-                           ModelBuilder, Motion, point_mass, PointVelocity, Robot, rod, simulate,
-                           Trajectory)
+from kane_dynamics import (absolute_rates, Closure, ComputedTorque, FlexibleLink,
+                           Inertial, Limits, ModelBuilder, Motion, point_mass,
+                           PointVelocity, Robot, rod, simulate, Trajectory)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
 from kane_dynamics.errors import InputError
@@ -84,8 +84,10 @@ def test_a_joint_at_rest_does_not_creep_in_an_hour():
 
 
 @pytest.mark.parametrize('integrator, order', [('rk4', 4), ('implicit', 2)])
-def test_breakaway_under_a_spring_is_found_at_the_order_of_the_integrator(integrator, order):
-    # The spring of a cart that starts at rest is pulled by another cart, which moves freely.
+def test_breakaway_under_a_spring_is_found_at_the_order_of_the_integrator(
+        integrator, order):
+    # The spring of a cart that starts at rest is pulled by another cart, which moves
+    # freely.
     builder = ModelBuilder('carts', gravity=(0, 0, 0))
     builder.body('slow', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0),
                  friction=1.0)
@@ -111,9 +113,13 @@ def test_breakaway_under_a_spring_is_found_at_the_order_of_the_integrator(integr
 @pytest.mark.slow
 @pytest.mark.parametrize('static', [2.0, 3.0])
 def test_a_mass_on_a_belt_has_the_period_of_stick_slip(static):
-    kinetic, k, m, speed = 2.0, 8.0, 0.5, 0.3
+    kinetic = 2.0
+    k = 8.0
+    m = 0.5
+    speed = 0.3
     builder = ModelBuilder('belt', gravity=(0, 0, 0))
-    builder.body('mass', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(m), stiffness=k)
+    builder.body('mass', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(m),
+                 stiffness=k)
     builder.body('belt', 'mass', 'prismatic', axis=(1, 0, 0), friction=kinetic,
                  breakaway_friction=static)
     belt = PointVelocity('belt', (1, 0, 0), value=speed)
@@ -127,7 +133,8 @@ def test_a_mass_on_a_belt_has_the_period_of_stick_slip(static):
     # Times of breakaway: a mass that sticks moves with the belt to where it breaks away.
     begins = run.t[ends] + (static / k - run.q[ends, 0]) / speed
     assert len(begins) > 3 and (begins - run.t[ends] < STEP + 1e-9).all()
-    w, excess = np.sqrt(k / m), (static - kinetic) / k
+    w = np.sqrt(k / m)
+    excess = (static - kinetic) / k
     slip = 2.0 / w * (np.pi - np.arctan(w * excess / speed))
     period = 2.0 * excess / speed + slip
     np.testing.assert_allclose(np.diff(begins), period, atol=1e-9)
@@ -156,12 +163,14 @@ def reference_of_two(model, level, torque, duration):
     from scipy.integrate import solve_ivp
 
     def motion(x, modes, t):
-        q, u = x[:2], x[2:]
+        q = x[:2]
+        u = x[2:]
         M = kane.mass_matrix(model, q)
         h = kane.bias_force(model, q, u, friction=False)
         net = torque(t) - h - level * np.where(np.isnan(modes), 0.0, modes)
         held = np.isnan(modes)
-        udot, f = np.zeros(2), np.zeros(2)
+        udot = np.zeros(2)
+        f = np.zeros(2)
         free = ~held
         udot[free] = np.linalg.solve(M[np.ix_(free, free)], net[free])
         f[held] = (M @ udot - net)[held]
@@ -177,31 +186,39 @@ def reference_of_two(model, level, torque, duration):
             udot, f = motion(x, modes, t + 1e-7)
             held = np.isnan(modes)
             begins = ~held & (np.abs(x[2:]) <= 1e-9)
-            if (np.abs(f[held]) <= level).all() and (udot[begins] * modes[begins] > 0.0).all():
+            sticks = (np.abs(f[held]) <= level).all()
+            slides_ahead = (udot[begins] * modes[begins] > 0.0).all()
+            if sticks and slides_ahead:
                 return modes
         raise AssertionError('no mode')
-    x, t = np.zeros(4), 0.0
+    x = np.zeros(4)
+    t = 0.0
     while t < duration - 1e-12:
         modes = modes_of(x, t)
         held = np.isnan(modes)
         events = []
         for j in range(2):
             if held[j]:
-                events.append(lambda s, y, j=j, m=modes: level - abs(motion(y, m, s)[1][j]))
+                events.append(
+                    lambda s, y, j=j, m=modes: level - abs(motion(y, m, s)[1][j]))
             else:
                 events.append(lambda s, y, j=j, m=modes: m[j] * y[2 + j] + 1e-14)
-            events[-1].terminal, events[-1].direction = True, -1
-        part = solve_ivp(lambda s, y, m=modes: [*y[2:], *motion(y, m, s)[0]], (t, duration), x,
+            events[-1].terminal = True
+            events[-1].direction = -1
+        part = solve_ivp(lambda s, y, m=modes: [*y[2:], *motion(y, m, s)[0]],
+                         (t, duration), x,
                          method='DOP853', rtol=1e-12, atol=1e-13, events=events,
                          max_step=0.02)
-        x, t = part.y[:, -1], part.t[-1]
+        x = part.y[:, -1]
+        t = part.t[-1]
         x[2:] = np.where(np.abs(x[2:]) < 1e-10, 0.0, x[2:])
     return x[:2]
 
 
 @pytest.mark.slow
 def test_two_joints_under_ramps_move_as_an_event_driven_reference():
-    level, duration = 2.0, 3.0
+    level = 2.0
+    duration = 3.0
     robot = two_links(friction=level)
 
     def torque(t):
@@ -236,28 +253,34 @@ def stiff_model(seed):
 def test_random_trees_converge_at_fourth_order_through_all_transitions(seed, stops):
     robot = Robot(stiff_model(seed))
     rng = np.random.default_rng(seed)
-    q0, u0, tau = rng.uniform(-0.5, 0.5, 4), rng.uniform(-2.0, 2.0, 4), rng.uniform(-5, 5, 4)
+    q0 = rng.uniform(-0.5, 0.5, 4)
+    u0 = rng.uniform(-2.0, 2.0, 4)
+    tau = rng.uniform(-5, 5, 4)
     runs = [exact(robot, q0, u0, 1.0, step=step, torque=tau, stops=stops)
             for step in (0.02, 0.01, 0.005)]
     errors = [np.abs(run.q[-1] - runs[2].q[-1]).max() for run in runs[:2]]
     assert errors[1] < 1e-7 and errors[0] > 5.0 * errors[1]
     assert runs[2].sticking.any() and bool(runs[2].stop_events) == stops
     if stops:
-        times = np.array([[event.t for event in run.stop_events] for run in runs[1:]])
+        rows = []
+        for run in runs[1:]:
+            rows.append([event.t for event in run.stop_events])
+        times = np.array(rows)
         np.testing.assert_allclose(times[0], times[1], atol=1e-6)
 
 
 @pytest.mark.slow
 def test_the_sum_of_forces_on_every_joint_vanishes():
     robot = Robot(stiff_model(4))
-    run = exact(robot, [0.2, -0.3, 0.4, 0.1], [1.0, -2.0, 0.5, 1.5], 2.0, torque=[2, 0, -3, 1],
-                stops=True)
+    run = exact(robot, [0.2, -0.3, 0.4, 0.1], [1.0, -2.0, 0.5, 1.5], 2.0,
+                torque=[2, 0, -3, 1], stops=True)
     bare = Robot(robot.model, friction=False)
     levels = np.zeros(4)
     for body in robot.model.bodies:
         levels[body.joint.coordinate] += abs(body.joint.multiplier) * body.joint.friction
     viscous = Robot(rubbing(robot.model, friction=0.0)).friction_force(run.u)
-    friction = run.tau + run.stop_forces - viscous - bare.inverse_dynamics(run.q, run.u, run.udot)
+    friction = run.tau + run.stop_forces - viscous - bare.inverse_dynamics(
+        run.q, run.u, run.udot)
     sliding = ~run.sticking
     assert (np.abs(friction) <= levels * (1.0 + 1e-9)).all()
     expected = np.sign(run.u) * levels
@@ -266,7 +289,8 @@ def test_the_sum_of_forces_on_every_joint_vanishes():
 
 
 @pytest.mark.parametrize('integrator, step', [('rk4', 0.02), ('implicit', 0.005)])
-def test_native_transitions_are_those_of_the_readable_search(monkeypatch, integrator, step):
+def test_native_transitions_are_those_of_the_readable_search(
+        monkeypatch, integrator, step):
     robot = two_links(friction=2.0, breakaway_friction=2.3)
     t = np.arange(round(2.0 / step)) * step
     torque = np.stack([6.0 * np.sin(9.0 * t), 4.0 * np.sin(14.0 * t + 0.4)], axis=1)
@@ -284,7 +308,8 @@ def test_native_transitions_are_those_of_the_readable_search(monkeypatch, integr
 @pytest.mark.slow
 def test_many_simulations_are_the_single_ones():
     robot = two_links(friction=0.5)
-    q0, u0 = np.array([[0.0, 0.0], [0.3, -0.2]]), np.array([[1.0, -1.0], [0.0, 2.0]])
+    q0 = np.array([[0.0, 0.0], [0.3, -0.2]])
+    u0 = np.array([[1.0, -1.0], [0.0, 2.0]])
     many = exact(robot, q0, u0, 1.0)
     for k in range(2):
         single = exact(robot, q0[k], u0[k], 1.0)
@@ -293,7 +318,8 @@ def test_many_simulations_are_the_single_ones():
 
 
 def test_a_torque_function_sees_a_joint_that_sticks():
-    run = exact(wheel(friction=2.0), [0.0], [1.0], 1.0, torque=lambda t, q, u: [1.5 * (u[0] == 0)])
+    run = exact(wheel(friction=2.0), [0.0], [1.0], 1.0,
+                torque=lambda t, q, u: [1.5 * (u[0] == 0)])
     assert run.q[-1, 0] == pytest.approx(0.25, abs=1e-9)
     assert run.sticking[-1, 0] and run.tau[-1, 0] == 1.5
 
@@ -301,7 +327,8 @@ def test_a_torque_function_sees_a_joint_that_sticks():
 @pytest.mark.slow
 def test_computed_torque_moves_a_joint_that_sticks():
     robot = wheel(friction=2.0, friction_speed=0.01)
-    motion = Motion.from_points([0.0, 1.0], [[0.0], [1.0]], joint_names=robot.joint_names)
+    motion = Motion.from_points([0.0, 1.0], [[0.0], [1.0]],
+                                joint_names=robot.joint_names)
     errors = []
     for step in (4e-3, 2e-3):
         run = exact(robot, [0.0], [0.0], 1.0, step=step,
@@ -326,13 +353,14 @@ def test_a_closed_loop_is_held_by_the_friction_of_all_its_joints(tau, sticks):
         assert abs(run.u[-1, 0]) < 1e-15 and abs(run.udot[-1, 0]) < 1e-9
 
 
-LAWS_OF_LOOPS = {'drops': {'breakaway_friction': 3.0},
-                 'falls with the speed': {'breakaway_friction': 3.0, 'stribeck_speed': 0.1},
-                 'of directions': {'friction_backward': 1.2}}
+LAWS_OF_LOOPS = {
+    'drops': {'breakaway_friction': 3.0},
+    'falls with the speed': {'breakaway_friction': 3.0, 'stribeck_speed': 0.1},
+    'of directions': {'friction_backward': 1.2}}
 
 
 def ramped_loop(law, step=STEP):
-    """Return a four-bar at rest, a torque that rises and falls, and the torque at each time."""
+    """Return a four-bar at rest, a torque up and down, and it at each time."""
     robot = Robot(rubbing(four_bar_model(), friction=2.0, **law), constraints=[PIN],
                   independent=['crank'])
     q = at_angle(1.1)
@@ -358,7 +386,8 @@ def test_a_closed_loop_holds_until_all_of_its_joints_are_at_their_bounds(name):
 
 
 @pytest.mark.parametrize('name', LAWS_OF_LOOPS)
-def test_native_transitions_of_a_loop_are_those_of_the_readable_search(monkeypatch, name):
+def test_native_transitions_of_a_loop_are_those_of_the_readable_search(
+        monkeypatch, name):
     robot, q, torque = ramped_loop(LAWS_OF_LOOPS[name], step=4e-3)
     native = exact(robot, q, [0.0], 1.0, step=4e-3, torque=torque)
     search_in_python(monkeypatch)
@@ -381,7 +410,8 @@ def follows_the_exact_motion(sliders, u0, step=1e-2):
     return run
 
 
-# Of one to three speeds; several transitions, or one at which others are at their bounds.
+# Of one to three speeds; several transitions, or one at which others are at their
+# bounds.
 @pytest.mark.parametrize('seed', [3, 7, *(
     pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1, 5, 6, 8, 9, 10))])
 def test_coupled_joints_break_away_when_no_forces_hold_them(seed):
@@ -390,7 +420,7 @@ def test_coupled_joints_break_away_when_no_forces_hold_them(seed):
     assert run.sticking.any() and not run.sticking.all()
 
 
-def test_joints_that_break_away_in_the_last_step_of_native_code_do_so_at_the_exact_time():
+def test_joints_break_away_at_the_exact_time_in_the_last_native_step():
     # At 2.5553 s, in the 256th step: as many are computed at a time.
     sliders = replace(random_sliders(20), torque=np.array([-2.55482818]))
     follows_the_exact_motion(sliders, np.array([-0.15093434]))
@@ -399,7 +429,8 @@ def test_joints_that_break_away_in_the_last_step_of_native_code_do_so_at_the_exa
 def test_a_joint_whose_friction_drops_breaks_away_with_one_whose_friction_does_not():
     # The latter reaches its bound last: neither waits until it has begun to move.
     coupling = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, -1.0]])
-    sliders = Sliders(coupling, np.array([0.5, 2.2, 1.6]), np.ones(3), np.array([1.1, 1.0, 1.3]),
+    sliders = Sliders(coupling, np.array([0.5, 2.2, 1.6]), np.ones(3),
+                      np.array([1.1, 1.0, 1.3]),
                       np.array([0.0, -9.0, 4.5]), np.array([-0.85, -0.77]))
     run = follows_the_exact_motion(sliders, np.zeros(2))
     assert run.sticking[:, 1:].all(axis=1).any() and not run.sticking[:, 1:].all()
@@ -407,22 +438,24 @@ def test_a_joint_whose_friction_drops_breaks_away_with_one_whose_friction_does_n
 
 def test_a_joint_at_its_bound_waits_for_a_slow_one_that_holds_it():
     # The second one moves a fiftieth as far as the first, and holds it nevertheless.
-    sliders = Sliders(np.array([[1.0], [-0.0207]]), np.array([1.6, 1.9]), np.array([1.8, 1.3]),
+    sliders = Sliders(np.array([[1.0], [-0.0207]]), np.array([1.6, 1.9]),
+                      np.array([1.8, 1.3]),
                       np.array([2.7, 1.3]), np.array([0.0, -12.0, 6.0]), np.zeros(1))
     follows_the_exact_motion(sliders, np.zeros(1))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', [3, 7, 9])
-def test_the_readable_search_breaks_coupled_joints_away_at_the_same_time(monkeypatch, seed):
+def test_the_readable_search_breaks_coupled_joints_away_at_the_same_time(
+        monkeypatch, seed):
     search_in_python(monkeypatch)
     sliders = random_sliders(seed)
     follows_the_exact_motion(sliders, np.zeros(sliders.T.shape[1]))
 
 
 def test_coupled_joints_at_their_bounds_stay_at_rest_when_the_load_turns():
-    sliders = Sliders(np.ones((2, 1)), np.ones(2), np.array([0.2, 0.2]), np.array([1.0, 0.7]),
-                      np.zeros(3), np.zeros(1))
+    sliders = Sliders(np.ones((2, 1)), np.ones(2), np.array([0.2, 0.2]),
+                      np.array([1.0, 0.7]), np.zeros(3), np.zeros(1))
     robot = sliders.robot()
     # Less than the sum of both bounds, 1.7 N; the first one alone has reached its own.
     torque = np.repeat([1.5, -1.5, 1.65, -1.65, 1.7], 20)[:, None]
@@ -445,7 +478,8 @@ def test_joints_without_a_drop_keep_their_friction_where_their_master_is_at_its_
 @pytest.mark.slow
 @pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
 def test_joints_of_a_loop_reach_their_bounds_at_one_instant(integrator):
-    # A four-bar on a cart, with drives: where it breaks away, its joints took turns without end.
+    # A four-bar on a cart, with drives: where it breaks away, its joints took turns
+    # without end.
     one = case('closed loop', 'nonholonomic')
     robot, q = elastic_case(one)
     u = np.random.default_rng(3).uniform(-0.5, 0.5, robot.n)
@@ -462,21 +496,25 @@ def test_joints_of_a_loop_reach_their_bounds_at_one_instant(integrator):
 def test_joints_that_constraints_lock_need_no_friction():
     # A wheel slides beside a bar whose end is pinned to the ground: 2 kg m^2, 3 N m.
     b = ModelBuilder('wheel beside a locked bar')
-    b.body('wheel', inertial=Inertial(1.0, (0, 0, 0), np.diag([1.0, 1.0, 2.0])), friction=3.0)
+    b.body('wheel', inertial=Inertial(1.0, (0, 0, 0), np.diag([1.0, 1.0, 2.0])),
+           friction=3.0)
     b.body('bar', at=(1, 0, 0), inertial=rod(1.0, (0, 0, 0), (0.5, 0, 0)), friction=1.0)
     b.frame('end', 'bar', at=(0.5, 0, 0))
     b.frame('ground', 'world', at=(1.5, 0, 0))
     robot = Robot(b.model(), constraints=[Closure('end', 'ground', 'spherical')])
     run = simulate(robot, [0.0, 0.0], [2.0], 2.0, step=0.01, sticking=True)
-    np.testing.assert_allclose(run.u[:, 0], np.maximum(2.0 - 1.5 * run.t, 0.0), atol=1e-10)
+    np.testing.assert_allclose(run.u[:, 0], np.maximum(2.0 - 1.5 * run.t, 0.0),
+                               atol=1e-10)
     np.testing.assert_array_equal(run.q[:, 1], 0.0)
 
 
 @pytest.mark.slow
 def test_a_closed_loop_stops_at_the_order_of_the_integrator_and_balances_forces():
-    robot = Robot(rubbing(four_bar_model(turntable=True), friction=1.5), constraints=[PIN])
+    robot = Robot(rubbing(four_bar_model(turntable=True), friction=1.5),
+                  constraints=[PIN])
     q0 = np.concatenate([[0.3], at_angle(1.1)])
-    runs = [exact(robot, q0, [1.0, 1.0], 0.6, step=step) for step in (0.02, 0.01, 0.0025)]
+    runs = [exact(robot, q0, [1.0, 1.0], 0.6, step=step)
+            for step in (0.02, 0.01, 0.0025)]
     errors = [np.abs(run.q[-1] - runs[2].q[-1]).max() for run in runs[:2]]
     assert errors[1] < 1e-7 and errors[0] > 5.0 * errors[1]
     run = runs[2]
@@ -520,9 +558,11 @@ def test_a_loop_sticks_in_the_same_way_whatever_the_unit_of_time(stops):
 @pytest.mark.parametrize('kinds, joint, integrator', [
     (('chosen speeds', 'flexible'), 'fore', 'implicit'),
     (('closed loop', 'flexible'), 'rocker', 'rk4')])
-def test_a_joint_that_presses_stays_at_its_stop_whatever_the_speeds(kinds, joint, integrator):
+def test_a_joint_that_presses_stays_at_its_stop_whatever_the_speeds(
+        kinds, joint, integrator):
     one = case(*kinds)
-    robot, q = one.robot.copy(), one.q
+    robot = one.robot.copy()
+    q = one.q
     place = robot.coordinate_names.index(joint)
     T = one.T[place]
     along = np.linalg.solve(robot.mass_matrix(q), T) / (
@@ -533,8 +573,8 @@ def test_a_joint_that_presses_stays_at_its_stop_whatever_the_speeds(kinds, joint
     robot.limits = replace(robot.limits, lower=lower)
     u = one.u - along * (T @ one.u)
     torque = robot.inverse_dynamics(q, u, -20.0 * along)
-    run = simulate(robot, q, u, 0.05, step=1e-3, torque=torque, stops=True, sticking=True,
-                   integrator=integrator)
+    run = simulate(robot, q, u, 0.05, step=1e-3, torque=torque, stops=True,
+                   sticking=True, integrator=integrator)
     assert np.abs(run.u - run.u[0]).max() > 0.05
     assert np.abs(run.q[:, place] - q[place]).max() < 1e-14
     assert (run.stop_forces[:, robot.joint_names.index(joint)] > 0.0).all()
@@ -542,11 +582,12 @@ def test_a_joint_that_presses_stays_at_its_stop_whatever_the_speeds(kinds, joint
 
 
 @pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
-def test_a_heavy_joint_is_held_exactly_beside_a_link_that_weighs_nearly_nothing(integrator):
+def test_a_heavy_joint_is_held_exactly_beside_a_link_that_weighs_nearly_nothing(
+        integrator):
     # A force on the slide accelerates it 1e-8 times as much as a torque does the link.
     b = ModelBuilder('heavy slide', gravity=(0, 0, 0))
-    b.body('slide', kind='prismatic', axis=(0, 0, 1), inertial=point_mass(10.0), friction=2.0,
-           limits=Limits(-1.0, 0.0, 10.0, 1e4))
+    b.body('slide', kind='prismatic', axis=(0, 0, 1), inertial=point_mass(10.0),
+           friction=2.0, limits=Limits(-1.0, 0.0, 10.0, 1e4))
     b.body('link', 'slide', axis=(0, 1, 0), inertial=rod(1e-3, (0, 0, 0), (0.02, 0, 0)),
            friction=1e-8)
     robot = Robot(b.model(), speeds=absolute_rates)
@@ -597,7 +638,8 @@ def test_a_self_locking_drive_holds_any_load_and_lifts_above_its_efficiency():
     run = exact(worm(), [0.0], [0.0], 1e-3, torque=[8.0])
     assert run.udot[0, 0] == pytest.approx((8.0 / 1.3 - WEIGHT) * 3.0, rel=1e-9)
     # A drive that is not self-locking falls where the load exceeds its friction.
-    for backdriven, tau, sticks in ((0.4, 0.61 * WEIGHT, True), (0.4, 0.59 * WEIGHT, False)):
+    for backdriven, tau, sticks in ((0.4, 0.61 * WEIGHT, True),
+                                    (0.4, 0.59 * WEIGHT, False)):
         run = exact(worm(backdriven=backdriven), [0.0], [0.0], 0.1, torque=[tau])
         assert run.sticking[-1, 0] == sticks
 
@@ -616,13 +658,16 @@ def test_a_load_that_helps_the_motor_of_a_self_locking_drive_is_refused():
 
 
 def test_rigid_gears_that_lock_have_three_motions_where_the_load_helps_the_motor():
-    inertia, driving, backdriven = 1.0 / 3.0, 0.3, 1.4
+    inertia = 1.0 / 3.0
+    driving = 0.3
+    backdriven = 1.4
     joint = worm(driving, backdriven).model.bodies[0].joint
     for motor in (0.1, 1.0, 1.9):  # below (1.4 - 1) WEIGHT = 1.96, with the load -WEIGHT
         # Rest: friction carries load and motor, within what the drive holds.
         least, largest = holding_interval(joint, -WEIGHT)
         assert least < motor + WEIGHT < largest
-        # Forward accelerations a: the drive bears L = I a - WEIGHT, and motor = L + friction.
+        # Forward accelerations a: the drive bears L = I a - WEIGHT, and motor = L +
+        # friction.
         for load in (motor / (1.0 + driving), -motor / (backdriven - 1.0)):
             assert (load + WEIGHT) / inertia > 0.0
             friction = friction_torque(joint, 0.0, load, 1.0)
@@ -645,7 +690,8 @@ def test_nothing_sticks_without_friction():
 @pytest.mark.parametrize('needed', [2.0, -2.0])
 def test_a_joint_without_friction_is_not_held(needed):
     none = np.zeros(1)
-    np.testing.assert_array_equal(held_forces(np.array([needed]), np.eye(1), none, none), none)
+    np.testing.assert_array_equal(held_forces(np.array([needed]), np.eye(1), none, none),
+                                  none)
 
 
 def test_joints_without_friction_move_between_their_stops():
@@ -662,7 +708,8 @@ def test_joints_without_friction_move_between_their_stops():
 
 def test_the_command_line_has_exact_friction(capsys, tmp_path):
     supplement = tmp_path / 'rub.yaml'
-    supplement.write_text('joints: {joint1: {friction: 200.0}, joint2: {friction: 200.0}}')
+    supplement.write_text(
+        'joints: {joint1: {friction: 200.0}, joint2: {friction: 200.0}}')
     asked = ['simulate', str(resource_path('urdf', 'two_link.urdf')), '--supplement',
              str(supplement), '--duration', '0.1', '--json', '--sticking']
     assert main(asked) == 0
@@ -684,11 +731,14 @@ def test_forces_of_joints_at_rest_solve_their_complementarity_problem(seed):
     rng = np.random.default_rng(seed)
     k = int(rng.integers(1, 8))
     root = rng.normal(size=(k, k))
-    A, a = root @ root.T + 0.1 * np.eye(k), rng.normal(size=k) * 3.0
-    least, largest = -rng.uniform(0.1, 2.0, k), rng.uniform(0.1, 2.0, k)
+    A = root @ root.T + 0.1 * np.eye(k)
+    a = rng.normal(size=k) * 3.0
+    least = -rng.uniform(0.1, 2.0, k)
+    largest = rng.uniform(0.1, 2.0, k)
     f = held_forces(a, A, least, largest)
     v = a + A @ f
     assert (f >= least - 1e-12).all() and (f <= largest + 1e-12).all()
     between = (f > least + 1e-12) & (f < largest - 1e-12)
     assert np.abs(v[between]).max(initial=0.0) < 1e-9
-    assert (v[f >= largest - 1e-12] <= 1e-9).all() and (v[f <= least + 1e-12] >= -1e-9).all()
+    assert (v[f >= largest - 1e-12] <= 1e-9).all()
+    assert (v[f <= least + 1e-12] >= -1e-9).all()

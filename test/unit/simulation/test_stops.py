@@ -1,15 +1,16 @@
-"""Joint stops of simulate: rigid, inelastic impacts in the space of the admissible motions."""
+"""Joint stops of simulate: rigid, inelastic impacts in admissible motions."""
 
 from dataclasses import replace
 from functools import cache
 import warnings
 
-from kane_dynamics import (absolute_rates, ComputedTorque, ConstraintError, InputError, load_urdf,
-                           Motion, Prescribed, Robot, simulate, Trajectory)
+from kane_dynamics import (absolute_rates, ComputedTorque, ConstraintError, InputError,
+                           load_urdf, Motion, Prescribed, Robot, simulate, Trajectory)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.simulation.stops.joint_stops import JointStops
-from linkages import (five_bar, five_bar_at, five_bar_partial_rates, four_bar_model, PIN, sleigh)
+from linkages import (five_bar, five_bar_at, five_bar_partial_rates, four_bar_model, PIN,
+                      sleigh)
 from mechanisms import random_model
 import numpy as np
 import pytest
@@ -18,15 +19,17 @@ FREE = 1e9
 
 
 def stopped(robot, **limits):
-    """Return a copy of a robot with stops at (lower, upper) of the named joints alone."""
-    other = robot.copy()
+    """Return a copy of a robot with stops (lower, upper) of named joints."""
+    other_robot = robot.copy()
     lower, upper = np.full((2, robot.n_q), FREE) * [[-1.0], [1.0]]
     for name, (low, high) in limits.items():
         k = robot.joint_names.index(name)
-        lower[k], upper[k] = low, high
-    other.limits = replace(robot.limits, lower=np.where(lower == -FREE, -np.inf, lower),
-                           upper=np.where(upper == FREE, np.inf, upper))
-    return other
+        lower[k] = low
+        upper[k] = high
+    other_robot.limits = replace(robot.limits,
+                                 lower=np.where(lower == -FREE, -np.inf, lower),
+                                 upper=np.where(upper == FREE, np.inf, upper))
+    return other_robot
 
 
 @cache
@@ -39,23 +42,27 @@ def tree(friction=False, chosen=False):
 
 @cache
 def four_bar():
-    return Robot(four_bar_model(), constraints=[PIN], independent=['crank'], friction=False)
+    return Robot(four_bar_model(), constraints=[PIN], independent=['crank'],
+                 friction=False)
 
 
 def impact(M, J, rows, qdot):
-    """Return the rates after an inelastic impact on rows of the rates, by the full system."""
+    """Return the rates after an inelastic impact on rows, by the full system."""
     held = np.concatenate([J, rows])
-    n, m = len(M), len(held)
+    n = len(M)
+    m = len(held)
     K = np.block([[M, held.T], [held, np.zeros((m, m))]])
     return np.linalg.solve(K, np.concatenate([M @ qdot, np.zeros(m)]))[:n]
 
 
 def test_an_arm_rests_on_its_stops_and_the_balance_counts_what_was_lost():
     robot = tree()
-    run = simulate(robot, [0.1, 0.2, 0.3], [1.0, -2.0, 0.5], 1.5, stops=True, sample=1e-3)
+    run = simulate(robot, [0.1, 0.2, 0.3], [1.0, -2.0, 0.5], 1.5,
+                   stops=True, sample=1e-3)
     assert run.stop_events and not run.warnings
     assert {event.limit for event in run.limit_events} <= {'velocity'}
-    lower, upper = robot.limits.lower, robot.limits.upper
+    lower = robot.limits.lower
+    upper = robot.limits.upper
     assert (run.q >= lower).all() and (run.q <= upper).all()
     total = run.energy.sum(axis=1)
     assert (np.diff(total) <= 1e-4).all(), 'stops take energy'
@@ -73,28 +80,37 @@ def test_the_balance_would_warn_of_an_impact_that_is_not_counted(monkeypatch):
 @pytest.mark.parametrize('torque', ['held', 'function', 'computed torque'])
 def test_a_joint_that_is_pressed_against_its_stop_stays_there_without_a_warning(torque):
     robot = stopped(tree(), joint0=(-0.4, 0.5), joint1=(-0.3, 0.6), joint2=(-1.0, 0.7))
-    q0, end = [0.1, 0.2, 0.3], [0.5, 0.6, 0.7]
-    motion = Motion.from_points([0.0, 0.2], [q0, [0.9, 1.5, 2.0]], joint_names=robot.joint_names)
-    source = {'held': [80.0, 40.0, 20.0], 'function': lambda *_: np.array([80.0, 40.0, 20.0]),
+    q0 = [0.1, 0.2, 0.3]
+    end = [0.5, 0.6, 0.7]
+    motion = Motion.from_points([0.0, 0.2], [q0, [0.9, 1.5, 2.0]],
+                                joint_names=robot.joint_names)
+    source = {'held': [80.0, 40.0,
+                       20.0], 'function': lambda *_: np.array([80.0, 40.0, 20.0]),
               'computed torque': ComputedTorque(robot, motion)}[torque]
     run = simulate(robot, q0, np.zeros(3), 0.6, stops=True, torque=source)
-    assert not run.warnings and {e.joint for e in run.stop_events} == set(robot.joint_names)
+    assert not run.warnings
+    assert {e.joint for e in run.stop_events} == set(robot.joint_names)
     np.testing.assert_allclose(run.q[-1], end, atol=1e-12)
     np.testing.assert_allclose(run.u[-1], 0.0, atol=1e-12)
 
 
 def test_chosen_speeds_hit_the_stops_of_the_tree():
-    plain, chosen = tree(), tree(chosen=True)
-    q0, qdot = np.array([0.1, 0.2, 0.3]), np.array([1.0, -2.0, 0.5])
-    Y = np.array(chosen.mechanism.state(q0).speed_rows(chosen.speed_names)[0], dtype=float)
+    plain = tree()
+    chosen = tree(chosen=True)
+    q0 = np.array([0.1, 0.2, 0.3])
+    qdot = np.array([1.0, -2.0, 0.5])
+    Y = np.array(chosen.mechanism.state(q0).speed_rows(chosen.speed_names)[0],
+                 dtype=float)
     errors = []
-    for step in (1e-3, 2e-4):  # the impulse of trees is that of the configuration past the stop
-        one, other = (simulate(robot, q0, u0, 0.3, step=step, stops=True, sample=0.01)
-                      for robot, u0 in ((plain, qdot), (chosen, Y @ qdot)))
-        assert not other.warnings
-        assert [(e.joint, e.limit) for e in other.stop_events] == [
+    # The impulse of trees is that of the configuration past the stop.
+    for step in (1e-3, 2e-4):
+        one = simulate(plain, q0, qdot, 0.3, step=step, stops=True, sample=0.01)
+        other_run = simulate(chosen, q0, Y @ qdot, 0.3,
+                             step=step, stops=True, sample=0.01)
+        assert not other_run.warnings
+        assert [(e.joint, e.limit) for e in other_run.stop_events] == [
             (e.joint, e.limit) for e in one.stop_events] != []
-        errors.append(np.abs(other.q - one.q).max())
+        errors.append(np.abs(other_run.q - one.q).max())
     assert errors[0] < 1e-3
     assert errors[1] < 0.4 * errors[0]
 
@@ -119,7 +135,8 @@ def test_the_impact_of_a_five_bar_is_projected_and_loses_the_energy_of_the_jump(
 
 def test_the_impact_of_a_body_on_a_runner_is_projected():
     names = sleigh().joint_names
-    q0, speed = np.array([0.0, 0.0, 0.5]), 2.0
+    q0 = np.array([0.0, 0.0, 0.5])
+    speed = 2.0
     free = Robot(sleigh().model, constraints=sleigh()._choices['constraints'],
                  independent=[names[0], names[2]])
     robot = stopped(free, **{names[0]: (-FREE, 1e-7)})
@@ -147,11 +164,13 @@ def test_a_four_bar_rests_with_a_dependent_joint_at_its_stop_and_two_stops_share
 
 @pytest.mark.parametrize('independent', ['crank', 'coupler'])
 def test_computed_torque_against_a_stop_of_a_closed_loop(independent):
-    robot = Robot(four_bar_model(), constraints=[PIN], independent=[independent], friction=False)
+    robot = Robot(four_bar_model(), constraints=[PIN], independent=[independent],
+                  friction=False)
     q0 = robot.closed_configuration((0.5, 0.0, -1.5), fixed=['crank'])
     robot = stopped(robot, crank=(-FREE, 0.9))
     motion = Motion.from_points([0.0, 0.2], [[0.5], [2.5]], joint_names=['crank'])
-    run = simulate(robot, q0, [0.0], 0.6, stops=True, torque=ComputedTorque(robot, motion))
+    run = simulate(robot, q0, [0.0], 0.6, stops=True,
+                   torque=ComputedTorque(robot, motion))
     assert not run.warnings and {e.joint for e in run.stop_events} == {'crank'}
     np.testing.assert_allclose(run.q[-1, 0], 0.9, atol=1e-10)
     np.testing.assert_allclose(run.u[-1], 0.0, atol=1e-10)
@@ -165,8 +184,9 @@ def test_each_of_many_simulations_hits_as_alone_and_files_keep_the_impacts(tmp_p
     for k in range(3):
         alone = simulate(robot, q0[k], u0[k], 0.3, stops=True)
         np.testing.assert_allclose(many.q[k], alone.q, atol=1e-9)
-        assert [(e.joint, e.limit, round(e.t, 6)) for e in many.state(k).stop_events] == [
-            (e.joint, e.limit, round(e.t, 6)) for e in alone.stop_events]
+        assert [(e.joint, e.limit,
+                 round(e.t, 6)) for e in many.state(k).stop_events] == [
+                     (e.joint, e.limit, round(e.t, 6)) for e in alone.stop_events]
     many.save_npz(tmp_path / 'many.npz')
     assert Trajectory.load_npz(tmp_path / 'many.npz').stop_events == many.stop_events
     assert 'hits its' in str(many.stop_events[0])
@@ -179,28 +199,32 @@ def test_without_a_contact_stops_change_nothing():
 
 
 def test_a_start_beyond_the_stops_is_refused():
-    with pytest.raises(InputError, match=r"q0: joint 'joint0' at 0\.6; expected -0\.4 to 0\.5"):
+    with pytest.raises(InputError,
+                       match=r"q0: joint 'joint0' at 0\.6; expected -0\.4 to 0\.5"):
         simulate(tree(), [0.6, 0.2, 0.3], np.zeros(3), 0.1, stops=True)
     model = random_model(4, 3, prismatic=0.0, branching=0.0)
     driven = stopped(Robot(model, constraints=[Prescribed('joint0', lambda t: t)],
                            friction=False), joint0=(-1.0, 0.05))
-    with pytest.raises(ConstraintError, match="'joint0' is at its stop, and the constraints"):
+    with pytest.raises(ConstraintError,
+                       match="'joint0' is at its stop, and the constraints"):
         simulate(driven, np.zeros(3), np.zeros(2), 0.1, stops=True)
 
 
 def test_stops_act_after_a_change_of_the_independent_speeds():
     robot = stopped(sleigh(), **{'body/y': (-FREE, 0.9)})
-    run = simulate(robot, [0.0, 0.0, 0.5], [1.0, 1.7], 3.0, stops=True, torque=[0.0, 0.2])
+    run = simulate(robot, [0.0, 0.0, 0.5], [1.0, 1.7], 3.0,
+                   stops=True, torque=[0.0, 0.2])
     assert run.speed_changes and not run.warnings
     assert [event.joint for event in run.stop_events] == ['body/y']
     assert run.q[:, 1].max() < 0.9 + 1e-9
-    np.testing.assert_allclose(run.u[:, 1], 1.7 + 0.5 * run.t, atol=1e-6)  # no moment of the stop
+    # No moment of the stop.
+    np.testing.assert_allclose(run.u[:, 1], 1.7 + 0.5 * run.t, atol=1e-6)
 
 
 @pytest.mark.parametrize(('integrator', 'error'), [('rk4', 1e-9), ('implicit', 1e-5)])
 def test_a_pendulum_on_a_pressed_link_keeps_its_energy(integrator, error):
-    robot = stopped(Robot(random_model(1, 2, prismatic=0.0, branching=0.0), friction=False),
-                    joint0=(0.0, 1.0))
+    robot = stopped(Robot(random_model(1, 2, prismatic=0.0, branching=0.0),
+                          friction=False), joint0=(0.0, 1.0))
     run = simulate(robot, [0.0, 0.3], [0.0, 0.0], 20.0, stops=True, torque=[-50.0, 0.0],
                    integrator=integrator)
     assert not run.warnings and not run.q[:, 0].any()
@@ -209,21 +233,25 @@ def test_a_pendulum_on_a_pressed_link_keeps_its_energy(integrator, error):
 
 
 @pytest.mark.parametrize(('integrator', 'order'), [('rk4', 4.0), ('implicit', 2.0)])
-def test_an_arm_on_two_pressed_joints_moves_as_one_whose_joints_are_fixed(integrator, order):
-    path, names = resource_path('urdf', 'fr3.urdf'), [f'fr3_joint{k}' for k in range(1, 8)]
+def test_an_arm_on_two_pressed_joints_moves_as_one_whose_joints_are_fixed(
+        integrator, order):
+    path = resource_path('urdf', 'fr3.urdf')
+    names = [f'fr3_joint{k}' for k in range(1, 8)]
     q0 = np.array([0.0, -0.7, 0.0, -2.3, 0.0, 1.6, 0.7])
-    u0, tau = [0.5, 0.0, 0.3, 0.0, 0.2, -0.5, 1.0], [2.0, 200.0, 1.0, -200.0, 0.5, 0.2, 0.1]
+    u0 = [0.5, 0.0, 0.3, 0.0, 0.2, -0.5, 1.0]
+    tau = [2.0, 200.0, 1.0, -200.0, 0.5, 0.2, 0.1]
     free = [0, 2, 4, 5, 6]
     arm = stopped(Robot(load_urdf(path, joints=names), friction=False),
                   fr3_joint2=(-FREE, -0.7), fr3_joint4=(-2.3, FREE))
     fixed = Robot(load_urdf(path, joints=[names[k] for k in free],
                             locked={names[1]: -0.7, names[3]: -2.3}), friction=False)
-    given = q0[free], np.array(u0)[free], 0.5
-    exact = simulate(fixed, *given, torque=np.array(tau)[free], step=2e-4)
+    arguments = q0[free], np.array(u0)[free], 0.5
+    exact = simulate(fixed, *arguments, torque=np.array(tau)[free], step=2e-4)
     errors = []
     for step in (1e-2, 5e-3):
-        run = simulate(arm, q0, u0, 0.5, torque=tau, stops=True, step=step, integrator=integrator)
-        same = simulate(fixed, *given, torque=np.array(tau)[free], step=step,
+        run = simulate(arm, q0, u0, 0.5, torque=tau, stops=True, step=step,
+                       integrator=integrator)
+        same = simulate(fixed, *arguments, torque=np.array(tau)[free], step=step,
                         integrator=integrator)
         assert not run.warnings and not run.stop_events
         np.testing.assert_array_equal(run.q[:, [1, 3]] - q0[[1, 3]], 0.0)
@@ -233,17 +261,21 @@ def test_an_arm_on_two_pressed_joints_moves_as_one_whose_joints_are_fixed(integr
 
 
 def five_bar_on_its_stop():
-    """Return a five-bar with a dependent joint at its stop, and one where it is prescribed."""
-    q0, free = five_bar_at(2.0, 1.1), five_bar()
+    """Return a five-bar with a dependent joint at its stop, or prescribed."""
+    q0 = five_bar_at(2.0, 1.1)
+    free = five_bar()
     T = five_bar_partial_rates(q0)
     tip = free._choices['constraints'][0]
-    fixed = Robot(free.model, constraints=[tip, Prescribed('left_bar', lambda t: q0[1] + 0.0 * t)],
+    fixed = Robot(free.model,
+                  constraints=[tip, Prescribed('left_bar', lambda t: q0[1] + 0.0 * t)],
                   friction=False, independent=('right_crank',))
-    return stopped(free, left_bar=(q0[1], FREE)), fixed, q0, np.array([-T[1, 1] / T[1, 0], 1.0])
+    return stopped(free, left_bar=(q0[1], FREE)), fixed, q0, np.array(
+        [-T[1, 1] / T[1, 0], 1.0])
 
 
 @pytest.mark.parametrize(('integrator', 'order'), [('rk4', 3.7), ('implicit', 1.8)])
-def test_a_loop_on_a_pressed_joint_moves_as_one_where_it_is_prescribed(integrator, order):
+def test_a_loop_on_a_pressed_joint_moves_as_one_where_it_is_prescribed(
+        integrator, order):
     robot, fixed, q0, u0 = five_bar_on_its_stop()
     exact = simulate(fixed, q0, u0[1:], 0.09, torque=[10.0], step=1e-4)
     errors = []
@@ -257,11 +289,13 @@ def test_a_loop_on_a_pressed_joint_moves_as_one_where_it_is_prescribed(integrato
 
 
 def test_a_pressed_joint_leaves_its_stop_where_the_force_of_the_stop_changes_its_sign():
-    """Prescribed, the joint needs a force of that sign: the power of the motion is its sign."""
+    """Prescribed, the joint needs a force of that sign, as its power shows."""
     robot, fixed, q0, u0 = five_bar_on_its_stop()
-    left, leaves = [], []
+    left = []
+    leaves = []
     for step in (1e-3, 5e-4, 1.25e-4):
-        run = simulate(robot, q0, u0, 0.12, torque=[0.0, 10.0], stops=True, step=step, sample=step)
+        run = simulate(robot, q0, u0, 0.12, torque=[0.0, 10.0], stops=True, step=step,
+                       sample=step)
         leaves.append(run.t[np.argmax(run.q[:, 1] > q0[1] + 1e-10)])
         left.append(run.q[-1])
         assert not run.warnings
@@ -277,9 +311,10 @@ def test_a_pressed_joint_leaves_its_stop_where_the_force_of_the_stop_changes_its
 @pytest.mark.parametrize('apart', [0.0, 1e-9, 1e-7, -1e-7, 1e-5, -1e-5, 1e-3, -1e-3])
 def test_of_two_nearly_coincident_stops_of_a_loop_the_first_one_holds(apart, torque):
     robot = four_bar()
-    q0, at = (robot.closed_configuration((x, 0.0, -1.5), fixed=['crank']) for x in (0.5, 0.9))
-    run = simulate(stopped(robot, rocker=(-FREE, at[2] + apart), crank=(-FREE, at[0])), q0, [2.0],
-                   0.3, stops=True, torque=[torque])
+    q0 = robot.closed_configuration((0.5, 0.0, -1.5), fixed=['crank'])
+    at = robot.closed_configuration((0.9, 0.0, -1.5), fixed=['crank'])
+    run = simulate(stopped(robot, rocker=(-FREE, at[2] + apart), crank=(-FREE, at[0])),
+                   q0, [2.0], 0.3, stops=True, torque=[torque])
     hits = [event.joint for event in run.stop_events]
     if apart < 0.0:
         np.testing.assert_allclose(run.q[-1, 2], at[2] + apart, rtol=0.0, atol=2e-11)
@@ -301,18 +336,20 @@ def test_two_pressed_stops_of_one_motion_are_native_and_share(monkeypatch):
 
 
 @pytest.mark.parametrize('torque', [1e4, 1e7])
-def test_the_energy_balance_does_not_warn_of_joints_that_rest_under_large_torques(torque):
+def test_the_energy_balance_does_not_warn_of_joints_that_rest_under_large_torques(
+        torque):
     with warnings.catch_warnings():
         warnings.simplefilter('error')
         arm = stopped(tree(), joint0=(-0.4, 0.5), joint1=(-0.3, 0.6), joint2=(-1.0, 0.7))
-        simulate(arm, [0.5, 0.6, 0.7], np.zeros(3), 0.1, stops=True, torque=np.full(3, torque))
+        simulate(arm, [0.5, 0.6, 0.7], np.zeros(3), 0.1,
+                 stops=True, torque=np.full(3, torque))
         q0 = four_bar().closed_configuration((0.5, 0.0, -1.5), fixed=['crank'])
         simulate(stopped(four_bar(), rocker=(-FREE, q0[2])), q0, [0.0], 0.1, stops=True,
                  torque=[0.01 * torque])
 
 
 def test_joints_at_rest_and_another_that_hits_do_not_bounce_between_their_stops():
-    """An impact takes joints off their stops only if it overcomes the torques on them."""
+    """An impact lifts joints off stops only if it overcomes their torques."""
     robot = stopped(tree(), joint0=(-0.4, 0.5), joint1=(-0.3, 0.6), joint2=(-1.0, 0.7))
     run = simulate(robot, [0.1, 0.2, 0.3], np.zeros(3), 0.6, stops=True,
                    torque=[80.0, 40.0, 20.0])
@@ -320,7 +357,8 @@ def test_joints_at_rest_and_another_that_hits_do_not_bounce_between_their_stops(
 
 
 @pytest.mark.parametrize(('argument', 'message'), [
-    ({'integrator': ['implicit']}, r"integrator: \['implicit'\]; expected one of rk4, implicit"),
+    ({'integrator': ['implicit']},
+     r"integrator: \['implicit'\]; expected one of rk4, implicit"),
     ({'step': True}, 'step: True; expected a positive, finite time'),
     ({'sample': True}, 'sample: True; expected a positive, finite time'),
     ({'duration': np.array([0.1])}, r'duration: array\(\[0\.1\]\); expected a positive'),
@@ -328,9 +366,10 @@ def test_joints_at_rest_and_another_that_hits_do_not_bounce_between_their_stops(
     ({'progress': 3}, 'progress: 3; expected None or a function'),
     ({'robot': 3}, 'robot: a int; expected a Robot')])
 def test_arguments_of_a_wrong_kind_are_named(argument, message):
-    given = {'robot': tree(), 'q0': [0.1, 0.2, 0.3], 'u0': [0.0] * 3, 'duration': 0.01}
+    arguments = {'robot': tree(), 'q0': [0.1, 0.2, 0.3], 'u0': [0.0] * 3,
+                 'duration': 0.01}
     with pytest.raises(InputError, match=message):
-        simulate(**{**given, **argument})
+        simulate(**{**arguments, **argument})
 
 
 @pytest.mark.parametrize('stops', [False, True])
@@ -348,6 +387,7 @@ def test_stops_are_on_or_off(bad):
 
 @pytest.mark.parametrize('limits', [(0.1, 0.1), (0.4, -0.4)])
 def test_limits_that_leave_no_range_are_refused(limits):
-    with pytest.raises(InputError, match=r"limits: of joint 'joint0' .*expected a range"):
+    with pytest.raises(InputError,
+                       match=r"limits: of joint 'joint0' .*expected a range"):
         simulate(stopped(tree(), joint0=limits), [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], 0.01,
                  stops=True)

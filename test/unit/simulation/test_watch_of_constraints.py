@@ -11,32 +11,36 @@ import pytest
 
 
 def unwatched(robot):
-    """Return a robot with the constraints of another one, whose kernels watch nothing."""
-    other = Robot(robot.model, constraints=robot.mechanism.constraints,
-                  independent=robot.speed_names)
-    equations = copy(other.equations)
+    """Return a robot with another one's constraints and unwatched kernels."""
+    other_robot = Robot(robot.model, constraints=robot.mechanism.constraints,
+                        independent=robot.speed_names)
+    equations = copy(other_robot.equations)
     equations.watched = False
-    vars(other).update(equations=equations,
-                       kernels=KernelSet(equations, None, other.parameters.block))
-    return other
+    vars(other_robot).update(
+        equations=equations,
+        kernels=KernelSet(equations, None, other_robot.parameters.block))
+    return other_robot
 
 
 def state_after_a_step(robot, q, u, h):
     """Return q and u after a step without torque."""
     layout = state_layout(robot)
     state = np.ones(layout.size)
-    state[layout.q], state[layout.u] = q, u
-    after = np.empty((1, layout.size))
+    state[layout.q] = q
+    state[layout.u] = u
+    state_after = np.empty((1, layout.size))
     constants = np.concatenate([[h], robot.parameters.block])
-    step_kernel(robot, False).scan([state[None], np.zeros((1, 1, robot.n))], after,
+    step_kernel(robot, False).scan([state[None], np.zeros((1, 1, robot.n))], state_after,
                                    constants=constants)
-    return after[0, layout.q], after[0, layout.u]
+    return state_after[0, layout.q], state_after[0, layout.u]
 
 
 @pytest.mark.parametrize('angle', [0.4, 1.3])
 def test_steps_without_the_watch_close_loops_too(angle):
     watched = four_bar('crank')
-    q, u, h = at_angle(angle), np.array([6.0]), 0.02
+    q = at_angle(angle)
+    u = np.array([6.0])
+    h = 0.02
     closed, rates = state_after_a_step(watched, q, u, h)
     same, same_rates = state_after_a_step(unwatched(watched), q, u, h)
     np.testing.assert_allclose(same, closed, atol=1e-14)
