@@ -24,7 +24,8 @@ HELPERS = Path(mechanisms.__file__).parent
 @pytest.fixture
 def place(tmp_path, monkeypatch):
     """Use an empty cache of the test's own, for the code of robots alone."""
-    # The first robot of a process also stores code that the process then keeps in memory.
+    # The first robot of a process also stores code that the process then keeps in
+    # memory.
     monkeypatch.setenv('KANE_DYNAMICS_CACHE', str(tmp_path / 'of_the_process'))
     torque()
     monkeypatch.setenv('KANE_DYNAMICS_CACHE', str(tmp_path / 'kept'))
@@ -150,8 +151,9 @@ def test_kernels_compile_again_after_their_files_were_removed(place, monkeypatch
     assert np.array_equal(torque(), expected)
 
 
-def test_concurrent_interpreters_with_an_empty_cache_agree_and_leave_complete_files(place):
-    """Four interpreters race for an empty cache, while it is pruned to almost nothing."""
+def test_concurrent_interpreters_with_an_empty_cache_agree_and_leave_complete_files(
+        place):
+    """Four interpreters race for an empty cache, pruned to almost nothing."""
     program = """
 import sys
 from kane_dynamics import Robot
@@ -162,9 +164,11 @@ model = random_model(8, 3)
 sys.stdout.write(Robot(model).inverse_dynamics(*random_state(model, 0)).tobytes().hex())
 """
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
-    running = [subprocess.Popen([sys.executable, '-c', program, str(most)], env=environment,
-                                stdout=subprocess.PIPE, text=True)
-               for most in (0, 2**20, 2**20, 2**20)]
+    running = []
+    for size_limit in (0, 2**20, 2**20, 2**20):
+        running.append(
+            subprocess.Popen([sys.executable, '-c', program, str(size_limit)],
+                             env=environment, stdout=subprocess.PIPE, text=True))
     results = {process.communicate(timeout=60)[0] for process in running}
     assert [process.returncode for process in running] == [0] * 4
     assert results == {torque().tobytes().hex()}
@@ -184,13 +188,14 @@ Robot(random_model(8, 3), constraints=[coupling]).mass_matrix(np.zeros(3))
 """
 
     def kept():
-        subprocess.run([sys.executable, '-c', program], cwd=copy.parent, check=True, timeout=60,
+        subprocess.run([sys.executable, '-c', program],
+                       cwd=copy.parent, check=True, timeout=60,
                        env={**os.environ, 'PYTHONPATH': f'{copy.parent}:{HELPERS}',
                             'PYTHONDONTWRITEBYTECODE': '1'})
         return set(os.listdir(place))
     first = kept()
-    before = kept()
-    assert before == first
+    files_before = kept()
+    assert files_before == first
     for name in ('mechanics/constraints/constraint_types/position_constraints.py',
                  'native/backends/llvm_scalar.py', 'robot/kernel_set.py'):
         source = copy / name
@@ -198,6 +203,6 @@ Robot(random_model(8, 3), constraints=[coupling]).mass_matrix(np.zeros(3))
         text = source.read_text('utf-8')
         source.write_text(text.replace('.', ',', 1), 'utf-8')  # in its docstring
         os.utime(source, ns=(status.st_atime_ns, status.st_mtime_ns))
-        after = kept()
-        assert len(after - before) >= len(first), name
-        before = after
+        files_after = kept()
+        assert len(files_after - files_before) >= len(first), name
+        files_before = files_after

@@ -1,8 +1,8 @@
 """
 Machine code, and what the interpreter reads of it, outlives its users.
 
-Each case is a process of its own: what breaks the promise kills it. The allocator writes over all
-that is freed, so that nothing survives by chance.
+Each case is a process of its own: what breaks the promise kills it. The allocator writes
+over all that is freed, so that nothing survives by chance.
 """
 
 import os
@@ -34,7 +34,8 @@ for _ in range(3):
     assert gc.collect()
 """
 
-# The same of a workspace's function, and of the method of one, held when all else is collected.
+# The same of a workspace's function, and of the method of one, held when all else is
+# collected.
 METHOD = START + """
 gc.disable()
 for _ in range(3):
@@ -49,8 +50,8 @@ for _ in range(3):
     del call
 """
 
-# Two threads that are the first to need the same code both make it. One code is kept, and here the
-# late thread's function: another time they are of one thread.
+# Two threads that are the first to need the same code both make it. One code is kept,
+# and here the late thread's function: another time they are of one thread.
 FIRST_TOGETHER = START + """
 import threading
 from kane_dynamics.native.machine_code import llvm
@@ -86,8 +87,8 @@ kernel(*STATE)
 """
 
 
-# A finalizer that calls what is collected with it: functions of a robot and of a workspace, and
-# methods, whose code must not be unloaded by a finalizer of its own.
+# A finalizer that calls what is collected with it: functions of a robot and of a
+# workspace, and methods, whose code must not be unloaded by a finalizer of its own.
 FINALIZERS = START + """
 called = []
 
@@ -104,8 +105,9 @@ for kind in range(4):
     robot = Robot(MODEL, wrench_frames=['frame4'])
     workspace = robot.bind()
     pose = workspace.at_frame('frame_pose', 'frame4')
-    for call, *given in ([robot.gravity_force, STATE[0]], [workspace.gravity_force], [pose],
-                         [robot.mass_matrix, STATE])[kind:kind + 1]:
+    calls = ([robot.gravity_force, STATE[0]], [workspace.gravity_force], [pose],
+             [robot.mass_matrix, STATE])
+    for call, *given in calls[kind:kind + 1]:
         call(*given)
         Caller(call, *given)
     del robot, workspace, pose, call, given

@@ -18,14 +18,16 @@ MODEL = random_model(8, 4)
 def test_kernels_that_compiled_at_once_are_verified_and_the_same(monkeypatch):
     monkeypatch.setenv('KANE_DYNAMICS_CACHE', 'off')
     monkeypatch.setenv('KANE_DYNAMICS_THREADS', '4')
-    together, one_by_one = Robot(MODEL), Robot(MODEL)
+    together = Robot(MODEL)
+    one_by_one = Robot(MODEL)
     compile_simulation(together, 'rk4', 'body_torques')
     assert together.verify() < 1e-9
     monkeypatch.setenv('KANE_DYNAMICS_THREADS', '1')
     compile_simulation(one_by_one, 'rk4', 'body_torques')
     q, u, udot = random_state(MODEL, 0)
     for name, arguments in (('inverse_dynamics', (q, u, udot)), ('mass_matrix', (q,)),
-                            ('forward_dynamics', (q, u, udot)), ('body_torques', (q, u, udot))):
+                            ('forward_dynamics', (q, u, udot)),
+                            ('body_torques', (q, u, udot))):
         assert np.array_equal(getattr(together, name)(*arguments),
                               getattr(one_by_one, name)(*arguments))
 
@@ -69,9 +71,10 @@ print(time.process_time() - begin)
 """
 
     def seconds():
-        done = subprocess.run([sys.executable, '-c', program], check=True, capture_output=True,
-                              text=True, timeout=100, env={
-                                  **os.environ, 'KANE_DYNAMICS_CACHE': str(tmp_path / 'kept')})
+        done = subprocess.run(
+            [sys.executable, '-c', program], check=True, capture_output=True,
+            text=True, timeout=100, env={
+                **os.environ, 'KANE_DYNAMICS_CACHE': str(tmp_path / 'kept')})
         return float(done.stdout)
     cold = seconds()
     assert min(seconds(), seconds()) < 0.15 * cold

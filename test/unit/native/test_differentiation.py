@@ -1,11 +1,12 @@
-"""Differentiation of traced programs: every rule, subroutines, branches, second order, cost."""
+"""Differentiation of traced programs: rules, subroutines, branches, second order."""
 
 from kane_dynamics import Robot
 from kane_dynamics.mechanics.algebra.dual import moving, rates, select
 from kane_dynamics.mechanics.algebra.hyperdual import HyperDual
 from kane_dynamics.native.backends.llvm_scalar import ARITHMETIC, ELEMENTARY
 from kane_dynamics.native.tracing import differentiation
-from kane_dynamics.native.tracing.differentiation import forward, jacobian, reverse, SLOPES
+from kane_dynamics.native.tracing.differentiation import (forward, jacobian, reverse,
+                                                          SLOPES)
 from kane_dynamics.native.tracing.program import evaluate, trace_program
 from kane_dynamics.native.tracing.subroutine import Subroutines
 from kane_dynamics.robot.derivative_kernels import Derivative
@@ -40,13 +41,15 @@ def modes(function, x, tangents, cotangents):
                                np.ravel(jacobian(y, [*x], Subroutines()))])
     program = trace_program('derived', derived, [('x', x.shape), ('dx', x.shape),
                                                  ('w', np.shape(cotangents))])
-    m, n = len(cotangents), len(x)
-    found = evaluate(program, [x, tangents, cotangents])
-    return found[:m], found[m:m + n], found[m + n:].reshape(m, n)
+    m = len(cotangents)
+    n = len(x)
+    values = evaluate(program, [x, tangents, cotangents])
+    return values[:m], values[m:m + n], values[m + n:].reshape(m, n)
 
 
 def test_every_operation_has_a_rule():
-    assert set(SLOPES) == {*ARITHMETIC, *ELEMENTARY, 'neg', 'sqrt', 'floor', 'less', 'select'}
+    assert set(SLOPES) == {*ARITHMETIC, *ELEMENTARY, 'neg', 'sqrt', 'floor', 'less',
+                           'select'}
     assert set(FUNCTIONS) == set(SLOPES)
 
 
@@ -54,7 +57,8 @@ def test_every_operation_has_a_rule():
 def test_both_modes_give_the_derivative_of_an_operation(op):
     function = FUNCTIONS[op]
     for value in (X, X[::-1]):
-        slopes = np.array([float(rates(function(*moving(value, unit)))) for unit in np.eye(2)])
+        slopes = np.array(
+            [float(rates(function(*moving(value, unit)))) for unit in np.eye(2)])
         tangent, gradient, matrix = modes(function, value, DX, [2.0])
         np.testing.assert_allclose(tangent, [slopes @ DX], rtol=1e-14, atol=1e-15)
         np.testing.assert_allclose(gradient, 2.0 * slopes, rtol=1e-14, atol=1e-15)
@@ -68,7 +72,8 @@ def test_the_jacobian_is_the_same_by_either_mode():
     def tall(x, y, z):  # forward mode
         return np.array([np.sin(x * y) / z, x * z, y - x, np.tanh(z) * x, 3.0])
     x = np.array([0.3, -0.8, 1.7])
-    one, many = modes(wide, x, x, [1.0]), modes(tall, x, x, np.ones(5))
+    one = modes(wide, x, x, [1.0])
+    many = modes(tall, x, x, np.ones(5))
     np.testing.assert_allclose(one[2][0], many[2][0], rtol=1e-14)
     np.testing.assert_allclose(many[2] @ x, many[0], rtol=1e-14)
     np.testing.assert_allclose(many[2].sum(axis=0), many[1], rtol=1e-14)
@@ -90,7 +95,8 @@ def test_a_branch_not_selected_does_not_spoil_the_derivative(function):
     (lambda x, y: select(x < y, y, x), [1.0, 0.0]),  # maximum(x, y)
     (lambda x, y: select(y < x, y, x), [1.0, 0.0]),  # minimum(x, y)
     (lambda x, y: np.floor(x) + (x < y), [0.0, 0.0])])
-def test_at_a_kink_the_derivative_is_that_of_the_branch_that_gives_the_value(function, slope):
+def test_at_a_kink_the_derivative_is_that_of_the_branch_that_gives_the_value(
+        function, slope):
     np.testing.assert_array_equal(modes(function, [0.0, 0.0], DX, [1.0])[1], slope)
 
 
@@ -112,18 +118,21 @@ def nested(share):
 
 
 def test_subroutines_are_differentiated_as_subroutines():
-    x, w = np.array([0.3, -0.8, 1.7]), np.array([0.5, -1.0, 2.0, 0.7])
-    plain = modes(nested(lambda name, function, *given: function(*given)), x, DX[[0, 1, 0]], w)
+    x = np.array([0.3, -0.8, 1.7])
+    w = np.array([0.5, -1.0, 2.0, 0.7])
+    plain = modes(nested(lambda name, function, *given: function(*given)), x,
+                  DX[[0, 1, 0]], w)
     shared = modes(nested(Subroutines()), x, DX[[0, 1, 0]], w)
-    for one, other in zip(plain, shared):
-        np.testing.assert_allclose(one, other, rtol=1e-13)
+    for one, another in zip(plain, shared):
+        np.testing.assert_allclose(one, another, rtol=1e-13)
 
     def gradient(x, w):
         return np.array(reverse(nested(Subroutines())(*x), w, [*x], Subroutines()))
     program = trace_program('gradient', gradient, [('x', (3,)), ('w', (4,))])
-    found = callees(program)
-    assert sum('reverse' in each.name for each in found) >= 2
-    assert len({each.name for each in found}) == len(found)  # each is a function of its own
+    subroutines = callees(program)
+    assert sum('reverse' in subroutine.name for subroutine in subroutines) >= 2
+    # Each is a function of its own.
+    assert len({subroutine.name for subroutine in subroutines}) == len(subroutines)
 
 
 @pytest.mark.parametrize('results', [1, 5])
@@ -133,7 +142,8 @@ def test_a_large_jacobian_is_computed_by_calls_of_one_pass(monkeypatch, results)
 
     def matrix(x):
         return jacobian(function(*x[:3]), [*x], Subroutines())  # x[3] has no effect
-    x, inputs = np.array([0.3, -0.8, 1.7, 0.1]), [('x', (4,))]
+    x = np.array([0.3, -0.8, 1.7, 0.1])
+    inputs = [('x', (4,))]
     plain = trace_program('plain', matrix, inputs)
     monkeypatch.setattr(differentiation, 'LARGE', 0)
     called = trace_program('called', matrix, inputs)
@@ -148,17 +158,21 @@ def callees(program):
 
 
 def test_the_inverse_of_a_large_mass_matrix_is_differentiated_through_its_subroutines():
-    robot = Robot(random_model(3, LARGE + 1, branching=0.5, axes='principal', passive=False))
+    robot = Robot(
+        random_model(3, LARGE + 1, branching=0.5, axes='principal', passive=False))
     rng = np.random.default_rng(0)
-    q, w = rng.uniform(-1.0, 1.0, robot.n), rng.normal(size=robot.n)
+    q = rng.uniform(-1.0, 1.0, robot.n)
+    w = rng.normal(size=robot.n)
     program = robot.kernels.program('inverse_mass_matrix', '', Derivative('vjp', ('q',)))
-    assert len({each.name for each in callees(program)}) == len(callees(program))
+    assert len({subroutine.name for subroutine in callees(program)}) == len(
+        callees(program))
     gradient = evaluate(program, [np.outer(w, w), q, robot.parameters.block])
     # The gradient of w M^-1 w is minus that of x M x at x = M^-1 w.
     x = np.linalg.solve(np.array(robot.equations.mass_matrix(q, None), dtype=float), w)
     energy = robot.kernels.program('kinetic_energy', '', Derivative('vjp', ('q',)))
     expected = -2.0 * evaluate(energy, [1.0, q, x, robot.parameters.block])
-    np.testing.assert_allclose(gradient, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(gradient, expected,
+                               rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 def test_a_pass_over_a_pass_gives_second_derivatives():
@@ -169,18 +183,21 @@ def test_a_pass_over_a_pass_gives_second_derivatives():
         slope = forward([function(*x)], [*x], dx, Subroutines())
         return np.array(reverse(slope, [1.0], [*x], Subroutines()))
     program = trace_program('curvature', curvature, [('x', (2,)), ('dx', (2,))])
-    hyper = function(*(HyperDual(v, e, r, np.zeros(2)) for v, e, r in zip(X, np.eye(2), DX)))
-    np.testing.assert_allclose(evaluate(program, [X, DX]), hyper.gradient_rate, rtol=1e-13)
+    hyper = function(
+        *(HyperDual(v, e, r, np.zeros(2)) for v, e, r in zip(X, np.eye(2), DX)))
+    np.testing.assert_allclose(evaluate(program, [X, DX]), hyper.gradient_rate,
+                               rtol=1e-13)
 
 
 @pytest.mark.parametrize('quantity', ['inverse_dynamics', 'forward_dynamics'])
 def test_a_pass_costs_less_than_three_times_the_program(quantity):
     def operations(program):
         count = program.operation_count()
-        return (count.multiplications + count.additions + count.divisions + count.functions
-                + count.negations)
+        return (count.multiplications + count.additions + count.divisions
+                + count.functions + count.negations)
     kernels = Robot(random_model(7, 7, branching=0.0)).kernels
-    own = operations(kernels.program(quantity))
+    plain_operations = operations(kernels.program(quantity))
     for mode in ('vjp', 'jvp'):
         derivative = Derivative(mode, kernels.arguments(quantity))
-        assert operations(kernels.program(quantity, '', derivative)) < 3 * own
+        assert operations(kernels.program(quantity, '',
+                                          derivative)) < 3 * plain_operations

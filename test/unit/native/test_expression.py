@@ -51,7 +51,8 @@ def test_signs_move_out_of_products_and_into_differences(xy):
     assert x + y * -2.0 is x - y * 2.0
 
 
-@pytest.mark.parametrize('use', [bool, float, lambda x: 1.0 if x else 2.0, lambda x: x and 1.0])
+@pytest.mark.parametrize('use',
+                         [bool, float, lambda x: 1.0 if x else 2.0, lambda x: x and 1.0])
 def test_traced_value_cannot_be_converted_to_float_or_bool(xy, use):
     with pytest.raises(TypeError, match='traced value'):
         use(xy[0])
@@ -63,7 +64,8 @@ def test_numpy_operations_work_on_object_arrays(xy):
     assert result[0] is xy[0]
     assert result[1] is xy[0] * 2.0 - xy[1]
     assert all(isinstance(v, Expr) for v in np.sin(xy))
-    assert (xy * np.float64(2.0))[0] is xy[0] * 2.0 and np.float64(2.0) * xy[0] is xy[0] * 2.0
+    assert (xy * np.float64(2.0))[0] is xy[0] * 2.0
+    assert np.float64(2.0) * xy[0] is xy[0] * 2.0
 
 
 def test_an_array_beside_a_scalar_is_left_to_numpy(xy):
@@ -79,7 +81,8 @@ def test_powers_are_products(xy):
 
 
 def test_only_what_the_outputs_need_is_scheduled():
-    program = trace_program('f', lambda x: [x[0] + x[1], (x[0] * x[1], x[0])[1]], [('x', (2,))])
+    program = trace_program('f', lambda x: [x[0] + x[1], (x[0] * x[1], x[0])[1]],
+                            [('x', (2,))])
     assert [node.op for node in program.schedule()] == ['input', 'input', 'add']
     assert program.operation_count().multiplications == 0
 
@@ -100,7 +103,8 @@ def test_product_with_two_uses_is_not_factored():
     def function(x):
         shared = x[0] * x[2]
         return [shared + x[1] * x[2], shared]
-    assert trace_program('f', function, [('x', (3,))]).operation_count().multiplications == 2
+    assert trace_program(
+        'f', function, [('x', (3,))]).operation_count().multiplications == 2
 
 
 def test_factoring_keeps_the_value():
@@ -116,9 +120,10 @@ def test_factoring_keeps_the_value():
 def evaluate(program, values):
     """Run a program of one input in plain Python."""
     known = {}
-    do = {'add': lambda a, b: a + b, 'sub': lambda a, b: a - b, 'mul': lambda a, b: a * b,
-          'div': lambda a, b: a / b, 'neg': lambda a: -a, 'sin': math.sin, 'cos': math.cos,
-          'tanh': math.tanh, 'sqrt': math.sqrt}
+    do = {
+        'add': lambda a, b: a + b, 'sub': lambda a, b: a - b, 'mul': lambda a, b: a * b,
+        'div': lambda a, b: a / b, 'neg': lambda a: -a, 'sin': math.sin, 'cos': math.cos,
+        'tanh': math.tanh, 'sqrt': math.sqrt}
 
     def of(arg):
         return known[arg.index] if isinstance(arg, Expr) else arg

@@ -1,4 +1,4 @@
-"""Long machine code is loaded twice and the faster copy is kept; results do not depend on it."""
+"""Long machine code is loaded twice, the faster copy kept; results are the same."""
 
 import time
 
@@ -24,7 +24,7 @@ def objects():
 
 
 def trial_with_slow_copies(slow, seen):
-    """Return a trial that takes longer for the copies with these numbers, in order of time."""
+    """Return a trial that takes longer for these copies, in order of time."""
     def trial(address):
         if address not in seen:
             seen.append(address)
@@ -36,10 +36,10 @@ def trial_with_slow_copies(slow, seen):
 @pytest.mark.parametrize(('slow', 'kept'), [((0,), 1), ((1,), 0)])
 def test_the_faster_of_two_copies_is_kept(objects, monkeypatch, slow, kept):
     monkeypatch.setattr(llvm, 'LONG_CODE', 0)
-    seen = []
-    code = faster_copy(objects, 'kernel', trial_with_slow_copies(slow, seen))
-    assert len(seen) == 2
-    assert code.address('kernel') == seen[kept]
+    tried = []
+    code = faster_copy(objects, 'kernel', trial_with_slow_copies(slow, tried))
+    assert len(tried) == 2
+    assert code.address('kernel') == tried[kept]
 
 
 def test_short_code_is_loaded_once_and_not_timed(objects):

@@ -1,4 +1,4 @@
-"""A forked child computes and compiles, whatever the parent's other threads do at the fork."""
+"""A forked child computes and compiles whatever the parent's threads do."""
 
 import os
 import subprocess
@@ -79,7 +79,8 @@ beside_two(compile_in_parent, lambda: children(compile, 6))
 assert gc.isenabled()
 """
 
-# A kernel that another thread compiles at the fork: its lock, and the lock of lazy properties.
+# A kernel that another thread compiles at the fork: its lock, and the lock of lazy
+# properties.
 SAME_KERNEL = START + """
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.native.machine_code import llvm

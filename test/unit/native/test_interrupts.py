@@ -1,4 +1,4 @@
-"""An exception that a signal raises leaves nothing running: batches, simulations, compiling."""
+"""An exception raised by a signal leaves nothing running: batches, compiling."""
 
 from pathlib import Path
 import signal
@@ -37,19 +37,20 @@ def robot():
 
 @pytest.fixture(autouse=True)
 def many_threads(monkeypatch):
-    """More threads than processors, so that the caller's own share ends before the others."""
+    """More threads than processors: the caller's share ends before the others."""
     monkeypatch.setenv(threads.VARIABLE, '8')
 
 
 def time_to_end(call, first, interval=0.0):
-    """Call until interrupts have ended it; return the time from the first one to the end, s."""
-    times, ended = [], False
+    """Call until interrupts have ended it; return the time from the first, s."""
+    times = []
+    ended = False
 
     def interrupt(number, frame):
         if not ended:  # else the exception would reach whatever runs next
             times.append(time.monotonic())
             raise Interrupt
-    before = signal.signal(signal.SIGALRM, interrupt)
+    former_handler = signal.signal(signal.SIGALRM, interrupt)
     try:
         with pytest.raises(Interrupt):
             try:
@@ -60,45 +61,48 @@ def time_to_end(call, first, interval=0.0):
     finally:
         took = time.monotonic()
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGALRM, former_handler)
     return took - times[0]
 
 
 def repeated_batch(robot, out, steps):
     """Compute forward dynamics of random states many times, as a batch of long work."""
     kernel = robot.kernels.quantity('forward_dynamics')
-    given = np.random.default_rng(0).normal(size=(3, len(out), N))
+    inputs = np.random.default_rng(0).normal(size=(3, len(out), N))
     parameters = robot.parameters.block.copy()
-    rows = [*(Strided(x.ctypes.data, x.strides[0]) for x in given),
+    rows = [*(Strided(x.ctypes.data, x.strides[0]) for x in inputs),
             Strided(parameters.ctypes.data), Strided(out.ctypes.data, out.strides[0])]
     run_batch(kernel.compile_lanes(), rows, len(out), steps=steps)
-    return given
+    return inputs
 
 
 @pytest.mark.parametrize('interval', [0.0, 0.001], ids=['one', 'many'])
 def test_no_thread_writes_after_an_interrupted_batch(robot, interval):
-    out, before = np.empty((20_000, N)), tasks()
+    out = np.empty((20_000, N))
+    threads_before = tasks()
     for first in (0.02, 0.13):
         out.fill(np.nan)
         time_to_end(lambda: repeated_batch(robot, out, 2000), first, interval)
-        assert tasks() <= before
+        assert tasks() <= threads_before
         left = out.copy()
         assert np.isnan(left).any(), 'the batch was complete'
         time.sleep(0.1)
         assert np.array_equal(out, left, equal_nan=True)
-    given = repeated_batch(robot, out, 1)
-    assert np.array_equal(out, robot.forward_dynamics(*given))
+    inputs = repeated_batch(robot, out, 1)
+    assert np.array_equal(out, robot.forward_dynamics(*inputs))
 
 
 def test_an_interrupt_ends_a_long_batch_in_a_fraction_of_a_second(robot):
     out = np.empty((20_000, N))
-    taken = [time_to_end(lambda: repeated_batch(robot, out, 5000), 0.2) for _ in range(3)]
+    taken = [time_to_end(lambda: repeated_batch(robot, out, 5000), 0.2)
+             for _ in range(3)]
     assert min(taken) < 2.5 * threads.LONGEST
 
 
-@pytest.mark.parametrize('states, step', [(None, 1e-4), (50, 1e-3)], ids=['single', 'many'])
+@pytest.mark.parametrize('states, step', [(None, 1e-4), (50, 1e-3)],
+                         ids=['single', 'many'])
 def test_no_thread_survives_an_interrupted_simulation(robot, states, step):
-    before = tasks()
+    threads_before = tasks()
     q0 = np.ones(N) if states is None else np.ones((states, N))
 
     def run():
@@ -106,7 +110,7 @@ def test_no_thread_survives_an_interrupted_simulation(robot, states, step):
     run_once = simulate(robot, q0, np.zeros_like(q0), 0.01, step=1e-3)  # compiles
     assert np.isfinite(run_once.q).all()
     assert time_to_end(run, 0.05, 0.01) < 1.0
-    assert tasks() <= before
+    assert tasks() <= threads_before
 
 
 def test_interrupted_compiling_ends_when_its_threads_have_ended(monkeypatch):
@@ -120,7 +124,8 @@ def test_interrupted_compiling_ends_when_its_threads_have_ended(monkeypatch):
 
 
 def test_waiting_for_jobs_survives_interrupts_and_starts_no_more():
-    started, ended = [], []
+    started = []
+    ended = []
 
     def job():
         started.append(0)

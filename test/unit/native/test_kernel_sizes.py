@@ -9,13 +9,15 @@ COMMAND = 'if that is meant, run `make kernel-sizes` and commit kernel_sizes.jso
 
 def changes(recorded, measured, columns):
     """Return the differences as text; a smaller kernel must be recorded too."""
-    found = [f'{name}: only {where}' for name in sorted(recorded.keys() ^ measured.keys())
-             for where in ['recorded' if name in recorded else 'measured']]
+    differences = [f'{name}: only {where}'
+                   for name in sorted(recorded.keys() ^ measured.keys())
+                   for where in ['recorded' if name in recorded else 'measured']]
     for name in recorded.keys() & measured.keys():
-        found += [f'{name}: {column} {"grew" if new > old else "shrank"} from {old} to {new}'
-                  for column, old, new in zip(columns, recorded[name], measured[name])
-                  if new != old]
-    return sorted(found)
+        differences += [
+            f'{name}: {column} {"grew" if new > old else "shrank"} from {old} to {new}'
+            for column, old, new in zip(columns, recorded[name], measured[name])
+            if new != old]
+    return sorted(differences)
 
 
 @pytest.mark.parametrize('robot', [
@@ -25,9 +27,9 @@ def test_no_kernel_grows(robot):
     columns = list(kernel_sizes.COLUMNS)
     if RECORDED['llvm'] != kernel_sizes.llvm_version():
         columns.remove('bytes')  # another LLVM makes other code of the same arithmetic
-    found = changes(RECORDED['sizes'].get(robot, {}),
-                    kernel_sizes.measured(kernel_sizes.robots()[robot]), columns)
-    assert not found, f'{robot}: {"; ".join(found)}; {COMMAND}'
+    differences = changes(RECORDED['sizes'].get(robot, {}),
+                          kernel_sizes.measured(kernel_sizes.robots()[robot]), columns)
+    assert not differences, f'{robot}: {"; ".join(differences)}; {COMMAND}'
 
 
 def test_every_shipped_robot_is_recorded_and_no_other():
@@ -37,11 +39,14 @@ def test_every_shipped_robot_is_recorded_and_no_other():
 
 
 def test_increase_by_one_operation_or_byte_is_detected():
-    columns, before = kernel_sizes.COLUMNS, {'mass_matrix': [10, 9, 0, 2, 400]}
-    assert changes(before, before, columns) == []
+    columns = kernel_sizes.COLUMNS
+    recorded = {'mass_matrix': [10, 9, 0, 2, 400]}
+    assert changes(recorded, recorded, columns) == []
     for k, column in enumerate(columns):
-        after = {'mass_matrix': [x + (i == k) for i, x in enumerate(before['mass_matrix'])]}
-        assert len(changes(before, after, columns)) == 1
-        assert f'mass_matrix: {column} grew from' in changes(before, after, columns)[0]
-        assert f'{column} shrank' in changes(after, before, columns)[0]
-    assert changes(before, {}, columns) == ['mass_matrix: only recorded']
+        measured = {
+            'mass_matrix': [x + (i == k) for i, x in enumerate(recorded['mass_matrix'])]}
+        assert len(changes(recorded, measured, columns)) == 1
+        assert f'mass_matrix: {column} grew from' in changes(
+            recorded, measured, columns)[0]
+        assert f'{column} shrank' in changes(measured, recorded, columns)[0]
+    assert changes(recorded, {}, columns) == ['mass_matrix: only recorded']

@@ -1,4 +1,4 @@
-"""Calls of a compiled robot: accepted and rejected arguments, results, native entry points."""
+"""Calls of a compiled robot: arguments, results, native entry points."""
 
 import gc
 from importlib import import_module
@@ -55,8 +55,8 @@ def test_native_entry_finds_the_functions_of_numpy_2_and_of_numpy_1(monkeypatch,
     functions = SimpleNamespace(_ARRAY_API=import_module(
         f'numpy.{"_core" if int(np.__version__[0]) > 1 else "core"}.multiarray')._ARRAY_API)
     expected = entry.interpreter_words()
-    for other in ('numpy._core.multiarray', 'numpy.core.multiarray'):
-        monkeypatch.setitem(sys.modules, other, functions if other == place else None)
+    for module in ('numpy._core.multiarray', 'numpy.core.multiarray'):
+        monkeypatch.setitem(sys.modules, module, functions if module == place else None)
     assert entry.interpreter_words.__wrapped__() == expected
 
 
@@ -70,9 +70,9 @@ def test_native_entry_and_fallback_agree_bit_for_bit(robot):
     list, lambda x: x.astype(np.float32), lambda x: np.repeat(x, 2)[::2],
     lambda x: x.astype('>f8'), lambda x: x[::-1].copy()[::-1]])
 def test_anything_convertible_is_converted(robot, convert):
-    given = [convert(x) for x in STATE]
-    expected = robot.inverse_dynamics(*[np.array(x, dtype=np.float64) for x in given])
-    assert np.array_equal(robot.inverse_dynamics(*given), expected)
+    inputs = [convert(x) for x in STATE]
+    expected = robot.inverse_dynamics(*[np.array(x, dtype=np.float64) for x in inputs])
+    assert np.array_equal(robot.inverse_dynamics(*inputs), expected)
 
 
 def test_integers_are_numbers(robot):
@@ -83,8 +83,10 @@ def test_integers_are_numbers(robot):
 
 def test_a_batch_is_its_states_one_by_one(robot):
     batch = np.random.default_rng(1).normal(size=(3, 17, 5))
-    for name, count in (('inverse_dynamics', 3), ('forward_dynamics', 3), ('mass_matrix', 1),
-                        ('bias_force', 2), ('kinetic_energy', 2), ('potential_energy', 1),
+    for name, count in (('inverse_dynamics', 3), ('forward_dynamics', 3),
+                        ('mass_matrix', 1),
+                        ('bias_force', 2), ('kinetic_energy', 2),
+                        ('potential_energy', 1),
                         ('torque_terms', 3)):
         method = getattr(robot, name)
         rows = np.array([method(*[np.ascontiguousarray(x[k]) for x in batch[:count]])
@@ -159,22 +161,24 @@ def test_energies_of_single_states_are_floats(robot):
 
 
 def test_gravity_changes_without_compiling(robot):
-    other = Robot(MODEL)
-    other.inverse_dynamics(*STATE)
-    address = other.kernels.quantity('inverse_dynamics').address
-    other.parameters.gravity = (1.0, 2.0, 3.0)
-    assert other.kernels.quantity('inverse_dynamics').address == address
+    other_robot = Robot(MODEL)
+    other_robot.inverse_dynamics(*STATE)
+    address = other_robot.kernels.quantity('inverse_dynamics').address
+    other_robot.parameters.gravity = (1.0, 2.0, 3.0)
+    assert other_robot.kernels.quantity('inverse_dynamics').address == address
     moon = Robot(random_model(3, 5).__class__(**{
-        **{f: getattr(MODEL, f) for f in MODEL.__dataclass_fields__}, 'gravity': (1, 2, 3)}))
-    np.testing.assert_array_equal(other.inverse_dynamics(*STATE), moon.inverse_dynamics(*STATE))
+        **{f: getattr(MODEL, f) for f in MODEL.__dataclass_fields__},
+        'gravity': (1, 2, 3)}))
+    np.testing.assert_array_equal(other_robot.inverse_dynamics(*STATE),
+                                  moon.inverse_dynamics(*STATE))
 
 
 @pytest.mark.parametrize('value', [None, (1, 2), 'down', (0, 0, np.nan)])
 def test_bad_gravity_is_refused_and_the_old_one_stays(robot, value):
-    before = robot.parameters.gravity
+    gravity_before = robot.parameters.gravity
     with pytest.raises(InputError, match='gravity'):
         robot.parameters.gravity = value
-    assert np.array_equal(robot.parameters.gravity, before)
+    assert np.array_equal(robot.parameters.gravity, gravity_before)
 
 
 def test_a_payload_without_its_frame_is_refused(robot):
@@ -182,8 +186,9 @@ def test_a_payload_without_its_frame_is_refused(robot):
         robot.parameters.payload = None
 
 
-@pytest.mark.parametrize('options', [{'payload_frame': 'nowhere'}, {'wrench_frames': ['nowhere']},
-                                     {'wrench_frames': 'frame1'}])
+@pytest.mark.parametrize('options',
+                         [{'payload_frame': 'nowhere'}, {'wrench_frames': ['nowhere']},
+                          {'wrench_frames': 'frame1'}])
 def test_an_unknown_frame_is_named_with_the_valid_ones(options):
     with pytest.raises(InputError, match='frame'):
         Robot(MODEL, **options)
@@ -234,7 +239,8 @@ def test_fallback_alone_gives_the_same_results(monkeypatch):
     monkeypatch.setattr(entry, 'supported', lambda: False)
     robot = Robot(MODEL)
     assert type(robot.inverse_dynamics).__name__ == 'method'
-    assert np.array_equal(robot.inverse_dynamics(*STATE), Robot(MODEL).inverse_dynamics(*STATE))
+    assert np.array_equal(robot.inverse_dynamics(*STATE),
+                          Robot(MODEL).inverse_dynamics(*STATE))
     with pytest.raises(InputError, match='nan'):
         robot.inverse_dynamics(STATE[0], STATE[1] * np.nan, STATE[2])
 
@@ -246,17 +252,19 @@ def test_every_kernel_documents_itself(robot):
 
 def test_referenced_result_is_never_reused(robot):
     states = random_state(MODEL, 8, 3 * 20).reshape(20, 3, 5)
-    kept = [robot.inverse_dynamics(*state) for state in states]
+    results = [robot.inverse_dynamics(*state) for state in states]
     view = robot.inverse_dynamics(*states[0])[1:]
     weak = weakref.ref(robot.inverse_dynamics(*states[1]))
-    for state, tau in zip(states, kept):
+    for state, tau in zip(states, results):
         assert np.array_equal(tau, Robot.inverse_dynamics(robot, *state))
-    assert np.array_equal(view, kept[0][1:])
-    assert weak() is None or np.array_equal(weak(), kept[1])
+    assert np.array_equal(view, results[0][1:])
+    assert weak() is None or np.array_equal(weak(), results[1])
 
 
-# numpy 2.5 deprecates these assignments; as long as it has them, arrays change under their owner.
-ASSIGNED = pytest.mark.filterwarnings('ignore:Setting the (shape|dtype):DeprecationWarning')
+# numpy 2.5 deprecates these assignments; as long as it has them, arrays change under
+# their owner.
+ASSIGNED = pytest.mark.filterwarnings(
+    'ignore:Setting the (shape|dtype):DeprecationWarning')
 
 
 @ASSIGNED
@@ -297,10 +305,12 @@ def test_native_entry_takes_matrices_as_they_are():
     def fallback(*values):
         raise InputError('not native')
     kernel = Kernel('product', lambda: trace_program(
-        'product', lambda A, x, _: A @ x, [('A', (2, 3)), ('x', (3,)), ('parameters', (0,))]),
-        None, [Argument('A', (2, 3)), Argument('x', (3,))], np.zeros(0), (2,))
+        'product', lambda A, x, _: A @ x,
+        [('A', (2, 3)), ('x', (3,)), ('parameters', (0,))]), None,
+                    [Argument('A', (2, 3)), Argument('x', (3,))], np.zeros(0), (2,))
     native = kernel.entry('', fallback)
-    A, x = np.arange(6.0).reshape(2, 3), np.array([1.0, 10.0, 100.0])
+    A = np.arange(6.0).reshape(2, 3)
+    x = np.array([1.0, 10.0, 100.0])
     np.testing.assert_array_equal(native(A, x), A @ x)
     for wrong in (A.ravel(), A.T, A.reshape(3, 2), A[None], A.astype(np.float32),
                   np.asfortranarray(A), np.where(A == 2.0, np.nan, A), A.tolist()):
@@ -335,7 +345,9 @@ def test_entry_points_are_shared_by_kernels_of_one_signature_as_long_as_one_live
 
 def test_results_are_freed_with_their_entry():
     robot = Robot(MODEL)
-    ghosts = [weakref.ref(tau) for tau in [robot.inverse_dynamics(*STATE) for _ in range(4)]]
+    ghosts = []
+    for tau in [robot.inverse_dynamics(*STATE) for _ in range(4)]:
+        ghosts.append(weakref.ref(tau))
     del robot
     gc.collect()
     assert [ghost() for ghost in ghosts] == [None] * 4
@@ -358,7 +370,8 @@ def test_garbage_collection_pauses_during_compilation_and_is_restored(enabled):
 
 @pytest.mark.parametrize('before', [True, False])
 @pytest.mark.parametrize('stated', [True, False])
-def test_a_state_of_the_collector_that_is_stated_in_a_pause_holds_after_it(before, stated):
+def test_a_state_of_the_collector_that_is_stated_in_a_pause_holds_after_it(
+        before, stated):
     was = gc.isenabled()
     collect_automatically(before)
     try:
@@ -372,29 +385,34 @@ def test_a_state_of_the_collector_that_is_stated_in_a_pause_holds_after_it(befor
 
 def scaled(factor):
     """Return the program of a product."""
-    return lambda: trace_program('product', lambda x, _: factor * x, [('x', (2,)), ('p', ())])
+    return lambda: trace_program('product', lambda x, _: factor * x,
+                                 [('x', (2,)), ('p', ())])
 
 
 def other_sum(factor):
     """Return a program of the same name and shapes as that of `scaled`."""
-    return lambda: trace_program('product', lambda x, _: factor + x, [('x', (2,)), ('p', ())])
+    return lambda: trace_program('product', lambda x, _: factor + x,
+                                 [('x', (2,)), ('p', ())])
 
 
 @pytest.mark.parametrize(('program', 'expected'), [
     (scaled(2.0), [4.0, 6.0]), (scaled(3.0), [6.0, 9.0]), (other_sum(2.0), [4.0, 5.0])])
 def test_kernels_of_one_name_and_key_have_their_own_programs(program, expected):
-    arguments, none = [Argument('x', (2,))], np.zeros(())
+    arguments = [Argument('x', (2,))]
+    none = np.zeros(())
     x = np.array([2.0, 3.0])
     for _ in range(2):  # the second one is from the cache
-        kernel = Kernel('product', program, 'a key of several programs', arguments, none, (2,))
+        kernel = Kernel('product', program, 'a key of several programs', arguments, none,
+                        (2,))
         assert np.array_equal(kernel(x), expected)
         assert np.array_equal(kernel(np.stack([x, x])), [expected, expected])
 
 
 def test_kernels_of_one_program_and_key_have_their_own_shapes():
     def program(n):
-        return lambda: trace_program('copied', lambda x, _: 1.0 * x, [('x', (n[0],)), ('p', ())])
+        return lambda: trace_program('copied', lambda x, _: 1.0 * x,
+                                     [('x', (n[0],)), ('p', ())])
     for n in (2, 3):
-        kernel = Kernel('copied', program([n]), 'a key of two shapes', [Argument('x', (n,))],
-                        np.zeros(()), (n,))
+        kernel = Kernel('copied', program([n]), 'a key of two shapes',
+                        [Argument('x', (n,))], np.zeros(()), (n,))
         assert np.array_equal(kernel(np.arange(n)), np.arange(n))

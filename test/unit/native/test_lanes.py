@@ -39,8 +39,9 @@ def batch(count, n=5, seed=1):
 
 
 def close(batched, single):
-    """Assert agreement to rounding, relative to the largest entry of a state's result."""
-    batched, single = np.asarray(batched), np.asarray(single)
+    """Assert agreement to rounding, relative to the state's largest entry."""
+    batched = np.asarray(batched)
+    single = np.asarray(single)
     assert batched.shape == single.shape
     entries = tuple(range(1, single.ndim))
     size = np.abs(single).max(axis=entries) if single.size else 0.0
@@ -51,23 +52,27 @@ def close(batched, single):
 @pytest.mark.parametrize('name', QUANTITIES)
 @pytest.mark.parametrize('count', COUNTS)
 def test_a_batch_is_its_states_one_by_one(robot, name, count):
-    given = batch(count)[:len(QUANTITIES[name].arguments)]
+    inputs = batch(count)[:len(QUANTITIES[name].arguments)]
 
     def method(*state):
         result = getattr(robot, name)(*state)
         return np.stack(result, axis=-3) if isinstance(result, tuple) else result
-    single = [method(*np.ascontiguousarray(row)) for row in given.transpose(1, 0, 2)]
+    single = [method(*np.ascontiguousarray(row)) for row in inputs.transpose(1, 0, 2)]
     sizes = Sizes(5, 5, 5, len(robot.model.bodies), 0)
-    shape = tuple(getattr(sizes, size) if isinstance(size, str) else size
-                  for size in QUANTITIES[name].shape)
-    close(method(*given), np.array(single).reshape(count, *shape))
+    rows = []
+    for size in QUANTITIES[name].shape:
+        rows.append(getattr(sizes, size) if isinstance(size, str) else size)
+    shape = tuple(rows)
+    close(method(*inputs), np.array(single).reshape(count, *shape))
 
 
 @pytest.mark.parametrize('name', FRAME_QUANTITIES)
 def test_a_batch_of_frames_is_its_states_one_by_one(robot, name):
-    given = batch(W + 3)[:len(FRAME_QUANTITIES[name].arguments)]
-    method = {'partial_velocity_rates': robot.jacobian_rate}.get(name) or getattr(robot, name)
-    close(method(FRAME, *given), [method(FRAME, *row) for row in given.transpose(1, 0, 2)])
+    inputs = batch(W + 3)[:len(FRAME_QUANTITIES[name].arguments)]
+    method = {'partial_velocity_rates': robot.jacobian_rate}.get(name) or getattr(
+        robot, name)
+    close(method(FRAME, *inputs),
+          [method(FRAME, *row) for row in inputs.transpose(1, 0, 2)])
 
 
 def test_wrench_may_differ_per_state_or_be_omitted(robot):
@@ -75,34 +80,37 @@ def test_wrench_may_differ_per_state_or_be_omitted(robot):
     push = np.random.default_rng(2).normal(size=(W + 3, 1, 6))
     close(robot.inverse_dynamics(q, u, udot, wrench=push),
           [robot.inverse_dynamics(*row, wrench=w) for *row, w in zip(q, u, udot, push)])
-    close(robot.inverse_dynamics(q, u, udot), robot.inverse_dynamics(q, u, udot, wrench=0 * push))
+    close(robot.inverse_dynamics(q, u, udot),
+          robot.inverse_dynamics(q, u, udot, wrench=0 * push))
 
 
 def test_batch_uses_the_current_parameters():
     robot = Robot(MODEL, payload_frame=FRAME)
     q, u, udot = batch(W + 3)
-    before = robot.inverse_dynamics(q, u, udot)
+    under_old_gravity = robot.inverse_dynamics(q, u, udot)
     robot.parameters.gravity = (1.0, 2.0, 3.0)
     robot.parameters.payload = MODEL.bodies[0].inertial
-    after = robot.inverse_dynamics(q, u, udot)
-    assert np.abs(after - before).max() > 0.1
-    close(after, [robot.inverse_dynamics(*row) for row in zip(q, u, udot)])
+    under_new_gravity = robot.inverse_dynamics(q, u, udot)
+    assert np.abs(under_new_gravity - under_old_gravity).max() > 0.1
+    close(under_new_gravity, [robot.inverse_dynamics(*row) for row in zip(q, u, udot)])
 
 
 @pytest.mark.parametrize('name', [name for name, quantity in QUANTITIES.items()
                                   if quantity.gravity])
 def test_batches_follow_gravity_that_becomes_vertical_tilted_or_none(name):
-    # The first axis is vertical, so that a batch under vertical gravity leaves its angle out.
+    # The first axis is vertical, so that a batch under vertical gravity leaves its angle
+    # out.
     robot = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')))
-    given = np.random.default_rng(4).normal(size=(3, W + 3, 6))
-    given = given[:len(QUANTITIES[name].arguments)]
+    inputs = np.random.default_rng(4).normal(size=(3, W + 3, 6))
+    inputs = inputs[:len(QUANTITIES[name].arguments)]
 
     def compare(robot):
         def method(*state):
             result = getattr(robot, name)(*state)
             return np.stack(result, axis=-3) if isinstance(result, tuple) else result
-        close(method(*given), [method(*row) for row in given.transpose(1, 0, 2)])
-    for gravity in ((0.0, 0.0, -9.81), (1.0, 2.0, -9.0), (0.0, -0.0, -1.62), (0.0, 3.0, 0.0),
+        close(method(*inputs), [method(*row) for row in inputs.transpose(1, 0, 2)])
+    for gravity in ((0.0, 0.0, -9.81), (1.0, 2.0, -9.0), (0.0, -0.0, -1.62),
+                    (0.0, 3.0, 0.0),
                     (0.0, 0.0, 0.0)):
         robot.parameters.gravity = gravity
         compare(robot)
@@ -120,7 +128,8 @@ def test_batches_under_vertical_gravity_have_code_with_fewer_operations():
     assert vertical != kernel.compile_lanes() == kernel.compile_lanes(for_any=True)
     counts = [robot.kernels.program('inverse_dynamics', vertical_gravity=choice)
               .operation_count() for choice in (False, True)]
-    assert counts[1].functions == counts[0].functions - 2  # sine and cosine of the first axis
+    # Sine and cosine of the first axis.
+    assert counts[1].functions == counts[0].functions - 2
     assert counts[1].multiplications < counts[0].multiplications
     # Quantities that no gravity acts on have one code.
     masses = robot.kernels.quantity('mass_matrix')
@@ -128,14 +137,15 @@ def test_batches_under_vertical_gravity_have_code_with_fewer_operations():
 
 
 @pytest.mark.parametrize('gravity', [(0.0, 0.0, -9.81), (1.0, 0.0, -9.0)])
-def test_after_the_first_batch_a_change_of_gravity_compiles_nothing(gravity, monkeypatch):
+def test_after_the_first_batch_a_change_of_gravity_compiles_nothing(
+        gravity, monkeypatch):
     robot = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')))
     state = np.zeros((3, W + 3, 6))
     robot.parameters.gravity = gravity
     robot.inverse_dynamics(*state)
     monkeypatch.setattr(Kernel, '_function', None)  # which compiles
-    for other in ((0.0, 0.0, -1.62), (0.0, 3.0, 0.0)):
-        robot.parameters.gravity = other
+    for new_gravity in ((0.0, 0.0, -1.62), (0.0, 3.0, 0.0)):
+        robot.parameters.gravity = new_gravity
         robot.inverse_dynamics(*state)
 
 
@@ -150,11 +160,12 @@ def test_an_angle_on_which_no_torque_depends_is_checked():
 
 @pytest.mark.parametrize('convert', [
     list, lambda x: x.astype(np.float32), lambda x: np.repeat(x, 2, axis=0)[::2],
-    lambda x: np.asfortranarray(x), lambda x: x.astype('>f8'), lambda x: x[::-1].copy()[::-1]])
+    lambda x: np.asfortranarray(x), lambda x: x.astype('>f8'),
+    lambda x: x[::-1].copy()[::-1]])
 def test_anything_convertible_is_converted(robot, convert):
-    given = [convert(x) for x in batch(W + 3)]
-    expected = robot.inverse_dynamics(*[np.array(x, dtype=np.float64) for x in given])
-    assert np.array_equal(robot.inverse_dynamics(*given), expected)
+    inputs = [convert(x) for x in batch(W + 3)]
+    expected = robot.inverse_dynamics(*[np.array(x, dtype=np.float64) for x in inputs])
+    assert np.array_equal(robot.inverse_dynamics(*inputs), expected)
 
 
 def test_result_does_not_depend_on_batch_position_or_threads(robot, monkeypatch):
@@ -163,7 +174,8 @@ def test_result_does_not_depend_on_batch_position_or_threads(robot, monkeypatch)
     whole = robot.forward_dynamics(q, u, udot)
     for first, last in ((0, 1), (1, W + 3), (777, 1800), (19_999, 20_000)):
         part = slice(first, last)
-        assert np.array_equal(robot.forward_dynamics(q[part], u[part], udot[part]), whole[part])
+        assert np.array_equal(robot.forward_dynamics(q[part], u[part], udot[part]),
+                              whole[part])
     monkeypatch.setattr(threads, 'THREAD_WORK', 1e-9)  # any work is worth a thread
     for count in (2, 3, 7):
         monkeypatch.setenv(threads.VARIABLE, str(count))
@@ -199,13 +211,15 @@ def test_an_out_that_overlaps_other_states_changes_no_answer(robot):
 @pytest.mark.parametrize('place', [0, W - 1, W, 3 * W])
 @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize('argument', range(3))
-def test_a_number_that_is_not_finite_is_named_with_row_and_joint(robot, place, value, argument):
-    given = batch(3 * W + 1)
-    given[argument, place, 2] = value
+def test_a_number_that_is_not_finite_is_named_with_row_and_joint(
+        robot, place, value, argument):
+    inputs = batch(3 * W + 1)
+    inputs[argument, place, 2] = value
     name = ('q', 'u', 'udot')[argument]
-    words = re.escape(f"{name}[{place}, 2] (joint 'joint2'): {value}; expected a finite number")
+    words = re.escape(
+        f"{name}[{place}, 2] (joint 'joint2'): {value}; expected a finite number")
     with pytest.raises(InputError, match=words):
-        robot.inverse_dynamics(*given)
+        robot.inverse_dynamics(*inputs)
 
 
 def test_positions_near_the_limit_are_accepted_together_and_refused_beyond_it(robot):
@@ -221,16 +235,19 @@ def test_positions_near_the_limit_are_accepted_together_and_refused_beyond_it(ro
 
 
 def test_large_finite_numbers_are_no_error():
-    kernel = batch_kernel('sums', lambda x: [x[0] + x[1], x[1] - x[2]], [('x', (3,))], (2,))
+    kernel = batch_kernel('sums', lambda x: [x[0] + x[1], x[1] - x[2]], [('x', (3,))],
+                          (2,))
     x = np.full((W + 1, 3), 1e307) * np.arange(1, W + 2)[:, None] / W
-    assert np.array_equal(kernel(x), np.stack([x[:, 0] + x[:, 1], 0.0 * x[:, 0]], axis=1))
+    assert np.array_equal(kernel(x),
+                          np.stack([x[:, 0] + x[:, 1], 0.0 * x[:, 0]], axis=1))
 
 
 def test_rows_of_several_blocks_and_steps_are_those_of_their_states():
     kernel = batch_kernel('carried', lambda x, y: [x[0] + y[0], x[1] * y[1]],
                           [('x', (2,)), ('y', (2,))], (2,))
     rng = np.random.default_rng(0)
-    first, y = rng.normal(size=(3 * W + 2, 1, 2)), rng.normal(size=(3 * W + 2, 4, 2))
+    first = rng.normal(size=(3 * W + 2, 1, 2))
+    y = rng.normal(size=(3 * W + 2, 4, 2))
     states = first.copy()
     assert kernel.rollout([states, y], states, 4) == 0
     added = first[:, 0, 0]
@@ -242,7 +259,8 @@ def test_rows_of_several_blocks_and_steps_are_those_of_their_states():
 
 
 def test_unused_arguments_must_be_finite_too():
-    slide = Robot(random_model(0, 1, prismatic=1.0, passive=False))  # M does not depend on q
+    # M does not depend on q.
+    slide = Robot(random_model(0, 1, prismatic=1.0, passive=False))
     with pytest.raises(InputError, match=re.escape('q[1, 0]')):
         slide.mass_matrix([[0.0], [np.nan]])
 
@@ -265,26 +283,33 @@ def test_lanes_of_every_width_compute_the_same(width):
     program = trace_program('outer', outer, [('x', (3,)), ('y', (2,)), ('block', (2,))])
     code = llvm.Code(llvm.assemble(lane_text(program, 'f', width)))
     rng = np.random.default_rng(0)
-    x, y, block = rng.normal(size=(13, 3)), rng.normal(size=(13, 2)), np.array([9.0, 3.0])
+    x = rng.normal(size=(13, 3))
+    y = rng.normal(size=(13, 2))
+    block = np.array([9.0, 3.0])
     out = np.full((14, 7), -7.0)
-    rows = [Strided(x.ctypes.data, 24), Strided(y.ctypes.data, 16), Strided(block.ctypes.data),
-            Strided(out.ctypes.data, 56)]
+    rows = [Strided(x.ctypes.data, 24), Strided(y.ctypes.data, 16),
+            Strided(block.ctypes.data), Strided(out.ctypes.data, 56)]
     assert run_batch(code.address('f'), rows, 13, width=width) == 0
     first = np.stack([np.sin(x[:, 0]), x[:, 0] / x[:, 1]], axis=1)
-    expected = np.column_stack([np.sin(first[:, 0]), first[:, 0] / x[:, 2],
-                                3.0 * np.tanh(y[:, 0]), np.abs(y[:, 1]), np.full(13, 4.0), first])
+    expected = np.column_stack(
+        [np.sin(first[:, 0]), first[:, 0] / x[:, 2],
+         3.0 * np.tanh(y[:, 0]), np.abs(y[:, 1]), np.full(13, 4.0), first])
     np.testing.assert_allclose(out[:13], expected, rtol=1e-15)
     assert (out[13] == -7.0).all()  # nothing is written past the last state
     y[12, 0] = np.nan
     assert run_batch(code.address('f'), rows, 13, width=width) == BAD_INPUT | BAD_RESULT
-    y[12, 0], x[3, 1] = 0.0, 0.0
+    y[12, 0] = 0.0
+    x[3, 1] = 0.0
     assert run_batch(code.address('f'), rows, 13, width=width) == BAD_RESULT
 
 
 def test_numbered_rows_are_those_of_their_numbers():
-    kernel = batch_kernel('scaled', lambda x, y: x * y[()], [('x', (3,)), ('y', ())], (3,))
+    kernel = batch_kernel('scaled', lambda x, y: x * y[()], [('x', (3,)), ('y', ())],
+                          (3,))
     rng = np.random.default_rng(0)
-    x, y, numbers = rng.normal(size=(5, 3)), rng.normal(size=19), rng.integers(0, 5, 19)
+    x = rng.normal(size=(5, 3))
+    y = rng.normal(size=19)
+    numbers = rng.integers(0, 5, 19)
     out = np.empty((19, 3))
     assert kernel.run([x, y], out, 19, {'x': numbers}) == 0
     assert np.array_equal(out, x[numbers] * y[:, None])
@@ -296,7 +321,8 @@ def test_numbered_rows_are_those_of_their_numbers():
     (np.zeros((5, 3)), np.zeros(5), 4, None, 'result has 4 rows; expected 5'),
     (np.zeros((2, 3)), np.zeros(5), 5, 4, 'x has 4 rows; expected 5')])
 def test_arrays_that_end_before_the_batch_are_refused(x, y, out, numbers, words):
-    kernel = batch_kernel('scaled', lambda x, y: x * y[()], [('x', (3,)), ('y', ())], (3,))
+    kernel = batch_kernel('scaled', lambda x, y: x * y[()], [('x', (3,)), ('y', ())],
+                          (3,))
     chosen = {} if numbers is None else {'x': np.zeros(numbers, dtype=np.intp)}
     with pytest.raises(InputError, match=words):
         kernel.run([x, y], np.empty((out, 3)), 5, chosen)
@@ -315,14 +341,16 @@ def test_too_many_arguments_name_those_that_are_expected():
 
 
 def test_a_number_that_is_not_finite_has_no_place():
-    kernel = batch_kernel('scaled', lambda x, y: x * y[()], [('x', (3,)), ('y', ())], (3,))
+    kernel = batch_kernel('scaled', lambda x, y: x * y[()], [('x', (3,)), ('y', ())],
+                          (3,))
     with pytest.raises(InputError, match=r'^y: nan; expected a finite number'):
         kernel(np.zeros(3), np.nan)
 
 
 def test_addresses_of_arrays_are_those_of_ctypes():
     x = np.zeros((4, 5, 6))
-    for view in (x, x[1:], x[:, 2], x[::-1, 1:, 3], x.T, np.array(1.0), np.zeros((0, 3))):
+    for view in (x, x[1:], x[:, 2], x[::-1, 1:, 3], x.T, np.array(1.0),
+                 np.zeros((0, 3))):
         assert address(view) == view.ctypes.data
 
 
@@ -342,7 +370,8 @@ def test_batches_release_the_gil(robot, monkeypatch):
     monkeypatch.setenv(threads.VARIABLE, '1')
     q, u, udot = batch(400_000)
     robot.forward_dynamics(q[:1], u[:1], udot[:1])
-    ticks, stop = [], threading.Event()
+    ticks = []
+    stop = threading.Event()
 
     def tick():
         while not stop.is_set():
@@ -363,7 +392,8 @@ def test_batches_release_the_gil(robot, monkeypatch):
 @pytest.mark.parametrize('value', ['0', '-1', 'two', '1.5', '', '257'])
 def test_a_bad_number_of_threads_is_refused_by_name(robot, monkeypatch, value):
     monkeypatch.setenv(threads.VARIABLE, value)
-    words = re.escape(f'KANE_DYNAMICS_THREADS: {value!r}; expected an integer from 1 to 256')
+    words = re.escape(
+        f'KANE_DYNAMICS_THREADS: {value!r}; expected an integer from 1 to 256')
     with pytest.raises(InputError, match=words):
         robot.inverse_dynamics(*batch(2))
     assert robot.inverse_dynamics(*batch(2)[:, 0]).shape == (5,)
@@ -414,7 +444,8 @@ def test_work_is_divided_by_its_known_pace(monkeypatch):
     assert runs == [(0, 1000, 1)]
 
 
-def test_every_share_of_a_batch_is_computed_where_threads_do_not_start(robot, monkeypatch):
+def test_every_share_of_a_batch_is_computed_where_threads_do_not_start(
+        robot, monkeypatch):
     expected = robot.inverse_dynamics(*batch(5000))
     monkeypatch.setenv(threads.VARIABLE, '8')
     monkeypatch.setattr(threads, 'THREAD_WORK', 1e-9)
@@ -437,23 +468,24 @@ def test_compile_includes_the_lane_kernels(monkeypatch):
         raise AssertionError('compiled in a call')
     monkeypatch.setattr(llvm, 'assemble', refuse)
     monkeypatch.setattr(llvm, 'Code', refuse)
-    given = np.ones((3, 4, 2))
+    states = np.ones((3, 4, 2))
     for name, quantity in QUANTITIES.items():
-        getattr(robot, name)(*given[:len(quantity.arguments)])
+        getattr(robot, name)(*states[:len(quantity.arguments)])
 
 
 def test_first_batches_of_many_threads_at_once_are_right():
     robot = Robot(random_model(23, 3))
-    given = batch(100, 3)
+    inputs = batch(100, 3)
     results = []
 
     def work():
-        results.append(robot.inverse_dynamics(*given))
+        results.append(robot.inverse_dynamics(*inputs))
     workers = [threading.Thread(target=work) for _ in range(6)]
     for worker in workers:
         worker.start()
     for worker in workers:
         worker.join()
     assert len(results) == 6
-    close(results[0], [robot.inverse_dynamics(*row) for row in given.transpose(1, 0, 2)])
+    close(results[0],
+          [robot.inverse_dynamics(*row) for row in inputs.transpose(1, 0, 2)])
     assert all(np.array_equal(result, results[0]) for result in results)

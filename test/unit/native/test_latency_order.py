@@ -1,4 +1,4 @@
-"""Programs in the order of latencies compute the same, and chains of operations alternate."""
+"""Programs in latency order compute the same; chains of operations alternate."""
 
 from kane_dynamics import Drive, load_urdf, Robot, with_drives
 from kane_dynamics._util.resources import resource_path
@@ -25,7 +25,8 @@ def two_chains(x):
 def everything(x):
     """Return results of operations of every kind."""
     larger = select(x[0] < x[1], x[1], x[0])
-    return np.array([np.sin(x[0]) / np.cos(x[1]), np.sqrt(x[0]), np.tanh(larger), -x[1], 2.0])
+    return np.array(
+        [np.sin(x[0]) / np.cos(x[1]), np.sqrt(x[0]), np.tanh(larger), -x[1], 2.0])
 
 
 @pytest.mark.parametrize('function', [two_chains, everything])
@@ -54,7 +55,8 @@ def test_independent_chains_alternate():
 
     def first_half_of(program):
         factors = [node.args for node in program.schedule()[:half] if node.op == 'mul']
-        return {factor for args in factors for factor in args if isinstance(factor, float)}
+        return {factor for args in factors
+                for factor in args if isinstance(factor, float)}
     assert first_half_of(program) == {0.5}
     assert first_half_of(by_latency(program)) == {0.5, 0.25}
 

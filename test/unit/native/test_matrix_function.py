@@ -1,4 +1,4 @@
-"""Derivatives of functions of matrices, and the library that CasADi loads, without CasADi."""
+"""Derivatives of functions of matrices, and the library CasADi loads, without it."""
 
 import ctypes
 from math import prod
@@ -11,18 +11,20 @@ from kane_dynamics.native.tracing.subroutine import Subroutines
 import numpy as np
 import pytest
 
-Q, P = np.array([0.4, -0.9, 1.3]), np.array([0.7, -0.2])
+Q = np.array([0.4, -0.9, 1.3])
+P = np.array([0.7, -0.2])
 
 
 def example():
-    """Return a function of two arguments with a subroutine and with entries that do not vary."""
+    """Return a function of two arguments with a subroutine and constant entries."""
     share = Subroutines()
 
     def turned(x, p):
         return np.array([np.sin(x[0]) * p[0], x[1] * x[1], 3.0], dtype=object)
 
     def function(q, p):
-        a, b = share('turned', turned, q[:2], p), share('turned', turned, q[1:], p)
+        a = share('turned', turned, q[:2], p)
+        b = share('turned', turned, q[1:], p)
         return np.array([a[0] + b[1], a[1] * p[1], b[0], a[2], q[2]])
     inputs = (full('q', (3, 1)), full('p', (1, 2)))
     program = trace_program('example', function, [('q', (3,)), ('p', (2,))])
@@ -32,7 +34,7 @@ def example():
 def slopes(function, *given, step=1e-6):
     """Return a function's derivative by central differences, a row for each entry."""
     x = np.concatenate(given)
-    ends = np.cumsum([len(each) for each in given])[:-1]
+    ends = np.cumsum([len(array) for array in given])[:-1]
 
     def value(x):
         return evaluate(function.program, np.split(x, ends))
@@ -42,13 +44,14 @@ def slopes(function, *given, step=1e-6):
 
 def matrices(jacobian, *given):
     """Return the blocks of a derivative as matrices."""
-    entries, found = evaluate(jacobian.program, given), []
+    entries = evaluate(jacobian.program, given)
+    blocks = []
     for block in jacobian.outputs:
         matrix = np.zeros(prod(block.shape))
         matrix[list(block.places)], entries = np.split(entries, [len(block.places)])
-        found.append(matrix.reshape(block.shape, order='F'))
+        blocks.append(matrix.reshape(block.shape, order='F'))
     assert len(entries) == 0
-    return found
+    return blocks
 
 
 @pytest.mark.parametrize('way', ['jacobian', 'jacobian_by_columns'])
@@ -58,19 +61,22 @@ def test_both_ways_to_a_jacobian_give_the_derivative_and_its_zeros(way):
     assert derived.name == 'jac_example'
     assert [block.name for block in derived.inputs] == ['q', 'p', 'out_y']
     assert [block.name for block in derived.outputs] == ['jac_y_q', 'jac_y_p']
-    np.testing.assert_allclose(np.hstack(matrices(derived, Q, P)), slopes(function, Q, P),
-                               atol=1e-8)
+    np.testing.assert_allclose(np.hstack(matrices(derived, Q, P)),
+                               slopes(function, Q, P), atol=1e-8)
     assert derived.outputs[0].places == (0, 6, 7, 10, 14)
 
 
 def test_derivatives_of_gradients_are_second_derivatives():
-    gradient, weights = example().reverse(), np.array([0.3, -1.1, 0.8, 0.5, 2.0])
+    gradient = example().reverse()
+    weights = np.array([0.3, -1.1, 0.8, 0.5, 2.0])
     derived = gradient.jacobian_by_columns()
     expected = slopes(gradient, Q, P, weights)
-    found = matrices(derived, Q, P, weights)
-    assert [block.shape for block in derived.outputs[:4]] == [(3, 3), (3, 2), (3, 5), (3, 5)]
-    rows = [np.hstack(found[k:k + 4]) for k in (0, 4)]
-    columns = [0, 1, 2, 3, 4, *range(10, 15)]  # without those of `out_y`, which is not read
+    derivatives = matrices(derived, Q, P, weights)
+    assert [block.shape for block in derived.outputs[:4]] == [
+        (3, 3), (3, 2), (3, 5), (3, 5)]
+    rows = [np.hstack(derivatives[k:k + 4]) for k in (0, 4)]
+    # Without those of `out_y`, which is not read.
+    columns = [0, 1, 2, 3, 4, *range(10, 15)]
     np.testing.assert_allclose(np.vstack(rows)[:, columns], expected, atol=1e-8)
     rates = gradient.forward()
     np.testing.assert_allclose(evaluate(rates.program, [Q, P, weights, Q, P, weights]),
@@ -79,7 +85,8 @@ def test_derivatives_of_gradients_are_second_derivatives():
 
 def test_an_output_depends_on_the_inputs_that_it_is_computed_from():
     masks = dependence(example().program)
-    assert [f'{mask:05b}' for mask in masks] == ['01101', '10010', '01010', '00000', '00100']
+    assert [f'{mask:05b}' for mask in masks] == ['01101', '10010', '01010', '00000',
+                                                 '00100']
 
 
 @pytest.mark.skipif(shared_library.linker() is None, reason='no linker on the PATH')
@@ -92,7 +99,8 @@ def test_a_library_follows_casadis_conventions(tmp_path):
     for end, blocks in (('in', function.inputs), ('out', function.outputs)):
         assert getattr(library, f'jac_example_n_{end}')() == len(blocks)
         name = getattr(library, f'jac_example_name_{end}')
-        name.argtypes, name.restype = [ctypes.c_longlong], ctypes.c_char_p
+        name.argtypes = [ctypes.c_longlong]
+        name.restype = ctypes.c_char_p
         sparsity = getattr(library, f'jac_example_sparsity_{end}')
         sparsity.argtypes = [ctypes.c_longlong]
         sparsity.restype = ctypes.POINTER(ctypes.c_longlong)
@@ -102,24 +110,29 @@ def test_a_library_follows_casadis_conventions(tmp_path):
             rows, columns = block.shape
             begins = sparsity(k)[2:3 + columns]
             assert sparsity(k)[:2] == [rows, columns] and begins[-1] == len(block.places)
-            places = [row + rows * column for column in range(columns)
-                      for row in sparsity(k)[3 + columns + begins[column]:
-                                             3 + columns + begins[column + 1]]]
+            places = []
+            for column in range(columns):
+                for row in sparsity(k)[3 + columns + begins[column]: 3 + columns
+                                       + begins[column + 1]]:
+                    places.append(row + rows * column)
             assert tuple(places) == block.places
-    q, p, work = (np.ascontiguousarray(x) for x in (Q, P, np.zeros(100)))
+    q = np.ascontiguousarray(Q)
+    p = np.ascontiguousarray(P)
+    work = np.ascontiguousarray(np.zeros(100))
     results = [np.zeros(len(block.places)) for block in function.outputs]
 
     def pointers(arrays):
         return (ctypes.c_void_p * len(arrays))(*(
             None if x is None else x.ctypes.data for x in arrays))
-    for given, wanted in (((q, p), (0, 1)), ((q, None), (1,)), ((None, p), (0,))):
+    for arguments, present in (((q, p), (0, 1)), ((q, None), (1,)), ((None, p), (0,))):
         for result in results:
             result[:] = 7.0
-        assert library.jac_example(pointers([*given, None]), pointers(
-            [results[k] if k in wanted else None for k in range(2)]), None, ctypes.c_void_p(
-                work.ctypes.data), 0) == 0
+        assert library.jac_example(pointers([*arguments, None]), pointers(
+            [results[k] if k in present else None for k in range(2)]), None,
+                                   ctypes.c_void_p(work.ctypes.data), 0) == 0
         expected = evaluate(function.program, [
-            np.zeros(n) if x is None else x for x, n in zip(given, (3, 2))])
+            np.zeros(n) if x is None else x for x, n in zip(arguments, (3, 2))])
         ends = np.cumsum([len(block.places) for block in function.outputs])
         for k, part in enumerate(np.split(expected, ends[:-1])):
-            np.testing.assert_allclose(results[k], part if k in wanted else 7.0, atol=1e-15)
+            np.testing.assert_allclose(results[k], part if k in present else 7.0,
+                                       atol=1e-15)

@@ -1,4 +1,4 @@
-"""Batches and compiling in other threads, in atexit functions and in finalizers end as usual."""
+"""Batches and compiling in other threads, atexit functions, finalizers end."""
 
 import os
 import subprocess
@@ -37,7 +37,8 @@ def last():
 atexit.register(last)
 """
 
-# The main thread ends, and the interpreter waits for the others, which find no executor any more.
+# The main thread ends, and the interpreter waits for the others, which find no executor
+# any more.
 OTHER_THREAD = START + """
 def work():
     threading.main_thread().join()
@@ -81,8 +82,8 @@ last.workspace.inverse_dynamics()
 @pytest.mark.parametrize('program', [AT_EXIT, OTHER_THREAD, DAEMONS, FINALIZER],
                          ids=['atexit', 'other thread', 'daemons', 'finalizer'])
 def test_calls_at_the_end_of_the_interpreter_end_as_usual(program):
-    done = subprocess.run([sys.executable, '-X', 'faulthandler', '-c', program], timeout=100,
-                          capture_output=True, text=True, env={
+    done = subprocess.run([sys.executable, '-X', 'faulthandler', '-c', program],
+                          timeout=100, capture_output=True, text=True, env={
                               **os.environ, 'KANE_DYNAMICS_THREADS': '3',
                               'PYTHONPATH': os.pathsep.join(sys.path),
                               'PYTHONMALLOC': 'malloc', 'MALLOC_PERTURB_': '2'})

@@ -13,7 +13,8 @@ import pytest
 HOST = dict(llvm.llvm.get_host_cpu_features())
 SETTINGS = [name for name, feature in llvm.SIMD.items() if HOST.get(feature)]
 WIDTHS = {'avx512': 8, 'avx2': 4, 'sse2': 2}
-REGISTERS = {'avx512': '', 'avx2': 'zmm', 'sse2': '[yz]mm'}  # that no instruction may use
+# No instruction may use it.
+REGISTERS = {'avx512': '', 'avx2': 'zmm', 'sse2': '[yz]mm'}
 ROBOT = """
 import numpy as np
 from kane_dynamics import load_urdf, Robot
@@ -44,7 +45,8 @@ def test_no_instruction_is_wider_than_the_setting(setting, monkeypatch):
     monkeypatch.setattr(llvm, '_processor', llvm._processor.__wrapped__)
     machine = llvm._target_machine(1)
     text = ('define void @add(ptr %p) {\n %x = load <8 x double>, ptr %p\n'
-            ' %y = fadd <8 x double> %x, %x\n store <8 x double> %y, ptr %p\n ret void\n}\n')
+            ' %y = fadd <8 x double> %x, %x\n store <8 x double> %y, ptr %p\n ret '
+            'void\n}\n')
     assembly = machine.emit_assembly(llvm._parsed(text, machine))
     assert 'add' in assembly
     wider = REGISTERS[setting]
@@ -61,7 +63,8 @@ def test_torques_agree_for_every_setting_and_code_is_not_shared():
 
 
 @pytest.mark.parametrize('setting', ['', 'avx', 'AVX2', 'avx512f'])
-def test_an_unknown_extension_is_refused_with_those_of_this_processor(setting, monkeypatch):
+def test_an_unknown_extension_is_refused_with_those_of_this_processor(
+        setting, monkeypatch):
     monkeypatch.setenv(llvm.SIMD_VARIABLE, setting)
     with pytest.raises(InputError, match=f'KANE_DYNAMICS_SIMD: {setting!r}; expected '):
         llvm.features.__wrapped__()

@@ -19,14 +19,17 @@ def test_a_line_says_what_is_compiled_and_one_how_long_it_took(caplog, monkeypat
             pass
         assert not caplog.messages
         with compiling.logged('inverse_dynamics'):
-            deadline = time.monotonic() + 10.0  # a busy machine runs the timer's thread late
+            # A busy machine runs the timer's thread late.
+            deadline = time.monotonic() + 10.0
             while not caplog.messages and time.monotonic() < deadline:
                 time.sleep(0.01)
-            assert caplog.messages == ['compiling inverse_dynamics, more than 0.05 s so far']
+            assert caplog.messages == [
+                'compiling inverse_dynamics, more than 0.05 s so far']
     assert caplog.messages[1].startswith('compiled inverse_dynamics in ')
 
 
-def test_short_kernels_of_a_long_series_are_reported_with_how_many_are_ready(monkeypatch):
+def test_short_kernels_of_a_long_series_are_reported_with_how_many_are_ready(
+        monkeypatch):
     monkeypatch.setattr(compiling, 'SLOW', 2.0)
     clock = SimpleNamespace(now=0.0)
     monkeypatch.setattr(compiling, 'time', SimpleNamespace(monotonic=lambda: clock.now))
@@ -37,11 +40,13 @@ def test_short_kernels_of_a_long_series_are_reported_with_how_many_are_ready(mon
         with series.counted(f'kernel{k}') as line:
             lines.append(line)
             clock.now = 100.9 + k
-    assert lines == ['', '', '', 'compiling kernel3; kernels ready: 3, after 3 s', '', '']
+    assert lines == ['', '', '', 'compiling kernel3; kernels ready: 3, after 3 s', '',
+                     '']
     clock.now = 106.0
     with series.counted('kernel6') as line:
         assert line == 'compiling kernel6; kernels ready: 6, after 6 s'
-        # A kernel that another thread compiles meanwhile does not begin a series of its own.
+        # A kernel that another thread compiles meanwhile does not begin a series of its
+        # own.
         clock.now = 110.0
         with series.counted('kernel7') as line:
             assert line == 'compiling kernel7; kernels ready: 6, after 10 s'
@@ -76,10 +81,10 @@ def test_long_programs_in_pieces_give_the_same_numbers(monkeypatch):
     monkeypatch.setenv('KANE_DYNAMICS_CACHE', '')
     function = one.robot.casadi('inverse_dynamics')
     assert function.class_name() == 'External'
-    given = [casadi.DM(x) for x in (one.q, one.u, one.udot)]
-    given.append(casadi.DM.zeros(*function.size_in('wrench')))
-    np.testing.assert_allclose(function(*given).full().ravel(), expected, atol=1e-12)
-    slopes = function.jacobian()(*given, casadi.DM.zeros(one.robot.n))
+    inputs = [casadi.DM(x) for x in (one.q, one.u, one.udot)]
+    inputs.append(casadi.DM.zeros(*function.size_in('wrench')))
+    np.testing.assert_allclose(function(*inputs).full().ravel(), expected, atol=1e-12)
+    slopes = function.jacobian()(*inputs, casadi.DM.zeros(one.robot.n))
     by = one.robot.inverse_dynamics_derivatives(one.q, one.u, one.udot)
     for slope, reference in zip(slopes, by):
         np.testing.assert_allclose(slope.full(), reference, atol=1e-11)
@@ -88,7 +93,8 @@ def test_long_programs_in_pieces_give_the_same_numbers(monkeypatch):
 def test_a_workspace_that_is_given_arguments_says_what_it_reads():
     workspace = wheel().bind()
     for arguments in ((np.zeros(1),), (1, 2)):
-        with pytest.raises(InputError, match=r'workspace: mass_matrix\(.*expected no arguments'):
+        with pytest.raises(InputError,
+                           match=r'workspace: mass_matrix\(.*expected no arguments'):
             workspace.mass_matrix(*arguments)
 
 
@@ -100,5 +106,6 @@ def test_a_payload_is_an_inertial_or_its_ten_parameters():
     robot.parameters.payload = load.parameters
     np.testing.assert_allclose(robot.parameters.block, block, atol=1e-15)
     assert robot.parameters.payload.mass == pytest.approx(2.0)
-    with pytest.raises(InputError, match='payload: a list; expected an Inertial, its ten'):
+    with pytest.raises(InputError,
+                       match='payload: a list; expected an Inertial, its ten'):
         robot.parameters.payload = [1.0, 2.0]

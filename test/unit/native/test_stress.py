@@ -1,8 +1,8 @@
 """
-Threads, dropped robots, exceptions, pickles, interrupts, forks and an exit beside threads.
+Threads, dropped robots, exceptions, pickles, interrupts, forks, exits of processes.
 
-The allocator writes over all that is freed. KANE_DYNAMICS_STRESS_SECONDS is the time of the long
-test, an hour by default.
+The allocator writes over all that is freed. KANE_DYNAMICS_STRESS_SECONDS is the time of
+the long test, an hour by default.
 """
 
 import os
@@ -19,8 +19,8 @@ ROUND = 60.0  # s, of one process of the long test
 
 
 def stress(seconds):
-    done = subprocess.run([sys.executable, PROGRAM, str(seconds)], capture_output=True, text=True,
-                          timeout=seconds + 100.0, env={
+    done = subprocess.run([sys.executable, PROGRAM, str(seconds)],
+                          capture_output=True, text=True, timeout=seconds + 100.0, env={
                               **os.environ, 'PYTHONPATH': os.pathsep.join(sys.path),
                               'PYTHONMALLOC': 'debug', 'MALLOC_PERTURB_': '2'})
     assert done.returncode == 0, done.stderr
