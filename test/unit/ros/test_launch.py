@@ -21,7 +21,8 @@ class Recorder:
     """A replacement of a launch class that keeps its arguments."""
 
     def __init__(self, *arguments, **keywords):
-        self.arguments, self.keywords = arguments, keywords
+        self.arguments = arguments
+        self.keywords = keywords
 
 
 class Configuration(Recorder):
@@ -41,17 +42,17 @@ def load():
 @pytest.fixture
 def launch_file(monkeypatch):
     """Return the launch file, loaded with recorders instead of launch."""
-    made = {'launch': {'LaunchDescription': Recorder},
-            'launch.actions': dict.fromkeys(
-                ('DeclareLaunchArgument', 'EmitEvent', 'LogInfo', 'OpaqueFunction'), Recorder),
-            'launch.events': {'matches_action': Recorder},
-            'launch.events.process': {'ShutdownProcess': Recorder},
-            'launch.substitutions': {'LaunchConfiguration': Configuration},
-            'launch_ros': {}, 'launch_ros.actions': {'LifecycleNode': Recorder, 'Node': Recorder},
-            'ament_index_python': {},
-            'ament_index_python.packages': {
-                'get_package_share_directory': lambda package: str(ROOT)}}
-    for name, members in made.items():
+    modules = {'launch': {'LaunchDescription': Recorder},
+               'launch.actions': dict.fromkeys(
+                   ('DeclareLaunchArgument', 'EmitEvent', 'LogInfo', 'OpaqueFunction'),
+                   Recorder), 'launch.events': {'matches_action': Recorder},
+               'launch.events.process': {'ShutdownProcess': Recorder},
+               'launch.substitutions': {'LaunchConfiguration': Configuration},
+               'launch_ros': {},
+               'launch_ros.actions': {'LifecycleNode': Recorder, 'Node': Recorder},
+               'ament_index_python': {}, 'ament_index_python.packages': {
+                   'get_package_share_directory': lambda package: str(ROOT)}}
+    for name, members in modules.items():
         module = ModuleType(name)
         vars(module).update(members)
         monkeypatch.setitem(sys.modules, name, module)
@@ -61,10 +62,11 @@ def launch_file(monkeypatch):
 def start(launch_file, **arguments):
     """Return the nodes that start with some arguments."""
     description = launch_file.generate_launch_description().arguments[0]
-    context = {each.arguments[0]: each.keywords['default_value'] for each in description[:-1]}
+    context = {action.arguments[0]: action.keywords['default_value']
+               for action in description[:-1]}
     assert set(arguments) <= set(context)
     started = description[-1].keywords['function'](context | arguments)
-    return [SimpleNamespace(**each.keywords) for each in started]
+    return [SimpleNamespace(**action.keywords) for action in started]
 
 
 def test_by_default_it_starts_the_dynamics_node_and_its_guard(launch_file):
@@ -96,22 +98,26 @@ def test_a_node_or_guard_that_ends_starts_again(launch_file):
     for started in start(launch_file):
         assert started.respawn and started.respawn_delay == 1.0
         for code in (0, 1, -9, -11):
-            ended = SimpleNamespace(returncode=code, action=started, process_name='node-1')
+            ended = SimpleNamespace(returncode=code, action=started,
+                                    process_name='node-1')
             assert started.on_exit(ended, None) == []
 
 
 def test_a_node_with_an_invalid_configuration_does_not_start_again(launch_file):
     for started in start(launch_file):
-        ended = SimpleNamespace(returncode=INVALID, action=started, process_name='node-1')
+        ended = SimpleNamespace(returncode=INVALID, action=started,
+                                process_name='node-1')
         log, end = started.on_exit(ended, None)
-        assert 'node-1: not started again, because its configuration is' in log.keywords['msg']
+        assert ('node-1: not started again, because its configuration is'
+                in log.keywords['msg'])
         matcher = end.keywords['event'].keywords['process_matcher']
         assert matcher.arguments == (started,)
 
 
 def test_files_of_the_arm_are_arguments_of_node_and_plant(launch_file):
     files = {'supplement': '/my/arm.supplement.yaml', 'constraints': '/my/loops.yaml'}
-    node, _, plant = start(launch_file, activation='at_once', plant='plant.yaml', **files)
+    node, _, plant = start(launch_file, activation='at_once', plant='plant.yaml',
+                           **files)
     for name, path in files.items():
         assert {name: path} in node.parameters and {name: path} in plant.parameters
     assert {'activation': 'at_once'} in node.parameters
@@ -119,7 +125,8 @@ def test_files_of_the_arm_are_arguments_of_node_and_plant(launch_file):
 
 
 def test_urdf_overrides_the_configuration(launch_file):
-    node, _ = start(launch_file, config='ur10e.yaml', urdf='/my/arm.urdf', use_sim_time='true')
+    node, _ = start(launch_file, config='ur10e.yaml', urdf='/my/arm.urdf',
+                    use_sim_time='true')
     assert node.parameters[1:3] == [{'urdf': '/my/arm.urdf'}, {'use_sim_time': True}]
 
 
@@ -147,8 +154,12 @@ def test_a_lifecycle_manager_configures_the_node_and_keeps_a_bond(launch_file):
 def test_the_branch_of_the_diagnostics_aggregator_names_what_the_nodes_publish():
     file = ROOT / 'config' / 'diagnostics' / 'aggregator.yaml'
     branch = yaml.safe_load(file.read_text())['/**']['ros__parameters']['analyzers']
-    endings = {end for analyzer in branch.values() for end in analyzer['contains']}
-    sources = ''.join(path.read_text() for path in (ROOT / 'kane_dynamics/ros').rglob('*_node.py'))
+    endings = set()
+    for analyzer in branch.values():
+        for end in analyzer['contains']:
+            endings.add(end)
+    sources = ''.join(path.read_text()
+                      for path in (ROOT / 'kane_dynamics/ros').rglob('*_node.py'))
     sources += (ROOT / 'kane_dynamics/ros/dynamics_node/node.py').read_text()
     published = re.findall(r"get_fully_qualified_name\(\)\}(: [a-z ]+)'", sources)
     assert endings == set(published) and len(endings) == 3
@@ -162,8 +173,8 @@ def test_topics_are_remapped_and_namespaced(launch_file):
 
 def test_the_state_publisher_gets_the_same_urdf(launch_file):
     urdf = ROOT / 'urdf' / 'two_link.urdf'
-    _, _, publisher = start(launch_file, urdf=str(urdf), state_publisher='true', namespace='left',
-                            joint_states='arm/joint_states')
+    _, _, publisher = start(launch_file, urdf=str(urdf), state_publisher='true',
+                            namespace='left', joint_states='arm/joint_states')
     assert publisher.package == 'robot_state_publisher'
     assert publisher.parameters == [{'robot_description': urdf.read_text()}]
     assert publisher.namespace == 'left'
@@ -171,10 +182,13 @@ def test_the_state_publisher_gets_the_same_urdf(launch_file):
 
 
 @pytest.mark.parametrize('sim_time', ['true', 'false'])
-def test_the_plant_shares_names_and_publishes_the_clock_if_requested(launch_file, sim_time):
-    node, _, plant = start(launch_file, config='ur10e.yaml', plant='plant.yaml', namespace='left',
-                           commands='effort/commands', use_sim_time=sim_time, prefix='left_')
-    assert (plant.executable, plant.name, plant.namespace) == ('plant_node', 'plant', 'left')
+def test_the_plant_shares_names_and_publishes_the_clock_if_requested(
+        launch_file, sim_time):
+    node, _, plant = start(
+        launch_file, config='ur10e.yaml', plant='plant.yaml', namespace='left',
+        commands='effort/commands', use_sim_time=sim_time, prefix='left_')
+    assert (plant.executable, plant.name, plant.namespace) == ('plant_node', 'plant',
+                                                               'left')
     assert plant.remappings == node.remappings == [('commands', 'effort/commands')]
     path, prefix, clock = plant.parameters
     assert prefix == {'prefix': 'left_'}
@@ -184,21 +198,23 @@ def test_the_plant_shares_names_and_publishes_the_clock_if_requested(launch_file
 
 
 def test_defaults_do_not_override_parameter_files(launch_file):
-    node, _, plant, publisher = start(launch_file, config='ur10e.yaml', plant='plant.yaml',
-                                      urdf=str(ROOT / 'urdf' / 'two_link.urdf'),
-                                      state_publisher='true')
+    node, _, plant, publisher = start(
+        launch_file, config='ur10e.yaml', plant='plant.yaml',
+        urdf=str(ROOT / 'urdf' / 'two_link.urdf'), state_publisher='true')
     for started in (node, plant, publisher):
         assert not any('clock' in name or 'use_sim_time' in name
-                       for given in started.parameters if isinstance(given, dict)
-                       for name in given)
+                       for values in started.parameters if isinstance(values, dict)
+                       for name in values)
 
 
 def test_invalid_arguments_are_refused(launch_file):
     with pytest.raises(FileNotFoundError, match=r'nowhere\.yaml'):
         start(launch_file, config='nowhere.yaml')
-    with pytest.raises(FileNotFoundError, match=r"plant: no file '/nowhere/p\.yaml'; expected"):
+    with pytest.raises(FileNotFoundError,
+                       match=r"plant: no file '/nowhere/p\.yaml'; expected"):
         start(launch_file, plant='/nowhere/p.yaml')
-    with pytest.raises(ValueError, match="use_sim_time: 'maybe'; expected true or false"):
+    with pytest.raises(ValueError,
+                       match="use_sim_time: 'maybe'; expected true or false"):
         start(launch_file, use_sim_time='maybe')
     with pytest.raises(ValueError, match='expected urdf:='):
         start(launch_file, state_publisher='true')

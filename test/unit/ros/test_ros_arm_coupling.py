@@ -23,7 +23,8 @@ from sensor_msgs.msg import JointState  # noqa: E402
 NANO = 10**9
 STEP = 2_000_000  # ns
 URDF = resource_path('urdf', 'two_link.urdf')
-LEADER, FOLLOWER = np.array([0.4, -0.9]), np.array([0.1, -0.6])
+LEADER = np.array([0.4, -0.9])
+FOLLOWER = np.array([0.1, -0.6])
 
 
 class Side:
@@ -31,19 +32,25 @@ class Side:
 
     def __init__(self, start, **changes):
         self.values = node_values({
-            'mode': 'arm_coupling', 'coupling.partner': 'partner', 'limits.rate': math.inf,
-            'coupling.stiffness': 80.0, 'coupling.damping': 8.0, 'coupling.align_speed': 1.0,
+            'mode': 'arm_coupling', 'coupling.partner': 'partner',
+            'limits.rate': math.inf, 'coupling.stiffness': 80.0, 'coupling.damping': 8.0,
+            'coupling.align_speed': 1.0,
             **{key.replace('__', '.'): value for key, value in changes.items()}})
         model = load_model(URDF, self.values, lambda warning: None)
         self.controller = path_controller(model, self.values, self._laws)
         self.robot = self.controller.robot
         self.q, self.u, self.push = np.array(start), np.zeros(2), np.zeros(2)
-        self.now, self.sent, self.taus, self.said, self.refused = 100 * NANO, b'', [], [], []
+        self.now = 100 * NANO
+        self.sent = b''
+        self.taus = []
+        self.said = []
+        self.refused = []
         self.mode = self.modes.laws[Mode.ARM_COUPLING]
-        self.path = TorquePath(self.controller, self, self, lambda: self.now, self.values,
+        self.path = TorquePath(self.controller, self, self, lambda: self.now,
+                               self.values,
                                Statistics(), lambda *words: self.refused.append(words))
-        self.topics = CouplingTopics(self.robot, self.mode, self.values, Sent(self), self,
-                                     lambda *words: self.refused.append(words))
+        self.topics = CouplingTopics(self.robot, self.mode, self.values, Sent(self),
+                                     self, lambda *words: self.refused.append(words))
         self.path.add_observer(self.topics, need_effort=True)
         self.path.add_observer(self, need_effort=False)
         self.path.start()
@@ -99,9 +106,9 @@ class Sent:
 
 def run(sides, seconds, exchange=True):
     for _ in range(round(seconds * NANO / STEP)):
-        for side, other in zip(sides, reversed(sides)):
-            if exchange and other.sent:
-                side.topics.on_message(other.sent)
+        for side, another in zip(sides, reversed(sides)):
+            if exchange and another.sent:
+                side.topics.on_message(another.sent)
         for side in sides:
             side.state()
 
@@ -120,7 +127,8 @@ def test_the_arms_engage_follow_and_lose_each_other_without_a_jump(sides):
     run(sides, 0.2)
     for side, start in zip(sides, (LEADER, FOLLOWER)):
         np.testing.assert_allclose(side.q, start, atol=1e-6)  # alone
-        assert side.mode.snapshot(0).detail == ('alone: parameter coupling.engaged is false',)
+        assert side.mode.snapshot(
+            0).detail == ('alone: parameter coupling.engaged is false',)
         side.adjust(coupling__engaged=True)
     begin = len(leader.taus) - 1
     run(sides, 1.5)
@@ -169,7 +177,8 @@ def test_a_partner_feels_the_torque_at_its_joints(sides):
     assert list(message.name) == list(leader.robot.joint_names)
     np.testing.assert_allclose(message.effort, [2.0, -1.0], atol=0.02)
     np.testing.assert_allclose(message.position, leader.q, atol=1e-2)
-    assert message.header.stamp.sec * NANO + message.header.stamp.nanosec == leader.now - STEP
+    assert (message.header.stamp.sec * NANO + message.header.stamp.nanosec == leader.now
+            - STEP)
 
 
 @pytest.mark.parametrize(('change', 'words'), [

@@ -11,10 +11,9 @@ from geometry_msgs.msg import Point, Pose  # noqa: E402, I100
 from kane_dynamics import Inertial, load_urdf  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
-from kane_dynamics.ros.monitors.attached_objects import (AttachedObjects,  # noqa: E402
-                                                         check_attached_objects, solid_mesh,
-                                                         solid_primitive, stated_masses,
-                                                         uniform_solid)
+from kane_dynamics.ros.monitors.attached_objects import (  # noqa: E402
+    AttachedObjects, check_attached_objects, solid_mesh, solid_primitive, stated_masses,
+    uniform_solid)
 from node_values import node_values  # noqa: E402
 from shape_msgs.msg import Mesh, MeshTriangle, SolidPrimitive  # noqa: E402
 
@@ -26,7 +25,9 @@ SAMPLES = 400_000
 class Shape(SimpleNamespace):
     """A CollisionObject."""
 
-    ADD, REMOVE, APPEND = b'\0', b'\1', b'\2'
+    ADD = b'\0'
+    REMOVE = b'\1'
+    APPEND = b'\2'
 
 
 def primitive(kind, *sizes):
@@ -43,21 +44,24 @@ def shape(*primitives, name='cup', poses=None, at=(0.0, 0.0, 0.0), frame=TIP, me
 
 
 def attached(*primitives, link=TIP, **fields):
-    return SimpleNamespace(link_name=link, object=shape(*primitives, frame=link, **fields))
+    return SimpleNamespace(link_name=link,
+                           object=shape(*primitives, frame=link, **fields))
 
 
 def by_points(inside, half, seed=0):
-    """Return the inertial of the points of a box, of which some are inside, with density 1."""
+    """Return the inertial of points in a box, some inside, with density 1."""
     points = np.random.default_rng(seed).uniform(-1.0, 1.0, (SAMPLES, 3)) * half
     share = 8.0 * np.prod(half) / SAMPLES
     x = points[inside(points)]
-    mass, com = share * len(x), x.mean(axis=0)
+    mass = share * len(x)
+    com = x.mean(axis=0)
     d = x - com
     second = share * d.T @ d
     return Inertial(mass, com, np.trace(second) * np.eye(3) - second)
 
 
-CONE_H, CONE_R = 0.6, 0.3
+CONE_H = 0.6
+CONE_R = 0.3
 SHAPES = [
     (primitive(1, 0.2, 0.5, 0.9), lambda x: np.ones(len(x), bool), (0.1, 0.25, 0.45)),
     (primitive(2, 0.4), lambda x: (x**2).sum(axis=1) < 0.16, (0.4,) * 3),
@@ -66,9 +70,11 @@ SHAPES = [
         0.5 - x[:, 2] / CONE_H), (0.3, 0.3, 0.3))]
 
 
-@pytest.mark.parametrize('solid, inside, half', SHAPES, ids=['box', 'sphere', 'cylinder', 'cone'])
+@pytest.mark.parametrize('solid, inside, half', SHAPES,
+                         ids=['box', 'sphere', 'cylinder', 'cone'])
 def test_primitives_have_the_inertia_of_their_points(solid, inside, half):
-    value, expected = solid_primitive(solid), by_points(inside, np.array(half))
+    value = solid_primitive(solid)
+    expected = by_points(inside, np.array(half))
     assert value.mass == pytest.approx(expected.mass, rel=0.01)
     np.testing.assert_allclose(value.com, expected.com, atol=2e-3)
     np.testing.assert_allclose(value.inertia, expected.inertia,
@@ -76,10 +82,14 @@ def test_primitives_have_the_inertia_of_their_points(solid, inside, half):
 
 
 def box_mesh(size, at, shared=True):
-    """Return a mesh of a box, with outward triangles; vertices repeated if not shared."""
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    triangles = [t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))]
+    """Return a box mesh, triangles outward; vertices repeated if unshared."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)],
+                       float)
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4),
+             (1, 5, 7, 3)]
+    triangles = []
+    for a, b, c, d in faces:
+        triangles += [(a, b, c), (a, c, d)]
     points = (corners - 0.5) * size + at
     if not shared:
         points = points[np.ravel(triangles)]
@@ -93,7 +103,8 @@ def box_mesh(size, at, shared=True):
 @pytest.mark.parametrize('shared', [True, False])
 @pytest.mark.parametrize('turned', [False, True])
 def test_a_mesh_of_a_box_has_the_inertia_of_a_box(shared, turned):
-    size, at = np.array([0.2, 0.3, 0.5]), np.array([3.0, -0.2, 0.4])
+    size = np.array([0.2, 0.3, 0.5])
+    at = np.array([3.0, -0.2, 0.4])
     mesh = box_mesh(size, at, shared)
     if turned:
         for triangle in mesh.triangles:
@@ -121,7 +132,8 @@ def test_shapes_of_an_object_add_up_at_their_poses():
     turned = Pose()
     turned.position.x = 0.3
     turned.orientation.z = turned.orientation.w = np.sqrt(0.5)
-    box, ball = primitive(1, 0.1, 0.2, 0.3), primitive(2, 0.1)
+    box = primitive(1, 0.1, 0.2, 0.3)
+    ball = primitive(2, 0.1)
     value = uniform_solid(shape(box, ball, poses=[turned, Pose()], at=(0.0, 0.0, 0.5)))
     R = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     parts = (solid_primitive(box).moved(R, [0.3, 0.0, 0.5]),
@@ -134,11 +146,14 @@ class Rig:
     """The attached objects of a model, and what they change."""
 
     def __init__(self, masses=(), density=0.0, **changes):
-        self.values = node_values({'payload.frame': TIP, 'attached_objects.masses': masses,
-                                   'attached_objects.density': density} | changes)
-        self.used, self.rejected = [], []
-        self.objects = AttachedObjects(MODEL, self.values, lambda total: None, self.used.append,
-                                       lambda *words: self.rejected.append(': '.join(words)))
+        self.values = node_values(
+            {'payload.frame': TIP, 'attached_objects.masses': masses,
+             'attached_objects.density': density} | changes)
+        self.used = []
+        self.rejected = []
+        self.objects = AttachedObjects(
+            MODEL, self.values, lambda total: None, self.used.append,
+            lambda *words: self.rejected.append(': '.join(words)))
 
     def hear(self, *objects, diff=True):
         state = SimpleNamespace(is_diff=diff, attached_collision_objects=list(objects))
@@ -197,7 +212,8 @@ def test_objects_that_are_none_are_refused_and_the_others_act(thing, reason):
     thing.object.id = 'bad'
     rig.hear(attached(CUBE), thing)
     assert rig.used[-1].mass == pytest.approx(1.0)
-    assert reason in rig.rejected[0] and rig.rejected[0].startswith("attached object 'bad': ")
+    assert reason in rig.rejected[0]
+    assert rig.rejected[0].startswith("attached object 'bad': ")
 
 
 def test_objects_together_are_no_heavier_than_a_payload_may_be():
@@ -207,7 +223,8 @@ def test_objects_together_are_no_heavier_than_a_payload_may_be():
     assert 'expected at most 50 kg' in rig.rejected[0]
 
 
-@pytest.mark.parametrize('entry', ['cup', 'cup:=', ':=2', 'cup:=-1', 'cup:=nan', 'cup:=inf'])
+@pytest.mark.parametrize('entry',
+                         ['cup', 'cup:=', ':=2', 'cup:=-1', 'cup:=nan', 'cup:=inf'])
 def test_masses_are_checked(entry):
     with pytest.raises(InputError, match='expected object:=mass, kg, at least 0'):
         stated_masses([entry])

@@ -68,15 +68,18 @@ def target_at(pose, timeout=0.5):
 def test_displacements_are_those_of_the_library():
     rng = np.random.default_rng(0)
     for angle in (0.0, 1e-9, 1e-4, 1.0, 3.0, math.pi - 1e-6, None):
-        start, goal = random_pose(rng), random_pose(rng)
+        start = random_pose(rng)
+        goal = random_pose(rng)
         if angle is not None:
             axis = rng.normal(size=3)
-            goal[:3, :3] = rotation_exp(angle / np.linalg.norm(axis) * axis) @ start[:3, :3]
+            goal[:3, :3] = rotation_exp(
+                angle / np.linalg.norm(axis) * axis) @ start[:3, :3]
         step = displacement(start, goal)
         np.testing.assert_allclose(step, pose_error(start, goal), rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(displaced(start, step), goal, atol=1e-12)
         half = displaced(start, step, 0.5)
-        np.testing.assert_allclose(displacement(start, half), 0.5 * step, rtol=1e-8, atol=1e-12)
+        np.testing.assert_allclose(displacement(start, half), 0.5 * step,
+                                   rtol=1e-8, atol=1e-12)
 
 
 def test_half_a_turn_is_finite():
@@ -89,7 +92,8 @@ def test_half_a_turn_is_finite():
 def test_the_pose_of_a_message_is_in_its_frame():
     rng = np.random.default_rng(1)
     frame = random_pose(rng)
-    position, quaternion = rng.normal(size=3), rng.normal(size=4)
+    position = rng.normal(size=3)
+    quaternion = rng.normal(size=4)
     unit = quaternion / np.linalg.norm(quaternion)
     expected = frame @ pose_from(position, quaternion=unit)
     numbers = np.concatenate([position, quaternion])
@@ -99,12 +103,15 @@ def test_the_pose_of_a_message_is_in_its_frame():
 @pytest.mark.parametrize('rate', [5.0, 30.0, 1000.0])
 def test_poses_of_a_stream_are_interpolated_with_one_period_of_delay(rate):
     """Along a straight line and about one axis, at constant speed."""
-    velocity, turn = np.array([0.1, -0.05, 0.02]), np.array([0.0, 0.3, 0.4])
+    velocity = np.array([0.1, -0.05, 0.02])
+    turn = np.array([0.0, 0.3, 0.4])
 
     def pose_at(t):
         return displaced(np.eye(4), np.concatenate([t * velocity, t * turn]))
-    target, period = target_at(pose_at(0.0)), 1.0 / rate
-    stamps, errors = [], []
+    target = target_at(pose_at(0.0))
+    period = 1.0 / rate
+    stamps = []
+    errors = []
     count = max(10, round(0.5 * rate))
     for k in range(count):
         message = BEGIN + round(k * period * NANO)
@@ -116,7 +123,8 @@ def test_poses_of_a_stream_are_interpolated_with_one_period_of_delay(rate):
                 continue
             expected = pose_at((k - 1 + part) * period)
             errors.append(np.abs(displacement(target.pose, expected)).max())
-            np.testing.assert_allclose(target.twist, [*velocity, *turn], rtol=1e-4, atol=1e-9)
+            np.testing.assert_allclose(target.twist, [*velocity, *turn],
+                                       rtol=1e-4, atol=1e-9)
             stamps.append(now)
     assert max(errors) < 1e-6
     # No further pose: the last one is held.
@@ -177,13 +185,14 @@ def test_a_pose_beside_a_stream_of_twists_corrects_the_target_at_once():
 
 
 def test_the_cycle_on_floats_is_the_compiled_one():
-    """Poses, twists and wrenches of every kind; torque and memory agree in every cycle."""
+    """Poses, twists, wrenches of all kinds; torque and memory always agree."""
     robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), joints=FR3_JOINTS))
     values = node_values({'mode': 'cartesian_impedance', 'cartesian.frame': 'fr3_hand'})
     mode = CartesianMode(robot, values)
     cycle = mode._cycle_of(robot, lanes_of_scalars)
     rng = np.random.default_rng(5)
-    q, u = HOME.copy(), np.zeros(7)
+    q = HOME.copy()
+    u = np.zeros(7)
     for k in range(60):
         now = BEGIN + k * 4_000_000
         if k % 7 == 3:
@@ -194,10 +203,10 @@ def test_the_cycle_on_floats_is_the_compiled_one():
             mode.target.move(rng.uniform(-0.1, 0.1, 6), k > 30, now)
         if k % 20 == 12:
             mode.target.press(rng.uniform(-5.0, 5.0, 6), k > 30, now)
-        before = mode._memory.copy()
+        memory_before = mode._memory.copy()
         begins = mode._clock[1]
         tau = mode.torque(q, u, None, 0.0, now / NANO)
-        expected, memory = cycle.torque(q, u, mode._clock[0], begins, before,
+        expected, memory = cycle.torque(q, u, mode._clock[0], begins, memory_before,
                                         mode.settings_numbers(), mode._orders, t=0.0,
                                         parameters=robot.parameters.block)
         np.testing.assert_allclose(tau, expected, rtol=1e-9, atol=1e-9)
@@ -229,7 +238,8 @@ def test_a_wrench_ends_when_it_is_stale_and_a_restart_forgets_all():
 
 def test_a_pose_is_reached_within_the_limits_alone():
     robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), joints=FR3_JOINTS))
-    reach, limits = TargetReach(robot, 'fr3_hand'), robot.limits
+    reach = TargetReach(robot, 'fr3_hand')
+    limits = robot.limits
     rng = np.random.default_rng(3)
     reached = 0
     for _ in range(50):
@@ -248,7 +258,7 @@ def test_a_pose_is_reached_within_the_limits_alone():
 
 
 def test_a_pose_is_reached_with_closed_loops():
-    """The tool of the palletizer stays level: it cannot tilt, and moves in the workspace."""
+    """The palletizer's tool stays level: it cannot tilt, and moves in its space."""
     options = load_constraints(resource_path('urdf', 'palletizer.constraints.yaml'))
     robot = Robot(load_urdf(resource_path('urdf', 'palletizer.urdf')), **options)
     names = robot.joint_names
@@ -257,9 +267,11 @@ def test_a_pose_is_reached_with_closed_loops():
         guess = np.zeros(len(names))
         for name, value in joints.items():
             guess[names.index(name)] = value
-        return robot.closed_configuration(guess, fixed=list(joints), start=np.zeros(len(names)))
+        return robot.closed_configuration(guess,
+                                          fixed=list(joints), start=np.zeros(len(names)))
     start = closed(swivel=0.0, shoulder=0.2, lever_drive=0.1, turn=0.0)
-    goal = robot.frame_pose('tool', closed(swivel=0.4, shoulder=0.4, lever_drive=-0.1, turn=0.8))
+    goal = robot.frame_pose('tool',
+                            closed(swivel=0.4, shoulder=0.4, lever_drive=-0.1, turn=0.8))
     reach = TargetReach(robot, 'tool')
     assert max(reach.remaining(goal, start)) <= REACHED
     tilted = goal.copy()

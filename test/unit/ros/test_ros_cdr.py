@@ -24,12 +24,15 @@ VALUES = [0.1, -1e308, 5e-324, -0.0, math.pi, 1e22, 7.0]
 def test_rclpy_reads_a_float64_multi_array(n):
     message = float64_multi_array(n)
     message.numbers[:] = VALUES[:n]
-    assert list(deserialize_message(message.serialized(), Float64MultiArray).data) == VALUES[:n]
+    assert list(
+        deserialize_message(message.serialized(), Float64MultiArray).data) == VALUES[:n]
     message.numbers[:] = 1.0
-    assert list(deserialize_message(message.serialized(), Float64MultiArray).data) == [1.0] * n
+    assert list(deserialize_message(message.serialized(), Float64MultiArray).data) == [
+        1.0] * n
 
 
-@pytest.mark.parametrize('names', [['a'], ['ab', 'c'], ['abc', 'defg', 'h' * 31], ['é', '']])
+@pytest.mark.parametrize('names',
+                         [['a'], ['ab', 'c'], ['abc', 'defg', 'h' * 31], ['é', '']])
 def test_rclpy_reads_a_joint_state_of_efforts_and_its_stamp(names):
     message = joint_state_of_efforts(names)
     message.numbers[:] = VALUES[:len(names)]
@@ -41,7 +44,8 @@ def test_rclpy_reads_a_joint_state_of_efforts_and_its_stamp(names):
     assert not read.position and not read.velocity
 
 
-@pytest.mark.parametrize('names', [['a'], ['ab', 'c'], ['abc', 'defg', 'h' * 31], ['é', '']])
+@pytest.mark.parametrize('names',
+                         [['a'], ['ab', 'c'], ['abc', 'defg', 'h' * 31], ['é', '']])
 def test_a_joint_command_has_the_fields_of_its_definition(names):
     """docs.ros.org/en/ros2_packages/rolling/api/control_msgs/msg/JointCommand.html."""
     message = joint_command(names, 'effort')
@@ -65,11 +69,13 @@ def test_rclpy_reads_a_filled_trajectory(frame, points, n):
     assert read.header.frame_id == frame
     assert (read.header.stamp.sec, read.header.stamp.nanosec) == (-3, 4_000_000_000)
     assert tuple(read.joint_names) == names
-    for table, field in zip(tables, ('positions', 'velocities', 'accelerations', 'effort'),
+    for table, field in zip(tables,
+                            ('positions', 'velocities', 'accelerations', 'effort'),
                             strict=True):
         assert [list(getattr(point, field)) for point in read.points] == table.tolist()
     assert [point.time_from_start.sec * 10**9 + point.time_from_start.nanosec
-            for point in read.points] == [250_000_000 + 700_000_000 * k for k in range(points)]
+            for point in read.points] == [250_000_000 + 700_000_000 * k
+                                          for k in range(points)]
 
 
 def test_the_doubles_of_a_prepared_message_are_aligned():
@@ -79,7 +85,8 @@ def test_the_doubles_of_a_prepared_message_are_aligned():
 
 def trajectory(points=3, n=2):
     message = JointTrajectory(joint_names=['a', 'b'][:n])
-    message.header.stamp.sec, message.header.frame_id = 12, 'world'
+    message.header.stamp.sec = 12
+    message.header.frame_id = 'world'
     for k in range(points):
         message.points.append(JointTrajectoryPoint(
             positions=[0.1 * k + i for i in range(n)],
@@ -105,7 +112,8 @@ def test_a_motion_is_the_same_when_rclpy_reads_the_message():
     message = trajectory(5)
     for k, point in enumerate(message.points):
         point.velocities = [0.1 * k, -0.2]
-    mine = motion_from_message(read_trajectory(serialize_message(message), 10), ('b', 'a'), 10)
+    mine = motion_from_message(read_trajectory(serialize_message(message), 10),
+                               ('b', 'a'), 10)
     theirs = motion_from_message(message, ('b', 'a'), 10)
     for t in np.linspace(-1.0, 5.0, 60):
         for a, b in zip(mine.sample(t), theirs.sample(t), strict=True):
@@ -114,7 +122,8 @@ def test_a_motion_is_the_same_when_rclpy_reads_the_message():
 
 def test_too_many_points_are_refused_before_reading_them():
     data = bytearray(serialize_message(trajectory(11)))
-    with pytest.raises(InputError, match=r': 11 points; expected 1 to 10 .*trajectory.max_points'):
+    with pytest.raises(InputError,
+                       match=r': 11 points; expected 1 to 10 .*trajectory.max_points'):
         read_trajectory(bytes(data), 10)
     at = data.index(struct.pack('<I', 11))
     data[at:at + 4] = b'\xff\xff\xff\x7f'
@@ -127,8 +136,10 @@ def test_too_many_points_are_refused_before_reading_them():
     ('encapsulation: absent', b'', None),
     ('message: 7 bytes; expected at least 8 for 1 elements of 4 bytes',
      b'\0\1\0\0\1\2\3', Reader.word),
-    ('4294967295 elements of 8 bytes', b'\0\1\0\0\xff\xff\xff\xff' + bytes(32), Reader.doubles),
-    ('4294967295 elements of 1 bytes', b'\0\1\0\0\xff\xff\xff\xff' + bytes(32), Reader.text),
+    ('4294967295 elements of 8 bytes', b'\0\1\0\0\xff\xff\xff\xff' + bytes(32),
+     Reader.doubles),
+    ('4294967295 elements of 1 bytes', b'\0\1\0\0\xff\xff\xff\xff' + bytes(32),
+     Reader.text),
     ('at least 17179869188 for 4294967295 strings',
      b'\0\1\0\0\xff\xff\xff\xff' + bytes(32), Reader.texts),
     ('expected a single NUL, at its end', b'\0\1\0\0\2\0\0\0ab', Reader.text),

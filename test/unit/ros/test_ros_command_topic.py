@@ -12,7 +12,8 @@ class Graph:
     """A node's view of the publishers of one topic."""
 
     def __init__(self, *names):
-        self.names, self.queries = list(names), 0
+        self.names = list(names)
+        self.queries = 0
 
     def resolve_topic_name(self, topic):
         return f'/{topic}'
@@ -22,7 +23,8 @@ class Graph:
 
     def get_publishers_info_by_topic(self, topic):
         self.queries += 1
-        return [SimpleNamespace(node_namespace='/', node_name=name) for name in self.names]
+        return [SimpleNamespace(node_namespace='/', node_name=name)
+                for name in self.names]
 
     def get_publisher_names_and_types_by_node(self, name, namespace):
         return {'torque_guard': [('/arm/guard_state', ['x'])],
@@ -50,16 +52,19 @@ def test_one_commander_is_asked_for_once_with_and_without_its_guard(names):
 
 
 @pytest.mark.parametrize(('names', 'reason'), [
-    ((), 'nothing subscribes to /commands'), (('_ros2cli_1',), 'nothing subscribes to /commands'),
+    ((), 'nothing subscribes to /commands'),
+    (('_ros2cli_1',), 'nothing subscribes to /commands'),
     (('plant',), ''), (('plant', '_ros2cli_1'), ''), (('plant', 'rosbag2_recorder'), ''),
     (('controller',), '/controller subscribes to /commands'),
     (('plant', 'controller'), '/controller subscribes to /commands'),
     (('_NODE_NAME_UNKNOWN_', 'plant'), '/_NODE_NAME_UNKNOWN_ subscribes to /commands')])
-def test_only_a_topic_whose_subscribers_are_all_simulated_robots_is_simulated(names, reason):
+def test_only_a_topic_whose_subscribers_are_all_simulated_robots_is_simulated(
+        names, reason):
     assert not_simulated(Graph(*names), 'commands') == reason
 
 
-@pytest.mark.parametrize(('name', 'allowed'), [('controller', 0.2), ('_NODE_NAME_UNKNOWN_', 1.0)])
+@pytest.mark.parametrize(('name', 'allowed'),
+                         [('controller', 0.2), ('_NODE_NAME_UNKNOWN_', 1.0)])
 def test_a_new_subscriber_has_a_short_time_to_show_that_it_is_a_simulated_robot(
         name, allowed, monkeypatch):
     now = 100.0

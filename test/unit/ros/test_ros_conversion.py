@@ -24,13 +24,14 @@ def test_the_order_of_equal_lists_is_none():
     assert order(JOINTS, JOINTS, 'names') is None
     assert order(['c', 'a', 'b'], JOINTS, 'names').tolist() == [1, 2, 0]
     for names in (['a', 'b'], ['a', 'b', 'c', 'd'], ['a', 'b', 'c', 'c']):
-        with pytest.raises(InputError,
-                           match=r'names: .*; expected each of a, b, c once, or an empty list'):
+        with pytest.raises(InputError, match=r'names: .*; expected each of a, b, c '
+                           'once, or an empty list'):
             order(names, JOINTS, 'names')
 
 
 @pytest.mark.parametrize(('seconds', 'expected'), [
-    (0.0, (0, 0)), (1.5, (1, 500_000_000)), (0.9999999999, (1, 0)), (3600.000001, (3600, 1000))])
+    (0.0, (0, 0)), (1.5, (1, 500_000_000)), (0.9999999999, (1, 0)),
+    (3600.000001, (3600, 1000))])
 def test_durations_are_rounded_to_the_nanosecond(seconds, expected):
     assert duration(seconds) == Duration(sec=expected[0], nanosec=expected[1])
 
@@ -76,6 +77,6 @@ status('', '', b'0', '', statistics.period(1.0)[2])
 print(*set(sys.modules) - before)
 """
     environment = dict(os.environ, PYTHONPATH=str(Path(__file__).parents[3]))
-    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
-                          env=environment, check=True)
+    done = subprocess.run([sys.executable, '-c', program],
+                          capture_output=True, text=True, env=environment, check=True)
     assert not done.stdout.split()

@@ -9,7 +9,8 @@ import tempfile
 import pytest
 import ros_domain
 
-ANOTHER_RUN = 'import ros_domain; ros_domain.DOMAINS = range(1, 4); print(ros_domain.own_domain())'
+ANOTHER_RUN = ('import ros_domain; ros_domain.DOMAINS = range(1, 4); '
+               'print(ros_domain.own_domain())')
 
 
 def test_a_domain_is_locked_until_its_process_ends(tmp_path, monkeypatch):
@@ -20,8 +21,8 @@ def test_a_domain_is_locked_until_its_process_ends(tmp_path, monkeypatch):
     environment = os.environ | {'TMPDIR': str(tmp_path),
                                 'PYTHONPATH': str(Path(ros_domain.__file__).parent)}
     for _ in range(2):  # that of a run that has ended is free again
-        run = subprocess.run([sys.executable, '-c', ANOTHER_RUN], capture_output=True, text=True,
-                             env=environment, check=True)
+        run = subprocess.run([sys.executable, '-c', ANOTHER_RUN],
+                             capture_output=True, text=True, env=environment, check=True)
         assert {run.stdout.strip()} == {'1', '2', '3'} - taken
     ros_domain.own_domain()
     with pytest.raises(RuntimeError, match='expected a free one'):

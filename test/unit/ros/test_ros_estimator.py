@@ -24,7 +24,9 @@ from node_values import node_values, UNCHECKED  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 
-FRAME, MASS, COM = 'fr3_link8', 2.0, np.array([0.03, -0.02, 0.08])
+FRAME = 'fr3_link8'
+MASS = 2.0
+COM = np.array([0.03, -0.02, 0.08])
 CARRIED = f"""<link name="load"><inertial><origin xyz="{' '.join(map(str, COM))}"/>
   <mass value="{MASS}"/><inertia ixx="0.02" iyy="0.015" izz="0.01" ixy="0" ixz="0" iyz="0"/>
   </inertial></link><joint name="carried" type="fixed"><parent link="{FRAME}"/>
@@ -37,23 +39,29 @@ NOISE = np.array([1e-5, 5e-4])  # of positions, rad, and speeds, rad/s: of good 
 def settings(**changes):
     values = {spec.name: read(spec, spec.default) for spec in SPECS}
     values['arm_compensates'] = ('none',)
-    given = {'payload.frame': FRAME, 'estimator.enabled': True, 'mode': 'gravity_compensation'}
-    return values | given | {f'estimator.{name}': read(BY_NAME[f'estimator.{name}'], value)
-                             for name, value in changes.items()}
+    arguments = {'payload.frame': FRAME, 'estimator.enabled': True,
+                 'mode': 'gravity_compensation'}
+    return values | arguments | {
+        f'estimator.{name}': read(BY_NAME[f'estimator.{name}'], value)
+        for name, value in changes.items()}
 
 
 class Rig:
-    """The demo's arm with payload and servo, and the torque path with the payload monitor."""
+    """The demo's arm with payload and servo; the torque path with the monitor."""
 
     def __init__(self, carrying=True, **changes):
         with open(FR3.urdf, encoding='utf-8') as file:
             text = file.read()
-        self.arm = MujocoArm(FR3, text.replace('</robot>', CARRIED) if carrying else text)
-        self.published, self.rejected, self.time = [], [], 100 * NANO
+        self.arm = MujocoArm(FR3,
+                             text.replace('</robot>', CARRIED) if carrying else text)
+        self.published = []
+        self.rejected = []
+        self.time = 100 * NANO
         self.chance = np.random.default_rng(0)
         self.robot = Robot(MODEL, payload_frame=FRAME)
         silent = SimpleNamespace(publish=lambda message: None)
-        self.path = TorquePath(Controller(self.robot, mode='gravity_compensation'), silent, silent,
+        self.path = TorquePath(Controller(self.robot, mode='gravity_compensation'),
+                               silent, silent,
                                lambda: self.time, node_values(UNCHECKED), Statistics(),
                                lambda *words: None)
         timers = SimpleNamespace(create_timer=self.timer)
@@ -64,7 +72,8 @@ class Rig:
         self.path.start()
 
     def timer(self, period, callback, clock):
-        self.period, self.publish = period, callback
+        self.period = period
+        self.publish = callback
 
     def run(self, seconds, motion=None, effort=True):
         """Simulate; the servo holds the arm or follows the motion."""
@@ -74,12 +83,14 @@ class Rig:
             q_d, u_d, udot_d = (motion or FR3.motion()).sample(t if motion else 0.0)
             servo = FR3.kp * (q_d - q) + FR3.kd * (u_d - u)
             tau = self.robot.inverse_dynamics(q_d, u_d, udot_d) + servo
-            message = JointState(name=list(FR3.joints),
-                                 position=(q + NOISE[0] * self.chance.normal(size=7)).tolist(),
-                                 velocity=(u + NOISE[1] * self.chance.normal(size=7)).tolist(),
-                                 effort=tau.tolist() if effort else [])
+            message = JointState(
+                name=list(FR3.joints),
+                position=(q + NOISE[0] * self.chance.normal(size=7)).tolist(),
+                velocity=(u + NOISE[1] * self.chance.normal(size=7)).tolist(),
+                effort=tau.tolist() if effort else [])
             self.time += round(NANO / RATE)
-            message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.time, NANO)
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(
+                self.time, NANO)
             self.path.on_state(serialize_message(message))
             self.arm.step(tau)
             if (k + 1) % round(self.period * RATE) == 0:
@@ -94,17 +105,18 @@ def test_two_kilograms_are_found_to_2_percent_and_5_mm_within_ten_seconds_of_mot
     rig = Rig(memory=memory)
     rig.path.set_loads(GravityAndPayload(MODEL.gravity, loads))
     rig.run(8.0, FR3.motion())
-    found = rig.published[-1]
+    published = rig.published[-1]
     assert len(rig.published) == 16
-    assert found.header.frame_id == FRAME
-    assert abs(found.mass - MASS) < min(0.02 * MASS, 3.0 * found.mass_deviation)
-    off = np.array([found.com.x, found.com.y, found.com.z]) - COM
+    assert published.header.frame_id == FRAME
+    assert abs(published.mass - MASS) < min(0.02 * MASS, 3.0 * published.mass_deviation)
+    off = np.array([published.com.x, published.com.y, published.com.z]) - COM
     assert np.linalg.norm(off) < 0.005
-    deviation = found.com_deviation
+    deviation = published.com_deviation
     assert (np.abs(off) < 3.0 * np.array([deviation.x, deviation.y, deviation.z])).all()
     assert rig.rejected == []
-    # The deviation falls as the arm moves, at every message. With a memory as short as the motion
-    # it may rise a little at the end: the forgotten part excited the payload more than the last.
+    # The deviation falls as the arm moves, at every message. With a memory as short as
+    # the motion it may rise a little at the end: the forgotten part excited the payload
+    # more than the last.
     deviations = np.array([message.mass_deviation for message in rig.published])
     assert (deviations[1:] < rise * np.minimum.accumulate(deviations)[:-1]).all()
     assert deviations[-1] < 0.25 * deviations[0]

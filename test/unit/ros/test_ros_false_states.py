@@ -1,9 +1,9 @@
 """
 A simulated arm under the torque path, with a false joint state and without it.
 
-Each state in the place of which a false one comes moves the arm by less than 2 mrad, at rest and
-in motion; faults that last end as configured. Time is simulated, so that both runs are equal up to
-the fault.
+Each state in the place of which a false one comes moves the arm by less than 2 mrad, at
+rest and in motion; faults that last end as configured. Time is simulated, so that both
+runs are equal up to the fault.
 """
 
 from functools import cache
@@ -15,14 +15,15 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from false_states import (arm, FALSE, FAULT, LONG, MOST, NANO, PERIOD,  # noqa: E402, I100
-                          SHORT, simulated_arm)
+from false_states import (  # noqa: E402, I100
+    arm, FALSE, FAULT, LONG, MOST, NANO, PERIOD, SHORT, simulated_arm)
 from kane_dynamics import Controller  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
-from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader  # noqa: E402
+from kane_dynamics.ros.torque_path.closed_loop_reader import (  # noqa: E402
+    closed_loop_reader)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from node_values import node_values  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
@@ -42,11 +43,15 @@ class Run:
         controller = Controller(self.robot, mode=mode, **SETTINGS[mode])
         values = node_values({f'state_check.{key}': x for key, x in checks.items()}
                              | {'mode': mode})
-        self.time, self.torque, self.commands = 100 * NANO, None, 0
-        self.statistics, self.warnings = Statistics(), []
-        self.path = TorquePath(controller, self, torques or Unread(), lambda: self.time, values,
-                               self.statistics, lambda *words: self.warnings.append(words),
-                               loops=closed_loop_reader(controller, values))
+        self.time = 100 * NANO
+        self.torque = None
+        self.commands = 0
+        self.statistics = Statistics()
+        self.warnings = []
+        self.path = TorquePath(
+            controller, self, torques or Unread(), lambda: self.time, values,
+            self.statistics, lambda *words: self.warnings.append(words),
+            loops=closed_loop_reader(controller, values))
         self.path.start()
         for _ in range(3):
             self.state()
@@ -90,18 +95,19 @@ class Run:
 
 
 class GuardedRun(Run):
-    """The same with a guard, which receives the states and torques of a node that may die."""
+    """The same with a guard, which receives the states and torques of a node."""
 
     def __init__(self, monkeypatch, name):
-        self.dead, self.guard = False, None
-        super().__init__(name, 'computed_torque', True, SimpleNamespace(publish=self.hear),
-                         action='hold')
+        self.dead = False
+        self.guard = None
+        super().__init__(name, 'computed_torque', True,
+                         SimpleNamespace(publish=self.hear), action='hold')
         monkeypatch.setattr(time, 'perf_counter', lambda: self.time / NANO)
         values = {spec.name: read(spec, spec.default) for spec in SPECS}
         values |= node_values({'state_check.action': 'hold', 'mode': 'computed_torque'})
         self.reports = []
-        self.guard = GuardPath(Controller(self.robot), self, Unread(), lambda: self.time, values,
-                               Statistics(), lambda *words: None,
+        self.guard = GuardPath(Controller(self.robot), self, Unread(), lambda: self.time,
+                               values, Statistics(), lambda *words: None,
                                lambda *words: self.reports.append(words))
         self.guard.start()
         self.guard.watch.known = True
@@ -121,7 +127,7 @@ class GuardedRun(Run):
             super().receive(data)
 
     def rows(self, count, change=None):
-        """Return positions and largest speeds of the joints at some states, (K, n) and (K,)."""
+        """Return positions and largest joint speeds at some states, (K, n) and (K,)."""
         q = self.positions(change, first=0, count=count, length=count)
         return q, np.abs(np.diff(q, axis=0)).max(axis=1) * (NANO / PERIOD)
 
@@ -163,7 +169,8 @@ def test_a_false_state_moves_the_arm_by_less_than_2_mrad(name, fault, mode, movi
 @pytest.mark.parametrize('moving', [False, True], ids=['at rest', 'in motion'])
 @pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque'])
 @pytest.mark.parametrize(('name', 'fault'), EACH)
-def test_a_false_state_moves_the_arm_by_less_than_2_mrad_for_long(name, fault, mode, moving):
+def test_a_false_state_moves_the_arm_by_less_than_2_mrad_for_long(
+        name, fault, mode, moving):
     check_false_state(name, fault, mode, moving, LONG)
 
 
@@ -177,7 +184,8 @@ def test_three_false_states_in_a_row_are_counted_and_the_arm_goes_on(name, fault
     assert run.statistics.faults == run.statistics.timeouts == 0
 
 
-@pytest.mark.parametrize(('name', 'fault'), [('fr3', 'jump'), ('palletizer', 'contradiction')])
+@pytest.mark.parametrize(('name', 'fault'),
+                         [('fr3', 'jump'), ('palletizer', 'contradiction')])
 def test_an_arm_in_motion_comes_to_rest_in_a_fault_that_lasts(name, fault):
     reason, change = FALSE[name][fault]
     run = Run(name, 'computed_torque', True, action='hold')
@@ -188,7 +196,8 @@ def test_an_arm_in_motion_comes_to_rest_in_a_fault_that_lasts(name, fault):
     assert fastest > 0.5, 'it moved'
     assert speeds[FAULT + 155:FAULT + 170].max() < 0.03 * fastest, 'the stop has ended'
     farthest = np.abs(rows[FAULT:] - rows[FAULT]).max()
-    assert farthest < fastest * (0.052 + 0.5 * 0.25) * 1.05, 'grace time, then half the stop'
+    assert (farthest
+            < fastest * (0.052 + 0.5 * 0.25) * 1.05), 'grace time, then half the stop'
     held = run.positions(length=100)
     assert run.path.fault == '' and np.abs(held - rows[-1]).max() < MOST
 
@@ -203,7 +212,8 @@ def test_a_fault_that_lasts_ends_in_zeros_or_the_arm_is_held(name, fault, action
     rows = run.positions(change, count=60, length=FAULT + 60)
     assert run.statistics.faults == 1 and run.path.fault == reason
     moved = np.abs(rows - rows[0])
-    assert moved[:FAULT + 26].max() < MOST, 'during the grace time the last command goes on'
+    assert (moved[:FAULT + 26].max()
+            < MOST), 'during the grace time the last command goes on'
     if action == 'zero':
         assert not run.torque.any() and moved.max() > 5.0 * MOST
         return
@@ -234,8 +244,8 @@ def test_the_guard_stops_an_arm_whose_node_dies_in_a_fault_that_lasts(
     assert run.guard.watch.acting and run.guard.fault == reason, run.reports
     # The stop moves the arm by half its time, 0.25 s, times the speeds at its begin.
     assert np.abs(stop - begin[-1]).max() < 0.125 * silent[-1] * 1.1 + MOST
-    rest, _ = run.rows(60, change)
-    assert np.abs(rest - stop[-1]).max() < MOST
+    later_rows, _ = run.rows(60, change)
+    assert np.abs(later_rows - stop[-1]).max() < MOST
     # True states end the fault.
     _, slow = run.rows(80)
     assert run.guard.fault == ''

@@ -11,7 +11,8 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('kane_dynamics_interfaces')
 
-from kane_dynamics import InputError, load_urdf, Motion, Robot, SmoothMotion  # noqa: E402, I100
+from kane_dynamics import (  # noqa: E402, I100
+    InputError, load_urdf, Motion, Robot, SmoothMotion)
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.control.elastic_control import derivatives_of  # noqa: E402
 from kane_dynamics.motion.smooth_motion import require_smooth  # noqa: E402
@@ -19,7 +20,8 @@ from kane_dynamics.ros.common.conversion import JointNamesError  # noqa: E402
 from kane_dynamics.ros.inputs.trajectory_input import CdrTime  # noqa: E402
 from kane_dynamics.ros.joint_trajectory_action.action_server import (  # noqa: E402
     follow_joint_trajectory_type)
-from kane_dynamics.ros.joint_trajectory_action.goal_message import TrajectoryGoal  # noqa: E402
+from kane_dynamics.ros.joint_trajectory_action.goal_message import (  # noqa: E402
+    TrajectoryGoal)
 from kane_dynamics.ros.joint_trajectory_action.goal_monitor import (  # noqa: E402
     ACCELERATION_WINDOW, GoalMonitor, ResultCode)
 from kane_dynamics.ros.joint_trajectory_action.goal_tolerances import (  # noqa: E402
@@ -45,7 +47,7 @@ def tolerance(position=math.inf, velocity=math.inf, acceleration=math.inf):
 
 
 def states(first, last, step=0.002, q_error=0.0, u_error=0.0):
-    """Return stamps, positions and velocities around the motion; errors by time, or constant."""
+    """Return stamps, positions, velocities around the motion; errors by time."""
     moments = np.arange(first, last, step)
     q, u, _ = MOTION.sample(moments)
     q_error = q_error(moments)[:, None] if callable(q_error) else q_error
@@ -74,8 +76,9 @@ def by_definition(stamps, q, u, tolerances):
             errors[2] = (errors[1] - old[-1][1]) / (moment - old[-1][0])
         past.append((moment, errors[1]))
         limits = tolerances.path if moment < MOTION.duration else tolerances.goal
-        within = all((np.abs(error) <= getattr(limits, name)).all() for name, error in zip(
-            ('position', 'velocity', 'acceleration'), errors))
+        within = all((np.abs(error) <= getattr(limits, name)).all()
+                     for name, error in zip(
+                         ('position', 'velocity', 'acceleration'), errors))
         if 0.0 <= moment < MOTION.duration and not within:
             return ResultCode.PATH_TOLERANCE_VIOLATED, moment
         if moment >= MOTION.duration and within:
@@ -94,8 +97,9 @@ def test_judged_in_pieces_a_goal_ends_as_by_the_definition_state_by_state(seed, 
     q = q + np.cumsum(random.normal(size=q.shape), axis=0) * 1e-3
     limits = [tolerance(*10.0 ** random.uniform(-2.0, 0.5, 3)) for _ in range(2)]
     tolerances = GoalTolerances(*limits, float(random.uniform(0.0, 1.0)))
-    pieces = [tuple(column[k:k + piece] for column in (stamps, q, u))
-              for k in range(0, len(stamps), piece)]
+    pieces = []
+    for k in range(0, len(stamps), piece):
+        pieces.append(tuple(column[k:k + piece] for column in (stamps, q, u)))
     expected = by_definition(stamps, q, u, tolerances)
     result = outcome(pieces, tolerances)
     assert (result is None) == (expected is None)
@@ -111,11 +115,13 @@ def test_the_text_names_the_joint_the_error_the_time_and_the_tolerance():
     tolerances = GoalTolerances(tolerance([0.3, 0.1]), tolerance(0.02), 0.5)
     error = np.array([0.0, 0.15])
     result = outcome([states(0.5, 1.0, q_error=error)], tolerances)
-    assert result.text == ("joint 'b': position error 0.15 rad or m at 0.500 s of 2.000 s; "
-                           'expected at most 0.1 (path tolerance)')
+    assert result.text == (
+        "joint 'b': position error 0.15 rad or m at 0.500 s of 2.000 s; "
+        'expected at most 0.1 (path tolerance)')
     result = outcome([states(1.99, 3.0, q_error=-0.4 * error)], tolerances)
     assert result.code is ResultCode.GOAL_TOLERANCE_VIOLATED
-    assert result.text.startswith("joint 'b': position error -0.06 rad or m 0.500 s after the end")
+    assert result.text.startswith(
+        "joint 'b': position error -0.06 rad or m 0.500 s after the end")
 
 
 def test_before_its_start_a_goal_is_not_judged_and_afterwards_its_path_is_not():
@@ -128,7 +134,8 @@ def test_a_constant_velocity_error_is_no_acceleration_error():
     tight = GoalTolerances(tolerance(acceleration=1e-3), tolerance(), 0.0)
     assert outcome([states(0.0, 1.9, u_error=3.0)], tight) is None
     result = outcome([states(0.0, 1.9, u_error=lambda t: 0.5 * t)], tight)
-    assert result.text.startswith("joint 'a': acceleration error 0.5 rad/s^2 or m/s^2 at 0.020 s")
+    assert result.text.startswith(
+        "joint 'a': acceleration error 0.5 rad/s^2 or m/s^2 at 0.020 s")
 
 
 # Tolerances of a goal.
@@ -145,8 +152,9 @@ def entry(name, position=0.0, velocity=0.0, acceleration=0.0, **others):
 
 
 def stated(path=(), goal=(), seconds=(0, 0)):
-    return goal_tolerances(TrajectoryGoal(None, list(path), list(goal), CdrTime(*seconds)),
-                           JOINTS, EVERY_JOINT, VALUES)
+    return goal_tolerances(
+        TrajectoryGoal(None, list(path), list(goal), CdrTime(*seconds)),
+        JOINTS, EVERY_JOINT, VALUES)
 
 
 def test_zero_means_the_parameter_and_minus_one_none():
@@ -156,22 +164,25 @@ def test_zero_means_the_parameter_and_minus_one_none():
     assert defaults.goal.position.tolist() == [0.02, 0.02]
     assert defaults.goal.velocity.tolist() == [0.07, 0.07]
     assert defaults.time == 1.5
-    given = stated([entry('b', -1.0, 2.0, 3.0), entry('a')],
-                   [entry('a', 0.1, -1.0, effort=-1.0)], (2, NANO // 2))
-    assert given.path.position.tolist() == [0.5, math.inf]
-    assert given.path.velocity.tolist() == [math.inf, 2.0]
-    assert given.path.acceleration.tolist() == [math.inf, 3.0]
-    assert given.goal.position.tolist() == [0.1, 0.02]
-    assert given.goal.velocity.tolist() == [math.inf, 0.07]
-    assert given.time == 2.5
+    tolerances = stated([entry('b', -1.0, 2.0, 3.0), entry('a')],
+                        [entry('a', 0.1, -1.0, effort=-1.0)], (2, NANO // 2))
+    assert tolerances.path.position.tolist() == [0.5, math.inf]
+    assert tolerances.path.velocity.tolist() == [math.inf, 2.0]
+    assert tolerances.path.acceleration.tolist() == [math.inf, 3.0]
+    assert tolerances.goal.position.tolist() == [0.1, 0.02]
+    assert tolerances.goal.velocity.tolist() == [math.inf, 0.07]
+    assert tolerances.time == 2.5
     assert stated(seconds=(-1, 0)).time == math.inf
 
 
 @pytest.mark.parametrize(('fields', 'kind', 'words'), [
-    ({'path': [entry('passive', 1.0)]}, JointNamesError, "path_tolerance: 'passive'; expected"),
+    ({'path': [entry('passive', 1.0)]}, JointNamesError,
+     "path_tolerance: 'passive'; expected"),
     ({'goal': [entry('a', 1.0), entry('a')]}, InputError, "goal_tolerance: 'a' twice"),
-    ({'goal': [entry('a', -0.5)]}, InputError, "goal_tolerance of 'a': position -0.5; expected"),
-    ({'path': [entry('b', 0.0, math.nan)]}, InputError, "'b': velocity nan; expected a positive"),
+    ({'goal': [entry('a', -0.5)]}, InputError,
+     "goal_tolerance of 'a': position -0.5; expected"),
+    ({'path': [entry('b', 0.0, math.nan)]}, InputError,
+     "'b': velocity nan; expected a positive"),
     ({'path': [entry('b', effort=2.0)]}, InputError, "'b': effort 2; expected 0 or -1"),
     ({'seconds': (-2, 0)}, InputError, 'goal_time_tolerance -2; expected a positive'),
 ])
@@ -195,7 +206,8 @@ def demand_of(served, rate=20.0):
 
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 2**31), st.floats(0.02, 1.55), st.booleans())
-def test_a_stop_stays_on_the_path_begins_smoothly_and_keeps_the_limits(seed, moment, elastic):
+def test_a_stop_stays_on_the_path_begins_smoothly_and_keeps_the_limits(
+        seed, moment, elastic):
     motion = arm_motion(seed)
     served = served_robot(ARM)
     stop = stop_along(motion, moment, demand_of(served), elastic=elastic)
@@ -205,7 +217,8 @@ def test_a_stop_stays_on_the_path_begins_smoothly_and_keeps_the_limits(seed, mom
     for ours, its in zip(stop.sample(0.0), motion.sample(moment)):
         np.testing.assert_allclose(ours, its, atol=1e-9)
     q, u, udot = stop.sample(stop.duration)
-    np.testing.assert_allclose(q, motion.sample(moment + 0.5 * stop.duration)[0], atol=1e-9)
+    np.testing.assert_allclose(q, motion.sample(moment + 0.5 * stop.duration)[0],
+                               atol=1e-9)
     np.testing.assert_allclose(u, 0.0, atol=1e-9)
     np.testing.assert_allclose(udot, 0.0, atol=1e-9)
     # Every position is one of the path, at the time that the rate gives by its integral.
@@ -214,8 +227,10 @@ def test_a_stop_stays_on_the_path_begins_smoothly_and_keeps_the_limits(seed, mom
     rate = 1.0 - 3.0 * x**2 + 2.0 * x**3
     if elastic:
         rate = 1.0 - 10.0 * x**3 + 15.0 * x**4 - 6.0 * x**5
-    passed = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
-    np.testing.assert_allclose(stop.sample(t)[0], motion.sample(moment + passed)[0], atol=1e-4)
+    passed = np.concatenate(
+        [[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+    np.testing.assert_allclose(stop.sample(t)[0], motion.sample(moment + passed)[0],
+                               atol=1e-4)
     tau = ARM.inverse_dynamics(*stop.sample(t))
     if stop.duration > SHORTEST and demand_of(served)(stop) <= HEADROOM:
         assert (np.abs(tau) <= ARM.limits.effort).all()
@@ -223,14 +238,15 @@ def test_a_stop_stays_on_the_path_begins_smoothly_and_keeps_the_limits(seed, mom
 
 def test_the_jerk_of_a_stop_of_elastic_joints_does_not_jump_along_a_smooth_path():
     points = HOME + np.array([[0.0], [0.3], [-0.1]])
-    smooth = SmoothMotion.from_points([0.0, 0.8, 1.6], points, joint_names=ARM.joint_names)
+    smooth = SmoothMotion.from_points([0.0, 0.8, 1.6], points,
+                                      joint_names=ARM.joint_names)
     t = np.linspace(0.0, 1.6, 161)
     motion = Motion.from_points(t, *smooth.sample(t)[:3], joint_names=ARM.joint_names)
-    before = derivatives_of(motion, np.array([0.5]))[0, 1:4]
+    moving = derivatives_of(motion, np.array([0.5]))[0, 1:4]
     demand = demand_of(served_robot(ARM))
-    require_smooth(stop_along(motion, 0.5, demand, elastic=True), 0.0, before)
+    require_smooth(stop_along(motion, 0.5, demand, elastic=True), 0.0, moving)
     with pytest.raises(InputError, match='the jerk of joint'):
-        require_smooth(stop_along(motion, 0.5, demand), 0.0, before)
+        require_smooth(stop_along(motion, 0.5, demand), 0.0, moving)
 
 
 def test_no_shorter_stop_keeps_the_limits():
@@ -277,7 +293,8 @@ def test_the_loops_of_an_arm_close_along_its_stop():
 
 def test_without_control_msgs_the_reason_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, 'control_msgs.action', None)
-    with pytest.raises(InputError, match='^action ~/follow_joint_trajectory: not served without '
-                       'control_msgs/FollowJointTrajectory .*; expected an installed package '
-                       r'control_msgs$'):
+    with pytest.raises(
+            InputError, match='^action ~/follow_joint_trajectory: not served without '
+            'control_msgs/FollowJointTrajectory .*; expected an installed package '
+            r'control_msgs$'):
         follow_joint_trajectory_type()

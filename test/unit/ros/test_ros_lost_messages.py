@@ -15,8 +15,9 @@ def numbered(*numbers):
 
 
 @pytest.mark.parametrize('numbers, count, share', [
-    ((), 0, 0.0), ((1, 2, 3), 0, 0.0), ((7, 8, 11, 12), 2, 2 / 6), ((40, 42, 1, 2, 4), 2, 2 / 7)],
-    ids=['none', 'all received', 'missing', 'restarted publisher'])
+    ((), 0, 0.0), ((1, 2, 3), 0, 0.0),
+    ((7, 8, 11, 12), 2, 2 / 6), ((40, 42, 1, 2, 4), 2, 2 / 7)],
+                         ids=['none', 'all received', 'missing', 'restarted publisher'])
 def test_missing_numbers_are_lost_messages(numbers, count, share):
     lost = numbered(*numbers)
     assert lost.period(1) == (pytest.approx(share), str(count))

@@ -12,9 +12,8 @@ pytest.importorskip('kane_dynamics_interfaces')
 from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402, I100
 from kane_dynamics import Inertial, InputError, load_urdf, Robot  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
-from kane_dynamics.ros.monitors.model_watch_monitor import (check_reference,  # noqa: E402
-                                                            check_watch,
-                                                            ModelWatchMonitor)
+from kane_dynamics.ros.monitors.model_watch_monitor import (  # noqa: E402
+    check_reference, check_watch, ModelWatchMonitor)
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
 from recordings import exciting  # noqa: E402
@@ -25,7 +24,7 @@ LINK = 'link2'
 
 
 def arm(factor=1.0):
-    """Return the two-link arm with friction in its joints, times a factor at the elbow."""
+    """Return the two-link arm with joint friction, scaled at the elbow."""
     model = load_urdf(resource_path('urdf', 'two_link.urdf'))
     bodies = []
     for k, body in enumerate(model.bodies):
@@ -63,13 +62,16 @@ class Rig:
 
     def __init__(self, reference, robot=None, **changes):
         values = node_parameters(reference, **changes)
-        self.published, self.rejected, self.log = [], [], []
+        self.published = []
+        self.rejected = []
+        self.log = []
         self.robot = robot or Robot(arm())
-        server = SimpleNamespace(create_timer=self._timer, destroy_timer=lambda timer: None)
+        server = SimpleNamespace(create_timer=self._timer,
+                                 destroy_timer=lambda timer: None)
         log = SimpleNamespace(warning=self.log.append, info=self.log.append)
         self.monitor = ModelWatchMonitor(
-            self.robot, values, server, SimpleNamespace(publish=self.published.append), log,
-            lambda *words: self.rejected.append(words))
+            self.robot, values, server, SimpleNamespace(publish=self.published.append),
+            log, lambda *words: self.rejected.append(words))
         self.time = 100 * NANO
         self.monitor.start()
 
@@ -96,7 +98,8 @@ def test_a_sound_arm_has_no_alarm_and_more_friction_is_named_with_its_joint(refe
     assert len(rig.published) == 1
     assert rig.monitor.alarm is None
     assert rig.monitor.figures()['model watch'] == 'no change'
-    assert [status.level for status in rig.published[0].status] == [DiagnosticStatus.OK] * 2
+    assert [status.level for status in rig.published[0].status] == [
+        DiagnosticStatus.OK] * 2
     rig.observe(Robot(arm(1.5)))
     elbow = rig.robot.joint_names[1]
     assert rig.monitor.alarm.startswith(f"joint '{elbow}': friction up, +")
@@ -106,7 +109,8 @@ def test_a_sound_arm_has_no_alarm_and_more_friction_is_named_with_its_joint(refe
     assert (status.name, status.level) == (elbow, DiagnosticStatus.WARN)
     values = {pair.key: pair.value for pair in status.values}
     assert values['cause'] == 'friction'
-    assert float(values['size']) == pytest.approx(0.5, abs=3.0 * float(values['deviation']))
+    assert float(values['size']) == pytest.approx(0.5,
+                                                  abs=3.0 * float(values['deviation']))
     # An arm that is sound again is so after a window.
     rig.observe(rig.robot, 2, 20.0)
     assert rig.monitor.alarm is None
@@ -114,7 +118,8 @@ def test_a_sound_arm_has_no_alarm_and_more_friction_is_named_with_its_joint(refe
     assert rig.rejected == []
 
 
-def test_a_payload_that_the_node_does_not_know_is_an_alarm_and_a_known_one_is_none(reference):
+def test_a_payload_that_the_node_does_not_know_is_an_alarm_and_a_known_one_is_none(
+        reference):
     carried = Inertial(0.5, [0.0, 0.0, 0.1], 1e-4 * np.eye(3))
     robot = Robot(arm(), payload_frame=LINK)
     rig = Rig(reference, robot)
@@ -134,8 +139,8 @@ def test_an_arm_at_rest_fills_no_window(reference):
         still = np.zeros(2)
         state = SimpleNamespace(has_velocity=True, has_effort=True, q=still, u=still,
                                 effort=still)
-        rig.monitor.on_cycle(SimpleNamespace(stamp=rig.time + 10_000_000 * k, state=state,
-                                             tau=still, external=None))
+        rig.monitor.on_cycle(SimpleNamespace(stamp=rig.time + 10_000_000 * k,
+                                             state=state, tau=still, external=None))
     rig.process()
     assert rig.published == []
     assert rig.monitor.figures() == {
@@ -155,12 +160,15 @@ def test_rests_gaps_and_a_clock_set_back_leave_a_window_of_true_accelerations(re
 
 
 def test_references_that_do_not_fit_are_refused_with_the_reason(reference, tmp_path):
-    with pytest.raises(InputError, match=r"'watch.reference': 'none.csv'; expected the path"):
+    with pytest.raises(InputError,
+                       match=r"'watch.reference': 'none.csv'; expected the path"):
         check_reference(node_parameters('none.csv'))
-    # A running node has read its reference: without the file other parameters still change.
+    # A running node has read its reference: without the file other parameters still
+    # change.
     check_watch(node_parameters('none.csv'), Robot(arm()))
     path = tmp_path / 'short.npz'
     t, q, u, udot, tau = (part[:50] for part in measured(Robot(arm()), 0, 20.0))
     np.savez(path, t=t, q=q, u=u, udot=udot, tau=tau)
-    with pytest.raises(InputError, match=r"'watch.reference': recording: 50 rows; expected"):
+    with pytest.raises(InputError,
+                       match=r"'watch.reference': recording: 50 rows; expected"):
         Rig(str(path))

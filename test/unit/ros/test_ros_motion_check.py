@@ -1,4 +1,4 @@
-"""Motions that cannot be are refused with the reason, on both topics and in the services."""
+"""Impossible motions are refused with the reason, on topics and services."""
 
 from functools import partial
 
@@ -15,8 +15,8 @@ from kane_dynamics.loop_tracking.loop_error import LoopError  # noqa: E402
 from kane_dynamics.robot.parameters import JointLimits  # noqa: E402
 from kane_dynamics.ros.services.motion_check import refuse_impossible  # noqa: E402
 from kane_dynamics.ros.services.time_optimal_request import timing_request  # noqa: E402
-from kane_dynamics.ros.services.trajectory_filling import (fill_trajectory_tables,  # noqa: E402
-                                                           filled_message)
+from kane_dynamics.ros.services.trajectory_filling import (  # noqa: E402
+    fill_trajectory_tables, filled_message)
 from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal  # noqa: E402
 from node_values import served_robot, UNCHECKED  # noqa: E402
 from palletizer import DRIVEN, palletizer, positions, SINGULAR_SHOULDER  # noqa: E402
@@ -47,19 +47,24 @@ def home_moved(joint, by):
 
 IMPOSSIBLE = {  # times, positions, reason
     'beyond a limit': ([0.0, 9.0], [HOME, home_moved(0, 3.0)],
-                       r"joint 'fr3_joint1': position 3 at point 1 \(9 s\); expected at most"),
+                       ("joint 'fr3_joint1': "
+                        r"position 3 at point 1 \(9 s\); expected at most")),
     'degrees': ([0.0, 9.0], [HOME, np.degrees(NEAR)],
-                r'position -120\.\d* at point 1 .* at least .*\(-2\.1 rad, if these are deg'),
+                (r'position -120\.\d* at point 1 '
+                 r'.* at least .*\(-2\.1 rad, if these are deg')),
     'beyond a limit between points': ([0.0, 1.0, 9.0],
                                       [HOME, home_moved(0, 2.7), home_moved(0, 2.4)],
                                       r"joint 'fr3_joint1': position .* after point 1"),
     'far from the arm': ([0.0, 9.0], [home_moved(1, 0.5), HOME],
-                         r"'fr3_joint2': the motion sets out at -0\.2, the arm is at -0\.7 rad"),
+                         ("'fr3_joint2': the "
+                          r"motion sets out at -0\.2, the arm is at -0\.7 rad")),
     'too fast': ([0.0, 0.02], [HOME, NEAR],
-                 r"joint 'fr3_joint\d': speed .* expected at most .*, 1\.2 times its limit"),
+                 (r"joint 'fr3_joint\d': speed .* expected at "
+                  r"most .*, 1\.2 times its limit")),
     'far and at once': ([0.01], [home_moved(1, 0.5)], r"joint 'fr3_joint2': speed"),
-    'too strong': ([0.0, 0.03, 0.06, 0.09], [HOME, home_moved(1, 0.03), HOME, home_moved(1, 0.03)],
-                   r"joint 'fr3_joint\d': effort .* expected at most .*, 1\.2 times its limit"),
+    'too strong': (
+        [0.0, 0.03, 0.06, 0.09], [HOME, home_moved(1, 0.03), HOME, home_moved(1, 0.03)],
+        r"joint 'fr3_joint\d': effort .* expected at most .*, 1\.2 times its limit"),
 }
 
 
@@ -68,7 +73,8 @@ def trajectory(times, rows, joints=ARM.joint_names, stamp=0):
     message.header.stamp.sec = stamp
     for t, q in zip(times, rows):
         point = JointTrajectoryPoint(positions=list(map(float, q)))
-        point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * NANO), NANO)
+        point.time_from_start.sec, point.time_from_start.nanosec = divmod(
+            round(t * NANO), NANO)
         message.points.append(point)
     return message
 
@@ -93,7 +99,8 @@ def test_the_topic_of_filled_trajectories_has_the_same_rules(fault):
 @pytest.mark.parametrize('fault', IMPOSSIBLE)
 def test_the_service_that_fills_has_them_too_and_does_not_ask_where_the_arm_is(fault):
     times, rows, reason = IMPOSSIBLE[fault]
-    request = FillTrajectory.Request(time_from_start=times, positions=np.ravel(rows).tolist())
+    request = FillTrajectory.Request(time_from_start=times,
+                                     positions=np.ravel(rows).tolist())
     fill = partial(fill_trajectory_tables, served({'feedforward.clip': True}), request)
     if fault == 'far from the arm':
         fill(FillTrajectory.Response())
@@ -110,7 +117,8 @@ def test_a_path_in_degrees_is_not_timed():
 
 def test_a_trajectory_that_starts_later_may_start_elsewhere():
     times, rows, _ = IMPOSSIBLE['far from the arm']
-    filled_message(served(), serialize_message(trajectory(times, rows, stamp=2_000_000_000)))
+    filled_message(served(),
+                   serialize_message(trajectory(times, rows, stamp=2_000_000_000)))
 
 
 def test_an_arm_outside_its_limits_may_move_back():
@@ -136,8 +144,10 @@ def test_parameters_change_or_switch_off_each_rule():
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=28, max_size=28), st.floats(0.5, 1.15))
-def test_a_motion_within_the_factor_is_accepted_and_one_beyond_it_refused(numbers, share):
-    middle, reach = 0.5 * (LIMITS.lower + LIMITS.upper), 0.3 * (LIMITS.upper - LIMITS.lower)
+def test_a_motion_within_the_factor_is_accepted_and_one_beyond_it_refused(
+        numbers, share):
+    middle = 0.5 * (LIMITS.lower + LIMITS.upper)
+    reach = 0.3 * (LIMITS.upper - LIMITS.lower)
     rows = middle + reach * np.array(numbers).reshape(4, 7)
     slow = motion([0.0, 10.0, 20.0, 30.0], rows)
     times = np.linspace(0.0, 30.0, 3001)
@@ -146,13 +156,13 @@ def test_a_motion_within_the_factor_is_accepted_and_one_beyond_it_refused(number
             LIMITS.upper - LIMITS.lower)).any():
         return
     arm = served({'limits.effort': np.inf} | UNCHECKED)
-    for wanted in (share, 1.3):
-        faster = slow.scaled(wanted / speeds.max())
+    for factor in (share, 1.3):
+        faster = slow.scaled(factor / speeds.max())
         q, u, udot = faster.sample(faster.times[-1] * np.linspace(0.0, 1.0, 3001))
         efforts = np.abs(ARM.inverse_dynamics(q, u, udot)) / LIMITS.effort
-        if wanted < 1.2 and efforts.max() < 1.15:
+        if factor < 1.2 and efforts.max() < 1.15:
             refuse_impossible(arm, faster)
-        elif wanted > 1.2 or efforts.max() > 1.3:
+        elif factor > 1.2 or efforts.max() > 1.3:
             with pytest.raises(KaneError, match=r'1\.2 times its limit'):
                 refuse_impossible(arm, faster)
 
@@ -165,17 +175,21 @@ def test_motions_of_closed_loops_are_judged_in_the_assembly_mode_of_the_arm():
     refuse = partial(refuse_impossible, arm)
     refuse(motion([0.0, 2.0], [pose, (0.5, 0.1, 0.2, -0.5)], DRIVEN), np.array(pose))
     for rows, times, reason in (
-            ([pose, (0.2, 40.0, -0.1, 0.5)], [0.0, 2.0], "'shoulder': position 40 at point 1"),
-            ([(0.2, 0.8, -0.1, 0.5), pose], [0.0, 2.0], "'shoulder': the motion sets out at 0.8"),
+            ([pose, (0.2, 40.0, -0.1, 0.5)], [0.0, 2.0],
+             "'shoulder': position 40 at point 1"),
+            ([(0.2, 0.8, -0.1, 0.5), pose], [0.0, 2.0],
+             "'shoulder': the motion sets out at 0.8"),
             ([pose, (0.5, 0.1, 0.2, -0.5)], [0.0, 0.02], 'speed'),
             ([pose, (0.2, 0.35, -0.1, 0.5), pose], [0.0, 0.05, 0.1], 'effort')):
         with pytest.raises(KaneError, match=reason):
             refuse(motion(times, rows, DRIVEN), np.array(pose))
-    with pytest.raises(KaneError, match=r"joint 'elbow': position 1\.45 .* most 1\.3963$"):
+    with pytest.raises(KaneError,
+                       match=r"joint 'elbow': position 1\.45 .* most 1\.3963$"):
         refuse(motion([0.0, 5.0], [pose, (0.2, -0.6, 0.85, 0.5)], DRIVEN))
     free = robot.copy()
     none = np.full(robot.n_q, np.inf)
     free.limits = JointLimits(-none, none, none, none)
-    singular = motion([0.0, 9.0], [pose, (0.2, SINGULAR_SHOULDER - 0.2, -0.1, 0.5)], DRIVEN)
+    singular = motion([0.0, 9.0], [pose, (0.2, SINGULAR_SHOULDER - 0.2, -0.1, 0.5)],
+                      DRIVEN)
     with pytest.raises(LoopError, match='near a singular configuration: after point 0'):
         refuse_impossible(served(robot=free, measured=q), singular)

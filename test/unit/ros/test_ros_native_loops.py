@@ -13,19 +13,22 @@ from kane_dynamics import Controller, Motion  # noqa: E402, I100
 from kane_dynamics.control.traced_laws import MODES  # noqa: E402
 from kane_dynamics.loop_tracking.loop_error import CONTRADICTION  # noqa: E402
 from kane_dynamics.ros.torque_path import native_path  # noqa: E402
-from kane_dynamics.ros.torque_path.closed_loop_reader import ClosedLoopReader  # noqa: E402
+from kane_dynamics.ros.torque_path.closed_loop_reader import (  # noqa: E402
+    ClosedLoopReader)
 from native_rig import BothPaths, Choices, NANO, Side  # noqa: E402
 from node_values import node_values  # noqa: E402
 from palletizer import (DRIVEN, palletizer, positions, SINGULAR_SHOULDER)  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 
-STEPS = {'driven': 0.3, 'all': 0.2, 'some': 0.08, 'jump': 0.03, 'fast': 0.02, 'nan': 0.03,
+STEPS = {'driven': 0.3, 'all': 0.2, 'some': 0.08, 'jump': 0.03, 'fast': 0.02,
+         'nan': 0.03,
          'nan_other': 0.02, 'stale': 0.02, 'contradiction': 0.06, 'singular': 0.04,
          'pause': 0.02, 'back': 0.01, 'motion': 0.07, 'gains': 0.03, 'mode': 0.02,
          'loads': 0.02, 'effort': 0.03}
 # Torques are of some 1000 N m.
-CHOICES = Choices(STEPS, tuple(map(str, MODES)), efforts=(100.0, 5000.0), rate=2000.0, near=1e-7)
+CHOICES = Choices(STEPS, tuple(map(str, MODES)),
+                  efforts=(100.0, 5000.0), rate=2000.0, near=1e-7)
 
 
 class Pair(BothPaths):
@@ -34,11 +37,13 @@ class Pair(BothPaths):
     def __init__(self, mode, seed, values=None, robot=None, **settings):
         self.robot = robot or palletizer()
         super().__init__(CHOICES, mode, seed,
-                         {'state_check.position_margin': 10.0, **(values or {})}, **settings)
+                         {'state_check.position_margin': 10.0, **(values or {})},
+                         **settings)
         self.driven = np.array([0.2, 0.3, -0.1, 0.5])
 
     def side(self, make, mode, **settings):
-        controller = Controller(self.robot.copy(), mode=mode, blend_time=0.05, **settings)
+        controller = Controller(self.robot.copy(),
+                                mode=mode, blend_time=0.05, **settings)
         return Side(make, controller, self.values, self.clock,
                     ClosedLoopReader(controller, self.values))
 
@@ -65,7 +70,8 @@ class Pair(BothPaths):
         if kind in ('all', 'some', 'contradiction', 'nan_other'):
             joints |= {name: whole[name] for name in others}
         if kind == 'contradiction':
-            joints[rng.choice(others)] += rng.choice([-1.0, 1.0]) * rng.uniform(0.05, 1.0)
+            joints[rng.choice(others)] += rng.choice([-1.0, 1.0]) * rng.uniform(
+                0.05, 1.0)
         elif kind == 'nan_other':
             joints[rng.choice(others)] = math.nan
         names = list(rng.permutation(list(joints)))
@@ -149,7 +155,8 @@ def test_a_motion_after_the_first_command_waits_for_its_report(patient):
     np.testing.assert_allclose(q, pair.driven)
 
 
-def test_what_refuses_a_motion_after_a_timeout_waits_for_the_reports_of_new_states(patient):
+def test_what_refuses_a_motion_after_a_timeout_waits_for_the_reports_of_new_states(
+        patient):
     pair = Pair('computed_torque', 3)
     path = pair.sides[1].path
     pair.do_state('driven')
@@ -170,8 +177,9 @@ def test_what_refuses_a_motion_after_a_timeout_waits_for_the_reports_of_new_stat
 @pytest.mark.parametrize(('clock', 'moved', 'lost'), [(0, 0.0, False), (0, 1e-4, True),
                                                       (-5 * NANO, 0.0, False),
                                                       (-5 * NANO, 1e-4, True)])
-def test_states_without_time_between_them_are_of_a_fast_arm_if_they_differ(clock, moved, lost):
-    """A fast arm can be at a singular configuration soon, where its assembly mode is lost."""
+def test_states_without_time_between_them_are_of_a_fast_arm_if_they_differ(
+        clock, moved, lost):
+    """A fast arm may soon be at a singularity, where its assembly mode is lost."""
     pair = Pair('computed_torque', 3, values={'state_check.speed_factor': math.inf})
 
     def send(shoulder):
@@ -190,5 +198,6 @@ def test_states_without_time_between_them_are_of_a_fast_arm_if_they_differ(clock
 def test_limits_of_the_modes_are_named():
     controller = Controller(palletizer())
     assert not native_path.python_reason(node_values(), controller)
-    assert native_path.python_reason(node_values({'modes': ['joint_impedance']}), controller) == (
-        'mode joint_impedance of an arm with closed loops')
+    assert native_path.python_reason(
+        node_values({'modes': ['joint_impedance']}), controller) == (
+            'mode joint_impedance of an arm with closed loops')

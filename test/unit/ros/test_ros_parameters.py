@@ -25,9 +25,10 @@ FOLDER = Path(__file__).parents[3] / 'config'
 TABLES = {path: plant_specs.SPECS if path.stem == 'plant' else SPECS
           for path in sorted(FOLDER.glob('*.yaml'))}
 # Parameters that a file sets for its arm; all others have their defaults.
-OWN = {'urdf', 'supplement', 'base', 'tip', 'joints', 'payload.frame', 'initial.position',
-       'wrench.frames', 'arm_compensates', 'limits.rate', 'mode', 'modes', 'efforts.kind',
-       'efforts.gravity', 'cartesian.frame'}
+OWN = {
+    'urdf', 'supplement', 'base', 'tip', 'joints', 'payload.frame', 'initial.position',
+    'wrench.frames', 'arm_compensates', 'limits.rate', 'mode', 'modes', 'efforts.kind',
+    'efforts.gravity', 'cartesian.frame'}
 FILES = pytest.mark.parametrize('path', TABLES, ids=lambda path: path.stem)
 
 
@@ -39,15 +40,19 @@ def parameters_of_file(path):
 @FILES
 def test_a_shipped_file_sets_every_parameter_to_a_valid_value(path):
     specs = {spec.name: spec for spec in TABLES[path]}
-    values = {name: read(specs[name], value) for name, value in parameters_of_file(path).items()}
+    values = {name: read(specs[name], value)
+              for name, value in parameters_of_file(path).items()}
     assert set(values) == set(specs) - {'robot_description'}
-    model = load_urdf(resolve_path('urdf', values['urdf']), joints=list(values['joints']))
+    model = load_urdf(resolve_path('urdf', values['urdf']),
+                      joints=list(values['joints']))
     assert model.joint_names == values['joints']
     for name, value in values.items():
         if specs[name].kind == 'per_joint':
-            assert per_joint(values, name, model.joint_names, math.inf).shape == (model.n,)
+            assert per_joint(
+                values, name, model.joint_names, math.inf).shape == (model.n,)
         if name not in OWN:
-            np.testing.assert_array_equal(value, read(specs[name], specs[name].default), name)
+            np.testing.assert_array_equal(value, read(specs[name], specs[name].default),
+                                          name)
 
 
 def test_the_descriptors_state_the_range_of_each_parameter():
@@ -64,8 +69,10 @@ def test_the_descriptors_state_the_range_of_each_parameter():
         text = described[spec.name].additional_constraints
         assert not described[spec.name].floating_point_range
         for bound, words in ((spec.low, 'at least'), (spec.high, 'at most')):
-            if math.isfinite(bound) and spec.kind in ('number', 'count', 'per_joint', 'numbers'):
-                assert f'{words} {bound:g}' in text or (spec.positive and 'positive' in text), text
+            if math.isfinite(bound) and spec.kind in ('number', 'count', 'per_joint',
+                                                      'numbers'):
+                assert f'{words} {bound:g}' in text or (spec.positive
+                                                        and 'positive' in text), text
         assert all(choice in text for choice in spec.choices)
 
 
@@ -74,8 +81,8 @@ def test_a_shipped_file_describes_every_parameter_as_its_table_does(path):
     text = path.read_text().replace('# robot_description:', 'robot_description:')
     described = [' '.join(block.replace('# ', '').split())
                  for block in re.findall(r'(?:^ +# .*\n)+', text, re.MULTILINE)]
-    assert described == [f'{spec.description}{" (live)" * spec.live}; valid: {spec.constraint}'
-                         for spec in TABLES[path]]
+    assert described == [f'{spec.description}{" (live)" * spec.live}; valid: '
+                         f'{spec.constraint}' for spec in TABLES[path]]
 
 
 @pytest.mark.parametrize(('name', 'value'), [
@@ -83,13 +90,16 @@ def test_a_shipped_file_describes_every_parameter_as_its_table_does(path):
     ('state_timeout', math.nan), ('state_timeout', math.inf), ('state_timeout', True),
     ('state_timeout', '1'), ('state_timeout', None), ('autostart', 1), ('urdf', 5),
     ('gravity', [0.0, 0.0]), ('gravity', [0.0, 0.0, math.nan]), ('gravity', 9.81),
-    ('gains.kp', -1.0), ('gains.kp', [1.0, -1.0]), ('gains.kp', math.inf), ('gains.kp', 'high'),
-    ('limits.effort', 0.0), ('limits.effort', [math.nan]), ('joints', 'a'), ('joints', ['a', 'a']),
+    ('gains.kp', -1.0), ('gains.kp', [1.0, -1.0]), ('gains.kp', math.inf),
+    ('gains.kp', 'high'),
+    ('limits.effort', 0.0), ('limits.effort', [math.nan]), ('joints', 'a'),
+    ('joints', ['a', 'a']),
     ('joints', ['']), ('joints', [1]), ('simulation.max_steps', 0),
     ('simulation.max_steps', 1.5), ('simulation.max_points', 10**9),
     ('modes', ['computed_torque']), ('modes', 'joint_impedance'),
     ('arm_compensates', 'weight'), ('arm_compensates', ['gravity', 'none']),
-    ('arm_compensates', ['gravity', 'gravity']), ('arm_compensates', 3), ('arm_compensates', ''),
+    ('arm_compensates', ['gravity', 'gravity']), ('arm_compensates', 3),
+    ('arm_compensates', ''),
 ])
 def test_an_invalid_value_is_refused_by_name(name, value):
     with pytest.raises(InputError, match=rf"parameter '{name}': .*; expected "):
@@ -97,21 +107,24 @@ def test_an_invalid_value_is_refused_by_name(name, value):
 
 
 @pytest.mark.parametrize(('name', 'value', 'expected'), [
-    ('state_timeout', 1, 1.0), ('gains.kp', 5, np.array(5.0)), ('limits.effort', [], np.zeros(0)),
+    ('state_timeout', 1, 1.0), ('gains.kp', 5, np.array(5.0)),
+    ('limits.effort', [], np.zeros(0)),
     ('limits.rate', math.inf, np.array(math.inf)), ('joints', ['b', 'a'], ('b', 'a')),
     ('arm_compensates', [], ()), ('arm_compensates', 'none', ('none',)),
     ('arm_compensates', 'gravity, friction', ('gravity', 'friction')),
     ('arm_compensates', ['coriolis'], ('coriolis',)),
     ('joints', [], ()), ('gravity', [0, 0, -1], np.array([0.0, 0.0, -1.0])),
 ])
-def test_integers_and_single_numbers_are_valid_for_numbers_and_lists(name, value, expected):
+def test_integers_and_single_numbers_are_valid_for_numbers_and_lists(
+        name, value, expected):
     result = read(BY_NAME[name], value)
     assert np.array_equal(result, expected)
     assert type(result) is type(expected)
 
 
 def test_a_list_of_the_wrong_length_names_the_joints():
-    with pytest.raises(InputError, match=r'2 entries; expected .* the 3 joints \(a, b, c\)'):
+    with pytest.raises(InputError,
+                       match=r'2 entries; expected .* the 3 joints \(a, b, c\)'):
         per_joint({'gains.kp': np.ones(2)}, 'gains.kp', ('a', 'b', 'c'), 0.0)
 
 
@@ -123,9 +136,11 @@ def test_an_unknown_parameter_gives_the_most_similar_name():
 
 
 @pytest.mark.parametrize(('name', 'similar'), [
-    ('kp', 'gains.kp'), ('effort_limit', 'limits.effort'), ('max_effort', 'limits.effort'),
+    ('kp', 'gains.kp'), ('effort_limit', 'limits.effort'),
+    ('max_effort', 'limits.effort'),
     ('payload_mass', 'payload.mass'), ('joint_names', 'joints'), ('urdf_path', 'urdf'),
-    ('gravity_compensation', 'arm_compensates'), ('robot_descripton', 'robot_description'),
+    ('gravity_compensation', 'arm_compensates'),
+    ('robot_descripton', 'robot_description'),
     ('foo', ''), ('measured', ''), ('seed', '')])
 def test_similar_parameters_have_the_same_words_or_a_similar_spelling(name, similar):
     assert similar_parameter(name, BY_NAME) == similar
@@ -137,17 +152,20 @@ def test_similar_parameters_have_the_same_words_or_a_similar_spelling(name, simi
     ({'limits.rate': np.array(np.inf)}, [np.inf, np.inf])])
 def test_by_default_an_effort_takes_50_ms_from_zero_to_its_limit(limits, expected):
     values = {spec.name: read(spec, spec.default) for spec in SPECS}
-    robot = Robot(load_urdf(resolve_path('urdf', 'package://kane_dynamics/urdf/two_link.urdf')))
+    robot = Robot(
+        load_urdf(resolve_path('urdf', 'package://kane_dynamics/urdf/two_link.urdf')))
     assert robot.limits.effort.tolist() == [60.0, 20.0]
     np.testing.assert_allclose(rate_limit(values | limits, robot), expected, rtol=1e-15)
 
 
 def test_a_package_that_is_not_installed_is_named():
-    with pytest.raises(InputError, match=r"package 'no_such_package' .*is not installed"):
+    with pytest.raises(InputError,
+                       match=r"package 'no_such_package' .*is not installed"):
         resolve_path('urdf', 'package://no_such_package/a.urdf')
     with pytest.raises(InputError, match=r"no file 'nothing\.urdf' in urdf"):
         resolve_path('urdf', 'package://kane_dynamics/urdf/nothing.urdf')
-    with pytest.raises(InputError, match="parameter 'urdf': no file '/no/file'; expected"):
+    with pytest.raises(InputError,
+                       match="parameter 'urdf': no file '/no/file'; expected"):
         resolve_path('urdf', '/no/file')
 
 
@@ -164,5 +182,6 @@ def test_the_friction_of_commands_is_that_of_the_parameters(values, choice):
 def test_a_lead_of_friction_that_is_not_ahead_is_refused():
     model = load_urdf(resource_path('urdf', 'two_link.urdf'))
     values = node_values({'feedforward.friction_lead': 0.1})
-    with pytest.raises(InputError, match=r"friction_lead': 0\.1 s, with .*'desired_speed'"):
+    with pytest.raises(InputError,
+                       match=r"friction_lead': 0\.1 s, with .*'desired_speed'"):
         path_controller(model, values)

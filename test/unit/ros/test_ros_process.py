@@ -1,4 +1,4 @@
-"""The executor of a node: wherever rclpy keeps the fast one, and a warning where it has none."""
+"""A node's executor: rclpy's fast one wherever it is, and a warning elsewhere."""
 
 import sys
 from types import ModuleType, SimpleNamespace
@@ -21,8 +21,10 @@ def executors(monkeypatch):
     """Make executors that only note their node; return the nodes."""
     added = []
     monkeypatch.setattr(SingleThreadedExecutor, '__init__', lambda self: None)
-    monkeypatch.setattr(SingleThreadedExecutor, 'add_node', lambda self, node: added.append(node))
-    monkeypatch.setattr(SingleThreadedExecutor, '__del__', lambda self: None, raising=False)
+    monkeypatch.setattr(SingleThreadedExecutor, 'add_node',
+                        lambda self, node: added.append(node))
+    monkeypatch.setattr(SingleThreadedExecutor, '__del__', lambda self: None,
+                        raising=False)
     return added
 
 
@@ -41,7 +43,8 @@ def test_the_executor_of_this_rclpy_is_found():
 
 @pytest.mark.parametrize('home', ['rclpy.experimental', 'rclpy.executors'])
 def test_the_events_executor_is_found_beside_the_others_too(monkeypatch, node, home):
-    monkeypatch.setitem(sys.modules, 'rclpy.experimental', ModuleType('rclpy.experimental'))
+    monkeypatch.setitem(sys.modules, 'rclpy.experimental',
+                        ModuleType('rclpy.experimental'))
     monkeypatch.setattr(sys.modules[home], 'EventsExecutor', Events, raising=False)
     assert make_executor(node).nodes == [node]
     assert not node.warnings

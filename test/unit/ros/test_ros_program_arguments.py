@@ -33,7 +33,8 @@ def run(module, *arguments, code=None, **options):
     """Run a node; return its exit code and output."""
     command = ['-m', module] if code is None else ['-c', code]
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
-    done = subprocess.run([sys.executable, *command, *arguments], env=environment, text=True,
+    done = subprocess.run([sys.executable, *command, *arguments],
+                          env=environment, text=True,
                           stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
                           timeout=60, **options)
     return done.returncode, done.stdout
@@ -42,37 +43,48 @@ def run(module, *arguments, code=None, **options):
 @pytest.mark.parametrize(('arguments', 'intended'), [
     (('-p', 'urdf:=a.urdf'), '-p urdf:=a.urdf'), (('urdf:=a.urdf',), '-p urdf:=a.urdf'),
     (('a.urdf',), '-p urdf:=a.urdf'), (('a.urdf.xacro',), '-p urdf:=a.urdf.xacro'),
-    (('arm.yaml',), '--params-file arm.yaml'), (('--urdf', 'a.urdf'), '-p NAME:=VALUE ...'),
+    (('arm.yaml',), '--params-file arm.yaml'),
+    (('--urdf', 'a.urdf'), '-p NAME:=VALUE ...'),
     (('--ros-args', '-p', 'mode:=x', '--', 'a.urdf'), '-p urdf:=a.urdf')])
-def test_arguments_outside_of_ros_args_are_refused_with_what_was_meant(arguments, intended):
+def test_arguments_outside_of_ros_args_are_refused_with_what_was_meant(
+        arguments, intended):
     words = refusal(*arguments)
-    assert 'outside of --ros-args; expected dynamics_node --ros-args ' + intended in words
+    assert ('outside of --ros-args; expected dynamics_node --ros-args '
+            + intended in words)
 
 
 def test_positional_arguments_after_ros_args_are_refused():
-    assert "argument 'a.urdf': after --ros-args; expected" in refusal('--ros-args', 'a.urdf')
-    assert "without ':='; expected -p NAME:=VALUE" in refusal('--ros-args', '-p', 'urdf=a')
+    assert "argument 'a.urdf': after --ros-args; expected" in refusal(
+        '--ros-args', 'a.urdf')
+    assert "without ':='; expected -p NAME:=VALUE" in refusal(
+        '--ros-args', '-p', 'urdf=a')
 
 
 def test_parameters_of_another_node_are_refused():
     words = refusal('--ros-args', '-p', 'dynamics_node:urdf:=a.urdf')
     assert 'a parameter of node dynamics_node; expected one of /kane_dynamics' in words
-    check('--ros-args', '-p', 'kane_dynamics:urdf:=a.urdf', '-p', 'mode:=x', '-r', 'a:=b')
-    check('--ros-args', '-r', '__node:=left', '-p', 'left:urdf:=a.urdf', '--log-level', 'info',
-          '--log-file-name', 'left')
+    check('--ros-args', '-p', 'kane_dynamics:urdf:=a.urdf', '-p', 'mode:=x', '-r',
+          'a:=b')
+    check('--ros-args', '-r', '__node:=left', '-p', 'left:urdf:=a.urdf', '--log-level',
+          'info', '--log-file-name', 'left')
 
 
 @pytest.mark.parametrize(('block', 'remappings', 'good'), [
-    ('kane_dynamics', (), True), ('/**', (), True), ('/*', (), True), ('dynamics_node', (), False),
+    ('kane_dynamics', (), True), ('/**', (), True), ('/*', (), True),
+    ('dynamics_node', (), False),
     ('left/kane_dynamics', (), False), ('left/kane_dynamics', ('__ns:=/left',), True),
-    ('kane_dynamics', ('__ns:=/left',), False), ('/**/kane_dynamics', ('__ns:=/a/b',), True),
+    ('kane_dynamics', ('__ns:=/left',), False),
+    ('/**/kane_dynamics', ('__ns:=/a/b',), True),
     ('arm', ('__node:=arm',), True), ('kane_dynamics', ('__node:=arm',), False),
     # A rule may name the node to which it applies; the first rule counts.
-    ('kane_dynamics', ('other:__node:=arm',), True), ('arm', ('other:__node:=arm',), False),
-    ('arm', ('kane_dynamics:__node:=arm',), True), ('arm', ('__node:=arm', '__node:=b'), True),
+    ('kane_dynamics', ('other:__node:=arm',), True),
+    ('arm', ('other:__node:=arm',), False),
+    ('arm', ('kane_dynamics:__node:=arm',), True),
+    ('arm', ('__node:=arm', '__node:=b'), True),
     ('kane_dynamics', ('other:__ns:=/left',), True),
     ('left/arm', ('__node:=arm', 'arm:__ns:=/left'), True)])
-def test_a_parameter_file_needs_parameters_of_the_node(tmp_path, block, remappings, good):
+def test_a_parameter_file_needs_parameters_of_the_node(
+        tmp_path, block, remappings, good):
     path = tmp_path / 'arm.yaml'
     path.write_text(f'{block}: {{ros__parameters: {{mode: x}}}}\n'
                     'other: {ros__parameters: {mode: x}}\n')
@@ -85,8 +97,10 @@ def test_a_parameter_file_needs_parameters_of_the_node(tmp_path, block, remappin
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    (None, 'no such file or directory; expected a readable file'), ('{', 'expected YAML'),
-    ('kane_dynamics: {mode: x}', 'no ros__parameters; expected'), ('', 'no ros__parameters')])
+    (None, 'no such file or directory; expected a readable file'),
+    ('{', 'expected YAML'),
+    ('kane_dynamics: {mode: x}', 'no ros__parameters; expected'),
+    ('', 'no ros__parameters')])
 def test_an_unusable_parameter_file_is_named_with_the_reason(tmp_path, text, words):
     path = tmp_path / 'arm.yaml'
     if text is not None:
@@ -98,8 +112,10 @@ def test_an_unusable_parameter_file_is_named_with_the_reason(tmp_path, text, wor
 
 def test_blocks_have_full_names_and_dotted_parameters(tmp_path):
     path = tmp_path / 'arm.yaml'
-    path.write_text('left: {kane_dynamics: {ros__parameters: {gains: {kp: 1.0}, mode: x}}}')
-    assert parameter_blocks(path) == {'/left/kane_dynamics': {'gains.kp': 1.0, 'mode': 'x'}}
+    path.write_text(
+        'left: {kane_dynamics: {ros__parameters: {gains: {kp: 1.0}, mode: x}}}')
+    assert parameter_blocks(path) == {
+        '/left/kane_dynamics': {'gains.kp': 1.0, 'mode': 'x'}}
     assert not takes_effect('/left/*', '/left')
     assert takes_effect('/left/**', '/left/arm/node')
 
@@ -142,8 +158,8 @@ def test_the_name_of_the_node_is_that_which_rcl_gives_it(rules):
 @pytest.mark.parametrize(('name', 'parameter', 'value'), [
     ('dynamics_node', 'state_timeout', 'fast'), ('plant_node', 'rate', '-1.0'),
     ('torque_guard', 'node', '3')])
-def test_an_invalid_parameter_ends_with_the_code_that_is_not_started_again(name, parameter,
-                                                                           value):
+def test_an_invalid_parameter_ends_with_the_code_that_is_not_started_again(
+        name, parameter, value):
     code, text = run(NODES[name], '--ros-args', '-p', f'{parameter}:={value}')
     assert code == INVALID
     reason, = text.splitlines()
@@ -155,14 +171,16 @@ def test_a_node_with_an_ignored_argument_ends_with_one_line(name):
     code, text = run(NODES[name], 'arm.urdf')
     assert code == 2
     assert text.count('\n') == 1
-    assert text.startswith(f"{name}: argument 'arm.urdf': outside of --ros-args; expected ")
+    assert text.startswith(
+        f"{name}: argument 'arm.urdf': outside of --ros-args; expected ")
 
 
 def test_arguments_that_rclpy_refuses_end_with_the_reason():
     code, text = run(NODES['dynamics_node'], '--ros-args', '-r', '__node:=a/b')
     assert code == 2
     assert 'Traceback' not in text
-    assert "dynamics_node: arguments: failed to initialize rcl: Couldn't parse remap" in text
+    assert ("dynamics_node: arguments: failed to initialize rcl: Couldn't parse remap"
+            in text)
 
 
 def test_without_rclpy_the_reason_is_one_line():
@@ -172,8 +190,9 @@ sys.modules['rclpy'] = None
 from {NODES['dynamics_node']} import main
 sys.exit(main(['dynamics_node', '--ros-args']))""")
     assert code == 2
-    assert text == ("dynamics_node: 'rclpy' is not installed; expected ROS 2 with this package, "
-                    "from a sourced workspace or pip install 'kane_dynamics[ros]'\n")
+    assert text == ("dynamics_node: 'rclpy' is not installed; expected ROS 2 with this "
+                    "package, from a sourced workspace or pip install "
+                    "'kane_dynamics[ros]'\n")
 
 
 def test_closed_standard_streams_are_no_sockets_of_the_node(tmp_path):
@@ -189,7 +208,8 @@ sys.exit(run_program(RosProgram('a', 'b', '', ()), ['a'], run))"""
     script = f'exec {sys.executable} - 0<&- 1>&- 2>&-'
     program = tmp_path / 'program.py'
     program.write_text(code)
-    subprocess.run(['sh', '-c', script.replace(' - ', f' {program} ')], check=True, timeout=60)
+    subprocess.run(['sh', '-c', script.replace(' - ', f' {program} ')],
+                   check=True, timeout=60)
     assert (tmp_path / 'result').read_text() == ' '.join([os.devnull] * 3)
 
 

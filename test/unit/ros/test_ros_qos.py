@@ -12,8 +12,10 @@ from std_msgs.msg import String  # noqa: E402
 
 
 @pytest.mark.parametrize(('policy', 'value', 'expected'), [
-    ('reliability', 'reliabel', 'reliable, best_effort'), ('history', 'keep', 'keep_last'),
-    ('depth', 0, 'at least 1'), ('depth', '5', 'at least 1'), ('reliability', 1, 'best_effort')])
+    ('reliability', 'reliabel', 'reliable, best_effort'),
+    ('history', 'keep', 'keep_last'),
+    ('depth', 0, 'at least 1'), ('depth', '5', 'at least 1'),
+    ('reliability', 1, 'best_effort')])
 def test_a_quality_of_service_that_does_not_exist_is_refused(policy, value, expected):
     name = f'qos_overrides./states.subscription.{policy}'
     with pytest.raises(InputError, match=f'{policy}.: {value!r}; expected .*{expected}'):
@@ -23,7 +25,8 @@ def test_a_quality_of_service_that_does_not_exist_is_refused(policy, value, expe
 def test_overrides_of_other_topics_and_policies_are_told_apart():
     used = {f'qos_overrides./states.subscription.{policy}': value for policy, value in (
         ('reliability', 'RELIABLE'), ('history', 'keep_last'), ('depth', 3))}
-    unused = ['qos_overrides./typo.subscription.depth', 'qos_overrides./states.publisher.depth',
+    unused = ['qos_overrides./typo.subscription.depth',
+              'qos_overrides./states.publisher.depth',
               'qos_overrides./states.subscription.durability', 'qos_overrides.depth']
     parameters = used | dict.fromkeys(unused, 'volatile') | {'mode': 'computed_torque'}
     assert overrides_of(parameters, ['/states.subscription']) == (list(used), unused)

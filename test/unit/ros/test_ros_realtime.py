@@ -54,7 +54,8 @@ def test_each_refusal_is_one_warning_with_the_remedy(monkeypatch):
     assert not gc.isenabled()
 
 
-def test_processors_are_kept_awake_until_release_or_the_next_settings(monkeypatch, tmp_path):
+def test_processors_are_kept_awake_until_release_or_the_next_settings(
+        monkeypatch, tmp_path):
     device = tmp_path / 'latency'
     device.touch()
     monkeypatch.setattr(realtime, 'LATENCY', str(device))
@@ -91,7 +92,8 @@ def test_only_the_main_thread_and_dds_threads_are_scheduled():
         thread.join()
 
 
-def test_garbage_is_collected_explicitly_only_while_automatic_collection_is_disabled(monkeypatch):
+def test_garbage_is_collected_explicitly_only_while_automatic_collection_is_disabled(
+        monkeypatch):
     collected = []
     monkeypatch.setattr(gc, 'collect', lambda: collected.append(True))
     realtime.collect_if_disabled()
@@ -99,7 +101,8 @@ def test_garbage_is_collected_explicitly_only_while_automatic_collection_is_disa
     with gc_paused():  # the kernels of requests compile
         realtime.collect_if_disabled()
     assert not collected
-    realtime.apply_realtime_settings({**OFF, 'realtime.collect_rarely': True}, pytest.fail)
+    realtime.apply_realtime_settings({**OFF, 'realtime.collect_rarely': True},
+                                     pytest.fail)
     try:
         realtime.collect_if_disabled()
         assert collected

@@ -1,4 +1,4 @@
-"""Kernels of requests: what is ready at once compiles nothing later, the others are awaited."""
+"""Kernels of requests: what is ready compiles nothing later, others are awaited."""
 
 from dataclasses import replace
 import threading
@@ -15,16 +15,17 @@ pytest.importorskip('rclpy')
 
 from kane_dynamics.feasibility.path_robot import compile_timing  # noqa: E402, I100
 from kane_dynamics.ros.services.motion_check import motion_efforts  # noqa: E402
-from kane_dynamics.ros.services.request_kernels import (compile_answers,  # noqa: E402
-                                                        compile_simulations, LaterKernels,
-                                                        SIMULATIONS, TIMINGS)
-from kane_dynamics.ros.services.service_calls import (explain, forward_dynamics,  # noqa: E402
-                                                      get_dynamics, inverse_dynamics)
+from kane_dynamics.ros.services.request_kernels import (  # noqa: E402
+    compile_answers, compile_simulations, LaterKernels, SIMULATIONS, TIMINGS)
+from kane_dynamics.ros.services.service_calls import (  # noqa: E402
+    explain, forward_dynamics, get_dynamics, inverse_dynamics)
 from kane_dynamics.ros.services.simulation_request import SimulationRequest  # noqa: E402
 from kane_dynamics.ros.services.time_optimal_request import timing_request  # noqa: E402
-from kane_dynamics.ros.services.trajectory_filling import fill_trajectory_tables  # noqa: E402
-from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics,  # noqa: E402
-                                          GetDynamics, InverseDynamics, Simulate, TimeOptimal)
+from kane_dynamics.ros.services.trajectory_filling import (  # noqa: E402
+    fill_trajectory_tables)
+from kane_dynamics_interfaces.srv import (  # noqa: E402
+    Explain, FillTrajectory, ForwardDynamics, GetDynamics, InverseDynamics, Simulate,
+    TimeOptimal)
 from node_values import served_robot  # noqa: E402
 
 PATIENCE = 30.0  # s
@@ -44,7 +45,8 @@ def tree():
 
 def loop():
     q = at_angle(0.8)
-    robot = Robot(four_bar_model(), constraints=[PIN], independent=['crank'], configuration=q)
+    robot = Robot(four_bar_model(), constraints=[PIN], independent=['crank'],
+                  configuration=q)
     return limited(robot), q, np.array([0.5])
 
 
@@ -65,14 +67,16 @@ def test_requests_compile_nothing_once_their_kernels_are_ready(monkeypatch, made
     for kind, call, fields in (
             (InverseDynamics, inverse_dynamics, {'acceleration': still}),
             (ForwardDynamics, forward_dynamics, {'effort': still}),
-            (GetDynamics, get_dynamics, {}), (Explain, explain, {'acceleration': still})):
+            (GetDynamics, get_dynamics, {}),
+            (Explain, explain, {'acceleration': still})):
         call(served, kind.Request(**state, **fields), kind.Response())
     names = list(robot.actuated_names)
     places = [robot.coordinate_names.index(name) for name in names]
     rows = np.array([q[places], q[places] + 0.05])
     filled = FillTrajectory.Response()
     fill_trajectory_tables(served, FillTrajectory.Request(
-        joint_names=names, time_from_start=[0.0, 1.0], positions=rows.ravel().tolist()), filled)
+        joint_names=names, time_from_start=[0.0, 1.0], positions=rows.ravel().tolist()),
+                           filled)
     assert np.isfinite(filled.effort).all()
     motion = Motion.from_points([0.0, 1.0], rows, joint_names=names)
     times = np.array([0.0, 0.5])
@@ -80,12 +84,14 @@ def test_requests_compile_nothing_once_their_kernels_are_ready(monkeypatch, made
 
     # The requests that a worker answers compile nothing after their groups.
     monkeypatch.setattr(llvm, 'assemble', assemble)
-    compile_simulations(served.simulated, ['rk4'], sticking=False, stops=False, locks=False)
+    compile_simulations(served.simulated, ['rk4'],
+                        sticking=False, stops=False, locks=False)
     compile_timing(served.simulated)
     monkeypatch.setattr(llvm, 'assemble', refused)
     if not robot.constraint_names:  # of which forces follow by kernels of their own
-        SimulationRequest.from_request(Simulate.Request(**state, duration=0.01), served).run(
-            Simulate.Response(), lambda t: True)
+        SimulationRequest.from_request(
+            Simulate.Request(**state, duration=0.01), served).run(
+                Simulate.Response(), lambda t: True)
     timed = TimeOptimal.Response()
     timing_request(served, TimeOptimal.Request(
         joint_names=names, positions=rows.ravel().tolist()))(timed)
@@ -114,10 +120,13 @@ class Groups:
 
     def __init__(self):
         self.allowed = {name: threading.Event() for name in 'abc'}
-        self.begun, self.lines, self.errors = [], [], []
+        self.begun = []
+        self.lines = []
+        self.errors = []
         self.first = threading.Event()
-        self.later = LaterKernels({name: lambda name=name: self.compile(name) for name in 'abc'},
-                                  self.lines.append, self.errors.append)
+        self.later = LaterKernels(
+            {name: lambda name=name: self.compile(name) for name in 'abc'},
+            self.lines.append, self.errors.append)
 
     def compile(self, name):  # noqa: A003
         self.begun.append(name)
@@ -142,7 +151,8 @@ def test_a_request_waits_for_its_group_which_is_the_next_one():
         answered.append('c')
     request = threading.Thread(target=ask)
     request.start()
-    while list(groups.later._waiting) != ['c', 'b']:  # order of use, but for what is asked for
+    # Order of use, but for what is asked for.
+    while list(groups.later._waiting) != ['c', 'b']:
         assert request.is_alive()
     assert not answered
     groups.allowed['a'].set()
@@ -150,7 +160,8 @@ def test_a_request_waits_for_its_group_which_is_the_next_one():
     request.join(PATIENCE)
     assert answered == ['c']
     groups.allowed['b'].set()
-    with pytest.raises(CompileError, match='kernels of b: CompileError: no such instruction'):
+    with pytest.raises(CompileError,
+                       match='kernels of b: CompileError: no such instruction'):
         groups.later.require('b')
     for thread in threads():
         thread.join(PATIENCE)
@@ -174,7 +185,8 @@ def test_a_simulation_that_waits_for_its_kernels_can_be_cancelled():
         return len(times) < 3
     response = Simulate.Response()
     SimulationRequest.from_request(Simulate.Request(
-        position=q.tolist(), velocity=u.tolist(), duration=0.01), served).run(response, proceed)
+        position=q.tolist(), velocity=u.tolist(), duration=0.01), served).run(
+            response, proceed)
     assert times == [0.0, 0.0, 0.0]
     assert not response.trajectory.points
     for event in groups.allowed.values():
@@ -185,7 +197,8 @@ def test_a_simulation_that_waits_for_its_kernels_can_be_cancelled():
 
 def test_cleanup_ends_waiting_requests_at_once_and_the_thread_after_its_kernel():
     done = []
-    begun, allowed = threading.Event(), threading.Event()
+    begun = threading.Event()
+    allowed = threading.Event()
 
     def kernel(k):
         begun.set()

@@ -1,4 +1,4 @@
-"""Services of machines with closed loops answer for the configuration that a request has."""
+"""Services of machines with closed loops use the request's configuration."""
 
 from functools import cache
 from types import SimpleNamespace
@@ -10,7 +10,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from kane_dynamics.ros.services.joint_order import close_loops, MOST_MOVED  # noqa: E402, I100
+from kane_dynamics.ros.services.joint_order import (  # noqa: E402, I100
+    close_loops, MOST_MOVED)
 from kane_dynamics.ros.services.service_calls import inverse_dynamics  # noqa: E402
 from kane_dynamics_interfaces.srv import InverseDynamics  # noqa: E402
 
@@ -36,12 +37,16 @@ def served():
 def test_inverse_dynamics_is_that_of_the_requested_assembly_mode(branch, turns):
     q = branches()[branch] + (2.0 * np.pi * turns, 0.0, 0.0)
     response = InverseDynamics.Response()
-    inverse_dynamics(SimpleNamespace(robot=served(), bending=None), InverseDynamics.Request(
-        position=(q + (0.0, 1e-4, -1e-4)).tolist(), velocity=[0.5], acceleration=[2.0]), response)
+    inverse_dynamics(SimpleNamespace(robot=served(), bending=None),
+                     InverseDynamics.Request(
+                         position=(q + (0.0, 1e-4, -1e-4)).tolist(), velocity=[0.5],
+                         acceleration=[2.0]), response)
     expected = four_bar('crank').inverse_dynamics(branches()[branch], [0.5], [2.0])
-    np.testing.assert_allclose(response.effort, [*expected, 0.0, 0.0], rtol=1e-8, atol=1e-8)
-    other = four_bar('crank').inverse_dynamics(branches()[1 - branch], [0.5], [2.0])
-    assert abs(other[0] - expected[0]) > 0.1
+    np.testing.assert_allclose(response.effort, [*expected, 0.0, 0.0],
+                               rtol=1e-8, atol=1e-8)
+    other_branch = four_bar('crank').inverse_dynamics(branches()[1 - branch], [0.5],
+                                                      [2.0])
+    assert abs(other_branch[0] - expected[0]) > 0.1
 
 
 def test_independent_joints_keep_their_values():
@@ -67,5 +72,6 @@ def test_loops_that_close_far_away_are_refused_though_their_residual_is_small():
     assert np.abs(closed - straight).max() > MOST_MOVED
     between = straight + 0.1 * (closed - straight)
     assert np.abs(robot.constraint_residual(between)).max() < 0.01
-    with pytest.raises(InputError, match=r"closing the loops moves 'rocker' by 0\.\d+ rad or m"):
+    with pytest.raises(InputError,
+                       match=r"closing the loops moves 'rocker' by 0\.\d+ rad or m"):
         close_loops(robot, between)

@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from geometry_msgs.msg import (PoseStamped, TransformStamped, TwistStamped,  # noqa: E402, I100
-                               WrenchStamped)
+from geometry_msgs.msg import (  # noqa: E402, I100
+    PoseStamped, TransformStamped, TwistStamped, WrenchStamped)
 from kane_dynamics.control.terms import Mode  # noqa: E402
 from kane_dynamics.control_cycle import cycle_rules  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
@@ -48,7 +48,8 @@ class Bytes:
 class Rig:
     """The torque path of a simulated arm, with a manual clock."""
 
-    def __init__(self, mode='cartesian_impedance', frame=FRAME, urdf=URDF, start=START, **changes):
+    def __init__(self, mode='cartesian_impedance', frame=FRAME, urdf=URDF, start=START,
+                 **changes):
         self.values = node_values({
             'mode': mode, 'modes': list(map(str, LAW_MODES)), 'cartesian.frame': frame,
             'limits.rate': math.inf, 'coupling.partner': 'partner/coupling_state',
@@ -56,14 +57,17 @@ class Rig:
         model = load_model(urdf, self.values, lambda warning: None)
         self.controller = path_controller(model, self.values, self._laws)
         self.robot = self.controller.robot
-        self.now, self.warnings, self.refused = 100 * NANO, [], []
+        self.now = 100 * NANO
+        self.warnings = []
+        self.refused = []
         self.commands = Bytes()
         self.path = TorquePath(self.controller, self.commands, Bytes(), lambda: self.now,
                                self.values, Statistics(), self._warn)
         self.path.add_observer(self, need_effort=False)
         law = self.modes.laws[Mode.CARTESIAN_IMPEDANCE]
         self.law = law
-        self.targets = TargetInput(self.path, law.target, frame, self.values, self._refuse)
+        self.targets = TargetInput(self.path, law.target, frame, self.values,
+                                   self._refuse)
         self.q, self.u = np.array(start), np.zeros(self.robot.n)
         self.push = np.zeros(self.robot.n)
         self.taus = []
@@ -111,9 +115,9 @@ class Rig:
         message = JointState(name=list(self.robot.joint_names), position=self.q.tolist(),
                              velocity=self.u.tolist())
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.now, NANO)
-        before = len(self.taus)
+        count_before = len(self.taus)
         self.path.on_state(serialize_message(message))
-        return self.taus[-1] if len(self.taus) > before else None
+        return self.taus[-1] if len(self.taus) > count_before else None
 
     def run(self, seconds, each=lambda: None):
         """Simulate the arm under the commands."""
@@ -133,7 +137,8 @@ class Rig:
         message = PoseStamped()
         message.header.frame_id = frame
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, NANO)
-        p, r = message.pose.position, message.pose.orientation
+        p = message.pose.position
+        r = message.pose.orientation
         p.x, p.y, p.z = pose[:3, 3].tolist()
         if np.isfinite(pose).all():
             r.x, r.y, r.z, r.w = rotation_quaternion(pose[:3, :3]).tolist()
@@ -185,10 +190,12 @@ def test_a_plane_holds_the_frame():
         rig.push = rig.robot.jacobian(FRAME, rig.q).T @ [0.0, 0.0, -20.0, 0.0, 0.0, 0.0]
     rig.run(2.0, load)
     assert -0.06 < rig.pose()[2, 3] - height < -0.02
-    assert 'wall' in rig.modes.laws[Mode.HAND_GUIDING].describe(rig.q, rig.u, None).saturated
+    assert 'wall' in rig.modes.laws[Mode.HAND_GUIDING].describe(
+        rig.q, rig.u, None).saturated
     with pytest.raises(InputError, match=r'planes.: 2 planes; expected 1'):
         rig.adjust(hand_guiding__planes=[0.0, 0.0, 1.0, 0.0] * 2)
-    with pytest.raises(InputError, match=r'hand_guiding\.planes.: 3 numbers; expected four'):
+    with pytest.raises(InputError,
+                       match=r'hand_guiding\.planes.: 3 numbers; expected four'):
         rig.adjust(hand_guiding__planes=[0.0, 0.0, 1.0])
 
 
@@ -230,20 +237,24 @@ def test_a_stream_of_poses_is_followed_and_its_last_one_is_held(period):
 
 def test_targets_may_be_in_frames_that_tf_places_on_the_world():
     rig = Rig()
-    of_map = np.array([[0.0, -1.0, 0.0, 0.4], [1.0, 0.0, 0.0, -0.2], [0.0, 0.0, 1.0, 0.1],
-                       [0.0, 0.0, 0.0, 1.0]])
+    of_map = np.array(
+        [[0.0, -1.0, 0.0, 0.4], [1.0, 0.0, 0.0, -0.2], [0.0, 0.0, 1.0, 0.1],
+         [0.0, 0.0, 0.0, 1.0]])
     base = next(frame for frame in rig.robot.model.frames if frame.body == WORLD)
     assert np.array_equal(base.rotation, np.eye(3)) and not base.translation.any()
     transforms = TransformTree(rig.robot.model, lambda: rig.now, 0.5, rig._refuse)
     message = TransformStamped(child_frame_id='map')
     message.header.frame_id = base.name
-    p, r = message.transform.translation, message.transform.rotation
+    p = message.transform.translation
+    r = message.transform.rotation
     p.x, p.y, p.z = of_map[:3, 3]
     r.z = r.w = np.sqrt(0.5)
     transforms.on_message(SimpleNamespace(transforms=[message]), static=True)
-    message.child_frame_id, message.header.frame_id = 'camera', FRAME
+    message.child_frame_id = 'camera'
+    message.header.frame_id = FRAME
     transforms.on_message(SimpleNamespace(transforms=[message]), static=True)
-    rig.targets = TargetInput(rig.path, rig.law.target, FRAME, rig.values, rig._refuse, transforms)
+    rig.targets = TargetInput(rig.path, rig.law.target, FRAME, rig.values, rig._refuse,
+                              transforms)
     rig.state()
     rig.now += STEP
     rig.run(0.05)
@@ -266,11 +277,11 @@ def test_a_target_twist_moves_the_frame_until_it_is_stale():
     v = rig.robot.frame_velocity(FRAME, rig.q, q_rate)
     message.twist.linear.x, message.twist.linear.y, message.twist.linear.z = v[:3]
     message.twist.angular.x, message.twist.angular.y, message.twist.angular.z = v[3:]
-    before = rig.pose().copy()
+    pose_before = rig.pose().copy()
     rig.targets.on_twist(serialize_message(message))
     rig.run(2.0)
     assert not rig.refused
-    moved = rig.pose()[:3, 3] - before[:3, 3]
+    moved = rig.pose()[:3, 3] - pose_before[:3, 3]
     np.testing.assert_allclose(moved, 0.2 * v[:3], atol=0.02 * np.linalg.norm(v[:3]))
     held = rig.q.copy()
     rig.run(0.5)
@@ -301,10 +312,10 @@ def test_changes_of_mode_are_continuous(first):
     rig.push = np.array([3.0, -1.0])  # so that springs are stretched
     rig.run(0.2)
     for second in ALL_MODES:
-        before = rig.taus[-1]
+        torque_before = rig.taus[-1]
         rig.adjust(mode=str(second))
-        after = rig.state()
-        np.testing.assert_allclose(after, before, atol=0.2)
+        torque_after = rig.state()
+        np.testing.assert_allclose(torque_after, torque_before, atol=0.2)
         rig.run(0.05)
     steps = np.abs(np.diff(rig.taus[5:], axis=0))
     assert steps.max() < 0.6
@@ -320,9 +331,9 @@ def test_changes_of_settings_are_continuous_and_act(mode, changes):
     rig.push = np.array([6.0, -2.0])
     rig.run(0.4)
     place = rig.q.copy()
-    before = rig.taus[-1]
+    torque_before = rig.taus[-1]
     rig.adjust(**changes)
-    np.testing.assert_allclose(rig.state(), before, atol=0.2)
+    np.testing.assert_allclose(rig.state(), torque_before, atol=0.2)
     rig.run(1.0)
     if 'stiffness' in next(iter(changes)):
         assert np.abs(rig.q - place).max() > 1e-3
@@ -330,7 +341,8 @@ def test_changes_of_settings_are_continuous_and_act(mode, changes):
 
 def test_an_arm_that_adds_terms_itself_gets_commands_without_them():
     for mode in LAW_MODES:
-        whole, without = Rig(mode), Rig(mode, arm_compensates=['gravity'])
+        whole = Rig(mode)
+        without = Rig(mode, arm_compensates=['gravity'])
         for rig in (whole, without):
             rig.state()
             rig.now += STEP
@@ -357,7 +369,8 @@ def refusal(rig, send):
     (lambda rig, pose: rig.send_pose(shifted(pose, 0.3)), 'out of reach',
      "'tip' comes within "),
     (lambda rig, pose: rig.send_pose(turned(pose)), 'out of reach', 'rad of it'),
-    (lambda rig, pose: rig.send_pose(pose, stamp=rig.now - NANO), 'stale', '1.000 s old'),
+    (lambda rig, pose: rig.send_pose(pose, stamp=rig.now - NANO), 'stale',
+     '1.000 s old'),
     (lambda rig, pose: rig.send_pose(pose, stamp=rig.now + NANO), 'stamp in the future',
      '1.000 s ahead'),
     (lambda rig, pose: rig.send_pose(np.full((4, 4), np.nan)), 'not finite', 'nan'),
@@ -366,8 +379,8 @@ def refusal(rig, send):
 def test_a_pose_is_refused_with_the_reason(change, reason, words):
     rig = Rig()
     rig.run(0.05)
-    found, detail = refusal(rig, lambda: change(rig, rig.pose()))
-    assert found.startswith(f'target_pose: {reason}')
+    state, detail = refusal(rig, lambda: change(rig, rig.pose()))
+    assert state.startswith(f'target_pose: {reason}')
     assert words in detail
     rig.run(0.3)
     assert rig.error(START) < 5e-3
@@ -435,15 +448,19 @@ def turned(pose):
 def test_targets_are_refused_in_another_mode_and_when_nothing_runs():
     rig = Rig('joint_impedance')
     rig.run(0.05)
-    assert refusal(rig, lambda: rig.send_pose(rig.pose()))[0] == 'target_pose: other mode'
+    assert refusal(
+        rig, lambda: rig.send_pose(rig.pose()))[0] == 'target_pose: other mode'
     rig.refused.clear()
     rig.path.stop()
-    assert refusal(rig, lambda: rig.send_pose(rig.pose()))[0] == 'target_pose: node not active'
+    assert refusal(
+        rig, lambda: rig.send_pose(rig.pose()))[0] == 'target_pose: node not active'
     rig = Rig()
-    assert refusal(rig, lambda: rig.send_pose(rig.pose()))[0] == 'target_pose: no joint state'
+    assert refusal(
+        rig, lambda: rig.send_pose(rig.pose()))[0] == 'target_pose: no joint state'
 
 
-@pytest.mark.parametrize(('kind', 'topic'), [(TwistStamped, 'twist'), (WrenchStamped, 'wrench')])
+@pytest.mark.parametrize(('kind', 'topic'),
+                         [(TwistStamped, 'twist'), (WrenchStamped, 'wrench')])
 def test_twists_and_wrenches_above_the_limits_are_refused(kind, topic):
     rig = Rig()
     rig.run(0.05)
@@ -489,8 +506,9 @@ def test_stale_states_end_the_target():
 
 def test_a_mode_that_is_not_configured_is_refused():
     rig = Rig(modes=[])
-    with pytest.raises(InputError, match=r'joint_impedance.; expected one of '
-                       r'inverse_dynamics, .*cartesian_impedance, or to configure the node'):
+    with pytest.raises(
+            InputError, match=r'joint_impedance.; expected one of '
+            r'inverse_dynamics, .*cartesian_impedance, or to configure the node'):
         rig.adjust(mode='joint_impedance')
 
 
@@ -532,13 +550,16 @@ def test_hand_guiding_compensates_friction_beyond_the_model():
     rig = Rig('hand_guiding', hand_guiding__friction=0.5)
     law = rig.modes.laws[Mode.HAND_GUIDING]
     u = np.array([0.1, -0.2])
-    before = law.torque(rig.q, u, None, 0.0, 0.0)
-    values = {'observer__friction__coulomb': [0.4, 0.2], 'observer__friction__damping': [0.1, 0.3],
-              'observer__friction__offset': [0.05, 0.0], 'observer__friction__speed': 0.02}
+    torque_before = law.torque(rig.q, u, None, 0.0, 0.0)
+    values = {'observer__friction__coulomb': [0.4, 0.2],
+              'observer__friction__damping': [0.1, 0.3],
+              'observer__friction__offset': [0.05, 0.0],
+              'observer__friction__speed': 0.02}
     rig.adjust(**values)
-    error = [0.05, 0.0] + np.array([0.4, 0.2]) * np.tanh(u / 0.02) + np.array([0.1, 0.3]) * u
-    np.testing.assert_allclose(law.torque(rig.q, u, None, 0.0, 0.0), before + 0.5 * error,
-                               atol=1e-12)
+    error = [0.05, 0.0] + np.array([0.4,
+                                    0.2]) * np.tanh(u / 0.02) + np.array([0.1, 0.3]) * u
+    np.testing.assert_allclose(law.torque(rig.q, u, None, 0.0, 0.0),
+                               torque_before + 0.5 * error, atol=1e-12)
     rig.adjust(**values)
     assert not law.update(rig.values), 'nothing changed'
     with pytest.raises(InputError, match=r'observer\.friction\.coulomb'):

@@ -1,4 +1,4 @@
-"""The torque path in steady state, as its benchmark runs it: no cycle leaves memory behind."""
+"""The torque path in steady state, as in its benchmark: no cycle leaves memory."""
 
 from benchmarks import torque_path
 import numpy as np
@@ -10,10 +10,11 @@ def test_cycles_are_timed_and_hold_no_memory():
     assert rig.done == 300
     assert np.array(rig.took).min() > 1000  # ns
     assert not np.array_equal(np.frombuffer(rig.commands.data[-8:]), [0.0])
-    # Another thread of the test runner may allocate in one of the windows, but not in all.
+    # Another thread of the test runner may allocate in one of the windows, but not in
+    # all.
     windows = [torque_path.steady_memory(rig, 500) for _ in range(5)]
     for what in (torque_path.BLOCKS, torque_path.BYTES):
-        assert min(each[what] for each in windows) <= 0
+        assert min(window[what] for window in windows) <= 0
     leak = []
     observed = rig.path.on_state
 
@@ -22,4 +23,4 @@ def test_cycles_are_timed_and_hold_no_memory():
         observed(data)
     rig.path.on_state = leaking
     windows = [torque_path.steady_memory(rig, 500) for _ in range(3)]
-    assert min(each[torque_path.BLOCKS] for each in windows) >= 500
+    assert min(window[torque_path.BLOCKS] for window in windows) >= 500

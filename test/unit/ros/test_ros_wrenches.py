@@ -21,8 +21,10 @@ from kane_dynamics.ros.loads.wrench_input import (FRAME, LARGE, STALE, TIMED_OUT
                                                   WrenchInput)
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
                                                         ContactPublishers)
-from kane_dynamics.ros.monitors.optional_topics import check_optional_topics  # noqa: E402
-from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic  # noqa: E402
+from kane_dynamics.ros.monitors.optional_topics import (  # noqa: E402
+    check_optional_topics)
+from kane_dynamics.ros.monitors.torque_breakdown_topic import (  # noqa: E402
+    TorqueBreakdownTopic)
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS  # noqa: E402
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle  # noqa: E402
@@ -43,11 +45,12 @@ class Sink:
     """Keeps the published messages."""
 
     def __init__(self, kind):
-        self.sent, self.kind = [], kind
+        self.sent = []
+        self.kind = kind
 
     def publish(self, message):
-        self.sent.append(deserialize_message(message, self.kind) if isinstance(message, bytes)
-                         else message)
+        self.sent.append(deserialize_message(message, self.kind)
+                         if isinstance(message, bytes) else message)
 
 
 class Log:
@@ -71,12 +74,15 @@ class Rig:
             f'efforts.{name}': read(BY_NAME[f'efforts.{name}'], value)
             for name, value in (efforts or {}).items()}
         self.commands = Sink(Float64MultiArray)
-        self.outputs = ContactPublishers(Sink(JointState), Sink(WrenchStamped), Sink(None))
-        self.path = TorquePath(Controller(ROBOT, mode=mode), self.commands, Sink(JointState),
-                               lambda: self.time, self.values, Statistics(), lambda *words: None)
-        self.wrenches = self.path.wrenches = WrenchInput(ROBOT, lambda: self.time, self.values,
-                                                         self.reject)
-        self.contact = ContactMonitor(ROBOT, self.values, self.outputs, self.log, self.reject)
+        self.outputs = ContactPublishers(Sink(JointState), Sink(WrenchStamped),
+                                         Sink(None))
+        self.path = TorquePath(
+            Controller(ROBOT, mode=mode), self.commands, Sink(JointState),
+            lambda: self.time, self.values, Statistics(), lambda *words: None)
+        self.wrenches = self.path.wrenches = WrenchInput(ROBOT, lambda: self.time,
+                                                         self.values, self.reject)
+        self.contact = ContactMonitor(ROBOT, self.values, self.outputs, self.log,
+                                      self.reject)
         self.path.add_observer(self.contact, need_effort=True)
         self.path.start()
 
@@ -88,15 +94,16 @@ class Rig:
         message.header.frame_id = frame
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(self.time - round(age * NANO), NANO)
-        force, torque = message.wrench.force, message.wrench.torque
+        force = message.wrench.force
+        torque = message.wrench.torque
         force.x, force.y, force.z, torque.x, torque.y, torque.z = map(float, numbers)
         self.wrenches.on_message(serialize_message(message))
 
     def state(self, effort=(), after=0.01, q=Q):
         """Advance the clock, pass a state to the path, return the command."""
         self.time += round(after * NANO)
-        message = JointState(name=list(ROBOT.joint_names), position=list(q), velocity=[0.0, 0.0],
-                             effort=list(effort))
+        message = JointState(name=list(ROBOT.joint_names), position=list(q),
+                             velocity=[0.0, 0.0], effort=list(effort))
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.time, NANO)
         self.path.on_state(serialize_message(message))
         return np.array(self.commands.sent[-1].data)
@@ -118,7 +125,8 @@ def test_the_command_compensates_known_wrenches(mode):
     gravity = rig.state()
     rig.wrench(PUSH)
     rig.wrench(2.0 * PUSH, FIRST)
-    np.testing.assert_allclose(rig.state(), gravity - load(PUSH) - load(2.0 * PUSH, FIRST),
+    np.testing.assert_allclose(rig.state(),
+                               gravity - load(PUSH) - load(2.0 * PUSH, FIRST),
                                rtol=1e-12)
 
 
@@ -146,28 +154,32 @@ def test_a_timeout_unloads_its_frame_only():
     (FRAME, {'frame': 'claw'}), (FRAME, {'frame': ''}),
     (NOT_FINITE, {'numbers': [0, 0, 0, 0, math.nan, 0]}),
     (NOT_FINITE, {'numbers': [math.inf, 0, 0, 0, 0, 0]}),
-    (LARGE, {'numbers': [0, 0, 1e308, 0, 0, 0]}), (LARGE, {'numbers': [0, 0, 0, -301, 0, 0]})])
-def test_an_invalid_wrench_is_rejected_with_the_reason_and_the_last_one_stays(reason, given):
+    (LARGE, {'numbers': [0, 0, 1e308, 0, 0, 0]}),
+    (LARGE, {'numbers': [0, 0, 0, -301, 0, 0]})])
+def test_an_invalid_wrench_is_rejected_with_the_reason_and_the_last_one_stays(
+        reason, given):
     rig = Rig()
     rig.wrench(PUSH)
-    before = rig.state(after=0.0)
+    torque_before = rig.state(after=0.0)
     rig.wrench(**{'numbers': 9.0 * PUSH, **given})
     assert rig.rejected == [reason]
-    np.testing.assert_array_equal(rig.state(after=0.001), before)
+    np.testing.assert_array_equal(rig.state(after=0.001), torque_before)
 
 
 def test_malformed_messages_are_rejected_and_what_rclpy_reads_is_accepted():
     rig = Rig()
     gravity = rig.state()
     message = WrenchStamped()
-    message.header.frame_id, message.wrench.force.x = TIP, 4.0
+    message.header.frame_id = TIP
+    message.wrench.force.x = 4.0
     data = serialize_message(message)
     for end in range(len(data)):
         rig.wrenches.on_message(data[:end])
     assert set(rig.rejected) == {MALFORMED}
     np.testing.assert_array_equal(rig.state(), gravity)
     rig.wrenches.on_message(data)  # without a stamp: time of reception
-    np.testing.assert_allclose(rig.state(), gravity - load(np.eye(6)[0] * 4.0), rtol=1e-12)
+    np.testing.assert_allclose(rig.state(), gravity - load(np.eye(6)[0] * 4.0),
+                               rtol=1e-12)
 
 
 def test_fixed_and_unknown_frames_are_refused_by_name():
@@ -177,7 +189,8 @@ def test_fixed_and_unknown_frames_are_refused_by_name():
         with pytest.raises(InputError, match=words):
             wrench_input.check_frames(MODEL, [name])
     with pytest.raises(InputError, match="no frame 'claw'"):
-        check_optional_topics(values | {'observer.enabled': True, 'observer.frame': 'claw'}, ROBOT)
+        check_optional_topics(
+            values | {'observer.enabled': True, 'observer.frame': 'claw'}, ROBOT)
 
 
 def gravity():
@@ -185,16 +198,18 @@ def gravity():
 
 
 def test_measured_efforts_give_external_torques_wrench_and_collision():
-    rig, push = Rig(threshold=[1.0, 0.5], rate=1e4), np.array([2.5, -0.8])
+    rig = Rig(threshold=[1.0, 0.5], rate=1e4)
+    push = np.array([2.5, -0.8])
     assert [flag.data for flag in rig.outputs.collision.sent] == [False]
     for _ in range(50):
         rig.state(gravity() - push)
-    found = np.array(rig.outputs.torques.sent[-1].effort)
-    np.testing.assert_allclose(found, push, rtol=1e-6)
+    published = np.array(rig.outputs.torques.sent[-1].effort)
+    np.testing.assert_allclose(published, push, rtol=1e-6)
     message = rig.outputs.wrench.sent[-1]
     assert message.header.frame_id == TIP
     w = message.wrench
-    recovered = np.array([w.force.x, w.force.y, w.force.z, w.torque.x, w.torque.y, w.torque.z])
+    recovered = np.array(
+        [w.force.x, w.force.y, w.force.z, w.torque.x, w.torque.y, w.torque.z])
     np.testing.assert_allclose(load(recovered), push, rtol=1e-6)
     assert [flag.data for flag in rig.outputs.collision.sent] == [False, True]
     assert rig.contact.figures()['collision'] in ROBOT.joint_names
@@ -215,8 +230,10 @@ def test_a_known_wrench_is_not_a_collision():
 
 
 @pytest.mark.parametrize('gravity_by_arm', [False, True])
-def test_without_efforts_the_observer_uses_the_command_and_the_terms_of_the_arm(gravity_by_arm):
-    rig = Rig(arm_compensates=('gravity',) if gravity_by_arm else ('none',), threshold=0.1)
+def test_without_efforts_the_observer_uses_the_command_and_the_terms_of_the_arm(
+        gravity_by_arm):
+    rig = Rig(arm_compensates=('gravity',) if gravity_by_arm else ('none',),
+              threshold=0.1)
     if gravity_by_arm:
         rig.path.controller.update(compensate=rig.path.controller.compensate.__class__(
             gravity=False))
@@ -229,14 +246,16 @@ def test_without_efforts_the_observer_uses_the_command_and_the_terms_of_the_arm(
     ({}, lambda tau: tau), ({'gravity': False}, lambda tau: tau - gravity()),
     ({'kind': 'motor_current', 'constants': [4.0, 0.5]}, lambda tau: tau / [4.0, 0.5]),
     ({'kind': 'joint_torque', 'gravity': False}, lambda tau: tau - gravity())])
-def test_the_observer_finds_an_external_torque_from_every_kind_of_effort(efforts, reported):
+def test_the_observer_finds_an_external_torque_from_every_kind_of_effort(
+        efforts, reported):
     rig = Rig(threshold=0.1, torque='effort', efforts=efforts)
     for _ in range(5):
         rig.state(reported(gravity()))
     assert np.abs(np.array(rig.outputs.torques.sent[-1].effort)).max() < 1e-9
     for _ in range(100):
         rig.state(reported(gravity() - load(PUSH)))
-    np.testing.assert_allclose(rig.outputs.torques.sent[-1].effort, load(PUSH), rtol=1e-6)
+    np.testing.assert_allclose(rig.outputs.torques.sent[-1].effort, load(PUSH),
+                               rtol=1e-6)
     assert rig.contact.detector.collision
     assert rig.rejected == []
 
@@ -251,7 +270,8 @@ def test_efforts_that_contradict_their_meaning_at_rest_are_named_once(efforts, f
 
 
 def test_kinds_of_effort_that_the_observer_cannot_use_are_refused():
-    for efforts, words in (({'kind': 'external_torque'}, 'external_torque, which observer and'),
+    for efforts, words in (({'kind': 'external_torque'},
+                            'external_torque, which observer and'),
                            ({'kind': 'motor_current'}, 'without constants'),
                            ({'kind': 'motor_current', 'constants': [1.0, 2.0, 3.0]},
                             '3 entries; expected one number, or one')):
@@ -280,17 +300,19 @@ def test_a_change_of_the_torque_source_resets_the_observer():
 
 
 def test_the_observer_gets_new_gravity_before_the_next_state():
-    rig, before = Rig(), ROBOT.parameters.gravity
-    seen = []
-    rig.contact.on_loads_changed = lambda: seen.append((ROBOT.parameters.gravity[2], rig.time))
+    rig = Rig()
+    gravity_before = ROBOT.parameters.gravity
+    gravities = []
+    rig.contact.on_loads_changed = lambda: gravities.append(
+        (ROBOT.parameters.gravity[2], rig.time))
     try:
         rig.state()
         rig.path.set_loads(GravityAndPayload(np.array([0.0, 0.0, -3.0])))
         rig.state()
         rig.state()
     finally:
-        ROBOT.parameters.gravity = before
-    assert seen == [(-3.0, 100 * NANO + 2 * NANO // 100)]
+        ROBOT.parameters.gravity = gravity_before
+    assert gravities == [(-3.0, 100 * NANO + 2 * NANO // 100)]
 
 
 def test_a_backward_clock_jump_drops_the_wrenches():
@@ -303,28 +325,36 @@ def test_a_backward_clock_jump_drops_the_wrenches():
     assert rig.rejected == []
 
 
-MOTION = Motion.from_points([0.0, 2.0], [[0.0, 0.0], [1.0, -1.0]], joint_names=ROBOT.joint_names)
+MOTION = Motion.from_points([0.0, 2.0], [[0.0, 0.0], [1.0, -1.0]],
+                            joint_names=ROBOT.joint_names)
 DESIRED = MOTION.sample(0.8)
 U = np.array([0.3, -0.5])
 
 
 @pytest.mark.parametrize(('mode', 'motion', 'point'), [
-    ('inverse_dynamics', MOTION, DESIRED), ('inverse_dynamics', None, (Q, 0.0 * U, 0.0 * U)),
-    ('computed_torque', MOTION, (Q, U, DESIRED[2])), ('computed_torque', None, (Q, U, 0.0 * U)),
+    ('inverse_dynamics', MOTION, DESIRED),
+    ('inverse_dynamics', None, (Q, 0.0 * U, 0.0 * U)),
+    ('computed_torque', MOTION, (Q, U, DESIRED[2])),
+    ('computed_torque', None, (Q, U, 0.0 * U)),
     ('gravity_compensation', MOTION, (Q, 0.0 * U, 0.0 * U))])
 def test_the_breakdown_is_of_the_documented_state(mode, motion, point):
-    served = SimpleNamespace(robot=ROBOT, loads=GravityAndPayload(ROBOT.parameters.gravity))
-    publish, sent = [], []
+    served = SimpleNamespace(robot=ROBOT,
+                             loads=GravityAndPayload(ROBOT.parameters.gravity))
+    publish = []
+    sent = []
     server = SimpleNamespace(served=served, create_timer=lambda period, call, clock:
                              publish.append(call))
     rig = Rig()
     explainer = TorqueBreakdownTopic(server, SimpleNamespace(publish=sent.append), 10.0,
-                                     Controller(ROBOT, mode=mode), rig.wrenches, rig.reject)
+                                     Controller(ROBOT, mode=mode), rig.wrenches,
+                                     rig.reject)
     rig.wrench(PUSH)
     state = SimpleNamespace(sec=7, nanosec=9, q=Q.copy(), u=U.copy())
     external = rig.wrenches.torques(Q, rig.time)
     explainer.on_cycle(Cycle(0, state, motion, 0.8, Q, external, None))
-    state.q[:], state.u[:] = 9.0, 9.0  # the next state overwrites them
+    # The next state overwrites them.
+    state.q[:] = 9.0
+    state.u[:] = 9.0
     publish[0]()
     publish[0]()
     message, = sent
@@ -350,7 +380,8 @@ def test_without_thresholds_no_flag_is_published_and_the_log_says_what_is_expect
     assert rig.outputs.torques.sent
     assert not rig.outputs.collision.sent
     assert 'collision-thresholds' in ' '.join(rig.log.lines)
-    assert rig.contact.figures()['collision'].startswith('not detected: observer.threshold: empty')
+    assert rig.contact.figures()['collision'].startswith(
+        'not detected: observer.threshold: empty')
     rig.contact.update(rig.values | {'observer.threshold': np.array(1.0)})
     assert [flag.data for flag in rig.outputs.collision.sent] == [False]
     rig.state(gravity() - 20.0, after=0.01)
