@@ -1,10 +1,10 @@
-"""Fastest timing with elastic joints, against optimal control of the linear two-mass joint."""
+"""Fastest timing with elastic joints against optimal control of two masses."""
 
 from functools import cache
 import math
 
-from kane_dynamics import (Drive, Inertial, InputError, Limits, ModelBuilder, Motion, Robot,
-                           rod, simulate, SmoothMotion, with_drives)
+from kane_dynamics import (Drive, Inertial, InputError, Limits, ModelBuilder, Motion,
+                           Robot, rod, simulate, SmoothMotion, with_drives)
 from kane_dynamics.feasibility import demand, time_optimal
 import numpy as np
 from numpy.testing import assert_allclose
@@ -12,7 +12,10 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import linprog
 
-INERTIA, ROTOR, STIFFNESS, EFFORT = 0.5, 0.3, 60.0, 10.0
+INERTIA = 0.5
+ROTOR = 0.3
+STIFFNESS = 60.0
+EFFORT = 10.0
 WAYPOINTS = [[0.0, 0.0], [0.5, 0.2], [0.9, -0.3], [0.3, 0.3]]
 
 
@@ -37,7 +40,8 @@ def arm():
     return Robot(with_drives(builder.model(), {
         'shoulder': Drive(900.0, rotor_inertia=0.8, friction={'damping': 2.0},
                           motor_effort=80.0, motor_velocity=4.0, gear_effort=70.0),
-        'elbow': Drive(500.0, rotor_inertia=0.3, motor_effort=30.0, motor_velocity=5.0)}))
+        'elbow': Drive(500.0, rotor_inertia=0.3, motor_effort=30.0,
+                       motor_velocity=5.0)}))
 
 
 @cache
@@ -55,18 +59,21 @@ def least_time(distance, velocity, steps=240):
     A = np.zeros((4, 4))  # of q, theta, q', theta'
     A[:2, 2:] = np.eye(2)
     spring = np.array([-1.0, 1.0])
-    A[2, :2], A[3, :2] = STIFFNESS / INERTIA * spring, -STIFFNESS / ROTOR * spring
+    A[2, :2] = STIFFNESS / INERTIA * spring
+    A[3, :2] = -STIFFNESS / ROTOR * spring
 
     def feasible(duration):
         h = duration / steps
         block = np.zeros((5, 5))
-        block[:4, :4], block[3, 4] = A, 1.0 / ROTOR
+        block[:4, :4] = A
+        block[3, 4] = 1.0 / ROTOR
         step = expm(h * block)
         responses = [step[:4, 4]]
         for _ in range(steps - 1):
             responses.append(step[:4, :4] @ responses[-1])
         final = np.array(responses[::-1]).T
-        rows, bounds = [], []
+        rows = []
+        bounds = []
         if np.isfinite(velocity):
             of_speed = np.array(responses)[:, 3]
             for k in range(1, steps):
@@ -78,7 +85,8 @@ def least_time(distance, velocity, steps=240):
                          A_eq=final, b_eq=[distance, distance, 0.0, 0.0],
                          bounds=(-EFFORT, EFFORT))
         return result.status == 0
-    low, high = 0.05, 5.0
+    low = 0.05
+    high = 5.0
     while high - low > 1e-3 * low:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if feasible(middle) else (middle, high)
@@ -91,8 +99,9 @@ def least_time(distance, velocity, steps=240):
 def test_the_timing_is_near_that_of_optimal_control(velocity, damping):
     least = least_time(0.8, velocity)
     result = time_optimal(two_mass(velocity, damping), [[0.0], [0.8]])
-    # The torque of optimal control jumps between the limits; that of the timing does not.
-    # With a little damping it is faster: the motor's deflection decays after the end.
+    # The torque of optimal control jumps between the limits; that of the timing does
+    # not. With a little damping it is faster: the motor's deflection decays after the
+    # end.
     assert result.duration < 1.02 * least
     if not damping:
         assert result.duration > 0.998 * least
@@ -116,7 +125,8 @@ def test_no_limit_is_exceeded_and_one_is_always_near():
     # Almost everywhere a limit is used by more than 8 tenths.
     use = np.max([uses.max(axis=1) for uses in result.uses.values()], axis=0)
     assert np.quantile(use, 0.1) > 0.8
-    assert {active.joint for active in result.active} >= {'shoulder_motor', 'elbow_motor'}
+    assert {active.joint for active in result.active} >= {'shoulder_motor',
+                                                          'elbow_motor'}
 
 
 @pytest.mark.slow
@@ -135,7 +145,8 @@ def test_the_motion_follows_the_waypoints_and_rests_at_its_ends():
 
 @pytest.mark.slow
 def test_the_motor_torques_move_the_links_along_the_path():
-    robot, result = arm(), timing()
+    robot = arm()
+    result = timing()
     times = result.points.t
     motors = [elastic.motor for elastic in robot.drives]
 
@@ -154,8 +165,10 @@ def test_the_motor_torques_move_the_links_along_the_path():
 def test_a_smooth_motion_is_a_path_and_its_timing_is_ignored():
     straight = time_optimal(two_mass(), [[0.0], [0.8]]).duration
     for times in ([0.0, 1.0, 2.0], [0.0, 1.2, 2.5]):
-        path = SmoothMotion.from_points(times, [[0.0], [0.4], [0.8]], joint_names=['joint'])
-        assert time_optimal(two_mass(), path).duration == pytest.approx(straight, rel=2e-3)
+        path = SmoothMotion.from_points(times, [[0.0], [0.4], [0.8]],
+                                        joint_names=['joint'])
+        assert time_optimal(two_mass(), path).duration == pytest.approx(
+            straight, rel=2e-3)
     reversing = SmoothMotion.from_points([0.0, 1.0, 2.0], [[0.0], [0.8], [0.4]],
                                          joint_names=['joint'])
     with pytest.raises(InputError, match='path: a corner near'):
@@ -177,13 +190,14 @@ CORNER = Motion.from_points([0, 1, 2], [[0, 0], [1, 0], [1, 1]],
 
 @pytest.mark.parametrize(('call', 'words'), [
     (lambda: time_optimal(arm(), CORNER), 'path: a corner near'),
-    (lambda: time_optimal(arm(), WAYPOINTS, jerk=3.0), 'elastic joints with a limit of jerk'),
+    (lambda: time_optimal(arm(), WAYPOINTS, jerk=3.0),
+     'elastic joints with a limit of jerk'),
     (lambda: time_optimal(arm(), WAYPOINTS, end_speed=1.0), 'speeds at the ends'),
     (lambda: time_optimal(arm(), [[0.0, 0.0, 0.0, 0.0], [1.0] * 4]), 'shoulder, elbow'),
     (lambda: time_optimal(arm(), [[0.0, 0.0]]), 'expected at least 2'),
     (lambda: time_optimal(Robot(with_drives(
         arm_of_limits(lower=-0.1), {'shoulder': Drive(9e2, rotor_inertia=1.0)})),
-        [[0.0], [-0.5]]), 'within its lower limit -0.1'),
+                          [[0.0], [-0.5]]), 'within its lower limit -0.1'),
     (lambda: time_optimal(Robot(with_drives(arm_of_limits(), {
         'shoulder': Drive(9e2, rotor_inertia=1.0, gear_effort=2.0)})), [[0.0], [0.5]]),
      "path: joint 'shoulder': .* times its gear limit at rest"),

@@ -4,8 +4,8 @@ from dataclasses import replace
 from functools import cache
 import math
 
-from kane_dynamics import (Inertial, InputError, Limits, ModelBuilder, ModelError, Motion,
-                           point_mass, Robot, simulate)
+from kane_dynamics import (Inertial, InputError, Limits, ModelBuilder, ModelError,
+                           Motion, point_mass, Robot, simulate)
 from kane_dynamics.feasibility import demand, Excess, fastest, largest_payload
 from kane_dynamics.feasibility.samples import sampled, STEP
 from kane_dynamics.mechanics.algebra.intervals import highest_free, positive_intervals
@@ -21,7 +21,7 @@ SPEEDS = np.geomspace(1e-3, 100.0, 1500)
 
 @cache
 def arm():
-    """Return a robot with friction, springs, sliding joints and a mimic, which carries a load."""
+    """Return a robot with friction, springs, slides, a mimic, and a load."""
     model = random_model(5, 3, mimics=1, branching=0.0)
     return Robot(replace(model, bodies=tuple(
         replace(body, joint=replace(body.joint, limits=Limits(effort=150.0)))
@@ -40,19 +40,21 @@ def limited(effort, velocity=math.inf, reach=math.inf):
 def motion(seed, duration=2.0):
     """Return a random motion of the arm through five points."""
     rng = np.random.default_rng(seed)
-    return Motion.from_points(np.linspace(0.0, duration, 5), rng.uniform(-1.0, 1.0, (5, 3)),
+    return Motion.from_points(np.linspace(0.0, duration, 5),
+                              rng.uniform(-1.0, 1.0, (5, 3)),
                               joint_names=arm().joint_names)
 
 
 def allowed(robot, course, speeds, power=math.inf, step=0.02, more=()):
-    """Return the speeds at which the arm satisfies its limits, by computing all torques."""
+    """Return the speeds at which the arm keeps its limits, by all torques."""
     _, q, u, udot = sampled(robot, course, step, np.asarray(more, dtype=float))
     s = speeds[:, None, None]
     at = [np.broadcast_to(x, (len(speeds), *q.shape)).reshape(-1, 3)
           for x in (q, s * u, s**2 * udot)]
     tau = robot.inverse_dynamics(*at).reshape(len(speeds), -1)
     rates = (s * u).reshape(len(speeds), -1)
-    effort, velocity = robot.limits.effort[0], robot.limits.velocity[0]
+    effort = robot.limits.effort[0]
+    velocity = robot.limits.velocity[0]
     return ((np.abs(tau) <= effort) & (np.abs(rates) <= velocity)
             & (np.abs(tau * rates) <= power)).all(axis=1)
 
@@ -62,21 +64,26 @@ def allowed(robot, course, speeds, power=math.inf, step=0.02, more=()):
     (60.0, 8.0, 20.0), (1000.0, math.inf, 5.0)])
 @pytest.mark.parametrize('seed', [0, 1, *(
     pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
-def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(seed, effort, velocity, power):
-    robot, course = limited(effort, velocity), motion(seed)
-    found = fastest(robot, course, power=power, **STEPS)
-    kept = SPEEDS[allowed(robot, course, SPEEDS, power)]
-    if found is None:
-        assert not len(kept)
+def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(
+        seed, effort, velocity, power):
+    robot = limited(effort, velocity)
+    course = motion(seed)
+    time_scale = fastest(robot, course, power=power, **STEPS)
+    allowed_speeds = SPEEDS[allowed(robot, course, SPEEDS, power)]
+    if time_scale is None:
+        assert not len(allowed_speeds)
         return
-    for speed in kept[kept > found.speed]:  # satisfied at the samples, but not between them
+    # Satisfied at the samples, but not between them.
+    for speed in allowed_speeds[allowed_speeds > time_scale.speed]:
         assert not allowed(robot, course, np.array([speed]), power, 1e-4).any()
-    asked = demand(robot, course, speed=found.speed, power=power, **STEPS)
+    asked = demand(robot, course, speed=time_scale.speed, power=power, **STEPS)
     assert asked.fits
-    assert asked.uses[found.limit][robot.joint_names.index(found.joint)] == pytest.approx(1.0)
-    assert found.speed == pytest.approx(fastest(robot, course, power=power, step=1e-4).speed,
-                                        rel=1e-9)
-    above = allowed(robot, course, found.speed * (1.0 + np.array([1e-6, 1e-3])), power, 1e-4)
+    assert (asked.uses[time_scale.limit][robot.joint_names.index(time_scale.joint)]
+            == pytest.approx(1.0))
+    assert time_scale.speed == pytest.approx(
+        fastest(robot, course, power=power, step=1e-4).speed, rel=1e-9)
+    above = allowed(robot, course, time_scale.speed * (1.0 + np.array([1e-6, 1e-3])),
+                    power, 1e-4)
     assert not above.any()
 
 
@@ -84,30 +91,32 @@ def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(seed, effort, v
     (1120, 27.4766038789267), (1140, 51.466192222681116), (1150, 189.33095944151347),
     (1339, 15.264592834744503), (1422, 47.19545903456095)])
 def test_speed_is_found_despite_rounding_at_the_limit(seed, effort):
-    found = fastest(limited(effort), motion(seed), **STEPS)
-    for factor, kept in ((1.0 - 1e-8, True), (1.0 + 1e-8, False)):
-        assert allowed(limited(effort), motion(seed), np.array([found.speed * factor]),
-                       step=1e-4, more=[found.t * found.speed]).all() == kept
+    time_scale = fastest(limited(effort), motion(seed), **STEPS)
+    for factor, keeps_limits in ((1.0 - 1e-8, True), (1.0 + 1e-8, False)):
+        assert allowed(
+            limited(effort), motion(seed), np.array([time_scale.speed * factor]),
+            step=1e-4, more=[time_scale.t * time_scale.speed]).all() == keeps_limits
 
 
 @cache
 def pendulum():
-    """Return a pendulum of 1 kg and 1 m, and one free turn of it from bottom to bottom."""
+    """Return a pendulum of 1 kg and 1 m, and one free turn of it, end to end."""
     builder = ModelBuilder('pendulum')
     builder.body('bob', axis=(0.0, 1.0, 0.0), inertial=point_mass(1.0, (0.0, 0.0, -1.0)))
     robot = Robot(builder.model(), payload_frame='bob')
     free = simulate(robot, [0.0], [8.0], 1.2, step=1e-3)
     whole = slice(0, int(np.searchsorted(free.q[:, 0], 2.0 * math.pi)))
-    return robot, Motion.from_points(free.t[whole], free.q[whole], free.u[whole], free.udot[whole],
-                                     joint_names=robot.joint_names)
+    return robot, Motion.from_points(free.t[whole], free.q[whole], free.u[whole],
+                                     free.udot[whole], joint_names=robot.joint_names)
 
 
 def test_free_swing_is_feasible_only_in_a_range_of_speeds():
-    robot, turn = pendulum()  # tau = (1 - s^2) m g l sin q, which is largest at q = 90 degrees
+    # Tau = (1 - s^2) m g l sin q, which is largest at q = 90 degrees.
+    robot, turn = pendulum()
     for effort in (3.0, 0.01):
         robot.limits = replace(robot.limits, effort=np.array([effort]))
-        assert fastest(robot, turn).speed == pytest.approx(math.sqrt(1.0 + effort / 9.81),
-                                                           rel=1e-5)
+        assert fastest(robot, turn).speed == pytest.approx(
+            math.sqrt(1.0 + effort / 9.81), rel=1e-5)
         slowest = math.sqrt(1.0 - effort / 9.81)
         assert fastest(robot, turn, most=0.999 * slowest) is None
         allowed_speed = min(1.001 * slowest, 1.0)
@@ -115,7 +124,8 @@ def test_free_swing_is_feasible_only_in_a_range_of_speeds():
 
 
 def test_demand_at_a_speed_equals_that_of_the_scaled_motion():
-    robot, course = limited(100.0), motion(1)
+    robot = limited(100.0)
+    course = motion(1)
     a = demand(robot, course, speed=1.7, step=0.0201)
     b = demand(robot, course.scaled(1.7), step=0.0201 / 1.7)
     assert np.allclose(a.t, b.t, atol=1e-12)
@@ -136,27 +146,33 @@ def test_both_sides_of_an_acceleration_jump_are_checked():
 @pytest.mark.parametrize('seed', range(3))
 @pytest.mark.parametrize('power', [math.inf, 60.0])
 def test_largest_payload_fits_and_any_more_does_not(seed, power):
-    robot, course = limited(150.0), motion(seed, 6.0)  # the model's own effort
-    com, inertia = (0.1, 0.0, 0.2), 0.01 * np.eye(3)
+    # The model's own effort.
+    robot = limited(150.0)
+    course = motion(seed, 6.0)
+    com = (0.1, 0.0, 0.2)
+    inertia = 0.01 * np.eye(3)
     robot.parameters.payload = Inertial(1e3)
-    found = largest_payload(robot, course, com=com, inertia=inertia, power=power, **STEPS)
+    payload_bound = largest_payload(robot, course,
+                                    com=com, inertia=inertia, power=power, **STEPS)
     assert robot.parameters.payload.mass == 1e3
-    assert 0.1 < found.mass < 100.0
+    assert 0.1 < payload_bound.mass < 100.0
     for factor, fits in ((1.0, True), (1.0 + 1e-6, False)):
-        mass = factor * found.mass
+        mass = factor * payload_bound.mass
         robot.parameters.payload = Inertial(mass, np.array(com), mass * inertia)
         asked = demand(robot, course, power=power, **STEPS)
         assert asked.fits == fits
     worst = max(asked.excesses, key=lambda excess: abs(excess.value) / excess.bound)
-    assert (worst.joint, worst.limit, worst.t) == (found.joint, found.limit,
-                                                   pytest.approx(found.t, abs=STEPS['step']))
+    assert (worst.joint, worst.limit,
+            worst.t) == (payload_bound.joint, payload_bound.limit,
+                         pytest.approx(payload_bound.t, abs=STEPS['step']))
     # An excess is reported at a sample; the limit is reached between samples.
-    robot.parameters.payload = Inertial(found.mass, np.array(com), found.mass * inertia)
-    q, u, udot = course.sample(found.t)
-    joint = robot.joint_names.index(found.joint)
+    robot.parameters.payload = Inertial(payload_bound.mass, np.array(com),
+                                        payload_bound.mass * inertia)
+    q, u, udot = course.sample(payload_bound.t)
+    joint = robot.joint_names.index(payload_bound.joint)
     tau = robot.inverse_dynamics(q, u, udot)[joint]
     reached = {'effort': abs(tau) / 150.0, 'power': abs(tau * u[joint]) / power}
-    assert reached[found.limit] == pytest.approx(1.0, rel=1e-8)
+    assert reached[payload_bound.limit] == pytest.approx(1.0, rel=1e-8)
 
 
 def test_excess_text_has_enough_digits_to_differ_from_the_bound():
@@ -167,13 +183,16 @@ def test_excess_text_has_enough_digits_to_differ_from_the_bound():
 
 
 def test_payload_of_an_infeasible_motion_is_rejected_by_name():
-    with pytest.raises(InputError, match=r"without a payload: joint 'joint\d': torque .* at "):
+    with pytest.raises(InputError,
+                       match=r"without a payload: joint 'joint\d': torque .* at "):
         largest_payload(limited(1.0), motion(0), **STEPS)
 
 
 def test_payload_with_impossible_inertia_is_rejected():
-    with pytest.raises(ModelError, match="'payload': principal moments of inertia are 1, 1, 5"):
-        largest_payload(limited(math.inf), motion(0), inertia=np.diag([1.0, 1.0, 5.0]), **STEPS)
+    with pytest.raises(ModelError,
+                       match="'payload': principal moments of inertia are 1, 1, 5"):
+        largest_payload(limited(math.inf), motion(0),
+                        inertia=np.diag([1.0, 1.0, 5.0]), **STEPS)
 
 
 def test_the_highest_speed_of_a_robot_without_limits_is_infinite():
@@ -181,8 +200,8 @@ def test_the_highest_speed_of_a_robot_without_limits_is_infinite():
     assert demand(robot, motion(0), **STEPS).fits
     assert fastest(robot, motion(0), **STEPS).speed == math.inf
     assert fastest(robot, motion(0), most=2.0, **STEPS).speed == 2.0
-    found = largest_payload(*pendulum(), **STEPS)
-    assert (found.mass, found.joint) == (math.inf, None)
+    payload_bound = largest_payload(*pendulum(), **STEPS)
+    assert (payload_bound.mass, payload_bound.joint) == (math.inf, None)
 
 
 def test_motor_without_torque_fits_no_motion():
@@ -217,7 +236,8 @@ def test_motion_of_one_point_demands_the_holding_torque():
 
 
 def test_demand_includes_friction_unless_the_robot_has_none():
-    with_friction, without = arm(), Robot(arm().model, friction=False)
+    with_friction = arm()
+    without = Robot(arm().model, friction=False)
     difference = demand(with_friction, motion(2), step=0.5).tau - demand(
         without, motion(2), step=0.5).tau
     assert np.abs(difference).max() > 0.1
@@ -236,14 +256,15 @@ def test_invalid_feasibility_arguments_are_rejected(change, words):
 
 
 def test_unsuitable_robots_and_motions_are_rejected():
-    other = Motion.from_points([0.0], [[0.0]], joint_names=['other'])
+    other_motion = Motion.from_points([0.0], [[0.0]], joint_names=['other'])
     with pytest.raises(InputError, match=r"motion: joints \['other'\]; expected"):
-        demand(arm(), other)
+        demand(arm(), other_motion)
 
 
 def test_intervals_of_a_quadratic_are_where_it_is_positive():
     rng = np.random.default_rng(0)
-    A, B, C = (rng.normal(size=(40, 25)) * rng.integers(0, 2, (40, 25)) for _ in range(3))
+    A, B, C = (rng.normal(size=(40, 25)) * rng.integers(0, 2, (40, 25))
+               for _ in range(3))
     intervals = positive_intervals(A, B, C)
     for s in rng.uniform(-3.0, 3.0, 50):
         inside = ((intervals[..., 0] < s) & (s < intervals[..., 1])).any(axis=1)
@@ -255,7 +276,8 @@ def test_intervals_of_a_quadratic_are_where_it_is_positive():
     ([(4.0, 9.0), (1.0, 4.0)], 4.0), ([(0.0, 9.0)], None), ([(1.0, 2.0)], 5.0),
     ([(4.0, 9.0), (2.0, 3.0)], 4.0), ([(4.0, 5.0)], 5.0), ([(7.0, 6.0)], 5.0)])
 def test_highest_free_number_is_outside_all_open_intervals(intervals, highest):
-    assert highest_free(np.array(intervals, dtype=float).reshape(-1, 2), 1.0, 5.0) == highest
+    assert highest_free(
+        np.array(intervals, dtype=float).reshape(-1, 2), 1.0, 5.0) == highest
 
 
 def test_the_largest_payload_of_a_closed_loop_takes_the_motor_to_its_limit():
@@ -274,7 +296,8 @@ def test_the_largest_payload_of_a_closed_loop_takes_the_motor_to_its_limit():
 
 def test_motions_that_do_not_determine_a_mechanism_are_refused():
     two = Motion.from_points([0.0], [[0.8, 0.0]], joint_names=['crank', 'coupler'])
-    with pytest.raises(InputError, match='expected 1 of crank, coupler, rocker, as many as ind'):
+    with pytest.raises(InputError,
+                       match='expected 1 of crank, coupler, rocker, as many as ind'):
         demand(four_bar('crank'), two)
     path = Motion.from_points([0.0], [[0.0, 0.0]], joint_names=['body/x', 'body/rz'])
     with pytest.raises(InputError, match="constraint 'runner' is one of velocities"):

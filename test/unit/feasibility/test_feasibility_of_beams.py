@@ -34,18 +34,20 @@ def test_the_torque_is_that_of_the_arm_in_equilibrium_at_every_sample():
     asked = demand(rigid, REACH, speed=1.3, step=STEP, bending=bending)
     np.testing.assert_array_equal(asked.tau, bending.inverse_dynamics(
         asked.q, asked.u, asked.udot))
-    assert np.abs(asked.tau - demand(rigid, REACH, speed=1.3, step=STEP).tau).max() > 1e-3
+    assert np.abs(
+        asked.tau - demand(rigid, REACH, speed=1.3, step=STEP).tau).max() > 1e-3
 
 
 @pytest.mark.parametrize('power', [math.inf, 20.0])
 def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(power):
     bending, rigid = arm()
-    given = {'step': STEP, 'power': power, 'bending': bending}
-    found = fastest(rigid, REACH, **given)
-    assert demand(rigid, REACH, speed=found.speed, **given).fits
+    arguments = {'step': STEP, 'power': power, 'bending': bending}
+    time_scale = fastest(rigid, REACH, **arguments)
+    assert demand(rigid, REACH, speed=time_scale.speed, **arguments).fits
     for above in (1.00001, 1.01, 1.1, 1.5):
-        assert not demand(rigid, REACH, speed=above * found.speed, **given).fits
-    assert abs(found.speed / fastest(rigid, REACH, step=STEP, power=power).speed - 1.0) > 1e-4
+        assert not demand(rigid, REACH, speed=above * time_scale.speed, **arguments).fits
+    assert abs(time_scale.speed / fastest(rigid, REACH, step=STEP, power=power).speed
+               - 1.0) > 1e-4
 
 
 @cache
@@ -63,49 +65,53 @@ def arm_with_weaker_beams(stiffness, strength):
 
 @pytest.mark.parametrize('stiffness, strength', [(0.05, 1.0), (0.1, 3.0), (0.3, 10.0),
                                                  (1.0, 30.0)])
-def test_the_highest_speed_is_found_where_deflections_change_it_much(stiffness, strength):
+def test_the_highest_speed_is_found_where_deflections_change_it_much(
+        stiffness, strength):
     bending, rigid = arm_with_weaker_beams(stiffness, strength)
-    given = {'step': STEP, 'bending': bending}
-    found = fastest(rigid, REACH, **given)
-    assert found.limit == 'effort'
+    arguments = {'step': STEP, 'bending': bending}
+    time_scale = fastest(rigid, REACH, **arguments)
+    assert time_scale.limit == 'effort'
     for share, fits in ((0.98, True), (1.0, True), (1.0001, False), (1.02, False)):
-        assert demand(rigid, REACH, speed=share * found.speed, **given).fits == fits
+        assert demand(
+            rigid, REACH, speed=share * time_scale.speed, **arguments).fits == fits
 
 
 def test_a_speed_that_only_the_stiffness_bounds_is_refused():
     bending, rigid = arm_with_weaker_beams(0.1, 100.0)
-    with pytest.raises(InputError, match='load on the beams of two_link: no equilibrium found'):
+    with pytest.raises(InputError,
+                       match='load on the beams of two_link: no equilibrium found'):
         fastest(rigid, REACH, step=STEP, bending=bending)
 
 
 def test_the_largest_payload_fits_and_any_more_does_not():
     bending, rigid = arm()
-    found = largest_payload(rigid, REACH, com=COM, step=STEP, bending=bending)
+    payload_bound = largest_payload(rigid, REACH, com=COM, step=STEP, bending=bending)
     stiff = largest_payload(rigid, REACH, com=COM, step=STEP)
-    assert abs(found.mass / stiff.mass - 1.0) > 1e-4
-    for mass, fits in ((found.mass, True), (1.00001 * found.mass, False),
-                       (1.1 * found.mass, False)):
+    assert abs(payload_bound.mass / stiff.mass - 1.0) > 1e-4
+    for mass, fits in ((payload_bound.mass, True), (1.00001 * payload_bound.mass, False),
+                       (1.1 * payload_bound.mass, False)):
         robot = bending.robot.copy()
         robot.parameters.payload = Inertial(mass, COM, np.zeros((3, 3)))
         asked = demand(rigid, REACH, step=STEP, bending=QuasiStatic(robot))
         assert asked.fits == fits
     worst = max(asked.excesses, key=lambda excess: abs(excess.value / excess.bound))
-    assert (worst.joint, worst.limit) == (found.joint, found.limit)
+    assert (worst.joint, worst.limit) == (payload_bound.joint, payload_bound.limit)
     assert bending.robot.parameters.payload is None
 
 
 def test_the_highest_speed_of_closed_loops_is_that_of_the_demand():
     flexible, rigid = bending_palletizer()
     bending = QuasiStatic(flexible)
-    course = Motion.from_points([0.0, 1.0], [[0.0, 0.1, -0.3, 0.0], [0.4, 0.3, 0.0, 0.5]],
+    course = Motion.from_points([0.0, 1.0],
+                                [[0.0, 0.1, -0.3, 0.0], [0.4, 0.3, 0.0, 0.5]],
                                 [[0.0] * 4] * 2, [[0.0] * 4] * 2, joint_names=DRIVEN)
-    given = {'step': 0.1, 'bending': bending}
-    found = fastest(rigid, course, **given)
-    assert demand(rigid, course, speed=found.speed, **given).fits
-    assert not demand(rigid, course, speed=1.0001 * found.speed, **given).fits
+    arguments = {'step': 0.1, 'bending': bending}
+    time_scale = fastest(rigid, course, **arguments)
+    assert demand(rigid, course, speed=time_scale.speed, **arguments).fits
+    assert not demand(rigid, course, speed=1.0001 * time_scale.speed, **arguments).fits
     q = np.array([positions(rigid, *row) for row in course.positions])
     still = np.zeros((2, 4))
-    asked = demand(rigid, course, speed=1e-6, **given)
+    asked = demand(rigid, course, speed=1e-6, **arguments)
     driven = [rigid.joint_names.index(name) for name in bending.speed_names]
     np.testing.assert_allclose(asked.tau[[0, -1]][:, driven], bending.inverse_dynamics(
         q, still, still), atol=1e-6)
@@ -114,11 +120,14 @@ def test_the_highest_speed_of_closed_loops_is_that_of_the_demand():
 def test_other_models_and_weak_beams_are_refused():
     bending, rigid = arm()
     ur = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')))
-    other = Motion.from_points([0.0, 1.0], [[0.0] * 6, [0.1] * 6], joint_names=ur.joint_names)
+    other_motion = Motion.from_points([0.0, 1.0], [[0.0] * 6, [0.1] * 6],
+                                      joint_names=ur.joint_names)
     for call in (demand, fastest):
-        with pytest.raises(InputError, match=r"bending: for a robot with joints .'joint1',"):
-            call(ur, other, bending=bending)
+        with pytest.raises(InputError,
+                           match=r"bending: for a robot with joints .'joint1',"):
+            call(ur, other_motion, bending=bending)
         with pytest.raises(InputError, match='bending: a Robot; expected a QuasiStatic'):
             call(rigid, REACH, bending=rigid)
-    with pytest.raises(InputError, match='load on the beams of two_link: no equilibrium found'):
+    with pytest.raises(InputError,
+                       match='load on the beams of two_link: no equilibrium found'):
         demand(rigid, REACH, speed=1000.0, bending=bending)

@@ -12,17 +12,21 @@ from linkages import at_angle, four_bar_model, PIN
 import numpy as np
 import pytest
 
-COURSE = Motion.from_points([0.0, 0.4, 1.0], [[0.8], [1.5], [1.0]], joint_names=['crank'])
+COURSE = Motion.from_points([0.0, 0.4, 1.0], [[0.8], [1.5], [1.0]],
+                            joint_names=['crank'])
 EFFORT = 14.0  # N m
 
 
 @cache
 def linkage(shared=False, friction=1.5):
-    """Return the four-bar with friction in every joint; its crank, or crank and rocker, driven."""
+    """Return the four-bar with friction everywhere; crank, or rocker too, driven."""
     model = four_bar_model()
-    bodies = tuple(replace(body, joint=replace(
-        body.joint, friction=friction, damping=0.2, limits=Limits(effort=EFFORT, velocity=30.0)))
-        for body in model.bodies)
+    rows = []
+    for body in model.bodies:
+        rows.append(
+            replace(body, joint=replace(body.joint, friction=friction, damping=0.2,
+                                        limits=Limits(effort=EFFORT, velocity=30.0))))
+    bodies = tuple(rows)
     return Robot(replace(model, bodies=bodies), constraints=[PIN], independent=['crank'],
                  actuated={'crank': 1.0, 'rocker': 3.0} if shared else None,
                  configuration=at_angle(0.8))
@@ -30,16 +34,19 @@ def linkage(shared=False, friction=1.5):
 
 @pytest.mark.parametrize('power', [math.inf, 20.0])
 @pytest.mark.parametrize('shared', [False, True])
-def test_no_higher_speed_of_a_closed_loop_keeps_the_limits_and_the_one_found_does(shared, power):
-    robot, given = linkage(shared), {'step': 0.01, 'power': power}
-    found = fastest(robot, COURSE, **given)
-    assert 1e-3 < found.speed < 100.0
-    assert demand(robot, COURSE, speed=found.speed, **given).fits
+def test_no_higher_speed_of_a_closed_loop_keeps_the_limits_and_the_one_found_does(
+        shared, power):
+    robot = linkage(shared)
+    arguments = {'step': 0.01, 'power': power}
+    time_scale = fastest(robot, COURSE, **arguments)
+    assert 1e-3 < time_scale.speed < 100.0
+    assert demand(robot, COURSE, speed=time_scale.speed, **arguments).fits
     for above in (1.00001, 1.01, 1.3, 2.0, 5.0):
-        assert not demand(robot, COURSE, speed=above * found.speed, **given).fits
-    assert found.joint in robot.actuated_names
+        assert not demand(
+            robot, COURSE, speed=above * time_scale.speed, **arguments).fits
+    assert time_scale.joint in robot.actuated_names
     if not shared and power == math.inf:
-        assert found.joint == 'crank' and found.limit == 'effort'
+        assert time_scale.joint == 'crank' and time_scale.limit == 'effort'
 
 
 def test_friction_of_passive_pins_slows_the_crank():
@@ -49,14 +56,17 @@ def test_friction_of_passive_pins_slows_the_crank():
 
 def test_speeds_that_prescribe_a_velocity_cannot_be_scaled():
     model = four_bar_model()
-    shifted = Robot(model, speeds=Speeds(lambda q, t: np.eye(3), lambda q, t: np.ones(3)))
-    course = Motion.from_points([0.0, 1.0], [[0.0] * 3, [1.0] * 3], joint_names=model.joint_names)
-    with pytest.raises(InputError, match='robot: speeds or constraints that are functions'):
+    shifted = Robot(model,
+                    speeds=Speeds(lambda q, t: np.eye(3), lambda q, t: np.ones(3)))
+    course = Motion.from_points([0.0, 1.0], [[0.0] * 3, [1.0] * 3],
+                                joint_names=model.joint_names)
+    with pytest.raises(InputError,
+                       match='robot: speeds or constraints that are functions'):
         fastest(shifted, course)
 
 
 @pytest.mark.parametrize('friction, columns', [(1.5, 3), (0.0, 0)])
-def test_memory_of_closed_loops_grows_with_the_joints_that_have_coulomb_friction(friction,
-                                                                                 columns):
+def test_memory_of_closed_loops_grows_with_the_joints_that_have_coulomb_friction(
+        friction, columns):
     path = SampledPath(linkage(friction=friction), COURSE, 0.01, math.inf, NONE)
     assert path.shared.shape == (len(path.u), 3, columns)

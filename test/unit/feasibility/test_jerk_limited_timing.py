@@ -1,11 +1,11 @@
-"""Time-optimal timing with limits of jerk and torque rate, against independent formulations."""
+"""Timing with limits of jerk and torque rate, against independent formulations."""
 
 from functools import cache
 import math
 import time
 
-from kane_dynamics import (Inertial, InputError, Limits, load_urdf, ModelBuilder, Motion, Robot,
-                           rod)
+from kane_dynamics import (Inertial, InputError, Limits, load_urdf, ModelBuilder, Motion,
+                           Robot, rod)
 from kane_dynamics.feasibility import time_optimal
 from kane_dynamics.feasibility.jerk_limited import third_order_timing
 from kane_dynamics.feasibility.jerk_limited.banded_system import banded_system_solution
@@ -18,12 +18,14 @@ from path_torque import torque_along
 from pinocchio_fr3 import pinocchio_fr3
 import pytest
 
-URDF, SUPPLEMENT = 'urdf/fr3.urdf', 'urdf/fr3.supplement.yaml'
+URDF = 'urdf/fr3.urdf'
+SUPPLEMENT = 'urdf/fr3.supplement.yaml'
 
 
 def one_joint(velocity=2.0, axis=(0.0, 0.0, 1.0), effort=1e3):
     builder = ModelBuilder('one joint')
-    builder.body('rod', 'world', axis=axis, inertial=rod(1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
+    builder.body('rod', 'world', axis=axis,
+                 inertial=rod(1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
                  joint='joint', limits=Limits(effort=effort, velocity=velocity))
     return Robot(builder.model())
 
@@ -36,25 +38,27 @@ def double_s(distance, velocity, acceleration, jerk):
 
 
 def test_duration_of_a_line_is_that_of_the_double_s_profile():
-    found = time_optimal(one_joint(), [[0.0], [3.0]], acceleration=5.0, jerk=20.0)
+    timing = time_optimal(one_joint(), [[0.0], [3.0]], acceleration=5.0, jerk=20.0)
     least = double_s(3.0, 2.0, 5.0, 20.0)
-    assert least < found.duration < 1.001 * least
-    assert {active.limit for active in found.active} == {'jerk', 'acceleration', 'velocity'}
+    assert least < timing.duration < 1.001 * least
+    assert {active.limit for active in timing.active} == {'jerk', 'acceleration',
+                                                          'velocity'}
 
 
 @pytest.mark.parametrize('scale', [1e-6, 1.0])
 def test_torque_rate_of_a_joint_without_gravity_is_a_limit_of_its_jerk(scale):
-    found = time_optimal(one_joint(math.inf), [[0.0], [3.0]], torque_rate=scale * 20.0 / 3.0)
+    timing = time_optimal(one_joint(math.inf), [[0.0], [3.0]],
+                          torque_rate=scale * 20.0 / 3.0)
     least = 4.0 * (3.0 / (2.0 * scale * 20.0))**(1.0 / 3.0)  # the inertia is 1/3
-    assert least < found.duration < 1.001 * least
-    assert {active.limit for active in found.active} == {'torque_rate'}
+    assert least < timing.duration < 1.001 * least
+    assert {active.limit for active in timing.active} == {'torque_rate'}
 
 
 def test_loose_limit_of_torque_rate_leaves_the_limit_of_effort():
-    found = time_optimal(one_joint(math.inf), [[0.0], [3.0]], torque_rate=1e8)
+    timing = time_optimal(one_joint(math.inf), [[0.0], [3.0]], torque_rate=1e8)
     least = 2.0 * math.sqrt(3.0 / 3e3)  # at the acceleration of 1000 N m
-    assert least < found.duration < 1.005 * least
-    assert 'effort' in {active.limit for active in found.active}
+    assert least < timing.duration < 1.005 * least
+    assert 'effort' in {active.limit for active in timing.active}
 
 
 @cache
@@ -64,17 +68,19 @@ def arm():
 
 
 def waypoints(seed, count=5):
-    limits, rng = arm().limits, np.random.default_rng(seed)
+    limits = arm().limits
+    rng = np.random.default_rng(seed)
     return (0.5 * (limits.lower + limits.upper)
             + 0.25 * (limits.upper - limits.lower) * rng.uniform(-1.0, 1.0, (count, 7)))
 
 
 def excesses(robot, motion, payload, limits, resolution=100):
-    """Return the largest shares of all limits, by Pinocchio and by differences of its torques."""
+    """Return the largest shares of all limits, by Pinocchio and its differences."""
     pinocchio, model, data = pinocchio_fr3(payload)
     h = np.diff(motion.times)
-    t = np.append((motion.times[:-1, None] + h[:, None] * np.arange(resolution) / resolution
-                   ).ravel(), np.nextafter(motion.duration, 0.0))
+    parts = h[:, None] * np.arange(resolution) / resolution
+    inside = (motion.times[:-1, None] + parts).ravel()
+    t = np.append(inside, np.nextafter(motion.duration, 0.0))
     q, u, udot = motion.sample(t)
     smooth = np.array([pinocchio.rnea(model, data, *row) for row in zip(q, u, udot)])
     tau = smooth.copy()
@@ -85,14 +91,17 @@ def excesses(robot, motion, payload, limits, resolution=100):
             u[:, k] / joint.friction_speed)
     step = np.diff(t)[:, None]
     values = {'effort': tau, 'velocity': u, 'power': tau * u, 'acceleration': udot,
-              'jerk': np.diff(udot, axis=0) / step, 'torque_rate': np.diff(smooth, axis=0) / step}
+              'jerk': np.diff(udot, axis=0) / step,
+              'torque_rate': np.diff(smooth, axis=0) / step}
     bounds = {'effort': robot.limits.effort, 'velocity': robot.limits.velocity, **limits}
-    return {name: float(np.abs(values[name] / bound).max()) for name, bound in bounds.items()}
+    return {name: float(np.abs(values[name] / bound).max())
+            for name, bound in bounds.items()}
 
 
 @pytest.mark.parametrize(('seed', 'payload', 'limits'), [
     pytest.param(2, 0.0, {'jerk': 500.0}, marks=pytest.mark.slow),
-    pytest.param(3, 0.0, {'jerk': 5000.0, 'torque_rate': 1000.0}, marks=pytest.mark.slow),
+    pytest.param(3, 0.0, {'jerk': 5000.0, 'torque_rate': 1000.0},
+                 marks=pytest.mark.slow),
     pytest.param(5, 2.0, {'jerk': 300.0, 'torque_rate': 300.0, 'acceleration': 8.0,
                           'power': 40.0}, marks=pytest.mark.slow),
     (7, 3.0, {'torque_rate': 150.0})])
@@ -101,17 +110,23 @@ def test_no_limit_is_exceeded_by_a_thousandth_between_points(seed, payload, limi
     if payload:
         robot.parameters.payload = Inertial(payload, np.zeros(3), np.zeros((3, 3)))
     try:
-        found = time_optimal(robot, waypoints(seed), points=300, **limits)
-        worst = excesses(robot, found.motion, payload, limits)
+        timing = time_optimal(robot, waypoints(seed), points=300, **limits)
+        worst = excesses(robot, timing.motion, payload, limits)
         assert max(worst.values()) <= 1.001, worst
-        assert max(worst[name] for name in ('jerk', 'torque_rate') if name in limits) > 0.99
-        given = {name: limits[name] for name in ('acceleration', 'power') if name in limits}
-        assert found.duration > time_optimal(robot, waypoints(seed), **given).duration
+        assert max(worst[name] for name in ('jerk',
+                                            'torque_rate') if name in limits) > 0.99
+        arguments = {}
+        for name in ('acceleration', 'power'):
+            if name in limits:
+                arguments[name] = limits[name]
+        assert timing.duration > time_optimal(
+            robot, waypoints(seed), **arguments).duration
     finally:
         robot.parameters.payload = None
 
 
-LIMITS = [{'jerk': 500.0}, {'jerk': 5000.0, 'torque_rate': 1000.0}, {'torque_rate': 300.0},
+LIMITS = [{'jerk': 500.0}, {'jerk': 5000.0, 'torque_rate': 1000.0},
+          {'torque_rate': 300.0},
           {'jerk': 100.0, 'acceleration': 5.0, 'power': 40.0}, {'jerk': 1e5}]
 
 
@@ -122,13 +137,14 @@ def check_random_path(seed, monkeypatch):
     monkeypatch.setattr(third_order_timing, 'fastest_spline',
                         lambda *given: calls.append(1) or solve(*given))
     path = waypoints(seed, int(np.random.default_rng(seed).integers(2, 30)))
-    before = time.process_time()
-    found = time_optimal(arm(), path, **LIMITS[seed % len(LIMITS)])
-    assert time.process_time() - before < 20.0  # a second or two on an idle machine
+    start = time.process_time()
+    timing = time_optimal(arm(), path, **LIMITS[seed % len(LIMITS)])
+    assert time.process_time() - start < 20.0  # a second or two on an idle machine
     assert len(calls) <= third_order_timing.ROUNDS * third_order_timing.GRIDS
-    assert max(float(use.max()) for use in found.demand.uses.values()) <= 1.001
-    assert max(float(use.max()) for use in found.uses.values()) <= 1.0
-    assert np.linalg.norm(found.motion.positions[:, None] - path, axis=2).min(axis=0).max() < 1e-6
+    assert max(float(use.max()) for use in timing.demand.uses.values()) <= 1.001
+    assert max(float(use.max()) for use in timing.uses.values()) <= 1.0
+    assert np.linalg.norm(timing.motion.positions[:, None] - path,
+                          axis=2).min(axis=0).max() < 1e-6
 
 
 @pytest.mark.parametrize('seed', range(1, 4))
@@ -146,19 +162,22 @@ def test_accelerations_are_zero_at_rests_and_continuous():
     robot = one_joint()
     path = Motion.from_points([0.0, 1.0, 2.0], [[0.0], [1.0], [0.5]], np.zeros((3, 1)),
                               joint_names=robot.joint_names)
-    found = time_optimal(robot, path, jerk=20.0).motion
-    jumps = np.abs(np.diff(found.sample(np.linspace(0.0, found.duration, 20_001))[2], axis=0))
-    assert jumps.max() <= 20.0 * 1.01 * found.duration / 20_000
-    least = sum(4.0 * (way / 40.0)**(1.0 / 3.0) for way in (1.0, 0.5))  # velocity 2 is not reached
-    assert found.duration == pytest.approx(least, rel=1e-3)
+    motion = time_optimal(robot, path, jerk=20.0).motion
+    jumps = np.abs(np.diff(motion.sample(np.linspace(0.0, motion.duration, 20_001))[2],
+                           axis=0))
+    assert jumps.max() <= 20.0 * 1.01 * motion.duration / 20_000
+    # Velocity 2 is not reached.
+    least = sum(4.0 * (distance / 40.0)**(1.0 / 3.0) for distance in (1.0, 0.5))
+    assert motion.duration == pytest.approx(least, rel=1e-3)
 
 
 @pytest.mark.parametrize('factor', [1e-4, 1e4])
 def test_times_of_the_motion_have_no_influence(factor):
     t = np.linspace(0.0, 2.0, 5)
-    durations = [time_optimal(arm(), Motion.from_points(
-        scale * t, waypoints(3), joint_names=arm().joint_names), jerk=2000.0, points=200).duration
-        for scale in (1.0, factor)]
+    durations = []
+    for scale in (1.0, factor):
+        durations.append(time_optimal(arm(), Motion.from_points(scale * t, waypoints(
+            3), joint_names=arm().joint_names), jerk=2000.0, points=200).duration)
     assert durations[0] == pytest.approx(durations[1], rel=1e-6)
 
 
@@ -166,8 +185,8 @@ def test_times_of_the_motion_have_no_influence(factor):
 def test_duration_does_not_depend_on_the_number_of_waypoints(count):
     s = np.linspace(0.0, 2.0, count)
     path = np.column_stack([np.sin(s), 0.5 * s**2])
-    found = time_optimal(two_joints(), path, acceleration=3.0, jerk=10.0, points=400)
-    assert found.duration == pytest.approx(least_of_the_curve(), rel=1e-3)
+    timing = time_optimal(two_joints(), path, acceleration=3.0, jerk=10.0, points=400)
+    assert timing.duration == pytest.approx(least_of_the_curve(), rel=1e-3)
 
 
 @cache
@@ -176,11 +195,13 @@ def least_of_the_curve():
 
 
 def test_path_whose_acceleration_jumps_is_refused_with_joint_and_time():
-    t, q = np.array([0.0, 1.0, 2.0]), np.array([[0.0], [1.0], [1.5]])
+    t = np.array([0.0, 1.0, 2.0])
+    q = np.array([[0.0], [1.0], [1.5]])
     robot = one_joint()
     path = Motion.from_points(t, q, [[0.0], [1.5], [0.0]], joint_names=robot.joint_names)
     time_optimal(robot, path)
-    with pytest.raises(InputError, match=r"acceleration of joint 'joint' jumps by .* at 1 s"):
+    with pytest.raises(InputError,
+                       match=r"acceleration of joint 'joint' jumps by .* at 1 s"):
         time_optimal(robot, path, jerk=20.0)
 
 
@@ -191,19 +212,23 @@ def test_path_whose_acceleration_jumps_is_refused_with_joint_and_time():
     ({'torque_rate': 0.0}, "torque_rate of joint 'joint': limit 0"),
     ({'jerk': -1.0}, "jerk of joint 'joint': -1"), ({'jerk': math.nan}, 'jerk of joint'),
     ({'jerk': True}, 'jerk'), ({'torque_rate': 'fast'}, "torque_rate: 'fast'"),
-    ({'torque_rate': [1.0, 2.0]}, r'torque_rate: \[1.0, 2.0\]; expected one number, or 1')])
+    ({'torque_rate': [1.0, 2.0]},
+     r'torque_rate: \[1.0, 2.0\]; expected one number, or 1')])
 def test_invalid_limits_of_rates_are_refused(given, message):
     with pytest.raises(InputError, match=message):
         time_optimal(one_joint(), [[0.0], [1.0]], **given)
 
 
 def test_configuration_that_the_motors_cannot_hold_is_named():
-    with pytest.raises(InputError, match=r'at rest at .* expected at most its effort limit 2'):
-        time_optimal(one_joint(axis=(0.0, 1.0, 0.0), effort=2.0), [[0.0], [1.0]], jerk=5.0)
+    with pytest.raises(InputError,
+                       match=r'at rest at .* expected at most its effort limit 2'):
+        time_optimal(one_joint(axis=(0.0, 1.0, 0.0), effort=2.0), [[0.0], [1.0]],
+                     jerk=5.0)
 
 
 def test_moving_joint_without_effort_is_named():
-    with pytest.raises(InputError, match=r"effort of joint 'joint': limit 0; expected a positive"):
+    with pytest.raises(InputError,
+                       match=r"effort of joint 'joint': limit 0; expected a positive"):
         time_optimal(one_joint(effort=0.0), [[0.0], [1.0]], jerk=5.0)
 
 
@@ -222,15 +247,15 @@ def test_path_near_the_rounding_of_its_positions_is_refused_with_this_reason():
 @pytest.mark.parametrize('count', [5, 40])
 def test_dense_waypoints_there_and_back_take_at_most_a_fifth_more_than_two_lines(count):
     line = np.linspace(0.0, 1.0, count)[:, None]
-    found = time_optimal(one_joint(), np.vstack([line, line[-2::-1]]), jerk=10.0)
+    timing = time_optimal(one_joint(), np.vstack([line, line[-2::-1]]), jerk=10.0)
     alone = time_optimal(one_joint(), line, jerk=10.0)
-    assert 2.0 * alone.duration * (1.0 - 1e-3) < found.duration < 2.4 * alone.duration
+    assert 2.0 * alone.duration * (1.0 - 1e-3) < timing.duration < 2.4 * alone.duration
 
 
 def test_jerk_of_a_joint_that_does_not_move_is_no_limit():
     path = [[0.0, 0.5], [1.0, 0.5]]
-    given = {'jerk': [10.0, 0.0]}
-    assert time_optimal(two_joints(), path, **given).duration == pytest.approx(
+    arguments = {'jerk': [10.0, 0.0]}
+    assert time_optimal(two_joints(), path, **arguments).duration == pytest.approx(
         time_optimal(two_joints(), path, jerk=10.0).duration, rel=1e-3)
 
 
@@ -238,7 +263,8 @@ def test_banded_systems_are_solved_as_dense_ones():
     rng = np.random.default_rng(1)
     for count in (4, 5, 40):
         lower = np.tril(np.triu(rng.normal(size=(count, count)), -3))
-        matrix, right = lower @ lower.T + np.eye(count), rng.normal(size=count)
+        matrix = lower @ lower.T + np.eye(count)
+        right = rng.normal(size=count)
         diagonals = np.array([np.pad(np.diagonal(matrix, -k), (k, 0)) for k in range(4)])
         assert banded_system_solution(diagonals, right) == pytest.approx(
             np.linalg.solve(matrix, right), rel=1e-9)
@@ -251,16 +277,18 @@ def test_derivatives_of_the_path_and_of_its_torque_are_those_of_differences():
     q, first, second = path.section[:3]
     count = path.size // 5  # before the first jump of the third derivative
     s = path.place[:count, None]
-    inner = slice(count // 4, None)  # between rests the parameter is far from the third power
+    # Between rests the parameter is far from the third power.
+    inner = slice(count // 4, None)
     for low, high in ((q, first), (first, second), (second, path.third)):
         slope = np.gradient(low[:count], s[:, 0], axis=0, edge_order=2)
         error = np.abs(slope - high[:count])[inner] / np.abs(high).max()
         assert error.max() < 1e-4
-    found = torque_rate_kernel(robot)(q, first, second, path.third)
+    torque_rates = torque_rate_kernel(robot)(q, first, second, path.third)
     torque = torque_along(robot, q, first, second)
-    assert found[:, :2] == pytest.approx(torque[:, :2], abs=1e-9)
+    assert torque_rates[:, :2] == pytest.approx(torque[:, :2], abs=1e-9)
     slope = np.gradient(torque[:count], s[:, 0], axis=0, edge_order=2)
-    assert np.abs(slope - found[:count, 3:])[inner].max() < 1e-4 * np.abs(found[:, 3:]).max()
+    assert np.abs(slope - torque_rates[:count, 3:])[inner].max() < 1e-4 * np.abs(
+        torque_rates[:, 3:]).max()
 
 
 def test_spline_has_the_values_of_scipy():
@@ -268,12 +296,15 @@ def test_spline_has_the_values_of_scipy():
     rng = np.random.default_rng(2)
     s = np.concatenate([[0.0], np.sort(rng.uniform(size=19)), [1.0]])
     place = np.linspace(0.0, 1.0, 101)
-    spline, c = ProfileSpline(s, place, 101), rng.uniform(size=19)
+    spline = ProfileSpline(s, place, 101)
+    c = rng.uniform(size=19)
     h = np.diff(s)
-    knots = np.concatenate([-h[0] * np.arange(3, 0, -1), s, 1.0 + h[-1] * np.arange(1, 4)])
-    other = interpolate.BSpline(knots, np.concatenate([c[:1], c[:1], c, c[-1:], c[-1:]]), 3)
+    knots = np.concatenate(
+        [-h[0] * np.arange(3, 0, -1), s, 1.0 + h[-1] * np.arange(1, 4)])
+    peer = interpolate.BSpline(knots, np.concatenate([c[:1], c[:1], c, c[-1:], c[-1:]]),
+                               3)
     for order, row in enumerate(spline.at(c)):
-        expected = other(place, nu=order)
+        expected = peer(place, nu=order)
         assert row == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
 
 
@@ -281,8 +312,8 @@ def two_joints():
     builder = ModelBuilder('two joints')
     for k, on in enumerate(('world', 'rod0')):
         builder.body(f'rod{k}', on, axis=(0.0, 0.0, 1.0), at=(float(k), 0.0, 0.0),
-                     inertial=rod(1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), joint=f'joint{k}',
-                     limits=Limits(effort=1e3, velocity=1.5))
+                     inertial=rod(1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
+                     joint=f'joint{k}', limits=Limits(effort=1e3, velocity=1.5))
     return Robot(builder.model())
 
 
@@ -290,19 +321,22 @@ def curve():
     s = np.linspace(0.0, 2.0, 401)
     return Motion.from_points(
         s, np.column_stack([np.sin(s), 0.5 * s**2]), np.column_stack([np.cos(s), s]),
-        np.column_stack([-np.sin(s), np.ones_like(s)]), joint_names=two_joints().joint_names)
+        np.column_stack([-np.sin(s), np.ones_like(s)]),
+        joint_names=two_joints().joint_names)
 
 
 def least_duration(end, span, limit, count=150):
     """
     Return the least duration of s from rest to rest by Ipopt in time.
 
-    `limit` bounds quantities at a state s, v, a with a third derivative, which is constant within
-    each interval, at both of its ends.
+    `limit` bounds quantities at a state s, v, a with a third derivative, which is
+    constant within each interval, at both of its ends.
     """
     casadi = pytest.importorskip('casadi')
     problem = casadi.Opti()
-    state, third, total = (problem.variable(*size) for size in ((3, count + 1), (count,), ()))
+    state = problem.variable(*(3, count + 1))
+    third = problem.variable(*(count,))
+    total = problem.variable(*())
     problem.minimize(total)
     h = total / count
     for k in range(count):
@@ -332,14 +366,18 @@ def test_duration_along_a_curve_is_the_least_of_a_program_in_time():
             yield first * v, 1.5
             yield first * a + second * v**2, 3.0
             yield first * j + 3.0 * second * v * a + cubic * v**3, 10.0
-    assert least_of_the_curve() == pytest.approx(least_duration(2.0, 4.0, limit), rel=3e-3)
+    assert least_of_the_curve() == pytest.approx(least_duration(2.0, 4.0, limit),
+                                                 rel=3e-3)
 
 
 @pytest.mark.parametrize(('effort', 'rate', 'jerk'), [
     pytest.param(6.0, 20.0, math.inf, marks=pytest.mark.slow),
     pytest.param(5.5, 40.0, 30.0, marks=pytest.mark.slow), (1e3, 12.0, math.inf)])
-def test_duration_of_a_pendulum_with_gravity_is_the_least_of_a_program_in_time(effort, rate, jerk):
-    weight, inertia = 9.80665 * 0.5, 1.0 / 3.0  # of a rod of 1 kg and 1 m, horizontal at s = 0
+def test_duration_of_a_pendulum_with_gravity_is_the_least_of_a_program_in_time(
+        effort, rate, jerk):
+    # Of a rod of 1 kg and 1 m, horizontal at s = 0.
+    weight = 9.80665 * 0.5
+    inertia = 1.0 / 3.0
 
     def limit(casadi, s, v, a, j):
         yield inertia * a - weight * casadi.cos(s), effort
@@ -349,15 +387,16 @@ def test_duration_of_a_pendulum_with_gravity_is_the_least_of_a_program_in_time(e
             yield j, jerk
     robot = one_joint(4.0, (0.0, 1.0, 0.0), effort)
     assert robot.gravity_force([0.0]) == pytest.approx([-weight], rel=1e-3)
-    found = time_optimal(robot, [[0.0], [2.0]], jerk=jerk, torque_rate=rate)
-    assert found.duration == pytest.approx(least_duration(2.0, 2.0, limit), rel=2e-3)
+    timing = time_optimal(robot, [[0.0], [2.0]], jerk=jerk, torque_rate=rate)
+    assert timing.duration == pytest.approx(least_duration(2.0, 2.0, limit), rel=2e-3)
 
 
 def test_plot_has_the_limits_of_jerk_and_torque_rate():
     pytest.importorskip('matplotlib')
     from kane_dynamics.plot import plot_timing
-    found = time_optimal(two_joints(), [[0.0, 0.0], [1.0, 0.5]], jerk=10.0, torque_rate=20.0)
-    titles = [axes.get_title('left') for axes in plot_timing(found).axes]
+    timing = time_optimal(two_joints(), [[0.0, 0.0], [1.0, 0.5]],
+                          jerk=10.0, torque_rate=20.0)
+    titles = [axes.get_title('left') for axes in plot_timing(timing).axes]
     assert [title for title in titles if title] == [
         'effort limit', 'velocity limit', 'jerk limit', 'torque_rate limit']
 
@@ -365,6 +404,8 @@ def test_plot_has_the_limits_of_jerk_and_torque_rate():
 def test_effort_limits_of_other_robots_are_kept_too():
     robot = Robot(load_urdf(URDF, supplement=SUPPLEMENT, tip='fr3_link7'))
     limits = robot.limits
-    robot.limits = JointLimits(limits.lower, limits.upper, limits.velocity, 0.6 * limits.effort)
-    found = time_optimal(robot, waypoints(3), jerk=2000.0, torque_rate=1000.0, points=300)
-    assert found.demand.fits and found.uses['effort'].max() > 0.99
+    robot.limits = JointLimits(limits.lower, limits.upper, limits.velocity,
+                               0.6 * limits.effort)
+    timing = time_optimal(robot, waypoints(3),
+                          jerk=2000.0, torque_rate=1000.0, points=300)
+    assert timing.demand.fits and timing.uses['effort'].max() > 0.99

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from kane_dynamics import (Inertial, InputError, Limits, ModelBuilder, Motion, point_mass, Robot,
-                           Uncertainty)
+from kane_dynamics import (Inertial, InputError, Limits, ModelBuilder, Motion,
+                           point_mass, Robot, Uncertainty)
 from kane_dynamics.feasibility import demand, fastest, time_optimal
 from kane_dynamics.mechanics.recursive.regressor import (inertial_parameters,
                                                          pseudo_inertia_of)
@@ -25,7 +25,8 @@ def arm(effort=150.0):
 def course(robot, seed=0):
     """Return a random motion through five points."""
     points = np.random.default_rng(seed).uniform(-1.0, 1.0, (5, 3))
-    return Motion.from_points(np.linspace(0.0, 2.0, 5), points, joint_names=robot.joint_names)
+    return Motion.from_points(np.linspace(0.0, 2.0, 5), points,
+                              joint_names=robot.joint_names)
 
 
 def other_robots(robot, uncertainty, count):
@@ -43,7 +44,7 @@ def other_robots(robot, uncertainty, count):
 
 
 def box(robot, share=1e-3):
-    """Return a small box around the inertial parameters, so that each vertex is a robot."""
+    """Return a small box of inertial parameters; each vertex is a robot."""
     inertial = share * np.abs(inertial_parameters(robot.model).reshape(-1, 10))
     nothing = np.zeros(len(robot.model.bodies))
     return Uncertainty(inertial, nothing, nothing, nothing, nothing)
@@ -51,32 +52,36 @@ def box(robot, share=1e-3):
 
 def test_demand_with_uncertainty_is_that_of_the_worst_robot():
     robot = arm()
-    motion, uncertain = course(robot), box(robot)
+    motion = course(robot)
+    uncertain = box(robot)
     needed = demand(robot, motion, uncertainty=uncertain)
     np.testing.assert_array_equal(needed.tau, demand(robot, motion).tau)
     bounds = robot.torque_bounds(needed.q, needed.u, needed.udot, uncertain)
     np.testing.assert_allclose(needed.tau + needed.deviation, bounds.upper, rtol=1e-12)
     largest = np.abs(needed.tau) + needed.deviation
     np.testing.assert_allclose(needed.uses['effort'], largest.max(axis=0) / 150.0)
-    for other in other_robots(robot, uncertain, 5):
-        tau = other.inverse_dynamics(needed.q, needed.u, needed.udot)
+    for drawn_robot in other_robots(robot, uncertain, 5):
+        tau = drawn_robot.inverse_dynamics(needed.q, needed.u, needed.udot)
         assert (np.abs(tau) <= largest + 1e-9).all()
 
 
 def test_the_highest_speed_with_uncertainty_is_where_the_largest_torque_is_the_limit():
     robot = arm()
     motion = course(robot)
-    uncertain = Uncertainty.of(robot.model, mass=0.1, com=0.02, inertia=0.1, friction=0.3)
+    uncertain = Uncertainty.of(robot.model, mass=0.1, com=0.02, inertia=0.1,
+                               friction=0.3)
     sure = fastest(robot, motion)
-    found = fastest(robot, motion, uncertainty=uncertain)
-    assert found.speed < sure.speed
-    assert found.limit == 'effort'
-    at_limit = demand(robot, motion, speed=found.speed, uncertainty=uncertain)
+    time_scale = fastest(robot, motion, uncertainty=uncertain)
+    assert time_scale.speed < sure.speed
+    assert time_scale.limit == 'effort'
+    at_limit = demand(robot, motion, speed=time_scale.speed, uncertainty=uncertain)
     assert at_limit.fits
     assert at_limit.uses['effort'].max() == pytest.approx(1.0, abs=1e-7)
-    assert not demand(robot, motion, speed=1.001 * found.speed, uncertainty=uncertain).fits
+    assert not demand(
+        robot, motion, speed=1.001 * time_scale.speed, uncertainty=uncertain).fits
     none = Uncertainty.of(robot.model)
-    assert fastest(robot, motion, uncertainty=none).speed == pytest.approx(sure.speed, rel=1e-9)
+    assert fastest(robot, motion, uncertainty=none).speed == pytest.approx(
+        sure.speed, rel=1e-9)
 
 
 def test_demand_of_a_loop_bounds_the_torques_of_its_actuators():
@@ -88,13 +93,14 @@ def test_demand_of_a_loop_bounds_the_torques_of_its_actuators():
     assert needed.deviation.shape == needed.tau.shape
     assert (needed.deviation.max(axis=1) > 0.0).all()
     largest = np.abs(needed.tau) + needed.deviation
-    for other in other_robots(robot, uncertain, 4):
-        assert (np.abs(demand(other, motion).tau) <= largest + 1e-9).all()
+    for drawn_robot in other_robots(robot, uncertain, 4):
+        assert (np.abs(demand(drawn_robot, motion).tau) <= largest + 1e-9).all()
 
 
 def test_uncertainty_with_bending_is_refused():
     robot = arm()
-    with pytest.raises(InputError, match='uncertainty: given with bending; expected one'):
+    with pytest.raises(InputError,
+                       match='uncertainty: given with bending; expected one'):
         fastest(robot, course(robot), bending=object(), uncertainty=box(robot))
 
 
@@ -119,17 +125,18 @@ def test_the_fastest_timing_keeps_the_limits_of_every_robot_in_the_box():
     timing = time_optimal(robot, path, uncertainty=uncertain)
     scaled = fastest(robot, path, uncertainty=uncertain)
     assert sure.duration < timing.duration < path.duration / scaled.speed
-    # Between the points too, by the definition of the bounds: as much as possible, no more.
+    # Between the points too, by the definition of the bounds: as much as possible, no
+    # more.
     needed = timing.demand
     assert needed.deviation.any()
     assert max(use.max() for use in needed.uses.values()) == pytest.approx(1.0, abs=1e-3)
     within = np.abs(needed.tau) + needed.deviation
-    for other in other_robots(robot, uncertain, 3):
-        tau = other.inverse_dynamics(needed.q, needed.u, needed.udot)
+    for drawn_robot in other_robots(robot, uncertain, 3):
+        tau = drawn_robot.inverse_dynamics(needed.q, needed.u, needed.udot)
         assert (np.abs(tau) <= within + 1e-9).all()
     # Nearly always one limit is used, as without uncertain parameters.
-    most = np.max([use.max(axis=1) for use in timing.uses.values()], axis=0)
-    assert (most > 0.99).mean() > 0.95
+    largest = np.max([use.max(axis=1) for use in timing.uses.values()], axis=0)
+    assert (largest > 0.99).mean() > 0.95
 
 
 def test_the_fastest_timing_of_a_loop_keeps_the_bounds_of_its_actuators():
@@ -153,14 +160,16 @@ def slow_crank(robot):
 def test_a_box_that_the_motors_cannot_hold_has_no_timing():
     robot = arm(effort=60.0)
     uncertain = box(robot, share=3.0)
-    with pytest.raises(InputError, match=r'torque .* at rest .* at most its effort limit 60'):
+    with pytest.raises(InputError,
+                       match=r'torque .* at rest .* at most its effort limit 60'):
         time_optimal(robot, course(robot), uncertainty=uncertain)
 
 
 @pytest.mark.parametrize('limit', ['jerk', 'torque_rate', 'power'])
 def test_limits_that_do_not_know_uncertain_parameters_are_refused(limit):
     robot = arm()
-    with pytest.raises(InputError, match='uncertainty: given with a limit of power, jerk'):
+    with pytest.raises(InputError,
+                       match='uncertainty: given with a limit of power, jerk'):
         time_optimal(robot, course(robot), uncertainty=box(robot), **{limit: 100.0})
 
 
