@@ -1,11 +1,11 @@
-"""Promises of the library's identification: warnings as the command's, one thread of a BLAS."""
+"""Promises of the library's identification: warnings, one thread of a BLAS."""
 
 from dataclasses import replace
 from pathlib import Path
 
 from kane_dynamics import load_urdf, ModelWarning
-from kane_dynamics.identification import (base_regressor, base_speeds, fit_base, identify,
-                                          identify_payload, rows)
+from kane_dynamics.identification import (base_regressor, base_speeds, fit_base,
+                                          identify, identify_payload, rows)
 from kane_dynamics.identification.payload import payload_fit
 import numpy as np
 import pytest
@@ -26,7 +26,8 @@ def test_recording_that_the_command_refuses_is_warned_of():
 
 
 def test_payload_and_base_parameters_compute_on_one_thread(monkeypatch):
-    model, threads = load_urdf(URDF), []
+    model = load_urdf(URDF)
+    threads = []
 
     def watched(module, name):
         function = getattr(module, name)

@@ -14,8 +14,8 @@ import pytest
 from recordings import present, quiet, real, simulated
 
 URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'ur10e.urdf'
-FRICTION = {joint: {'damping': 3.0, 'friction': 4.0, 'armature': 0.2, 'friction_offset': 1.0}
-            for joint in load_urdf(URDF).joint_names}
+FRICTION = {joint: {'damping': 3.0, 'friction': 4.0, 'armature': 0.2,
+                    'friction_offset': 1.0} for joint in load_urdf(URDF).joint_names}
 
 
 @cache
@@ -27,7 +27,8 @@ def model():
 @cache
 def good_recording():
     """Return a recording of the arm with friction and noise."""
-    return simulated(load_urdf(URDF, supplement={'joints': FRICTION}), 2, 0.5, duration=10.0)
+    return simulated(load_urdf(URDF, supplement={'joints': FRICTION}), 2, 0.5,
+                     duration=10.0)
 
 
 def turned(r, names, joint=3):
@@ -82,49 +83,58 @@ def interruption(r, start=4.0):
 # Faults of one joint; each names it, and no other joint.
 JOINT_FAULTS = {
     'reversed': (lambda r, j: changed(r, 'tau', j, lambda tau: -tau), 'opposite sign'),
-    'tenth': (lambda r, j: changed(r, 'tau', j, lambda tau: 0.1 * tau), 'times the torques'),
+    'tenth': (lambda r, j: changed(r, 'tau', j, lambda tau: 0.1 * tau),
+              'times the torques'),
     'mN m': (lambda r, j: changed(r, 'tau', j, lambda tau: 1e3 * tau), 'mN m'),
     'encoder offset': (lambda r, j: changed(r, 'q', j, lambda q: q + 0.2),
                        'positions of .* offset'),
     'torque offset': (lambda r, j: changed(r, 'tau', j, lambda tau: tau + 5.0),
-                      'efforts of .* offset'),
-    'spike': (spike, 'have 1 outliers'),
+                      'efforts of .* offset'), 'spike': (spike, 'have 1 outliers'),
     'frozen': (frozen, 'are constant from'),
-    'zero': (lambda r, j: changed(r, 'tau', j, lambda tau: 0.0 * tau), 'are constant from'),
+    'zero': (lambda r, j: changed(r, 'tau', j, lambda tau: 0.0 * tau),
+             'are constant from'),
     'reversed positions': (lambda r, j: turned(r, STATE, j), 'positions of .* opposite'),
     'degrees': (lambda r, j: changed(r, 'q', j, np.degrees), 'degrees'),
-    'reversed speeds': (lambda r, j: changed(r, 'u', j, lambda u: -u), 'negative derivative')}
+    'reversed speeds': (lambda r, j: changed(r, 'u', j, lambda u: -u),
+                        'negative derivative')}
 FR3 = URDF.with_name('fr3.urdf')
 FR3_FRICTION = dict(zip([f'fr3_joint{k}' for k in range(1, 8)], [
     {'damping': d, 'friction': mu, 'armature': 0.1, 'friction_offset': offset}
     for d, mu, offset in ((.5, .6, .2), (.5, .7, -.2), (.4, .5, .2), (.4, .6, .1),
-                          (.15, .35, .05), (.15, .3, -.05), (.1, .25, .02))], strict=True))
+                          (.15, .35, .05), (.15, .3, -.05), (.1, .25, .02))],
+                        strict=True))
 FAULTS = {
     'interruption': (interruption, 'remark',
                      r'times: interruption of 1\.01 s after 3\.99 s; expected'),
     'reversed efforts': (lambda r: turned(r, ['tau']), 'wrong',
                          "efforts of joint 'wrist_1_joint' have the opposite sign"),
     'reversed positions': (lambda r: turned(r, STATE, 1), 'wrong',
-                           "positions of joint 'shoulder_lift_joint' have the opposite sign"),
+                           ("positions of joint "
+                            "'shoulder_lift_joint' have the opposite sign")),
     'reversed joint': (lambda r: turned(r, [*STATE, 'tau'], 2), 'wrong',
-                       "positions and efforts of joint 'elbow_joint' have the opposite sign"),
+                       ("positions and "
+                        "efforts of joint 'elbow_joint' have the opposite sign")),
     'all reversed': (lambda r: replace(r, tau=-r.tau), 'wrong',
                      'efforts of all joints have the opposite sign'),
     'one fifteenth': (lambda r: replace(r, tau=r.tau / 15.0), 'wrong',
                       'efforts of all joints are about 0.0'),
     'mN m': (lambda r: replace(r, tau=r.tau * 1000.0), 'wrong', 'mN m'),
-    'mN m of one': (lambda r: replace(r, tau=r.tau * np.where(np.arange(6) == 1, 1e3, 1.0)),
+    'mN m of one': (lambda r: replace(r,
+                                      tau=r.tau * np.where(np.arange(6) == 1, 1e3, 1.0)),
                     'wrong', "efforts of joint 'shoulder_lift_joint' are about"),
     'without gravity': (lambda r: replace(r, tau=r.tau - gravity(r)), 'wrong',
                         'efforts of all joints fit the torques without gravity'),
     'reversed last joint': (lambda r: turned(r, STATE, 5), 'wrong',
-                            "efforts of joint 'wrist_3_joint' have .*; or the positions of that"),
+                            ("efforts of joint "
+                             "'wrist_3_joint' have .*; or the positions of that")),
     'exchanged efforts': (lambda r: exchanged(r, ['tau']), 'wrong',
-                          "efforts of joints 'shoulder_lift_joint', 'elbow_joint' are exchanged"),
+                          ("efforts of joints "
+                           "'shoulder_lift_joint', 'elbow_joint' are exchanged")),
     'exchanged joints': (lambda r: exchanged(r, [*STATE, 'tau']), 'wrong',
                          "^joints 'shoulder_lift_joint', 'elbow_joint' are exchanged"),
     'no efforts': (lambda r: replace(r, tau=0.0 * r.tau), 'wrong', 'efforts are all 0'),
-    'degrees': (lambda r: replace(r, **{name: np.degrees(getattr(r, name)) for name in STATE}),
+    'degrees': (lambda r: replace(r, **{name: np.degrees(getattr(r, name))
+                                        for name in STATE}),
                 'impossible', 'are these degrees'),
     'speeds in degrees': (lambda r: replace(r, u=np.degrees(r.u)), 'impossible',
                           'speeds of all joints are 57.3 times .* degrees a second'),
@@ -134,35 +144,43 @@ FAULTS = {
                                 'impossible', 'rows are 10 s apart; .* milliseconds'),
     'reversed speed': (lambda r: turned(r, ['u']), 'impossible',
                        "speeds of joint 'wrist_1_joint' are the negative derivative"),
-    'exchanged speeds': (lambda r: exchanged(r, ['u'], 4, 5), 'impossible',
-                         "speeds of joint 'wrist_2_joint' are the derivative .* 'wrist_3_joint'"),
+    'exchanged speeds': (lambda r: exchanged(r, ['u'], 4, 5),
+                         'impossible', ("speeds of "
+                                        "joint 'wrist_2_joint' are the derivative .* "
+                                        "'wrist_3_joint'")),
     'delay': (lambda r: replace(r.rows(slice(10, None)), tau=r.tau[:-10]), 'remark',
               r'come 0\.[01]\d* .*after the motion'),
     'noise': (lambda r: replace(r, udot=r.udot + 30.0 * np.random.default_rng(0).normal(
-        size=r.q.shape)), 'remark', 'accelerations of all joints are noise to .*--cutoff'),
+        size=r.q.shape)), 'remark',
+              'accelerations of all joints are noise to .*--cutoff'),
 }
 
 
 @pytest.mark.parametrize('fault', FAULTS)
 def test_fault_of_a_recording_is_named(fault):
     change, level, words = FAULTS[fault]
-    found = diagnose(model(), change(good_recording()))
-    assert {finding.level for finding in found} == {level}
-    matching = [finding.words for finding in found]
-    assert any(re.search(words, each) for each in matching), matching
+    findings = diagnose(model(), change(good_recording()))
+    assert {finding.level for finding in findings} == {level}
+    matching = [finding.words for finding in findings]
+    assert any(re.search(words, words_of_finding)
+               for words_of_finding in matching), matching
 
 
 def names_joint_alone(model, r, joint, words):
     """Return whether a fault is named with its joint, and no other joint with it."""
     others = [f"'{name}'" for k, name in enumerate(model.joint_names) if k != joint]
     findings = [finding.words for finding in diagnose(model, r)]
-    right = [f for f in findings if re.search(words, f)
-             and f"'{model.joint_names[joint]}'" in f]
-    return bool(right) and not any(other in f for f in findings for other in others)
+    right = []
+    for f in findings:
+        if re.search(words, f) and f"'{model.joint_names[joint]}'" in f:
+            right.append(f)
+    return bool(right) and not any(other_joint in f for f in findings
+                                   for other_joint in others)
 
 
 @pytest.mark.parametrize(('fault', 'joint'), [
-    ('reversed', 5), ('tenth', 4), ('mN m', 5), ('encoder offset', 2), ('torque offset', 4),
+    ('reversed', 5), ('tenth', 4), ('mN m', 5), ('encoder offset', 2),
+    ('torque offset', 4),
     ('spike', 1), ('frozen', 3), ('zero', 2), ('degrees', 1)])
 def test_fault_of_a_joint_is_named_with_that_joint_only(fault, joint):
     change, words = JOINT_FAULTS[fault]
@@ -171,25 +189,27 @@ def test_fault_of_a_joint_is_named_with_that_joint_only(fault, joint):
 
 @cache
 def fr3_recording():
-    """Return the model of an arm and a recording of one with other masses and friction."""
+    """Return an arm's model and a recording with other masses and friction."""
     arm = load_urdf(FR3, joints=list(FR3_FRICTION))
-    truth = load_urdf(FR3, joints=list(FR3_FRICTION), supplement={'joints': FR3_FRICTION})
+    truth = load_urdf(FR3, joints=list(FR3_FRICTION),
+                      supplement={'joints': FR3_FRICTION})
     rng = np.random.default_rng(3)
     truth = replace(truth, bodies=tuple(replace(body, inertial=type(body.inertial)(
-        body.inertial.mass * rng.uniform(0.9, 1.1), body.inertial.com, body.inertial.inertia))
-        for body in truth.bodies))
+        body.inertial.mass * rng.uniform(0.9, 1.1), body.inertial.com,
+        body.inertial.inertia)) for body in truth.bodies))
     return arm, simulated(truth, 3, 0.05, duration=20.0, speed=1.5)
 
 
-# Faults of the UR10 that change its torques by less than the friction or the residuals that the
-# sound recording has. Gravity turns with the first joint, and the last turns around its center of
-# mass; 0.2 rad at the wrist changes no torque by more than 0.6 N m, a third of the residual. Rigid
-# bodies need no torque of the last joint, which at a tenth has less friction. An offset of
-# 5 N m is less than half of the friction of the first three joints, as where it differs with the
-# direction.
+# Faults of the UR10 that change its torques by less than the friction or the residuals
+# that the sound recording has. Gravity turns with the first joint, and the last turns
+# around its center of mass; 0.2 rad at the wrist changes no torque by more than 0.6 N m,
+# a third of the residual. Rigid bodies need no torque of the last joint, which at a
+# tenth has less friction. An offset of 5 N m is less than half of the friction of the
+# first three joints, as where it differs with the direction.
 HIDDEN_IN_UR10 = {('tenth', 5), *(('encoder offset', joint) for joint in (0, 3, 4, 5)),
                   *(('torque offset', joint) for joint in range(3))}
-# Offsets of the first and last joints, and of one that the light links of the wrist follow.
+# Offsets of the first and last joints, and of one that the light links of the wrist
+# follow.
 HIDDEN_IN_PANDA = {('encoder offset', joint) for joint in (0, 4, 5, 6)}
 REAL = {'ur10': (('ur10_unisa.csv', 'ur10.urdf', 6), HIDDEN_IN_UR10),
         'panda': (('panda_unisa.csv', 'fer_hand.urdf', 7), HIDDEN_IN_PANDA)}
@@ -197,7 +217,7 @@ REAL = {name: arm for name, arm in REAL.items() if present(*arm[0][:2])}
 
 
 def model_and_recording(name):
-    """Return the model of an arm and a recording: a simulated FR3, a real UR10 or Panda."""
+    """Return an arm's model and a recording: simulated FR3, real UR10 or Panda."""
     if name == 'fr3':
         return fr3_recording()
     path, urdf, joints = real(*REAL[name][0])
@@ -206,14 +226,14 @@ def model_and_recording(name):
 
 @cache
 def missed_faults(name):
-    """Return the faults of an arm that are not named with their joint alone, and the joints."""
+    """Return the faults of an arm not named with their joint alone, and the joints."""
     model, r = model_and_recording(name)
-    missed = set()
+    misses = set()
     for fault, (change, words) in JOINT_FAULTS.items():
         for joint in range(model.n):
             if not names_joint_alone(model, change(r, joint), joint, words):
-                missed.add((fault, joint))
-    return missed
+                misses.add((fault, joint))
+    return misses
 
 
 @pytest.mark.slow
@@ -246,16 +266,18 @@ def test_ninety_of_hundred_faults_are_named_also_those_that_the_torques_hide(cap
 
 
 @pytest.mark.parametrize('seed', [2, 3, 4])
-def test_good_recording_of_an_arm_with_friction_and_other_masses_is_not_remarked_on(seed):
+def test_good_recording_of_an_arm_with_friction_and_other_masses_is_not_remarked_on(
+        seed):
     truth = load_urdf(URDF, supplement={'joints': FRICTION})
     rng = np.random.default_rng(seed)
     truth = replace(truth, bodies=tuple(replace(body, inertial=type(body.inertial)(
-        body.inertial.mass * rng.uniform(0.7, 1.4), body.inertial.com, body.inertial.inertia))
-        for body in truth.bodies))
+        body.inertial.mass * rng.uniform(0.7, 1.4), body.inertial.com,
+        body.inertial.inertia)) for body in truth.bodies))
     assert diagnose(model(), simulated(truth, seed, 0.5, duration=10.0)) == []
 
 
-def test_identify_refuses_what_replay_remarks_on_and_both_what_cannot_be(tmp_path, capsys):
+def test_identify_refuses_what_replay_remarks_on_and_both_what_cannot_be(
+        tmp_path, capsys):
     def saved(name, r):
         path = tmp_path / name
         np.savez(path, t=r.t, q=r.q, u=r.u, udot=r.udot, tau=r.tau)
@@ -268,7 +290,8 @@ def test_identify_refuses_what_replay_remarks_on_and_both_what_cannot_be(tmp_pat
     assert "'wrist_1_joint' have the opposite sign" in capsys.readouterr().err
     assert main([*arguments, '--as-recorded']) == 0
     assert 'warning: efforts of joint' in capsys.readouterr().err
-    impossible = saved('impossible.npz', replace(good_recording(), t=1e3 * good_recording().t))
+    impossible = saved('impossible.npz',
+                       replace(good_recording(), t=1e3 * good_recording().t))
     for command in ('replay', 'identify'):
         assert main([command, str(URDF), impossible]) == 2
         assert 'milliseconds' in capsys.readouterr().err

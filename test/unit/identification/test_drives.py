@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from elastic_arm import (large_motion, Noise, simulated, small_vibration, softening, Truth,
-                         URDF)
+from elastic_arm import (large_motion, Noise, simulated, small_vibration, softening,
+                         Truth, URDF)
 from kane_dynamics import Drive, InputError, load_urdf, ModelWarning, Robot, with_drives
 from kane_dynamics.identification import (DriveRecording, identify_drives,
                                           read_drive_recording)
@@ -49,7 +49,7 @@ def stiffening():
 
 
 def scores(result, truth, skew):
-    """Return errors over standard deviations of all numbers that are determined, by name."""
+    """Return errors over standard deviations of all determined numbers, by name."""
     errors = {}
     for name in NUMBERS:
         errors[name] = ((getattr(result, name) - getattr(truth, name))
@@ -65,7 +65,8 @@ def covered(model, motion, use, skew=0.003, numbers=(*NUMBERS, 'skew')):
         result = identify_drives(model, motion.measured(seed, use=use))
         of_seed = scores(result, motion.truth, skew)
         for name in numbers:  # deviations are no excuse
-            determined = getattr(result, f'{name}_deviation') / np.abs(getattr(result, name))
+            determined = getattr(result, f'{name}_deviation') / np.abs(
+                getattr(result, name))
             assert (determined < 0.05).all(), (name, determined)
         for name in numbers:
             errors[name].append(of_seed[name])
@@ -114,7 +115,8 @@ def assert_stiffening_shoulder(result, skew_deviation):
     assert (result.slope_deviation['shoulder'] < 0.02 * np.array(curve.slopes)).all()
     assert result.stiffness[0] == curve.slopes[0]
     assert np.allclose(result.damping, [4.0, 1.5], rtol=0.1)
-    assert result.stiffness[1] == pytest.approx(1200.0, abs=3.0 * result.stiffness_deviation[1])
+    assert result.stiffness[1] == pytest.approx(1200.0,
+                                                abs=3.0 * result.stiffness_deviation[1])
     assert (result.skew_deviation < skew_deviation).all()
     assert (np.abs(result.skew - 0.003) < 3.0 * result.skew_deviation).all()
 
@@ -132,7 +134,8 @@ def test_a_stiffness_that_grows_is_a_curve_where_the_residuals_say_so(model, sti
     assert straight.curves == {} and straight.slope_deviation == {}
 
 
-def test_an_offset_of_the_torque_sensor_leaves_a_curve_that_torques_of_both_signs_bend(model):
+def test_an_offset_of_the_torque_sensor_leaves_a_curve_that_torques_of_both_signs_bend(
+        model):
     truth = replace(Truth(), stiffness=(softening(1500.0, 4000.0, 5.0, 0.05), 1200.0))
     follow = large_motion(3, (2000.0, 800.0))
     hanging = np.array([-0.5 * np.pi, 0.0])
@@ -141,7 +144,8 @@ def test_an_offset_of_the_torque_sensor_leaves_a_curve_that_torques_of_both_sign
         return follow(t, theta - hanging, speed)
     motion = simulated(torque, 5.0, truth=truth, start=hanging)
     recording = motion.measured(1, use=('q', 'gear_torque', 'motor_torque'))
-    shifted = replace(recording, gear_torque=recording.gear_torque + np.array([2.0, -1.0]))
+    shifted = replace(recording,
+                      gear_torque=recording.gear_torque + np.array([2.0, -1.0]))
     curve = identify_drives(model, shifted, segments=2).curves['shoulder']
     assert np.allclose(curve.slopes, [1500.0, 4000.0], rtol=0.03)
     assert curve.torque[0] == pytest.approx(5.0, rel=0.03)
@@ -174,7 +178,8 @@ def test_the_torque_of_the_links_determines_a_curve(model, stiffening):
 
 def test_gravity_and_payload_of_a_robot_count(model, short):
     recording = short.measured(1, use=('q', 'motor_torque'))
-    # The same arm, with a part of its second link as a payload, and gravity changed later.
+    # The same arm, with a part of its second link as a payload, and gravity changed
+    # later.
     whole = model.bodies[1].inertial
     half = replace(whole, mass=0.5 * whole.mass, inertia=0.5 * whole.inertia)
     bodies = model.bodies[0], replace(model.bodies[1], inertial=half)
@@ -205,7 +210,8 @@ def test_a_recording_is_checked(model, short):
         identify_drives(model, replace(good, q=-good.q))
     for options in ({'skew': 0.003}, {}, {'segments': 2}):
         with pytest.raises(InputError, match='the gear deflects against its torque'):
-            identify_drives(model, replace(good, gear_torque=-good.gear_torque), **options)
+            identify_drives(model, replace(good, gear_torque=-good.gear_torque),
+                            **options)
     with pytest.raises(InputError, match='no motor moves'):
         identify_drives(model, replace(good, theta=0.0 * good.theta, q=0.0 * good.q))
     with pytest.raises(InputError, match='neither positions of the links'):
@@ -215,7 +221,8 @@ def test_a_recording_is_checked(model, short):
     with pytest.raises(InputError, match='skew'):
         identify_drives(model, good, skew=np.nan)
     for segments in (0, 5, 2.0, True, None):
-        with pytest.raises(InputError, match=r'segments: .*; expected an integer from 1 to 4'):
+        with pytest.raises(InputError,
+                           match=r'segments: .*; expected an integer from 1 to 4'):
             identify_drives(model, good, segments=segments)
     motors = short.measured(0, use=('motor_torque',))
     with pytest.raises(InputError, match='segments: 2 without positions of the links'):
@@ -231,9 +238,11 @@ def test_motor_side_values_with_a_ratio_are_the_same_recording(tmp_path, short):
     columns = {'t': joint_side.t, 'theta': joint_side.theta * ratio, 'q': joint_side.q,
                'motor_torque': joint_side.motor_torque / ratio}
     np.savez(tmp_path / 'motors.npz', **columns)
-    recording = read_drive_recording(tmp_path / 'motors.npz', ('shoulder', 'elbow'), ratio)
+    recording = read_drive_recording(tmp_path / 'motors.npz', ('shoulder', 'elbow'),
+                                     ratio)
     for name in joint_side.signals:
-        assert np.allclose(getattr(recording, name), getattr(joint_side, name), rtol=1e-12)
+        assert np.allclose(getattr(recording, name), getattr(joint_side, name),
+                           rtol=1e-12)
     np.savez(tmp_path / 'links.npz', t=joint_side.t, q=joint_side.q)
     with pytest.raises(InputError, match="no 'theta' of the motors"):
         read_drive_recording(tmp_path / 'links.npz', ('shoulder', 'elbow'))
@@ -260,8 +269,9 @@ def test_true_drives_lie_within_two_deviations_by_motors_alone(model, vibration)
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_slow_motion_of_the_motors_determines_no_stiffness(model):
-    slow = simulated(large_motion(3, (2000.0, 800.0)), 6.0,
-                     truth=replace(Truth(), stiffness=(3e6, 1.2e6), damping=(50.0, 20.0)))
+    slow = simulated(
+        large_motion(3, (2000.0, 800.0)), 6.0,
+        truth=replace(Truth(), stiffness=(3e6, 1.2e6), damping=(50.0, 20.0)))
     result = identify_drives(model, slow.measured(0, use=('motor_torque',)))
     assert np.isnan(result.stiffness).all()
     assert 'near the resonance' in result.undetermined['shoulder stiffness']

@@ -1,4 +1,4 @@
-"""Drives of closed loops, identified from an independent simulation of a parallelogram."""
+"""Drives of closed loops, identified from a simulated parallelogram."""
 
 from dataclasses import replace
 
@@ -46,10 +46,11 @@ def scores(result, motion, numbers=NUMBERS):
 
 def test_the_parallelogram_is_that_of_its_lagrangian(robot):
     q, u, tau = np.random.default_rng(1).uniform(-0.5, 0.5, (3, 5, 2))
-    motion = mechanism_motion(robot, LINKS.joint_names, 1e-3 * np.arange(5), q, u, 0.0 * u)
+    motion = mechanism_motion(robot, LINKS.joint_names, 1e-3 * np.arange(5), q, u,
+                              0.0 * u)
     expected = [LINKS.accelerations(*state) for state in zip(q, u, tau, strict=True)]
-    np.testing.assert_allclose(robot.forward_dynamics(motion.q, u, tau), expected, rtol=1e-11,
-                               atol=1e-12)
+    np.testing.assert_allclose(robot.forward_dynamics(motion.q, u, tau), expected,
+                               rtol=1e-11, atol=1e-12)
 
 
 @pytest.mark.parametrize(('use', 'source'), [
@@ -66,7 +67,8 @@ def test_both_encoders_determine_the_drives_of_a_loop(robot, large, use, source)
     assert (result.misfit < 1.5).all()
 
 
-def test_motors_alone_determine_the_drives_of_a_loop_near_its_resonances(robot, vibration):
+def test_motors_alone_determine_the_drives_of_a_loop_near_its_resonances(
+        robot, vibration):
     result = identify_drives(robot, vibration.measured(2, use=('motor_torque',)))
     assert result.source == 'motor side'
     for errors in scores(result, vibration).values():
@@ -123,10 +125,12 @@ def test_more_drives_than_degrees_of_freedom_need_torque_sensors(large):
     result = identify_drives(robot, recording)
     np.testing.assert_allclose(result.stiffness, [3000.0, 1200.0, 900.0], rtol=0.01)
     without = replace(recording, gear_torque=None)
-    with pytest.raises(InputError, match='3 drives of a mechanism with 2 degrees of freedom'):
+    with pytest.raises(InputError,
+                       match='3 drives of a mechanism with 2 degrees of freedom'):
         identify_drives(robot, without)
     motors = DriveRecording(recording.t, recording.theta, motor_torque=recording.theta)
-    with pytest.raises(InputError, match='3 drives of a mechanism with 2 degrees of freedom'):
+    with pytest.raises(InputError,
+                       match='3 drives of a mechanism with 2 degrees of freedom'):
         identify_drives(robot, motors)
 
 
@@ -136,7 +140,8 @@ def test_what_does_not_determine_a_loop_is_refused(robot, large):
         identify_drives(robot.model, good)  # the open tree has four
     beyond = replace(good, q=good.q + np.array([0.0, 1.55]),
                      theta=good.theta + np.array([0.0, 1.55]))
-    with pytest.raises(ConstraintError):  # the parallelogram passes its flat configuration
+    # The parallelogram passes its flat configuration.
+    with pytest.raises(ConstraintError):
         identify_drives(robot, beyond)
     moved = Robot(robot.model, constraints=[*robot.options['constraints'],
                                             Prescribed('lever', np.sin)],
@@ -148,8 +153,9 @@ def test_what_does_not_determine_a_loop_is_refused(robot, large):
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize('use', [('q', 'gear_torque', 'motor_torque'), ('q', 'motor_torque'),
-                                 ('motor_torque',)])
+@pytest.mark.parametrize('use',
+                         [('q', 'gear_torque', 'motor_torque'), ('q', 'motor_torque'),
+                          ('motor_torque',)])
 def test_true_drives_of_a_loop_lie_within_two_deviations(robot, large, vibration, use):
     motion = large if 'q' in use else vibration
     errors = {name: [] for name in NUMBERS}

@@ -1,4 +1,4 @@
-"""True drives of random robots lie within the stated deviations as often as normal errors."""
+"""True drives of random robots lie in the deviations as often as normal errors."""
 
 from dataclasses import dataclass
 
@@ -14,13 +14,14 @@ SUBSTEPS = 2  # of the simulation, in a cycle
 NOISE = 2e-5  # of positions, rad, or of a meter in the units of the robot
 TORQUE_NOISE = 1e-3  # of the largest torque
 SKEW = 3  # cycles by which the encoders of the links are late
-CASES, RECORDINGS = 6, 3
+CASES = 6
+RECORDINGS = 3
 NUMBERS = 'stiffness', 'damping', 'rotor_inertia', 'torque_delay'
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion of links and motors, (N, n) each, with the torques of motors and gears."""
+    """A motion of links and motors, (N, n) each, with motor and gear torques."""
 
     model: object
     units: np.ndarray
@@ -38,9 +39,11 @@ def moving_arm(seed, sweep):
     It follows sums of sines, or with `sweep` vibrates through its resonances.
     """
     rng = np.random.default_rng(seed)
-    model = random_model(int(rng.integers(2**31)), int(rng.integers(1, 4)), prismatic=0.2)
+    model = random_model(int(rng.integers(2**31)), int(rng.integers(1, 4)),
+                         prismatic=0.2)
     rigid = Robot(model)
-    units, n = rigid.mechanism.units, rigid.n
+    units = rigid.mechanism.units
+    n = rigid.n
     center = rng.uniform(-0.5, 0.5, n) * units
     M = np.diag(rigid.mass_matrix(center))
     weight = rigid.gravity_force(center)
@@ -60,16 +63,18 @@ def moving_arm(seed, sweep):
     def torque(t, theta, speed):
         wave = np.sin(omega * t + phase)
         if sweep:
-            return weight + 2.0 * M * units * wave.sum(axis=1) + 60.0 * M * (center - theta)
+            return weight + 2.0 * M * units * wave.sum(
+                axis=1) + 60.0 * M * (center - theta)
         ramp = min(t, 1.0)
-        wanted = center + ramp * (size * wave).sum(axis=1)
+        desired = center + ramp * (size * wave).sum(axis=1)
         rate = ramp * (size * omega * np.cos(omega * t + phase)).sum(axis=1)
-        return weight + M * (80.0 * (wanted - theta) + 12.0 * (rate - speed))
+        return weight + M * (80.0 * (desired - theta) + 12.0 * (rate - speed))
 
     state = np.zeros((2, robot.n))
     state[0, links] = center
     state[0, motors] = center + weight / K
-    states, torques = [], []
+    states = []
+    torques = []
     for k in range(round(DURATION / CYCLE)):
         tau = np.zeros(robot.n)
         tau[motors] = torque(k * CYCLE, *state[:, motors])
@@ -81,7 +86,8 @@ def moving_arm(seed, sweep):
     gear = K * (q[:, motors] - q[:, links]) + D * (u[:, motors] - u[:, links])
     truth = {'stiffness': K, 'damping': D, 'rotor_inertia': B,
              'torque_delay': np.full(n, 0.5 * CYCLE)}
-    return Motion(model, units, q[:, links], q[:, motors], np.array(torques), gear, truth)
+    return Motion(model, units, q[:, links], q[:, motors], np.array(torques), gear,
+                  truth)
 
 
 def random_drives(rng, model, M, units):
@@ -151,8 +157,8 @@ def test_true_drives_of_random_robots_lie_within_two_deviations(use):
     everything = np.concatenate(list(errors.values()))
     everything = everything[np.isfinite(everything)]
     assert len(everything) > 50
-    # 95.4 % of normal errors, whose mean square is 1. Numbers of one fit are correlated, so
-    # that they count as half as many: three standard deviations of the mean square.
+    # 95.4 % of normal errors, whose mean square is 1. Numbers of one fit are correlated,
+    # so that they count as half as many: three standard deviations of the mean square.
     assert np.mean(np.abs(everything) < 2.0) > 0.9
     spread = np.sqrt(2.0 / (0.5 * len(everything)))
     assert abs(np.mean(everything**2) - 1.0) < 3.0 * spread

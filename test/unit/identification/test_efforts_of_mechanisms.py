@@ -1,9 +1,10 @@
-"""Each kind of effort gives the torques of the actuators of closed loops and chosen speeds."""
+"""Each kind of effort gives the actuators' torques of loops and chosen speeds."""
 
 from dataclasses import replace
 from functools import cache
 
-from kane_dynamics import absolute_rates, box, InputError, load_constraints, load_urdf, Robot
+from kane_dynamics import (absolute_rates, box, InputError, load_constraints, load_urdf,
+                           Robot)
 from kane_dynamics.identification import Efforts, identify_payload, Recording
 from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
 from kane_dynamics.mechanics.definition import nonholonomic
@@ -27,15 +28,17 @@ def lossy_palletizer():
                          for name in DRIVEN} | {'elbow': {'damping': 5.0}}}
     robot = Robot(load_urdf(URDF, supplement=losses), **load_constraints(CONSTRAINTS))
     t = np.arange(0.0, 6.0, 0.1)
-    w, a = np.array([0.7, 1.1, 1.3, 3.7]), np.array([0.5, 0.3, 0.3, 1.0])
-    s, c = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+    w = np.array([0.7, 1.1, 1.3, 3.7])
+    a = np.array([0.5, 0.3, 0.3, 1.0])
+    s = np.sin(np.outer(t, w))
+    c = np.cos(np.outer(t, w))
     state = a * s + [0.2, 0.1, -0.1, 0.5], a * w * c, -a * w**2 * s
     return robot, t, DRIVEN, state
 
 
 @cache
 def driven_at_the_rocker():
-    """Return a four-bar linkage in the speed of its crank, with the motor at its rocker."""
+    """Return a four-bar linkage in its crank's speed, the motor at its rocker."""
     robot = case('closed loop').robot
     options = {**robot.options, 'independent': ['crank'], 'actuated': ['rocker']}
     t = np.arange(0.0, 2.0, 0.1)
@@ -53,8 +56,10 @@ def preloaded_five_bar():
                   **{**robot.options, 'configuration': five_bar_at(2.0, 1.0),
                      'friction': True})
     t = np.arange(0.0, 2.0, 0.1)
-    w, a = np.array([2.1, 3.3]), np.array([0.5, 0.4])
-    s, c = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+    w = np.array([2.1, 3.3])
+    a = np.array([0.5, 0.4])
+    s = np.sin(np.outer(t, w))
+    c = np.cos(np.outer(t, w))
     return robot, t, ('left_crank', 'right_crank'), (a * s + [2.0, 1.0], a * w * c,
                                                      -a * w**2 * s)
 
@@ -71,14 +76,17 @@ def states_of(mechanism):
     places = [names.index(name) for name in robot.actuated_names]
     rng = np.random.default_rng(2)
     light = Robot(replace(robot.model, gravity=np.zeros(3)), **robot.options).mechanism
-    tau, losses, weight, force = [], [], [], []
+    tau = []
+    losses = []
+    weight = []
+    force = []
     for q, u, udot in zip(*motion):
         of_motion = nonholonomic.inverse_dynamics(robot.mechanism, q, u, udot)
-        rest = 0.0 * u
-        of_weight = (nonholonomic.inverse_dynamics(robot.mechanism, q, rest, rest)
-                     - nonholonomic.inverse_dynamics(light, q, rest, rest))
+        at_rest = 0.0 * u
+        of_weight = (nonholonomic.inverse_dynamics(robot.mechanism, q, at_rest, at_rest)
+                     - nonholonomic.inverse_dynamics(light, q, at_rest, at_rest))
         # Rates of the motors per unit of each independent speed.
-        T = np.array([nonholonomic.joint_motion(robot.mechanism, q, e, rest)[0]
+        T = np.array([nonholonomic.joint_motion(robot.mechanism, q, e, at_rest)[0]
                       for e in np.eye(robot.n)]).T[places]
         against = np.linalg.svd(T)[0][:, robot.n:]  # torques without a generalized force
         preload = against @ (20.0 * rng.normal(size=against.shape[1]))
@@ -86,8 +94,9 @@ def states_of(mechanism):
         weight.append(np.linalg.pinv(T).T @ of_weight)
         rates, accelerations = nonholonomic.joint_motion(robot.mechanism, q, u, udot)
         joints_of_motors = [robot.model.coordinate_joints[k] for k in places]
-        losses.append([friction_torque(joint, rates[k]) + joint.armature * accelerations[k]
-                       for k, joint in zip(places, joints_of_motors)])
+        losses.append(
+            [friction_torque(joint, rates[k]) + joint.armature * accelerations[k]
+             for k, joint in zip(places, joints_of_motors)])
         force.append(of_motion)
     return (robot, t, motion, *map(np.array, (tau, losses, weight, force)))
 
@@ -100,7 +109,8 @@ def as_reported(kind, tau, losses, weight):
                                         (tau - weight) / constants),
             'motor without gravity': (Efforts('motor_torque', False), tau - weight),
             'joint': (Efforts('joint_torque'), tau - losses),
-            'joint without gravity': (Efforts('joint_torque', False), tau - losses - weight),
+            'joint without gravity': (Efforts('joint_torque', False),
+                                      tau - losses - weight),
             'external': (Efforts('external_torque'), 0.0 * tau)}[kind]
 
 
@@ -134,13 +144,14 @@ def test_a_payload_of_a_palletizer_is_found_from_every_kind_of_effort(kind):
     order = [joints.index(name) for name in robot.actuated_names]
     recording = Recording(t, *(x[:, order] for x in state), reported)
     converted = efforts.applied(robot, recording)
-    found = identify_payload(robot, converted, 'tool')
-    assert found.inertial.mass == pytest.approx(LOAD.mass, abs=0.01)
+    payload = identify_payload(robot, converted, 'tool')
+    assert payload.inertial.mass == pytest.approx(LOAD.mass, abs=0.01)
 
 
 def test_efforts_of_loops_at_rest_that_contradict_their_meaning_are_named():
     robot, _, motion, _, _, weight, _ = states_of(lossy_palletizer)
-    q, held = motion.q[0], weight[0]
+    q = motion.q[0]
+    held = weight[0]
     without = Efforts('motor_torque', gravity=False)
     assert Efforts().contradiction(robot, q, held) == ''
     assert without.contradiction(robot, q, 0.01 * held) == ''
@@ -151,10 +162,12 @@ def test_efforts_of_loops_at_rest_that_contradict_their_meaning_are_named():
 
 def test_efforts_of_a_tree_with_chosen_speeds_are_those_of_its_joints():
     model = case('tree').robot.model
-    tree, robot = Robot(model), Robot(model, speeds=absolute_rates)
+    tree = Robot(model)
+    robot = Robot(model, speeds=absolute_rates)
     rng = np.random.default_rng(1)
     q, u, udot, effort = rng.normal(size=(4, robot.n))
-    qdot, qddot = robot.joint_rates(q, u), robot.joint_accelerations(q, u, udot)
+    qdot = robot.joint_rates(q, u)
+    qddot = robot.joint_accelerations(q, u, udot)
     for efforts in (Efforts('joint_torque', gravity=False), Efforts('external_torque')):
         torque = efforts.torque(robot, q, u, effort, udot)
         expected = efforts.torque(tree, q, qdot, effort, qddot)
@@ -163,8 +176,10 @@ def test_efforts_of_a_tree_with_chosen_speeds_are_those_of_its_joints():
 
 def test_efforts_and_constants_fit_the_actuators():
     robot, _, motion, *_ = states_of(lossy_palletizer)
-    q, u = motion.q[0], motion.u[0]
-    with pytest.raises(InputError, match=r'effort: shape \(10,\); expected \(4,\) or \(N, 4\), '
+    q = motion.q[0]
+    u = motion.u[0]
+    with pytest.raises(InputError,
+                       match=r'effort: shape \(10,\); expected \(4,\) or \(N, 4\), '
                        r'of swivel, shoulder, turn, lever_drive'):
         Efforts('joint_torque').torque(robot, q, u, np.zeros(10))
     with pytest.raises(InputError, match=r'constants: .*expected one number, or 4'):

@@ -1,4 +1,4 @@
-"""Motions of slow reversals are within limits, load joints differently, and show friction."""
+"""Motions of slow reversals keep limits, load joints and show friction."""
 
 import json
 
@@ -20,7 +20,8 @@ EXTREME = [  # share of the speed limits, and of the effort
     ({}, 0.3, 0.9), ({'speeds': [0.005, 0.2], 'loads': 2, 'share': 0.6}, 0.3, 0.6)]
 
 
-@pytest.mark.parametrize('name, links', [('two_link', {}), ('fr3', {'tip': 'fr3_link7'})])
+@pytest.mark.parametrize('name, links',
+                         [('two_link', {}), ('fr3', {'tip': 'fr3_link7'})])
 @pytest.mark.parametrize('options, speed, effort', EXTREME)
 def test_the_motion_rests_at_reversals_and_keeps_all_limits(name, links, options, speed,
                                                             effort):
@@ -43,7 +44,8 @@ def test_every_joint_reverses_under_loads_that_differ():
     motion = friction_motion(model, loads=3, strokes=4, speeds=[0.05], distance=None)
     # About each configuration there are ten ends of strokes.
     loads = robot.gravity_force(motion.sample(motion.times)[0])[::10]
-    largest = np.abs(robot.gravity_force(robot.random_configuration(0, 2000))).max(axis=0)
+    largest = np.abs(robot.gravity_force(robot.random_configuration(0, 2000))).max(
+        axis=0)
     relative = loads / largest
     assert len(loads) == 3
     for i in range(3):
@@ -60,11 +62,11 @@ def test_friction_of_an_arm_whose_bodies_are_known_is_that_of_the_motion():
     q, u, udot = motion.sample(t)
     noise = 0.05 * np.random.default_rng(1).normal(size=q.shape)
     tau = true.inverse_dynamics(q, u, udot) + noise
-    found = identify(load_urdf(TWO_LINK), Recording(t, q, u, udot, tau), friction_only=True,
-                     standstill=0.0, diagnosed=True)
-    np.testing.assert_allclose(found.losses[:, 0], [1.5, 0.8], rtol=0.1)
-    np.testing.assert_allclose(found.losses[:, 1], [2.0, 1.0], rtol=0.02)
-    np.testing.assert_allclose(found.friction_speed, 0.02, rtol=0.15)
+    identified = identify(load_urdf(TWO_LINK), Recording(t, q, u, udot, tau),
+                          friction_only=True, standstill=0.0, diagnosed=True)
+    np.testing.assert_allclose(identified.losses[:, 0], [1.5, 0.8], rtol=0.1)
+    np.testing.assert_allclose(identified.losses[:, 1], [2.0, 1.0], rtol=0.02)
+    np.testing.assert_allclose(identified.friction_speed, 0.02, rtol=0.15)
 
 
 def test_links_stay_above_the_floor_and_apart():
@@ -74,8 +76,8 @@ def test_links_stay_above_the_floor_and_apart():
     motion = friction_motion(model, floor=0.0, shapes=shapes, loads=2)
     free = friction_motion(model, distance=None, loads=2)
     clearance = Clearance(model, shapes, 0.0, 0.05)
-    q, anywhere = (each.sample(np.arange(0.0, each.duration, 0.1))[0]
-                   for each in (motion, free))
+    q = motion.sample(np.arange(0.0, motion.duration, 0.1))[0]
+    anywhere = free.sample(np.arange(0.0, free.duration, 0.1))[0]
     assert clearance.lowest(q)[1] > 0.0 > clearance.lowest(anywhere)[1]
     # Links that are near each other at rest keep half of their distance there.
     assert (clearance.distances(q) >= clearance.needed).all()
@@ -84,11 +86,12 @@ def test_links_stay_above_the_floor_and_apart():
 
 def test_the_command_writes_the_motion(tmp_path):
     path = tmp_path / 'slow.csv'
-    ran = command('excite', str(TWO_LINK), '--out', str(path), '--friction', '--loads', '2',
-                  '--seed', '3', '--floor', 'none', '--distance', 'none', '--json')
+    ran = command('excite', str(TWO_LINK), '--out', str(path), '--friction', '--loads',
+                  '2', '--seed', '3', '--floor', 'none', '--distance', 'none', '--json')
     assert ran.returncode == 0, ran.stderr
     motion = friction_motion(load_urdf(TWO_LINK), loads=2, seed=3, distance=None)
-    assert json.loads(ran.stdout)['duration'] == pytest.approx(motion.duration, rel=1e-12)
+    assert json.loads(ran.stdout)['duration'] == pytest.approx(motion.duration,
+                                                               rel=1e-12)
     table = np.genfromtxt(path, delimiter=',', names=True, deletechars='')
     expected = motion.sample(table['t'])[0]
     written = np.stack([table['q.joint1'], table['q.joint2']], axis=1)
@@ -122,7 +125,8 @@ def arm(**limits):
     b = ModelBuilder('arm')
     stated = {'lower': -1.0, 'upper': 1.0, 'velocity': 2.0, 'effort': 50.0}
     for name, on, at in (('upper', 'world', (0, 0, 0)), ('fore', 'upper', (0.5, 0, 0))):
-        b.body(name, on, axis=(0, 1, 0), at=at, inertial=rod(1.0, (0, 0, 0), (0.5, 0, 0)),
+        b.body(name, on, axis=(0, 1, 0), at=at,
+               inertial=rod(1.0, (0, 0, 0), (0.5, 0, 0)),
                limits=Limits(**stated | limits if name == 'upper' else stated))
     return b
 
@@ -131,7 +135,8 @@ def arm(**limits):
     ({'lower': 0.5, 'upper': 0.5}, "joint 'upper': limits of position 0.5 and 0.5"),
     ({'velocity': 1e-300}, "joint 'upper': limit of speed 1e-300"),
     ({'velocity': np.inf}, "joint 'upper': limit of speed inf")])
-def test_limits_without_a_useful_range_are_refused_by_the_name_of_the_joint(limits, words):
+def test_limits_without_a_useful_range_are_refused_by_the_name_of_the_joint(
+        limits, words):
     with pytest.raises(InputError, match=words):
         friction_motion(arm(**limits).model(), distance=None)
 
@@ -140,7 +145,8 @@ def test_limits_without_a_useful_range_are_refused_by_the_name_of_the_joint(limi
     ({'lower': -np.inf, 'upper': np.inf}, -np.pi, np.pi),
     ({'lower': -1e308, 'upper': 1e308}, -np.pi, np.pi),
     ({'lower': -np.inf, 'upper': -9.0}, -9.0 - np.pi, -9.0)])
-def test_a_joint_without_a_limit_moves_where_random_configurations_are(limits, least, most):
+def test_a_joint_without_a_limit_moves_where_random_configurations_are(
+        limits, least, most):
     motion = friction_motion(arm(**limits).model(), distance=None)
     positions = motion.sample(motion.times)[0][:, 0]
     assert least <= positions.min() <= positions.max() <= most

@@ -8,13 +8,15 @@ import time
 from types import SimpleNamespace
 
 import clarabel
-from kane_dynamics import Inertial, InputError, load_urdf, ModelError, ModelWarning, Robot
-from kane_dynamics.identification import (base_parameters, base_speeds, fit_base, friction_speeds,
-                                          identify, read_recording, Recording, rows)
+from kane_dynamics import (Inertial, InputError, load_urdf, ModelError, ModelWarning,
+                           Robot)
+from kane_dynamics.identification import (base_parameters, base_speeds, fit_base,
+                                          friction_speeds, identify, read_recording,
+                                          Recording, rows)
 from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.physical_consistency import physical
-from kane_dynamics.identification.regression import (compressed, fit_friction, full_regressor,
-                                                     LOWEST, RegressionRows, stacked)
+from kane_dynamics.identification.regression import (
+    compressed, fit_friction, full_regressor, LOWEST, RegressionRows, stacked)
 from kane_dynamics.identification.result_files import written
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 import mujoco
@@ -70,8 +72,8 @@ def recorded(name):
     if name == 'mujoco':
         with TemporaryDirectory() as folder:
             path = from_mujoco(Path(folder), URDF, (DAMPING, 4.0), 0.5)
-            return (URDF, np.genfromtxt(path, delimiter=',', names=True), load_urdf(URDF),
-                    read_recording(path, load_urdf(URDF).joint_names))
+            return (URDF, np.genfromtxt(path, delimiter=',', names=True),
+                    load_urdf(URDF), read_recording(path, load_urdf(URDF).joint_names))
     path, urdf, joints = real(*REAL[name][0])
     model = quiet(urdf, joints)
     return (urdf, np.genfromtxt(path, delimiter=',', names=True), model,
@@ -80,7 +82,8 @@ def recorded(name):
 
 @pytest.mark.parametrize('weighted', [True, False])
 def test_base_parameters_of_a_noisy_arm_are_within_three_deviations(weighted):
-    data, speeds = rows(inaccurate_arm(), noisy()), np.full(6, 0.05)
+    data = rows(inaccurate_arm(), noisy())
+    speeds = np.full(6, 0.05)
     fit = fit_base(data, inaccurate_arm(), speeds, weighted=weighted)
     truth = fit.base.B @ true_unknowns(arm())
     off = (fit.values - truth) / fit.deviations
@@ -91,10 +94,13 @@ def test_base_parameters_of_a_noisy_arm_are_within_three_deviations(weighted):
 
 
 def test_base_parameters_reproduce_every_torque():
-    fit = fit_base(rows(inaccurate_arm(), simulated(arm(), 4)), inaccurate_arm(), np.full(6, 0.05))
-    other = simulated(arm(), 5, duration=2.0)
-    X = full_regressor(rows(inaccurate_arm(), other), np.full(6, 0.05))[:, :, fit.base.columns]
-    assert np.abs(X @ fit.values - other.tau).max() < 1e-8 * np.abs(other.tau).max()
+    fit = fit_base(rows(inaccurate_arm(), simulated(arm(), 4)), inaccurate_arm(),
+                   np.full(6, 0.05))
+    other_recording = simulated(arm(), 5, duration=2.0)
+    X = full_regressor(rows(inaccurate_arm(),
+                            other_recording), np.full(6, 0.05))[:, :, fit.base.columns]
+    assert np.abs(X @ fit.values - other_recording.tau).max() < 1e-8 * np.abs(
+        other_recording.tau).max()
 
 
 def test_identified_friction_speeds_are_those_of_the_arm():
@@ -104,37 +110,40 @@ def test_identified_friction_speeds_are_those_of_the_arm():
 
 def test_identified_bodies_are_physical_and_files_reproduce_their_torques(tmp_path):
     short = noisy().rows(slice(0, 400))  # too short a motion to tell much
-    found = identify(inaccurate_arm(), short, weight=1e-3)
-    for body in found.model.bodies:
+    identified = identify(inaccurate_arm(), short, weight=1e-3)
+    for body in identified.model.bodies:
         assert np.linalg.eigvalsh(body.inertial.pseudo_inertia)[0] > 0.0
-    for joint in found.model.coordinate_joints:
+    for joint in identified.model.coordinate_joints:
         assert min(joint.damping, joint.friction, joint.armature) >= 0.0
-    urdf, supplement = written(URDF, found.model)
+    urdf, supplement = written(URDF, identified.model)
     path = tmp_path / 'arm.supplement.yaml'
     path.write_text(supplement)
     again = load_urdf(urdf, supplement=path)
     _, *state = exciting(6, 7, duration=0.2)
-    tau = Robot(found.model).inverse_dynamics(*state)
-    assert np.abs(Robot(again).inverse_dynamics(*state) - tau).max() < 1e-12 * np.abs(tau).max()
+    tau = Robot(identified.model).inverse_dynamics(*state)
+    assert np.abs(Robot(again).inverse_dynamics(*state) - tau).max() < 1e-12 * np.abs(
+        tau).max()
 
 
 @pytest.mark.parametrize(('factor', 'share'), [(1.2, 1.0), (1e-4, None)])
 def test_left_out_fingers_keep_mass_so_that_they_can_still_move(factor, share):
-    """The identified URDF has the identified dynamics, and MuJoCo and `load_urdf` read it."""
+    """The identified URDF has the identified dynamics, also read by MuJoCo."""
     hand = URDF.with_name('human_hand.urdf')
     names = load_urdf(hand).joint_names
     chosen = names[:2]
-    given = load_urdf(hand, joints=chosen)
-    found = replace(given, bodies=tuple(replace(body, inertial=Inertial.from_pseudo_inertia(
-        factor * body.inertial.pseudo_inertia)) for body in given.bodies))
+    model = load_urdf(hand, joints=chosen)
+    scaled_model = replace(
+        model, bodies=tuple(replace(body, inertial=Inertial.from_pseudo_inertia(
+            factor * body.inertial.pseudo_inertia)) for body in model.bodies))
     if share is None:
         with pytest.warns(ModelWarning, match='behind locked joints: heavier'):
-            urdf, _ = written(hand, found)
+            urdf, _ = written(hand, scaled_model)
     else:
-        urdf, _ = written(hand, found)
+        urdf, _ = written(hand, scaled_model)
     _, *state = exciting(2, 7, duration=0.2)
-    tau = Robot(found, friction=False).inverse_dynamics(*state)
-    again = Robot(load_urdf(urdf, joints=chosen), friction=False).inverse_dynamics(*state)
+    tau = Robot(scaled_model, friction=False).inverse_dynamics(*state)
+    again = Robot(load_urdf(urdf, joints=chosen), friction=False).inverse_dynamics(
+        *state)
     assert np.abs(again - tau).max() < 1e-12 * np.abs(tau).max()
     whole = load_urdf(urdf)
     assert whole.joint_names == names
@@ -142,7 +151,7 @@ def test_left_out_fingers_keep_mass_so_that_they_can_still_move(factor, share):
     for body in whole.bodies:
         assert body.inertial.mass > 0.0
         assert np.linalg.eigvalsh(body.inertial.pseudo_inertia)[0] > 0.0
-        if share and body.name not in {moving.name for moving in found.bodies}:
+        if share and body.name not in {moving.name for moving in scaled_model.bodies}:
             assert body.inertial.mass == pytest.approx(originals[body.name])
     Robot(whole).forward_dynamics(*np.zeros((3, len(names))))
     assert mujoco.MjModel.from_xml_string(urdf).nv == len(names)
@@ -155,35 +164,39 @@ def test_bounded_friction_is_never_below_its_bound():
         u = rng.normal(size=(200, 1))
         tau = -0.3 * u + 0.1 * rng.normal(size=u.shape)
         still = Recording(np.arange(200.0), u, u, 0.1 * rng.normal(size=u.shape), tau)
-        data = RegressionRows(still, ('joint',), *np.zeros((2, 200, 1)), np.zeros((200, 1, 10)),
-                              np.abs(u) > 0.0)
+        data = RegressionRows(still, ('joint',), *np.zeros((2, 200, 1)),
+                              np.zeros((200, 1, 10)), np.abs(u) > 0.0)
         x, _ = fit_friction(data, 0, 0.05)
         assert (x >= LOWEST).all(), seed
 
 
 def test_identified_arm_predicts_what_it_has_not_seen():
-    found = identified_arm()
-    assert (found.held_out < 0.55).all()  # of which 0.5 is noise
-    assert (found.before > 2.0).all()
+    identified = identified_arm()
+    assert (identified.held_out < 0.55).all()  # of which 0.5 is noise
+    assert (identified.before > 2.0).all()
 
 
-def test_single_parameters_are_reported_where_torques_tell_them_and_are_within_three_deviations():
-    found = identified_arm()
-    told = np.isfinite(found.inertial_deviations)
+def test_single_parameters_that_torques_determine_are_within_three_deviations():
+    identified = identified_arm()
+    told = np.isfinite(identified.inertial_deviations)
     base = base_parameters(arm(), np.full(6, 0.05))
-    names = [f'{body.name}.{name}' for body in arm().bodies for name in PARAMETERS]
+    names = []
+    for body in arm().bodies:
+        for name in PARAMETERS:
+            names.append(f'{body.name}.{name}')
     alone = [name for name in names if name in base.names]
     assert [name for name, yes in zip(names, told.ravel()) if yes] == alone
     assert 'wrist_3_link.mx' in alone and 'wrist_3_link.m' not in alone
-    off = (inertial_parameters(found.model) - inertial_parameters(arm())).reshape(-1, 10)
-    assert np.abs(off[told] / found.inertial_deviations[told]).max() < 3.0
+    off = (inertial_parameters(identified.model) - inertial_parameters(arm())).reshape(
+        -1, 10)
+    assert np.abs(off[told] / identified.inertial_deviations[told]).max() < 3.0
 
 
 def heavier(model, factor):
     """Return the model with other masses."""
     return replace(model, bodies=tuple(replace(body, inertial=Inertial(
-        factor * body.inertial.mass, 1.1 * body.inertial.com, 1.3 * body.inertial.inertia))
-        for body in model.bodies))
+        factor * body.inertial.mass, 1.1 * body.inertial.com,
+        1.3 * body.inertial.inertia)) for body in model.bodies))
 
 
 @pytest.mark.parametrize(('seed', 'weight'), [(0, None), (10, None), (20, 1000.0)])
@@ -193,29 +206,34 @@ def test_stated_deviations_hold_although_the_urdf_is_wrong(seed, weight):
     truth = heavier(load_urdf(small, supplement={'joints': {
         'joint1': {'damping': 1.5, 'friction': 2.0},
         'joint2': {'damping': 0.8, 'friction': 1.0}}}), 1.25)
-    found = identify(load_urdf(small), simulated(truth, seed, 0.05, duration=12.0),
-                     weight=weight)
-    assert np.allclose(found.friction_speed, 0.05, rtol=0.15)
-    off = (found.losses - [[1.5, 2.0, 0.0, 0.0], [0.8, 1.0, 0.0, 0.0]]) / found.deviations
-    told = np.isfinite(found.inertial_deviations)
-    off = np.append(off, ((inertial_parameters(found.model) - inertial_parameters(truth)).reshape(
-        -1, 10) / found.inertial_deviations)[told])
+    identified = identify(load_urdf(small), simulated(truth, seed, 0.05, duration=12.0),
+                          weight=weight)
+    assert np.allclose(identified.friction_speed, 0.05, rtol=0.15)
+    off = (identified.losses - [[1.5, 2.0, 0.0, 0.0],
+                                [0.8, 1.0, 0.0, 0.0]]) / identified.deviations
+    told = np.isfinite(identified.inertial_deviations)
+    off = np.append(
+        off,
+        ((inertial_parameters(identified.model) - inertial_parameters(truth)).reshape(
+            -1, 10) / identified.inertial_deviations)[told])
     assert off.std() > 0.3 and np.abs(off).max() < 4.0
-    assert (found.held_out < 0.1).all()  # of which 0.05 is noise
+    assert (identified.held_out < 0.1).all()  # of which 0.05 is noise
 
 
 def test_base_parameters_know_nothing_of_the_models_masses():
     recording = noisy().rows(slice(0, 1200))
-    speeds = [base_speeds(rows(model, recording), model) for model in (inaccurate_arm(), arm())]
+    speeds = [base_speeds(rows(model, recording), model)
+              for model in (inaccurate_arm(), arm())]
     assert np.allclose(speeds[0], speeds[1], rtol=1e-6)
     assert np.allclose(speeds[0], 0.05, rtol=0.15)
 
 
 def test_exact_recording_of_an_arm_whose_masses_are_known_gives_its_friction_exactly():
-    given = simulated(arm(), 4, duration=5.0)
-    found = identify(load_urdf(URDF), given)
-    assert found.held_out.max() < 1e-8 * np.abs(given.tau).max()
-    assert [joint.damping for joint in found.model.coordinate_joints] == pytest.approx([3.0] * 6)
+    recorded = simulated(arm(), 4, duration=5.0)
+    identified = identify(load_urdf(URDF), recorded)
+    assert identified.held_out.max() < 1e-8 * np.abs(recorded.tau).max()
+    assert [joint.damping
+            for joint in identified.model.coordinate_joints] == pytest.approx([3.0] * 6)
 
 
 def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
@@ -235,16 +253,18 @@ def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
 
 
 @pytest.mark.parametrize('stalls', [1, 2, 3])
-def test_a_program_that_stalls_is_solved_with_shorter_steps_or_refused(stalls, monkeypatch):
+def test_a_program_that_stalls_is_solved_with_shorter_steps_or_refused(
+        stalls, monkeypatch):
     data = rows(inaccurate_arm(), noisy().rows(slice(0, 400)))
     A, b = stacked(compressed(data, np.full(6, 0.05))[0], np.full(6, 0.5))
     prior = [body.inertial for body in inaccurate_arm().bodies]
-    given = A, b, prior, np.tile(LOWEST, 6), 100.0
+    program = A, b, prior, np.tile(LOWEST, 6), 100.0
     for name in ('_unconstrained', '_nearest'):
         monkeypatch.setattr(f'kane_dynamics.identification.physical_consistency.{name}',
                             lambda *_: None)
-    expected = physical(*given)
-    shares, solver = [], clarabel.DefaultSolver
+    expected = physical(*program)
+    shares = []
+    solver = clarabel.DefaultSolver
 
     def stalling(*arguments):
         shares.append(arguments[-1].max_step_fraction)
@@ -253,12 +273,13 @@ def test_a_program_that_stalls_is_solved_with_shorter_steps_or_refused(stalls, m
         return solver(*arguments)
     monkeypatch.setattr(clarabel, 'DefaultSolver', stalling)
     if stalls < 3:
-        x = physical(*given)
-        assert np.linalg.norm(A @ x - b) == pytest.approx(np.linalg.norm(A @ expected - b),
-                                                          rel=1e-6)
+        x = physical(*program)
+        assert np.linalg.norm(A @ x - b) == pytest.approx(
+            np.linalg.norm(A @ expected - b), rel=1e-6)
     else:
-        with pytest.raises(InputError, match=r'^weight: 100 .*AlmostSolved; expected a larger'):
-            physical(*given)
+        with pytest.raises(InputError,
+                           match=r'^weight: 100 .*AlmostSolved; expected a larger'):
+            physical(*program)
     assert shares == sorted(shares, reverse=True) and len(shares) == min(stalls + 1, 3)
 
 
@@ -267,16 +288,19 @@ def test_a_program_that_stalls_is_solved_with_shorter_steps_or_refused(stalls, m
 @pytest.mark.parametrize('name', REAL)
 def test_a_prior_of_small_weight_predicts_as_well(name, weight):
     _, _, model, recording = recorded(name)
-    found = identify(model, recording, weight=weight, friction='coulomb', diagnosed=True)
+    identified = identify(model, recording, weight=weight, friction='coulomb',
+                          diagnosed=True)
     usual = identify(model, recording, weight=0.01, friction='coulomb', diagnosed=True)
-    assert (found.held_out < 1.1 * usual.held_out).all()
+    assert (identified.held_out < 1.1 * usual.held_out).all()
 
 
 @pytest.mark.parametrize('name', REAL)
 def test_rigid_body_torque_of_a_recording_is_the_references(name):
     urdf, columns, model, recording = recorded(name)
-    reference = np.column_stack([columns[f'tau_pin_{urdf.stem}_{k + 1}'] for k in range(model.n)])
-    tau = Robot(model, friction=False).inverse_dynamics(recording.q, recording.u, recording.udot)
+    reference = np.column_stack(
+        [columns[f'tau_pin_{urdf.stem}_{k + 1}'] for k in range(model.n)])
+    tau = Robot(model, friction=False).inverse_dynamics(recording.q, recording.u,
+                                                        recording.udot)
     assert np.abs(tau - reference).max() < 1e-8
 
 
@@ -284,12 +308,13 @@ def test_rigid_body_torque_of_a_recording_is_the_references(name):
 def test_identified_arm_beats_the_reference_residuals_of_a_real_recording(name):
     _, _, model, recording = recorded(name)
     worse = identify(model, recording).held_out >= REAL[name][1]
-    assert np.flatnonzero(worse).tolist() == ([3] if name == 'mujoco' else [])  # negative friction
+    # Negative friction.
+    assert np.flatnonzero(worse).tolist() == ([3] if name == 'mujoco' else [])
 
 
 @cache
 def with_friction_alone(name, bounded):
-    """Return friction fitted to the first half of a real recording, validated on the second."""
+    """Return friction fitted to the first half of a recording, tested on the second."""
     _, _, model, recording = recorded(name)
     return identify(model, recording, friction_only=True, bounded=bounded)
 
@@ -300,30 +325,32 @@ def test_friction_alone_beats_the_reference_residuals_of_a_real_recording(name):
     assert (with_friction_alone(name, False).held_out.round(2) <= REAL[name][1]).all()
 
 
-# The Panda's fourth joint rubs less the faster it turns, in the eyes of a URDF whose masses are a
-# little off: least squares gives it a negative damping. Without, .233 N m are left of that joint.
+# The Panda's fourth joint rubs less the faster it turns, in the eyes of a URDF whose
+# masses are a little off: least squares gives it a negative damping. Without, .233 N m
+# are left of that joint.
 BOUNDED = {'panda': [3], 'ur10': [], 'mujoco': [3]}
 
 
 @pytest.mark.parametrize('name', REAL)
 def test_dissipative_friction_beats_the_reference_residuals_but_at_one_joint(name):
-    found, reference = with_friction_alone(name, True), np.array(REAL[name][1])
-    assert (found.losses[:, :3] >= 0.0).all()
-    assert found.model.coordinate_joints[0].damping == found.losses[0, 0]
-    worse = np.flatnonzero(found.held_out.round(2) > reference)
+    identified = with_friction_alone(name, True)
+    reference = np.array(REAL[name][1])
+    assert (identified.losses[:, :3] >= 0.0).all()
+    assert identified.model.coordinate_joints[0].damping == identified.losses[0, 0]
+    worse = np.flatnonzero(identified.held_out.round(2) > reference)
     assert worse.tolist() == BOUNDED[name]
     if name != 'mujoco':
-        assert (found.held_out[worse] < reference[worse] + 0.015).all()
+        assert (identified.held_out[worse] < reference[worse] + 0.015).all()
 
 
 @pytest.mark.parametrize('name', [name for name in REAL if BOUNDED[name]])
 def test_negative_friction_is_reported_and_refused_as_a_model(name):
-    found = with_friction_alone(name, False)
-    assert found.losses[3, 0] < -5.0 * found.deviations[3, 0]
+    identified = with_friction_alone(name, False)
+    assert identified.losses[3, 0] < -5.0 * identified.deviations[3, 0]
     with pytest.raises(ModelError, match=r"joint '\w+': \w+ -.*; expected a nonneg"):
-        _ = found.model
+        _ = identified.model
     with pytest.raises(InputError, match='only with friction_only'):
-        identify(found.given, noisy(), bounded=False)
+        identify(identified.given, noisy(), bounded=False)
 
 
 def test_filter_neither_delays_nor_weakens_slow_motion():
@@ -338,19 +365,22 @@ def test_filter_neither_delays_nor_weakens_slow_motion():
 
 
 def test_uneven_rows_are_resampled_and_a_measured_speed_needs_one_derivative():
-    """Rows 2 to 8 ms apart, encoders with noise: the arm is found as if they were even."""
+    """Rows 2 to 8 ms apart, noisy encoders: the arm is found as from even rows."""
     t, q, u, udot = exciting(2, 8, rate=1000.0)
     rng = np.random.default_rng(9)
-    kept = np.cumsum(rng.integers(1, 9, len(t)))
-    kept = kept[kept < len(t)]
-    raw = Recording(t[kept], q[kept] + 1e-4 * rng.normal(size=(len(kept), 2)),
-                    u[kept] + 1e-3 * rng.normal(size=(len(kept), 2)), udot[kept], q[kept])
+    indices = np.cumsum(rng.integers(1, 9, len(t)))
+    indices = indices[indices < len(t)]
+    raw = Recording(t[indices], q[indices] + 1e-4 * rng.normal(size=(len(indices), 2)),
+                    u[indices] + 1e-3 * rng.normal(size=(len(indices), 2)),
+                    udot[indices], q[indices])
     assert raw.uneven and not raw.resampled().uneven
     assert np.diff(raw.resampled(100.0).t) == pytest.approx(0.01)
-    found = [replace(raw, derived=derived).filtered(20.0) for derived in (('u', 'udot'), ())]
-    off = [np.abs(each.udot - np.column_stack([np.interp(each.t, t, column)
-                                               for column in udot.T]))[50:-50].std()
-           for each in found]
+    recordings = [replace(raw, derived=derived).filtered(20.0)
+                  for derived in (('u', 'udot'), ())]
+    off = []
+    for filtered in recordings:
+        off.append(np.abs(filtered.udot - np.column_stack(
+            [np.interp(filtered.t, t, column) for column in udot.T]))[50:-50].std())
     assert off[1] < 0.05 and off[1] < 0.5 * off[0]
     for rate in (0.0, np.inf, np.nan):
         with pytest.raises(InputError, match=r'rate: .*; expected a finite number'):
@@ -358,23 +388,24 @@ def test_uneven_rows_are_resampled_and_a_measured_speed_needs_one_derivative():
 
 
 def test_noise_of_accelerations_is_measured():
-    given = noisy()
-    noise = np.random.default_rng(0).normal(size=given.udot.shape)
-    size = np.sqrt(np.mean(given.udot**2, axis=0))
-    assert (given.acceleration_noise() < 0.01).all()
+    recorded = noisy()
+    noise = np.random.default_rng(0).normal(size=recorded.udot.shape)
+    size = np.sqrt(np.mean(recorded.udot**2, axis=0))
+    assert (recorded.acceleration_noise() < 0.01).all()
     for share in (0.1, 0.5):
-        made = replace(given, udot=given.udot * np.sqrt(1.0 - share**2) + share * size * noise)
-        assert np.allclose(made.acceleration_noise(), share, rtol=0.1)
+        noisier = replace(recorded, udot=recorded.udot * np.sqrt(1.0 - share**2)
+                          + share * size * noise)
+        assert np.allclose(noisier.acceleration_noise(), share, rtol=0.1)
 
 
 @pytest.mark.timed
 def test_identification_of_many_rows_takes_seconds_of_processor_time():
     """Of 21,000 rows: below 10 s."""
-    given = simulated(arm(), 0, 0.5, duration=21.0, rate=1000.0)
+    recorded = simulated(arm(), 0, 0.5, duration=21.0, rate=1000.0)
     begun = time.process_time()
-    found = identify(inaccurate_arm(), given)
+    identified = identify(inaccurate_arm(), recorded)
     assert time.process_time() - begun < 10.0
-    assert (found.held_out < 0.55).all()
+    assert (identified.held_out < 0.55).all()
 
 
 def test_joint_that_never_moves_is_an_error():
@@ -384,9 +415,9 @@ def test_joint_that_never_moves_is_an_error():
 
 
 def test_a_joint_that_hardly_moves_is_named():
-    given = noisy()
-    still = given.u.copy()
+    recorded = noisy()
+    still = recorded.u.copy()
     still[5:, 2] = 0.0
     words = f"joint '{arm().joint_names[2]}': moves in .* rows of the fit; expected"
     with pytest.raises(InputError, match=words):
-        identify(inaccurate_arm(), replace(given, u=still), diagnosed=True)
+        identify(inaccurate_arm(), replace(recorded, u=still), diagnosed=True)

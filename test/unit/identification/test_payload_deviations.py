@@ -1,4 +1,4 @@
-"""Promises of a payload's standard deviations: z scores near 1, or wider, over seeded runs."""
+"""Promises of a payload's standard deviations: z scores near 1 over seeds."""
 
 from functools import cache
 from pathlib import Path
@@ -12,7 +12,8 @@ from scipy.signal import lfilter
 
 URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'ur10e.urdf'
 LOAD = Inertial(2.0, np.array([0.03, -0.02, 0.08]), np.diag([0.02, 0.015, 0.01]))
-NOISE, RUNS = 0.5, 10
+NOISE = 0.5
+RUNS = 10
 
 
 @cache
@@ -24,20 +25,22 @@ def arm():
 @cache
 def carrying():
     """Return the robot that is measured."""
-    inertia = dict(zip(('ixx', 'iyy', 'izz'), np.diag(LOAD.inertia).tolist(), strict=True))
+    inertia = dict(zip(('ixx', 'iyy', 'izz'), np.diag(LOAD.inertia).tolist(),
+                       strict=True))
     return Robot(load_urdf(URDF, supplement={'payload': {
-        'link': 'tool0', 'mass': LOAD.mass, 'com': LOAD.com.tolist(), 'inertia': inertia}}))
+        'link': 'tool0', 'mass': LOAD.mass, 'com': LOAD.com.tolist(),
+        'inertia': inertia}}))
 
 
 def coloured(rng, shape, correlation=0.98):
-    """Return noise of first order, of deviation NOISE, correlated over half a second, N m."""
+    """Return first-order noise of deviation NOISE, correlated over 0.5 s, N m."""
     white = rng.normal(size=shape) * np.sqrt(1.0 - correlation**2)
     white[0] = rng.normal(size=shape[1])
     return NOISE * lfilter([1.0], [1.0, -correlation], white, axis=0)
 
 
 def measured(seed, *, unknown, duration=10.0, noise=NOISE):
-    """Return a recording; `unknown`: friction, offsets and coloured noise come on top."""
+    """Return a recording; `unknown` adds friction, offsets and coloured noise."""
     rng = np.random.default_rng(seed)
     t, q, u, udot = exciting(6, seed, duration=duration)
     tau = carrying().inverse_dynamics(q, u, udot) + noise * rng.normal(size=q.shape)
@@ -53,24 +56,27 @@ def measured(seed, *, unknown, duration=10.0, noise=NOISE):
 def estimated_by_sample(recording):
     """Return mass, center of mass and their deviations, estimated sample by sample."""
     estimator = PayloadEstimator(arm(), 'tool0', np.full(6, NOISE), memory=2000.0)
-    for sample in zip(recording.q, recording.u, recording.udot, recording.tau, strict=True):
+    for sample in zip(recording.q, recording.u, recording.udot, recording.tau,
+                      strict=True):
         estimator.update(*sample)
-    return estimator.mass, estimator.com, estimator.mass_deviation, estimator.com_deviation
+    return (estimator.mass, estimator.com, estimator.mass_deviation,
+            estimator.com_deviation)
 
 
 def identified_from_all_rows(recording):
     """Return mass, center of mass and their deviations, identified from all rows."""
-    found = identify_payload(arm(), recording, 'tool0')
-    return (found.inertial.mass, found.inertial.com, found.mass_deviation, found.com_deviation)
+    payload = identify_payload(arm(), recording, 'tool0')
+    return (payload.inertial.mass, payload.inertial.com, payload.mass_deviation,
+            payload.com_deviation)
 
 
 def scores(estimate, unknown, **motion):
     """Return the rms z score of mass and center of mass over seeded runs."""
-    found = []
+    z_scores = []
     for seed in range(RUNS):
         mass, com, by_mass, by_com = estimate(measured(seed, unknown=unknown, **motion))
-        found.append([(mass - LOAD.mass) / by_mass, *((com - LOAD.com) / by_com)])
-    squares = np.square(found)
+        z_scores.append([(mass - LOAD.mass) / by_mass, *((com - LOAD.com) / by_com)])
+    squares = np.square(z_scores)
     return np.sqrt(squares[:, 0].mean()), np.sqrt(squares[:, 1:].mean())
 
 
@@ -86,7 +92,8 @@ def test_z_scores_are_near_1_with_white_noise(estimate):
     (identified_from_all_rows, ('friction', 'offset', 'colour')),
     (estimated_by_sample, ('friction', 'offset', 'colour')),
     pytest.param(estimated_by_sample, ('friction', 'offset'), marks=pytest.mark.slow)])
-def test_z_scores_are_below_1_5_with_friction_offsets_and_coloured_noise(estimate, unknown):
+def test_z_scores_are_below_1_5_with_friction_offsets_and_coloured_noise(
+        estimate, unknown):
     for score in scores(estimate, unknown):
         assert score < 1.5
 
@@ -97,18 +104,20 @@ def test_noise_that_is_larger_than_told_widens_the_deviation_alike():
 
 
 def test_arm_at_rest_with_unknown_offsets_is_not_sure_of_the_mass():
-    rng, tau = np.random.default_rng(0), carrying().gravity_force(np.full(6, 0.3))
+    rng = np.random.default_rng(0)
+    tau = carrying().gravity_force(np.full(6, 0.3))
     zero = np.zeros((500, 6))
     tau = tau + [0.0, 3.0, 3.0, 1.0, 1.0, 1.0] + NOISE * rng.normal(size=zero.shape)
-    mass, _, deviation, _ = estimated_by_sample(Recording(0.01 * np.arange(500), zero + 0.3, zero,
-                                                          zero, tau))
+    mass, _, deviation, _ = estimated_by_sample(
+        Recording(0.01 * np.arange(500), zero + 0.3, zero, zero, tau))
     assert abs(mass - LOAD.mass) > 0.05
     assert abs(mass - LOAD.mass) < 1.5 * deviation
 
 
 def test_arm_at_rest_with_exact_sensors_weighs_the_load_to_50_grams():
-    """Offsets that sensors may have cannot be told from a load at rest; exact ones have none."""
-    q, zero = np.full(6, 0.3), np.zeros(6)
+    """Possible sensor offsets hide a load at rest; exact sensors have none."""
+    q = np.full(6, 0.3)
+    zero = np.zeros(6)
     estimator = PayloadEstimator(arm(), 'tool0', np.full(6, 0.01), memory=30.0)
     for _ in range(50):
         estimator.update(q, zero, zero, carrying().gravity_force(q))

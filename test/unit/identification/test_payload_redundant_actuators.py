@@ -1,4 +1,4 @@
-"""Payloads of machines with more actuators than independent speeds: a five-bar, three motors."""
+"""Payloads of machines with more actuators than speeds: a five-bar, three motors."""
 
 from functools import cache
 
@@ -15,29 +15,34 @@ import pytest
 
 CRANKS = ('left_crank', 'right_crank')
 MOTORS = ('left_crank', 'right_crank', 'right_bar')  # in the robot's order
-LOAD, RUNS = box(3.0, (0.2, 0.1, 0.1), at=(0.05, 0.0, 0.04)), 12
+LOAD = box(3.0, (0.2, 0.1, 0.1), at=(0.05, 0.0, 0.04))
+RUNS = 12
 SIGMA = np.array([0.3, 2.0, 0.6])  # N m
 
 
 @cache
 def arm():
     robot = five_bar(*MOTORS)
-    return Robot(robot.model, **{**robot.options, 'configuration': five_bar_at(2.0, 1.0)})
+    return Robot(robot.model,
+                 **{**robot.options, 'configuration': five_bar_at(2.0, 1.0)})
 
 
 @cache
 def carried():
-    """Return t, the motion, T of the motors, and torques of least norm by Kane's definition."""
+    """Return t, the motion, T of the motors, least-norm torques by the definition."""
     robot = arm()
     heavy = Robot(with_payload(robot.model, 'left_tip', LOAD), **robot.options)
     t = np.arange(0.0, 6.0, 0.03)
-    w, a = np.array([2.1, 3.3]), np.array([0.5, 0.4])
-    s, c = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
-    motion = mechanism_motion(robot, CRANKS, t, a * s + [2.0, 1.0], a * w * c, -a * w**2 * s)
+    w = np.array([2.1, 3.3])
+    a = np.array([0.5, 0.4])
+    s = np.sin(np.outer(t, w))
+    c = np.cos(np.outer(t, w))
+    motion = mechanism_motion(robot, CRANKS, t, a * s + [2.0, 1.0], a * w * c,
+                              -a * w**2 * s)
     places = [robot.joint_names.index(name) for name in MOTORS]
     T = np.array([five_bar_partial_rates(q)[places] for q in motion.q])
-    force = np.array([nonholonomic.inverse_dynamics(heavy.mechanism, *each)
-                      for each in zip(*motion, strict=True)])
+    force = np.array([nonholonomic.inverse_dynamics(heavy.mechanism, *sample)
+                      for sample in zip(*motion, strict=True)])
     return t, motion, T, np.einsum('kna,kn->ka', np.linalg.pinv(T), force)
 
 
@@ -48,7 +53,7 @@ def preloaded(tau, T, rng):
 
 
 def estimated_by_sample(seed=None):
-    """Return the estimate from all samples, with noise of the motors unless the seed is None."""
+    """Return the estimate from all samples, with motor noise unless the seed is None."""
     _, motion, T, tau = carried()
     rng = np.random.default_rng(seed)
     noise = 0.0 if seed is None else SIGMA * rng.normal(size=tau.shape)
@@ -59,14 +64,16 @@ def estimated_by_sample(seed=None):
     return estimator
 
 
-def test_the_covariance_is_that_of_measurements_with_an_unknown_preload_at_every_sample():
-    """Its rows are those of the motors without their part along the preload, which is unknown."""
+def test_the_covariance_is_that_of_samples_with_an_unknown_preload_each():
+    """Its rows are the motors' without their part along the unknown preload."""
     _, motion, T, _ = carried()
-    estimator, robot = estimated_by_sample(), arm()
-    own = 10.0 * SIGMA  # offset, Coulomb and viscous friction that the model may lack
+    estimator = estimated_by_sample()
+    robot = arm()
+    # offset, Coulomb and viscous friction that the model may lack
+    model_error = 10.0 * SIGMA
     information = np.zeros((19, 19))
     information[:10, :10] = np.diag(np.repeat([10.0, 1.0, 0.3], [1, 3, 6])**-2.0)
-    information[10:, 10:] = np.diag(np.repeat(own, 3)**-2.0)
+    information[10:, 10:] = np.diag(np.repeat(model_error, 3)**-2.0)
     Y = PayloadRegressor(robot, 'left_tip')(*motion)
     for acting, forces, u in zip(T, Y, motion.u, strict=True):
         rates = acting @ u
@@ -84,12 +91,12 @@ def test_the_covariance_is_that_of_measurements_with_an_unknown_preload_at_every
 
 
 def test_z_scores_are_near_1_with_white_noise_of_the_motors():
-    found = []
+    z_scores = []
     for seed in range(RUNS):
         estimator = estimated_by_sample(seed)
         assert estimator.mass_deviation < 0.2 * LOAD.mass
-        found.append((estimator.mass - LOAD.mass) / estimator.mass_deviation)
-    assert 0.5 < np.sqrt(np.square(found).mean()) < 1.5
+        z_scores.append((estimator.mass - LOAD.mass) / estimator.mass_deviation)
+    assert 0.5 < np.sqrt(np.square(z_scores).mean()) < 1.5
 
 
 def recording(seed, scale=0.0):
@@ -103,31 +110,34 @@ def recording(seed, scale=0.0):
 
 
 def test_a_recording_of_motors_that_work_against_each_other_weighs_the_load():
-    found = identify_payload(arm(), recording(0), 'left_tip')
-    assert abs(found.inertial.mass - LOAD.mass) < 2e-3 * LOAD.mass
+    payload = identify_payload(arm(), recording(0), 'left_tip')
+    assert abs(payload.inertial.mass - LOAD.mass) < 2e-3 * LOAD.mass
     # In the plane; no force of the mechanism depends on the offset out of it.
-    np.testing.assert_allclose(found.inertial.com[[0, 2]], LOAD.com[[0, 2]], atol=2e-3)
-    assert found.residual.shape == (3,) and found.residual.max() < 1e-3
+    np.testing.assert_allclose(payload.inertial.com[[0, 2]], LOAD.com[[0, 2]], atol=2e-3)
+    assert payload.residual.shape == (3,) and payload.residual.max() < 1e-3
 
 
 def test_z_scores_of_recordings_are_near_1():
     scores = []
     for seed in range(RUNS):
-        found = identify_payload(arm(), recording(seed, 1.0), 'left_tip')
-        scores.append((found.inertial.mass - LOAD.mass) / found.mass_deviation)
+        payload = identify_payload(arm(), recording(seed, 1.0), 'left_tip')
+        scores.append((payload.inertial.mass - LOAD.mass) / payload.mass_deviation)
     assert 0.4 < np.sqrt(np.square(scores).mean()) < 1.5
 
 
 def test_a_recorded_motor_that_contradicts_the_loop_is_named():
-    given = recording(0)
-    q = given.q.copy()
+    recorded = recording(0)
+    q = recorded.q.copy()
     q[40, 2] += 0.05
-    with pytest.raises(InputError, match=r"'right_bar' at .* at 1.2 s; expected .* follows from"):
-        identify_payload(arm(), Recording(given.t, q, given.u, given.udot, given.tau), 'left_tip')
+    with pytest.raises(InputError,
+                       match=r"'right_bar' at .* at 1.2 s; expected .* follows from"):
+        identify_payload(arm(), Recording(recorded.t, q, recorded.u, recorded.udot,
+                                          recorded.tau), 'left_tip')
 
 
 def test_motors_without_the_independent_joints_are_refused():
     robot = Robot(arm().model, **{**arm().options, 'actuated': ('left_crank', 'left_bar',
                                                                 'right_bar')})
-    with pytest.raises(InputError, match=r'drive the others, left_crank, right_crank, among'):
+    with pytest.raises(InputError,
+                       match=r'drive the others, left_crank, right_crank, among'):
         identify_payload(robot, recording(0), 'left_tip')

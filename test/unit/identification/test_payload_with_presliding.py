@@ -1,10 +1,10 @@
-"""The payload of arms whose friction has bristles: their deflections, masses, first samples."""
+"""Payloads of arms whose friction has bristles: deflections, masses, first rows."""
 
 from dataclasses import replace
 import math
 
-from kane_dynamics import (absolute_rates, Inertial, InputError, ModelBuilder, Robot, rod,
-                           simulate)
+from kane_dynamics import (absolute_rates, Inertial, InputError, ModelBuilder, Robot,
+                           rod, simulate)
 from kane_dynamics.identification import identify_payload, PayloadEstimator, Recording
 from kane_dynamics.identification.payload.bristle_path import BristlePath
 from kane_dynamics.identification.presliding import dahl_friction
@@ -14,16 +14,18 @@ import numpy as np
 import pytest
 
 DAHL = {'friction': 3.0, 'presliding_stiffness': 60.0, 'damping': 0.2}
-LUGRE = {**DAHL, 'breakaway_friction': 4.0, 'stribeck_speed': 0.2, 'presliding_damping': 0.5}
+LUGRE = {**DAHL, 'breakaway_friction': 4.0, 'stribeck_speed': 0.2,
+         'presliding_damping': 0.5}
 LOADED = {**DAHL, 'load_friction': 0.1}
 LOAD = Inertial(1.5, (0.1, 0.02, 0.05), 0.005 * np.eye(3))
 STEP = 2e-3
 
 
 def hinges(law):
-    """Return two hinges in a vertical plane, whose friction has bristles, with a tool."""
+    """Return two hinges in a vertical plane with bristle friction and a tool."""
     builder = ModelBuilder('hinges')
-    builder.body('upper', axis=(0, -1, 0), inertial=rod(2.0, (0, 0, 0), (0.5, 0, 0)), **law)
+    builder.body('upper', axis=(0, -1, 0), inertial=rod(2.0, (0, 0, 0), (0.5, 0, 0)),
+                 **law)
     builder.body('fore', 'upper', axis=(0, -1, 0), at=(0.5, 0, 0),
                  inertial=rod(1.0, (0, 0, 0), (0.4, 0, 0)), **law)
     builder.frame('tool', 'fore', at=(0.4, 0, 0))
@@ -36,7 +38,8 @@ def reversing(robot, duration=6.0):
         pull = np.array([9.0 * math.sin(5.0 * t), 7.0 * math.sin(8.0 * t)])
         held = robot.gravity_force(q) + robot.generalized_force(pull, q)
         return held + 20.0 * (robot.generalized_force(np.array([0.5, -0.5]) - q, q))
-    return simulate(robot, np.array([0.3, -0.5]), np.zeros(2), duration, torque=torque, step=STEP)
+    return simulate(robot, np.array([0.3, -0.5]), np.zeros(2), duration,
+                    torque=torque, step=STEP)
 
 
 def without_memory(model):
@@ -89,9 +92,9 @@ def test_the_payload_is_found_through_reversals_of_presliding_friction(law, opti
         for row in zip(run.q, run.u, run.udot, run.tau):
             estimator.update(*row)
         return estimator
-    found = estimate(hinges(law))
-    error = abs(found.mass - LOAD.mass)
-    assert error < min(0.01, 4.0 * found.mass_deviation)
+    payload = estimate(hinges(law))
+    error = abs(payload.mass - LOAD.mass)
+    assert error < min(0.01, 4.0 * payload.mass_deviation)
     # Smooth friction is wrong after each reversal.
     assert error < 0.03 * abs(estimate(without_memory(hinges(law))).mass - LOAD.mass)
 
@@ -100,10 +103,10 @@ def test_the_payload_is_found_through_reversals_of_presliding_friction(law, opti
 def test_a_recording_with_presliding_friction_weighs_the_payload(law):
     run = reversing(Robot(with_payload(hinges(law), 'tool', LOAD)))
     recording = Recording(run.t, run.q, run.u, run.udot, run.tau)
-    found = identify_payload(hinges(law), recording, 'tool')
+    payload = identify_payload(hinges(law), recording, 'tool')
     smooth = identify_payload(without_memory(hinges(law)), recording, 'tool')
-    assert abs(found.inertial.mass - LOAD.mass) < 0.01
-    assert (found.held_out < 0.1 * smooth.held_out).all()
+    assert abs(payload.inertial.mass - LOAD.mass) < 0.01
+    assert (payload.held_out < 0.1 * smooth.held_out).all()
 
 
 @pytest.mark.parametrize('kind', [kind for kind in KINDS if kind != 'flexible'])
@@ -113,7 +116,8 @@ def test_bristles_of_every_kind_leave_nothing_of_a_simulation(kind):
     for body in smooth.robot.model.bodies:
         bodies.append(replace(body, joint=replace(body.joint, friction=0.5,
                                                   presliding_stiffness=20.0)))
-    robot = Robot(replace(smooth.robot.model, bodies=tuple(bodies)), **smooth.robot.options)
+    robot = Robot(replace(smooth.robot.model, bodies=tuple(bodies)),
+                  **smooth.robot.options)
     run = simulate(robot, smooth.q, smooth.u, 1.0, step=1e-3, t0=smooth.time)
     path = BristlePath(robot)
     state = None
@@ -131,11 +135,12 @@ def test_an_estimator_forgets_bristles_at_a_reset_and_keeps_them_at_a_false_samp
     rows = list(zip(run.q, run.u, run.udot, run.tau))
     for row in rows:
         estimator.update(*row)
-    before = estimator._bristled
+    bristles_before = estimator._bristled
     with pytest.raises(InputError):
         estimator.update(run.q[0], run.u[0], run.u[0], np.full(2, 1e300))
-    assert estimator._bristled is before
+    assert estimator._bristled is bristles_before
     estimator.reset()
     assert estimator._bristled is None
     estimator.update(*rows[0])
-    np.testing.assert_allclose(estimator._bristled.bounds, [[-0.05, -0.05], [0.05, 0.05]])
+    np.testing.assert_allclose(estimator._bristled.bounds,
+                               [[-0.05, -0.05], [0.05, 0.05]])

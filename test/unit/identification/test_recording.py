@@ -30,28 +30,30 @@ def table(path, header, rows):
 
 @cache
 def counted(n, rows=4):
-    """Return rows t, q1 ... qn, tau1 ... taun in which every q and tau is its own number."""
+    """Return rows t, q1 ... qn, tau1 ... taun, each number its own."""
     columns = np.tile(np.arange(1.0, n + 1.0), (rows, 2))
-    return ['t', *(f'{word}{k + 1}' for word in ('q', 'tau') for k in range(n))], np.column_stack(
-        [np.arange(float(rows)), columns])
+    return ['t', *(f'{word}{k + 1}' for word in ('q', 'tau')
+                   for k in range(n))], np.column_stack(
+                       [np.arange(float(rows)), columns])
 
 
 def test_recording_reads_alike_from_csv_and_npz(tmp_path):
-    given = recording()
-    arrays = {name: getattr(given, name) for name in ('q', 'u', 'udot', 'tau')}
-    np.savez(tmp_path / 'a.npz', t=given.t, **arrays)
+    recorded = recording()
+    arrays = {name: getattr(recorded, name) for name in ('q', 'u', 'udot', 'tau')}
+    np.savez(tmp_path / 'a.npz', t=recorded.t, **arrays)
     header = ['t', *(f'{name}.{joint}' for name in arrays for joint in NAMES)]
-    np.savetxt(tmp_path / 'a.csv', np.column_stack([given.t, *arrays.values()]), fmt='%.17g',
-               delimiter=',', header=','.join(header), comments='')
+    np.savetxt(tmp_path / 'a.csv', np.column_stack([recorded.t, *arrays.values()]),
+               fmt='%.17g', delimiter=',', header=','.join(header), comments='')
     for path in (tmp_path / 'a.npz', tmp_path / 'a.csv'):
         read = read_recording(path, NAMES)
         for name in ('t', *arrays):
-            assert np.array_equal(getattr(read, name), getattr(given, name))
+            assert np.array_equal(getattr(read, name), getattr(recorded, name))
 
 
 @pytest.mark.parametrize(('wanted', 'numbers'), [
     ('abcd', [1, 2, 3, 4]), ('dcba', [4, 3, 2, 1]), ('db', [4, 2]), ('c', [3])])
-def test_numbers_count_the_joints_of_the_robot_whichever_are_wanted(tmp_path, wanted, numbers):
+def test_numbers_count_the_joints_of_the_robot_whichever_are_wanted(
+        tmp_path, wanted, numbers):
     path = table(tmp_path / 'a.csv', *counted(4))
     read = read_recording(path, list(wanted), numbered='abcd')
     assert read.q[0].tolist() == read.tau[-1].tolist() == numbers
@@ -64,21 +66,25 @@ def test_numbers_count_the_joints_of_the_robot_whichever_are_wanted(tmp_path, wa
 def test_numbers_as_many_as_the_wanted_joints_count_these_from_the_base(tmp_path):
     path = table(tmp_path / 'a.csv', *counted(2))
     assert read_recording(path, ['d', 'b'], numbered='abcd').q[0].tolist() == [2.0, 1.0]
-    for wanted in ('bcd', 'b'):
-        with pytest.raises(InputError, match=r"'q': 2 numbered columns; expected .* all 4 of"):
-            read_recording(path, list(wanted), numbered='abcd')
-    with pytest.raises(InputError, match="'q': 2 numbered columns; expected one for each"):
+    for joints in ('bcd', 'b'):
+        with pytest.raises(InputError,
+                           match=r"'q': 2 numbered columns; expected .* all 4 of"):
+            read_recording(path, list(joints), numbered='abcd')
+    with pytest.raises(InputError,
+                       match="'q': 2 numbered columns; expected one for each"):
         read_recording(path, ['a'])
 
 
 def test_replay_of_chosen_joints_compares_each_with_its_own_column(tmp_path, capsys):
-    given = recording()
-    path = table(tmp_path / 'a.csv', ['t', *(f'{w}{k}' for w in ('q', 'v', 'a', 'tau')
-                                             for k in (1, 2))],
-                 np.column_stack([given.t, given.q, given.u, given.udot, given.tau]))
-    assert main(['replay', str(URDF), str(path), '--json', '--joints', 'joint2', 'joint1']) == 0
+    recorded = recording()
+    path = table(tmp_path / 'a.csv',
+                 ['t', *(f'{w}{k}' for w in ('q', 'v', 'a', 'tau') for k in (1, 2))],
+                 np.column_stack([recorded.t, recorded.q, recorded.u, recorded.udot,
+                                  recorded.tau]))
+    assert main(['replay', str(URDF), str(path), '--json', '--joints', 'joint2',
+                 'joint1']) == 0
     data = json.loads(capsys.readouterr().out)
-    assert np.allclose(data['measured'], given.tau[:, ::-1])
+    assert np.allclose(data['measured'], recorded.tau[:, ::-1])
     assert max(data['rms_error']) < 1e-12
 
 
@@ -89,7 +95,8 @@ def test_saved_simulation_is_a_recording_in_any_order_of_joints(tmp_path):
     read = read_recording(tmp_path / 'a.npz', NAMES[::-1])
     for name in ('q', 'u', 'udot', 'tau'):
         assert np.array_equal(getattr(read, name), getattr(motion, name)[:, ::-1])
-    with pytest.raises(InputError, match=r"joints \['joint1', 'joint2'\]; expected also \['j3'\]"):
+    with pytest.raises(InputError,
+                       match=r"joints \['joint1', 'joint2'\]; expected also \['j3'\]"):
         read_recording(tmp_path / 'a.npz', ['joint1', 'j3'])
 
 
@@ -97,7 +104,8 @@ def test_saved_simulation_is_a_recording_in_any_order_of_joints(tmp_path):
     ('q1,tau1\n1,2\n', "expected a column 't'"),
     ('t,q1\n1,2\n2,3\n3,4\n', "no 'tau'"),
     ('t,q1,tau1\n1,2,x\n', 'expected named columns of numbers'),
-    ('t,q1,tau1\n1,2,0\n1,2,0\n2,1,0\n', 'row 2, after 1.0; expected times that increase'),
+    ('t,q1,tau1\n1,2,0\n1,2,0\n2,1,0\n',
+     'row 2, after 1.0; expected times that increase'),
     ('t,q1,tau1\n1,2,0\n2,nan,0\n3,1,0\n', 'not finite in row 2'),
     ('t,q1,tau1\n1,2,0\n2,2,0\ninf,1,0\n', 't: inf in row 3; expected a finite time'),
     ('t,q1,tau1\n', ': 0 rows; expected 3'),
@@ -122,7 +130,8 @@ def test_columns_of_one_name_are_refused_where_states_are_read_too(tmp_path):
 @pytest.mark.parametrize('damage', ['empty', 'single', 'short', 'objects', 'text'])
 def test_damaged_npz_is_named_by_all_who_read_one(tmp_path, damage):
     path = tmp_path / 'bad.npz'
-    np.savez(path, t=np.arange(3.0), q=np.array([{}]) if damage == 'objects' else np.zeros(300))
+    np.savez(path, t=np.arange(3.0),
+             q=np.array([{}]) if damage == 'objects' else np.zeros(300))
     content = path.read_bytes()
     if damage == 'single':
         with path.open('wb') as stream:
@@ -131,8 +140,10 @@ def test_damaged_npz_is_named_by_all_who_read_one(tmp_path, damage):
         path.write_text('t,q.joint1\n')
     elif damage != 'objects':
         path.write_bytes(content[:0 if damage == 'empty' else len(content) // 2])
-    for reader in (lambda: read_recording(path, NAMES), lambda: Trajectory.load_npz(path)):
-        with pytest.raises(InputError, match=r'bad\.npz.*expected an npz file') as caught:
+    for reader in (lambda: read_recording(path, NAMES),
+                   lambda: Trajectory.load_npz(path)):
+        with pytest.raises(InputError,
+                           match=r'bad\.npz.*expected an npz file') as caught:
             reader()
         assert 'pickle' not in str(caught.value)  # which would run what is in the file
 
@@ -155,7 +166,9 @@ def test_arrays_that_do_not_fit_together_are_refused_in_words(tmp_path, change, 
 def test_recording_takes_lists_and_refuses_what_is_no_real_number():
     zeros = [[0.0]] * 3
     assert Recording([0, 1, 2], *[zeros] * 4).tau.shape == (3, 1)
-    for part, words in (([[0.0], [1.0], []], 'rectangular'), ([[1j]] * 3, 'dtype complex'),
-                        ([['a']] * 3, 'dtype <U1'), ([0.0] * 3, r'shapes \(3,\) and \(3,\)')):
+    for part, words in (([[0.0], [1.0], []], 'rectangular'),
+                        ([[1j]] * 3, 'dtype complex'),
+                        ([['a']] * 3, 'dtype <U1'),
+                        ([0.0] * 3, r'shapes \(3,\) and \(3,\)')):
         with pytest.raises(InputError, match=words):
             Recording([0, 1, 2], zeros, zeros, zeros, part)
