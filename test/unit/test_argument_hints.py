@@ -2,7 +2,8 @@
 
 import inspect
 
-from kane_dynamics import Inertial, InputError, load_urdf, ModelBuilder, ModelError, Robot, rod
+from kane_dynamics import (Inertial, InputError, load_urdf, ModelBuilder, ModelError,
+                           Robot, rod)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.identification import read_recording
 import numpy as np
@@ -22,7 +23,8 @@ OTHERS = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
 @pytest.mark.parametrize('name', CALLS)
-def test_arguments_that_a_public_call_does_not_take_are_answered_with_those_it_takes(name):
+def test_arguments_that_a_public_call_does_not_take_are_answered_with_those_it_takes(
+        name):
     call = CALLS[name]
     short = name if name.startswith('Robot.') else name.rpartition('.')[2]
     parameters = SIGNATURES[name]
@@ -35,7 +37,8 @@ def test_arguments_that_a_public_call_does_not_take_are_answered_with_those_it_t
             call(*[None] * 60)
     if any(parameter.default is inspect.Parameter.empty and parameter.kind not in OTHERS
            for parameter in parameters):
-        with pytest.raises(TypeError, match=rf'^{short}\(.*missing.*; expected {short}\('):
+        with pytest.raises(TypeError,
+                           match=rf'^{short}\(.*missing.*; expected {short}\('):
             call()
 
 
@@ -68,5 +71,6 @@ def test_tables_without_commas_are_named(tmp_path, separator, words):
     path = tmp_path / 'run.csv'
     path.write_text('\n'.join(separator.join(line) for line in (
         ('t', 'q.joint1', 'q.joint2'), ('0,0', '0,1', '0,2'), ('0,1', '0,2', '0,3'))))
-    with pytest.raises(InputError, match=rf'columns separated by {words}; expected commas'):
+    with pytest.raises(InputError,
+                       match=rf'columns separated by {words}; expected commas'):
         read_recording(path, ROBOT.joint_names)

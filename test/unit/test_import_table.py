@@ -11,7 +11,8 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[2] / 'kane_dynamics'
 
-# A package may import, while it is being imported, only packages in a line above its own.
+# A package may import, while it is being imported, only packages in a line above its
+# own.
 CORE = """
 errors
 _util
@@ -84,7 +85,8 @@ PARTS = {
 
 def ranks(table):
     """Return the line number of each unit of a table."""
-    return {unit: rank for rank, line in enumerate(table.split('\n')) for unit in line.split()}
+    return {unit: rank for rank, line in enumerate(table.split('\n'))
+            for unit in line.split()}
 
 
 RANK = ranks(TABLE)
@@ -114,7 +116,8 @@ DOORS = {
     'xacro': ('urdf/xacro_file.py',),
     'yourdfpy': ('urdf/model_reader.py',),
 }
-# Never while being imported, but in demo/ and in modules that are themselves loaded on use.
+# Never while being imported, but in demo/ and in modules that are themselves loaded on
+# use.
 LAZY = ('matplotlib', 'pinocchio', 'rich', 'sympy', 'viser')
 
 
@@ -139,30 +142,35 @@ def for_type_checkers(condition):
 def _imports(path):
     """Return the imports of a source file."""
     importer = path.relative_to(PACKAGE).as_posix()
-    found = []
+    imports_of_file = []
 
     def visit(node, lazy):
         if isinstance(node, ast.Import):
-            found.extend(Import(importer, name.name, lazy) for name in node.names)
+            imports_of_file.extend(Import(importer, name.name, lazy)
+                                   for name in node.names)
         elif isinstance(node, ast.ImportFrom):
             base = '.' * node.level + (node.module or '')
-            found.extend(Import(importer, f'{base}.{name.name}', lazy) for name in node.names)
+            imports_of_file.extend(Import(importer, f'{base}.{name.name}', lazy)
+                                   for name in node.names)
         for child in ast.iter_child_nodes(node):
-            visit(child, lazy or isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
+            visit(child,
+                  lazy or isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
                   or (isinstance(node, ast.If) and for_type_checkers(node.test)))
 
     visit(ast.parse(path.read_text('utf-8')), False)
-    return found
+    return imports_of_file
 
 
 @cache
 def imports():
     """Return the imports of the library; parsing it takes seconds, so only tests do."""
-    return [found for path in sorted(PACKAGE.rglob('*.py')) for found in _imports(path)]
+    return [one_import for path in sorted(PACKAGE.rglob('*.py'))
+            for one_import in _imports(path)]
 
 
 def test_imports_are_absolute():
-    assert [found for found in imports() if found.target.startswith('.')] == []
+    assert [one_import
+            for one_import in imports() if one_import.target.startswith('.')] == []
 
 
 def test_every_module_has_its_place_in_the_table():
@@ -172,17 +180,19 @@ def test_every_module_has_its_place_in_the_table():
 
 
 def upward(rank, unit_of):
-    """Return the imports at load time whose target stands beside or below the importer."""
-    found = []
-    for each in imports():
-        parts = each.target.split('.')
-        if parts[0] != 'kane_dynamics' or each.lazy:
+    """Return imports at load time whose target is beside or below."""
+    intruders = []
+    for one_import in imports():
+        parts = one_import.target.split('.')
+        if parts[0] != 'kane_dynamics' or one_import.lazy:
             continue
-        here, there = unit_of(each.importer.removesuffix('.py').split('/')), unit_of(parts[1:])
+        importing = unit_of(one_import.importer.removesuffix('.py').split('/'))
+        imported = unit_of(parts[1:])
         # A public name, taken from a package itself, has no rank.
-        if here in rank and there in rank and here != there and rank[there] >= rank[here]:
-            found.append(each)
-    return found
+        both_ranked = importing in rank and imported in rank
+        if both_ranked and importing != imported and rank[imported] >= rank[importing]:
+            intruders.append(one_import)
+    return intruders
 
 
 def test_imports_point_up_the_table():
@@ -197,12 +207,15 @@ def test_imports_point_up_inside_a_package(package):
 
 
 @pytest.mark.parametrize('layer, outer', [
-    (CORE, APPLICATIONS + PROGRAMS), (APPLICATIONS, PROGRAMS)], ids=['core', 'applications'])
+    (CORE, APPLICATIONS + PROGRAMS), (APPLICATIONS, PROGRAMS)],
+                         ids=['core', 'applications'])
 def test_inner_layer_knows_no_outer_one(layer, outer):
-    """The core imports no application of it, an application no program, even when called."""
-    outward = [found for found in imports() if found.unit in layer.split()
-               and found.target.startswith('kane_dynamics.')
-               and found.target.split('.')[1] in outer.split()]
+    """The core imports no application, an application no program, even when called."""
+    outward = []
+    for one_import in imports():
+        if one_import.unit in layer.split() and one_import.target.startswith(
+                'kane_dynamics.') and one_import.target.split('.')[1] in outer.split():
+            outward.append(one_import)
     assert outward == []
 
 
@@ -210,8 +223,10 @@ def test_contributing_lists_the_packages_in_this_order():
     """The list has a heading per layer, and the parts of a package behind its name."""
     text = (PACKAGE.parent / 'CONTRIBUTING.md').read_text('utf-8')
     block = text.partition('above its own in this list:\n\n')[2].partition('\n\n')[0]
-    lines = [line.partition(':')[0].replace(',', ' ').split() for line in block.split('\n')
-             if line.startswith(6 * ' ')]
+    lines = []
+    for line in block.split('\n'):
+        if line.startswith(6 * ' '):
+            lines.append(line.partition(':')[0].replace(',', ' ').split())
     assert lines == [line.split() for line in TABLE.split('\n') if line]
 
 
@@ -223,23 +238,34 @@ def test_contributing_names_every_helper_of_tests():
 
 
 def test_packages_do_not_import_each_other_in_a_circle():
-    upward_at_all = [each for each in imports() if each.target.startswith('kane_dynamics.')
-                     and RANK.get(each.target.split('.')[1], -1) > RANK.get(each.unit, len(RANK))]
+    upward_at_all = []
+    for one_import in imports():
+        if one_import.target.startswith('kane_dynamics.') and RANK.get(
+                one_import.target.split('.')[1], -1) > RANK.get(
+                    one_import.unit, len(RANK)):
+            upward_at_all.append(one_import)
     assert upward_at_all == []
 
 
 @pytest.mark.parametrize('library', DOORS)
 def test_library_is_imported_only_where_it_may_be(library):
-    intruders = [found for found in imports() if found.target.split('.')[0] == library
-                 and not any(found.importer == door or found.importer.startswith(f'{door}/')
-                             for door in DOORS[library])]
+    intruders = []
+    for one_import in imports():
+        if one_import.target.split('.')[0] == library and not any(
+                one_import.importer == door or one_import.importer.startswith(f'{door}/')
+                for door in DOORS[library]):
+            intruders.append(one_import)
     assert intruders == []
 
 
 @pytest.mark.parametrize('library', LAZY)
 def test_optional_library_is_imported_only_when_used(library):
-    eager = [found for found in imports() if found.target.split('.')[0] == library
-             and not found.lazy and found.unit not in ('closed_forms', 'demo', 'plot', 'view')]
+    eager = []
+    for one_import in imports():
+        of_library = one_import.target.split('.')[0] == library
+        may_import = one_import.unit in ('closed_forms', 'demo', 'plot', 'view')
+        if of_library and not one_import.lazy and not may_import:
+            eager.append(one_import)
     assert eager == []
 
 

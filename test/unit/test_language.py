@@ -1,4 +1,4 @@
-"""The words of the repository: standard terms, summaries that say what a thing is or does."""
+"""The words of the repository: standard terms, summaries that say what a thing is."""
 
 import ast
 from functools import cache
@@ -13,50 +13,41 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 # Each word that is not used, and the term of the field that is.
 TERMS = {
-    r'mass[ -]cent(?:re|er)s?': 'center of mass',
-    r'cent(?:re|res|red)': 'center',
+    r'mass[ -]cent(?:re|er)s?': 'center of mass', r'cent(?:re|res|red)': 'center',
     # 'posture' is the term of the field for what a redundant arm does in the null space.
-    r'matter': 'mass, inertial properties',
-    r'roads?': 'formulation, algorithm',
-    r'doubt\w*': 'warning',
-    r'freedoms': 'degrees of freedom',
-    r'push(?:es)?': 'external wrench',
-    r'gaps?': 'constraint residual',
-    r'of no account': 'ignored',
-    r'fore(?:tell|tells|told)': 'predicted',
-    r'anew': 'again',
-    r'whoever': 'a caller, a subscriber',
-    r'nobody': 'no one: name who',
-    r'parted by': 'separated by',
-    r'opened by': 'constraint residual',
-    r'left the (?:finite )?numbers': 'diverged',
-    r'tremble\w*': 'oscillate',
-    r"compiler's business": 'left to the compiler',
-    r'companion': 'bias force',
-    r'(?:derivatives?|slopes?|gradients?) by (?:the|its|their|q|u|x|time)': 'with respect to',
+    r'matter': 'mass, inertial properties', r'roads?': 'formulation, algorithm',
+    r'doubt\w*': 'warning', r'freedoms': 'degrees of freedom',
+    r'push(?:es)?': 'external wrench', r'gaps?': 'constraint residual',
+    r'of no account': 'ignored', r'fore(?:tell|tells|told)': 'predicted',
+    r'anew': 'again', r'whoever': 'a caller, a subscriber',
+    r'nobody': 'no one: name who', r'parted by': 'separated by',
+    r'opened by': 'constraint residual', r'left the (?:finite )?numbers': 'diverged',
+    r'tremble\w*': 'oscillate', r"compiler's business": 'left to the compiler',
+    r'companion': 'bias force', '(?:derivatives?|slopes?|gradients?) by '
+    '(?:the|its|their|q|u|x|time)': 'with respect to',
     r'whole numbers? (?:from|of at least)': 'integer',
-    r'hardly believed': 'a weak prior',
-    r'carries besides': 'its derivative',
+    r'hardly believed': 'a weak prior', r'carries besides': 'its derivative',
     r'(?:last|former) name (?:this|that) is': 'the former name of ...',
-    r'(?:row|rows|entry|number|point) a (?:step|joint|sample|state|row)': 'per step, per joint',
-    r'takes? it for': 'treats it as',
+    r'(?:row|rows|entry|number|point) a (?:step|joint|sample|state|row)': 'per step, '
+    'per joint', r'takes? it for': 'treats it as',
 }
 # Public names, and places where a word has its ordinary meaning. Each has its reason.
 NAMES = re.compile(
-    r'`[^`]*`'                                   # code in text
-    r'|closed_configuration'                           # a public name of the library
-    r'|\{GAP|\'nobody\'|\'pushes\''                # names in code
-    r'|^  push:'                                 # an event of the workflow file
+    r'`[^`]*`'  # code in text
+    r'|closed_configuration'  # a public name of the library
+    r'|\{GAP|\'nobody\'|\'pushes\''  # names in code
+    r'|^  push:'  # an event of the workflow file
     r'|gravitational|git push|no matter (?:how|what|which|where)|does not matter|do not matter')
 SUMMARY = re.compile(r'(?:What|How|Where|Who|Whoever|Tell|Tells|Take|Takes|Whether'
                      r'|Return (?:what|how far))\b')
-WORDS = re.compile(r'(?<![\w/.-])(?:' + '|'.join(f'(?:{term})' for term in TERMS) + r')(?![\w/])',
-                   re.IGNORECASE)
+WORDS = re.compile(r'(?<![\w/.-])(?:' + '|'.join(f'(?:{term})' for term in TERMS)
+                   + r')(?![\w/])', re.IGNORECASE)
 
 
 def tracked(*endings):
     """Return the paths of files that git tracks, of some endings."""
-    listed = subprocess.run(['git', 'ls-files'], cwd=ROOT, capture_output=True, text=True)
+    listed = subprocess.run(['git', 'ls-files'],
+                            cwd=ROOT, capture_output=True, text=True)
     if listed.returncode:
         pytest.skip('this is no checkout')
     return [ROOT / name for name in listed.stdout.splitlines()
@@ -64,38 +55,42 @@ def tracked(*endings):
 
 
 def prose(path):
-    """Return numbered lines of what a person reads in a file: all, or comments and strings."""
+    """Return numbered lines that a person reads: all, or comments and strings."""
     text = path.read_text(encoding='utf-8')
     if path.suffix != '.py':
         return list(enumerate(text.splitlines(), 1))
-    found = []
+    numbered = []
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type in TEXT:
-            found += enumerate(token.string.split('\n'), token.start[0])
-    return found
+            numbered += enumerate(token.string.split('\n'), token.start[0])
+    return numbered
 
 
 # An f-string is one token before Python 3.12 and several from there on.
-TEXT = {tokenize.COMMENT, tokenize.STRING, getattr(tokenize, 'FSTRING_MIDDLE', tokenize.STRING)}
-FILES = [path for path in tracked('.py', '.md', '.rst', '.yaml', '.msg', '.srv', '.action')
+TEXT = {tokenize.COMMENT, tokenize.STRING,
+        getattr(tokenize, 'FSTRING_MIDDLE', tokenize.STRING)}
+FILES = [path
+         for path in tracked('.py', '.md', '.rst', '.yaml', '.msg', '.srv', '.action')
          if path.name != 'test_language.py']
 
 
-@pytest.mark.parametrize('folder', sorted({path.relative_to(ROOT).parts[0] for path in FILES}))
+@pytest.mark.parametrize('folder',
+                         sorted({path.relative_to(ROOT).parts[0] for path in FILES}))
 def test_the_terms_are_those_of_the_field(folder):
-    found = []
+    misuses = []
     for path in FILES:
         if path.relative_to(ROOT).parts[0] == folder:
-            found += [f'{path.relative_to(ROOT)}:{number}: {match[0]}'
-                      for number, line in prose(path)
-                      for match in WORDS.finditer(NAMES.sub('', line))]
-    assert found == []
+            misuses += [f'{path.relative_to(ROOT)}:{number}: {match[0]}'
+                        for number, line in prose(path)
+                        for match in WORDS.finditer(NAMES.sub('', line))]
+    assert misuses == []
 
 
 @cache
 def summaries_and_errors():
-    """Return the first lines of docstrings, and the messages of errors, with their places."""
-    summaries, errors = [], []
+    """Return first lines of docstrings, and messages of errors, with places."""
+    summaries = []
+    errors = []
     for path in FILES:
         place = path.relative_to(ROOT)
         if path.suffix != '.py' or place.parts[0] not in ('kane_dynamics', 'examples'):
@@ -122,7 +117,7 @@ def test_summaries_say_what_a_thing_is_or_does():
 
 
 def test_errors_read_thing_given_expected():
-    """`<thing>: <given>; expected <valid>`, in every error of the library that has both."""
+    """`<thing>: <given>; expected <valid>` in every error that has both."""
     _, errors = summaries_and_errors()
     assert len(errors) > 300
     assert [error for error in errors if GIVEN.match(error[1])
@@ -134,7 +129,7 @@ GIVEN = re.compile(r"[\w{}.\[\]']+(?: of joint '\{\}')? (?:is|are|has|takes) ")
 
 
 def error_text(node):
-    """Return a message with {} in place of its values; empty for anything but a string."""
+    """Return a message with {} for its values; empty for no string."""
     if isinstance(node, ast.Constant):
         return str(node.value)
     if isinstance(node, ast.JoinedStr):

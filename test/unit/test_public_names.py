@@ -15,9 +15,10 @@ SOURCE = Path(kane_dynamics.__file__).read_text('utf-8')
 
 def fresh(program):
     """Return what a new interpreter prints."""
-    return subprocess.run([sys.executable, '-c', program], check=True, capture_output=True,
-                          text=True, timeout=60, cwd=Path(kane_dynamics.__file__).parents[1]
-                          ).stdout.split()
+    return subprocess.run(
+        [sys.executable, '-c', program], check=True, capture_output=True,
+        text=True, timeout=60, cwd=Path(kane_dynamics.__file__).parents[1]
+    ).stdout.split()
 
 
 @pytest.mark.parametrize('name', kane_dynamics.__all__)
@@ -36,14 +37,16 @@ def test_type_checkers_see_the_names_that_are_imported():
 
 
 def test_from_import_and_star_and_subpackages_work_in_a_fresh_interpreter():
-    assert fresh('from kane_dynamics import *; print(Robot.__name__, load_urdf.__name__)') == [
-        'Robot', 'load_urdf']
+    assert fresh(
+        'from kane_dynamics import *; print(Robot.__name__, load_urdf.__name__)') == [
+            'Robot', 'load_urdf']
     assert fresh('import kane_dynamics as k; print(k.errors.InputError is k.InputError, '
                  'k.feasibility.demand.__name__)') == ['True', 'demand']
 
 
 def test_an_unknown_name_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="'kane_dynamics' has no attribute 'Robott'"):
+    with pytest.raises(AttributeError,
+                       match="'kane_dynamics' has no attribute 'Robott'"):
         _ = kane_dynamics.Robott
     with pytest.raises(ImportError):
         exec('from kane_dynamics import Robott')
@@ -52,7 +55,7 @@ def test_an_unknown_name_is_an_attribute_error():
 @pytest.mark.timed
 def test_importing_the_package_alone_imports_no_library():
     """Not even numpy: its import is most of what a start costs."""
-    before, after = fresh("""
+    loaded_before, loaded_after = fresh("""
 import importlib, sys, time
 begin = time.process_time()
 import kane_dynamics
@@ -61,7 +64,7 @@ assert not {'numpy', 'llvmlite', 'yaml', 'yourdfpy'} & set(sys.modules)
 begin = time.process_time()
 import numpy
 print(time.process_time() - begin)""")
-    assert float(before) < 0.5 * float(after)
+    assert float(loaded_before) < 0.5 * float(loaded_after)
 
 
 def test_a_robot_of_a_known_urdf_imports_only_what_it_uses(tmp_path):
@@ -72,15 +75,17 @@ robot = Robot(load_urdf('urdf/two_link.urdf'))
 robot.gravity_force([0.0] * robot.n)
 print(*(set(sys.modules) & {'yourdfpy', 'trimesh', 'scipy', 'networkx', 'lxml', 'yaml'}))
 """
-    done = [subprocess.run([sys.executable, '-c', program], check=True, capture_output=True,
-                           text=True, timeout=60, cwd=Path(kane_dynamics.__file__).parents[1],
-                           env={**os.environ, 'KANE_DYNAMICS_CACHE': str(tmp_path / 'kept')})
-            for _ in range(2)]
+    done = []
+    for _ in range(2):
+        done.append(subprocess.run(
+            [sys.executable, '-c', program], check=True, capture_output=True, text=True,
+            timeout=60, cwd=Path(kane_dynamics.__file__).parents[1],
+            env={**os.environ, 'KANE_DYNAMICS_CACHE': str(tmp_path / 'kept')}))
     assert 'lxml' in done[0].stdout and done[1].stdout.split() == []
 
 
 def classes_by_name():
-    """Return the modules of the library that define a class, by the name of the class."""
+    """Return the library's modules that define a class, by its name."""
     modules = {}
     folder = Path(kane_dynamics.__file__).parent
     for path in sorted(folder.rglob('*.py')):
@@ -91,5 +96,6 @@ def classes_by_name():
 
 
 def test_no_class_has_the_name_of_another():
-    shared = {name: modules for name, modules in classes_by_name().items() if len(modules) > 1}
+    shared = {name: modules for name, modules in classes_by_name().items()
+              if len(modules) > 1}
     assert shared == {}

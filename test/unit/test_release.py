@@ -1,4 +1,4 @@
-"""What a release is made of: versions that agree, a branch with both packages side by side."""
+"""What a release is made of: versions agree, a branch has both packages."""
 
 from pathlib import Path
 import re
@@ -18,8 +18,8 @@ import release_branch  # noqa: E402, I100
 
 def git(folder, *arguments):
     """Return what a git command prints."""
-    return subprocess.run(['git', '-C', folder, *arguments], capture_output=True, text=True,
-                          check=True).stdout
+    return subprocess.run(['git', '-C', folder, *arguments],
+                          capture_output=True, text=True, check=True).stdout
 
 
 @pytest.fixture
@@ -41,13 +41,15 @@ def test_versions_agree_everywhere():
                 for path in ('package.xml', 'kane_dynamics_interfaces/package.xml')}
     citation = yaml.safe_load((CHECKOUT / 'CITATION.cff').read_text('utf-8'))
     assert versions == {citation['version']}
-    assert f'## {citation["version"]} (' in (CHECKOUT / 'CHANGELOG.md').read_text('utf-8')
+    assert f'## {citation["version"]} (' in (CHECKOUT / 'CHANGELOG.md').read_text(
+        'utf-8')
 
 
 def test_the_page_on_installing_names_every_extra_of_users():
-    statement = re.search(r'extras_require=\{(.*?)\}', (CHECKOUT / 'setup.py').read_text('utf-8'),
-                          re.DOTALL)
-    extras = set(re.findall(r"'(\w+)':", statement[1])) - {'test', 'lint', 'bench', 'docs'}
+    statement = re.search(r'extras_require=\{(.*?)\}',
+                          (CHECKOUT / 'setup.py').read_text('utf-8'), re.DOTALL)
+    extras = set(re.findall(r"'(\w+)':", statement[1])) - {
+        'test', 'lint', 'bench', 'docs'}
     page = (CHECKOUT / 'docs/how_to/installing.md').read_text('utf-8')
     assert extras == {name for row in re.findall(r'^\| (`.*?) \|', page, re.MULTILINE)
                       for name in re.findall(r'`(\w+)`', row)}
@@ -77,4 +79,5 @@ def test_changelog_of_a_package_is_valid_restructured_text():
     markdown = (CHECKOUT / 'CHANGELOG.md').read_text('utf-8')
     text = release_branch.changelog_rst(markdown, 'kane_dynamics')
     assert markdown.count('\n- ') == text.count('\n  * ')
-    docutils.publish_doctree(text, settings_overrides={'halt_level': 2, 'report_level': 2})
+    docutils.publish_doctree(text,
+                             settings_overrides={'halt_level': 2, 'report_level': 2})

@@ -52,6 +52,7 @@ def test_with_rich_its_bar_is_used(monkeypatch):
 
 def test_a_failure_inside_passes_through(monkeypatch):
     put_terminal(monkeypatch, rich=False)
-    with pytest.raises(ValueError, match='inner'), progress.progress_bar('x', 1.0) as report:
+    with pytest.raises(ValueError,
+                       match='inner'), progress.progress_bar('x', 1.0) as report:
         report(0.1)
         raise ValueError('inner')

@@ -42,7 +42,8 @@ def test_file_is_found_in_the_prefix_of_the_environment(installed):
 
 
 def test_file_is_found_in_every_ament_prefix(installed, monkeypatch):
-    first, second = _ship(installed / 'a', 'one.urdf'), _ship(installed / 'b', 'two.urdf')
+    first = _ship(installed / 'a', 'one.urdf')
+    second = _ship(installed / 'b', 'two.urdf')
     monkeypatch.setenv('AMENT_PREFIX_PATH', f'{installed / "a"}:{installed / "b"}')
     assert resources.resource_path('urdf', 'one.urdf') == first
     assert resources.resource_path('urdf', 'two.urdf') == second
@@ -50,7 +51,8 @@ def test_file_is_found_in_every_ament_prefix(installed, monkeypatch):
 
 def test_unknown_file_is_refused_with_those_that_exist(installed):
     _ship(installed / 'prefix', 'arm.urdf')
-    with pytest.raises(KaneError, match=r"'leg\.urdf' in urdf; expected one of arm\.urdf"):
+    with pytest.raises(KaneError,
+                       match=r"'leg\.urdf' in urdf; expected one of arm\.urdf"):
         resources.resource_path('urdf', 'leg.urdf')
 
 
@@ -63,13 +65,16 @@ def test_environment_of_make_install_has_every_file():
     assert missing == set()
     share = Path(sys.prefix) / 'share'
     assert (share / 'ament_index/resource_index/packages/kane_dynamics').exists()
-    for path in [ROOT / 'package.xml', *(p for f in FOLDERS for p in (ROOT / f).glob('*.*'))]:
+    for path in [ROOT / 'package.xml',
+                 *(p for f in FOLDERS for p in (ROOT / f).glob('*.*'))]:
         assert (share / 'kane_dynamics' / path.relative_to(ROOT)).exists(), path
 
 
-def test_the_version_is_that_of_the_checkout_or_of_the_installation(installed, monkeypatch):
+def test_the_version_is_that_of_the_checkout_or_of_the_installation(
+        installed, monkeypatch):
     monkeypatch.setattr(metadata, 'version', {'kane_dynamics': '7.8.9'}.__getitem__)
     assert resources.package_version() == '7.8.9'
-    monkeypatch.setattr(resources, '__file__', str(ROOT / 'kane_dynamics/_util/resources.py'))
+    monkeypatch.setattr(resources, '__file__',
+                        str(ROOT / 'kane_dynamics/_util/resources.py'))
     described = ElementTree.parse(ROOT / 'package.xml').findtext('version')
     assert resources.package_version() == described

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 LIBRARY = Path(__file__).resolve().parents[3] / 'kane_dynamics'
-WRITES = re.compile(r"""\bopen\([^)]*['"][wax]b?\+?['"]|\.write_(text|bytes)\(|\bnp\.save"""
-                    r"""|\.savefig\(|\bfdopen\(|\bO_CREAT\b|\bwrite_table\(""")
+WRITES = re.compile(
+    r"""\bopen\([^)]*['"][wax]b?\+?['"]|\.write_(text|bytes)\(|\bnp\.save"""
+    r"""|\.savefig\(|\bfdopen\(|\bO_CREAT\b|\bwrite_table\(""")
 # What writes files without `whole_file`, and why no part of one is left.
 OTHER_WRITERS = {
     '_util/whole_files.py': '`whole_file` itself',
@@ -33,7 +34,8 @@ def full(*_):
 def test_a_full_disk_leaves_the_former_file_and_nothing_else(tmp_path):
     path = tmp_path / 'result.csv'
     path.write_text('former')
-    with pytest.raises(OSError, match='No space left') as caught, whole_file(path) as stream:
+    with pytest.raises(OSError,
+                       match='No space left') as caught, whole_file(path) as stream:
         stream.write('half')
         full()
     assert caught.value.filename == str(path)
@@ -48,7 +50,8 @@ def test_any_error_leaves_no_part_of_a_file(tmp_path):
 
 
 def test_links_stay_links_and_pipes_are_written_directly(tmp_path):
-    target, link = tmp_path / 'target', tmp_path / 'link'
+    target = tmp_path / 'target'
+    link = tmp_path / 'link'
     target.write_text('')
     link.symlink_to(target)
     with whole_file(link) as stream:
@@ -56,13 +59,15 @@ def test_links_stay_links_and_pipes_are_written_directly(tmp_path):
     assert link.is_symlink() and target.read_text() == 'new'
     with whole_file('/dev/null') as stream:
         stream.write('x')
-    with pytest.raises(OSError, match='No space') as caught, whole_file('/dev/full') as stream:
+    with pytest.raises(OSError,
+                       match='No space') as caught, whole_file('/dev/full') as stream:
         stream.write('x')
     assert caught.value.filename == '/dev/full'
 
 
 def test_a_folder_that_does_not_exist_is_named(tmp_path):
-    with pytest.raises(FileNotFoundError) as caught, whole_file(tmp_path / 'no' / 'x.csv'):
+    with pytest.raises(FileNotFoundError) as caught, whole_file(
+            tmp_path / 'no' / 'x.csv'):
         pass
     assert caught.value.filename == str(tmp_path / 'no' / 'x.csv')
 
@@ -72,7 +77,8 @@ def test_trajectories_and_pictures_are_whole(name, tmp_path, monkeypatch):
     pytest.importorskip('matplotlib')
     robot = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
     run = simulate(robot, [0.1, 0.2], [0.0, 0.0], 0.01)
-    save = {'.npz': run.save_npz, '.csv': run.save_csv, '.png': run.plot}[Path(name).suffix]
+    save = {
+        '.npz': run.save_npz, '.csv': run.save_csv, '.png': run.plot}[Path(name).suffix]
     save(tmp_path / name)
     content = (tmp_path / name).read_bytes()
     replace = os.replace

@@ -1,4 +1,4 @@
-"""Doctor finds lengths in millimeters, masses in grams, angles in degrees, gravity upwards."""
+"""Doctor finds lengths in mm, masses in g, angles in degrees, gravity upwards."""
 
 from dataclasses import replace
 import warnings
@@ -15,26 +15,31 @@ ARM = load_urdf(resource_path('urdf', 'ur10e.urdf'))
 
 def changed(model, length=1.0, com=1.0, mass=1.0, inertia=1.0):
     """Return a model with other units."""
-    bodies = [replace(body, joint=replace(body.joint, translation=length * body.joint.translation),
-                      inertial=type(body.inertial)(mass * body.inertial.mass,
-                                                   com * body.inertial.com,
-                                                   inertia * body.inertial.inertia))
-              for body in model.bodies]
+    bodies = []
+    for body in model.bodies:
+        bodies.append(replace(
+            body, joint=replace(body.joint, translation=length * body.joint.translation),
+            inertial=type(body.inertial)(mass * body.inertial.mass,
+                                         com * body.inertial.com,
+                                         inertia * body.inertial.inertia)))
     return replace(model, bodies=tuple(bodies))
 
 
 @pytest.mark.parametrize(('units', 'words'), [
-    ({'length': 1e3, 'com': 1e3}, 'are these millimeters'), ({'mass': 1e3}, 'are these grams'),
+    ({'length': 1e3, 'com': 1e3}, 'are these millimeters'),
+    ({'mass': 1e3}, 'are these grams'),
     ({'com': 1e3}, 'centers of mass farther away than all links'),
     ({'inertia': 1e6}, 'expected inertias in kg m'),
     ({'mass': 1e3, 'inertia': 1e9}, 'are these grams')])
 def test_other_units_are_a_problem(units, words):
-    found = examine_units(changed(ARM, **units))
-    assert any(words in finding.words and finding.level == 'problem' for finding in found)
+    findings = examine_units(changed(ARM, **units))
+    assert any(words in finding.words and finding.level == 'problem'
+               for finding in findings)
 
 
-@pytest.mark.parametrize('name', ['ur10e', 'fr3', 'two_link', 'two_rods', 'human_hand',
-                                  'palletizer', 'spring_mass_pendulum', 'two_link_planar'])
+@pytest.mark.parametrize('name',
+                         ['ur10e', 'fr3', 'two_link', 'two_rods', 'human_hand',
+                          'palletizer', 'spring_mass_pendulum', 'two_link_planar'])
 def test_shipped_models_are_in_si_units(name):
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')

@@ -18,8 +18,9 @@ def test_a_distance_that_is_kept_gives_no_warning(nearest, distance):
 
 def test_a_missed_distance_names_the_links_and_the_distance_that_they_keep():
     warning = missed_distance(motion(nearest=0.011), 0.05)
-    assert warning.startswith("--distance: 0.05 m is missed, exit code 1: 'a' and 'b' come to "
-                              '0.011 m')
+    assert warning.startswith(
+        "--distance: 0.05 m is missed, exit code 1: 'a' and 'b' come to "
+        '0.011 m')
     assert 'expected --distance 0.011 or less' in warning
 
 

@@ -23,10 +23,12 @@ def answer(capsys, *arguments):
 @pytest.mark.parametrize('axes', ['world', 'frame'])
 def test_the_jacobian_is_that_of_the_library(axes, capsys):
     code, data = answer(capsys, 'jacobian', URDF, 'tool0', '--q', *Q, '--axes', axes)
-    robot, q = Robot(load_urdf(URDF)), np.array(Q, dtype=float)
+    robot = Robot(load_urdf(URDF))
+    q = np.array(Q, dtype=float)
     assert code == 0
     assert_allclose(data['jacobian'], robot.jacobian('tool0', q, axes=axes), atol=1e-15)
-    assert_allclose(pose_from(np.array(data['pose'])[:3, 3], quaternion=data['quaternion']),
+    assert_allclose(pose_from(np.array(data['pose'])[:3, 3],
+                              quaternion=data['quaternion']),
                     robot.frame_pose('tool0', q), atol=1e-14)
     assert_allclose(pose_from(np.array(data['pose'])[:3, 3], rpy=data['rpy']),
                     robot.frame_pose('tool0', q), atol=1e-14)
@@ -54,15 +56,17 @@ def test_inverse_kinematics_reaches_what_it_can_and_says_what_it_cannot(capsys):
     assert_allclose(data['q'], inverse_kinematics(robot, 'tool0', target).q, atol=1e-12)
     assert main(['inverse-kinematics', URDF, 'tool0', '--position', '9', '0', '0']) == 1
     assert 'not reached: 7.' in capsys.readouterr().out
-    code, data = answer(capsys, 'inverse-kinematics', URDF, 'tool0', '--position', '0.5', '0.2',
-                        '0.4', '--quaternion', '1', '0', '0', '0', '--q0', *Q)
+    code, data = answer(capsys, 'inverse-kinematics', URDF, 'tool0', '--position', '0.5',
+                        '0.2', '0.4', '--quaternion', '1', '0', '0', '0', '--q0', *Q)
     assert code == 0 and data['distance'] < 1e-8 and data['angle'] < 1e-8
 
 
 def test_a_warning_has_the_form_of_the_command_line_and_names_no_source(capsys):
-    assert main(['inverse-kinematics', URDF, 'tool0', '--position', '500', '200', '300']) == 1
+    assert main(['inverse-kinematics', URDF, 'tool0', '--position', '500', '200',
+                 '300']) == 1
     line, = capsys.readouterr().err.splitlines()
-    assert line.startswith('kane-dynamics: warning: target: 615') and line.endswith('mm?')
+    assert line.startswith('kane-dynamics: warning: target: 615')
+    assert line.endswith('mm?')
 
 
 def test_inspect_lists_the_frames_with_their_places(capsys):
@@ -89,24 +93,28 @@ def test_torques_of_a_motion_do_not_flood_a_terminal(tmp_path, capsys, monkeypat
     assert main(['torque', URDF, '--motion', str(motion)]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 301  # a pipe takes the rows
     monkeypatch.setattr(sys.stdout, 'isatty', lambda: True, raising=False)
-    assert main(['torque', URDF, '--motion', str(motion), '--out', str(tmp_path / 'o.csv')]) == 0
+    assert main(['torque', URDF, '--motion', str(motion), '--out',
+                 str(tmp_path / 'o.csv')]) == 0
     capsys.readouterr()
     monkeypatch.setattr(sys.stdout, 'isatty', lambda: True, raising=False)
     assert main(['torque', URDF, '--motion', str(motion)]) == 0
     printed = capsys.readouterr().out
     table = np.genfromtxt(tmp_path / 'o.csv', delimiter=',', names=True, deletechars='')
     lift = table['tau.shoulder_lift_joint']
-    row = next(line.split() for line in printed.splitlines() if line.startswith('shoulder_lift'))
+    row = next(line.split()
+               for line in printed.splitlines() if line.startswith('shoulder_lift'))
     assert len(printed.splitlines()) == 8
     assert float(row[1]) == pytest.approx(lift[np.argmax(np.abs(lift))], rel=1e-5)
 
 
-def test_cartesian_writes_a_motion_along_its_path_and_names_what_is_missing(capsys, tmp_path):
+def test_cartesian_writes_a_motion_along_its_path_and_names_what_is_missing(
+        capsys, tmp_path):
     home = ['0', '-1.2', '1.4', '-1.77', '-1.57', '0']
     out = tmp_path / 'motion.csv'
     path = ['--to', '0.7', '0.3', '0.5', '--via', '0.75', '0.1', '0.5',
             '--to', '0.7', '-0.1', '0.5', '-2.4', '0', '0', '--blend', '0.01']
-    code, data = answer(capsys, 'cartesian', URDF, 'tool0', '--q', *home, *path, '-o', str(out))
+    code, data = answer(capsys, 'cartesian', URDF, 'tool0', '--q', *home, *path, '-o',
+                        str(out))
     assert code == 0 and data['files'] == [str(out)] and data['distance'] < 1e-5
     corner, = data['corners']
     assert corner['distance'] <= 0.01 and not corner['rests']
@@ -114,13 +122,16 @@ def test_cartesian_writes_a_motion_along_its_path_and_names_what_is_missing(caps
     end = robot.frame_pose('tool0', data['end'])
     assert_allclose(end, pose_from((0.7, -0.1, 0.5), rpy=(-2.4, 0.0, 0.0)), atol=1e-8)
     header, *rows = out.read_text().splitlines()
-    assert header.startswith('t,q.shoulder_pan_joint,') and len(rows) > 100 * data['duration']
-    assert_allclose([float(x) for x in rows[-1].split(',')[1:7]], data['end'], atol=1e-12)
-    assert main(['cartesian', URDF, 'tool0', '--q', *home, '--to', '0.7', '0.3', '0.5', '--free',
-                 '--duration', '2']) == 0
+    assert header.startswith('t,q.shoulder_pan_joint,')
+    assert len(rows) > 100 * data['duration']
+    assert_allclose([float(x) for x in rows[-1].split(',')[1:7]], data['end'],
+                    atol=1e-12)
+    assert main(['cartesian', URDF, 'tool0', '--q', *home, '--to', '0.7', '0.3', '0.5',
+                 '--free', '--duration', '2']) == 0
     assert capsys.readouterr().out.startswith('2 s; distance from the path')
     for arguments, message in (
-            ([], '--to: missing'), (['--to', '1', '2'], '--to: 2 numbers; expected 3 or 6'),
+            ([], '--to: missing'),
+            (['--to', '1', '2'], '--to: 2 numbers; expected 3 or 6'),
             (['--via', '1', '2', '3'], '--to: missing'),
             (['--via', '1', '2', '3', '--via', '1', '2', '3'], '--via: two in a row'),
             (['--to', '2', '0', '0.5'], "'tool0' does not reach"),

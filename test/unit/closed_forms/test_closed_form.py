@@ -27,9 +27,10 @@ def hanging():
 def crane():
     """Return a boom on an oblique axis with a prismatic joint, spring and damper."""
     b = ModelBuilder(gravity=(0, -3, -9))
-    b.body('boom', axis=(0, 3, 4), inertial=Inertial(2, (0.4, 0.1, 0), np.eye(3)), friction=0.3)
-    b.body('slide', 'boom', 'prismatic', axis=(1, 0, 0), at=(1, 0, 0), damping=0.7, stiffness=30,
-           rest=0.2, armature=0.1, inertial=point_mass(0.5, (0.2, 0, 0.1)))
+    b.body('boom', axis=(0, 3, 4), inertial=Inertial(2, (0.4, 0.1, 0), np.eye(3)),
+           friction=0.3)
+    b.body('slide', 'boom', 'prismatic', axis=(1, 0, 0), at=(1, 0, 0), damping=0.7,
+           stiffness=30, rest=0.2, armature=0.1, inertial=point_mass(0.5, (0.2, 0, 0.1)))
     return b.model()
 
 
@@ -37,7 +38,8 @@ def geared():
     """Return two links; the second rotates twice as far as the first."""
     b = ModelBuilder()
     b.body('first', axis=(0, 1, 0), inertial=Inertial(2, (0.5, 0, 0)))
-    b.body('second', 'first', axis=(0, 1, 0), at=(1, 0, 0), inertial=Inertial(1, (0.3, 0, 0)))
+    b.body('second', 'first', axis=(0, 1, 0), at=(1, 0, 0),
+           inertial=Inertial(1, (0.3, 0, 0)))
     first, second = b.model().bodies
     joint = replace(second.joint, coordinate=0, multiplier=2.0, offset=0.25)
     return Model('geared', (first, replace(second, joint=joint)), ('first',))
@@ -60,21 +62,26 @@ def test_closed_form_is_what_the_sums_over_bodies_give(make, numbers):
     for q, u in random_state(model, 0, 10).reshape(5, 2, -1):
         M, bias, *partials = function(*q, *u)
         bodies = kinematics.configurations(model, q)
-        expected = [np.concatenate([here.partial_angular_velocity @ here.R_wb,
-                                    here.partial_velocity @ here.R_wb], axis=1).T
-                    for body, here in zip(model.bodies, bodies) if body.inertial.mass]
-        pairs = [(M, kane.mass_matrix(model, q)), (bias[:, 0], kane.bias_force(model, q, u)),
-                 *zip(partials, expected)]
-        for got, wanted in pairs:
-            np.testing.assert_allclose(np.array(got, dtype=float), wanted, rtol=tolerance,
-                                       atol=tolerance * np.abs(wanted).max())
+        expected = []
+        for body, placed in zip(model.bodies, bodies):
+            if body.inertial.mass:
+                expected.append(
+                    np.concatenate([placed.partial_angular_velocity @ placed.R_wb,
+                                    placed.partial_velocity @ placed.R_wb], axis=1).T)
+        pairs = [(M, kane.mass_matrix(model, q)),
+                 (bias[:, 0], kane.bias_force(model, q, u)), *zip(partials, expected)]
+        for got, reference in pairs:
+            np.testing.assert_allclose(np.array(got, dtype=float), reference,
+                                       rtol=tolerance,
+                                       atol=tolerance * np.abs(reference).max())
 
 
 def test_a_planar_chain_comes_out_in_sums_of_its_angles():
     b = ModelBuilder()
     for k in range(3):
         b.body(f'link{k}', f'link{k - 1}' if k else 'world', axis=(0, 1, 0),
-               at=(0.5, 0, 0) if k else (0, 0, 0), inertial=Inertial(1 + k, (0.25, 0, 0)))
+               at=(0.5, 0, 0) if k else (0, 0, 0),
+               inertial=Inertial(1 + k, (0.25, 0, 0)))
     form = closed_form(b.model(), friction=False)
     q1, q2, q3 = form.q
     assert form.M.free_symbols.isdisjoint({q1})
@@ -86,9 +93,14 @@ def test_friction_is_left_in_words_and_can_be_left_out():
     b.body('wheel', damping=2, friction=3, armature=0.5, stiffness=4, rest=-1)
     model = b.model()
     form = closed_form(model)
-    d1, f1, w1, J1, k1, s1 = (sp.Symbol(name, positive=True)
-                              for name in ('d1', 'f1', 'w1', 'J1', 'k1', 's1'))
-    q1, u1 = form.q[0], form.u[0]
+    d1 = sp.Symbol('d1', positive=True)
+    f1 = sp.Symbol('f1', positive=True)
+    w1 = sp.Symbol('w1', positive=True)
+    J1 = sp.Symbol('J1', positive=True)
+    k1 = sp.Symbol('k1', positive=True)
+    s1 = sp.Symbol('s1', positive=True)
+    q1 = form.q[0]
+    u1 = form.u[0]
     spring = k1 * (q1 + s1)
     assert form.M[0] == J1
     assert sp.simplify(form.bias[0] - spring - d1 * u1 - f1 * sp.tanh(u1 / w1)) == 0
@@ -98,17 +110,19 @@ def test_friction_is_left_in_words_and_can_be_left_out():
 def test_operations_are_counted_after_sharing():
     b = ModelBuilder()
     b.body('link', axis=(0, 1, 0), inertial=Inertial(2, (0.5, 0, 0)))
-    counts = closed_form(b.model(), numbers=True).operations()  # M 0.5; bias -9.81 cos(q1)
+    # M 0.5; bias -9.81 cos(q1)
+    counts = closed_form(b.model(), numbers=True).operations()
     assert counts['mass_matrix'].multiplications == counts['mass_matrix'].additions == 0
-    assert (counts['bias_force'].multiplications, counts['bias_force'].functions) == (1, 1)
+    assert (counts['bias_force'].multiplications, counts['bias_force'].functions) == (1,
+                                                                                      1)
 
 
 def test_a_massless_body_has_no_line_in_the_table():
     b = ModelBuilder()
     b.body('table', 'world', 'planar', inertial=Inertial(1))
     lines = as_csv(closed_form(b.model())).splitlines()
-    assert lines[1:] == ['u1,table,0,0,0,cos(q3),-sin(q3),0', 'u2,table,0,0,0,sin(q3),cos(q3),0',
-                         'u3,table,0,0,1,0,0,0']
+    assert lines[1:] == ['u1,table,0,0,0,cos(q3),-sin(q3),0',
+                         'u2,table,0,0,0,sin(q3),cos(q3),0', 'u3,table,0,0,1,0,0,0']
 
 
 @pytest.mark.parametrize('n', [5, 9])
@@ -138,7 +152,8 @@ def test_terms_that_cancel_are_not_expanded_first():
 
 def test_a_closed_form_that_fills_pages_is_refused_with_a_way_out(monkeypatch):
     monkeypatch.setattr(polynomials, 'MOST_TERMS', 20)
-    with pytest.raises(InputError, match=r'more than 20 terms; expected fewer joints .*--numbers'):
+    with pytest.raises(InputError,
+                       match=r'more than 20 terms; expected fewer joints .*--numbers'):
         closed_form(hanging())
 
 
@@ -155,5 +170,6 @@ def test_numbers_become_exact():
 def test_legend_names_every_axis_of_a_shared_moment_of_inertia():
     b = ModelBuilder()
     b.body('rod', inertial=Inertial(1.0, (0, 0, 0), np.diag([0.1, 0.4, 0.4])))
-    meaning, = (p.meaning for p in closed_form(b.model()).parameters if p.unit == 'kg m^2')
+    meaning, = (p.meaning
+                for p in closed_form(b.model()).parameters if p.unit == 'kg m^2')
     assert meaning == 'central moment of inertia of rod, yy and zz'

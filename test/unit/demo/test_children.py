@@ -1,4 +1,4 @@
-"""The demo waits for its processes as long as they make progress, and says why it does not."""
+"""The demo waits for processes while they make progress, and says why not."""
 
 import sys
 import time
@@ -8,7 +8,8 @@ from kane_dynamics.demo.children import Child, DemoError, Waiting
 import pytest
 
 BUSY = 'while True: sum(range(10**5))'
-TALKING = 'import time\nfor k in range(100): print("line", k, flush=True); time.sleep(0.1)'
+TALKING = ('import time\nfor k in range(100): print("line", k, flush=True); '
+           'time.sleep(0.1)')
 IDLE = 'import time; time.sleep(60)'
 FAILING = 'print("no such robot"); raise SystemExit(3)'
 
@@ -21,20 +22,22 @@ def child():
         started.append(Child('arm', [sys.executable, '-u', '-c', program]))
         return started[-1]
     yield start
-    for each in started:
-        each.process.kill()
-        each.end()
+    for process in started:
+        process.process.kill()
+        process.end()
 
 
 def wait(child, seconds):
-    waiting, end = Waiting('the arm', [child]), time.monotonic() + seconds
+    waiting = Waiting('the arm', [child])
+    end = time.monotonic() + seconds
     while time.monotonic() < end:
         waiting.check()
         time.sleep(0.05)
 
 
 @pytest.mark.parametrize('program', [BUSY, TALKING])
-def test_the_demonstration_waits_while_a_child_makes_progress(program, child, monkeypatch):
+def test_the_demonstration_waits_while_a_child_makes_progress(
+        program, child, monkeypatch):
     busy = child(program)
     monkeypatch.setattr(demo, 'PATIENCE', 1.5)
     wait(busy, 3.0)
@@ -52,7 +55,8 @@ def test_the_demonstration_ends_when_no_child_makes_progress(child, monkeypatch)
 
 
 def test_a_child_that_ended_is_named_with_its_code_and_its_last_lines(child, capfd):
-    with pytest.raises(DemoError, match=r'arm ended with exit code 3\n  arm: no such robot'):
+    with pytest.raises(DemoError,
+                       match=r'arm ended with exit code 3\n  arm: no such robot'):
         wait(child(FAILING), 10.0)
     assert 'arm: no such robot' in capfd.readouterr().err
 
@@ -60,5 +64,5 @@ def test_a_child_that_ended_is_named_with_its_code_and_its_last_lines(child, cap
 def test_the_demonstration_names_the_child_that_it_waits_for(child, monkeypatch, capfd):
     monkeypatch.setattr(demo, 'SAY', 0.2)
     wait(child(BUSY), 1.0)
-    assert 'waiting for 1 s: the arm; processor time: arm' in capfd.readouterr().err.replace(
-        'for 0 s', 'for 1 s')
+    assert ('waiting for 1 s: the arm; processor time: arm'
+            in capfd.readouterr().err.replace('for 0 s', 'for 1 s'))

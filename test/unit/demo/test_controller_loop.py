@@ -26,8 +26,9 @@ def filled(tolerance):
 @cache
 def error(tolerance, feedforward, ahead):
     """Return the RMS error of all joints in the demo's motion, rad."""
-    arm, loop, points = MujocoArm(FR3), EffortLoop(Gains(p=FR3.kp, d=FR3.kd), ahead), (
-        filled(tolerance))
+    arm = MujocoArm(FR3)
+    loop = EffortLoop(Gains(p=FR3.kp, d=FR3.kd), ahead)
+    points = (filled(tolerance))
     loop.accept(0.0, FR3.home, points.times, points.positions, points.velocities,
                 points.accelerations, points.efforts if feedforward else None)
     errors = []
@@ -38,9 +39,12 @@ def error(tolerance, feedforward, ahead):
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
-@pytest.mark.parametrize('ahead', [0.0, PERIOD])  # the time at which versions sample the effort
+# The time at which versions sample the effort.
+@pytest.mark.parametrize('ahead', [0.0, PERIOD])
 @pytest.mark.parametrize(('tolerance', 'factor'), [(None, 300.0), (0.01, 600.0)])
-def test_filled_efforts_divide_the_tracking_error_of_the_loop_alone(tolerance, factor, ahead):
-    alone, helped = error(None, False, 0.0), error(tolerance, True, ahead)
+def test_filled_efforts_divide_the_tracking_error_of_the_loop_alone(
+        tolerance, factor, ahead):
+    alone = error(None, False, 0.0)
+    helped = error(tolerance, True, ahead)
     assert 0.02 < alone < 0.2
     assert helped < alone / factor, (alone, helped)

@@ -1,4 +1,4 @@
-"""The robots of the demo: their settings fit their files, and MuJoCo closes their loops."""
+"""The robots of the demo: settings fit their files, MuJoCo closes loops."""
 
 from kane_dynamics import load_constraints, load_urdf, Robot
 from kane_dynamics.demo.demo_settings import RATE, ROBOTS
@@ -38,8 +38,10 @@ def test_the_motion_of_a_demo_robot_stays_within_its_limits(name):
 
 def test_mujoco_with_equality_constraints_moves_the_palletizer_as_its_constraints_say():
     """Feedforward alone, without a servo, follows the motion for a second."""
-    demo, robot = ROBOTS['palletizer'], palletizer()
-    arm, motion = MujocoArm(demo), demo.motion()
+    demo = ROBOTS['palletizer']
+    robot = palletizer()
+    arm = MujocoArm(demo)
+    motion = demo.motion()
     terms = torques_by_source(demo, motion, (np.arange(RATE) + 0.5) / RATE)
     for tau in terms.sum(axis=1):
         arm.step(tau)
@@ -48,9 +50,10 @@ def test_mujoco_with_equality_constraints_moves_the_palletizer_as_its_constraint
     assert np.abs(expected - demo.home).max() > 0.1
     np.testing.assert_allclose(q, expected, atol=2e-4)
     np.testing.assert_allclose(u, rates, atol=2e-3)
-    every = positions(robot, *(dict(zip(demo.joints, q))[name] for name in robot.speed_names))
-    found = [arm.data.joint(name).qpos[0] for name in robot.joint_names]
-    np.testing.assert_allclose(found, every, atol=1e-6)
+    every = positions(robot,
+                      *(dict(zip(demo.joints, q))[name] for name in robot.speed_names))
+    joint_positions = [arm.data.joint(name).qpos[0] for name in robot.joint_names]
+    np.testing.assert_allclose(joint_positions, every, atol=1e-6)
 
 
 @pytest.mark.parametrize('text', ['0.5', '1000', 'nan', 'long'])

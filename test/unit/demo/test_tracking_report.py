@@ -1,4 +1,4 @@
-"""The demo says what its figures are worth, and repeats a run that a busy machine spoiled."""
+"""The demo says what its figures are worth, and repeats a spoiled run."""
 
 from kane_dynamics.demo import tracking_report as demo
 from kane_dynamics.demo.demo_settings import DURATION, FR3, RATE, STATE_TIMEOUT
@@ -9,12 +9,13 @@ MOTION = FR3.motion()
 
 
 def log(error, late=1e-4, answered=1.0):
-    """Return a run that misses the motion by an error, rad, with states late by so much, s."""
+    """Return a run that misses the motion by an error, rad, states late by s."""
     t = np.arange(0.0, DURATION, 1.0 / RATE)
     q = MOTION.sample(t)[0] + error
-    kept = t[:round(answered * len(t))]
-    return demo.TrackingLog(t, q, *np.zeros((3, *q.shape)), np.full(len(t), late),
-                            np.stack([kept, np.full(len(kept), 1e-3)], axis=1))
+    answered_times = t[:round(answered * len(t))]
+    return demo.TrackingLog(
+        t, q, *np.zeros((3, *q.shape)), np.full(len(t), late),
+        np.stack([answered_times, np.full(len(answered_times), 1e-3)], axis=1))
 
 
 @pytest.mark.parametrize('spoiled', [log(0.02, late=2.0 * STATE_TIMEOUT),

@@ -7,14 +7,15 @@ import pytest
 
 
 def log(amplitude, travel):
-    """Return a record: a motion along x, then a vibration that ends before the record does."""
+    """Return a record: a motion along x, then a vibration that ends earlier."""
     t = np.linspace(0.0, FAST + AFTER, 400)
-    after = t - FAST
+    settled = t - FAST
     place = np.zeros((len(t), 3))
     place[:, 0] = travel * np.minimum(t / FAST - 1.0, 0.0)
-    place[:, 2] = amplitude * np.where(after >= 0.0, np.exp(-20.0 * after), 0.0)
+    place[:, 2] = amplitude * np.where(settled >= 0.0, np.exp(-20.0 * settled), 0.0)
     began = 3.0
-    record = VibrationLog(t=t, started=np.array(began), command=np.ones((len(t), 7)), place=place)
+    record = VibrationLog(t=t, started=np.array(began), command=np.ones((len(t), 7)),
+                          place=place)
     return record.since(began + FAST)
 
 
@@ -23,9 +24,11 @@ def log(amplitude, travel):
 def test_the_elastic_feedforward_must_move_the_arm_and_leave_a_twentieth(
         amplitude, travel, code, tmp_path, monkeypatch, capsys):
     robot = next(iter(ROBOTS.values()))
-    runs = {'rigid feedforward': log(1e-3, travel), 'elastic feedforward': log(amplitude, travel)}
+    runs = {'rigid feedforward': log(1e-3, travel),
+            'elastic feedforward': log(amplitude, travel)}
     if code:  # the picture is the same
-        monkeypatch.setattr('kane_dynamics.demo.vibration_report._plot_runs', lambda *_: None)
+        monkeypatch.setattr('kane_dynamics.demo.vibration_report._plot_runs',
+                            lambda *_: None)
     assert report_vibration(robot, runs, tmp_path) == code
     printed = capsys.readouterr().out
     assert f'{1e3 * runs["rigid feedforward"].vibration:.4f} mm' in printed

@@ -1,4 +1,4 @@
-"""Arrays of GPUs: what is refused, DLPack both ways, results in the library of the arguments."""
+"""Arrays of GPUs: refusals, DLPack both ways, results in the same library."""
 
 import gc
 from itertools import pairwise
@@ -32,7 +32,9 @@ class Capsule:
     """A NumPy array as one of a GPU, by DLPack alone."""
 
     def __init__(self, array, kind=dlpack.CUDA):
-        self.array, self.kind, self.streams = array, kind, []
+        self.array = array
+        self.kind = kind
+        self.streams = []
 
     def __dlpack_device__(self):
         return self.kind, 0
@@ -46,18 +48,23 @@ class Capsule:
     (np.zeros((3, 7)), 'u: a ndarray in host memory; expected an array in the memory'),
     ([[0.0] * 7] * 3, 'u: a list; expected an array in the memory'),
     (None, 'u: a NoneType; expected an array'),
-    (HostArray(np.zeros((3, 6))), r'u: shape \(3, 6\); expected \(7,\), with batch axes'),
+    (HostArray(np.zeros((3, 6))),
+     r'u: shape \(3, 6\); expected \(7,\), with batch axes'),
     (HostArray(np.zeros(())), r'u: shape \(\); expected \(7,\)'),
-    (HostArray(np.zeros((3, 7), dtype='float32')), 'u: float32; expected float64, of which'),
-    (HostArray(np.zeros((3, 7), dtype='int64')), 'u: dtype <i8; expected float64 or float32'),
-    (HostArray(np.zeros((3, 7), dtype='>f8')), 'u: dtype >f8; expected float64 or float32'),
-    (HostArray(np.zeros((2, 7))), r'arguments q \(3, 7\), u \(2, 7\), udot \(3, 7\); expec'),
+    (HostArray(np.zeros((3, 7), dtype='float32')),
+     'u: float32; expected float64, of which'),
+    (HostArray(np.zeros((3, 7), dtype='int64')),
+     'u: dtype <i8; expected float64 or float32'),
+    (HostArray(np.zeros((3, 7), dtype='>f8')),
+     'u: dtype >f8; expected float64 or float32'),
+    (HostArray(np.zeros((2, 7))),
+     r'arguments q \(3, 7\), u \(2, 7\), udot \(3, 7\); expec'),
     (HostArray(np.zeros((1, 3, 7))), 'expected the same batch axes'),
     (HostArray(np.zeros(176, dtype=np.uint8)[1:169].view('f8').reshape(3, 7)),
      r'u: address 0x\w+; expected a multiple of 8'),
     (Capsule(np.zeros((3, 7), dtype='int32')), 'u: dtype type code 0; expected float64'),
     (Capsule(np.zeros((3, 7)), kind=10), 'u: a Capsule in host memory; expected'),
-    ])
+])
 def test_an_argument_that_is_not_valid_is_named(bad, message):
     q, _, udot = good()
     with pytest.raises(InputError, match=message):
@@ -66,7 +73,8 @@ def test_an_argument_that_is_not_valid_is_named(bad, message):
 
 def test_states_at_unequal_distances_are_refused():
     x = np.zeros((3, 4, 7))[:, :3]
-    with pytest.raises(InputError, match=r'q: strides \(28, 7, 1\) of shape \(3, 3, 7\); expected '
+    with pytest.raises(InputError,
+                       match=r'q: strides \(28, 7, 1\) of shape \(3, 3, 7\); expected '
                        'states at equal distances'):
         dynamics()(*[HostArray(x)] * 3)
     wrench = np.zeros((2, 6, 1)).transpose(0, 2, 1)
@@ -79,11 +87,12 @@ def test_states_at_unequal_distances_are_refused():
     (np.zeros((3, 7)), 'out: a ndarray in host memory'),
     (HostArray(np.zeros((3, 6))), r'out: shape \(3, 6\); expected \(3, 7\)'),
     (HostArray(np.zeros((3, 7), dtype='float32')), 'out: float32; expected float64'),
-    (HostArray(np.zeros((3, 7)), read_only=True), 'out: an array that cannot be written'),
+    (HostArray(np.zeros((3, 7)), read_only=True),
+     'out: an array that cannot be written'),
     (HostArray(np.broadcast_to(np.zeros(7), (3, 7))), r'out: strides \(0, 1\) of shape'),
     (HostArray(np.lib.stride_tricks.as_strided(np.zeros(20), (3, 7), (48, 8))),
      'expected entries that do not overlap'),
-    ])
+])
 def test_a_result_that_cannot_be_written_is_refused(out, message):
     with pytest.raises(InputError, match=message):
         dynamics()(*good(), out=out)
@@ -91,26 +100,37 @@ def test_a_result_that_cannot_be_written_is_refused(out, message):
 
 def test_a_result_between_the_arguments_is_refused():
     block = np.zeros((4, 7))
-    q, rest = HostArray(block[:3]), good()[1:]
-    with pytest.raises(InputError, match="out: memory between that of 'q'; expected memory of"):
-        dynamics()(q, *rest, out=HostArray(block[1:]))
+    q = HostArray(block[:3])
+    remainder = good()[1:]
+    with pytest.raises(InputError,
+                       match="out: memory between that of 'q'; expected memory of"):
+        dynamics()(q, *remainder, out=HostArray(block[1:]))
     one = HostArray(block[:1])
     with pytest.raises(InputError, match="out: memory between that of 'q'"):
-        dynamics()(one, *rest, out=HostArray(block[:3]))  # other threads read it, too
+        # Other threads read it, too.
+        dynamics()(one, *remainder, out=HostArray(block[:3]))
 
 
 def test_names_counts_and_options_are_checked():
-    given = good()
+    inputs = good()
     for call, message in [
-            (lambda: dynamics()(*given[:2]), 'arguments 2 by position; expected q, u, udot'),
-            (lambda: dynamics()(*given, u=given[1]), 'arguments 3 by position, u; expected'),
-            (lambda: dynamics()(*given, stream='x'), "stream: 'x'; expected the handle"),
-            (lambda: dynamics(dtype='float16'), "dtype: 'float16'; expected 'float64' or"),
-            (lambda: dynamics(parameters='mass'), "parameters: 'mass'; expected for inverse_dyn"),
+            (lambda: dynamics()(*inputs[:2]),
+             'arguments 2 by position; expected q, u, udot'),
+            (lambda: dynamics()(*inputs, u=inputs[1]),
+             'arguments 3 by position, u; expected'),
+            (lambda: dynamics()(*inputs, stream='x'),
+             "stream: 'x'; expected the handle"),
+            (lambda: dynamics(dtype='float16'),
+             "dtype: 'float16'; expected 'float64' or"),
+            (lambda: dynamics(parameters='mass'),
+             "parameters: 'mass'; expected for inverse_dyn"),
             (lambda: gpu.function(fr3(), 'torque'), "no kernel 'torque' for this robot"),
-            (lambda: gpu.function(fr3(), 3), 'name: a int; expected the name of a quantity'),
-            (lambda: gpu.rollout(fr3(), parameters='payload'), "parameters: 'payload'; expected"),
-            (lambda: gpu.rollout(fr3(), integrator='euler'), "integrator: 'euler'; expected")]:
+            (lambda: gpu.function(fr3(), 3),
+             'name: a int; expected the name of a quantity'),
+            (lambda: gpu.rollout(fr3(), parameters='payload'),
+             "parameters: 'payload'; expected"),
+            (lambda: gpu.rollout(fr3(), integrator='euler'),
+             "integrator: 'euler'; expected")]:
         with pytest.raises(InputError, match=message):
             call()
 
@@ -122,8 +142,9 @@ def test_names_counts_and_options_are_checked():
     ({'steps': 3, 'h': 0.0}, 'h: 0 s; expected a positive, finite time'),
     ({'steps': 3, 'h': np.nan}, 'h: nan s; expected a positive, finite time'),
     ({'steps': 3, 't': np.inf}, r't \(s\): inf; expected'),
-    ({'steps': 3, 'out': HostArray(np.zeros((3, 2, 14)))}, r'out: shape .*; expected \(3, 3, 14'),
-    ])
+    ({'steps': 3, 'out': HostArray(np.zeros((3, 2, 14)))},
+     r'out: shape .*; expected \(3, 3, 14'),
+])
 def test_options_of_rollouts_are_checked(options, message):
     with pytest.raises(InputError, match=message):
         gpu.rollout(fr3())(*good(), **{'h': 1e-3, **options})
@@ -131,10 +152,13 @@ def test_options_of_rollouts_are_checked(options, message):
 
 def test_torques_of_rollouts_state_the_steps_or_agree_with_them():
     q, u, _ = good()
-    motion, tau = gpu.rollout(fr3()), HostArray(np.zeros((3, 5, 7)))
+    motion = gpu.rollout(fr3())
+    tau = HostArray(np.zeros((3, 5, 7)))
     assert values_of(motion(q, u, tau, h=1e-3)).shape == (3, 5, 14)
-    assert values_of(motion(q, u, HostArray(np.zeros((1, 5, 7))), h=1e-3)).shape == (3, 5, 14)
-    with pytest.raises(InputError, match='steps: 4; expected 5, the number of torques in tau'):
+    assert values_of(motion(q, u, HostArray(np.zeros((1, 5, 7))),
+                            h=1e-3)).shape == (3, 5, 14)
+    with pytest.raises(InputError,
+                       match='steps: 4; expected 5, the number of torques in tau'):
         motion(q, u, tau, h=1e-3, steps=4)
     with pytest.raises(InputError, match='rollout: 1 parameters; expected none'):
         motion(q, u, tau, q, h=1e-3)
@@ -143,10 +167,11 @@ def test_torques_of_rollouts_state_the_steps_or_agree_with_them():
 def test_dlpack_arrays_are_read_in_any_layout_on_the_stream_of_the_call():
     x = np.random.default_rng(1).normal(size=(3, 4, 7))
     expected = fr3().inverse_dynamics(*x)
-    given = [Capsule(x[0]), Capsule(np.asfortranarray(x[1])), Capsule(x[2][:, ::-1][:, ::-1])]
-    assert_same_numbers(values_of(dynamics()(*given)), expected)
-    dynamics()(*given, stream=77)
-    assert [a.streams for a in given] == [[1, 77]] * 3
+    inputs = [Capsule(x[0]), Capsule(np.asfortranarray(x[1])),
+              Capsule(x[2][:, ::-1][:, ::-1])]
+    assert_same_numbers(values_of(dynamics()(*inputs)), expected)
+    dynamics()(*inputs, stream=77)
+    assert [a.streams for a in inputs] == [[1, 77]] * 3
 
 
 def test_results_go_to_other_libraries_by_dlpack_and_live_as_long_as_they_are_used(
@@ -156,13 +181,13 @@ def test_results_go_to_other_libraries_by_dlpack_and_live_as_long_as_they_are_us
     x = np.random.default_rng(2).normal(size=(3, 4, 7))
     for coalesced in (True, False):
         result = dynamics()(*on_gpu(*x, coalesced=coalesced))
-        found = np.from_dlpack(result)
+        array = np.from_dlpack(result)
         capsule = result.__dlpack__()
         del result, capsule  # that capsule was never taken
         gc.collect()
         assert len(device.memory) == 1
-        assert_same_numbers(found, fr3().inverse_dynamics(*x))
-        del found
+        assert_same_numbers(array, fr3().inverse_dynamics(*x))
+        del array
         gc.collect()
         assert device.memory == {}
 
@@ -192,20 +217,20 @@ def test_torch_reads_the_capsule_too(monkeypatch):
     torch = pytest.importorskip('torch')
     monkeypatch.setattr(dlpack, 'CUDA', 1)
     result = dynamics()(*good())
-    found = torch.from_dlpack(result)
-    assert found.shape == (3, 7) and found.dtype == torch.float64
-    np.testing.assert_array_equal(found.numpy(), values_of(result))
+    array = torch.from_dlpack(result)
+    assert array.shape == (3, 7) and array.dtype == torch.float64
+    np.testing.assert_array_equal(array.numpy(), values_of(result))
 
 
 def test_a_result_with_an_axis_of_one_state_or_of_many_has_the_shape_of_the_method():
-    found = case('tree').robot
-    q = np.random.default_rng(4).normal(size=(2, 3, found.n_q))
-    energy = gpu.function(found, 'potential_energy')
+    tree = case('tree').robot
+    q = np.random.default_rng(4).normal(size=(2, 3, tree.n_q))
+    energy = gpu.function(tree, 'potential_energy')
     for x in (q, q[0], q[0, 0]):
         result = values_of(energy(HostArray(x)))
         assert result.shape == x.shape[:-1]
-        np.testing.assert_allclose(result, found.potential_energy(
-            x.reshape(-1, found.n_q)).reshape(x.shape[:-1]), rtol=1e-14)
+        np.testing.assert_allclose(result, tree.potential_energy(
+            x.reshape(-1, tree.n_q)).reshape(x.shape[:-1]), rtol=1e-14)
 
 
 def test_strides_of_several_axes_are_one_where_states_are_at_equal_distances():
@@ -214,16 +239,17 @@ def test_strides_of_several_axes_are_one_where_states_are_at_equal_distances():
         shape = tuple(rng.integers(1, 4, size=rng.integers(1, 4)))
         x = np.zeros(shape).transpose(rng.permutation(len(shape)))
         strides = tuple(stride // 8 for stride in x.strides)
-        found = places(x.shape, strides)
-        one = len({b - a for a, b in pairwise(found)}) <= 1
+        addresses = places(x.shape, strides)
+        one = len({b - a for a, b in pairwise(addresses)}) <= 1
         stride = collapsed(x.shape, strides)
         assert (stride is not None) == one
-        if one and len(found) > 1:
-            assert stride == found[1] - found[0]
+        if one and len(addresses) > 1:
+            assert stride == addresses[1] - addresses[0]
 
 
 def test_an_empty_batch_may_have_any_axes():
-    for shape in ((0, 7), (2, 0, 7), (0, 2, 7)):  # libraries state strides of any kind for it
+    # Libraries state strides of any kind for it.
+    for shape in ((0, 7), (2, 0, 7), (0, 2, 7)):
         assert values_of(dynamics()(*[HostArray(np.zeros(shape))] * 3)).shape == shape
 
 

@@ -1,4 +1,4 @@
-"""Kernels of GPUs, compiled for the processor: numbers of the library, layouts, NaN, bounds."""
+"""Kernels of GPUs, compiled for the processor: numbers, layouts, NaN, bounds."""
 
 import copy
 import ctypes
@@ -19,9 +19,9 @@ from same_numbers import assert_same_numbers
 TOLERANCE = {'float64': 1e-12, 'float32': 1e-5}  # of the largest entry
 DTYPES = tuple(TOLERANCE)
 ELEMENTARY = ('sin', 'cos', 'tanh', 'exp', 'log', 'arctan', 'floor', 'sqrt')
-QUANTITIES = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'inverse_mass_matrix',
-              'bias_force', 'inverse_dynamics_derivatives', 'forward_dynamics_derivatives',
-              'frame_pose:fr3_link7', 'kinetic_energy')
+QUANTITIES = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix',
+              'inverse_mass_matrix', 'bias_force', 'inverse_dynamics_derivatives',
+              'forward_dynamics_derivatives', 'frame_pose:fr3_link7', 'kinetic_energy')
 
 
 @pytest.fixture(name='device', autouse=True)
@@ -46,12 +46,13 @@ def rounded(arrays, dtype):
 @pytest.mark.parametrize('name', QUANTITIES)
 def test_quantities_of_seven_axes_are_the_robots(name, dtype):
     function = gpu.function(fr3(), name, dtype=dtype)
-    given = rounded(np.random.default_rng(1).normal(size=(len(function.names), 9, 7)), dtype)
+    inputs = rounded(np.random.default_rng(1).normal(size=(len(function.names), 9, 7)),
+                     dtype)
     method, _, frame = name.partition(':')
-    expected = getattr(fr3(), method)(*([frame] if frame else []), *given)
+    expected = getattr(fr3(), method)(*([frame] if frame else []), *inputs)
     if isinstance(expected, tuple):  # of derivatives
         expected = np.stack(expected, axis=1)
-    agree(values_of(function(*on_gpu(*given, dtype=dtype))), expected, dtype)
+    agree(values_of(function(*on_gpu(*inputs, dtype=dtype))), expected, dtype)
 
 
 @pytest.mark.parametrize('dtype', DTYPES)
@@ -59,45 +60,51 @@ def test_quantities_of_seven_axes_are_the_robots(name, dtype):
 @pytest.mark.parametrize('kind', KINDS)
 def test_dynamics_of_every_kind_of_mechanism_are_the_robots(kind, name, dtype):
     function = gpu.function(case(kind).robot, name, dtype=dtype)
-    given = states(kind, function.names)
-    loads = {key: given[key] for key in ('wrench', 't') if key in given}
+    inputs = states(kind, function.names)
+    loads = {key: inputs[key] for key in ('wrench', 't') if key in inputs}
     expected = getattr(case(kind).robot, name)(
-        *(x for key, x in given.items() if key not in loads), **loads)
-    agree(values_of(function(*on_gpu(*given.values(), dtype=dtype))), expected, dtype)
+        *(x for key, x in inputs.items() if key not in loads), **loads)
+    agree(values_of(function(*on_gpu(*inputs.values(), dtype=dtype))), expected, dtype)
 
 
 @pytest.mark.parametrize('dtype', DTYPES)
 @pytest.mark.parametrize('kind', KINDS)
 def test_rollouts_of_every_kind_of_mechanism_are_simulations(kind, dtype):
-    found, rng = case(kind), np.random.default_rng(2)
-    tau = 0.1 * rng.normal(size=(2, 20, found.robot.n))
-    q, u = np.tile(found.q, (2, 1)), np.array([[1.0], [0.5]]) * found.u
-    expected = simulate(found.robot, q, u, 0.02, torque=tau, sample=1e-3, t0=found.time)
-    after = np.concatenate([expected.q, expected.u], axis=2)[:, 1:]
-    result = gpu.rollout(found.robot, dtype=dtype)(*on_gpu(
-        q, u, tau, dtype=dtype, coalesced=False), h=1e-3, t=found.time)
-    agree(values_of(result), after, dtype)
+    mechanism = case(kind)
+    rng = np.random.default_rng(2)
+    tau = 0.1 * rng.normal(size=(2, 20, mechanism.robot.n))
+    q = np.tile(mechanism.q, (2, 1))
+    u = np.array([[1.0], [0.5]]) * mechanism.u
+    expected = simulate(mechanism.robot, q, u, 0.02,
+                        torque=tau, sample=1e-3, t0=mechanism.time)
+    state_after = np.concatenate([expected.q, expected.u], axis=2)[:, 1:]
+    result = gpu.rollout(mechanism.robot, dtype=dtype)(*on_gpu(
+        q, u, tau, dtype=dtype, coalesced=False), h=1e-3, t=mechanism.time)
+    agree(values_of(result), state_after, dtype)
 
 
 def test_held_torque_last_states_and_the_implicit_integrator_are_those_of_simulations():
-    robot, rng = case('tree').robot, np.random.default_rng(3)
+    robot = case('tree').robot
+    rng = np.random.default_rng(3)
     q, u, tau = rng.normal(size=(3, 5, robot.n))
     for integrator in ('rk4', 'implicit'):
-        expected = simulate(robot, q, u, 0.03, torque=np.repeat(tau[:, None], 30, axis=1),
+        expected = simulate(robot, q, u, 0.03,
+                            torque=np.repeat(tau[:, None], 30, axis=1),
                             sample=0.03, integrator=integrator)
         motion = gpu.rollout(robot, integrator=integrator)
-        after = np.concatenate([expected.q, expected.u], axis=2)
-        given = on_gpu(q, u, tau)
-        agree(values_of(motion(*given, h=1e-3, steps=30, every_step=False)), after[:, -1],
-              'float64')
-        every = values_of(motion(*given, h=1e-3, steps=30))
+        state_after = np.concatenate([expected.q, expected.u], axis=2)
+        inputs = on_gpu(q, u, tau)
+        agree(values_of(motion(*inputs, h=1e-3, steps=30, every_step=False)),
+              state_after[:, -1], 'float64')
+        every = values_of(motion(*inputs, h=1e-3, steps=30))
         assert every.shape == (5, 30, 2 * robot.n)
-        agree(every[:, -1], after[:, -1], 'float64')
+        agree(every[:, -1], state_after[:, -1], 'float64')
 
 
 @pytest.mark.parametrize('dtype', DTYPES)
 def test_gravity_and_payload_are_of_each_state_or_of_the_batch(dtype):
-    robot, rng = arm(), np.random.default_rng(4)
+    robot = arm()
+    rng = np.random.default_rng(4)
     function = gpu.function(robot, 'inverse_dynamics', parameters=['gravity', 'payload'],
                             dtype=dtype)
     motion = gpu.rollout(Robot(robot.model, payload_frame='tip'),
@@ -106,39 +113,50 @@ def test_gravity_and_payload_are_of_each_state_or_of_the_batch(dtype):
     gravity = rng.normal(size=(3, 3))
     q, u, udot = rng.normal(size=(3, 3, 2))
     wrench = rng.normal(size=(3, 1, 6))
-    blocks, torques, ends = [], [], []
+    blocks = []
+    torques = []
+    ends = []
     for k, load in enumerate(loads):
-        own, free = robot.copy(), Robot(robot.model, payload_frame='tip')
-        for each in (own, free):
-            each.parameters.payload, each.parameters.gravity = load, gravity[k]
-        blocks.append(own.parameters.block[3:13])
-        torques.append(own.inverse_dynamics(q[k], u[k], udot[k], wrench=wrench[k]))
-        after = simulate(free, q[k], u[k], 0.01, torque=udot[k])
-        ends.append(np.concatenate([after.q[-1], after.u[-1]]))
-    given = on_gpu(q, u, udot, wrench, gravity, blocks, dtype=dtype)
-    agree(values_of(function(*given)), np.array(torques), dtype)
-    states_ = [*given[:3], *given[4:]]
-    agree(values_of(motion(*states_, h=1e-3, steps=10, every_step=False)), np.array(ends), dtype)
-    shared = [*given[:4], *on_gpu(gravity[1], blocks[1], dtype=dtype)]
+        same_robot = robot.copy()
+        free = Robot(robot.model, payload_frame='tip')
+        for one_robot in (same_robot, free):
+            one_robot.parameters.payload = load
+            one_robot.parameters.gravity = gravity[k]
+        blocks.append(same_robot.parameters.block[3:13])
+        torques.append(
+            same_robot.inverse_dynamics(q[k], u[k], udot[k], wrench=wrench[k]))
+        run_after = simulate(free, q[k], u[k], 0.01, torque=udot[k])
+        ends.append(np.concatenate([run_after.q[-1], run_after.u[-1]]))
+    inputs = on_gpu(q, u, udot, wrench, gravity, blocks, dtype=dtype)
+    agree(values_of(function(*inputs)), np.array(torques), dtype)
+    states_ = [*inputs[:3], *inputs[4:]]
+    agree(values_of(motion(*states_, h=1e-3, steps=10, every_step=False)),
+          np.array(ends), dtype)
+    shared = [*inputs[:4], *on_gpu(gravity[1], blocks[1], dtype=dtype)]
     agree(values_of(function(*shared))[1], torques[1], dtype)
     both = on_gpu(gravity[2], blocks[2:], dtype=dtype)  # (3,) and (1, 10)
-    agree(values_of(motion(*given[:3], *both, h=1e-3, steps=10))[2, -1], ends[2], dtype)
+    agree(values_of(motion(*inputs[:3], *both, h=1e-3, steps=10))[2, -1], ends[2], dtype)
 
 
 def test_any_layout_gives_the_same_numbers_and_the_result_follows_the_first():
     function = gpu.function(fr3(), 'inverse_dynamics')
     x = np.random.default_rng(5).normal(size=(3, 6, 7))
-    rows, coalesced = on_gpu(*x, coalesced=False), on_gpu(*x)
-    # Calls of single states, whose functions are those of the GPU; batches take fewer operations.
-    expected = np.array([fr3().inverse_dynamics(*state) for state in x.transpose(1, 0, 2)])
-    together = np.concatenate(x, axis=1)  # q, u and udot in one row, every second row used
+    rows = on_gpu(*x, coalesced=False)
+    coalesced = on_gpu(*x)
+    # Calls of single states, whose functions are those of the GPU; batches take fewer
+    # operations.
+    expected = np.array(
+        [fr3().inverse_dynamics(*state) for state in x.transpose(1, 0, 2)])
+    # q, u and udot in one row, every second row used
+    together = np.concatenate(x, axis=1)
     spaced = np.repeat(together, 2, axis=0)[::2]
     parts = [HostArray(spaced[:, 7 * k:7 * k + 7]) for k in range(3)]
     reverse = [HostArray(a[::-1, ::-1].copy()[::-1, ::-1]) for a in x]
-    for given in (rows, coalesced, parts, reverse, [rows[0], coalesced[1], parts[2]]):
-        result = function(*given)
+    for arguments in (rows, coalesced, parts, reverse,
+                      [rows[0], coalesced[1], parts[2]]):
+        result = function(*arguments)
         np.testing.assert_array_equal(values_of(result), expected)
-        first = given is coalesced
+        first = arguments is coalesced
         strides = result.__cuda_array_interface__['strides']
         assert strides == ((8, 48) if first else (56, 8))
     nested = [HostArray(a.reshape(2, 3, 7)) for a in x]
@@ -150,12 +168,12 @@ def test_any_layout_gives_the_same_numbers_and_the_result_follows_the_first():
 def test_one_state_serves_for_all_and_an_empty_batch_has_an_empty_result(device):
     function = gpu.function(fr3(), 'inverse_dynamics')
     x = np.random.default_rng(6).normal(size=(3, 4, 7))
-    given = [*on_gpu(*x[:2]), HostArray(x[2, 0])]
-    assert_same_numbers(values_of(function(*given)), fr3().inverse_dynamics(
+    inputs = [*on_gpu(*x[:2]), HostArray(x[2, 0])]
+    assert_same_numbers(values_of(function(*inputs)), fr3().inverse_dynamics(
         x[0], x[1], np.tile(x[2, 0], (4, 1))))
-    before = len(device.launches)
+    count_before = len(device.launches)
     assert values_of(function(*on_gpu(*x[:, :0]))).shape == (0, 7)
-    assert len(device.launches) == before
+    assert len(device.launches) == count_before
 
 
 def test_out_is_written_in_place_also_over_an_argument_and_nothing_beyond_it(device):
@@ -168,9 +186,9 @@ def test_out_is_written_in_place_also_over_an_argument_and_nothing_beyond_it(dev
     assert_same_numbers(out.array, expected)
     block[2:7, 1:8] = 8.0
     assert (block == 8.0).all()
-    given = on_gpu(*x)
-    function(*given, out=given[0])
-    assert_same_numbers(given[0].array, expected)
+    inputs = on_gpu(*x)
+    function(*inputs, out=inputs[0])
+    assert_same_numbers(inputs[0].array, expected)
 
 
 def test_results_are_freed_with_the_last_reference(device):
@@ -188,48 +206,59 @@ def test_a_state_that_is_not_valid_has_nan_and_no_other(dtype):
     x = np.random.default_rng(8).normal(size=(3, 6, 7))
     good = values_of(function(*on_gpu(*x, dtype=dtype)))
     limit = (DOUBLE if dtype == 'float64' else FLOAT).position_limit
-    x[0, 1, 0], x[1, 2, 6], x[2, 3, 3], x[0, 4, 2] = np.nan, np.inf, -np.inf, 1.001 * limit
-    found = values_of(function(*on_gpu(*x, dtype=dtype)))
-    assert np.isnan(found[1:5]).all()
-    np.testing.assert_array_equal(found[[0, 5]], good[[0, 5]])
+    x[0, 1, 0] = np.nan
+    x[1, 2, 6] = np.inf
+    x[2, 3, 3] = -np.inf
+    x[0, 4, 2] = 1.001 * limit
+    values = values_of(function(*on_gpu(*x, dtype=dtype)))
+    assert np.isnan(values[1:5]).all()
+    np.testing.assert_array_equal(values[[0, 5]], good[[0, 5]])
     x[0, 4, 2] = 0.999 * limit
     assert np.isfinite(values_of(function(*on_gpu(*x, dtype=dtype)))[4]).all()
 
 
 @pytest.mark.parametrize('dtype', DTYPES)
 def test_open_loops_have_nan(dtype):
-    found = case('closed loop')
-    q = np.tile(found.q, (3, 1))
+    mechanism = case('closed loop')
+    q = np.tile(mechanism.q, (3, 1))
     q[1] += [0.0, 0.1, 0.0]
-    zeros = np.zeros((3, found.robot.n))
-    result = gpu.function(found.robot, 'inverse_dynamics', dtype=dtype)(
+    zeros = np.zeros((3, mechanism.robot.n))
+    result = gpu.function(mechanism.robot, 'inverse_dynamics', dtype=dtype)(
         *on_gpu(q, zeros, zeros, np.zeros((3, 1, 6)), dtype=dtype))
-    np.testing.assert_array_equal(np.isnan(values_of(result)).all(axis=1), [False, True, False])
-    np.testing.assert_array_equal(np.isnan(values_of(result)).any(axis=1), [False, True, False])
+    np.testing.assert_array_equal(np.isnan(values_of(result)).all(axis=1),
+                                  [False, True, False])
+    np.testing.assert_array_equal(np.isnan(values_of(result)).any(axis=1),
+                                  [False, True, False])
 
 
 def test_rollouts_are_nan_from_where_they_are_not_valid():
     robot = fr3()
     q, u, tau = np.zeros((3, 3, 7))
     tau = np.zeros((3, 6, 7))
-    tau[1, 3, 2], q[2, 6] = np.nan, np.inf
-    found = values_of(gpu.rollout(robot)(*on_gpu(q, u, tau, coalesced=False), h=1e-3))
-    bad = np.isnan(found)
-    assert not bad[0].any() and not bad[1, :3].any() and bad[1, 3:].all() and bad[2].all()
+    tau[1, 3, 2] = np.nan
+    q[2, 6] = np.inf
+    values = values_of(gpu.rollout(robot)(*on_gpu(q, u, tau, coalesced=False), h=1e-3))
+    bad = np.isnan(values)
+    assert not bad[0].any()
+    assert not bad[1, :3].any()
+    assert bad[1, 3:].all()
+    assert bad[2].all()
     loop = case('closed loop')  # a speed at which a step opens it
     fast = np.array([[0.0], [1e4]]) * np.ones((2, loop.robot.n))
-    found = values_of(gpu.rollout(loop.robot)(
+    values = values_of(gpu.rollout(loop.robot)(
         *on_gpu(np.tile(loop.q, (2, 1)), fast, 0.0 * fast), h=1e-2, steps=3))
-    assert np.isfinite(found[0]).all() and np.isnan(found[1, -1]).all()
+    assert np.isfinite(values[0]).all() and np.isnan(values[1, -1]).all()
     q = np.array([[0.0], [0.01]]) * [0.0, 1.0, 0.0] + loop.q  # open from the beginning
     still = np.zeros((2, loop.robot.n))
-    found = values_of(gpu.rollout(loop.robot)(*on_gpu(q, still, still), h=1e-4, steps=2))
-    assert np.isfinite(found[0]).all() and np.isnan(found[1]).all()
+    values = values_of(
+        gpu.rollout(loop.robot)(*on_gpu(q, still, still), h=1e-4, steps=2))
+    assert np.isfinite(values[0]).all() and np.isnan(values[1]).all()
 
 
 def test_functions_and_rollouts_can_be_copied_and_pickled():
     x = np.random.default_rng(9).normal(size=(3, 2, 7))
-    function, motion = gpu.function(fr3(), 'inverse_dynamics'), gpu.rollout(fr3())
+    function = gpu.function(fr3(), 'inverse_dynamics')
+    motion = gpu.rollout(fr3())
     for copied in (copy.deepcopy(function), pickle.loads(pickle.dumps(function))):
         assert_same_numbers(values_of(copied(*on_gpu(*x))), fr3().inverse_dynamics(*x))
     again = pickle.loads(pickle.dumps(motion))
@@ -246,7 +275,8 @@ def elementary(device, name, x):
     out = np.empty_like(x)
     values = [ctypes.c_int64(len(x))]
     for array in (x, out):
-        values += [ctypes.c_uint64(array.ctypes.data), ctypes.c_int64(1), ctypes.c_int64(0)]
+        values += [ctypes.c_uint64(array.ctypes.data), ctypes.c_int64(1),
+                   ctypes.c_int64(0)]
     kernel = device.kernel(0, kernel_text(program, real, host=True), 'kernel')
     device.launch(kernel, len(x), values, 0)
     return out
@@ -256,32 +286,34 @@ def elementary(device, name, x):
 def test_elementary_functions_of_floats_err_by_two_ulp(name, device):
     """Sine and cosine of angles of many turns: by 2e-7 at most."""
     sizes = np.array([1e-30, 1e-3, 0.5, 3.0, 80.0, 1e4])
-    x = (sizes[:, None] * np.random.default_rng(10).uniform(-1.0, 1.0, (6, 2000))).ravel().astype(
-        np.float32)
+    x = (sizes[:, None] * np.random.default_rng(10).uniform(-1.0, 1.0,
+                                                            (6, 2000))).ravel().astype(
+                                                                np.float32)
     with np.errstate(all='ignore'):
         exact = getattr(np, name)(x.astype(np.float64))
-    found = elementary(device, name, x)
+    values = elementary(device, name, x)
     fine = (np.abs(exact) < FLOAT.largest) & (np.abs(exact) > FLOAT.smallest)
     ulp = np.spacing(np.abs(exact[fine]).astype(np.float32))
-    most = 2.0 * ulp if name not in ('sin', 'cos') else np.where(
+    largest = 2.0 * ulp if name not in ('sin', 'cos') else np.where(
         np.abs(x[fine]) < 4.0, np.maximum(2.0 * ulp, 1e-7), 2e-7)
-    assert (np.abs(found - exact)[fine] <= most).all()
+    assert (np.abs(values - exact)[fine] <= largest).all()
     tiny = np.abs(exact) <= FLOAT.smallest
-    assert (np.abs(found)[tiny] <= 2.0 * FLOAT.smallest).all()
-    np.testing.assert_array_equal(np.isnan(found), ~(fine | tiny))
+    assert (np.abs(values)[tiny] <= 2.0 * FLOAT.smallest).all()
+    np.testing.assert_array_equal(np.isnan(values), ~(fine | tiny))
 
 
 @pytest.mark.parametrize('name', ELEMENTARY)
 def test_elementary_functions_of_doubles_are_numpys(name, device):
     sizes = np.array([1e-8, 0.5, 3.0, 100.0, 1e6])
-    x = (sizes[:, None] * np.random.default_rng(11).uniform(-1.0, 1.0, (5, 2000))).ravel()
+    x = (sizes[:, None] * np.random.default_rng(11).uniform(-1.0, 1.0,
+                                                            (5, 2000))).ravel()
     with np.errstate(all='ignore'):
         exact = getattr(np, name)(x)
     fine = np.isfinite(exact)
-    found = elementary(device, name, x)
-    np.testing.assert_allclose(found[fine], exact[fine], rtol=1e-15,
+    values = elementary(device, name, x)
+    np.testing.assert_allclose(values[fine], exact[fine], rtol=1e-15,
                                atol=2e-16 if name in ('sin', 'cos') else 0.0)
-    np.testing.assert_array_equal(np.isnan(found), ~fine)
+    np.testing.assert_array_equal(np.isnan(values), ~fine)
 
 
 @pytest.mark.parametrize('dtype', DTYPES)

@@ -1,4 +1,4 @@
-"""PTX of kernels: NVIDIA's assembler accepts it, with the registers and spills on record."""
+"""PTX of kernels: accepted by NVIDIA's assembler, with registers on record."""
 
 from pathlib import Path
 import re
@@ -20,17 +20,21 @@ needs_ptxas = pytest.mark.skipif(gpu_kernels.assembler() is None, reason=(
     'sm_90', pytest.param('sm_80', marks=pytest.mark.slow)])
 def test_registers_and_spills_are_those_on_record(target):
     recorded = gpu_kernels.recorded()
-    found = gpu_kernels.measured([target])
+    sizes = gpu_kernels.measured([target])
     assert recorded['columns'] == list(gpu_kernels.COLUMNS)
-    rows = {name: row for name, row in recorded['kernels'].items() if name.endswith(target)}
-    assert rows.keys() == found.keys()
-    if recorded['versions'] == gpu_kernels.versions():  # other versions allocate otherwise
-        assert found == rows, 'if that is meant, run benchmarks/gpu_kernels.py --record'
+    rows = {name: row for name, row in recorded['kernels'].items()
+            if name.endswith(target)}
+    assert rows.keys() == sizes.keys()
+    # Other versions allocate otherwise.
+    if recorded['versions'] == gpu_kernels.versions():
+        assert sizes == rows, 'if that is meant, run benchmarks/gpu_kernels.py --record'
 
 
 def test_the_page_shows_what_is_on_record():
-    text = (Path(__file__).parents[3] / 'docs' / 'how_to' / 'gpu.md').read_text(encoding='utf-8')
-    shown = re.findall(r'^\| ([\w -]+) \| (\d+) / (\d+) \| (\d+) / (\d+) \|$', text, re.MULTILINE)
+    text = (Path(__file__).parents[3] / 'docs' / 'how_to' / 'gpu.md').read_text(
+        encoding='utf-8')
+    shown = re.findall(r'^\| ([\w -]+) \| (\d+) / (\d+) \| (\d+) / (\d+) \|$', text,
+                       re.MULTILINE)
     rows = gpu_kernels.recorded()['kernels']
     expected = []
     for name in (*gpu_kernels.QUANTITIES, 'rollout'):
@@ -63,13 +67,14 @@ def test_text_is_ptx_that_calls_no_library():
             text = gpu.rollout(case(kind).robot, dtype=dtype).ptx
             assert '.target sm_75' in text and '.entry kernel(' in text
             assert '.extern' not in text
-            assert 'approx' not in text and '.ftz' not in text  # exact quotients, no flushing
+            # Exact quotients, no flushing.
+            assert 'approx' not in text and '.ftz' not in text
             assert ('.b64' if dtype == 'float64' else 'fma.rn.f32') in text
 
 
 def test_text_does_not_depend_on_what_was_compiled_before():
     text = kernel_text(case('tree').robot.kernels.program('mass_matrix'), FLOAT)
-    before = llvm.ptx(text)
+    text_before = llvm.ptx(text)
     with llvm._in_program_order():
         pass
-    assert llvm.ptx(text) == before
+    assert llvm.ptx(text) == text_before

@@ -1,10 +1,10 @@
-"""Motions of the joints along paths of poses: the frame stays on the path between all points."""
+"""Motions of joints along paths of poses: the frame stays on the path throughout."""
 
 from pathlib import Path
 
-from kane_dynamics import (absolute_rates, cartesian_motion, InputError, load_constraints,
-                           load_urdf, pose_error, pose_from, PoseLimits, PoseMotion, PosePath,
-                           Robot)
+from kane_dynamics import (absolute_rates, cartesian_motion, InputError,
+                           load_constraints, load_urdf, pose_error, pose_from,
+                           PoseLimits, PoseMotion, PosePath, Robot)
 from kane_dynamics.feasibility import time_optimal
 import numpy as np
 from numpy.testing import assert_allclose
@@ -55,9 +55,11 @@ def random_times(motion, count=400):
 def test_the_frame_is_on_the_path_between_the_points_by_pinocchio_too(robot, kind):
     start = robot.frame_pose('tool0', HOME)
     path = {'line': lambda: PosePath.through(corners(start)[:2]),
-            'position': lambda: PosePath.through([pose[:3, 3] for pose in corners(start)[:2]]),
+            'position': lambda: PosePath.through([pose[:3, 3]
+                                                  for pose in corners(start)[:2]]),
             'corners': lambda: PosePath.through(corners(start)),
-            'blended': lambda: PosePath.through(corners(start), blend=0.02, blend_angle=0.1),
+            'blended': lambda: PosePath.through(corners(start),
+                                                blend=0.02, blend_angle=0.1),
             'circle': lambda: PosePath.circle(start, start[:3, 3] + [0.0, 0.1, 0.0],
                                               (0.0, 0.3, 1.0))}[kind]()
     result = cartesian_motion(robot, 'tool0', HOME, path, LIMITS, tolerance=1e-6)
@@ -101,9 +103,11 @@ def test_a_closed_loop_moves_by_its_driving_joints_and_stays_on_the_path(palleti
     result = cartesian_motion(palletizer, 'tool', q, target, duration=1.0)
     assert result.motion.joint_names == palletizer.speed_names
     t = random_times(result.motion, 20)
-    for q_driving, pose in zip(result.motion.positions_at(t), result.desired.sample(t).pose):
+    for q_driving, pose in zip(result.motion.positions_at(t),
+                               result.desired.sample(t).pose):
         guess = q.copy()
-        places = [palletizer.coordinate_names.index(name) for name in palletizer.speed_names]
+        places = [palletizer.coordinate_names.index(name)
+                  for name in palletizer.speed_names]
         guess[places] = q_driving
         closed = palletizer.closed_configuration(guess, fixed=palletizer.speed_names)
         error = pose_error(palletizer.frame_pose('tool', closed), pose)
@@ -111,11 +115,11 @@ def test_a_closed_loop_moves_by_its_driving_joints_and_stays_on_the_path(palleti
 
 
 def test_chosen_speeds_of_a_tree_give_the_same_motion(robot):
-    other = Robot(load_urdf(URDFS / 'ur10e.urdf'), speeds=absolute_rates)
+    other_robot = Robot(load_urdf(URDFS / 'ur10e.urdf'), speeds=absolute_rates)
     start = robot.frame_pose('tool0', HOME)
     target = corners(start)[1]
-    motions = [cartesian_motion(each, 'tool0', HOME, target, LIMITS).motion
-               for each in (robot, other)]
+    motions = [cartesian_motion(one_robot, 'tool0', HOME, target, LIMITS).motion
+               for one_robot in (robot, other_robot)]
     t = random_times(motions[0], 50)
     for one, another in zip(motions[0].sample(t), motions[1].sample(t)):
         assert_allclose(one, another, atol=1e-6)
@@ -130,12 +134,14 @@ def test_time_optimal_keeps_to_the_path_and_uses_a_limit(robot):
     largest = max(use.max() for use in timing.uses.values())
     assert 0.99 < largest <= 1.0 + 1e-3
     # Each pose of the fast motion is next to one of the path.
-    poses = robot.frame_pose('tool0', timing.motion.positions_at(random_times(timing.motion, 60)))
+    poses = robot.frame_pose('tool0',
+                             timing.motion.positions_at(random_times(timing.motion, 60)))
     on_path = path.poses(np.linspace(0.0, path.length, 20001))
     for pose in poses:
         distance = np.linalg.norm(on_path[:, :3, 3] - pose[:3, 3], axis=1)
         nearest = on_path[int(distance.argmin())]
-        assert np.abs(pose_error(pose, nearest)).max() < 2e-4  # of the samples of the path
+        # Of the samples of the path.
+        assert np.abs(pose_error(pose, nearest)).max() < 2e-4
 
 
 def test_reach_and_limits_and_singular_configurations_are_named_before_a_motion(
@@ -143,18 +149,20 @@ def test_reach_and_limits_and_singular_configurations_are_named_before_a_motion(
     start = robot.frame_pose('tool0', HOME)
     far = start.copy()
     far[0, 3] += 1.0
-    with pytest.raises(InputError, match=r"'tool0' does not reach at 3\S* % of the time, position "
-                                         r'\[1.21.* next to a singular .*; expected a path'):
+    with pytest.raises(InputError,
+                       match=r"'tool0' does not reach at 3\S* % of the time, position "
+                       r'\[1.21.* next to a singular .*; expected a path'):
         cartesian_motion(robot, 'tool0', HOME, far, LIMITS)
 
     wrist = HOME.copy()
     wrist[4] = -0.05
     target = robot.frame_pose('tool0', wrist)
     target[:3, 3] += [0.0, 0.3, 0.0]
-    with pytest.raises(InputError, match=r"joint 'wrist_1_joint': .* rad/s or m/s at .* next to a "
-                                         r'singular .* wrist_1_joint, wrist_3_joint move without '
-                                         r'the frame, which cannot move along .* velocity limit '
-                                         r'3.142'):
+    with pytest.raises(InputError,
+                       match=r"joint 'wrist_1_joint': .* rad/s or m/s at .* next to a "
+                       r'singular .* wrist_1_joint, wrist_3_joint move without '
+                       r'the frame, which cannot move along .* velocity limit '
+                       r'3.142'):
         cartesian_motion(robot, 'tool0', wrist, target, LIMITS)
     # Slowly enough it is feasible, and the result names the place.
     slow = cartesian_motion(robot, 'tool0', wrist, target, duration=10.0)
@@ -166,7 +174,8 @@ def test_reach_and_limits_and_singular_configurations_are_named_before_a_motion(
         cartesian_motion(palletizer, 'tool', q, target, duration=1.0)
 
 
-def test_a_path_through_a_singular_configuration_is_refused_and_along_it_is_followed(robot):
+def test_a_path_through_a_singular_configuration_is_refused_and_along_it_is_followed(
+        robot):
     # The wrist passes q5 = 0 with a motion that the frame lost there.
     wrist = HOME.copy()
     wrist[4] = 0.3
@@ -191,14 +200,17 @@ def test_a_path_through_a_singular_configuration_is_refused_and_along_it_is_foll
 
 @pytest.mark.parametrize(('change', 'message'), [
     ({'q': [HOME, HOME]}, r'q: shape \(2, 6\); expected \(6,\)'),
-    ({'q': HOME + [0, 0, 5, 0, 0, 0]}, r"q: joint 'elbow_joint': position 6.4; expected within"),
+    ({'q': HOME + [0, 0, 5, 0, 0, 0]},
+     r"q: joint 'elbow_joint': position 6.4; expected within"),
     ({'path': 'line'}, r'path: a str of shape'),
     ({'path': np.eye(3)}, r'path: a ndarray of shape \(3, 3\); expected'),
     ({'path': np.zeros(3), 'duration': None}, r'limits and duration'),
-    ({'path': PosePath.through([[0, 0, 0], [1, 0, 0]])}, r"q: 'tool0' is .* from the start"),
+    ({'path': PosePath.through([[0, 0, 0], [1, 0, 0]])},
+     r"q: 'tool0' is .* from the start"),
     ({'path': PoseMotion(PosePath.through([[0, 0, 0], [1, 0, 0]]), duration=1.0)},
      r'limits and duration: given for a PoseMotion'),
-    ({'duration': 0.0}, r'duration: 0.0; expected'), ({'tolerance': -1.0}, r'tolerance: -1.0'),
+    ({'duration': 0.0}, r'duration: 0.0; expected'),
+    ({'tolerance': -1.0}, r'tolerance: -1.0'),
     ({'tolerance': 1e-12}, r'tolerance: 1e-12; expected a number from 1e-09'),
     ({'frame': 'base_link'}, r"frame: 'base_link', which does not move"),
     ({'frame': 'tool9'}, r"frame 'tool9'|'tool9'")])
@@ -206,7 +218,9 @@ def test_invalid_arguments_are_named(robot, change, message):
     target = robot.frame_pose('tool0', HOME)
     target[1, 3] += 0.1
     arguments = {'frame': 'tool0', 'q': HOME, 'path': target, 'duration': 1.0, **change}
-    frame, q, path = (arguments.pop(name) for name in ('frame', 'q', 'path'))
+    frame = arguments.pop('frame')
+    q = arguments.pop('q')
+    path = arguments.pop('path')
     with pytest.raises(Exception, match=message) as caught:
         cartesian_motion(robot, frame, q, path, **arguments)
     assert type(caught.value).__name__ in ('InputError', 'ModelError')
@@ -215,13 +229,17 @@ def test_invalid_arguments_are_named(robot, change, message):
 def test_a_closed_loop_with_other_speeds_than_joint_rates_is_refused_by_its_speeds():
     choices = load_constraints(URDFS / 'palletizer.constraints.yaml')
     choices.pop('independent', None)
-    machine = Robot(load_urdf(URDFS / 'palletizer.urdf'), **choices, speeds=absolute_rates)
+    machine = Robot(load_urdf(URDFS / 'palletizer.urdf'), **choices,
+                    speeds=absolute_rates)
     q = machine.feasible_configuration()
-    with pytest.raises(InputError, match=r"robot: constraints with the speeds \['.*; expected"):
+    with pytest.raises(InputError,
+                       match=r"robot: constraints with the speeds \['.*; expected"):
         cartesian_motion(machine, 'tool', q, machine.frame_pose('tool', q), duration=1.0)
 
 
 def test_an_arm_with_beams_is_refused():
-    arm = Robot(load_urdf(URDFS / 'two_link.urdf', supplement=URDFS / 'two_link.bending.yaml'))
+    arm = Robot(load_urdf(URDFS / 'two_link.urdf',
+                          supplement=URDFS / 'two_link.bending.yaml'))
     with pytest.raises(InputError, match='robot: with beams; expected a rigid robot'):
-        cartesian_motion(arm, arm.frame_names[-1], np.zeros(arm.n_q), np.eye(4), duration=1.0)
+        cartesian_motion(arm, arm.frame_names[-1], np.zeros(arm.n_q), np.eye(4),
+                         duration=1.0)

@@ -1,11 +1,12 @@
 """Closed loops are tracked from measured joints."""
 
-from kane_dynamics import absolute_rates, knife_edge, ModelBuilder, Prescribed, Robot, rod
+from kane_dynamics import (absolute_rates, knife_edge, ModelBuilder, Prescribed, Robot,
+                           rod)
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTION, LoopError,
                                                     SINGULAR, UNKNOWN)
-from kane_dynamics.loop_tracking.loop_tracker import (CLOSED, LEAP, LoopTracker, ROUNDING,
-                                                      SHARE, STRIDE, TIMED, valid)
+from kane_dynamics.loop_tracking.loop_tracker import (
+    CLOSED, LEAP, LoopTracker, ROUNDING, SHARE, STRIDE, TIMED, valid)
 from linkages import at_angle, five_bar, five_bar_at, four_bar, four_bar_model, PIN
 import numpy as np
 from palletizer import DRIVEN, palletizer, positions, SINGULAR_SHOULDER
@@ -18,13 +19,15 @@ def four_bar_at(angle):
 
 
 def test_the_palletizer_is_closed_to_rounding_from_step_to_step():
-    tracker, rng = LoopTracker(palletizer(), DRIVEN), np.random.default_rng(1)
+    tracker = LoopTracker(palletizer(), DRIVEN)
+    rng = np.random.default_rng(1)
     driven = np.zeros(4)
     for _ in range(300):
         rates = rng.uniform(-2.0, 2.0, 4)
         driven = np.clip(driven + 0.004 * rates, -0.4, 0.4)
         tracker.update(driven, rates)
-        np.testing.assert_allclose(tracker.q, positions(palletizer(), *driven), atol=1e-12)
+        np.testing.assert_allclose(tracker.q, positions(palletizer(), *driven),
+                                   atol=1e-12)
         np.testing.assert_allclose(tracker.u, rates, atol=1e-12)
         assert tracker.residual < 1e-12
 
@@ -34,7 +37,8 @@ def test_far_measurements_are_reached_on_the_same_branch():
     tracker = LoopTracker(robot, ['crank'])
     for angle in (0.8, 2.5, -3.0, 9.0):  # the crank turns
         tracker.update(np.array([angle]), np.zeros(1))
-        expected = robot.closed_configuration(np.array([angle, 0.0, 0.0]), fixed=['crank'])
+        expected = robot.closed_configuration(np.array([angle, 0.0, 0.0]),
+                                              fixed=['crank'])
         np.testing.assert_allclose(tracker.q, expected, atol=1e-10)
 
 
@@ -92,36 +96,44 @@ def test_a_dead_point_is_not_passed_unnoticed(step):
 
 
 def test_further_joints_are_compared_modulo_a_turn():
-    tracker, q = LoopTracker(four_bar_at(0.8), ['crank'], tolerance=0.01), at_angle(0.8)
+    tracker = LoopTracker(four_bar_at(0.8), ['crank'], tolerance=0.01)
+    q = at_angle(0.8)
     tracker.update(q[:1], np.zeros(1), [1, 2], q[1:] + [2.0 * np.pi, 0.005])
     assert tracker.deviation == pytest.approx(0.005)
     assert reason(tracker, q[:1], np.zeros(1), [2], q[2:] + 0.02) == CONTRADICTION
 
 
-def test_further_joints_that_were_not_finite_act_neither_on_a_restart_nor_on_other_joints():
-    tracker, q = LoopTracker(four_bar_at(0.8), ['crank'], tolerance=0.01), at_angle(0.8)
+def test_further_joints_that_were_not_finite_act_on_no_restart_and_no_other_joint():
+    tracker = LoopTracker(four_bar_at(0.8), ['crank'], tolerance=0.01)
+    q = at_angle(0.8)
     for change in (tracker.restart, lambda: tracker.update(q[:1] + 0.3, np.zeros(1))):
         tracker.measurement[:] = q[0], 0.0
         with pytest.raises(InputError, match=r'seen\[1\]: nan'):
-            tracker.update_checked([1], np.array([np.nan]))  # as of a state that is refused
+            # As of a state that is refused.
+            tracker.update_checked([1], np.array([np.nan]))
         change()
         assert tracker.known and tracker.residual < 1e-12
     np.testing.assert_allclose(tracker.q, at_angle(1.1), atol=1e-10)
 
 
 def test_each_update_compares_the_joints_that_it_names():
-    tracker, q = LoopTracker(four_bar_at(0.8), ['crank'], tolerance=0.01), at_angle(0.8)
-    for others, values, deviation in (([1], q[1:2] + 4e-3, 4e-3), ([2], q[2:] - 3e-3, 3e-3),
-                                      ((2, 1), q[:0:-1] + [1e-3, -2e-3], 2e-3), ((), None, 0.0)):
+    tracker = LoopTracker(four_bar_at(0.8), ['crank'], tolerance=0.01)
+    q = at_angle(0.8)
+    for others, values, deviation in (([1], q[1:2] + 4e-3, 4e-3),
+                                      ([2], q[2:] - 3e-3, 3e-3),
+                                      ((2, 1), q[:0:-1] + [1e-3, -2e-3], 2e-3),
+                                      ((), None, 0.0)):
         tracker.update(q[:1], np.zeros(1), others, values)
         assert tracker.deviation == pytest.approx(deviation, abs=1e-11)
         assert tracker.residual < 1e-12
-    assert reason(tracker, q[:1] + 1e-3, np.zeros(1), [1], q[1:2] - 0.02) == CONTRADICTION
+    assert reason(
+        tracker, q[:1] + 1e-3, np.zeros(1), [1], q[1:2] - 0.02) == CONTRADICTION
     np.testing.assert_allclose(tracker.q, q, atol=1e-11)
 
 
 def test_without_a_configuration_the_first_state_is_of_all_joints():
-    tracker, q = LoopTracker(four_bar('crank'), ['crank']), at_angle(0.8)
+    tracker = LoopTracker(four_bar('crank'), ['crank'])
+    q = at_angle(0.8)
     assert reason(tracker, q[:1], np.zeros(1)) == UNKNOWN
     tracker.update(q[:1], np.zeros(1), [1, 2], q[1:] + 1e-3)
     np.testing.assert_allclose(tracker.q, q, atol=1e-11)
@@ -155,7 +167,8 @@ def test_invalid_joints_are_refused():
 def test_chosen_speeds_of_a_tree_follow_from_all_joints():
     robot = Robot(four_bar_model(), speeds=absolute_rates)
     tracker = LoopTracker(robot, robot.joint_names)
-    q, rates = np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, 3.0])
+    q = np.array([0.1, 0.2, 0.3])
+    rates = np.array([1.0, 2.0, 3.0])
     tracker.restart(q)
     tracker.update(q, rates)
     np.testing.assert_allclose(robot.joint_rates(q, tracker.u), rates, atol=1e-12)
@@ -163,13 +176,15 @@ def test_chosen_speeds_of_a_tree_follow_from_all_joints():
 
 def five_bar_tracker():
     robot = Robot(five_bar().model, constraints=five_bar().mechanism.constraints,
-                  independent=('left_crank', 'right_crank'), configuration=five_bar_at(2.0, 1.2))
+                  independent=('left_crank', 'right_crank'),
+                  configuration=five_bar_at(2.0, 1.2))
     return LoopTracker(robot, ['left_crank', 'right_crank'])
 
 
 def test_the_mode_is_unknown_after_a_singular_sample_far_from_the_last():
     truth = LoopTracker(four_bar_at(0.8), ['crank'])
-    tracker, reasons = LoopTracker(four_bar_at(0.8), ['rocker']), []
+    tracker = LoopTracker(four_bar_at(0.8), ['rocker'])
+    reasons = []
     for angle in (2.0, 2.6, 3.1416, 3.7, 4.2):  # crank; the rocker reverses near 3.146
         truth.update(np.array([angle]), np.zeros(1))
         try:
@@ -183,16 +198,20 @@ def test_the_mode_is_unknown_after_a_singular_sample_far_from_the_last():
 
 def test_the_mode_is_unknown_where_the_branch_is_lost_next_to_a_far_sample():
     tracker = LoopTracker(four_bar_at(0.8), ['rocker'], max_figure=np.inf)
-    cosine = (0.9**2 + 0.7**2 - 1.3**2) / (2 * 0.9 * 0.7)  # the crank points away from the ground
-    assert reason(tracker, np.array([np.arccos(cosine) - np.pi + 0.01]), np.zeros(1)) == BRANCH
+    # The crank points away from the ground.
+    cosine = (0.9**2 + 0.7**2 - 1.3**2) / (2 * 0.9 * 0.7)
+    assert reason(
+        tracker, np.array([np.arccos(cosine) - np.pi + 0.01]), np.zeros(1)) == BRANCH
     assert not tracker.known
 
 
 @pytest.mark.parametrize('bad', [np.nan, np.inf])
 def test_numbers_that_are_not_finite_change_nothing(bad):
-    tracker, q = LoopTracker(four_bar_at(0.8), ['crank']), at_angle(0.8)
+    tracker = LoopTracker(four_bar_at(0.8), ['crank'])
+    q = at_angle(0.8)
     tracker.update(q[:1], np.ones(1))
-    wrong, before = np.array([bad]), (tracker.q.copy(), tracker.u.copy(), tracker.figure)
+    wrong = np.array([bad])
+    state_before = (tracker.q.copy(), tracker.u.copy(), tracker.figure)
     for match, change in [
             ("measured of joint 'crank'", lambda: tracker.update(wrong, np.ones(1))),
             ("rates of joint 'crank'", lambda: tracker.update(q[:1], wrong)),
@@ -203,9 +222,9 @@ def test_numbers_that_are_not_finite_change_nothing(bad):
             ('t:', lambda: tracker.restart(q, bad))]:
         with pytest.raises(InputError, match=match):
             change()
-        assert tracker.known and tracker.figure == before[2]
-        np.testing.assert_array_equal(tracker.q, before[0])
-        np.testing.assert_array_equal(tracker.u, before[1])
+        assert tracker.known and tracker.figure == state_before[2]
+        np.testing.assert_array_equal(tracker.q, state_before[0])
+        np.testing.assert_array_equal(tracker.u, state_before[1])
     tracker.restart()
     tracker.update(q[:1] + 0.01, np.ones(1))
     np.testing.assert_allclose(tracker.q, at_angle(0.81), atol=1e-10)
@@ -213,7 +232,8 @@ def test_numbers_that_are_not_finite_change_nothing(bad):
 
 def test_arguments_of_another_shape_are_refused_with_both_shapes():
     tracker = five_bar_tracker()
-    q, two = tracker.q.copy(), np.zeros(2)
+    q = tracker.q.copy()
+    two = np.zeros(2)
     for match, change in [
             (r'measured: shape \(1,\); expected \(2,\)',
              lambda: tracker.update(np.array([1.6]), two)),
@@ -230,7 +250,8 @@ def test_arguments_of_another_shape_are_refused_with_both_shapes():
 
 
 def test_a_joint_given_twice_does_not_stand_for_another_in_the_first_state():
-    tracker, q = LoopTracker(four_bar('crank'), ['crank']), at_angle(0.8)
+    tracker = LoopTracker(four_bar('crank'), ['crank'])
+    q = at_angle(0.8)
     assert reason(tracker, q[:1], np.zeros(1), [2, 2], q[[2, 2]]) == UNKNOWN
 
 
@@ -238,8 +259,10 @@ def test_a_joint_given_twice_does_not_stand_for_another_in_the_first_state():
 def test_a_refused_measurement_leaves_the_last_configuration_and_speeds(angle):
     tracker = LoopTracker(four_bar_at(0.8), ['crank'])
     tracker.update(np.array([0.81]), np.array([0.5]))
-    q, u = tracker.q.copy(), tracker.u.copy()
-    assert reason(tracker, np.array([angle]), np.ones(1), [2], np.zeros(1)) == CONTRADICTION
+    q = tracker.q.copy()
+    u = tracker.u.copy()
+    assert reason(
+        tracker, np.array([angle]), np.ones(1), [2], np.zeros(1)) == CONTRADICTION
     np.testing.assert_array_equal(tracker.q, q)
     np.testing.assert_array_equal(tracker.u, u)
     np.testing.assert_array_equal(tracker.accepted[0], q)
@@ -247,18 +270,20 @@ def test_a_refused_measurement_leaves_the_last_configuration_and_speeds(angle):
 
 @pytest.mark.parametrize('kind', [list, tuple, np.array])
 def test_indices_of_further_joints_may_be_any_sequence(kind):
-    robot, driven = palletizer(), np.array([0.2, 0.3, -0.2, 0.5])
-    whole, rest = positions(robot, *driven), np.zeros(4)
+    robot = palletizer()
+    driven = np.array([0.2, 0.3, -0.2, 0.5])
+    whole = positions(robot, *driven)
+    at_rest = np.zeros(4)
     places = kind([k for k, name in enumerate(robot.joint_names) if name not in DRIVEN])
     tracker = LoopTracker(robot, DRIVEN)
     tracker.known = False
     for turn in (0.0, 2.0 * np.pi):
-        tracker.update(driven, rest, places, whole[list(places)] + turn)
+        tracker.update(driven, at_rest, places, whole[list(places)] + turn)
         np.testing.assert_allclose(tracker.q, whole, atol=1e-12)
         assert tracker.deviation < 1e-12
     beyond = whole[list(places)]
     beyond[1] += 1.001 * tracker.tolerance
-    assert reason(tracker, driven, rest, places, beyond) == CONTRADICTION
+    assert reason(tracker, driven, at_rest, places, beyond) == CONTRADICTION
 
 
 def test_a_restart_from_an_open_configuration_is_refused():
@@ -281,13 +306,15 @@ def test_a_restart_forgets_the_rates():
 def test_ball_joints_are_refused_by_name():
     b = ModelBuilder('ball')
     b.body('hand', kind='ball', inertial=rod(1.0, (0, 0, 0), (0, 0, 1)))
-    with pytest.raises(InputError, match=r"LoopTracker: a robot with ball joints \('hand'\)"):
+    with pytest.raises(InputError,
+                       match=r"LoopTracker: a robot with ball joints \('hand'\)"):
         LoopTracker(Robot(b.model()), ['hand/wx'])
 
 
 def random_walk(tracker, steps, length, others=()):
     """Update by random steps; yield q, u and the figures of each."""
-    rng, at = np.random.default_rng(5), tracker.q[tracker.places].copy()
+    rng = np.random.default_rng(5)
+    at = tracker.q[tracker.places].copy()
     for _ in range(steps):
         at += rng.uniform(-length, length, at.shape)
         values = positions(tracker.robot, *at)[list(others)] + 0.01 if others else None
@@ -299,7 +326,8 @@ def random_walk(tracker, steps, length, others=()):
 @pytest.mark.parametrize('others', [(), (2, 3)])
 def test_a_search_ends_where_small_measurements_lead(others, monkeypatch):
     small, far = (LoopTracker(palletizer(), DRIVEN) for _ in range(2))
-    monkeypatch.setattr(small._step, 'search_from', lambda known: pytest.fail('a search'))
+    monkeypatch.setattr(small._step, 'search_from',
+                        lambda known: pytest.fail('a search'))
     walk = random_walk(small, 300, 0.004, others)
     reached = [(q[small.places], q, u) for q, u, _ in walk]
     for measured, q, u in reached[::60]:
@@ -312,14 +340,16 @@ def test_a_search_ends_where_small_measurements_lead(others, monkeypatch):
 
 
 def accepted_part(step):
-    return np.concatenate([step.search.q, step.search.T, step.search.u, [step.accepted_figure]])
+    return np.concatenate(
+        [step.search.q, step.search.T, step.search.u, [step.accepted_figure]])
 
 
 def test_a_call_that_is_refused_leaves_the_state_to_the_bit():
     tracker = LoopTracker(palletizer(), DRIVEN)
     tracker.update(tracker.q[tracker.places] + 0.001, np.ones(4))
     step = tracker._step
-    state, at = accepted_part(step), tracker.q[tracker.places]
+    state = accepted_part(step)
+    at = tracker.q[tracker.places]
     for change, others, values in [(0.2, (), None), (0.001, (2,), np.array([1.0])),
                                    (0.001, (2,), np.array([1e200]))]:
         step.measured[:] = at + change
@@ -363,8 +393,8 @@ def test_no_deviation_is_reported_of_a_refused_singular_configuration(values):
     at = tracker.q[tracker.places].copy()
     at[1] = SINGULAR_SHOULDER
     others = [2, 3] if values == 'consistent' else ()
-    seen = positions(palletizer(), *at)[others] if others else None
-    assert reason(tracker, at, np.zeros(4), others, seen) == SINGULAR
+    measured = positions(palletizer(), *at)[others] if others else None
+    assert reason(tracker, at, np.zeros(4), others, measured) == SINGULAR
     assert tracker.deviation < 1e-9
     tracker.restart()
     assert tracker.deviation == 0.0
@@ -375,12 +405,13 @@ def test_a_measurement_may_be_lists_or_parts_of_the_last_one():
     at = (tracker.q[tracker.places] + 0.001).tolist()
     tracker.update(at, [0.001, 0.002, 0.003, 0.004])
     np.testing.assert_allclose(tracker.q[tracker.places], at, atol=1e-15)
-    before, rates = np.split(tracker.measurement, 2)
-    expected = 0.5 * (before + rates), before.copy()
-    tracker.update(expected[0], before)
+    positions_before, rates = np.split(tracker.measurement, 2)
+    expected = 0.5 * (positions_before + rates), positions_before.copy()
+    tracker.update(expected[0], positions_before)
     np.testing.assert_array_equal(tracker.measurement, np.concatenate(expected))
-    tracker.update(rates, before)  # exchanged
-    np.testing.assert_array_equal(tracker.measurement, np.concatenate([expected[1], expected[0]]))
+    tracker.update(rates, positions_before)  # exchanged
+    np.testing.assert_array_equal(tracker.measurement,
+                                  np.concatenate([expected[1], expected[0]]))
 
 
 def test_a_negative_limit_refuses_everything():
@@ -395,7 +426,8 @@ def test_a_negative_limit_refuses_everything():
 
 def test_limits_may_be_infinite(monkeypatch):
     tracker = LoopTracker(palletizer(), DRIVEN, tolerance=np.inf, max_figure=np.inf)
-    monkeypatch.setattr(tracker._step, 'search_from', lambda known: pytest.fail('a search'))
+    monkeypatch.setattr(tracker._step, 'search_from',
+                        lambda known: pytest.fail('a search'))
     at = tracker.q[tracker.places] + 0.001
     tracker.update(at, np.zeros(4), [2], np.array([50.0]))
     np.testing.assert_allclose(tracker.q[tracker.places], at, atol=1e-15)

@@ -3,8 +3,9 @@
 from time import process_time
 
 from definition import Definition
-from kane_dynamics import (ball, box, disc, FlexibleLink, Inertial, load_urdf, ModelBuilder,
-                           ModelError, ModelWarning, point_mass, Robot, rod)
+from kane_dynamics import (ball, box, disc, FlexibleLink, Inertial, load_urdf,
+                           ModelBuilder, ModelError, ModelWarning, point_mass, Robot,
+                           rod)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.mechanics.definition import kane, kinematics
 from mechanisms import random_inertial, random_state
@@ -27,18 +28,19 @@ FLOATING = """<robot name="drone"><link name="world"/>
 def assert_same_dynamics(model, other):
     """Check that two models have the same dynamics."""
     assert model.coordinate_names == other.coordinate_names
-    one, two = Definition(model), Definition(other)
+    one = Definition(model)
+    two = Definition(other)
     for q, u, udot in random_state(model, 0, 30).reshape(10, 3, -1):
         expected = two.inverse_dynamics(q, u, udot)
-        np.testing.assert_allclose(one.inverse_dynamics(q, u, udot), expected, rtol=1e-12,
-                                   atol=1e-12 * np.abs(expected).max())
+        np.testing.assert_allclose(one.inverse_dynamics(q, u, udot), expected,
+                                   rtol=1e-12, atol=1e-12 * np.abs(expected).max())
 
 
 def test_expanded_joints_match_those_of_a_urdf():
     b = ModelBuilder()
     hull = Inertial(2, (0.1, 0.2, -0.1), [[0.1, 0, 0], [0, 0.2, 0.01], [0, 0.01, 0.25]])
-    b.body('hull', 'world', 'floating', joint='free', at=(1, 0, 0.5), rpy=(0.3, -0.2, 0.7),
-           inertial=hull)
+    b.body('hull', 'world', 'floating', joint='free', at=(1, 0, 0.5),
+           rpy=(0.3, -0.2, 0.7), inertial=hull)
     b.body('arm', 'hull', 'planar', joint='slide', at=(0, 0.3, 0), rpy=(1.1, 0, 0.4),
            axis=(0, 1, 1), inertial=Inertial(1, inertia=0.05 * np.eye(3)))
     with pytest.warns(ModelWarning):
@@ -49,7 +51,8 @@ def test_the_spring_mass_pendulum_is_the_shipped_urdf():
     b = ModelBuilder()
     b.body('block', 'world', 'prismatic', joint='slider', axis=X, inertial=point_mass(2),
            stiffness=50)
-    b.body('pendulum', 'block', joint='pivot', axis=-Y, inertial=point_mass(1, (0, 0, -0.5)))
+    b.body('pendulum', 'block', joint='pivot', axis=-Y,
+           inertial=point_mass(1, (0, 0, -0.5)))
     path = resource_path('urdf', 'spring_mass_pendulum.urdf')
     supplement = str(path).replace('.urdf', '.supplement.yaml')
     with pytest.warns(ModelWarning, match='pendulum'):
@@ -99,7 +102,8 @@ def test_a_negative_length_is_refused(shape, words):
 
 def test_inertia_on_a_frame_is_added_to_its_body():
     inertial = random_inertial(np.random.default_rng(3))
-    b, direct = ModelBuilder(), ModelBuilder()
+    b = ModelBuilder()
+    direct = ModelBuilder()
     for builder in (b, direct):
         builder.body('link', rpy=(0.1, 0.2, 0.3), axis=Y)
     b.frame('tool', 'link', at=(0.3, 0, 0.1), rpy=(0, 0, np.pi / 2))
@@ -130,7 +134,8 @@ def test_a_mounted_arm_moves_with_its_carrier_and_has_its_own_dynamics():
     q = random_state(model, 1)[0]
     for frame in ('left_rod_b', 'right_rod_b'):
         np.testing.assert_allclose(kane.partial_velocities(model, q, frame),
-                                   kane.partial_velocities(plain.model(), q, frame), atol=1e-14)
+                                   kane.partial_velocities(plain.model(), q, frame),
+                                   atol=1e-14)
 
 
 def test_expanded_joint_properties_are_set_by_joint_name():
@@ -151,7 +156,8 @@ def built_model(*steps):
 
 
 @pytest.mark.parametrize('name, arguments, options, words', [
-    ('body', ('b', 'nowhere'), {}, "'b'.*no body or frame 'nowhere'; expected one of world, a"),
+    ('body', ('b', 'nowhere'), {},
+     "'b'.*no body or frame 'nowhere'; expected one of world, a"),
     ('body', ('a',), {}, "'a': exists already; expected a unique name"),
     ('body', ('b',), {'joint': 'a'}, "joint 'a': exists already"),
     ('body', ('b', 'a', 'glued'), {}, "kind 'glued'; expected one of revolute, .*fixed"),
@@ -166,12 +172,14 @@ def built_model(*steps):
     ('body', ('',), {}, "name of a body or frame: ''; expected a text"),
     ('body', (None,), {}, 'name of a body or frame: None; expected a text'),
     ('body', ('b', ['a']), {}, r"no body or frame '\['a'\]'; expected"),
-    ('body', ('b',), {'inertial': 1.0}, "'b': inertial properties: a float; expected an Inertial"),
+    ('body', ('b',), {'inertial': 1.0},
+     "'b': inertial properties: a float; expected an Inertial"),
     ('body', ('b',), {'stifness': 3}, "no property 'stifness'; expected .*stiffness"),
     ('body', ('b', 'a', 'planar'), {'damping': 3},
      'damping of 3 degrees of freedom; expected joint\\(\\) for one of b/x, b/y'),
     ('body', ('b',), {'at': (0, 0)}, "joint 'b': at"),
-    ('body', ('b',), {'inertial': Inertial(1, inertia=np.diag([1, 1, 3]))}, "'b': principal"),
+    ('body', ('b',), {'inertial': Inertial(1, inertia=np.diag([1, 1, 3]))},
+     "'b': principal"),
     ('joint', ('c',), {'damping': 3}, "no joint 'c'; expected one of a"),
     ('frame', ('f', 'c'), {}, "frame 'f': no body or frame 'c'"),
     ('load', ('a', None), {}, "'a': inertial properties: a NoneType"),
@@ -201,8 +209,8 @@ def test_a_mimic_joint_follows_its_master_and_that_ones_master():
     b.body('left', kind='prismatic', axis=(1, 0, 0), inertial=box(1.0, (0.1, 0.1, 0.1)))
     b.body('right', kind='prismatic', axis=(1, 0, 0), inertial=box(1.0, (0.1, 0.1, 0.1)),
            mimic='left', multiplier=-2.0, offset=0.1)
-    b.body('third', 'right', kind='prismatic', axis=(1, 0, 0), mimic='right', multiplier=0.5,
-           offset=0.2, inertial=box(1.0, (0.1, 0.1, 0.1)))
+    b.body('third', 'right', kind='prismatic', axis=(1, 0, 0), mimic='right',
+           multiplier=0.5, offset=0.2, inertial=box(1.0, (0.1, 0.1, 0.1)))
     robot = Robot(b.model())
     assert robot.joint_names == ('left',)
     x = 0.3
@@ -219,7 +227,8 @@ def test_a_fixed_body_is_part_of_its_carrier():
         b = ModelBuilder('pair')
         b.body('arm', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
         if kind == 'fixed':
-            b.body('tool', 'arm', 'fixed', at=(1, 0, 0), rpy=(0, 0.3, 0), inertial=disc(0.5, 0.2))
+            b.body('tool', 'arm', 'fixed', at=(1, 0, 0), rpy=(0, 0.3, 0),
+                   inertial=disc(0.5, 0.2))
         else:
             b.frame('tool', 'arm', at=(1, 0, 0), rpy=(0, 0.3, 0))
             b.load('tool', disc(0.5, 0.2))
@@ -232,15 +241,17 @@ def test_a_fixed_body_is_part_of_its_carrier():
 def test_a_fixed_beam_is_a_cantilever(on):
     b = ModelBuilder('cantilever', gravity=(0, 0, 0))
     b.body('arm', kind='prismatic', axis=(0, 0, 1), inertial=disc(1e9, 1.0))
-    b.beam('beam', on, FlexibleLink(1.0, 2.0, 50.0, modes=(3, 0)), 'fixed', at=(0.1, 0.2, 0.3))
+    b.beam('beam', on, FlexibleLink(1.0, 2.0, 50.0, modes=(3, 0)), 'fixed',
+           at=(0.1, 0.2, 0.3))
     robot = Robot(b.model())
     assert robot.joint_names == ('arm', 'beam/mode_1', 'beam/mode_2', 'beam/mode_3')
     none = np.zeros(4)
     M = robot.mass_matrix(none)[1:, 1:]
-    K = np.array([robot.bias_force(1e-6 * unit, none) for unit in np.eye(4)[1:]])[:, 1:] / 1e-6
-    found = np.sort(np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real))
+    K = np.array([robot.bias_force(1e-6 * unit, none)
+                  for unit in np.eye(4)[1:]])[:, 1:] / 1e-6
+    frequencies = np.sort(np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real))
     waves = np.array([1.87510407, 4.69409113, 7.85475744])  # cos b cosh b = -1
-    np.testing.assert_allclose(found, waves**2 * np.sqrt(50.0 / 2.0), rtol=1e-6)
+    np.testing.assert_allclose(frequencies, waves**2 * np.sqrt(50.0 / 2.0), rtol=1e-6)
     assert robot.verify() < 1e-12
 
 

@@ -3,10 +3,10 @@
 from dataclasses import replace
 import pickle
 
-from kane_dynamics import (Drive, Inertial, InputError, inverse_kinematics, Joint, Limits,
-                           load_urdf, Model, ModelBuilder, ModelError, Robot, rod,
-                           StiffnessCurve, UrdfError, with_drives, with_locked, with_model,
-                           with_names, with_rigid_joints)
+from kane_dynamics import (Drive, Inertial, InputError, inverse_kinematics, Joint,
+                           Limits, load_urdf, Model, ModelBuilder, ModelError, Robot,
+                           rod, StiffnessCurve, UrdfError, with_drives, with_locked,
+                           with_model, with_names, with_rigid_joints)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.elastic_joints import (spring_deflection, spring_energy,
@@ -18,7 +18,8 @@ import pytest
 from urdf_writer import chain, load
 
 CURVE = StiffnessCurve([1e-3, 4e-3, 1e-2], [4.0, 30.0, 120.0])
-LAW = {'damping': 0.4, 'quadratic_damping': 0.1, 'friction': 1.5, 'friction_backward': 1.2,
+LAW = {'damping': 0.4, 'quadratic_damping': 0.1, 'friction': 1.5,
+       'friction_backward': 1.2,
        'breakaway_friction': 2.0, 'stribeck_speed': 0.3, 'friction_speed': 0.02,
        'friction_offset': 0.2}
 
@@ -27,8 +28,9 @@ def arm(**drives):
     """Return the builder of an arm of two links, with drives."""
     b = ModelBuilder('arm')
     limits = Limits(-2.0, 2.0, 3.0, 90.0)
-    b.body('upper', 'world', joint='a', axis=(0, 1, 0), inertial=rod(3, (0, 0, 0), (0, 0, 1)),
-           limits=limits, armature=0.2, **({'drive': drives['a']} if 'a' in drives else {}))
+    b.body('upper', 'world', joint='a', axis=(0, 1, 0),
+           inertial=rod(3, (0, 0, 0), (0, 0, 1)), limits=limits, armature=0.2,
+           **({'drive': drives['a']} if 'a' in drives else {}))
     b.body('lower', 'upper', joint='b', axis=(0, 1, 0), at=(0, 0, 1),
            inertial=rod(2, (0, 0, 0), (0, 0.1, 0.8)), friction=0.3,
            **({'drive': drives['b']} if 'b' in drives else {}))
@@ -55,8 +57,10 @@ def assert_same(model, other):
 def test_motors_follow_the_links_in_q_and_are_named_after_their_joints():
     model = arm(a=Drive(1e4), b=Drive(5e3, rotor_inertia=0.1)).model()
     assert model.joint_names == ('a', 'b', 'a_motor', 'b_motor')
-    assert [(e.name, e.link, e.motor) for e in model.drives] == [('a', 0, 2), ('b', 1, 3)]
-    # The armature becomes the rotor's inertia; the limits of speed and effort are shared.
+    assert [(e.name, e.link, e.motor) for e in model.drives] == [
+        ('a', 0, 2), ('b', 1, 3)]
+    # The armature becomes the rotor's inertia; the limits of speed and effort are
+    # shared.
     joints = {body.joint.name: body.joint for body in model.bodies}
     assert (joints['a'].armature, joints['a_motor'].armature) == (0.0, 0.2)
     assert joints['a_motor'].limits == Limits(velocity=3.0, effort=90.0)
@@ -67,23 +71,27 @@ def test_the_equations_are_spongs():
     model = arm(a=Drive(1e4, damping=3.0, friction={'damping': 0.7})).model()
     rigid = replace_armature(arm().model())
     for q, u, udot in random_states(model):
-        delta, rate = q[2] - q[0], u[2] - u[0]
+        delta = q[2] - q[0]
+        rate = u[2] - u[0]
         gear = 1e4 * delta + 3.0 * rate
         links = kane.inverse_dynamics(rigid, q[:2], u[:2], udot[:2]) - [gear, 0.0]
         motor = 0.2 * udot[2] + gear + 0.7 * u[2]
-        assert_allclose(kane.inverse_dynamics(model, q, u, udot), [*links, motor], rtol=1e-12)
+        assert_allclose(kane.inverse_dynamics(model, q, u, udot), [*links, motor],
+                        rtol=1e-12)
 
 
 def replace_armature(model):
     """Return a model without armature."""
-    bodies = [replace(body, joint=replace(body.joint, armature=0.0)) for body in model.bodies]
+    bodies = [replace(body, joint=replace(body.joint, armature=0.0))
+              for body in model.bodies]
     return replace(model, bodies=tuple(bodies))
 
 
 @pytest.mark.parametrize('ratio', [120.0, -80.0])
 @pytest.mark.parametrize('full_coupling', [False, True])
 @pytest.mark.parametrize('stiffness', [2.0, StiffnessCurve([0.1, 0.5], [0.02, 0.4])])
-def test_motor_side_and_joint_side_supplements_mean_one_arm(ratio, full_coupling, stiffness):
+def test_motor_side_and_joint_side_supplements_mean_one_arm(
+        ratio, full_coupling, stiffness):
     r = abs(ratio)
     curve = isinstance(stiffness, StiffnessCurve)
     motor = {'side': 'motor', 'ratio': ratio, 'damping': 1e-3, 'rotor_inertia': 1e-6,
@@ -98,20 +106,21 @@ def test_motor_side_and_joint_side_supplements_mean_one_arm(ratio, full_coupling
                           'breakaway_friction': (forward + 0.5) * r,
                           'stribeck_speed': 0.3 / r, 'friction_speed': 0.02 / r,
                           'friction_offset': 0.2 * ratio},
-             'stiffness': {'deflection': [0.1 / r, 0.5 / r], 'torque': [0.02 * r, 0.4 * r]}
-             if curve else stiffness * r**2}
+             'stiffness': {'deflection': [0.1 / r, 0.5 / r],
+                           'torque': [0.02 * r, 0.4 * r]} if curve else stiffness * r**2}
     urdf = chain(2)
-    one, other = (load(urdf, supplement={'drives': {'j1': drive}})
-                  for drive in (motor, joint))
-    assert one.n == 3
-    assert_same(one, other)
+    by_motor = load(urdf, supplement={'drives': {'j1': motor}})
+    by_joint = load(urdf, supplement={'drives': {'j1': joint}})
+    assert by_motor.n == 3
+    assert_same(by_motor, by_joint)
 
 
 def test_the_builder_and_with_drives_make_one_model():
     drives = {'a': Drive(1e4, friction=LAW), 'b': Drive(CURVE, rotor_inertia=0.1)}
     assert arm(**drives).model().digest() == with_drives(arm().model(), drives).digest()
     again = ModelBuilder.from_model(arm(**drives).model())
-    again.body('tool', 'lower', axis=(1, 0, 0), inertial=Inertial(1.0, (0, 0.1, 0), np.eye(3)))
+    again.body('tool', 'lower', axis=(1, 0, 0),
+               inertial=Inertial(1.0, (0, 0.1, 0), np.eye(3)))
     assert again.model().joint_names == ('a', 'b', 'a_motor', 'b_motor', 'tool')
     assert [e.motor for e in again.model().drives] == [2, 3]
 
@@ -122,13 +131,15 @@ def test_full_coupling_adds_the_carriers_rotation_to_the_rotors():
     full = arm(b=Drive(1e4, ratio=50.0, rotor_inertia=0.5, full_coupling=True)).model()
     J = 0.5 / 50.0**2
     q = np.array([0.3, -0.7, -0.69])
-    M, M_full = (kane.mass_matrix(model, q) for model in (reduced, full))
+    M = kane.mass_matrix(reduced, q)
+    M_full = kane.mass_matrix(full, q)
     expected = np.zeros((3, 3))
     expected[0, 2] = expected[2, 0] = J * 50.0  # a and the rotor of b turn about y
     assert_allclose(M_full - M, expected, atol=1e-12)
 
 
-@pytest.mark.parametrize('law', [{'friction': 1.5}, {'friction': 1.5, 'friction_speed': 0.2}])
+@pytest.mark.parametrize('law',
+                         [{'friction': 1.5}, {'friction': 1.5, 'friction_speed': 0.2}])
 def test_friction_of_the_motor_does_not_depend_on_the_coupling(law):
     drive = Drive(1e4, ratio=-50.0, rotor_inertia=0.5, friction=law)
     forces = []
@@ -173,10 +184,12 @@ def test_locked_motors_and_links_leave_the_spring_at_the_other_side():
             state[:, places] = 0.0
             state[0, places] = list(held.values())
             expected = kane.inverse_dynamics(model, *state)[free]
-            assert_allclose(kane.inverse_dynamics(locked, *state[:, free]), expected, rtol=1e-11)
+            assert_allclose(kane.inverse_dynamics(locked, *state[:, free]), expected,
+                            rtol=1e-11)
     with pytest.raises(InputError, match='stiffness curve'):
         with_locked(arm(a=Drive(CURVE)).model(), {'a_motor': 0.0})
-    assert not with_locked(arm(a=Drive(CURVE)).model(), {'a_motor': 0.0, 'a': 0.1}).drives
+    assert not with_locked(arm(a=Drive(CURVE)).model(), {'a_motor': 0.0,
+                                                         'a': 0.1}).drives
 
 
 def test_drives_survive_new_names_mounting_and_pickling():
@@ -189,8 +202,8 @@ def test_drives_survive_new_names_mounting_and_pickling():
     assert pickle.loads(pickle.dumps(model)).digest() == model.digest()
 
 
-@pytest.mark.parametrize('curve', [
-    CURVE, StiffnessCurve([2e-3, 5e-3], [0.0, 60.0]), StiffnessCurve([1.0, 2.0], [3.0, 4.0])])
+@pytest.mark.parametrize('curve', [CURVE, StiffnessCurve([2e-3, 5e-3], [0.0, 60.0]),
+                                   StiffnessCurve([1.0, 2.0], [3.0, 4.0])])
 def test_a_curve_is_odd_passes_its_points_and_agrees_with_its_energy(curve):
     drive = Drive(curve)
     h = 1e-5 * curve.rounding
@@ -204,7 +217,8 @@ def test_a_curve_is_odd_passes_its_points_and_agrees_with_its_energy(curve):
         assert spring_slope(drive, x) == pytest.approx(slope, rel=1e-6, abs=1e-6)
         assert middle >= 0.0
         if not curve.dead_zone:
-            assert spring_deflection(drive, torque) == pytest.approx(x, rel=1e-12, abs=1e-16)
+            assert spring_deflection(drive, torque) == pytest.approx(
+                x, rel=1e-12, abs=1e-16)
     # At a point the curve is off by 35/256 of the rounding times the change of slope.
     bound = 35.0 / 256.0 * curve.rounding * np.abs(np.diff(curve.slopes)).sum()
     for corner, level in zip(curve.deflection, curve.torque):
@@ -218,7 +232,8 @@ def test_a_curve_is_straight_away_from_its_corners():
     assert spring_slope(backlash, 0.7e-3) == spring_energy(backlash, -0.7e-3) == 0.0
     assert backlash.stiffness_at_rest == 0.0
     points = np.array([0.5, 2.0, 3.5, 6.0, 7.0, 12.0]) * 1e-3
-    stated = np.interp(points, [0.0, *CURVE.deflection, 2e-2], [0.0, *CURVE.torque, 270.0])
+    stated = np.interp(points, [0.0, *CURVE.deflection, 2e-2],
+                       [0.0, *CURVE.torque, 270.0])
     bent = [spring_torque(Drive(CURVE), x) for x in points]
     np.testing.assert_allclose(bent, stated, rtol=1e-12)
 
@@ -227,7 +242,8 @@ def test_a_curve_is_straight_away_from_its_corners():
 def test_a_curve_of_very_different_slopes_is_inverted_in_its_corners(ratio):
     drive = Drive(StiffnessCurve([1e-3, 2e-3], [1.0, 1.0 + ratio]))
     for x in np.linspace(0.5e-3, 1.5e-3, 101):
-        assert spring_deflection(drive, spring_torque(drive, x)) == pytest.approx(x, abs=1e-12)
+        assert spring_deflection(drive, spring_torque(drive, x)) == pytest.approx(
+            x, abs=1e-12)
 
 
 def test_a_curve_whose_slopes_differ_too_much_is_not_inverted():
@@ -239,13 +255,15 @@ def test_a_curve_whose_slopes_differ_too_much_is_not_inverted():
 def test_configurations_that_are_searched_do_not_deflect_the_springs():
     model = load_urdf(resource_path('urdf', 'fr3.urdf'), tip='fr3_link7')
     drives = dict.fromkeys(model.joint_names, Drive(1e4, rotor_inertia=0.5))
-    robot, n = Robot(with_drives(model, drives)), model.n
+    robot = Robot(with_drives(model, drives))
+    n = model.n
     start = robot.feasible_configuration()
     assert start[3] < -1.0, 'an elbow whose limits do not admit zero'
     goal = Robot(model).random_configuration(3)
-    found = inverse_kinematics(robot, 'fr3_link7', robot.frame_pose('fr3_link7', [*goal] * 2))
-    assert found.converged
-    for q in (start, found.q, *robot.random_configuration(1, 5)):
+    solution = inverse_kinematics(robot, 'fr3_link7',
+                                  robot.frame_pose('fr3_link7', [*goal] * 2))
+    assert solution.converged
+    for q in (start, solution.q, *robot.random_configuration(1, 5)):
         np.testing.assert_array_equal(q[:n], q[n:])
 
 
@@ -276,11 +294,14 @@ def with_load_friction(model):
     (lambda: StiffnessCurve([1.0, 2.0], [1.0, 1.0]), 'expected increasing numbers'),
     (lambda: StiffnessCurve([1.0, 2.0], [-1.0, 1.0]), 'expected increasing numbers'),
     (lambda: StiffnessCurve([1.0, 2.0], [1.0, 3.0], 0.0), 'rounding 0.0'),
-    (lambda: with_drives(arm().model(), [Drive(1.0)]), 'expected a mapping of joint names'),
-    (lambda: with_drives(arm().model(), {'c': Drive(1.0)}), "'c' is no joint of one degree"),
+    (lambda: with_drives(arm().model(), [Drive(1.0)]),
+     'expected a mapping of joint names'),
+    (lambda: with_drives(arm().model(), {'c': Drive(1.0)}),
+     "'c' is no joint of one degree"),
     (lambda: with_drives(arm().model(), {'a': 1e4}), 'expected a Drive'),
     (lambda: with_drives(arm().model(), {'b': Drive(1.0)}), 'without rotor_inertia'),
-    (lambda: with_drives(arm(a=Drive(1.0)).model(), {'a': Drive(1.0)}), "'a' has a drive"),
+    (lambda: with_drives(arm(a=Drive(1.0)).model(), {'a': Drive(1.0)}),
+     "'a' has a drive"),
     (lambda: with_drives(arm(a=Drive(1.0)).model(), {'a_motor': Drive(1.0)}),
      "'a_motor' is no joint"),
     (lambda: with_drives(arm().model(), {'b': Drive(1.0, ratio=1.0, rotor_inertia=5.0,
@@ -288,13 +309,16 @@ def with_load_friction(model):
      "in link 'upper'"),
     (lambda: with_drives(arm().model(), {'b': Drive(
         1.0, ratio=100.0, rotor_inertia=0.1, full_coupling=True,
-        friction={'load_friction': 0.1})}), 'full_coupling with load friction of the motor'),
+        friction={'load_friction': 0.1})}),
+     'full_coupling with load friction of the motor'),
     (lambda: with_drives(with_load_friction(arm().model()), {'b': Drive(
-        1.0, rotor_inertia=0.1)}), "'b': load friction of the link's side; expected it in"),
+        1.0, rotor_inertia=0.1)}),
+     "'b': load friction of the link's side; expected it in"),
     (lambda: arm(a=Drive(1.0, friction={'damping': -1.0})).model(), 'damping -1.0'),
     (lambda: arm(a=7.0).model(), 'expected a Drive'),
-    (lambda: Model('m', (Body('l', -1, Joint('j', 'revolute', (0, 0, 1), drive=Drive(1.0)),
-                              Inertial(1.0, inertia=np.eye(3))),), ('j',)),
+    (lambda: Model('m',
+                   (Body('l', -1, Joint('j', 'revolute', (0, 0, 1), drive=Drive(1.0)),
+                         Inertial(1.0, inertia=np.eye(3))),), ('j',)),
      "motor joint '', which the model lacks"),
 ])
 def test_bad_drives_are_named(make, message):

@@ -70,7 +70,8 @@ def test_positions_only_are_the_clamped_cubic_spline():
 
 
 def test_positions_only_from_a_moving_start_keep_its_velocity():
-    q0, u0 = np.array([0.1, 0.2, 0.3]), np.array([1.0, -1.0, 0.5])
+    q0 = np.array([0.1, 0.2, 0.3])
+    u0 = np.array([1.0, -1.0, 0.5])
     times = np.array([0.5, 1.0, 1.7])
     m = motion(1, times, start=(q0, u0, None))
     peer = CubicSpline([0.0, *times], np.vstack([q0, points(count=3)[0]]),
@@ -83,8 +84,8 @@ def test_positions_only_from_a_moving_start_keep_its_velocity():
 def test_starts_from_the_given_state_when_the_first_point_is_later(kind):
     start = tuple(np.random.default_rng(5).normal(size=(3, 3)))
     m = motion(kind, np.array([0.5, 1.0]), start=start)
-    for got, given in zip(m.sample(0.0)[:kind], start, strict=False):
-        np.testing.assert_allclose(got, given, rtol=0, atol=1e-14)
+    for got, stated in zip(m.sample(0.0)[:kind], start, strict=False):
+        np.testing.assert_allclose(got, stated, rtol=0, atol=1e-14)
     np.testing.assert_allclose(m.sample(0.5)[0], points(count=2)[0][0], atol=1e-14)
 
 
@@ -119,7 +120,8 @@ def test_array_of_times_gives_the_same_as_each_time(kind):
     for i, value in enumerate(t):
         for k in range(3):
             assert many[k].flags.c_contiguous and many[k].shape == (len(t), 3)
-            np.testing.assert_allclose(m.sample(value)[k], many[k][i], rtol=1e-13, atol=1e-12)
+            np.testing.assert_allclose(m.sample(value)[k], many[k][i],
+                                       rtol=1e-13, atol=1e-12)
 
 
 def test_order_picks_and_reorders_joints_and_start_follows_it():
@@ -157,26 +159,31 @@ ZERO = [[0.0] * 3] * 2
     (([0.0, 1.0], NAN_ROW), {}, ['point 1', "'elbow'", 'nan', 'finite']),
     (([0.0, 1.0], [[0.0] * 3]), {}, ['positions', '1 rows', 'expected 2']),
     (([0.0, 1.0], [[], []]), {}, ['positions', 'shoulder']),
-    (([0.0, 1.0], [[0.0] * 3, [0.0]]), {}, ['point 1', 'positions', 'expected (3,)', 'wrist']),
+    (([0.0, 1.0], [[0.0] * 3, [0.0]]), {},
+     ['point 1', 'positions', 'expected (3,)', 'wrist']),
     (([0.0, 1.0], 5.0), {}, ['positions', '5.0', '3 numbers']),
     (([0.0, 1.0], ZERO, [[0.0] * 3, []]), {}, ['point 1', 'velocities']),
     (([0.0, 1.0], ZERO, None, ZERO), {}, ['accelerations', 'without velocities']),
     (([0.0, 1.0], ZERO, NAN_ROW), {}, ['point 1', 'velocities', "'elbow'"]),
     (([0.0, 1.0], ZERO), {'joint_names': ['a', 'a', 'b']}, ['joint_names', 'different']),
     (([0.0, 1.0], ZERO), {'order': ['wrist', 'hand']}, ['expected', 'hand', 'elbow']),
-    (([1.0, 2.0], ZERO), {'start': (['a', 'b', 'c'], None, None)}, ['start', "'a'", '3']),
-    (([1.0, 2.0], ZERO), {'start': ([0.0, 0.0], None, None)}, ['start', 'positions', '3']),
+    (([1.0, 2.0], ZERO), {'start': (['a', 'b', 'c'], None, None)},
+     ['start', "'a'", '3']),
+    (([1.0, 2.0], ZERO), {'start': ([0.0, 0.0], None, None)},
+     ['start', 'positions', '3']),
     (([1.0, 2.0], ZERO), {'start': ([0.0] * 3, [0, 0, np.inf], None)},
      ['start', 'velocities', "'wrist'", 'inf']),
 ])
-def test_bad_points_are_refused_by_name_value_and_what_is_valid(arguments, options, words):
+def test_bad_points_are_refused_by_name_value_and_what_is_valid(
+        arguments, options, words):
     with pytest.raises(InputError) as caught:
         Motion.from_points(*arguments, **{'joint_names': NAMES, **options})
     for word in words:
         assert word in str(caught.value)
 
 
-@pytest.mark.parametrize('t', [np.nan, np.inf, np.array([0.0, np.nan]), np.zeros((2, 2))])
+@pytest.mark.parametrize('t',
+                         [np.nan, np.inf, np.array([0.0, np.nan]), np.zeros((2, 2))])
 def test_a_time_that_is_not_finite_is_refused(t):
     with pytest.raises(InputError, match='expected'):
         motion(1).sample(t)
@@ -190,7 +197,8 @@ def test_points_too_far_apart_for_finite_numbers_are_refused():
 
 
 def test_numbers_of_a_motion_are_read_only():
-    t, names = np.array([0.0, 1.0, 2.5]), ('a', 'b')
+    t = np.array([0.0, 1.0, 2.5])
+    names = ('a', 'b')
     table = np.ones((2, 6, 2))
     for motion in (Motion.from_points(t, np.eye(3)[:, :2], joint_names=names),
                    Motion(names, t.copy(), np.ones((3, 2)), table.copy()),

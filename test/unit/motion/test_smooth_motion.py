@@ -1,4 +1,4 @@
-"""Splines of degree five and seven: points, rest at the ends, continuity, derivatives."""
+"""Splines of degree five and seven: points, rest, continuity, derivatives."""
 
 from kane_dynamics import InputError, Motion, SmoothMotion
 import numpy as np
@@ -19,12 +19,14 @@ def test_it_passes_the_points_and_rests_at_both_ends(degree, count):
     states = motion.sample(TIMES[:count])
     assert_allclose(states.q, POINTS[:count], rtol=0, atol=1e-12)
     for order in range(1, (degree + 1) // 2 + 1):
-        size = np.abs(motion.sample(np.linspace(*TIMES[[0, count - 1]], 99))[order]).max()
+        size = np.abs(
+            motion.sample(np.linspace(*TIMES[[0, count - 1]], 99))[order]).max()
         assert_allclose(states[order][[0, -1]], 0.0, atol=1e-10 * size)
-    before, after = motion.sample(0.0), motion.sample(99.0)
-    assert_allclose(before.q, POINTS[0], atol=1e-15)
-    assert_allclose(after.q, POINTS[count - 1], atol=1e-12)
-    assert not np.any(before[1:]) and not np.any(after[1:])
+    at_start = motion.sample(0.0)
+    at_end = motion.sample(99.0)
+    assert_allclose(at_start.q, POINTS[0], atol=1e-15)
+    assert_allclose(at_end.q, POINTS[count - 1], atol=1e-12)
+    assert not np.any(at_start[1:]) and not np.any(at_end[1:])
 
 
 @pytest.mark.parametrize('degree', [5, 7])
@@ -39,9 +41,11 @@ def test_derivatives_to_the_degree_less_one_are_continuous(degree):
 
 def test_each_derivative_is_that_of_the_one_before():
     motion = SmoothMotion.from_points(TIMES, POINTS, joint_names=NAMES)
-    t, h = np.linspace(0.4, 3.0, 40), 1e-5
+    t = np.linspace(0.4, 3.0, 40)
+    h = 1e-5
     for order in range(4):
-        difference = (motion.sample(t + h)[order] - motion.sample(t - h)[order]) / (2 * h)
+        difference = (motion.sample(t + h)[order] - motion.sample(t - h)[order]) / (
+            2 * h)
         expected = motion.sample(t)[order + 1]
         assert_allclose(difference, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
     one = motion.sample(1.7)
@@ -50,7 +54,7 @@ def test_each_derivative_is_that_of_the_one_before():
 
 
 def test_a_polynomial_with_these_ends_is_reproduced():
-    """Of degree seven with three zero derivatives at both ends: the least-order rest to rest."""
+    """Of degree seven, three zero derivatives at both ends: the least order."""
     t = np.linspace(0.0, 1.0, 9)
     smooth = 35 * t**4 - 84 * t**5 + 70 * t**6 - 20 * t**7
     motion = SmoothMotion.from_points(t, smooth[:, None], joint_names=['a'], degree=5)
@@ -73,8 +77,8 @@ def test_motions_whose_jerk_jumps_are_refused():
     spline = Motion.from_points(TIMES, POINTS, joint_names=NAMES)
     with pytest.raises(InputError, match=r'the jerk of joint|the acceleration of joint'):
         SmoothMotion.from_motion(spline)
-    quintic = Motion.from_points([0.0, 1.0], [[0.0], [1.0]], [[0.0], [0.0]], [[0.0], [0.0]],
-                                 joint_names=['a'])
+    quintic = Motion.from_points([0.0, 1.0], [[0.0], [1.0]], [[0.0], [0.0]],
+                                 [[0.0], [0.0]], joint_names=['a'])
     with pytest.raises(InputError, match="the jerk of joint 'a' jumps by 60 at point"):
         SmoothMotion.from_motion(quintic)
     still = Motion.from_points([0.0, 1.0], [[0.5], [0.5]], joint_names=['a'])
@@ -115,6 +119,7 @@ def test_a_scaled_motion_has_the_derivatives_of_the_faster_one():
 
 def test_a_motion_between_two_points_is_refused_for_what_jumps():
     # Speeds vanish at both points but for rounding, which is no jump.
-    motion = Motion.from_points([0.0, 0.6], [[0.1, -0.2], [0.9, 0.5]], joint_names=['a', 'b'])
+    motion = Motion.from_points([0.0, 0.6], [[0.1, -0.2], [0.9, 0.5]],
+                                joint_names=['a', 'b'])
     with pytest.raises(InputError, match="acceleration of joint 'a' jumps by 13"):
         SmoothMotion.from_motion(motion)

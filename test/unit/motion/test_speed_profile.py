@@ -1,4 +1,4 @@
-"""The fastest motion with limits of speed, acceleration and jerk: closed forms, all limits."""
+"""The fastest motion under limits of speed, acceleration, jerk: closed forms."""
 
 from itertools import pairwise
 
@@ -11,7 +11,9 @@ import pytest
 
 def test_the_duration_is_that_of_the_closed_forms():
     # All seven phases: L / V + V / A + A / J.
-    V, A, J = 0.5, 2.0, 20.0
+    V = 0.5
+    A = 2.0
+    J = 20.0
     long = fastest_profile([SectionLimits(1.0, V, A, J)], [])
     assert long.duration == pytest.approx(1.0 / V + V / A + A / J, rel=1e-12)
     # The jerk alone: four ramps of (L / (2 J))^(1/3).
@@ -19,7 +21,8 @@ def test_the_duration_is_that_of_the_closed_forms():
     assert short.duration == pytest.approx(4.0 * np.cbrt(1e-4 / (2.0 * J)), rel=1e-9)
     # Two sections of one kind without a stop are one.
     half = SectionLimits(0.5, V, A, J)
-    assert fastest_profile([half, half], [False]).duration == pytest.approx(long.duration)
+    assert fastest_profile([half, half], [False]).duration == pytest.approx(
+        long.duration)
     assert fastest_profile([half, half], [True]).duration == pytest.approx(
         2.0 * (0.5 / V + V / A + A / J))
 
@@ -31,14 +34,15 @@ positive = st.floats(0.01, 10.0)
 def lines(draw):
     """Return sections, the inner ones of which may be steady, and stops between them."""
     count = draw(st.integers(1, 6))
-    sections, stops = [], []
+    sections = []
+    stops = []
     for k in range(count):
         inner = 0 < k < count - 1
         steady = inner and draw(st.booleans())
         sections.append(SectionLimits(draw(positive), draw(positive), draw(positive),
                                       draw(positive), steady))
-    for before, after in pairwise(sections):
-        stops.append(not before.steady and not after.steady and draw(st.booleans()))
+    for earlier, later in pairwise(sections):
+        stops.append(not earlier.steady and not later.steady and draw(st.booleans()))
     return sections, stops
 
 
@@ -61,7 +65,8 @@ def test_every_limit_holds_in_every_section_and_stops_are_stops(line):
         if section.steady:
             assert (np.abs(acceleration[rows]) < 1e-9).all()
         else:
-            assert (np.abs(acceleration[rows]) <= section.acceleration * (1 + 1e-9)).all()
+            assert (np.abs(acceleration[rows]) <= section.acceleration * (1
+                                                                          + 1e-9)).all()
         both = rows[1:] & rows[:-1]
         jerk = np.diff(acceleration)[both] / t[1]
         assert (np.abs(jerk) <= section.jerk * (1 + 1e-6) + 1e-6).all()

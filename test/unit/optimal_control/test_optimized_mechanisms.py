@@ -1,9 +1,9 @@
-"""Optimal torques of robots of every kind: derivatives, optimality, loops, limits, replays."""
+"""Optimal torques of robots of every kind: optimality, loops, limits, replays."""
 
 from functools import cache
 
-from kane_dynamics import (absolute_rates, box, disc, InputError, load_urdf, ModelBuilder,
-                           momenta, Motion, Robot, rod, Rolling, simulate)
+from kane_dynamics import (absolute_rates, box, disc, InputError, load_urdf,
+                           ModelBuilder, momenta, Motion, Robot, rod, Rolling, simulate)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, difference, moved
@@ -30,8 +30,8 @@ def mechanism(*kinds):
     """
     Return a case, also of two others.
 
-    Constraints hold the height of the rolling disc and not its path, and speeds that are momenta
-    change where the closing of loops moves joints.
+    Constraints hold the height of the rolling disc and not its path, and speeds that are
+    momenta change where the closing of loops moves joints.
     """
     if kinds == ('momenta of a loop',):
         robot = Robot(four_bar_model(), constraints=[PIN], speeds=momenta)
@@ -61,8 +61,8 @@ def state_after_interval(kinds, q, u, tau):
     """Return the state after one interval."""
     problem, _ = one_interval_problem(kinds)
     problem.start(tau)
-    found = problem.solve(q, u, iterations=0)
-    return found.q[1], found.u[1], found.cost
+    optimum = problem.solve(q, u, iterations=0)
+    return optimum.q[1], optimum.u[1], optimum.cost
 
 
 def step_of(kinds):
@@ -71,9 +71,10 @@ def step_of(kinds):
 
 
 def directions(kinds, q, t):
-    """Return joint speeds per unit of each direction of the configuration, and its inverse."""
+    """Return joint speeds per unit of each direction of q, and the inverse."""
     step = step_of(kinds)
-    return (np.array(step.tangent(q, t), dtype=float), np.array(step.along(q, t), dtype=float))
+    return (np.array(step.tangent(q, t), dtype=float),
+            np.array(step.along(q, t), dtype=float))
 
 
 @and_momenta
@@ -81,11 +82,15 @@ def test_directions_of_the_configuration_keep_what_constraints_hold(kinds):
     this = mechanism(*kinds)
     tangent, along = directions(kinds, this.q, this.time)
     np.testing.assert_allclose(along @ tangent, np.eye(len(along)), atol=1e-12)
-    step, eps = step_of(kinds), 1e-6
+    step = step_of(kinds)
+    eps = 1e-6
     if step.held:
         for column in tangent.T:
-            open_by = [np.array(step.residual(moved(this.robot.model, this.q, s * eps * column),
-                                              this.time), dtype=float) for s in (1.0, -1.0)]
+            open_by = []
+            for s in (1.0, -1.0):
+                open_by.append(np.array(
+                    step.residual(moved(this.robot.model, this.q, s * eps * column),
+                                  this.time), dtype=float))
             assert np.abs(open_by[0] - open_by[1]).max() / (2.0 * eps) < 1e-8
 
 
@@ -93,15 +98,18 @@ def test_directions_of_the_configuration_keep_what_constraints_hold(kinds):
 def test_a_step_follows_its_equation(kinds):
     this = mechanism(*kinds)
     problem, tau = one_interval_problem(kinds)
-    robot, model = this.robot, this.robot.model
+    robot = this.robot
+    model = this.robot.model
     q, u, _ = state_after_interval(kinds, this.q, this.u, tau)
     smooth = Robot(model, **{**robot.options, 'friction': False})
     places = [robot.joint_names.index(name) for name in problem.actuator_names]
-    still = np.array(step_of(kinds).equations.joint_speeds(this.q, 0.0 * u, this.time), float)
+    still = np.array(step_of(kinds).equations.joint_speeds(this.q, 0.0 * u, this.time),
+                     float)
     v = this.T @ u + still
     resisting = np.array(step_of(kinds).equations.tree.friction_force(v), dtype=float)
     for beam in (body.beam for body in model.bodies if body.beam is not None):
-        resisting[list(beam.coordinates)] += H * beam.stiffness @ v[list(beam.coordinates)]
+        resisting[list(beam.coordinates)] += (H * beam.stiffness
+                                              @ v[list(beam.coordinates)])
     needed = (smooth.inverse_dynamics(this.q, this.u, (u - this.u) / H, **this.t)
               + this.T.T @ resisting)
     np.testing.assert_allclose(needed, this.T[places].T @ tau, atol=1e-6)
@@ -116,50 +124,61 @@ def test_a_step_follows_its_equation(kinds):
 def test_derivatives_of_a_step_are_those_of_central_differences(kinds):
     this = mechanism(*kinds)
     problem, tau = one_interval_problem(kinds)
-    model, arrays, eps = this.robot.model, problem._arrays, 1e-5
+    model = this.robot.model
+    arrays = problem._arrays
+    eps = 1e-5
     q1, _, _ = state_after_interval(kinds, this.q, this.u, tau)
     arrays.linearize()
-    x, m = arrays.sizes.directions, arrays.sizes.torques
+    x = arrays.sizes.directions
+    m = arrays.sizes.torques
     F, by_x, by_tau, _, _ = np.split(arrays.slopes[0], arrays._horizon._slope_ends)
     tangent, _ = directions(kinds, this.q, this.time)
     _, along = directions(kinds, q1, this.time + H)
     ways = [*((column, 0.0 * this.u, 0.0 * tau) for column in tangent.T),
             *((np.zeros(model.n), unit, 0.0 * tau) for unit in np.eye(this.robot.n)),
             *((np.zeros(model.n), 0.0 * this.u, unit) for unit in np.eye(m))]
-    numeric, slopes = [], []
+    numeric = []
+    slopes = []
     for move, change, push in ways:
         (qp, up, cp), (qm, um, cm) = (state_after_interval(
             kinds, moved(model, this.q, s * move), this.u + s * change, tau + s * push)
             for s in (eps, -eps))
-        numeric.append(np.concatenate([along @ difference(model, qm, qp), up - um]) / (2 * eps))
+        numeric.append(
+            np.concatenate([along @ difference(model, qm, qp), up - um]) / (2 * eps))
         slopes.append((cp - cm) / (2 * eps))
-    numeric, F = np.array(numeric).T, F.reshape(x, x + m)
-    np.testing.assert_allclose(F, numeric, rtol=0.0, atol=2e-6 * max(1.0, np.abs(F).max()))
+    numeric = np.array(numeric).T
+    F = F.reshape(x, x + m)
+    np.testing.assert_allclose(F, numeric, rtol=0.0,
+                               atol=2e-6 * max(1.0, np.abs(F).max()))
     whole = by_x @ F + np.concatenate([np.zeros(x), by_tau])
     np.testing.assert_allclose(whole, slopes, rtol=0.0, atol=1e-5 * np.abs(whole).max())
 
 
 def gradient(problem, q, u, tau, where, inwards=False):
     """
-    Return the derivatives of the total cost by the torques at these places, the others 0.
+    Return the derivatives of the total cost by the torques at these places.
 
-    By central differences; `inwards`, by one-sided ones towards 0, since torques are clipped.
+    By central differences; `inwards`, by one-sided ones towards 0, since torques are
+    clipped.
     """
-    found, eps = np.zeros(tau.shape), 1e-5 * max(1.0, np.abs(tau).max())
+    slopes = np.zeros(tau.shape)
+    eps = 1e-5 * max(1.0, np.abs(tau).max())
     for place in zip(*np.nonzero(where)):
-        costs, sides = [], (0.0, -eps * np.sign(tau[place])) if inwards else (eps, -eps)
+        costs = []
+        sides = (0.0, -eps * np.sign(tau[place])) if inwards else (eps, -eps)
         for side in sides:
-            other = tau.copy()
-            other[place] += side
-            problem.start(other)
+            shifted = tau.copy()
+            shifted[place] += side
+            problem.start(shifted)
             costs.append(problem.solve(q, u, iterations=0).cost)
-        found[place] = (costs[0] - costs[1]) / (sides[0] - sides[1])
-    return found
+        slopes[place] = (costs[0] - costs[1]) / (sides[0] - sides[1])
+    return slopes
 
 
 def require_optimum(problem, q, u, solution):
-    """Fail unless the gradient is 0 off the limits and points beyond them; return how many do."""
-    limits, first = problem.torque_limits, np.tile(problem.holding_torques(q), (problem.nodes, 1))
+    """Fail unless the gradient is 0 off the limits or points beyond; return how many."""
+    limits = problem.torque_limits
+    first = np.tile(problem.holding_torques(q), (problem.nodes, 1))
     scale = np.abs(gradient(problem, q, u, 0.5 * np.clip(first, -limits, limits),
                             np.ones(first.shape))).max()
     assert solution.converged and (np.abs(solution.tau) <= limits).all()
@@ -176,9 +195,11 @@ def test_the_optimum_is_stationary_off_the_limits_and_held_by_them(kinds):
     this = mechanism(*kinds)
     robot = this.robot
     goal = robot.integrate(this.q, 0.5 * np.abs(this.u), **this.t)
-    held, largest = 0, np.inf
+    held = 0
+    largest = np.inf
     for share in (1.0, 0.6):
-        problem = TrajectoryOptimizer(robot, nodes=8, interval=0.02, torque_limits=share * largest)
+        problem = TrajectoryOptimizer(robot, nodes=8, interval=0.02,
+                                      torque_limits=share * largest)
         problem.set_target(goal, this.time)
         problem.start(np.clip(problem.holding_torques(this.q), -problem.torque_limits,
                               problem.torque_limits))
@@ -187,9 +208,10 @@ def test_the_optimum_is_stationary_off_the_limits_and_held_by_them(kinds):
         assert solution.cost < first
         largest = np.abs(solution.tau).max(axis=0)
         held += require_optimum(problem, this.q, this.u, solution)
-        missed = robot.constraint_residual(solution.q, t=this.time + 0.02 * np.arange(9)) if (
-            robot.constraint_names) else np.zeros(1)
-        assert np.abs(missed).max() < 1e-9
+        residual = robot.constraint_residual(solution.q,
+                                             t=this.time + 0.02 * np.arange(9)) if (
+                                                 robot.constraint_names) else np.zeros(1)
+        assert np.abs(residual).max() < 1e-9
     assert held >= 1, 'a limit must hold a torque'
 
 
@@ -198,24 +220,25 @@ def test_a_tree_in_absolute_rates_has_the_optimum_of_joint_rates():
     path = resource_path('urdf', 'two_link_planar.urdf')
     names = load_urdf(path).joint_names
     model = load_urdf(path, supplement={'joints': dict.fromkeys(names, joints)})
-    found = []
+    solutions = []
     for options in ({}, {'speeds': absolute_rates}):
         robot = Robot(model, **options)
-        problem = TrajectoryOptimizer(robot, nodes=15, interval=0.02, torque_limits=[12.0, 4.0],
-                                      speed_limits=2.0)
+        problem = TrajectoryOptimizer(robot, nodes=15, interval=0.02,
+                                      torque_limits=[12.0, 4.0], speed_limits=2.0)
         problem.set_target([0.7, -0.5])
         problem.start([0.0, 0.0])
-        u = np.linalg.solve(np.stack([robot.joint_rates([0.1, 0.4], unit) for unit in np.eye(2)],
-                                     axis=1), [0.5, -1.0])
-        found.append(problem.solve([0.1, 0.4], u, iterations=300, tolerance=1e-13))
-    tree, chosen = found
+        u = np.linalg.solve(
+            np.stack([robot.joint_rates([0.1, 0.4], unit) for unit in np.eye(2)],
+                     axis=1), [0.5, -1.0])
+        solutions.append(problem.solve([0.1, 0.4], u, iterations=300, tolerance=1e-13))
+    tree, chosen = solutions
     assert chosen.cost == pytest.approx(tree.cost, rel=1e-8)
     assert (np.abs(tree.tau) == [12.0, 4.0]).any()
     np.testing.assert_allclose(chosen.q, tree.q, atol=1e-5)
 
 
 def replayed(robot, problem, q, goal):
-    """Return the plan from rest to the goal, and the motion of its torques in a simulation."""
+    """Return the plan from rest to the goal, and a simulation of its torques."""
     problem.set_target(goal)
     problem.start(problem.holding_torques(q))
     plan = problem.solve(q, np.zeros(robot.n), iterations=200)
@@ -234,7 +257,8 @@ def replayed(robot, problem, q, goal):
 
 def test_a_four_bar_swings_to_its_target_within_limits_as_a_simulation_does():
     robot = four_bar('crank')
-    start, goal = at_angle(0.6), at_angle(1.6)
+    start = at_angle(0.6)
+    goal = at_angle(1.6)
     problem = TrajectoryOptimizer(robot, nodes=400, interval=0.002, torque_limits=12.0,
                                   weights=CostWeights(torque=1e-4, end_position=1000.0))
     plan, path = replayed(robot, problem, start, goal)
@@ -245,8 +269,8 @@ def test_a_four_bar_swings_to_its_target_within_limits_as_a_simulation_does():
 
 def test_the_palletizer_reaches_a_target_within_its_limits_as_a_simulation_does():
     robot = palletizer()
-    start, goal = (positions(robot, *each) for each in (
-        (0.0, 0.3, -0.2, 0.0), (0.5, 0.6, -0.4, 0.8)))
+    start = positions(robot, *(0.0, 0.3, -0.2, 0.0))
+    goal = positions(robot, *(0.5, 0.6, -0.4, 0.8))
     problem = TrajectoryOptimizer(robot, nodes=200, interval=0.004, weights=CostWeights(
         position=1000.0, torque=1e-6, end_position=1e4, end_speed=10.0))
     plan, path = replayed(robot, problem, start, goal)
@@ -260,7 +284,8 @@ def test_an_arm_on_a_free_body_turns_it_without_forces_on_that_body():
     b = ModelBuilder('satellite', gravity=(0, 0, 0))
     b.body('craft', kind='free', inertial=box(8.0, (0.6, 0.4, 0.3)))
     for name, on, axis in (('arm', 'craft', (0, 1, 0)), ('fore', 'arm', (0, 0, 1))):
-        b.body(name, on, axis=axis, at=(0.4, 0, 0), inertial=rod(2.0, (0, 0, 0), (0.4, 0, 0)))
+        b.body(name, on, axis=axis, at=(0.4, 0, 0),
+               inertial=rod(2.0, (0, 0, 0), (0.4, 0, 0)))
     robot = Robot(b.model())
     turning = [*[0.0] * 3, *[100.0] * 3, 0.0, 0.0]
     limits = [0.0 if name.startswith('craft') else 5.0 for name in robot.joint_names]
@@ -269,15 +294,17 @@ def test_an_arm_on_a_free_body_turns_it_without_forces_on_that_body():
     drifts = []
     for nodes in (60, 120):
         problem = TrajectoryOptimizer(
-            robot, nodes=nodes, interval=1.2 / nodes, torque_limits=limits, weights=CostWeights(
+            robot, nodes=nodes, interval=1.2 / nodes, torque_limits=limits,
+            weights=CostWeights(
                 position=turning, end_position=turning, speed=0.01, torque=1e-4))
         problem.set_target(turned)
         plan = problem.solve(start, np.zeros(robot.n), iterations=200)
         assert (plan.tau[:, :6] == 0.0).all()
-        left, first = (np.linalg.norm(robot.difference(q, turned)[3:6])
-                       for q in (plan.q[-1], start))
+        left = np.linalg.norm(robot.difference(plan.q[-1], turned)[3:6])
+        first = np.linalg.norm(robot.difference(start, turned)[3:6])
         assert left < 0.3 * first
-        np.testing.assert_allclose(np.linalg.norm(plan.q[:, 3:7], axis=1), 1.0, atol=1e-14)
+        np.testing.assert_allclose(np.linalg.norm(plan.q[:, 3:7], axis=1), 1.0,
+                                   atol=1e-14)
         com = robot.center_of_mass(plan.q)
         drifts.append(np.abs(com - com[0]).max())
     assert drifts[0] < 5e-3
@@ -290,7 +317,8 @@ def test_no_force_acts_on_a_floating_base_unless_its_actuators_are_stated():
     b.body('arm', 'craft', axis=(0, 1, 0), at=(0.4, 0, 0),
            inertial=rod(2.0, (0, 0, 0), (0.4, 0, 0)))
     robot = Robot(b.model())
-    assert TrajectoryOptimizer(robot, nodes=1).torque_limits.tolist() == [0.0] * 6 + [np.inf]
+    assert TrajectoryOptimizer(robot, nodes=1).torque_limits.tolist() == [0.0] * 6 + [
+        np.inf]
     pushed = TrajectoryOptimizer(robot, nodes=1, torque_limits=3.0)
     assert pushed.torque_limits.tolist() == [3.0] * 7
     problem = TrajectoryOptimizer(robot, nodes=10, interval=0.05)
@@ -299,14 +327,16 @@ def test_no_force_acts_on_a_floating_base_unless_its_actuators_are_stated():
     plan = problem.solve(start, np.zeros(robot.n))
     com = robot.center_of_mass(plan.q)
     assert (plan.tau[:, :6] == 0.0).all() and np.abs(plan.tau[:, 6]).max() > 0.1
-    # No external force acts. The step, of first order, moves the center of mass a little.
+    # No external force acts. The step, of first order, moves the center of mass a
+    # little.
     assert np.abs(com - com[0]).max() < 0.1 * np.abs(plan.q[-1, :3]).max()
 
 
 def test_a_body_without_actuators_is_refused():
     b = ModelBuilder('craft', gravity=(0, 0, 0))
     b.body('craft', kind='free', inertial=box(8.0, (0.6, 0.4, 0.3)))
-    with pytest.raises(InputError, match=r'no actuator but craft/x.*expected actuated joints'):
+    with pytest.raises(InputError,
+                       match=r'no actuator but craft/x.*expected actuated joints'):
         TrajectoryOptimizer(Robot(b.model()))
     assert TrajectoryOptimizer(Robot(b.model()), nodes=1, torque_limits=5.0).nodes == 1
 
@@ -328,7 +358,8 @@ def test_a_sleigh_goes_to_its_target_and_never_across_its_runner():
 
 def test_a_predictive_controller_moves_a_four_bar_to_its_target():
     robot = four_bar('crank')
-    start, goal = at_angle(0.6), at_angle(1.4)
+    start = at_angle(0.6)
+    goal = at_angle(1.4)
     controller = PredictiveController(TrajectoryOptimizer(
         robot, nodes=20, interval=0.02, torque_limits=60.0))
     controller.set_target(goal)
@@ -340,8 +371,10 @@ def test_a_predictive_controller_moves_a_four_bar_to_its_target():
 
 def test_a_motion_of_the_crank_is_tracked_with_all_joints_and_its_torques():
     start = at_angle(0.6)
-    motion = Motion.from_points([0.0, 0.4, 0.8], [[0.6], [1.0], [0.7]], joint_names=('crank',))
-    robot = Robot(four_bar_model(), constraints=[PIN], independent=['crank'], configuration=start)
+    motion = Motion.from_points([0.0, 0.4, 0.8], [[0.6], [1.0], [0.7]],
+                                joint_names=('crank',))
+    robot = Robot(four_bar_model(), constraints=[PIN], independent=['crank'],
+                  configuration=start)
     problem = TrajectoryOptimizer(robot, nodes=400, interval=0.002, weights=CostWeights(
         position=1e4, torque=1e-3))
     problem.set_target(motion)
@@ -359,27 +392,32 @@ def test_a_motion_of_the_crank_is_tracked_with_all_joints_and_its_torques():
 
 def test_a_predictive_controller_keeps_the_time_of_functions_of_time():
     this = case('time-dependent')
-    robot, t = this.robot, this.time
+    robot = this.robot
+    t = this.time
     problem = TrajectoryOptimizer(robot, nodes=10, interval=0.02)
     controller = PredictiveController(problem)
-    wanted = this.q.copy()
-    controller.set_target(wanted, t)
-    wanted[:] = np.nan  # the controller keeps its own
-    q, u = this.q, 0.0 * this.u
+    desired = this.q.copy()
+    controller.set_target(desired, t)
+    desired[:] = np.nan  # the controller keeps its own
+    q = this.q
+    u = 0.0 * this.u
     for _ in range(150):
         tau = np.zeros(robot.model.n)
         tau[[robot.joint_names.index(name) for name in problem.actuator_names]] = (
             controller.torque(q, u, 0.01))
         path = simulate(robot, q, u, 0.01, step=0.005, t0=t,
                         torque=robot.generalized_force(tau, q, t=t))
-        q, u, t = path.q[-1], path.u[-1], t + 0.01
+        q = path.q[-1]
+        u = path.u[-1]
+        t = t + 0.01
     free = robot.joint_names.index('upper')
     assert abs(q[free] - this.q[free]) < 0.02
     assert abs(q[1 - free] - 0.3 * np.sin(2.0 * t)) < 1e-9
 
 
 def test_bad_arguments_of_mechanisms_are_named():
-    robot, q = four_bar('crank'), at_angle(0.6)
+    robot = four_bar('crank')
+    q = at_angle(0.6)
     with pytest.raises(InputError, match=r'torque_limits.*expected one number, or 1'):
         TrajectoryOptimizer(robot, torque_limits=[1.0, 2.0, 3.0])
     with pytest.raises(InputError, match='robot: a str; expected a Robot'):

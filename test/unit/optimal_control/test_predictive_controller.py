@@ -1,4 +1,4 @@
-"""Predictive control: targets are reached, without offset, and every finite state has a torque."""
+"""Predictive control: targets reached without offset; every state has a torque."""
 
 from dataclasses import replace
 from functools import cache
@@ -11,9 +11,12 @@ from kane_dynamics.optimal_control import (CostWeights, PredictiveController,
 import numpy as np
 import pytest
 
-CYCLE, INTERVAL, NODES = 0.004, 0.02, 15
+CYCLE = 0.004
+INTERVAL = 0.02
+NODES = 15
 FRICTION = {'friction': 3.0, 'friction_speed': 0.05, 'damping': 1.0}
-START, GOAL = np.array([0.2, 0.4]), np.array([0.8, -0.4])
+START = np.array([0.2, 0.4])
+GOAL = np.array([0.8, -0.4])
 LIMITS = np.array([60.0, 20.0])
 
 
@@ -26,7 +29,7 @@ def arm(friction=True):
 
 
 def controlled(robot, target, seconds, **weights):
-    """Return the trajectory of the arm with friction, and the controller with this model."""
+    """Return the arm's trajectory with friction, and this model's controller."""
     controller = PredictiveController(TrajectoryOptimizer(
         robot, nodes=NODES, interval=INTERVAL, torque_limits=LIMITS, speed_limits=4.0,
         weights=CostWeights(**weights)))
@@ -59,24 +62,27 @@ def test_friction_in_the_model_tracks_better_on_the_arm_with_friction():
 
 def test_a_new_target_counts_in_the_next_cycle():
     path, controller = controlled(arm(), START, 0.1)
-    before = controller.torque(path.q[-1], path.u[-1], CYCLE)
+    torque_before = controller.torque(path.q[-1], path.u[-1], CYCLE)
     controller.set_target(GOAL)
-    assert np.abs(controller.torque(path.q[-1], path.u[-1], CYCLE) - before).max() > 1.0
+    assert np.abs(
+        controller.torque(path.q[-1], path.u[-1], CYCLE) - torque_before).max() > 1.0
 
 
 @cache
 def swing_up(kind):
     """Return the optimizer of a double pendulum, acrobot or pendubot, or of an arm."""
     if kind in ('fr3', 'ur10e'):
-        return TrajectoryOptimizer(Robot(load_urdf(resource_path('urdf', f'{kind}.urdf'),
-                                                   tip=TIPS[kind])), nodes=30, interval=0.02)
+        return TrajectoryOptimizer(
+            Robot(load_urdf(resource_path('urdf', f'{kind}.urdf'), tip=TIPS[kind])),
+            nodes=30, interval=0.02)
     b = ModelBuilder(kind)
     b.body('upper', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (0, 0, -1)))
     b.body('lower', 'upper', at=(0, 0, -1), axis=(0, 1, 0),
            inertial=rod(1.0, (0, 0, 0), (0, 0, -1)))
     limits = {'acrobot': [0.0, 20.0], 'pendubot': [20.0, 0.0]}[kind]
     weights = CostWeights(position=1.0, speed=0.1, end_position=1000.0, end_speed=100.0)
-    return TrajectoryOptimizer(Robot(b.model()), nodes=150, interval=0.02, weights=weights,
+    return TrajectoryOptimizer(Robot(b.model()),
+                               nodes=150, interval=0.02, weights=weights,
                                torque_limits=limits, speed_limits=np.inf)
 
 
@@ -84,9 +90,11 @@ TIPS = {'fr3': 'fr3_link7', 'ur10e': 'tool0'}
 
 
 def torques_from_random_states(kind, starts, cycles, fastest=2.0):
-    """Return the share of cycles with a plan; assert that all torques are within their limits."""
-    problem, feasible = swing_up(kind), []
-    n, m = problem.robot.n, len(problem.actuator_names)
+    """Return the share of cycles with a plan; assert that torques keep limits."""
+    problem = swing_up(kind)
+    feasible = []
+    n = problem.robot.n
+    m = len(problem.actuator_names)
     for seed in range(starts):
         rng = np.random.default_rng(seed)
         controller = PredictiveController(problem, disturbance_gain=20.0 * (seed % 2))
@@ -101,21 +109,25 @@ def torques_from_random_states(kind, starts, cycles, fastest=2.0):
             tau = controller.torque(q, u, 0.004)
             assert (np.abs(tau) <= problem.torque_limits).all(), (kind, seed, cycle)
             feasible.append(controller.solution.feasible)
-            q, u = q + 0.004 * u, u + rng.normal(0.0, 0.05, n)
+            q = q + 0.004 * u
+            u = u + rng.normal(0.0, 0.05, n)
     return np.mean(feasible)
 
 
-@pytest.mark.parametrize(('kind', 'starts'), [('acrobot', 20), ('pendubot', 20), ('fr3', 3),
-                                              ('ur10e', 3)])
+@pytest.mark.parametrize(('kind', 'starts'),
+                         [('acrobot', 20), ('pendubot', 20), ('fr3', 3),
+                          ('ur10e', 3)])
 def test_every_finite_state_has_a_torque(kind, starts):
-    assert 0.1 < torques_from_random_states(kind, starts, 10) < 1.0, 'both cases must occur'
+    assert 0.1 < torques_from_random_states(
+        kind, starts, 10) < 1.0, 'both cases must occur'
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize('kind', ['acrobot', 'pendubot', 'fr3', 'ur10e'])
 def test_every_one_of_a_thousand_finite_states_has_a_torque(kind):
-    assert 0.1 < torques_from_random_states(kind, 1000, 10) < 1.0, 'both cases must occur'
+    assert 0.1 < torques_from_random_states(
+        kind, 1000, 10) < 1.0, 'both cases must occur'
 
 
 def test_without_a_plan_the_last_one_moves_in_time_and_is_marked_infeasible():
@@ -152,7 +164,8 @@ def test_a_target_in_degrees_is_warned_of_and_a_robot_is_no_optimizer():
     problem = TrajectoryOptimizer(arm(), nodes=5)
     with pytest.warns(ModelWarning, match='target: .*degrees'):
         problem.set_target([90.0, 45.0])
-    with pytest.raises(InputError, match='optimizer: a Robot; expected a TrajectoryOptimizer'):
+    with pytest.raises(InputError,
+                       match='optimizer: a Robot; expected a TrajectoryOptimizer'):
         PredictiveController(arm())
 
 
@@ -161,7 +174,8 @@ def test_a_first_state_without_a_plan_has_the_torques_of_gravity():
     controller = PredictiveController(problem)
     controller.set_target([np.pi, 0.0])
     q = [0.3, 0.4]
-    held = np.clip(problem.holding_torques(q), -problem.torque_limits, problem.torque_limits)
+    held = np.clip(problem.holding_torques(q), -problem.torque_limits,
+                   problem.torque_limits)
     assert (controller.torque(q, [1e150, 0.0], 0.02) == held).all()
     assert not controller.solution.feasible and controller.solution.cost == np.inf
 
@@ -184,12 +198,13 @@ def test_numbers_that_are_not_finite_change_nothing():
     controller = PredictiveController(swing_up('acrobot'), disturbance_gain=20.0)
     controller.set_target([np.pi, 0.0])
     controller.torque([0.0, 0.1], [0.0, 0.0], 0.02)
-    before = controller.solution
-    for q, u, elapsed in (([np.nan, 0.0], [0.0, 0.0], 0.02), ([0.0, 0.0], [np.inf, 0.0], 0.02),
+    solution_before = controller.solution
+    for q, u, elapsed in (([np.nan, 0.0], [0.0, 0.0], 0.02),
+                          ([0.0, 0.0], [np.inf, 0.0], 0.02),
                           ([0.0, 0.0], [0.0, 0.0], np.nan)):
         with pytest.raises(InputError):
             controller.torque(q, u, elapsed)
-        assert controller.solution is before
+        assert controller.solution is solution_before
     with pytest.raises(InputError, match='disturbance_gain: -1'):
         PredictiveController(swing_up('acrobot'), disturbance_gain=-1.0)
 
@@ -198,7 +213,7 @@ ERRORS = {'mass': 'masses and inertias 10 % larger', 'payload': '2 kg in the han
 
 
 def end_error(name, error, gain):
-    """Return the distance from the target, rad, of an arm that differs from its model."""
+    """Return the distance from the target, rad, of an arm unlike its model."""
     model = load_urdf(resource_path('urdf', f'{name}.urdf'), tip=TIPS[name])
     arm = Robot(model, payload_frame=TIPS[name])
     if error == 'mass':
@@ -207,7 +222,8 @@ def end_error(name, error, gain):
                                            inertia=1.1 * body.inertial.inertia))
             for body in model.bodies)))
     else:
-        arm.parameters.payload = Inertial(2.0, np.array([0.0, 0.0, 0.1]), np.zeros((3, 3)))
+        arm.parameters.payload = Inertial(2.0, np.array([0.0, 0.0, 0.1]),
+                                          np.zeros((3, 3)))
     start = {'fr3': [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785],
              'ur10e': [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]}[name]
     target = np.array(start) + [0.8, 0.4, -0.4, 0.4, 0.4, 0.4, -0.6][:arm.n]

@@ -4,8 +4,8 @@ from functools import cache
 
 from kane_dynamics import box, InputError, load_urdf, ModelBuilder, Motion, Robot, rod
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.mechanics.integrators.implicit_friction import (implicit_friction_slopes,
-                                                                   implicit_friction_step)
+from kane_dynamics.mechanics.integrators.implicit_friction import (
+    implicit_friction_slopes, implicit_friction_step)
 from kane_dynamics.optimal_control import CostWeights, TrajectoryOptimizer
 from kane_dynamics.optimal_control.backward_step import limited_minimum
 from kane_dynamics.optimal_control.horizon import cost_slopes, HorizonLimits
@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear, minimize
 
-NODES, INTERVAL = 12, 0.02
+NODES = 12
+INTERVAL = 0.02
 GOAL = np.array([0.7, -0.5])
 FRICTION = {'friction': 1.0, 'friction_speed': 0.05, 'damping': 0.5}
 
@@ -29,20 +30,25 @@ def arm(friction=True):
 
 def optimizer(robot, **options):
     """Return an optimizer that is to reach `GOAL`."""
-    made = TrajectoryOptimizer(robot, **{
+    problem = TrajectoryOptimizer(robot, **{
         'nodes': NODES, 'interval': INTERVAL, 'torque_limits': [30.0, 8.0],
-        'speed_limits': [3.0, 3.0], 'weights': CostWeights(excess_speed=50.0), **options})
-    made.set_target(GOAL)
-    return made
+        'speed_limits': [3.0, 3.0], 'weights': CostWeights(excess_speed=50.0),
+        **options})
+    problem.set_target(GOAL)
+    return problem
 
 
 def gradient(problem, solution):
-    """Return the derivative of the cost by all torques, (N, n), from the last to the first."""
-    robot, arrays, h = problem.robot, problem._arrays, problem.interval
-    n, limits = robot.n, HorizonLimits(-problem.torque_limits, problem.torque_limits,
-                                       problem.speed_limits,
-                                       np.full(robot.n, problem.weights.excess_speed))
-    found, v = np.zeros((problem.nodes, n)), np.zeros(2 * n)
+    """Return the cost's derivative by all torques, (N, n), last to first."""
+    robot = problem.robot
+    arrays = problem._arrays
+    h = problem.interval
+    n = robot.n
+    limits = HorizonLimits(-problem.torque_limits, problem.torque_limits,
+                           problem.speed_limits,
+                           np.full(robot.n, problem.weights.excess_speed))
+    slopes = np.zeros((problem.nodes, n))
+    v = np.zeros(2 * n)
     for i in reversed(range(problem.nodes)):
         x = np.concatenate([solution.q[i + 1], solution.u[i + 1]])
         away = np.concatenate([x, solution.tau[i]]) - arrays.targets[i]
@@ -52,9 +58,9 @@ def gradient(problem, solution):
             robot.parameters.block).astype(float)
         v = v + g[:2 * n].astype(float)
         w = v[n:] + h * v[:n]  # of the speed at the end
-        found[i] = h * w @ W + g[2 * n:].astype(float)
+        slopes[i] = h * w @ W + g[2 * n:].astype(float)
         v = np.concatenate([v[:n] + h * w @ A, w + h * w @ B])
-    return found
+    return slopes
 
 
 @pytest.mark.parametrize('friction', [True, False])
@@ -67,7 +73,8 @@ def test_the_gradient_of_the_total_cost_is_that_of_finite_differences(friction):
         problem.start(x.reshape(NODES, 2))
         return problem.solve([0.1, 0.4], [0.5, -1.0], iterations=0).cost
     cost(tau.ravel())
-    exact = gradient(problem, problem.solve([0.1, 0.4], [0.5, -1.0], iterations=0)).ravel()
+    exact = gradient(problem, problem.solve([0.1, 0.4], [0.5, -1.0],
+                                            iterations=0)).ravel()
     steps = 1e-5 * np.eye(2 * NODES)
     numeric = [(cost(tau.ravel() + e) - cost(tau.ravel() - e)) / 2e-5 for e in steps]
     np.testing.assert_allclose(exact, numeric, rtol=1e-5,
@@ -83,11 +90,14 @@ def test_the_result_is_that_of_an_independent_shooting_method():
     def total(x):
         problem.start(x.reshape(NODES, 2))
         return problem.solve([0.1, 0.4], [0.5, -1.0], iterations=0).cost
-    bounds = [(-most, most) for _ in range(NODES) for most in problem.torque_limits]
-    other = minimize(total, np.zeros(2 * NODES), bounds=bounds, method='L-BFGS-B',
-                     options={'maxfun': 40000, 'ftol': 1e-14, 'gtol': 1e-9})
-    assert solution.cost <= other.fun * (1.0 + 1e-6)
-    assert solution.cost == pytest.approx(other.fun, rel=1e-4)
+    bounds = []
+    for _ in range(NODES):
+        for limit in problem.torque_limits:
+            bounds.append((-limit, limit))
+    peer = minimize(total, np.zeros(2 * NODES), bounds=bounds, method='L-BFGS-B',
+                    options={'maxfun': 40000, 'ftol': 1e-14, 'gtol': 1e-9})
+    assert solution.cost <= peer.fun * (1.0 + 1e-6)
+    assert solution.cost == pytest.approx(peer.fun, rel=1e-4)
 
 
 def test_torques_keep_their_limits_exactly_and_are_optimal_there():
@@ -102,7 +112,8 @@ def test_torques_keep_their_limits_exactly_and_are_optimal_there():
     assert held.sum() >= 3, 'the limits must be active'
     slope = gradient(problem, solution)
     assert np.abs(slope[~held]).max() < 1e-5 * scale
-    assert (slope[held] * np.sign(solution.tau[held]) < 0.0).all(), 'the limits must hold them'
+    assert (slope[held] * np.sign(solution.tau[held])
+            < 0.0).all(), 'the limits must hold them'
 
 
 def test_speeds_exceed_their_limits_by_little():
@@ -120,25 +131,29 @@ def test_speeds_exceed_their_limits_by_little():
 
 
 def test_a_step_follows_its_equation_with_friction_at_its_end():
-    robot, h = arm(), 0.02
-    q, u, tau = np.array([0.3, -0.4]), np.array([0.6, -0.2]), np.array([9.0, -2.0])
-    after, speed = implicit_friction_step(robot.equations.tree, q, u, tau, h,
-                                          robot.parameters.block)
+    robot = arm()
+    h = 0.02
+    q = np.array([0.3, -0.4])
+    u = np.array([0.6, -0.2])
+    tau = np.array([9.0, -2.0])
+    state_after, speed = implicit_friction_step(robot.equations.tree, q, u, tau, h,
+                                                robot.parameters.block)
     smooth = Robot(robot.model, friction=False)
     needed = (smooth.inverse_dynamics(q, u, (np.array(speed, float) - u) / h)
               + robot.friction_force(np.array(speed, float)))
     np.testing.assert_allclose(needed, tau, atol=1e-2)
-    np.testing.assert_allclose(np.array(after, float), q + h * np.array(speed, float))
+    np.testing.assert_allclose(np.array(state_after, float),
+                               q + h * np.array(speed, float))
 
 
 def test_friction_stops_a_joint_without_reversing_it():
     robot = arm()
     held = robot.gravity_force([0.3, -0.4])
     for speed in (1e-3, 0.02, 0.1):
-        _, after = implicit_friction_step(robot.equations.tree, np.array([0.3, -0.4]),
-                                          np.array([0.0, speed]), held, 0.05,
-                                          robot.parameters.block)
-        assert -1e-3 < after[1] <= speed
+        _, speed_after = implicit_friction_step(
+            robot.equations.tree, np.array([0.3, -0.4]),
+            np.array([0.0, speed]), held, 0.05, robot.parameters.block)
+        assert -1e-3 < speed_after[1] <= speed
 
 
 @pytest.mark.parametrize(('condition', 'share'), [(10.0, 1.0), (1e3, 0.8)])
@@ -148,14 +163,17 @@ def test_the_quadratic_within_bounds_never_costs_more_than_no_change(condition, 
     for _ in range(40):
         basis, _ = np.linalg.qr(rng.normal(size=(7, 7)))
         Q = basis @ np.diag(np.geomspace(1.0, condition, 7)) @ basis.T
-        g, lower, upper = (2.0 * Q @ rng.normal(size=7), -rng.uniform(0.0, 2.0, 7),
-                           rng.uniform(0.0, 2.0, 7))
+        g = 2.0 * Q @ rng.normal(size=7)
+        lower = -rng.uniform(0.0, 2.0, 7)
+        upper = rng.uniform(0.0, 2.0, 7)
         k, _ = limited_minimum(Q, g, np.zeros((7, 14)), lower, upper)
         k = np.array(k, dtype=float)
         assert (lower <= k).all() and (k <= upper).all()
         C = np.linalg.cholesky(Q)
-        best = lsq_linear(C.T, -np.linalg.solve(C, g), bounds=(lower, upper), tol=1e-14).x
-        value, least = (g @ x + 0.5 * x @ Q @ x for x in (k, best))
+        best = lsq_linear(C.T, -np.linalg.solve(C,
+                                                g), bounds=(lower, upper), tol=1e-14).x
+        value = g @ k + 0.5 * k @ Q @ k
+        least = g @ best + 0.5 * best @ Q @ best
         assert value <= 0.0
         exact.append(value <= least + 1e-6 * abs(least))
     assert np.mean(exact) >= share, np.mean(exact)
@@ -188,7 +206,8 @@ def test_a_speed_limit_of_zero_holds_a_joint_at_rest_and_the_others_move():
 def test_derivatives_that_overflow_leave_torques_and_no_feedback():
     b = ModelBuilder('upright')
     b.body('rod', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (0, 0, 0.01)))
-    problem = TrajectoryOptimizer(Robot(b.model()), nodes=200, interval=0.1, torque_limits=0.0)
+    problem = TrajectoryOptimizer(Robot(b.model()),
+                                  nodes=200, interval=0.1, torque_limits=0.0)
     problem.set_target([0.1])
     for _ in range(2):
         solution = problem.solve([0.0], [0.0])
@@ -219,23 +238,26 @@ def test_an_acrobot_swings_up_though_its_torque_weighs_little(angles, cost):
 
 def test_bad_arguments_are_named():
     robot = arm()
-    for options, words in (({'nodes': 0}, 'nodes: 0'), ({'interval': -1.0}, 'interval: -1'),
-                           ({'torque_limits': [1.0]}, 'torque_limits'),
-                           ({'weights': CostWeights(torque=0.0)}, 'weights.torque'),
-                           ({'weights': CostWeights(speed=-1.0)}, 'weights.speed'),
-                           ({'weights': 3.0}, 'weights: a float; expected a CostWeights')):
+    for options, words in (
+            ({'nodes': 0}, 'nodes: 0'), ({'interval': -1.0}, 'interval: -1'),
+            ({'torque_limits': [1.0]}, 'torque_limits'),
+            ({'weights': CostWeights(torque=0.0)}, 'weights.torque'),
+            ({'weights': CostWeights(speed=-1.0)}, 'weights.speed'),
+            ({'weights': 3.0}, 'weights: a float; expected a CostWeights')):
         with pytest.raises(InputError, match=words):
             optimizer(robot, **options)
     problem = optimizer(robot)
     with pytest.raises(InputError, match='q of joint'):
         problem.solve([np.nan, 0.0], [0.0, 0.0])
     for elapsed in (-1.0, None, 'soon', np.nan):
-        with pytest.raises(InputError, match=r'elapsed: .*; expected a finite time >= 0'):
+        with pytest.raises(InputError,
+                           match=r'elapsed: .*; expected a finite time >= 0'):
             problem.shift(elapsed)
     for tolerance in (-1.0, None, np.nan):
         with pytest.raises(InputError, match=r'tolerance: .*; expected a number >= 0'):
             problem.solve([0.0, 0.0], [0.0, 0.0], tolerance=tolerance)
-    for tau, words in ((1.0, r'tau: shape \(\)'), ([], r'tau: shape \(0,\)'), (None, 'tau: shape'),
+    for tau, words in ((1.0, r'tau: shape \(\)'), ([], r'tau: shape \(0,\)'),
+                       (None, 'tau: shape'),
                        (np.zeros((2, 5, 2)), r'tau: shape \(2, 5, 2\)')):
         with pytest.raises(InputError, match=words):
             problem.start(tau)

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 
 from kane_dynamics import InputError, ModelBuilder, Robot, rod, simulate
 from kane_dynamics.analysis.power_balance import power_balance, unaccounted_energy
-from kane_dynamics.plot import (plot_demand, plot_energy, plot_phase, plot_reactions, plot_replay,
-                                plot_sweep, plot_timing, plot_torque_by_source, plot_tracking,
-                                plot_trajectory)
+from kane_dynamics.plot import (plot_demand, plot_energy, plot_phase, plot_reactions,
+                                plot_replay, plot_sweep, plot_timing,
+                                plot_torque_by_source, plot_tracking, plot_trajectory)
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.simulation.trajectory import Trajectory
 import matplotlib
@@ -22,7 +22,8 @@ NAMES = ('shoulder', 'elbow', 'slide')
 T = np.linspace(0.0, 2.0, 81)
 Q = np.sin(T[:, None] * [1.0, 2.0, 3.0])
 TERMS = np.stack([Q, -0.5 * Q, 1.0 + 0.0 * Q, 0.2 * Q, 0.0 * Q], axis=1)
-RUNS = {'PD only': (T, Q, Q + 0.02), 'PD + feedforward': (T[::2], Q[::2], Q[::2] - 0.0005)}
+RUNS = {'PD only': (T, Q, Q + 0.02),
+        'PD + feedforward': (T[::2], Q[::2], Q[::2] - 0.0005)}
 TRAJECTORY = SimpleNamespace(t=T, q=Q, u=Q, tau=Q, energy=np.stack([T, 3.0 - T], axis=1),
                              joint_names=NAMES, speed_names=NAMES)
 
@@ -38,8 +39,8 @@ def pushed_arm():
     """Return a motion of the robot under smooth torques."""
     def torque(t, q, u):
         return np.array([3.0, 5.0, -1.0]) * np.cos(4.0 * t)
-    return simulate(arm(), np.array([0.3, 0.1, -0.4]), np.zeros(3), 0.4, step=2e-3, torque=torque,
-                    sample=4e-3)
+    return simulate(arm(), np.array([0.3, 0.1, -0.4]), np.zeros(3), 0.4,
+                    step=2e-3, torque=torque, sample=4e-3)
 
 
 DEMAND = SimpleNamespace(t=T, u=Q, tau=3.0 * Q, power=3.0 * Q * Q, joint_names=NAMES,
@@ -47,15 +48,18 @@ DEMAND = SimpleNamespace(t=T, u=Q, tau=3.0 * Q, power=3.0 * Q * Q, joint_names=N
                                                 velocity=np.full(3, 2.0)),
                          power_limit=np.full(3, np.inf))
 TIMING = SimpleNamespace(
-    motion=SimpleNamespace(times=T), joint_names=NAMES, uses={'effort': np.abs(np.sin(Q))},
+    motion=SimpleNamespace(times=T), joint_names=NAMES,
+    uses={'effort': np.abs(np.sin(Q))},
     active=(SimpleNamespace(joint=NAMES[0], limit='effort', start=T[1], end=T[4]),))
 DRAWINGS = {
     'timing': lambda path=None: plot_timing(TIMING, path),
     'demand': lambda path=None: plot_demand(DEMAND, path, prismatic={'slide'}),
-    'trajectory': lambda path=None: plot_trajectory(TRAJECTORY, path, prismatic={'slide'}),
+    'trajectory': lambda path=None: plot_trajectory(TRAJECTORY, path,
+                                                    prismatic={'slide'}),
     'tracking': lambda path=None: plot_tracking(RUNS, NAMES, path, prismatic={'slide'},
                                                 sources=(T, TERMS)),
-    'replay': lambda path=None: plot_replay(T, Q, 0.9 * Q, NAMES, path, prismatic={'slide'}),
+    'replay': lambda path=None: plot_replay(T, Q, 0.9 * Q, NAMES, path,
+                                            prismatic={'slide'}),
     'sources': lambda path=None: plot_torque_by_source(arm(), pushed_arm(), path),
     'energy': lambda path=None: plot_energy(arm(), pushed_arm(), path),
     'reactions': lambda path=None: plot_reactions(arm(), pushed_arm(), path),
@@ -65,20 +69,21 @@ DRAWINGS = {
 
 @pytest.mark.parametrize('name', DRAWINGS)
 def test_writes_a_picture_and_leaves_the_users_style_alone(name, tmp_path):
-    before = dict(matplotlib.rcParams)
+    style_before = dict(matplotlib.rcParams)
     figure = DRAWINGS[name](tmp_path / 'picture.png')
     assert (tmp_path / 'picture.png').read_bytes().startswith(b'\x89PNG')
-    assert dict(matplotlib.rcParams) == before
+    assert dict(matplotlib.rcParams) == style_before
     assert all('[' in axes.get_ylabel() for axes in figure.axes)
-    assert figure.axes[-1].get_xlabel().startswith('Position [' if name == 'phase' else 'Time [s]')
+    assert figure.axes[-1].get_xlabel().startswith(
+        'Position [' if name == 'phase' else 'Time [s]')
 
 
 def test_units_follow_the_kind_of_joint():
     def labels(name):
         return [axes.get_ylabel() for axes in DRAWINGS[name]().axes]
     assert labels('tracking') == [
-        'shoulder\n[rad]', '[mrad]', '[N m]', 'elbow\n[rad]', '[mrad]', '[N m]', 'slide\n[m]',
-        '[mm]', '[N]']
+        'shoulder\n[rad]', '[mrad]', '[N m]', 'elbow\n[rad]', '[mrad]', '[N m]',
+        'slide\n[m]', '[mm]', '[N]']
     assert labels('trajectory')[0] == 'Position\n[rad, m]'
     assert [joint.kind for joint in arm().model.coordinate_joints] == [
         'prismatic' if label == '[N]' else 'revolute' for label in labels('sources')]
@@ -87,10 +92,13 @@ def test_units_follow_the_kind_of_joint():
 
 def test_demand_shows_the_limits_that_there_are():
     figure = DRAWINGS['demand']()
-    drawn = [[line.get_ydata()[0] for line in axes.lines[1:]] for axes in figure.axes]
+    drawn = []
+    for axes in figure.axes:
+        drawn.append([line.get_ydata()[0] for line in axes.lines[1:]])
     assert drawn == [[-2.0, 2.0], [-2.0, 2.0], [], [], [-2.0, 2.0], [],
                      [-5.0, 5.0], [-2.0, 2.0], []]
-    assert [axes.get_ylabel() for axes in figure.axes[6:]] == ['slide\n[N]', '[m/s]', '[W]']
+    assert [axes.get_ylabel() for axes in figure.axes[6:]] == [
+        'slide\n[N]', '[m/s]', '[W]']
 
 
 def test_tracking_states_the_rms_of_each_run():
@@ -105,7 +113,8 @@ def test_sources_are_stacked_away_from_zero_and_add_up_to_the_torque():
         total = axes.lines[0].get_ydata()
         np.testing.assert_allclose(total, motion.tau[:, i], atol=1e-10)
         heights = [c.get_paths()[0].get_extents() for c in axes.collections]
-        up, down = (sign(terms[:, :, i], 0.0).sum(axis=1) for sign in (np.maximum, np.minimum))
+        up = np.maximum(terms[:, :, i], 0.0).sum(axis=1)
+        down = np.minimum(terms[:, :, i], 0.0).sum(axis=1)
         assert max(h.y1 for h in heights) == pytest.approx(up.max())
         assert min(h.y0 for h in heights) == pytest.approx(down.min())
         np.testing.assert_allclose(up + down, total, atol=1e-10)
@@ -113,22 +122,25 @@ def test_sources_are_stacked_away_from_zero_and_add_up_to_the_torque():
 
 def test_sources_that_a_robot_lacks_are_not_in_the_legend():
     labels = [text.get_text() for text in DRAWINGS['tracking']().legends[0].get_texts()]
-    assert labels[-5:] == ['inertia', 'Coriolis, centrifugal', 'gravity', 'friction', 'sum']
+    assert labels[-5:] == ['inertia', 'Coriolis, centrifugal', 'gravity', 'friction',
+                           'sum']
 
 
 def test_energies_add_up_and_the_power_balances_to_rounding():
     motion = pushed_arm()
     energies, power, residual, _ = DRAWINGS['energy']().axes
-    lines = {line.get_label(): line.get_ydata() for line in (*energies.lines, *power.lines)}
+    lines = {line.get_label(): line.get_ydata()
+             for line in (*energies.lines, *power.lines)}
     np.testing.assert_allclose(lines['kinetic'] + lines['gravity'] + lines['springs'],
                                lines['total'], atol=1e-12)
     springs = sum(0.5 * joint.stiffness * (motion.q[:, i] - joint.rest) ** 2
                   for i, joint in enumerate(arm().model.coordinate_joints))
     np.testing.assert_allclose(lines['springs'], springs, rtol=1e-12)
-    np.testing.assert_allclose(lines['motors'], (motion.tau * motion.u).sum(axis=1), atol=1e-9)
-    assert np.abs(lines['rate of energy']).max() > 0.5
-    np.testing.assert_allclose(lines['motors'] + lines['friction'], lines['rate of energy'],
+    np.testing.assert_allclose(lines['motors'], (motion.tau * motion.u).sum(axis=1),
                                atol=1e-9)
+    assert np.abs(lines['rate of energy']).max() > 0.5
+    np.testing.assert_allclose(lines['motors'] + lines['friction'],
+                               lines['rate of energy'], atol=1e-9)
     assert np.abs(residual.lines[0].get_ydata()).max() < 1e-9
 
 
@@ -137,7 +149,8 @@ def test_a_balance_of_many_states_is_that_of_each():
     many = power_balance(arm(), motion.q, motion.u, motion.udot)
     for k in (0, 40):
         one = power_balance(arm(), motion.q[k], motion.u[k], motion.udot[k])
-        np.testing.assert_allclose(one, [power[k] for power in many], rtol=1e-9, atol=1e-10)
+        np.testing.assert_allclose(one, [power[k] for power in many],
+                                   rtol=1e-9, atol=1e-10)
 
 
 def test_a_motion_that_was_not_simulated_has_the_torques_and_energies_of_one_that_was():
@@ -158,8 +171,8 @@ def test_a_motion_without_an_order_in_time_is_refused(t, words):
 
 def test_unaccounted_energy_is_the_error_of_integration_of_fourth_order():
     def lost(step):
-        motion = simulate(arm(), np.array([0.3, 0.1, -0.4]), np.array([0.5, -0.5, 0.7]), 0.4,
-                          step=step, sample=step)
+        motion = simulate(arm(), np.array([0.3, 0.1, -0.4]), np.array([0.5, -0.5, 0.7]),
+                          0.4, step=step, sample=step)
         power = power_balance(arm(), motion.q, motion.u, motion.udot)
         return np.abs(unaccounted_energy(motion.t, motion.energy.sum(axis=1),
                                          power.joints - power.friction)).max()
@@ -174,7 +187,8 @@ def test_a_reactions_magnitude_is_that_of_its_components():
     expected = arm().joint_reactions(motion.q, motion.u, motion.udot)[:, 0]
     for axes, vector in zip(first, (expected[:, :3], expected[:, 3:]), strict=True):
         lines = {line.get_label(): line.get_ydata() for line in axes.lines}
-        np.testing.assert_array_equal(np.stack([lines[x] for x in 'xyz'], axis=1), vector)
+        np.testing.assert_array_equal(np.stack([lines[x] for x in 'xyz'], axis=1),
+                                      vector)
         np.testing.assert_allclose(lines['magnitude'], np.linalg.norm(vector, axis=1))
 
 
@@ -184,18 +198,18 @@ def test_phase_portraits_show_motion_and_limits():
         drawn = [line for line in axes.lines if line.get_label() == 'limit']
         ends = np.concatenate([np.unique(line.get_xydata()) for line in drawn])
         assert {limits.lower[i], limits.upper[i], limits.velocity[i]} <= set(ends)
-        np.testing.assert_array_equal(axes.lines[0].get_xydata(),
-                                      np.stack([pushed_arm().q[:, i], pushed_arm().u[:, i]],
-                                               axis=1))
+        np.testing.assert_array_equal(
+            axes.lines[0].get_xydata(),
+            np.stack([pushed_arm().q[:, i], pushed_arm().u[:, i]], axis=1))
 
 
 def test_a_motion_of_other_joints_is_refused():
     b = ModelBuilder('other')
     b.body('only', inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
-    other = Robot(b.model())
+    other_robot = Robot(b.model())
     for function in (plot_torque_by_source, plot_energy, plot_reactions, plot_phase):
         with pytest.raises(InputError, match=r"joint0.*; expected \['only'\]"):
-            function(other, pushed_arm())
+            function(other_robot, pushed_arm())
 
 
 def test_a_picture_of_an_unknown_format_is_refused():
@@ -215,7 +229,7 @@ def test_titles_name_the_robot_unless_another_is_given():
     assert plot_torque_by_source(arm(), pushed_arm(), title='x').get_suptitle() == 'x'
 
 
-def test_limits_of_torque_and_speed_are_drawn_where_a_joint_comes_near_and_else_written():
+def test_limits_of_torque_and_speed_are_drawn_where_a_joint_comes_near():
     limits = JointLimits(np.full(3, -3.0), np.full(3, 3.0), np.array([1.2, 5.0, np.inf]),
                          np.array([0.9, np.inf, 40.0]))
     figure = plot_trajectory(TRAJECTORY, limits=limits)
@@ -228,10 +242,15 @@ def test_limits_of_torque_and_speed_are_drawn_where_a_joint_comes_near_and_else_
     robot = copy.copy(arm())
     largest = np.abs(pushed_arm().tau).max(axis=0)
     unlimited = np.full(3, np.inf)
-    robot.limits = JointLimits(unlimited, unlimited, unlimited, largest * [1.5, 30.0, np.inf])
+    robot.limits = JointLimits(unlimited, unlimited, unlimited,
+                               largest * [1.5, 30.0, np.inf])
     panels = plot_torque_by_source(robot, pushed_arm()).axes
-    near = [line.get_ydata()[0] for line in panels[0].lines if line.get_label() == 'limit']
-    assert np.abs(near).tolist() == pytest.approx([1.5 * largest[0]] * len(near)) and near
+    near = []
+    for line in panels[0].lines:
+        if line.get_label() == 'limit':
+            near.append(line.get_ydata()[0])
+    assert np.abs(near).tolist() == pytest.approx([1.5 * largest[0]] * len(near))
+    assert near
     assert panels[1].get_title(loc='right') == f'limit ±{30.0 * largest[1]:g}'
     assert not panels[1].texts and not panels[2].get_title(loc='right')
 
@@ -239,14 +258,16 @@ def test_limits_of_torque_and_speed_are_drawn_where_a_joint_comes_near_and_else_
 def test_rounding_errors_are_a_line_at_zero_not_data():
     noise = 1e-17 * np.sin(50.0 * T)[:, None] * np.ones(3)
     still = SimpleNamespace(**{**vars(TRAJECTORY), 'q': noise, 'u': noise, 'tau': noise})
-    figures = [plot_trajectory(still), plot_tracking({'run': (T, 0.0 * Q, noise)}, NAMES),
+    figures = [plot_trajectory(still),
+               plot_tracking({'run': (T, 0.0 * Q, noise)}, NAMES),
                plot_replay(T, 5.0 * Q, 5.0 * Q + noise, NAMES)]
     for axes in (*figures[0].axes[:3], *figures[1].axes, *figures[2].axes[1::2]):
         low, high = axes.get_ylim()
         assert low < -1e-4 and high > 1e-4
     assert [text.get_text() for text in figures[1].axes[1].texts] == ['RMS', '0 mrad']
     small = plot_tracking({'run': (T, 0.0 * Q, 1e-7 * Q)}, NAMES)
-    assert small.axes[1].get_ylim()[1] < 2e-4, 'but what is small and no rounding is shown'
+    assert (small.axes[1].get_ylim()[1]
+            < 2e-4), 'but what is small and no rounding is shown'
 
 
 def test_joints_that_move_alike_are_all_seen():

@@ -1,4 +1,4 @@
-"""Sweeps: rows depend only on seed and index, match a reference, and are stored safely."""
+"""Sweeps: rows depend on seed and index, match a reference, are safe."""
 
 from dataclasses import replace
 from functools import cache
@@ -26,7 +26,8 @@ import pytest
 MODEL = random_model(11, 3, mimics=1)
 JOINTS = MODEL.joint_names
 PAYLOAD = {'frame': 'frame2', 'mass': {'uniform': [0.0, 3.0]},
-           'com': [0.0, {'normal': [0.1, 0.02]}, 0.3], 'gyration': {'loguniform': [0.01, 0.1]}}
+           'com': [0.0, {'normal': [0.1, 0.02]}, 0.3],
+           'gyration': {'loguniform': [0.01, 0.1]}}
 KINDS = ('computed_torque', 'gravity_compensation', 'none')
 
 
@@ -41,10 +42,12 @@ def sweep(**changes):
     """Return a sweep with random and grid values for all parameters."""
     return Sweep(MODEL, **{
         'samples': 30, 'seed': 7, 'duration': 0.04, 'step': 2e-3, 'payload': PAYLOAD,
-        'q0': {'each': {'uniform': [-0.5, 0.5]}}, 'u0': {JOINTS[1]: {'normal': [0.0, 0.3]}},
-        'friction': {'uniform': [0.5, 2.0]}, 'motion': motion(), 'chunk': 30, 'controller': {
+        'q0': {'each': {'uniform': [-0.5, 0.5]}},
+        'u0': {JOINTS[1]: {'normal': [0.0, 0.3]}}, 'friction': {'uniform': [0.5, 2.0]},
+        'motion': motion(), 'chunk': 30, 'controller': {
             'kind': {'choice': list(KINDS)}, 'kp': {'loguniform': [50.0, 500.0]},
-            'kd': [10.0, {'uniform': [10.0, 30.0]}, 20.0], 'known_payload': {'grid': [0.0, 1.0]}},
+            'kd': [10.0, {'uniform': [10.0, 30.0]}, 20.0],
+            'known_payload': {'grid': [0.0, 1.0]}},
         **changes})
 
 
@@ -52,8 +55,9 @@ def columns(given):
     """Return all rows of a sweep by column."""
     simulator = Simulator(given)
     chunks = [simulator.columns(chunk) for chunk in range(given.chunks)]
-    return {name: np.concatenate([np.array(chunk[name], dtype=object) for chunk in chunks])
-            for name in chunks[0]}
+    return {
+        name: np.concatenate([np.array(chunk[name], dtype=object) for chunk in chunks])
+        for name in chunks[0]}
 
 
 def same(a, b):
@@ -63,20 +67,26 @@ def same(a, b):
 
 
 def reference(given, row):
-    """Return the outcomes of a trial simulated in Python, with its payload in the model."""
+    """Return a trial's outcomes, simulated in Python with payload as model."""
     values = {name: x[0] for name, x in drawn(given, [row]).items()}
-    at = {name: of_joints({k: np.array([v]) for k, v in values.items()}, name, JOINTS)[0]
-          for name in ('q0', 'u0', 'friction', 'kp', 'kd')}
-    mass, second = values['payload.mass'], values['payload.mass'] * values['payload.gyration']**2
-    load = Inertial(mass, [values[f'payload.com_{x}'] for x in 'xyz'], second * np.eye(3))
+    at = {}
+    for name in ('q0', 'u0', 'friction', 'kp', 'kd'):
+        at[name] = of_joints({k: np.array([v])
+                              for k, v in values.items()}, name, JOINTS)[0]
+    mass = values['payload.mass']
+    second = values['payload.mass'] * values['payload.gyration']**2
+    load = Inertial(mass, [values[f'payload.com_{x}'] for x in 'xyz'],
+                    second * np.eye(3))
     factor = at['friction'][0]
     loaded = with_payload(MODEL, 'frame2', load)
     plant = Robot(replace(loaded, bodies=tuple(
         replace(body, joint=replace(body.joint, **{
             name: factor * getattr(body.joint, name)
-            for name in ('damping', 'friction', 'friction_offset')})) for body in loaded.bodies)))
+            for name in ('damping', 'friction', 'friction_offset')}))
+        for body in loaded.bodies)))
     nominal = Robot(loaded if values['known_payload'] else MODEL)
-    kind, n = KINDS[int(values['controller'])], MODEL.n
+    kind = KINDS[int(values['controller'])]
+    n = MODEL.n
 
     def law(q, u, wanted):
         if kind == 'none':
@@ -89,20 +99,25 @@ def reference(given, row):
                 + nominal.friction_force(u_d))
 
     def rates(x, wanted):
-        q, u = x[:n], x[n:2 * n]
+        q = x[:n]
+        u = x[n:2 * n]
         tau = law(q, u, wanted)
         error = wanted[:n] - q
         return np.concatenate([u, plant.forward_dynamics(q, u, tau),
                                [(tau - plant.friction_force(u)) @ u], error**2])
-    x, peak, energies = np.concatenate([at['q0'], at['u0'], np.zeros(n + 1)]), np.zeros(n), []
+    x = np.concatenate([at['q0'], at['u0'], np.zeros(n + 1)])
+    peak = np.zeros(n)
+    energies = []
     for k in range(given.steps):
         moments = [np.concatenate(given.motion.sample((k + half) * given.step))
                    for half in (0.0, 0.5, 1.0)]
-        energies.append(plant.kinetic_energy(x[:n], x[n:2 * n]) + plant.potential_energy(x[:n]))
+        energies.append(
+            plant.kinetic_energy(x[:n], x[n:2 * n]) + plant.potential_energy(x[:n]))
         peak = np.maximum(peak, np.abs(law(x[:n], x[n:2 * n], moments[0])))
         x = (runge_kutta_4(rates, x, moments, given.step) if given.integrator == 'rk4'
              else implicit(plant, law, x, moments, given.step))
-    energies.append(plant.kinetic_energy(x[:n], x[n:2 * n]) + plant.potential_energy(x[:n]))
+    energies.append(
+        plant.kinetic_energy(x[:n], x[n:2 * n]) + plant.potential_energy(x[:n]))
     return {'q': x[:n], 'u': x[n:2 * n], 'peak_torque': peak,
             'rms_error': np.sqrt(x[2 * n + 1:] / given.duration),
             'energy_drift': energies[-1] - energies[0] - x[2 * n]}, energies
@@ -110,7 +125,9 @@ def reference(given, row):
 
 def implicit(plant, law, x, moments, h):
     """Return the state of a trial after one implicit step."""
-    method, n, block = ImplicitStep(plant.equations), plant.n, plant.parameters.block
+    method = ImplicitStep(plant.equations)
+    n = plant.n
+    block = plant.parameters.block
     q, u, sums = np.split(x, [n, 2 * n])
 
     def stage(*arguments):
@@ -119,20 +136,22 @@ def implicit(plant, law, x, moments, h):
     def running(q, u, wanted):
         return np.array([(law(q, u, wanted) - plant.friction_force(u)) @ u,
                          *(wanted[:n] - q)**2])
-    *after, _ = method.step(stage, q, u, lambda q, u, k: law(q, u, moments[k]), h, ())
-    both = running(q, u, moments[0]) + running(*after, moments[2])
-    return np.concatenate([*after, sums + 0.5 * h * both])
+    *state_after, _ = method.step(stage, q, u, lambda q, u, k: law(q, u, moments[k]), h,
+                                  ())
+    both = running(q, u, moments[0]) + running(*state_after, moments[2])
+    return np.concatenate([*state_after, sums + 0.5 * h * both])
 
 
 @pytest.mark.parametrize('integrator', INTEGRATORS)
-def test_row_is_the_simulation_with_its_payload_friction_start_and_controller(integrator):
-    given = sweep(integrator=integrator)
-    rows = columns(given)
+def test_row_is_the_simulation_with_its_payload_friction_start_and_controller(
+        integrator):
+    trials = sweep(integrator=integrator)
+    rows = columns(trials)
     assert rows['ok'].all() and rows['index'].tolist() == list(range(30))
     pairs = list(zip(rows['controller'], rows['known_payload']))
     assert len(set(pairs)) == 6
     for row in map(pairs.index, sorted(set(pairs) - {('none', 1.0)})):
-        expected, energies = reference(given, row)
+        expected, energies = reference(trials, row)
         for name in ('q', 'u', 'peak_torque', 'rms_error'):
             got = np.array([rows[f'{name}.{joint}'][row] for joint in JOINTS])
             np.testing.assert_allclose(got, expected[name], rtol=1e-9, atol=1e-10)
@@ -148,8 +167,8 @@ def test_row_depends_only_on_seed_and_index(monkeypatch):
     monkeypatch.setenv(threads.VARIABLE, '3')
     monkeypatch.setattr(threads, 'THREAD_WORK', 1e-12)
     assert same(columns(sweep()), whole)
-    other = columns(sweep(seed=8))
-    assert not (other['payload.mass'] == whole['payload.mass']).any()
+    other_rows = columns(sweep(seed=8))
+    assert not (other_rows['payload.mass'] == whole['payload.mass']).any()
 
 
 def test_draws_follow_their_distributions():
@@ -158,7 +177,9 @@ def test_draws_follow_their_distributions():
     mass, com, k = (values[f'payload.{x}'] for x in ('mass', 'com_y', 'gyration'))
     assert mass.min() >= 0.0 and mass.max() <= 3.0 and abs(mass.mean() - 1.5) < 0.05
     assert abs(com.mean() - 0.1) < 2e-3 and abs(com.std() - 0.02) < 1e-3
-    assert abs(np.log10(k).mean() + 1.5) < 0.02 and k.min() > 0.00999 and k.max() < 0.10001
+    assert abs(np.log10(k).mean() + 1.5) < 0.02
+    assert k.min() > 0.00999
+    assert k.max() < 0.10001
     assert np.abs(np.bincount(values['controller'].astype(int)) - 4000 / 3).max() < 150
     starts = of_joints(values, 'q0', JOINTS)
     assert np.abs(np.corrcoef([*starts.T, mass, com]) - np.eye(5)).max() < 0.06
@@ -177,22 +198,25 @@ def test_diverged_trial_has_an_error_and_does_not_affect_others():
         kd, {'uniform': [10.0, 30.0]}, 20.0]})) for kd in (10.0, {'grid': [10.0, 1e9]}))
     lost = wild[f'kd.{JOINTS[0]}'] > 10.0
     assert lost.sum() == 15 and (wild['ok'] == ~lost).all()
-    assert all('diverged (non-finite state) before 0.0' in text for text in wild['error'][lost])
+    assert all('diverged (non-finite state) before 0.0' in text
+               for text in wild['error'][lost])
     assert np.isnan(wild['energy_drift'][lost].astype(float)).all()
     assert same({name: x[~lost] for name, x in wild.items()},
                 {name: x[~lost] for name, x in calm.items()})
 
 
 def test_exceeded_limits_are_reported():
-    still = sweep(samples=1, chunk=1, controller='none', motion=None, payload=None, duration=2e-3,
-                  u0=None, q0=[joint.limits.upper + 0.1 for joint in MODEL.coordinate_joints])
+    still = sweep(
+        samples=1, chunk=1, controller='none', motion=None, payload=None, duration=2e-3,
+        u0=None, q0=[joint.limits.upper + 0.1 for joint in MODEL.coordinate_joints])
     row = Simulator(still).columns(0)
     assert row['limits'] == ['; '.join(f'{joint} upper' for joint in JOINTS)]
     assert row['limit_events'].tolist() == [3]
-    rows, effort = columns(sweep()), Robot(MODEL).limits.effort
-    for joint, most in zip(JOINTS, effort):
+    rows = columns(sweep())
+    effort = Robot(MODEL).limits.effort
+    for joint, limit in zip(JOINTS, effort):
         told = [f'{joint} effort' in text.split('; ') for text in rows['limits']]
-        assert told == (rows[f'peak_torque.{joint}'] > most).tolist()
+        assert told == (rows[f'peak_torque.{joint}'] > limit).tolist()
         assert any(told) and not all(told)
 
 
@@ -202,10 +226,12 @@ def parts(folder):
 
 
 def test_run_computes_missing_and_damaged_parts_only(tmp_path):
-    given, folder = sweep(chunk=7), tmp_path / 'table'
-    done = run_sweep(given, folder, workers=1)
+    trials = sweep(chunk=7)
+    folder = tmp_path / 'table'
+    done = run_sweep(trials, folder, workers=1)
     assert (done.found, done.made, done.failed) == (0, 30, 0)
-    whole, files = read_table(folder), [part.read_bytes() for part in parts(folder)]
+    whole = read_table(folder)
+    files = [part.read_bytes() for part in parts(folder)]
     assert whole['index'].to_pylist() == list(range(30)) and len(files) == 5
     first, second, third, fourth, _ = parts(folder)
     first.unlink()
@@ -213,20 +239,20 @@ def test_run_computes_missing_and_damaged_parts_only(tmp_path):
     middle = files[2].index(np.float64(whole['payload.mass'][15].as_py()).tobytes())
     third.write_bytes(files[2][:middle] + b'\0' + files[2][middle + 1:])
     os.replace(fourth, folder / f'.{fourth.name}.partial')
-    done = run_sweep(given, folder, workers=1)
+    done = run_sweep(trials, folder, workers=1)
     assert (done.found, done.made) == (2, 28)
     assert read_table(folder).equals(whole)
     assert [part.read_bytes() for part in parts(folder)] == files
     assert not list(folder.glob('.*'))
-    assert run_sweep(given, folder, workers=1).made == 0
+    assert run_sweep(trials, folder, workers=1).made == 0
 
 
 def test_part_of_another_chunk_is_computed_again(tmp_path):
-    given = sweep(chunk=10)
-    run_sweep(given, tmp_path, workers=1)
+    trials = sweep(chunk=10)
+    run_sweep(trials, tmp_path, workers=1)
     first, second, _ = parts(tmp_path)
     second.write_bytes(first.read_bytes())
-    assert run_sweep(given, tmp_path, workers=1).made == 10
+    assert run_sweep(trials, tmp_path, workers=1).made == 10
     assert read_table(tmp_path)['index'].to_pylist() == list(range(30))
 
 
@@ -245,7 +271,8 @@ def test_a_folder_of_another_sweep_is_refused_by_name(tmp_path, change, word):
 
 def test_folder_with_other_content_is_rejected_and_unchanged(tmp_path):
     (tmp_path / 'thesis.tex').write_text('...')
-    with pytest.raises(InputError, match=r": holds 'thesis\.tex' and no sweep; expected"):
+    with pytest.raises(InputError,
+                       match=r": holds 'thesis\.tex' and no sweep; expected"):
         run_sweep(sweep(), tmp_path, workers=1)
     with pytest.raises(InputError, match='expected the folder of a sweep'):
         read_table(tmp_path)
@@ -258,12 +285,15 @@ def test_second_writer_of_a_folder_is_rejected(tmp_path):
 
 
 def test_outcomes_of_failed_trials_are_null(tmp_path):
-    given = sweep(samples=2, chunk=2, controller={
+    trials = sweep(samples=2, chunk=2, controller={
         'kind': 'computed_torque', 'kp': 100.0, 'kd': {'grid': [20.0, 1e9]}})
-    assert run_sweep(given, tmp_path, workers=1).failed == 1
+    assert run_sweep(trials, tmp_path, workers=1).failed == 1
     good, bad = read_table(tmp_path).to_pylist()
-    outcomes = [name for name in good if name.partition('.')[0] in (
-        'q', 'u', 'peak_torque', 'rms_error', 'energy_drift', 'limit_events', 'limits')]
+    outcomes = []
+    for name in good:
+        if name.partition('.')[0] in ('q', 'u', 'peak_torque', 'rms_error',
+                                      'energy_drift', 'limit_events', 'limits'):
+            outcomes.append(name)
     assert len(outcomes) == 15 and good['ok'] and good['error'] is None and not bad['ok']
     assert all(good[name] is not None and bad[name] is None for name in outcomes)
 
@@ -286,15 +316,19 @@ def test_workers_that_die_repeatedly_are_an_error(monkeypatch, tmp_path):
     ({'seed': -1}, 'seed: -1; expected'),
     ({'duration': 0.0011}, 'expected a whole number of steps'),
     ({'integrator': 'euler'}, "integrator: 'euler'; expected one of rk4, implicit"),
-    ({'friction': {'uniform': [2, 1]}}, r'friction: uniform: \[2.0, 1.0\]; expected \[low, high'),
-    ({'friction': {'normal': [1, 1]}}, 'friction: normal, which includes negative values; exp'),
+    ({'friction': {'uniform': [2, 1]}},
+     r'friction: uniform: \[2.0, 1.0\]; expected \[low, high'),
+    ({'friction': {'normal': [1, 1]}},
+     'friction: normal, which includes negative values; exp'),
     ({'friction': -1.0}, 'friction: -1.0; expected a finite number >= 0'),
     ({'q0': {'elbow': 1.0}}, "q0: no joint 'elbow'; expected joint0"),
     ({'q0': [0.0]}, 'q0: 1 entries; expected 3, in the order joint0'),
-    ({'q0': {'uniform': [0, 1], 'normal': [0, 1]}}, 'q0: .*; expected a number, or a mapping'),
+    ({'q0': {'uniform': [0, 1], 'normal': [0, 1]}},
+     'q0: .*; expected a number, or a mapping'),
     ({'q0': float('nan')}, 'q0: nan; expected a finite number'),
     ({'payload': {'mass': 1.0}}, 'expected frame and mass'),
-    ({'payload': {'frame': 'hand', 'mass': 1.0}}, "no frame 'hand'; expected one of base"),
+    ({'payload': {'frame': 'hand', 'mass': 1.0}},
+     "no frame 'hand'; expected one of base"),
     ({'payload': {**PAYLOAD, 'com': 0.1}}, 'payload.com: 0.1; expected three values'),
     ({'payload': {**PAYLOAD, 'weight': 1}},
      "payload: unknown key 'weight'; expected one of frame"),
@@ -303,7 +337,8 @@ def test_workers_that_die_repeatedly_are_an_error(monkeypatch, tmp_path):
     ({'controller': {'kind': {'uniform': [0, 1]}}}, 'expected one of computed_torque'),
     ({'controller': {'kind': 'none', 'ki': 1}}, "controller: unknown key 'ki'"),
     ({'controller': {'kp': 100.0}}, 'kp, which none with a payload does not use'),
-    ({'payload': None}, 'known_payload, which .* without a payload does not use; expected no'),
+    ({'payload': None},
+     'known_payload, which .* without a payload does not use; expected no'),
     ({'friction': {'grid': [1, 2, 3, 4]}},
      'samples: 30 for 8 combinations of the grids; expected a multiple of 8'),
     ({'motion': Motion.from_points([0.0], [[0.0]], joint_names=['x'])},
@@ -324,17 +359,18 @@ def test_a_worker_of_another_version_is_refused(monkeypatch, tmp_path):
 
 def test_missing_package_is_named_with_its_extra(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, 'pyarrow', None)
-    with pytest.raises(InputError, match=r"'pyarrow' is not installed.*'kane_dynamics\[sweep\]'"):
+    with pytest.raises(InputError,
+                       match=r"'pyarrow' is not installed.*'kane_dynamics\[sweep\]'"):
         run_sweep(sweep(), tmp_path / 'table', workers=1)
     assert not (tmp_path / 'table').exists()
 
 
 def test_folder_contains_the_description_of_its_rows(tmp_path):
-    given = sweep()
-    with SweepTable(given, tmp_path).opened() as finished:
+    trials = sweep()
+    with SweepTable(trials, tmp_path).opened() as finished:
         assert finished == set()
     told = json.loads((tmp_path / '_sweep.json').read_text())
-    assert told['digest'] == given.digest and told['seed'] == 7
+    assert told['digest'] == trials.digest and told['seed'] == 7
     assert told['values']['friction'] == ['uniform', 0.5, 2.0]
 
 
@@ -354,14 +390,16 @@ def test_a_sweep_chooses_the_integrator_of_simulate(tmp_path):
     b.body('rotor', axis=(0, 0, 1), inertial=disc(0.1, 0.05), damping=5.0)
     robot = Robot(b.model())
     chosen = Sweep(robot, 2, duration=0.1, step=1e-3, u0=1.0)
-    with pytest.warns(ModelWarning, match=r"integrator 'implicit' is used: a step of 0\.001 s"):
+    with pytest.warns(ModelWarning,
+                      match=r"integrator 'implicit' is used: a step of 0\.001 s"):
         run_sweep(chosen, tmp_path / 'chosen', workers=1)
-    given = Sweep(robot, 2, duration=0.1, step=1e-3, u0=1.0, integrator='implicit')
-    run_sweep(given, tmp_path / 'given', workers=1)
+    trials = Sweep(robot, 2, duration=0.1, step=1e-3, u0=1.0, integrator='implicit')
+    run_sweep(trials, tmp_path / 'given', workers=1)
     for quantity in ('q.rotor', 'u.rotor'):
         np.testing.assert_array_equal(*(read_table(tmp_path / name)[quantity].to_numpy()
                                         for name in ('chosen', 'given')))
     with pytest.warns(ModelWarning, match='too long'):
         run_sweep(Sweep(robot, 2, duration=0.1, step=1e-3, u0=1.0, integrator='rk4'),
                   tmp_path / 'rk4', workers=1)
-    assert Simulator(Sweep(robot, 2, duration=0.1, step=1e-6, u0=1.0)).integrator == 'rk4'
+    assert Simulator(Sweep(robot, 2, duration=0.1, step=1e-6,
+                           u0=1.0)).integrator == 'rk4'

@@ -1,4 +1,4 @@
-"""Two coupled arms in simulation: contact is felt, nothing jumps, a lost side is harmless."""
+"""Two coupled arms: contact is felt, nothing jumps, a lost side is safe."""
 
 import copy
 from functools import cache
@@ -6,9 +6,9 @@ import math
 import pickle
 import re
 
-from kane_dynamics import (ArmCoupling, InputError, JointImpedance, load_urdf, ModelBuilder,
-                           MomentumObserver, PartnerState, Prescribed, Robot, rod, Terms,
-                           with_tool)
+from kane_dynamics import (ArmCoupling, InputError, JointImpedance, load_urdf,
+                           ModelBuilder, MomentumObserver, PartnerState, Prescribed,
+                           Robot, rod, Terms, with_tool)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.model.model import Inertial
 from linkages import five_bar, five_bar_at
@@ -36,14 +36,19 @@ def fr3(tool=0.0):
 class Side:
     """A simulated arm with its coupling and its observer."""
 
-    def __init__(self, robot, q=HOME, *, load=lambda t, q, u: 0.0 * q, resolution=0.0, **settings):
-        self.robot, self.load, self.resolution = robot, load, resolution
+    def __init__(self, robot, q=HOME, *, load=lambda t, q, u: 0.0 * q, resolution=0.0,
+                 **settings):
+        self.robot = robot
+        self.load = load
+        self.resolution = resolution
         self.q, self.u = np.array(q), np.zeros(robot.n)
         self.coupling = ArmCoupling(robot, **{'stiffness': STIFFNESS, 'damping': DAMPING}
                                     | settings)
         self.observer = MomentumObserver(robot, gain=100.0, held=True)
         self.tau = None
-        self.torques, self.positions, self.loads = [], [], []
+        self.torques = []
+        self.positions = []
+        self.loads = []
 
     def state(self, t):
         """Return what the partner receives."""
@@ -62,7 +67,8 @@ class Side:
         self.positions.append(self.q)
         self.loads.append(load)
         # Semi-implicit Euler: the step is short, and the tests judge the arms at rest.
-        self.u = self.u + STEP * self.robot.forward_dynamics(self.q, self.u, self.tau + load)
+        self.u = self.u + STEP * self.robot.forward_dynamics(self.q, self.u,
+                                                             self.tau + load)
         self.q = self.q + STEP * self.u
 
 
@@ -81,8 +87,8 @@ def coupled(leader, follower, duration, *, begin=0.0, delay=1, lost=math.inf):
 
 
 def engaged(leader, follower):
-    for side, other in ((leader, follower), (follower, leader)):
-        side.coupling.engage(side.q, other.state(0.0))
+    for side, partner in ((leader, follower), (follower, leader)):
+        side.coupling.engage(side.q, partner.state(0.0))
 
 
 GRASP = np.array([150.0, 150.0, 150.0, 150.0, 20.0, 20.0, 20.0])  # N m/rad, of a hand
@@ -115,7 +121,8 @@ def test_the_contact_of_the_follower_is_felt_at_the_leader(reflection, tool):
     follower = Side(fr3(tool), load=wall(0, 0.2), reflection=reflection)
     engaged(leader, follower)
     coupled(leader, follower, 4.5)
-    led, touched = leader.loads[-1][0], follower.loads[-1][0]
+    led = leader.loads[-1][0]
+    touched = follower.loads[-1][0]
     assert touched < -10.0
     assert led == pytest.approx(-touched, rel=0.01)
     stretch = leader.q[0] - follower.q[0]
@@ -146,7 +153,8 @@ def test_engagement_at_a_distance_moves_the_arms_together_without_a_jump():
     np.testing.assert_allclose(leader.q, follower.q, atol=1e-3)
     for side in (leader, follower):
         change = np.abs(np.diff(side.torques, axis=0)).max()
-        assert change < 0.5  # N m in a millisecond; the springs would give 90 N m at once
+        # N m in a millisecond; the springs would give 90 N m at once.
+        assert change < 0.5
         speeds = np.abs(np.diff(side.positions, axis=0)) / STEP
         assert speeds.max() < 0.25  # align_speed, and what its end overshoots
 
@@ -178,11 +186,14 @@ def test_a_lost_partner_lets_the_torque_neither_jump_nor_the_arm_go_on(alone):
 
 
 def test_without_reflection_the_energy_of_the_coupled_arms_does_not_rise():
-    """The rate of their kinetic energy and that of the spring between them, at random states."""
+    """The rate of kinetic and spring energy between them, at random states."""
     random = np.random.default_rng(3)
     robots = fr3(), fr3(2.0)
-    couplings = [ArmCoupling(robot, stiffness=STIFFNESS, damping=0.0, reflection=0.0, ramp=1e-6,
-                             speed_limit=math.inf, align_speed=0.0) for robot in robots]
+    couplings = []
+    for robot in robots:
+        couplings.append(
+            ArmCoupling(robot, stiffness=STIFFNESS, damping=0.0, reflection=0.0,
+                        ramp=1e-6, speed_limit=math.inf, align_speed=0.0))
     for _ in range(20):
         start = PartnerState(0.0, HOME, np.zeros(7), np.zeros(7))
         for coupling in couplings:
@@ -193,7 +204,7 @@ def test_without_reflection_the_energy_of_the_coupled_arms_does_not_rise():
         u = random.normal(size=(2, 7))
         energies = []
         states = [PartnerState(STEP, *state, np.zeros(7)) for state in zip(q, u)]
-        torques = [coupling.torque(STEP, *state, other) for coupling, state, other
+        torques = [coupling.torque(STEP, *state, partner) for coupling, state, partner
                    in zip(couplings, zip(q, u), reversed(states))]
         for step in (-1e-5, 1e-5):
             moved = [stepped(robot, lambda q, u, tau=tau: tau, *state, step)
@@ -201,7 +212,8 @@ def test_without_reflection_the_energy_of_the_coupled_arms_does_not_rise():
             stretch = moved[0][0] - moved[1][0]
             energies.append(0.5 * STIFFNESS @ stretch**2 + sum(
                 robot.kinetic_energy(*state) for robot, state in zip(robots, moved)))
-        # What friction takes is more than what its compensation gives: f(a) - f(b) at a - b.
+        # What friction takes is more than what its compensation gives: f(a) - f(b) at a
+        # - b.
         friction = robots[0].friction_force(u[0]) - robots[0].friction_force(u[1])
         rate = (energies[1] - energies[0]) / 2e-5
         assert rate == pytest.approx(-friction @ (u[0] - u[1]), abs=1e-4)
@@ -211,12 +223,13 @@ def test_without_reflection_the_energy_of_the_coupled_arms_does_not_rise():
 
 
 def test_arms_with_currents_only_feel_contact_through_their_torque_constants():
-    """The observers hear current times constant, in steps of 0.3 N m, with friction in it."""
+    """The observers get current times constant, in 0.3 N m steps, with friction."""
     leader = Side(fr3(), load=hand(0, 0.4), resolution=0.3)
     follower = Side(fr3(), load=wall(0, 0.2), resolution=0.3)
     engaged(leader, follower)
     coupled(leader, follower, 3.0)
-    led, touched = leader.loads[-1][0], follower.loads[-1][0]
+    led = leader.loads[-1][0]
+    touched = follower.loads[-1][0]
     assert touched < -10.0
     assert led == pytest.approx(-touched, abs=0.4)
 
@@ -259,7 +272,8 @@ def test_the_torque_is_that_of_joint_impedance_with_the_partner_as_its_motion():
     partner = PartnerState(0.0, theirs, rates, external)
     coupling.engage(HOME, partner)
     coupling.torque(0.0, HOME, np.zeros(7), partner)
-    q, u = HOME + 0.05 * random.normal(size=7), 0.2 * random.normal(size=7)
+    q = HOME + 0.05 * random.normal(size=7)
+    u = 0.2 * random.normal(size=7)
     tau = coupling.torque(STEP, q, u, partner._replace(t=STEP))
     law = JointImpedance(robot, stiffness=STIFFNESS, damping=DAMPING,
                          compensate=Terms(coriolis=False))
@@ -269,14 +283,18 @@ def test_the_torque_is_that_of_joint_impedance_with_the_partner_as_its_motion():
 
 def test_the_cranks_of_a_closed_loop_are_coupled():
     robot = five_bar('left_crank', 'right_crank')
-    coupling = ArmCoupling(robot, stiffness=50.0, damping=5.0, ramp=1e-6, align_speed=0.0)
-    q, u = five_bar_at(2.1, 1.05), np.array([0.3, -0.2])
-    cranks = [robot.coordinate_names.index(name) for name in ('left_crank', 'right_crank')]
+    coupling = ArmCoupling(robot, stiffness=50.0, damping=5.0, ramp=1e-6,
+                           align_speed=0.0)
+    q = five_bar_at(2.1, 1.05)
+    u = np.array([0.3, -0.2])
+    cranks = [robot.coordinate_names.index(name)
+              for name in ('left_crank', 'right_crank')]
     partner = PartnerState(0.0, q[cranks], np.array([0.1, 0.1]), np.array([1.0, 2.0]))
     coupling.engage(q, partner)
     coupling.torque(0.0, q, u, partner)
     tau = coupling.torque(STEP, q, u, partner._replace(t=STEP))
-    law = JointImpedance(robot, stiffness=50.0, damping=5.0, compensate=Terms(coriolis=False))
+    law = JointImpedance(robot, stiffness=50.0, damping=5.0,
+                         compensate=Terms(coriolis=False))
     expected = law.torque(q, u, q[cranks] + 0.8 * partner.external / 50.0, partner.u)
     np.testing.assert_allclose(tau, expected, rtol=1e-9, atol=1e-9)
 
@@ -284,18 +302,20 @@ def test_the_cranks_of_a_closed_loop_are_coupled():
 def test_faulty_states_of_the_partner_disengage_and_settings_are_checked():
     coupling = ArmCoupling(fr3(), stiffness=STIFFNESS, damping=DAMPING)
     good = PartnerState(0.0, HOME, np.zeros(7), np.zeros(7))
-    for bad, words in ((None, 'partner: no state'),
-                       (good._replace(u=np.full(7, math.nan)),
-                        "partner: u of joint 'fr3_joint1': nan; expected"),
-                       (good._replace(q=HOME[:5]), r'partner: q: shape \(5,\); expected'),
-                       (good._replace(external=None), r'partner: external: shape \(\); expected'),
-                       (good._replace(t=-1.0), r'partner: no state for 1\.0'),
-                       (good._replace(t=1000.0), r'partner: a state 1000\.0.* s ahead; expected')):
+    for bad, words in (
+            (None, 'partner: no state'),
+            (good._replace(u=np.full(7, math.nan)),
+             "partner: u of joint 'fr3_joint1': nan; expected"),
+            (good._replace(q=HOME[:5]), r'partner: q: shape \(5,\); expected'),
+            (good._replace(external=None), r'partner: external: shape \(\); expected'),
+            (good._replace(t=-1.0), r'partner: no state for 1\.0'),
+            (good._replace(t=1000.0), r'partner: a state 1000\.0.* s ahead; expected')):
         coupling.engage(HOME, good)
         coupling.torque(0.0, HOME, np.zeros(7), bad)
         assert not coupling.engaged
         assert re.search(words, coupling.lost)
-    for settings, words in (({'stiffness': -1.0}, 'stiffness'), ({'reflection': 1.5}, 'at most 1'),
+    for settings, words in (({'stiffness': -1.0}, 'stiffness'),
+                            ({'reflection': 1.5}, 'at most 1'),
                             ({'scale': 0.0}, "scale of joint 'fr3_joint1': 0"),
                             ({'scale': [1.0, 2.0]}, r'scale: shape \(2,\); expected'),
                             ({'alone': 'fall'}, "alone: 'fall'; expected hold or free"),
@@ -322,31 +342,33 @@ def test_an_arm_without_states_for_the_timeout_begins_alone_where_it_is():
     assert coupling.lost == 'this arm: time went back by 1.000 s'
 
 
-def test_a_refused_state_changes_nothing_and_refused_ones_for_the_timeout_end_the_coupling():
+def test_one_refused_state_changes_nothing_and_lasting_ones_end_the_coupling():
     coupling = ArmCoupling(fr3(), stiffness=STIFFNESS, damping=DAMPING, timeout=0.1)
-    rest, bad = np.zeros(7), np.full(7, np.nan)
+    at_rest = np.zeros(7)
+    bad = np.full(7, np.nan)
 
     def partner(t):
-        return PartnerState(t, HOME + t, rest + 1.0, rest + 5.0)
+        return PartnerState(t, HOME + t, at_rest + 1.0, at_rest + 5.0)
     coupling.engage(HOME, partner(0.0))
-    coupling.torque(0.0, HOME, rest, partner(0.0))
+    coupling.torque(0.0, HOME, at_rest, partner(0.0))
     twin = copy.deepcopy(coupling)
     with pytest.raises(InputError, match='fr3_joint1'):
         coupling.torque(0.02, HOME, bad, partner(0.02))
-    np.testing.assert_array_equal(coupling.torque(0.05, HOME, rest, partner(0.05)),
-                                  twin.torque(0.05, HOME, rest, partner(0.05)))
+    np.testing.assert_array_equal(coupling.torque(0.05, HOME, at_rest, partner(0.05)),
+                                  twin.torque(0.05, HOME, at_rest, partner(0.05)))
     for t in (0.1, 0.15, 0.2):
         with pytest.raises(InputError):
             coupling.torque(t, HOME, bad, partner(t))
-    coupling.torque(0.21, HOME, rest, partner(0.21))
+    coupling.torque(0.21, HOME, at_rest, partner(0.21))
     assert not coupling.engaged and coupling.lost == 'this arm: no state for 0.150 s'
 
 
 def test_states_of_the_partner_may_be_lists():
     coupling = ArmCoupling(fr3(), stiffness=STIFFNESS, damping=DAMPING)
-    rest = [0.0] * 7
-    coupling.engage(HOME, PartnerState(0.0, HOME.tolist(), rest, rest))
-    tau = coupling.torque(0.0, HOME, rest, PartnerState(0.0, HOME.tolist(), rest, rest))
+    at_rest = [0.0] * 7
+    coupling.engage(HOME, PartnerState(0.0, HOME.tolist(), at_rest, at_rest))
+    tau = coupling.torque(0.0, HOME, at_rest,
+                          PartnerState(0.0, HOME.tolist(), at_rest, at_rest))
     assert coupling.engaged
     np.testing.assert_allclose(tau, fr3().gravity_force(HOME), atol=1e-9)
 
@@ -356,14 +378,16 @@ def test_constraints_that_depend_on_time_have_the_time_of_the_state():
     beam = rod(1.0, (0, 0, 0), (0.3, 0, 0))
     builder.body('table', axis=(0, 0, 1), inertial=beam)
     builder.body('arm', 'table', axis=(0, 1, 0), at=(0.3, 0, 0), inertial=beam)
-    robot = Robot(builder.model(), constraints=[Prescribed('table', lambda t: 0.1 * np.sin(t))])
+    robot = Robot(builder.model(),
+                  constraints=[Prescribed('table', lambda t: 0.1 * np.sin(t))])
     t = 0.5
-    q, rest = np.array([0.1 * np.sin(t), 0.2]), np.zeros(1)
+    q = np.array([0.1 * np.sin(t), 0.2])
+    at_rest = np.zeros(1)
     coupling = ArmCoupling(robot, stiffness=10.0, damping=1.0)
     expected = JointImpedance(robot, stiffness=10.0, damping=1.0,
                               compensate=Terms(coriolis=False, inertia=False))
-    np.testing.assert_allclose(coupling.torque(t, q, rest),
-                               expected.torque(q, rest, q[1:], t=t), atol=1e-12)
+    np.testing.assert_allclose(coupling.torque(t, q, at_rest),
+                               expected.torque(q, at_rest, q[1:], t=t), atol=1e-12)
 
 
 @pytest.mark.parametrize('copied', [

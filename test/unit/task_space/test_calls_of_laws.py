@@ -33,7 +33,8 @@ def law_and_state(name, on='fr3'):
     else:
         q = positions(robot, 0.1, 0.2, -0.1, 0.3)
     laws = {
-        'CartesianImpedance': lambda: CartesianImpedance(robot, frame, stiffness=STIFFNESS),
+        'CartesianImpedance': lambda: CartesianImpedance(robot, frame,
+                                                         stiffness=STIFFNESS),
         'OperationalSpace': lambda: OperationalSpace(robot, frame),
         'HybridForce': lambda: HybridForce(robot, frame, stiffness=STIFFNESS,
                                            force_directions=['z'])}
@@ -47,9 +48,10 @@ def method_of(law):
     return type(law).torque.__get__(law)
 
 
-CALLS = [((), {}), ((np.full(6, 0.1),), {}), ((None, np.full(6, 0.2)), {'wrench': WRENCH}),
-         ((), {'acceleration': np.full(6, 0.3), 'twist': None}), ((None, None, WRENCH), {}),
-         ((None, None, None, 0.7), {}), ((), {'t': 0.5, 'wrench': WRENCH.tolist()})]
+CALLS = [
+    ((), {}), ((np.full(6, 0.1),), {}), ((None, np.full(6, 0.2)), {'wrench': WRENCH}),
+    ((), {'acceleration': np.full(6, 0.3), 'twist': None}), ((None, None, WRENCH), {}),
+    ((None, None, None, 0.7), {}), ((), {'t': 0.5, 'wrench': WRENCH.tolist()})]
 
 
 @pytest.mark.parametrize('on', ['fr3', 'palletizer'])
@@ -64,10 +66,10 @@ def test_an_entry_point_returns_the_torques_of_the_method(name, on):
         further = [{}, {'measured': MEASURED}, {'elapsed': 1e-3, 'measured': MEASURED},
                    {'elapsed': 1, 'measured': MEASURED.tolist()}, {'measured': None}]
     for values, named in CALLS:
-        for more in further:
+        for extra in further:
             twin = copy.deepcopy(law)
-            expected = method_of(twin)(*state, *values, **named, **more)
-            tau = law.torque(*state, *values, **named, **more)
+            expected = method_of(twin)(*state, *values, **named, **extra)
+            tau = law.torque(*state, *values, **named, **extra)
             np.testing.assert_array_equal(tau, expected)
             if name == 'HybridForce':
                 np.testing.assert_array_equal(law.integral, twin.integral)
@@ -85,7 +87,8 @@ def test_wrong_calls_are_answered_as_by_the_method(name):
                           ((q, u, pose), {'weight': 1.0}), ((q, u, pose, u), {}),
                           ((q, u, bad), {}), ((q, unfinite, pose), {}),
                           ((q, u, pose, WRENCH), {'twist': WRENCH}),
-                          ((q, u, pose), {'wrench': unfinite[:6]}), ((q[:6], u, pose), {})):
+                          ((q, u, pose), {'wrench': unfinite[:6]}),
+                          ((q[:6], u, pose), {})):
         with pytest.raises((InputError, TypeError)) as of_method:
             method_of(law)(*values, **named)
         with pytest.raises(type(of_method.value)) as of_entry:
@@ -108,17 +111,18 @@ def test_a_time_that_is_none_is_refused_and_changes_no_integral(elapsed):
 def test_torques_belong_to_the_caller_and_no_reference_is_lost(name):
     law, state = law_and_state(name)
     law.torque(*state)
-    kept = [law.torque(*state, wrench=WRENCH) for _ in range(4)]
-    assert len({tau.ctypes.data for tau in kept}) == 4
-    expected = kept[0].copy()
-    for tau in kept:
+    results = [law.torque(*state, wrench=WRENCH) for _ in range(4)]
+    assert len({tau.ctypes.data for tau in results}) == 4
+    expected = results[0].copy()
+    for tau in results:
         assert tau.flags.owndata
         tau[:] = 0.0
     np.testing.assert_array_equal(law.torque(*state, wrench=WRENCH), expected)
     counts = [sys.getrefcount(x) for x in (*state, WRENCH, law._zero, law._block)]
     for _ in range(1000):
         law.torque(*state, wrench=WRENCH)
-    assert counts == [sys.getrefcount(x) for x in (*state, WRENCH, law._zero, law._block)]
+    assert counts == [sys.getrefcount(x)
+                      for x in (*state, WRENCH, law._zero, law._block)]
 
 
 def unpickled(law):
@@ -158,9 +162,9 @@ def test_a_copy_of_a_law_of_joints_has_its_own_settings(make, changes, copied):
     np.testing.assert_array_equal(law.torque(*state), expected)
     # A copy of the robot has its own gravity.
     if twin.robot is not robot:
-        before = twin.torque(*state)
+        torque_before = twin.torque(*state)
         twin.robot.parameters.gravity = [0.0, 0.0, 0.0]
-        assert np.abs(twin.torque(*state) - before).max() > 1.0
+        assert np.abs(twin.torque(*state) - torque_before).max() > 1.0
         np.testing.assert_array_equal(law.torque(*state), expected)
 
 
@@ -168,7 +172,8 @@ def test_update_changes_the_next_call():
     law, state = law_and_state('CartesianImpedance')
     law.torque(*state)
     law.update(stiffness=[500.0] * 3 + [20.0] * 3)
-    fresh = CartesianImpedance(law.robot, 'fr3_link8', stiffness=[500.0] * 3 + [20.0] * 3)
+    fresh = CartesianImpedance(law.robot, 'fr3_link8',
+                               stiffness=[500.0] * 3 + [20.0] * 3)
     np.testing.assert_array_equal(law.torque(*state), fresh.torque(*state))
 
 

@@ -35,7 +35,8 @@ def test_terms_of_the_model_are_switched_off_without_compiling():
     robot = arm()
     law = JointImpedance(robot, stiffness=100.0, damping=8.0)
     q, u, q_d, u_d, udot_d = np.random.default_rng(1).normal(size=(5, robot.n))
-    law.update(compensate=Terms(gravity=False, coriolis=False, inertia=False, friction=False))
+    law.update(
+        compensate=Terms(gravity=False, coriolis=False, inertia=False, friction=False))
     springs = robot.torque_terms(q, 0.0 * u, 0.0 * u)[4]
     expected = springs + 100.0 * (q_d - q) + 8.0 * (u_d - u)
     np.testing.assert_allclose(law.torque(q, u, q_d, u_d, udot_d), expected, rtol=1e-12)
@@ -45,7 +46,8 @@ def test_on_the_exact_model_a_closed_loop_follows_its_motion():
     """With the errors at zero the accelerations are the desired ones."""
     robot = five_bar('left_crank', 'right_crank')
     law = JointImpedance(robot, stiffness=50.0, damping=5.0)
-    q, u = five_bar_at(2.1, 1.05), np.array([0.3, -0.2])
+    q = five_bar_at(2.1, 1.05)
+    u = np.array([0.3, -0.2])
     cranks = [robot.coordinate_names.index(name) for name in law.followed]
     rates = robot.joint_rates(q, u)[cranks]
     accelerations = np.array([1.0, -2.0])
@@ -63,7 +65,8 @@ def geometric_mean(A, B):
 def damper_of(law, q, q_d):
     """Return the matrix D of a law, from its torques at unit rates."""
     n = law.robot.n
-    law.update(compensate=Terms(gravity=False, coriolis=False, inertia=False, friction=False))
+    law.update(
+        compensate=Terms(gravity=False, coriolis=False, inertia=False, friction=False))
     at_rest = law.torque(q, np.zeros(n), q_d)
     return np.column_stack([at_rest - law.torque(q, unit, q_d) for unit in np.eye(n)])
 
@@ -75,7 +78,8 @@ def test_the_damper_by_ratio_is_the_geometric_mean_of_inertia_and_stiffness():
     q = np.random.default_rng(2).normal(size=robot.n)
     M = robot.mass_matrix(q)
     expected = 1.2 * geometric_mean(np.diag(stiffness), M)
-    np.testing.assert_allclose(damper_of(law, q, q), expected, atol=1e-6 * expected.max())
+    np.testing.assert_allclose(damper_of(law, q, q), expected,
+                               atol=1e-6 * expected.max())
     compared = damping_by_ratio(M, stiffness, np.full(4, 0.6))
     np.testing.assert_allclose(compared, expected, atol=1e-6 * expected.max())
 
@@ -104,13 +108,16 @@ def test_every_mode_of_a_closed_loop_has_the_damping_ratio():
     law = JointImpedance(robot, stiffness=stiffness, damping_ratio=0.3)
     q = five_bar_at(2.1, 1.05)
     cranks = [robot.coordinate_names.index(name) for name in law.followed]
-    law.update(compensate=Terms(gravity=False, coriolis=False, inertia=False, friction=False))
+    law.update(
+        compensate=Terms(gravity=False, coriolis=False, inertia=False, friction=False))
     rates = np.column_stack([robot.joint_rates(q, unit)[cranks] for unit in np.eye(2)])
     K = rates.T @ np.diag(stiffness) @ rates
     inverse = np.linalg.inv(robot.mass_matrix(q))
-    D = np.column_stack([robot.generalized_force(
-        law.torque(q, np.zeros(2), q[cranks]) - law.torque(q, unit, q[cranks]), q)
-        for unit in np.eye(2)])
+    rows = []
+    for unit in np.eye(2):
+        rows.append(robot.generalized_force(law.torque(q, np.zeros(2), q[cranks])
+                                            - law.torque(q, unit, q[cranks]), q))
+    D = np.column_stack(rows)
     motion = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ K, -inverse @ D]])
     roots = np.linalg.eigvals(motion)
     np.testing.assert_allclose(-roots.real / np.abs(roots), 0.3, atol=1e-6)
@@ -132,7 +139,7 @@ def test_kinds_of_damping_change_live():
 
 
 def test_an_fr3_does_not_swing_up_at_500_hz():
-    """The default stiffness of the node, torques a period late, at random configurations."""
+    """The node's default stiffness, torques a period late, at random states."""
     robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), tip='fr3_link7'))
     stiffness = 5.0 * np.array(robot.limits.effort)
     rng = np.random.default_rng(4)
@@ -141,9 +148,11 @@ def test_an_fr3_does_not_swing_up_at_500_hz():
         q = rng.uniform(robot.limits.lower, robot.limits.upper)
         M = robot.mass_matrix(q)
         damping = damping_by_ratio(M, stiffness, np.full(7, 0.7))
-        assert not swing(M, JointSpring(np.diag(stiffness), damping, True), 0.002).swings_up
+        assert not swing(M, JointSpring(np.diag(stiffness), damping,
+                                        True), 0.002).swings_up
         of_joints = np.diag(1.4 * np.sqrt(stiffness * np.diag(M)))
-        by_joint += swing(M, JointSpring(np.diag(stiffness), of_joints, True), 0.002).swings_up
+        by_joint += swing(M, JointSpring(np.diag(stiffness), of_joints,
+                                         True), 0.002).swings_up
     assert by_joint > 20, 'the inertia of each joint alone is no measure'
 
 
@@ -151,7 +160,8 @@ def test_an_fr3_does_not_swing_up_at_500_hz():
 def test_the_energy_of_a_closed_loop_does_not_rise_while_the_target_rests():
     robot = five_bar('left_crank', 'right_crank')
     law = JointImpedance(robot, stiffness=50.0, damping=0.5)
-    q, u = five_bar_at(2.1, 1.05), np.array([1.0, -2.0])
+    q = five_bar_at(2.1, 1.05)
+    u = np.array([1.0, -2.0])
     target = np.array([2.3, 0.8])
     energies = []
     for _ in range(300):
@@ -162,8 +172,10 @@ def test_the_energy_of_a_closed_loop_does_not_rise_while_the_target_rests():
 
 
 @pytest.mark.parametrize('wrong, message', [
-    ({'stiffness': -1.0}, 'stiffness of joint'), ({'damping': np.nan}, 'damping of joint'),
-    ({'stiffness': [1.0]}, 'expected one number, or 4'), ({'compensate': True}, 'expected Terms'),
+    ({'stiffness': -1.0}, 'stiffness of joint'),
+    ({'damping': np.nan}, 'damping of joint'),
+    ({'stiffness': [1.0]}, 'expected one number, or 4'),
+    ({'compensate': True}, 'expected Terms'),
     ({'damping_ratio': 0.5}, 'both given'),
     ({'damping': None, 'damping_ratio': -1.0}, 'damping_ratio of joint'),
     ({'stifness': 1.0}, 'expected some of stiffness')])
@@ -171,10 +183,10 @@ def test_wrong_settings_change_nothing(wrong, message):
     robot = arm()
     law = JointImpedance(robot, stiffness=10.0, damping=1.0)
     q = np.full(robot.n, 0.3)
-    before = law.torque(q, 0.0 * q, 0.0 * q)
+    torque_before = law.torque(q, 0.0 * q, 0.0 * q)
     with pytest.raises(InputError, match=message):
         law.update(**wrong)
-    np.testing.assert_array_equal(law.torque(q, 0.0 * q, 0.0 * q), before)
+    np.testing.assert_array_equal(law.torque(q, 0.0 * q, 0.0 * q), torque_before)
 
 
 def test_wrong_states_are_refused():

@@ -1,4 +1,4 @@
-"""Limits of joint speeds: brakes take energy out, hold the limit, and leave slow joints alone."""
+"""Limits of joint speeds: brakes take energy out and leave slow joints alone."""
 
 from dataclasses import replace
 from functools import cache
@@ -6,8 +6,8 @@ from functools import cache
 from kane_dynamics import (CartesianImpedance, HandGuiding, InputError, load_urdf,
                            ModelBuilder, Prescribed, Robot, rod)
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.task_space.joint_speed_limits import (checked_speeds, CREEPING, FREE, HORIZON,
-                                                         slowdown, STOPPING)
+from kane_dynamics.task_space.joint_speed_limits import (checked_speeds, CREEPING, FREE,
+                                                         HORIZON, slowdown, STOPPING)
 from kane_dynamics.task_space.joint_walls import JointWalls
 import numpy as np
 import pytest
@@ -29,7 +29,8 @@ def fr3():
 
 def law(**settings):
     """Return an impedance without walls."""
-    return CartesianImpedance(fr3(), TIP, **{'stiffness': K, 'limit_stiffness': 0.0, **settings})
+    return CartesianImpedance(fr3(), TIP,
+                              **{'stiffness': K, 'limit_stiffness': 0.0, **settings})
 
 
 def test_a_joint_that_would_exceed_its_limit_is_braked_as_its_definition_says():
@@ -55,7 +56,8 @@ def test_a_joint_that_would_exceed_its_limit_is_braked_as_its_definition_says():
 def test_brakes_take_energy_out_and_do_not_act_on_slow_joints_far_from_stops():
     robot = fr3()
     rng = np.random.default_rng(0)
-    bounded, free = law(), law(speed_limit=np.inf)
+    bounded = law()
+    free = law(speed_limit=np.inf)
     acted = left_alone = 0
     for _ in range(300):
         q = robot.random_configuration(rng)
@@ -66,8 +68,8 @@ def test_brakes_take_energy_out_and_do_not_act_on_slow_joints_far_from_stops():
         assert (brake * u < 1e-6).all()
         acted += bool(np.abs(brake).max() > 1e-6)
         slow = 0.4 * u
-        way = np.minimum(q - robot.limits.lower, robot.limits.upper - q)
-        if (way < STOPPING * robot.limits.velocity).any():
+        distance = np.minimum(q - robot.limits.lower, robot.limits.upper - q)
+        if (distance < STOPPING * robot.limits.velocity).any():
             continue
         left_alone += 1
         difference = bounded.torque(q, slow, pose) - free.torque(q, slow, pose)
@@ -77,7 +79,7 @@ def test_brakes_take_energy_out_and_do_not_act_on_slow_joints_far_from_stops():
 
 
 def speeds_towards_stops(robot, q, rates, speeds):
-    """Return the speed limits in the direction of motion, by the robot's joint limits."""
+    """Return the speed limits along the motion, by the robot's limits."""
     walls = JointWalls(robot)
     return walls.speeds_towards(q, rates, speeds, walls.settings(None, None))
 
@@ -124,9 +126,8 @@ def test_the_speed_of_a_joint_without_a_speed_limit_ends_at_its_stop():
     np.testing.assert_array_equal(speeds, unstated)
 
 
-@pytest.mark.parametrize('law', [
-    HandGuiding, lambda robot: CartesianImpedance(robot, TIP, stiffness=1e-3 * K,
-                                                  damping_ratio=0.1, limit_stiffness=0.0)])
+@pytest.mark.parametrize('law', [HandGuiding, lambda robot: CartesianImpedance(
+    robot, TIP, stiffness=1e-3 * K, damping_ratio=0.1, limit_stiffness=0.0)])
 def test_laws_of_equal_robots_with_other_joint_limits_have_their_own_limits(law):
     """Their machine code is that of the model: the limits are among its numbers."""
     limited = fr3().copy()
@@ -139,12 +140,12 @@ def test_laws_of_equal_robots_with_other_joint_limits_have_their_own_limits(law)
     u[6] = 2.0
     torques = []
     for robot in (unlimited, limited, unlimited):
-        made = law(robot)
-        if isinstance(made, HandGuiding):
-            made.update(limit_stiffness=0.0)
-            torques.append(made.torque(q, u)[6])
+        first_law = law(robot)
+        if isinstance(first_law, HandGuiding):
+            first_law.update(limit_stiffness=0.0)
+            torques.append(first_law.torque(q, u)[6])
         else:
-            torques.append(made.torque(q, u, robot.frame_pose(TIP, q))[6])
+            torques.append(first_law.torque(q, u, robot.frame_pose(TIP, q))[6])
     assert torques[0] == torques[2]
     assert torques[1] < torques[0] - 0.2  # only a joint with a limit is braked
 
@@ -164,7 +165,8 @@ def test_a_joint_that_a_spring_throws_at_its_stop_comes_there_slowly(speeds):
     beyond[3] -= 1.0
     impedance = CartesianImpedance(robot, TIP, stiffness=K, limit_stiffness=0.0,
                                    speed_limit=np.inf if speeds == 'none' else None)
-    q, u = start, np.zeros(7)
+    q = start
+    u = np.zeros(7)
     target = robot.frame_pose(TIP, beyond)
     arrival = 0.0
     for _ in range(600):
@@ -181,10 +183,12 @@ def test_no_joint_exceeds_its_limit_while_the_spring_pulls_through_a_singularity
     fastest = {}
     for name, limit in (('bounded', None), ('free', np.inf)):
         impedance = CartesianImpedance(robot, TIP, stiffness=K, speed_limit=limit)
-        q, u = STRETCHED, np.zeros(7)
+        q = STRETCHED
+        u = np.zeros(7)
         speeds = []
         for _ in range(300):
-            q, u = stepped(robot, lambda q, u, i=impedance: i.torque(q, u, target), q, u, 0.001)
+            q, u = stepped(robot, lambda q, u, i=impedance: i.torque(q, u, target), q, u,
+                           0.001)
             speeds.append(np.abs(u) / robot.limits.velocity)
         fastest[name] = np.max(speeds)
     assert fastest['free'] > 1.5
@@ -193,7 +197,8 @@ def test_no_joint_exceeds_its_limit_while_the_spring_pulls_through_a_singularity
 
 def test_the_reference_motion_is_slowed_down_by_one_factor():
     assert slowdown(np.array([0.5, -1.0]), np.array([1.0, 2.0])) == 1.0
-    assert slowdown(np.array([2.0, -1.0]), np.array([1.0, 2.0])) == pytest.approx(FREE / 2.0)
+    assert slowdown(np.array([2.0, -1.0]), np.array([1.0, 2.0])) == pytest.approx(
+        FREE / 2.0)
     assert slowdown(np.zeros(2), np.array([1.0, np.inf])) == 1.0
     robot = fr3()
     near = STRETCHED - [0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0]
@@ -202,13 +207,15 @@ def test_the_reference_motion_is_slowed_down_by_one_factor():
     twist = 0.5 * lost / np.linalg.norm(lost[:3])
     state = law().state(near, np.zeros(7), pose, twist)
     assert 0.0 < state.speed_scale < 1.0
-    assert law(speed_limit=np.inf).state(near, np.zeros(7), pose, twist).speed_scale == 1.0
+    assert law(speed_limit=np.inf).state(
+        near, np.zeros(7), pose, twist).speed_scale == 1.0
 
 
 @pytest.mark.parametrize(('stated', 'message'), [
     (-1.0, r"speed_limit of joint 'fr3_joint1': -1.0; expected a number >= 0"),
     (0.0, r'speed_limit: .*; expected positive numbers'),
-    ([1.0, 2.0], r'speed_limit: .*; expected one number, or 7'), ('fast', 'speed_limit: ')])
+    ([1.0, 2.0], r'speed_limit: .*; expected one number, or 7'),
+    ('fast', 'speed_limit: ')])
 def test_a_wrong_limit_is_named(stated, message):
     with pytest.raises(InputError, match=message):
         law(speed_limit=stated)
@@ -219,7 +226,10 @@ def test_a_joint_whose_motion_is_prescribed_is_not_braked():
     beam = rod(1.0, (0, 0, 0), (0.3, 0, 0))
     builder.body('table', axis=(0, 0, 1), inertial=beam)
     builder.body('arm', 'table', axis=(0, 1, 0), at=(0.3, 0, 0), inertial=beam)
-    robot = Robot(builder.model(), constraints=[Prescribed('table', lambda t: 0.1 * np.sin(t))])
-    q, rest = np.array([0.0, 0.2]), np.zeros(1)
-    impedance = CartesianImpedance(robot, 'arm', stiffness=np.ones(6), speed_limit=[0.05, 9.0])
-    assert impedance.state(q, rest, robot.frame_pose('arm', q)).braking == 0.0
+    robot = Robot(builder.model(),
+                  constraints=[Prescribed('table', lambda t: 0.1 * np.sin(t))])
+    q = np.array([0.0, 0.2])
+    at_rest = np.zeros(1)
+    impedance = CartesianImpedance(robot, 'arm',
+                                   stiffness=np.ones(6), speed_limit=[0.05, 9.0])
+    assert impedance.state(q, at_rest, robot.frame_pose('arm', q)).braking == 0.0

@@ -22,7 +22,7 @@ def robot_of(arm):
 
 
 def check_passage(figures, returns=True):
-    """Torques and speeds within their limits, no energy at rest, small errors elsewhere."""
+    """Torques and speeds keep limits, no energy at rest, small errors."""
     assert figures.torque <= 1.0 + 1e-9
     assert figures.speed <= 1.0
     assert figures.energy_rise <= experiments.RISE
@@ -93,9 +93,9 @@ def test_under_a_target_beyond_its_reach_an_arm_rests_where_its_spring_is_shorte
     stored = law.energy(q, target)
     for seed in range(4):
         start = q + 0.05 * np.random.default_rng(seed).normal(size=robot.n)
-        found = minimize(law.energy, start, (target,), method='L-BFGS-B',
-                         options={'ftol': 1e-15, 'gtol': 1e-8, 'maxiter': 2000})
-        assert stored == pytest.approx(found.fun, rel=1e-6)
+        optimum = minimize(law.energy, start, (target,), method='L-BFGS-B',
+                           options={'ftol': 1e-15, 'gtol': 1e-8, 'maxiter': 2000})
+        assert stored == pytest.approx(optimum.fun, rel=1e-6)
 
 
 @pytest.mark.slow
@@ -136,11 +136,12 @@ def test_a_guided_arm_without_speed_limits_is_not_thrown_past_its_joint_limits(n
 
 
 @pytest.mark.slow
-def test_a_hand_needs_a_fifth_of_the_force_with_a_model_of_20_percent_more_or_less_friction():
-    """As it is with more friction in the model; both with a recording without contact."""
+def test_a_hand_needs_a_fifth_of_the_force_with_20_percent_wrong_friction():
+    """As with more friction in the model; recordings without contact."""
     figures = experiments.guiding(ARMS['FR3'])
     assert figures.without > experiments.LIGHTER * figures.more
-    for corrected in (figures.exact_recorded, figures.more_recorded, figures.less_recorded):
+    for corrected in (figures.exact_recorded, figures.more_recorded,
+                      figures.less_recorded):
         assert figures.without > experiments.LIGHTER * corrected
     assert figures.without > 3.0 * figures.exact > 3.0 * figures.more
 
@@ -163,8 +164,8 @@ def test_an_arm_that_a_hand_lets_go_comes_to_rest(error, corrected):
 @pytest.mark.slow
 def test_an_arm_at_rest_stays_there_with_a_fifth_too_much_compensation():
     arm = ARMS['FR3']
-    law = experiments.HandGuiding(experiments.with_friction(arm, 1.0 + experiments.ERROR),
-                                  friction=1.0)
+    law = experiments.HandGuiding(
+        experiments.with_friction(arm, 1.0 + experiments.ERROR), friction=1.0)
     assert experiments.drift_at_rest(arm, law) < experiments.STILL
 
 
@@ -184,7 +185,8 @@ def test_compensated_friction_leaves_a_twentieth_of_the_error_at_rest():
 @pytest.mark.slow
 @pytest.mark.parametrize('choice', [{'feedforward': 'ahead'},
                                     {'friction_speed': experiments.NARROW}])
-def test_friction_of_a_motion_that_begins_leaves_a_twentieth_of_the_error_in_motion(choice):
+def test_friction_of_a_motion_that_begins_leaves_a_twentieth_of_the_error_in_motion(
+        choice):
     arm = ARMS['FR3']
     without = experiments.friction_errors(arm, experiments.with_friction(arm, 1.0),
                                           compensated=False)

@@ -1,7 +1,8 @@
 """Damping by ratio: the inverse square root without eigenvalues."""
 
 from hypothesis import given, settings, strategies as st
-from kane_dynamics.task_space.modal_damping import inverse_root_times, RESOLVENTS, SLOWEST
+from kane_dynamics.task_space.modal_damping import (inverse_root_times, RESOLVENTS,
+                                                    SLOWEST)
 import numpy as np
 
 
@@ -17,7 +18,8 @@ def test_the_resolvents_are_the_inverse_square_root_over_their_range():
 def test_inverse_roots_of_matrices_of_every_rank_and_size(seed, size, rank, exponent):
     rng = np.random.default_rng(seed)
     G = rng.normal(size=(size, rank)) * 10.0**exponent
-    B, y = G @ G.T, rng.normal(size=size)
+    B = G @ G.T
+    y = rng.normal(size=size)
     result = np.array(inverse_root_times(B, y), dtype=float)
     if not np.trace(B):
         assert np.isfinite(result).all()

@@ -21,9 +21,12 @@ def energy(R):
 
 def gradient(R, h=1e-4):
     """Return the gradient of the energy along rotations about the fixed axes."""
-    steps = [-energy(rotation_exp(2 * h * x) @ R) + 8 * energy(rotation_exp(h * x) @ R)
-             - 8 * energy(rotation_exp(-h * x) @ R) + energy(rotation_exp(-2 * h * x) @ R)
-             for x in np.eye(3)]
+    steps = []
+    for x in np.eye(3):
+        steps.append(
+            -energy(rotation_exp(2 * h * x) @ R) + 8 * energy(rotation_exp(h * x) @ R)
+            - 8 * energy(rotation_exp(-h * x) @ R)
+            + energy(rotation_exp(-2 * h * x) @ R))
     return np.array(steps) / (12 * h)
 
 
@@ -35,8 +38,9 @@ def test_up_to_the_fading_the_error_is_the_logarithm(n, angle):
 
 
 @settings(max_examples=100, deadline=None)
-@given(AXES, st.one_of(st.floats(0.0, np.pi), st.sampled_from([0.0, 1e-9, 0.039, 0.041, FADE,
-                                                               np.pi - 1e-7, np.pi])))
+@given(AXES,
+       st.one_of(st.floats(0.0, np.pi),
+                 st.sampled_from([0.0, 1e-9, 0.039, 0.041, FADE, np.pi - 1e-7, np.pi])))
 def test_the_moment_is_the_gradient_of_the_energy_at_every_angle(n, angle):
     R = rotation_exp(angle * n)
     error = orientation_error(R)
@@ -48,11 +52,14 @@ def test_the_moment_is_the_gradient_of_the_energy_at_every_angle(n, angle):
 def test_the_rate_is_that_of_the_error(n, angle, w):
     R = rotation_exp(angle * n)
     h = 1e-5
-    ahead, behind = (orientation_error(rotation_exp(s * h * w) @ R).vector for s in (1, -1))
-    np.testing.assert_allclose(orientation_error(R).rate(w), (ahead - behind) / (2 * h), atol=1e-8)
+    ahead, behind = (orientation_error(rotation_exp(s * h * w) @ R).vector
+                     for s in (1, -1))
+    np.testing.assert_allclose(orientation_error(R).rate(w), (ahead - behind) / (2 * h),
+                               atol=1e-8)
 
 
-@pytest.mark.parametrize('n', [np.eye(3)[k] for k in range(3)] + [np.array([0.6, 0.0, 0.8])])
+@pytest.mark.parametrize('n',
+                         [np.eye(3)[k] for k in range(3)] + [np.array([0.6, 0.0, 0.8])])
 def test_through_half_a_turn_the_moment_does_not_jump_and_vanishes_about_the_axis(n):
     angles = np.pi + np.linspace(-1e-6, 1e-6, 5)
     moments = []

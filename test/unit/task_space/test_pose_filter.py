@@ -17,7 +17,8 @@ TWISTS = st.lists(st.floats(-2.0, 2.0), min_size=6, max_size=6)
 def norms(rows):
     """Return the largest linear and angular norms."""
     rows = np.array(rows)
-    return [np.linalg.norm(rows[:, part], axis=1).max() for part in (slice(3), slice(3, 6))]
+    return [np.linalg.norm(rows[:, part], axis=1).max()
+            for part in (slice(3), slice(3, 6))]
 
 
 @pytest.mark.slow
@@ -26,7 +27,9 @@ def norms(rows):
 def test_limits_hold_while_the_goal_jumps_and_it_is_reached(first, second, h, smoothing):
     target = PoseFilter(**LIMITS, smoothing=smoothing)
     target.reset(np.eye(4))
-    twists, accelerations, poses = [np.zeros(6)], [], [np.eye(4)]
+    twists = [np.zeros(6)]
+    accelerations = []
+    poses = [np.eye(4)]
     for goal in (pose_exp(first), pose_exp(second)):
         for _ in range(int(0.5 / h)):
             state = target.step(goal, h)
@@ -36,13 +39,15 @@ def test_limits_hold_while_the_goal_jumps_and_it_is_reached(first, second, h, sm
     assert np.all(norms(twists) <= np.array([0.5, 1.0]) * (1 + 1e-12))
     # (T w)^2 where the axis of a smoothed rotation changes.
     turning = 1e-9 + (smoothing * LIMITS['angular_speed']) ** 2
-    assert np.all(norms(accelerations) <= np.array([2.0 * (1 + 1e-9), 5.0 * (1 + turning)]))
+    assert np.all(
+        norms(accelerations) <= np.array([2.0 * (1 + 1e-9), 5.0 * (1 + turning)]))
     steps = [pose_error(a, b) / h for a, b in pairwise(poses)]
     np.testing.assert_allclose(steps, twists[1:], atol=1e-7)
     for _ in range(int(8.0 / h)):
         state = target.step(goal, h)
     np.testing.assert_allclose(state.pose, goal, atol=1e-9)
-    np.testing.assert_allclose(state.pose[:3, :3] @ state.pose[:3, :3].T, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(state.pose[:3, :3] @ state.pose[:3, :3].T, np.eye(3),
+                               atol=1e-14)
 
 
 def test_a_goal_along_a_line_is_reached_without_overshoot_in_the_shortest_time():
@@ -77,9 +82,13 @@ def test_a_start_in_motion_keeps_its_velocity_at_first():
 
 
 def test_smoothing_makes_the_acceleration_continuous_and_the_target_late():
-    plain, smooth = PoseFilter(**LIMITS), PoseFilter(**LIMITS, smoothing=0.03)
+    plain = PoseFilter(**LIMITS)
+    smooth = PoseFilter(**LIMITS, smoothing=0.03)
     goal = pose_exp([0.3, -0.2, 0.1, 0.4, -0.5, 0.2])
-    poses, twists, accelerations, followed = [np.eye(4)], [np.zeros(6)], [np.zeros(6)], [0.0]
+    poses = [np.eye(4)]
+    twists = [np.zeros(6)]
+    accelerations = [np.zeros(6)]
+    followed = [0.0]
     for target in (plain, smooth):
         target.reset(np.eye(4))
     for _ in range(4000):
@@ -89,9 +98,10 @@ def test_smoothing_makes_the_acceleration_continuous_and_the_target_late():
         twists.append(state.twist)
         accelerations.append(state.acceleration)
     # One motion: each is the rate of the one before.
-    np.testing.assert_allclose([pose_error(a, b) / 1e-3 for a, b in pairwise(poses)], twists[1:],
+    np.testing.assert_allclose([pose_error(a, b) / 1e-3 for a, b in pairwise(poses)],
+                               twists[1:], atol=1e-9)
+    np.testing.assert_allclose(np.diff(twists, axis=0) / 1e-3, accelerations[1:],
                                atol=1e-9)
-    np.testing.assert_allclose(np.diff(twists, axis=0) / 1e-3, accelerations[1:], atol=1e-9)
     # A step of acceleration by at most twice its limit comes within the time constant.
     steps = norms(np.diff(accelerations, axis=0))
     assert np.all(steps <= 2.0 * np.array([2.0, 5.0]) * 1e-3 / 0.03)
@@ -124,11 +134,12 @@ def test_wrong_numbers_are_refused_and_change_nothing():
     with pytest.raises(InputError, match='before reset'):
         target.step(np.eye(4), 1e-3)
     target.reset(np.eye(4))
-    before = target.state
+    state_before = target.state
     for goal, elapsed, twist in ((2.0 * np.eye(4), 1e-3, None), (np.eye(3), 1e-3, None),
                                  (np.eye(4), -1.0, None), (np.eye(4), np.nan, None),
                                  (np.eye(4), 'soon', None), (np.eye(4), None, None),
-                                 (np.eye(4), 1e-3, [np.nan] * 6), (np.eye(4), 1e-3, [0.0]),
+                                 (np.eye(4), 1e-3, [np.nan] * 6),
+                                 (np.eye(4), 1e-3, [0.0]),
                                  (np.full((4, 4), np.nan), 1e-3, None)):
         with pytest.raises(InputError, match='expected'):
             target.step(goal, elapsed, twist)
@@ -141,10 +152,11 @@ def test_wrong_numbers_are_refused_and_change_nothing():
     for value in (-1.0, np.inf, np.nan, 'x'):
         with pytest.raises(InputError, match='smoothing'):
             PoseFilter(**LIMITS, smoothing=value)
-    for pose, twist in ((np.eye(3), None), (np.eye(4), [1.0]), (np.eye(4), [np.inf] * 6)):
+    for pose, twist in ((np.eye(3), None), (np.eye(4), [1.0]),
+                        (np.eye(4), [np.inf] * 6)):
         with pytest.raises(InputError, match='expected'):
             target.reset(pose, twist)
-    np.testing.assert_array_equal(target.state.pose, before.pose)
+    np.testing.assert_array_equal(target.state.pose, state_before.pose)
     assert target.step(np.eye(4), 0.0).pose is not None
 
 
@@ -159,7 +171,8 @@ def test_a_changed_result_does_not_move_the_target():
 
 
 @pytest.mark.parametrize('smoothing', [0.0, 0.02])
-@pytest.mark.parametrize('copied', [copy, deepcopy, lambda x: pickle.loads(pickle.dumps(x))],
+@pytest.mark.parametrize('copied',
+                         [copy, deepcopy, lambda x: pickle.loads(pickle.dumps(x))],
                          ids=['copy', 'deepcopy', 'pickle'])
 def test_a_copy_goes_on_from_the_same_target_by_itself(copied, smoothing):
     goal = np.eye(4)
@@ -167,10 +180,10 @@ def test_a_copy_goes_on_from_the_same_target_by_itself(copied, smoothing):
     moving = PoseFilter(**LIMITS, smoothing=smoothing)
     moving.reset(np.eye(4))
     moving.step(goal, 0.01)
-    other = copied(moving)
-    other.tune(linear_speed=0.1)
+    duplicate = copied(moving)
+    duplicate.tune(linear_speed=0.1)
     for _ in range(50):
-        other.step(goal, 0.01)
+        duplicate.step(goal, 0.01)
     np.testing.assert_array_equal(copied(moving).step(goal, 0.01).pose,
                                   moving.step(goal, 0.01).pose)
-    assert moving.state.pose[0, 3] < other.state.pose[0, 3]
+    assert moving.state.pose[0, 3] < duplicate.state.pose[0, 3]

@@ -12,7 +12,8 @@ Q = np.array([0.1, -0.7, 0.2, -2.2, 0.1, 1.5, 0.785])
 
 def one_mass(mass, stiffness, damping):
     """Return inertia and spring of one mass."""
-    return np.array([[mass]]), JointSpring(np.array([[stiffness]]), np.array([[damping]]), False)
+    return np.array([[mass]]), JointSpring(np.array([[stiffness]]),
+                                           np.array([[damping]]), False)
 
 
 @pytest.mark.parametrize('ratio', [0.3, 0.9, 1.1, 2.5])
@@ -48,7 +49,9 @@ def test_the_growth_is_that_of_the_recurrence(seed):
         x = x + PERIOD * v + 0.5 * PERIOD**2 * acceleration
         v = v + PERIOD * acceleration
         size = np.sqrt(x @ x + v @ v + force @ force)
-        x, v, force = x / size, v / size, force / size
+        x = x / size
+        v = v / size
+        force = force / size
         logs.append(np.log(size))
     assert np.mean(logs[2000:]) == pytest.approx(np.log(motion.growth), abs=1e-3)
 
@@ -65,17 +68,18 @@ def spring_of(law, robot, target):
     """Return the law's spring and damper at Q from differences of its torques."""
     h = 1e-6
     zero = np.zeros(7)
-    stiffness = [law.torque(Q - h * e, zero, target) - law.torque(Q + h * e, zero, target)
-                 for e in np.eye(7)]
-    damping = [law.torque(Q, -h * e, target) - law.torque(Q, h * e, target) for e in np.eye(7)]
-    return JointSpring(np.stack(stiffness, axis=1) / (2 * h), np.stack(damping, axis=1) / (2 * h),
-                       by_ratio=True)
+    stiffness = [law.torque(Q - h * e, zero, target)
+                 - law.torque(Q + h * e, zero, target) for e in np.eye(7)]
+    damping = [law.torque(Q, -h * e, target) - law.torque(Q, h * e, target)
+               for e in np.eye(7)]
+    return JointSpring(np.stack(stiffness, axis=1) / (2 * h),
+                       np.stack(damping, axis=1) / (2 * h), by_ratio=True)
 
 
 def law_with(robot, share):
     """Return a Cartesian impedance with a share of a stiffness that is too large."""
-    return CartesianImpedance(robot, 'fr3_link8', limit_stiffness=0.0, speed_limit=np.inf,
-                              effort_limit=np.inf,
+    return CartesianImpedance(robot, 'fr3_link8', limit_stiffness=0.0,
+                              speed_limit=np.inf, effort_limit=np.inf,
                               stiffness=share * np.array([2000.0] * 3 + [3000.0] * 3))
 
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 from functools import cache
 import pickle
 
-from kane_dynamics import (box, in_task_speeds, InputError, load_urdf, ModelBuilder, Robot, rod,
-                           TaskSpace)
+from kane_dynamics import (box, in_task_speeds, InputError, load_urdf, ModelBuilder,
+                           Robot, rod, TaskSpace)
 from kane_dynamics._util.resources import resource_path
 from linkages import five_bar, five_bar_at
 import numpy as np
@@ -34,22 +34,25 @@ def loop():
 def test_they_are_those_of_the_definition():
     robot = fr3()
     u = np.random.default_rng(0).normal(size=7)
-    J, M_inverse = robot.jacobian(TIP, Q), np.linalg.inv(robot.mass_matrix(Q))
+    J = robot.jacobian(TIP, Q)
+    M_inverse = np.linalg.inv(robot.mass_matrix(Q))
     Lambda = np.linalg.inv(J @ M_inverse @ J.T)
     J_bar = M_inverse @ J.T @ Lambda
     space = TaskSpace(robot, TIP).at(Q, u)
     expected = {
         'jacobian': J, 'mobility': J @ M_inverse @ J.T, 'inertia': Lambda,
         'consistent_inverse': J_bar, 'null_projector': np.eye(7) - J_bar @ J,
-        'bias': J_bar.T @ robot.bias_force(Q, u) - Lambda @ robot.jacobian_rate(TIP, Q, u) @ u,
+        'bias': J_bar.T @ robot.bias_force(Q, u)
+        - Lambda @ robot.jacobian_rate(TIP, Q, u) @ u,
         'gravity': J_bar.T @ robot.gravity_force(Q)}
     for name, value in expected.items():
-        np.testing.assert_allclose(getattr(space, name), value, atol=1e-11 * np.abs(value).max(),
-                                   err_msg=name)
+        np.testing.assert_allclose(getattr(space, name), value,
+                                   atol=1e-11 * np.abs(value).max(), err_msg=name)
     assert space.regularization == 0.0
     L = robot.mechanism.length
     scales = np.array([1, 1, 1, L, L, L])
-    assert space.mass == pytest.approx(np.trace(Lambda / np.outer(scales, scales)), rel=1e-7)
+    assert space.mass == pytest.approx(np.trace(Lambda / np.outer(scales, scales)),
+                                       rel=1e-7)
 
 
 @pytest.mark.slow
@@ -66,7 +69,8 @@ def test_towards_a_singularity_they_are_bounded_and_do_not_jump():
     assert np.linalg.eigvalsh(inertias).max() < 4.0 / 3.0 * 150.0
     assert np.abs(np.diff(inertias, axis=0)).max() < 1.5
     jacobian = states[0].jacobian * scales[:, None]
-    assert np.abs(states[0].heaviest @ jacobian).max() < 1e-5  # of a square root of rounding
+    # Of a square root of rounding.
+    assert np.abs(states[0].heaviest @ jacobian).max() < 1e-5
 
 
 @pytest.mark.slow
@@ -76,7 +80,8 @@ def test_axes_turn_the_quantities(axes):
     u = np.random.default_rng(1).normal(size=7)
     pose = robot.frame_pose(TIP, Q)
     six = np.kron(np.eye(2), pose[:3, :3] if axes == 'frame' else np.eye(3))
-    turned, world = TaskSpace(robot, TIP, axes=axes).at(Q, u), TaskSpace(robot, TIP).at(Q, u)
+    turned = TaskSpace(robot, TIP, axes=axes).at(Q, u)
+    world = TaskSpace(robot, TIP).at(Q, u)
     np.testing.assert_allclose(six @ turned.inertia @ six.T, world.inertia, atol=1e-12)
     np.testing.assert_allclose(six @ turned.bias, world.bias, atol=1e-11)
 
@@ -85,9 +90,10 @@ def test_axes_turn_the_quantities(axes):
     ('world', None), pytest.param('world', ('x', 'z', 'ry'), marks=pytest.mark.slow),
     pytest.param('frame', ('x', 'y', 'z'), marks=pytest.mark.slow)])
 def test_in_task_speeds_the_mass_matrix_is_lambda(axes, directions):
-    """Two formulations: generalized speeds of Kane's equations, and products of matrices."""
+    """Two formulations: Kane's generalized speeds, products of matrices."""
     robot = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')))
-    q, u = np.array([0.3, -1.2, 1.5, -1.0, 1.2, 0.4]), np.random.default_rng(2).normal(size=6)
+    q = np.array([0.3, -1.2, 1.5, -1.0, 1.2, 0.4])
+    u = np.random.default_rng(2).normal(size=6)
     space = TaskSpace(robot, 'tool0', axes=axes, directions=directions)
     direct = space.at(q, u)
     chosen = in_task_speeds(robot, 'tool0', axes=axes, directions=directions)
@@ -118,11 +124,14 @@ def test_a_robot_in_task_speeds_has_the_parameters_of_the_robot():
     robot.parameters.gravity = (1.0, -2.0, -7.0)
     robot.limits = replace(robot.limits, velocity=np.full(6, 0.5))
     chosen = in_task_speeds(robot, 'tool0')
-    q, u = np.array([0.3, -1.2, 1.5, -1.0, 1.2, 0.4]), np.random.default_rng(2).normal(size=6)
+    q = np.array([0.3, -1.2, 1.5, -1.0, 1.2, 0.4])
+    u = np.random.default_rng(2).normal(size=6)
     Y, _ = chosen.mechanism.speeds.of(q, 0.0)
     v = np.asarray(Y, dtype=float) @ u
-    assert chosen.kinetic_energy(q, v) == pytest.approx(robot.kinetic_energy(q, u), rel=1e-12)
-    assert chosen.potential_energy(q) == pytest.approx(robot.potential_energy(q), rel=1e-12)
+    assert chosen.kinetic_energy(q, v) == pytest.approx(robot.kinetic_energy(q, u),
+                                                        rel=1e-12)
+    assert chosen.potential_energy(q) == pytest.approx(robot.potential_energy(q),
+                                                       rel=1e-12)
     assert chosen.limits is robot.limits
 
 
@@ -153,7 +162,8 @@ def test_closed_loops_have_task_speeds():
 @pytest.mark.slow
 def test_a_five_bar_with_one_direction_has_a_complement():
     robot = five_bar('left_crank', 'right_crank')
-    q, u = five_bar_at(2.1, 1.05), np.array([0.4, -0.3])
+    q = five_bar_at(2.1, 1.05)
+    u = np.array([0.4, -0.3])
     frame = robot.frame_names[-1]
     pose = robot.jacobian(frame, q)
     direction = ('x', 'y', 'z')[int(np.argmax(np.abs(pose[:3]).max(axis=1)))]

@@ -1,4 +1,4 @@
-"""The first load of a URDF: it imports no mesh library, and threads and forks may do it."""
+"""The first load of a URDF imports no mesh library; threads and forks may."""
 
 import subprocess
 import sys
@@ -76,7 +76,8 @@ def test_the_deferred_package_is_imported_when_it_is_used(tmp_path, monkeypatch)
     assert run(DEFERRED_USE, tmp_path, monkeypatch) == ['False', 'True True']
 
 
-def test_a_thread_may_load_a_urdf_and_use_meshes_during_the_first_load(tmp_path, monkeypatch):
+def test_a_thread_may_load_a_urdf_and_use_meshes_during_the_first_load(
+        tmp_path, monkeypatch):
     assert run(THREADS, tmp_path, monkeypatch) == ['True 2 1']
 
 

@@ -34,21 +34,22 @@ def place(tmp_path, monkeypatch):
 @pytest.fixture
 def reads(monkeypatch):
     """Return a list that grows by one whenever a URDF is parsed."""
-    seen, read = [], model_reader.read_model
+    reported = []
+    read = model_reader.read_model
 
     def counted(*arguments, **options):
-        seen.append(arguments)
+        reported.append(arguments)
         return read(*arguments, **options)
     monkeypatch.setattr(model_reader, 'read_model', counted)
-    return seen
+    return reported
 
 
 def loaded(*arguments, **options):
     """Return a model and the warnings of loading it, with where they point."""
-    with warnings.catch_warnings(record=True) as found:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter('always')
         model = load_urdf(*arguments, **options)
-    return model, [(w.category, str(w.message), w.filename, w.lineno) for w in found]
+    return model, [(w.category, str(w.message), w.filename, w.lineno) for w in caught]
 
 
 @pytest.mark.parametrize('path', SHIPPED, ids=lambda path: path.stem)
@@ -58,13 +59,13 @@ def test_a_shipped_robot_comes_back_to_the_last_bit(place, reads, path):
     again, told_again = loaded(path, supplement=supplement)
     assert len(reads) == 1
     assert again.digest() == first.digest() and told_again == told
-    for one, other in zip(first.bodies, again.bodies):
-        assert one.joint.limits == other.joint.limits
-        assert np.array_equal(one.joint.rotation, other.joint.rotation)
-        assert not other.inertial.inertia.flags.writeable
-        assert (one.beam is None) == (other.beam is None)
+    for one, read_again in zip(first.bodies, again.bodies):
+        assert one.joint.limits == read_again.joint.limits
+        assert np.array_equal(one.joint.rotation, read_again.joint.rotation)
+        assert not read_again.inertial.inertia.flags.writeable
+        assert (one.beam is None) == (read_again.beam is None)
         if one.beam is not None:
-            assert np.array_equal(one.beam.axial, other.beam.axial)
+            assert np.array_equal(one.beam.axial, read_again.beam.axial)
 
 
 def test_a_hit_warns_as_the_first_load_did(place, reads):
@@ -72,7 +73,8 @@ def test_a_hit_warns_as_the_first_load_did(place, reads):
     _, again = loaded(DOUBTFUL)
     assert len(reads) == 1
     assert len(first) == 3 and again == first
-    assert {(category, file) for category, _, file, _ in again} == {(ModelWarning, __file__)}
+    assert {(category, file) for category, _, file, _ in again} == {
+        (ModelWarning, __file__)}
     with warnings.catch_warnings():
         warnings.simplefilter('error')
         with pytest.raises(ModelWarning):
@@ -82,7 +84,8 @@ def test_a_hit_warns_as_the_first_load_did(place, reads):
 def test_path_text_and_bytes_of_the_same_urdf_share_an_entry(place, reads, tmp_path):
     file = tmp_path / 'arm.urdf'
     file.write_text(DOUBTFUL)
-    for source in (DOUBTFUL, DOUBTFUL.encode(), file, str(file), DOUBTFUL.encode('utf-16')):
+    for source in (DOUBTFUL, DOUBTFUL.encode(), file, str(file),
+                   DOUBTFUL.encode('utf-16')):
         loaded(source)
     assert len(reads) == 1
 
@@ -90,7 +93,8 @@ def test_path_text_and_bytes_of_the_same_urdf_share_an_entry(place, reads, tmp_p
 @pytest.mark.parametrize('change', [
     {'strict': False}, {'gravity': (0.0, 0.0, -1.62)}, {'joints': ['a']}, {'locked': {}},
     {'drop': ['one']}, {'base': 'base'}, {'tip': 'one'},
-    {'supplement': {'joints': {'a': {'armature': 0.5}}}}], ids=lambda change: next(iter(change)))
+    {'supplement': {'joints': {'a': {'armature': 0.5}}}}],
+                         ids=lambda change: next(iter(change)))
 def test_every_argument_has_an_entry_of_its_own(place, reads, change):
     plain, _ = loaded(DOUBTFUL)
     expected, _ = loaded(DOUBTFUL, **change)
@@ -198,9 +202,10 @@ print(time.process_time() - begin, *(set(sys.modules) & {'lxml', 'trimesh', 'sci
     path = resource_path('urdf', 'fr3.urdf')
 
     def run():
-        done = subprocess.run([sys.executable, '-c', program, str(path)], check=True, timeout=60,
-                              capture_output=True, text=True, cwd=Path(__file__).parents[3],
-                              env={**os.environ, 'KANE_DYNAMICS_CACHE': str(place)})
+        done = subprocess.run(
+            [sys.executable, '-c', program, str(path)], check=True, timeout=60,
+            capture_output=True, text=True, cwd=Path(__file__).parents[3],
+            env={**os.environ, 'KANE_DYNAMICS_CACHE': str(place)})
         seconds, *modules = done.stdout.split()
         return float(seconds), modules
     first, modules = run()

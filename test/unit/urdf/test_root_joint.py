@@ -35,25 +35,31 @@ def test_a_free_base_has_the_dynamics_of_pinocchios_free_flyer(walker):
     assert list(peer.names)[2:] == list(walker.joint_names[6:])
     rng = np.random.default_rng(0)
     for _ in range(5):
-        q, udot = walker.random_configuration(rng), rng.normal(size=walker.n)
+        q = walker.random_configuration(rng)
+        udot = rng.normal(size=walker.n)
         R = walker.frame_pose('trunk', q)[:3, :3]
-        turned = np.eye(walker.n)  # Pinocchio's linear velocity is on the axes of the trunk
+        # Pinocchio's linear velocity is on the axes of the trunk.
+        turned = np.eye(walker.n)
         turned[:3, :3] = R.T
         still = np.zeros(walker.n)
         theirs = pin.rnea(peer, data, q, still, turned @ udot)
-        assert_allclose(walker.inverse_dynamics(q, still, udot), turned.T @ theirs, atol=1e-11)
+        assert_allclose(walker.inverse_dynamics(q, still, udot), turned.T @ theirs,
+                        atol=1e-11)
 
 
 def test_a_floating_base_has_the_mass_and_the_legs_of_the_fixed_one(walker):
-    fixed, angles = Robot(load(LEGS)), Robot(load(LEGS, root_joint='floating'))
-    assert angles.joint_names == (*(f'root_joint/{x}' for x in ('x', 'y', 'z', 'rx', 'ry', 'rz')),
+    fixed = Robot(load(LEGS))
+    angles = Robot(load(LEGS, root_joint='floating'))
+    assert angles.joint_names == (*(f'root_joint/{x}'
+                                    for x in ('x', 'y', 'z', 'rx', 'ry', 'rz')),
                                   *fixed.joint_names)
     legs = np.array([0.3, -1.0, -0.2, 0.4])
-    for other in (walker, angles):
-        q = np.concatenate([other.neutral()[:-4], legs])
-        assert_allclose(other.gravity_force(q)[6:], fixed.gravity_force(legs), atol=1e-12)
-        assert_allclose(other.gravity_force(q)[2], 9.81 * (6.0 + 2 * 1.7), rtol=1e-12)
-        assert other.model.floating_base == other.joint_names[:6]
+    for floating in (walker, angles):
+        q = np.concatenate([floating.neutral()[:-4], legs])
+        assert_allclose(floating.gravity_force(q)[6:], fixed.gravity_force(legs),
+                        atol=1e-12)
+        assert_allclose(floating.gravity_force(q)[2], 9.81 * (6.0 + 2 * 1.7), rtol=1e-12)
+        assert floating.model.floating_base == floating.joint_names[:6]
     assert fixed.model.floating_base == ()
     assert load(LEGS, root_joint='planar').floating_base == ()
 
@@ -61,7 +67,8 @@ def test_a_floating_base_has_the_mass_and_the_legs_of_the_fixed_one(walker):
 def test_a_floating_base_with_angles_has_motions():
     robot = Robot(load(LEGS, root_joint='floating'))
     q0 = robot.feasible_configuration()
-    motion = Motion.from_points([0.0, 1.0], [q0, q0 + 0.2], joint_names=robot.joint_names)
+    motion = Motion.from_points([0.0, 1.0], [q0, q0 + 0.2],
+                                joint_names=robot.joint_names)
     assert np.isfinite(robot.inverse_dynamics(*motion.sample(0.5))).all()
 
 
@@ -78,7 +85,8 @@ def test_a_root_joint_that_cannot_be_added_is_refused(options, words):
 
 def test_a_root_link_called_world_is_answered_with_the_base_to_choose():
     mounted = robot(link('world', None), link('trunk'), link('arm'),
-                    joint('mount', 'world', 'trunk', 'fixed'), joint('j', 'trunk', 'arm'))
+                    joint('mount', 'world', 'trunk', 'fixed'),
+                    joint('j', 'trunk', 'arm'))
     with pytest.raises(InputError, match='expected base= one of trunk'):
         load(mounted, root_joint='free')
     assert load(mounted, root_joint='free', base='trunk').n == 7
@@ -98,17 +106,21 @@ def test_a_foot_is_placed_by_its_leg_alone_or_with_the_base(walker):
     assert free.converged
     assert_allclose(walker.frame_pose('foot', free.q), pose, atol=1e-8)
     assert np.linalg.norm(free.q[3:7]) == pytest.approx(1.0, abs=1e-15)
-    assert not inverse_kinematics(walker, 'foot', pose, q0, joints=LEG, starts=3).converged
-    with pytest.raises(InputError, match=r"joints: \['knee'\]; expected some of root_joint/x"):
+    assert not inverse_kinematics(
+        walker, 'foot', pose, q0, joints=LEG, starts=3).converged
+    with pytest.raises(InputError,
+                       match=r"joints: \['knee'\]; expected some of root_joint/x"):
         inverse_kinematics(walker, 'foot', target, joints=['knee'])
-    with pytest.raises(InputError, match="joints: root_joint/wx of the ball joint 'root_joint'; "
+    with pytest.raises(InputError,
+                       match="joints: root_joint/wx of the ball joint 'root_joint'; "
                        'expected root_joint/wx, root_joint/wy, root_joint/wz together'):
         inverse_kinematics(walker, 'foot', target, joints=['root_joint/wx', *LEG])
     with pytest.raises(InputError, match='joints: 3; expected some of'):
         inverse_kinematics(walker, 'foot', target, joints=3)
 
 
-def test_doctor_does_not_say_that_a_floating_robot_holds_itself(walker, tmp_path, capsys):
+def test_doctor_does_not_say_that_a_floating_robot_holds_itself(
+        walker, tmp_path, capsys):
     words = [finding.words for finding in examine_model(walker.model, walker, [])]
     assert any(text.startswith("floating base on 'root_joint'") for text in words)
     assert not any('hold the arm' in text or 'root_joint/' in text for text in words)
@@ -125,7 +137,8 @@ def test_commands_take_a_floating_base(kind, tmp_path, capsys):
     for command in (['torque'], ['simulate', '--duration', '0.1'], ['inspect']):
         assert main([command[0], str(path), '--root-joint', kind, *command[1:]]) == 0
     printed = capsys.readouterr().out
-    fallen = f'{-0.5 * 9.81 * 0.1**2:.6g}'  # of the center of mass; the trunk's moves a little
+    # Of the center of mass; the trunk's moves a little.
+    fallen = f'{-0.5 * 9.81 * 0.1**2:.6g}'
     assert 'root_joint/z' in printed and fallen[:5] in printed
 
 

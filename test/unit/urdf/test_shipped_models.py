@@ -42,7 +42,7 @@ def text(name):
 
 
 def screw(axis, angle, shift):
-    """Return the rotation about x (0) or z (2) by `angle` with a shift along it, (4, 4)."""
+    """Return a rotation about x (0) or z (2) with a shift along it, (4, 4)."""
     T = np.eye(4)
     i, j = (1, 2) if axis == 0 else (0, 1)
     T[i, i] = T[j, j] = math.cos(angle)
@@ -53,7 +53,7 @@ def screw(axis, angle, shift):
 
 
 def flange_ur10e(q):
-    """Return the flange pose from the manufacturer's table; base_link is rotated by pi."""
+    """Return the flange pose by the maker's table; base_link turned by pi."""
     T = screw(2, math.pi, 0.0)
     for angle, (a, d, alpha) in zip(q, UR10E, strict=True):
         T = T @ screw(2, angle, d) @ screw(0, alpha, a)
@@ -74,7 +74,8 @@ ARMS = {'ur10e': ('tool0', flange_ur10e), 'fr3': ('fr3_link8', flange_fr3)}
 def random_positions(model, rng):
     """Return a position within the limits, or within two turns where there are none."""
     limits = [joint.limits for joint in model.coordinate_joints]
-    return np.array([rng.uniform(max(one.lower, -6.0), min(one.upper, 6.0)) for one in limits])
+    return np.array(
+        [rng.uniform(max(one.lower, -6.0), min(one.upper, 6.0)) for one in limits])
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -89,15 +90,16 @@ def test_every_model_loads_with_the_announced_warnings_only(name):
 
 
 def test_models_named_in_the_documentation_exist():
-    assert NAMES == ['fr3', 'human_hand', 'palletizer', 'spring_mass_pendulum', 'two_link',
-                     'two_link_planar', 'two_rods', 'ur10e']
+    assert NAMES == ['fr3', 'human_hand', 'palletizer', 'spring_mass_pendulum',
+                     'two_link', 'two_link_planar', 'two_rods', 'ur10e']
     readme = (FOLDER / 'README.md').read_text()
     for path in FOLDER.iterdir():
         assert f'`{path.name}`' in readme or path.name == 'README.md'
 
 
 @pytest.mark.parametrize('path', sorted(
-    {*FOLDER.glob('*.yaml')} - {*FOLDER.glob('*.constraints.yaml')}), ids=lambda path: path.stem)
+    {*FOLDER.glob('*.yaml')} - {*FOLDER.glob('*.constraints.yaml')}),
+                         ids=lambda path: path.stem)
 def test_every_supplement_fits_its_model(path):
     name = path.name.split('.')[0]
     model = load(name, supplement=path)
@@ -134,7 +136,8 @@ def test_masses_add_up_to_the_data_sheet(name, hand, total, tolerance):
 def test_flange_pose_matches_the_manufacturers_dh_table(name):
     tip, flange = ARMS[name]
     model = load(name, tip=tip)
-    robot, rng = Robot(model), np.random.default_rng(1)
+    robot = Robot(model)
+    rng = np.random.default_rng(1)
     for _ in range(5):
         q = random_positions(model, rng)
         np.testing.assert_allclose(robot.frame_pose(tip, q), flange(q), atol=1e-14)
@@ -148,16 +151,21 @@ def test_the_ur10e_reaches_its_data_sheets_1300_mm():
 
 
 def test_the_palletizer_has_the_published_lengths_and_ranges_and_mass():
-    robot, q = Robot(load('palletizer')), np.zeros(10)
-    published = {'lower_arm': (0.26, 0.745), 'upper_arm': (0.26, 0.745 + 0.945), 'wrist': (
-        0.26 + 1.025, 1.69), 'tool': (0.26 + 1.025 + 0.225, 1.69 - 0.2515)}  # m: x, z at zero
+    robot = Robot(load('palletizer'))
+    q = np.zeros(10)
+    # m: x, z at zero
+    published = {'lower_arm': (0.26, 0.745), 'upper_arm': (0.26, 0.745 + 0.945),
+                 'wrist': (
+                     0.26 + 1.025, 1.69), 'tool': (0.26 + 1.025 + 0.225, 1.69 - 0.2515)}
     for frame, place in published.items():
-        np.testing.assert_allclose(robot.frame_pose(frame, q)[[0, 2], 3], place, atol=1e-12)
+        np.testing.assert_allclose(robot.frame_pose(frame, q)[[0, 2], 3], place,
+                                   atol=1e-12)
     for joint, *degrees in (('swivel', -165, 165, 145), ('shoulder', -40, 85, 110),
                             ('lever_drive', -20, 120, 120), ('turn', -300, 300, 400)):
         limits = robot.model.coordinate_joints[robot.joint_names.index(joint)].limits
-        np.testing.assert_allclose(np.degrees([limits.lower, limits.upper, limits.velocity]),
-                                   degrees, atol=0.003)
+        np.testing.assert_allclose(
+            np.degrees([limits.lower, limits.upper, limits.velocity]),
+            degrees, atol=0.003)
     mass = sum(body.inertial.mass for body in robot.model.bodies)
     assert mass + 329.0 == pytest.approx(925.0)  # kg; the base is fixed
 
@@ -166,19 +174,24 @@ def test_the_research_3_reaches_its_data_sheets_855_mm():
     # from the shoulder's center to the flange, over the positions that the limits allow
     model = load('fr3', tip='fr3_link8')
     robot = Robot(model)
-    elbow, wrist = (model.coordinate_joints[k].limits for k in (3, 5))
+    elbow = model.coordinate_joints[3].limits
+    wrist = model.coordinate_joints[5].limits
     angles = np.linspace(wrist.lower, wrist.upper, 200)
     q = np.zeros((angles.size, robot.n))
-    q[:, 3], q[:, 5] = elbow.upper, angles
-    reach = [np.linalg.norm(robot.frame_pose('fr3_link8', one)[:3, 3] - [0.0, 0.0, 0.333])
-             for one in q]
+    q[:, 3] = elbow.upper
+    q[:, 5] = angles
+    reach = []
+    for one in q:
+        reach.append(np.linalg.norm(robot.frame_pose('fr3_link8', one)[:3, 3]
+                                    - [0.0, 0.0, 0.333]))
     assert max(reach) == pytest.approx(0.855, rel=0.01)
 
 
 @pytest.mark.parametrize('name', NAMES)
 def test_pinocchio_finds_the_same_mass_matrix(name):
     model = load(name, tip='fr3_link8' if name == 'fr3' else None)
-    robot, rng = Robot(model), np.random.default_rng(2)
+    robot = Robot(model)
+    rng = np.random.default_rng(2)
     peer = pinocchio.buildModelFromXML(text(name))
     data = peer.createData()
     columns = [peer.joints[peer.getJointId(joint)].idx_v for joint in model.joint_names]
@@ -209,9 +222,9 @@ def test_mujoco_and_pinocchio_agree_on_the_mass_matrix(name):
         mujoco.mj_fullM(plant, state, M)
         q = np.zeros(peer.nq)
         q[columns] = state.qpos
-        other = pinocchio.crba(peer, data, q)
-        other = np.triu(other) + np.triu(other, 1).T
-        np.testing.assert_allclose(M, other[np.ix_(columns, columns)], atol=1e-9)
+        peer_matrix = pinocchio.crba(peer, data, q)
+        peer_matrix = np.triu(peer_matrix) + np.triu(peer_matrix, 1).T
+        np.testing.assert_allclose(M, peer_matrix[np.ix_(columns, columns)], atol=1e-9)
 
 
 @pytest.mark.parametrize(('name', 'configuration'), [

@@ -38,9 +38,10 @@ def test_every_supplement_key_sets_the_model(tmp_path):
     carrier = model.bodies[1].inertial
     assert carrier.mass == 3.0
     assert_allclose(carrier.com, [0, 0, 1.0])
-    own, moved = 0.1 * np.eye(3), np.diag([1, 1, 0]) * (1 * 1.0 ** 2 + 2 * 0.5 ** 2)
+    about_com = 0.1 * np.eye(3)
+    moved = np.diag([1, 1, 0]) * (1 * 1.0 ** 2 + 2 * 0.5 ** 2)
     load_inertia = [[0.1, 0.01, -0.02], [0.01, 0.2, 0.03], [-0.02, 0.03, 0.25]]
-    assert_allclose(carrier.inertia, own + load_inertia + moved, atol=1e-15)
+    assert_allclose(carrier.inertia, about_com + load_inertia + moved, atol=1e-15)
 
 
 def test_supplement_as_dict_equals_file(tmp_path):
@@ -68,7 +69,8 @@ def test_payload_on_a_base_link_adds_to_the_base_inertial():
 
 
 def test_payload_is_kept_on_a_dropped_link():
-    model = load(ARM, supplement={'payload': {'link': 'tool', 'mass': 4}}, drop=['tool', 'c'])
+    model = load(ARM, supplement={'payload': {'link': 'tool', 'mass': 4}},
+                 drop=['tool', 'c'])
     assert model.bodies[1].inertial.mass == 4.0
 
 
@@ -95,13 +97,17 @@ FAULTS = {
                            ("joint 'j'", 'stiffness: -1;', 'not negative')),
     'friction speed of zero': ({'joints': {'j': {'friction_speed': 0}}},
                                ("joint 'j'", 'friction_speed: 0;', 'positive')),
-    'nan': ({'joints': {'j': {'armature': float('nan')}}}, ("'j'", 'armature: nan', 'finite')),
+    'nan': ({'joints': {'j': {'armature': float('nan')}}},
+            ("'j'", 'armature: nan', 'finite')),
     'infinite': ({'joints': {'j': {'rest': '1e999'}}}, ("'j'", 'rest:', 'finite')),
-    'text': ({'joints': {'j': {'damping': 'much'}}}, ("'j'", "damping: 'much'", 'finite')),
+    'text': ({'joints': {'j': {'damping': 'much'}}},
+             ("'j'", "damping: 'much'", 'finite')),
     'truth': ({'joints': {'j': {'damping': True}}}, ("'j'", 'damping: True', 'finite')),
-    'nothing': ({'joints': {'j': {'damping': None}}}, ("'j'", 'damping: None', 'finite')),
+    'nothing': ({'joints': {'j': {'damping': None}}},
+                ("'j'", 'damping: None', 'finite')),
     'list': ({'joints': {'j': {'damping': [1]}}}, ("'j'", 'damping: [1]', 'finite')),
-    'joint without mapping': ({'joints': {'j': 5}}, ("joint 'j': 5", 'a mapping of armature')),
+    'joint without mapping': ({'joints': {'j': 5}},
+                              ("joint 'j': 5", 'a mapping of armature')),
     'joints without mapping': ({'joints': ['j']}, ("joints: ['j']", 'mapping of names')),
     'number as joint': ({'joints': {1: {}}}, ('1', 'expected one of')),
     'unknown payload key': ({'payload': {**PAYLOAD, 'weight': 1}},
@@ -112,13 +118,18 @@ FAULTS = {
                              ('payload', "'link'", 'expected link and mass')),
     'payload nowhere': ({'payload': {'link': 'x', 'mass': 1}},
                         ("'x'", 'expected one of a, b, c, tool')),
-    'payload on a number': ({'payload': {'link': 1, 'mass': 1}}, ('link 1;', 'name of a link')),
+    'payload on a number': ({'payload': {'link': 1, 'mass': 1}},
+                            ('link 1;', 'name of a link')),
     'negative payload': ({'payload': {'link': 'tool', 'mass': -1}},
                          ('payload: mass: -1', 'not negative')),
-    'com of two': ({'payload': {**PAYLOAD, 'com': [0, 0]}}, ('com [0, 0]', 'three numbers')),
-    'com of text': ({'payload': {**PAYLOAD, 'com': 'abc'}}, ("com 'abc'", 'three numbers')),
-    'com of none': ({'payload': {**PAYLOAD, 'com': [0, 0, None]}}, ('com: None', 'finite')),
-    'unknown moment': ({'payload': {**PAYLOAD, 'inertia': {'iyx': 1}}}, ("'iyx'", 'ixx, ixy')),
+    'com of two': ({'payload': {**PAYLOAD, 'com': [0, 0]}},
+                   ('com [0, 0]', 'three numbers')),
+    'com of text': ({'payload': {**PAYLOAD, 'com': 'abc'}},
+                    ("com 'abc'", 'three numbers')),
+    'com of none': ({'payload': {**PAYLOAD, 'com': [0, 0, None]}},
+                    ('com: None', 'finite')),
+    'unknown moment': ({'payload': {**PAYLOAD, 'inertia': {'iyx': 1}}},
+                       ("'iyx'", 'ixx, ixy')),
     'inertia as list': ({'payload': {**PAYLOAD, 'inertia': [1, 1, 1]}},
                         ('inertia: [1, 1, 1]', 'a mapping of ixx')),
     'no mapping': ([1], ('[1]', 'path of a YAML file, or a dict')),
@@ -182,8 +193,9 @@ def test_yaml_of_many_aliases_is_refused_at_once(tmp_path):
     path.write_text('a0: &a0 x\n' + '\n'.join(levels) + '\njoints: {j: *a11}\n')
     with pytest.raises(UrdfError, match="unknown key 'a0'"):
         load_urdf(ARM, supplement=path)
-    path.write_text(path.read_text().replace('joints: {j: *a11}', '').replace('a0:', 'joints:', 1)
-                    .replace('a11:', 'payload:'))
+    path.write_text(
+        path.read_text().replace('joints: {j: *a11}', '').replace('a0:', 'joints:', 1)
+        .replace('a11:', 'payload:'))
     with pytest.raises(UrdfError) as caught:
         load_urdf(ARM, supplement=path)
     assert len(str(caught.value)) < 2000

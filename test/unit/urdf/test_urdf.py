@@ -14,7 +14,8 @@ HALF = repr(math.pi / 2)
 def rotation(axis, angle):
     """Return the rotation about the x, y or z axis."""
     i = 'xyz'.index(axis)
-    j, k = (i + 1) % 3, (i + 2) % 3
+    j = (i + 1) % 3
+    k = (i + 2) % 3
     R = np.eye(3)
     R[j, j] = R[k, k] = np.cos(angle)
     R[k, j], R[j, k] = np.sin(angle), -np.sin(angle)
@@ -22,16 +23,18 @@ def rotation(axis, angle):
 
 
 def test_joint_has_the_values_of_the_urdf():
-    model = load(robot(link('a', None), link('b', 2.5, (1, 2, 2.5), '0.1 0.2 0.3'), joint(
-        'j', 'a', 'b', axis='0 1 0', xyz='1 2 3', rpy='0.1 0.2 0.3',
-        more='<dynamics damping="0.7" friction="0.3"/>')))
+    model = load(robot(link('a', None), link('b', 2.5, (1, 2, 2.5), '0.1 0.2 0.3'),
+                       joint('j', 'a', 'b', axis='0 1 0', xyz='1 2 3', rpy='0.1 0.2 0.3',
+                             more='<dynamics damping="0.7" friction="0.3"/>')))
     body, = model.bodies
-    assert (model.name, model.base_name, body.name, body.parent) == ('r', 'a', 'b', WORLD)
+    assert (model.name, model.base_name, body.name, body.parent) == ('r', 'a', 'b',
+                                                                     WORLD)
     assert (body.joint.name, body.joint.kind) == ('j', 'revolute')
     assert_array_equal(body.joint.axis, [0, 1, 0])
     assert_array_equal(body.joint.translation, [1, 2, 3])
     assert_allclose(body.joint.rotation,
-                    rotation('z', 0.3) @ rotation('y', 0.2) @ rotation('x', 0.1), atol=1e-15)
+                    rotation('z', 0.3) @ rotation('y', 0.2) @ rotation('x', 0.1),
+                    atol=1e-15)
     limits = body.joint.limits
     assert (limits.lower, limits.upper, limits.velocity, limits.effort) == (-1, 1, 2, 3)
     assert (body.joint.damping, body.joint.friction) == (0.7, 0.3)
@@ -44,12 +47,14 @@ def test_inertial_origin_turns_the_inertia():
     model = load(robot(link('a'), link('b', 1, (1, 2, 2.5), rpy='0 0 0.4'),
                        joint('j', 'a', 'b')))
     R = rotation('z', 0.4)
-    assert_allclose(model.bodies[0].inertial.inertia, R @ np.diag([1, 2, 2.5]) @ R.T, atol=1e-15)
+    assert_allclose(model.bodies[0].inertial.inertia, R @ np.diag([1, 2, 2.5]) @ R.T,
+                    atol=1e-15)
 
 
 def test_continuous_is_revolute_without_bounds_and_prismatic_is_prismatic():
-    model = load(robot(link('a'), link('b'), link('c'), joint('j', 'a', 'b', 'continuous',
-                       limit='<limit effort="5" velocity="6"/>'),
+    model = load(robot(link('a'), link('b'), link('c'),
+                       joint('j', 'a', 'b', 'continuous',
+                             limit='<limit effort="5" velocity="6"/>'),
                        joint('k', 'b', 'c', 'prismatic')))
     assert [b.joint.kind for b in model.bodies] == ['revolute', 'prismatic']
     limits = model.bodies[0].joint.limits
@@ -62,9 +67,9 @@ def test_gravity_is_the_argument():
     assert_array_equal(load(chain(1), gravity=[0, 9.8, 0]).gravity, [0, 9.8, 0])
 
 
-@pytest.mark.parametrize('rpy', [f'{HALF} 0 0', f'0 -{HALF} 0', f'{math.pi} {HALF} -{math.pi}',
-                                 f'{HALF} {HALF} {HALF}', '0 0 4.71238898038469',
-                                 '3.14159265358979 0 0'])
+@pytest.mark.parametrize(
+    'rpy', [f'{HALF} 0 0', f'0 -{HALF} 0', f'{math.pi} {HALF} -{math.pi}',
+            f'{HALF} {HALF} {HALF}', '0 0 4.71238898038469', '3.14159265358979 0 0'])
 def test_quarter_turns_are_exact(rpy):
     model = load(robot(link('a'), link('b'), joint('j', 'a', 'b', rpy=rpy)))
     R = model.bodies[0].joint.rotation
@@ -76,9 +81,12 @@ def test_quarter_turns_are_exact(rpy):
 @pytest.mark.parametrize('angle', [1.5708, 3.14159265359, 1.57079632679, 1e-10])
 def test_rounded_angles_are_not_snapped(angle):
     model = load(robot(link('a'), link('b'), joint('j', 'a', 'b', rpy=f'{angle!r} 0 0')))
-    assert_allclose(model.bodies[0].joint.rotation, rotation('x', angle), atol=1e-15, rtol=0)
-    assert model.bodies[0].joint.rotation[1, 2] != round(model.bodies[0].joint.rotation[1, 2]) or (
-        model.bodies[0].joint.rotation[1, 1] != round(model.bodies[0].joint.rotation[1, 1]))
+    assert_allclose(model.bodies[0].joint.rotation, rotation('x', angle),
+                    atol=1e-15, rtol=0)
+    assert model.bodies[0].joint.rotation[1, 2] != round(
+        model.bodies[0].joint.rotation[1, 2]) or (
+            model.bodies[0].joint.rotation[1, 1]
+            != round(model.bodies[0].joint.rotation[1, 1]))
 
 
 def test_fixed_joint_merges_its_link_into_the_moving_body():
@@ -169,10 +177,12 @@ def test_mimic_chain_resolves_to_the_root_master_whatever_the_order():
     ('0.1', '0', 'lower="-0.1" upper="0.1" velocity="0.2"', (-1.0, 1.0, 2.0, 3.0)),
     ('1', '0', 'lower="-1" upper="1" velocity="2"', (-1.0, 1.0, 2.0, 3.0))])
 def test_limits_of_a_mimic_joint_bound_its_master(multiplier, offset, stated, expected):
-    follower = joint('f', 'a', 'c', limit=f'<limit {stated} effort="3"/>',
-                     more=f'<mimic joint="m" multiplier="{multiplier}" offset="{offset}"/>')
+    follower = joint(
+        'f', 'a', 'c', limit=f'<limit {stated} effort="3"/>',
+        more=f'<mimic joint="m" multiplier="{multiplier}" offset="{offset}"/>')
     for order in ((follower, joint('m', 'a', 'b')), (joint('m', 'a', 'b'), follower)):
-        limits = load(robot(link('a'), link('b'), link('c'), *order)).coordinate_joints[0].limits
+        limits = load(robot(link('a'), link('b'), link('c'),
+                            *order)).coordinate_joints[0].limits
         assert (limits.lower, limits.upper, limits.velocity, limits.effort) == expected
 
 
@@ -184,8 +194,9 @@ def test_mimic_with_multiplier_zero_stands_at_its_offset():
 
 
 def test_floating_joint_expands_to_six_with_documented_names():
-    model = load(robot(link('a'), link('b', 2), joint('j', 'a', 'b', 'floating', axis=None,
-                                                      limit='', xyz='1 0 0', rpy='0 0 0.3')))
+    model = load(robot(link('a'), link('b', 2),
+                       joint('j', 'a', 'b', 'floating', axis=None,
+                             limit='', xyz='1 0 0', rpy='0 0 0.3')))
     assert model.joint_names == ('j/x', 'j/y', 'j/z', 'j/rx', 'j/ry', 'j/rz')
     assert [b.joint.kind for b in model.bodies] == ['prismatic'] * 3 + ['revolute'] * 3
     assert_array_equal([b.joint.axis for b in model.bodies], np.tile(np.eye(3), (2, 1)))
@@ -208,11 +219,13 @@ def test_floating_joint_expands_to_six_with_documented_names():
     ('0 0.6 0.8', [1, 0, 0], [0, 0.8, -0.6]),
 ])
 def test_planar_joint_slides_normal_to_its_axis_and_turns_about_it(axis, x, y):
-    model = load(robot(link('a'), link('b'), joint('j', 'a', 'b', 'planar', axis=axis, limit='')))
+    model = load(
+        robot(link('a'), link('b'), joint('j', 'a', 'b', 'planar', axis=axis, limit='')))
     assert model.joint_names == ('j/x', 'j/y', 'j/rz')
     assert [b.joint.kind for b in model.bodies] == ['prismatic', 'prismatic', 'revolute']
     assert_allclose([b.joint.axis for b in model.bodies[:2]], [x, y], atol=1e-15)
-    assert_allclose(model.bodies[2].joint.axis, [float(s) for s in axis.split()], atol=1e-15)
+    assert_allclose(model.bodies[2].joint.axis, [float(s) for s in axis.split()],
+                    atol=1e-15)
 
 
 def test_robot_that_does_not_move_loads():

@@ -13,8 +13,8 @@ URDFS = sorted((file.locate() for file in files('example-robot-data')
                 if file.name.endswith('.urdf')), key=str)
 # What is wrong with those that are refused, and whether strict=False is enough.
 REFUSED = {
-    'alex_psyonic_hands.urdf': ("joint 'Left_index_q2': <mimic> joint 'index_q1'", False),
-    'ur3.urdf': ('name None', False),
+    'alex_psyonic_hands.urdf': ("joint 'Left_index_q2': <mimic> joint 'index_q1'",
+                                False), 'ur3.urdf': ('name None', False),
     'romeo_laas_small.urdf': ("link 'body': <inertia>", True),
     'tiago.urdf': ("link 'base_antenna_left_link': <inertia>", True),
     'tiago_dual.urdf': ("link 'base_antenna_left_link': <inertia>", True),

@@ -9,10 +9,11 @@ import pytest
 from urdf_writer import chain, joint, link, load, load_with_warnings, robot
 
 MIMIC = '<mimic joint="finger1" multiplier="-1" offset="0.5"/>'
-# world -fixed- base -j1- upper -j2- fore -fixed- hand, with two fingers on the hand, and a camera
-# on a joint of its own on the base.
+# world -fixed- base -j1- upper -j2- fore -fixed- hand, with two fingers on the hand, and
+# a camera on a joint of its own on the base.
 ARM = robot(
-    link('world', None), link('base', 10), link('upper', 2, xyz='0 0 0.5'), link('fore', 1),
+    link('world', None), link('base', 10), link('upper', 2, xyz='0 0 0.5'),
+    link('fore', 1),
     link('hand', 0.5), link('left', 0.1), link('right', 0.1), link('camera', 0.3),
     joint('mount', 'world', 'base', 'fixed', xyz='0 0 1'),
     joint('pan', 'base', 'camera', axis='0 0 1'),
@@ -25,8 +26,8 @@ ARM = robot(
 
 def masses(model):
     """Return the mass of every body, and of the base, by name."""
-    found = {body.name: body.inertial.mass for body in model.bodies}
-    return {**found, 'base of the model': model.base_inertial.mass}
+    mass_by_link = {body.name: body.inertial.mass for body in model.bodies}
+    return {**mass_by_link, 'base of the model': model.base_inertial.mass}
 
 
 def test_by_default_all_joints_move():
@@ -38,7 +39,8 @@ def test_by_default_all_joints_move():
 def test_joints_move_in_the_given_order_and_others_are_locked():
     model = load(ARM, joints=['j2', 'j1'])
     assert model.joint_names == ('j2', 'j1')
-    assert [(b.joint.name, b.joint.coordinate) for b in model.bodies] == [('j1', 1), ('j2', 0)]
+    assert [(b.joint.name, b.joint.coordinate) for b in model.bodies] == [
+        ('j1', 1), ('j2', 0)]
     assert_allclose(model.bodies[1].inertial.mass, 1.7)
     assert model.base_inertial.mass == 10.3
 
@@ -48,7 +50,8 @@ def test_locked_joint_and_its_mimic_are_at_their_positions():
     assert model.joint_names == ('pan', 'j2')
     assert_array_equal(model.frame('left').translation, [0, 0.2, 1])
     assert_allclose(model.frame('right').translation, [0, 0.3, 1])
-    assert_allclose(model.frame('upper').rotation[0], [np.cos(0.3), 0, np.sin(0.3)], atol=1e-15)
+    assert_allclose(model.frame('upper').rotation[0], [np.cos(0.3), 0, np.sin(0.3)],
+                    atol=1e-15)
     assert model.frame('upper').body == WORLD
 
 
@@ -71,8 +74,10 @@ def test_base_cuts_what_is_not_behind_it():
     model = load(ARM, base='upper')
     assert model.base_name == 'upper'
     assert model.joint_names == ('j2', 'finger1')
-    assert masses(model) == {'fore': 1.5, 'left': 0.1, 'right': 0.1, 'base of the model': 2}
-    assert {frame.name for frame in model.frames} == {'upper', 'fore', 'hand', 'left', 'right'}
+    assert masses(model) == {'fore': 1.5, 'left': 0.1, 'right': 0.1,
+                             'base of the model': 2}
+    assert {frame.name for frame in model.frames} == {'upper', 'fore', 'hand', 'left',
+                                                      'right'}
 
 
 def test_base_and_tip_and_joints_together():
@@ -156,7 +161,8 @@ def test_locked_revolute_by_a_quarter_turn_is_exact():
     ({'joints': [['j1']]}, ("['j1']", 'expected some of pan')),
     ({'locked': {'x': 0.0}}, ("'x'", 'expected some of pan, j1')),
     ({'locked': {'mount': 0.0}}, ("'mount' is fixed", 'expected some of pan')),
-    ({'locked': {'finger2': 0.0}}, ("'finger2' mimics 'finger1'", 'expected some of pan')),
+    ({'locked': {'finger2': 0.0}},
+     ("'finger2' mimics 'finger1'", 'expected some of pan')),
     ({'locked': {'j1': float('nan')}}, ("'j1': nan", 'finite')),
     ({'locked': {'j1': '1'}}, ("'j1': '1'", 'finite')),
     ({'locked': {'j1': None}}, ("'j1': None", 'finite')),
@@ -174,7 +180,8 @@ def test_unsuitable_argument_is_an_input_error(options, words):
         assert word in str(caught.value)
 
 
-@pytest.mark.parametrize('gravity', [[0, 0], 'down', [0, 0, float('nan')], [[0], [0, 1]], None])
+@pytest.mark.parametrize('gravity',
+                         [[0, 0], 'down', [0, 0, float('nan')], [[0], [0, 1]], None])
 def test_bad_gravity_is_refused(gravity):
     with pytest.raises(KaneError, match='gravity'):
         load_urdf(ARM, gravity=gravity)

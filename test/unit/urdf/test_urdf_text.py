@@ -12,8 +12,8 @@ NAME = 'Gelenk-äöü-関節'
 TEXT = robot(link('a'), link('b'), joint(NAME, 'a', 'b'))
 
 
-@pytest.mark.parametrize('codec', ['utf-8', 'utf-8-sig', 'utf-16', 'utf-16-le', 'utf-16-be',
-                                   'utf-32', 'utf-32-le', 'utf-32-be'])
+@pytest.mark.parametrize('codec', ['utf-8', 'utf-8-sig', 'utf-16', 'utf-16-le',
+                                   'utf-16-be', 'utf-32', 'utf-32-le', 'utf-32-be'])
 @pytest.mark.parametrize('declared', [True, False])
 def test_unicode_encodings_load_and_names_are_kept(codec, declared):
     family = codec.removesuffix('-sig').removesuffix('-le').removesuffix('-be').upper()
@@ -27,7 +27,8 @@ def test_declared_single_byte_encoding_is_used():
 
 
 def test_declaration_in_a_str_does_not_matter():
-    assert load('\ufeff<?xml version="1.0" encoding="UTF-16"?>' + TEXT).joint_names == (NAME,)
+    assert load(
+        '\ufeff<?xml version="1.0" encoding="UTF-16"?>' + TEXT).joint_names == (NAME,)
 
 
 def test_path_as_str_and_as_path(tmp_path):
@@ -71,19 +72,20 @@ BOMB = ('<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>
         '<robot name="&b;"><link name="a"/></robot>')
 DECLARATIONS = {
     'doctype': '<!DOCTYPE robot><robot name="r"><link name="a"/></robot>',
-    'entities': BOMB,
-    'file entity': '<!DOCTYPE r [<!ENTITY f SYSTEM "file:///etc/passwd">]><robot name="&f;"/>',
-    'parameter entity': '<!DOCTYPE r [<!ENTITY % p SYSTEM "http://x/"> %p;]><robot name="r"/>',
+    'entities': BOMB, 'file entity': '<!DOCTYPE r [<!ENTITY f SYSTEM '
+    '"file:///etc/passwd">]><robot name="&f;"/>', 'parameter entity': '<!DOCTYPE r '
+    '[<!ENTITY % p SYSTEM "http://x/"> %p;]><robot name="r"/>',
     'lower case': '<!doctype robot><robot name="r"><link name="a"/></robot>',
-    'behind a comment': '<?xml version="1.0"?><!-- --><?x y?> <!DOCTYPE r><robot name="r"/>',
-    'inside': '<robot name="r"><!ENTITY a "b"></robot>',
+    'behind a comment': '<?xml version="1.0"?><!-- --><?x y?> <!DOCTYPE r><robot '
+    'name="r"/>', 'inside': '<robot name="r"><!ENTITY a "b"></robot>',
 }
 
 
 @pytest.mark.parametrize('name', DECLARATIONS)
 @pytest.mark.parametrize('codec', ['utf-8', 'utf-16', 'utf-32-be'])
 def test_declarations_are_refused_in_any_encoding(name, codec):
-    with pytest.raises(UrdfError, match=r'XML: declaration .*; expected no document type or'):
+    with pytest.raises(UrdfError,
+                       match=r'XML: declaration .*; expected no document type or'):
         load_urdf(DECLARATIONS[name].encode(codec))
 
 
@@ -97,9 +99,10 @@ def test_undeclared_entity_is_refused():
 
 
 def test_undeclared_prefixes_and_odd_visuals_are_ignored():
-    model = load('<robot name="r"><link name="a"><visual><geometry><torus/></geometry></visual>'
-                 '<collision/></link><sensor:camera/><gazebo><controller:x a:b="c"/></gazebo>'
-                 '</robot>')
+    model = load(
+        '<robot name="r"><link name="a"><visual><geometry><torus/></geometry></visual>'
+        '<collision/></link><sensor:camera/><gazebo><controller:x a:b="c"/></gazebo>'
+        '</robot>')
     assert [frame.name for frame in model.frames] == ['a']
 
 
@@ -110,8 +113,10 @@ def test_namespaces_do_not_hide_the_robot():
 
 
 def test_meshes_are_never_opened():
-    mesh = '<geometry><mesh filename="package://nowhere/x.dae" scale="a b c"/></geometry>'
-    load(robot(f'<link name="a"><visual>{mesh}</visual><collision>{mesh}</collision></link>'))
+    mesh = ('<geometry><mesh filename="package://nowhere/x.dae" scale="a b '
+            'c"/></geometry>')
+    load(robot(
+        f'<link name="a"><visual>{mesh}</visual><collision>{mesh}</collision></link>'))
 
 
 @pytest.mark.parametrize('links', [1000, pytest.param(10_000, marks=pytest.mark.slow)])
@@ -120,7 +125,8 @@ def test_meshes_are_never_opened():
 def test_long_chain_loads_in_milliseconds_a_link(kind, links):
     start = time.process_time()
     model = load(chain(links, kind))
-    assert (model.n, len(model.frames)) == (links if kind == 'revolute' else 0, links + 1)
+    assert (model.n, len(model.frames)) == (links if kind == 'revolute' else 0,
+                                            links + 1)
     assert time.process_time() - start < 3e-3 * links
 
 
@@ -139,12 +145,12 @@ def test_long_chain_of_mimics_resolves_in_seconds():
 
 
 DEEP = {
-    'unknown elements': '<robot name="r"><link name="a">' + '<x>' * 100_000 + '</x>' * 100_000
-                        + '</link></robot>',
+    'unknown elements': '<robot name="r"><link name="a">' + '<x>' * 100_000
+    + '</x>' * 100_000 + '</link></robot>',
     'links in links': '<robot name="r"><link name="a">' + '<link name="b">' * 100_000
-                      + '</link>' * 100_000 + '</link></robot>',
-    'visuals': '<robot name="r"><link name="a"><visual>' + '<y>' * 100_000 + '</y>' * 100_000
-               + '</visual></link></robot>',
+    + '</link>' * 100_000 + '</link></robot>',
+    'visuals': '<robot name="r"><link name="a"><visual>' + '<y>' * 100_000
+    + '</y>' * 100_000 + '</visual></link></robot>',
 }
 
 
@@ -158,10 +164,9 @@ def test_deep_xml_loads(name):
 
 
 @pytest.mark.parametrize('source', [
-    '<a>' * 100_000 + '</a>' * 100_000,
-    '<robot name="r">' + '<link name="a">' * 100_000,
-    '<!--' * 200_000,
-    '<robot name="r">' + ''.join(f'<link name="a{i}"/>' for i in range(20_000)) + '</robot>',
+    '<a>' * 100_000 + '</a>' * 100_000, '<robot name="r">' + '<link name="a">' * 100_000,
+    '<!--' * 200_000, '<robot name="r">'
+    + ''.join(f'<link name="a{i}"/>' for i in range(20_000)) + '</robot>',
     '<robot name="r">' + '<link name="a"/>' * 20_000 + '</robot>',
     '<robot name="' + 'n' * 11_000_000 + '"><link name="a"/></robot>',
 ], ids=['deep root', 'unclosed', 'comments', 'roots', 'duplicates', 'name'])

@@ -9,11 +9,12 @@ from kane_dynamics.urdf import load_urdf
 import pytest
 from urdf_writer import chain, joint, LIMIT, link, load, load_with_warnings, robot
 
-A, B = link('a'), link('b')
+A = link('a')
+B = link('b')
 
 
 def limit(text):
-    """Return a robot whose joint has the attributes `text` in its limit, or no limit at all."""
+    """Return a robot with the attributes `text` in a joint's limit, or none."""
     return robot(A, B, joint('j', 'a', 'b', limit=text and f'<limit {text}/>'))
 
 
@@ -31,25 +32,33 @@ WARNINGS = {
                   ('not a unit vector', 'normalized', 'j (2)')),
     'missing axis': (robot(A, B, joint('j', 'a', 'b', axis=None)), ('"1 0 0"', ': j')),
     'missing limit': (limit(''), ('unlimited', ': j')),
-    'missing bounds': (limit('velocity="1" effort="1"'), ('unlimited', 'j (lower, upper)')),
-    'missing effort': (limit('lower="-1" upper="1" velocity="1"'), ('unlimited', 'j (effort)')),
-    'missing velocity': (limit('lower="-1" upper="1" effort="1"'), ('unlimited', 'j (velocity)')),
+    'missing bounds': (limit('velocity="1" effort="1"'),
+                       ('unlimited', 'j (lower, upper)')),
+    'missing effort': (limit('lower="-1" upper="1" velocity="1"'),
+                       ('unlimited', 'j (effort)')),
+    'missing velocity': (limit('lower="-1" upper="1" effort="1"'),
+                         ('unlimited', 'j (velocity)')),
     'reversed bounds': (limit('lower="1" upper="-1" velocity="1" effort="1"'),
                         ('not below upper', 'unlimited', 'j (1 to -1)')),
     'zero effort': (limit('lower="-1" upper="1" velocity="1" effort="0"'),
                     ('0 for effort', 'unlimited', 'j (effort)')),
-    'transmission': (robot(A, B, joint('j', 'a', 'b'), '<transmission name="t"><joint name="j"/>'
+    'transmission': (robot(A, B, joint('j', 'a', 'b'),
+                           '<transmission name="t"><joint name="j"/>'
                            '</transmission>'), ('not used', '<transmission>: j')),
-    'safety controller': (robot(A, B, joint('j', 'a', 'b', more='<safety_controller k="1"/>')),
+    'safety controller': (robot(A, B,
+                                joint('j', 'a', 'b', more='<safety_controller k="1"/>')),
                           ('not used', "<safety_controller>: joint 'j'")),
     'calibration': (robot(A, B, joint('j', 'a', 'b', more='<calibration rising="0"/>')),
                     ('not used', "<calibration>: joint 'j'")),
-    'gazebo spring': (robot(A, B, joint('j', 'a', 'b'), '<gazebo reference="j"><springStiffness>1'
+    'gazebo spring': (robot(A, B, joint('j', 'a', 'b'),
+                            '<gazebo reference="j"><springStiffness>1'
                             '</springStiffness></gazebo>'),
                       ('not used', '<gazebo> <springStiffness>: j')),
-    'unknown dynamics': (robot(A, B, joint('j', 'a', 'b', more='<dynamics armature="1"/>')),
+    'unknown dynamics': (robot(A, B,
+                               joint('j', 'a', 'b', more='<dynamics armature="1"/>')),
                          ('not used', "<dynamics> attribute 'armature': joint 'j'")),
-    'misspelt attribute': (robot(A, B, joint('j', 'a', 'b', more='<dynamics dampping="1"/>')),
+    'misspelt attribute': (robot(A, B,
+                                 joint('j', 'a', 'b', more='<dynamics dampping="1"/>')),
                            ('not used', "'dampping': joint 'j'")),
     'misspelt element': (robot(A, '<link name="b"><inertail/></link>',
                                joint('f', 'a', 'b', 'fixed')),
@@ -57,11 +66,11 @@ WARNINGS = {
     'bounds of a continuous joint': (
         robot(A, B, joint('j', 'a', 'b', 'continuous')),
         ('not used', '<limit> lower and upper of a continuous joint: j')),
-    'effort of a mimic joint': (
-        robot(A, B, link('c'), joint('j', 'a', 'b'), joint(
-            'f', 'a', 'c', limit='<limit lower="-1" upper="1" velocity="2" effort="0.1"/>',
-            more='<mimic joint="j"/>')),
-        ('not used', "<limit> effort of a mimic joint, whose torque is its master's: f")),
+    'effort of a mimic joint': (robot(A, B, link('c'), joint('j', 'a', 'b'), joint(
+        'f', 'a', 'c', limit='<limit lower="-1" upper="1" velocity="2" effort="0.1"/>',
+        more='<mimic joint="j"/>')),
+                                ('not used', ("<limit> effort of a mimic joint, whose "
+                                              "torque is its master's: f"))),
     'bounds of a mimic joint beyond its master': (
         robot(A, B, link('c'), joint('j', 'a', 'b'), joint(
             'f', 'a', 'c', more='<mimic joint="j" offset="2"/>')),
@@ -134,7 +143,8 @@ def test_axis_rounded_in_decimal_causes_no_warning():
 
 
 def test_thin_plate_and_rod_rounded_in_decimal_satisfy_the_triangle_inequality():
-    load(robot(A, link('b', 1, (0.0333333, 0.0333333, 0.06666664)), joint('j', 'a', 'b')))
+    load(
+        robot(A, link('b', 1, (0.0333333, 0.0333333, 0.06666664)), joint('j', 'a', 'b')))
 
 
 def test_transmissions_are_reported_only_where_a_filter_asks_for_it(tmp_path):
@@ -144,6 +154,6 @@ def test_transmissions_are_reported_only_where_a_filter_asks_for_it(tmp_path):
     quiet = subprocess.run([sys.executable, '-c', load], capture_output=True, text=True,
                            check=True)
     assert quiet.stderr == ''
-    asked = subprocess.run([sys.executable, '-W', 'always', '-c', load], capture_output=True,
-                           text=True, check=True)
+    asked = subprocess.run([sys.executable, '-W', 'always', '-c', load],
+                           capture_output=True, text=True, check=True)
     assert '<transmission>: j' in asked.stderr

@@ -20,16 +20,17 @@ ARM = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="arm">
   </joint>
   <xacro:if value="$(arg tool)"><xacro:tool on="upper"/></xacro:if>
 </robot>"""
-TOOL = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="tool" params="on">
+TOOL = (
+    """<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="tool" params="on">
   <link name="tool"><inertial><mass value="0.5"/>
     <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
   <joint name="flange" type="fixed"><parent link="${on}"/><child link="tool"/></joint>
-</xacro:macro></robot>"""
+</xacro:macro></robot>""")
 
 
 @pytest.fixture
 def arm(tmp_path, monkeypatch):
-    """Return a xacro file in a source package, which includes one of a package beside it."""
+    """Return a xacro file in a source package, including one beside it."""
     monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
     for package in ('arm_description', 'tool_description'):
         (tmp_path / package / 'urdf').mkdir(parents=True)
@@ -60,7 +61,8 @@ def test_arguments_of_the_command_line_are_name_and_value():
 
 
 @pytest.mark.parametrize(('old', 'new', 'message'), [
-    ('tool_description', 'no_such_package', "package 'no_such_package' is not installed"),
+    ('tool_description', 'no_such_package',
+     "package 'no_such_package' is not installed"),
     ('<xacro:arg name="mass" default="2.0"/>', '', 'mass'),
     ('${0.1 * 2}', '${0.1 *}', '0.1'),
     ('</robot>', '', 'expected a file that xacro expands'),
@@ -75,7 +77,8 @@ def test_an_error_of_xacro_is_raised_with_its_reason(arm, old, new, message):
 def test_a_missing_file_and_an_argument_of_another_type_are_named(arm):
     with pytest.raises(UrdfError, match=r"no such file: 'nowhere.xacro'; expected"):
         load_urdf('nowhere.xacro')
-    with pytest.raises(InputError, match=r"xacro argument 'mass': \[1\]; expected a text"):
+    with pytest.raises(InputError,
+                       match=r"xacro argument 'mass': \[1\]; expected a text"):
         expand_xacro(arm, {'mass': [1]})
 
 
@@ -84,5 +87,6 @@ def test_a_sweep_passes_arguments_to_its_xacro_file(arm):
     path.write_text('{urdf: arm.urdf.xacro, xacro: {mass: 3, tool: true}, samples: 1}')
     assert read_sweep(path).robot.model.bodies[0].inertial.mass == 3.5
     path.write_text('{urdf: arm.urdf.xacro, xacro: [mass, 3], samples: 1}')
-    with pytest.raises(InputError, match=r'xacro: .*expected a mapping of the arguments'):
+    with pytest.raises(InputError,
+                       match=r'xacro: .*expected a mapping of the arguments'):
         read_sweep(path)

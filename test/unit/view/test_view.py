@@ -1,4 +1,4 @@
-"""Viewer: shapes are at the poses of the robot, and arrows show the loads of its joints."""
+"""Viewer: shapes are at the robot's poses; arrows show joint loads."""
 
 from dataclasses import replace
 from functools import cache
@@ -60,7 +60,8 @@ def test_shapes_are_read_with_their_places_sizes_colours_and_files(arm):
         'upper', 'mesh', arm.parents[1] / 'meshes' / 'bar.stl')
     np.testing.assert_array_equal(mesh.color, [1.0, 0.0, 0.0])
     np.testing.assert_array_equal(mesh.size, [2.0, 1.0, 1.0])
-    np.testing.assert_allclose(mesh.pose[:3], [[0, -1, 0, 0.3], [1, 0, 0, 0], [0, 0, 1, 0.1]],
+    np.testing.assert_allclose(mesh.pose[:3],
+                               [[0, -1, 0, 0.3], [1, 0, 0, 0], [0, 0, 1, 0.1]],
                                atol=1e-12)
     assert (ball.kind, ball.size.tolist(), ball.color) == ('sphere', [0.1], None)
 
@@ -104,7 +105,10 @@ def test_rods_from_joint_to_joint_stand_for_links_that_look_like_nothing(arm):
     assert set(rods) == {-1, 1}  # the upper arm has looks of its own
     np.testing.assert_allclose(rods[-1].pose[:3, 3], [0.0, 0.0, 0.25])
     assert rods[1].size[1] == pytest.approx(0.4)  # to the tool
-    bare = [visual for _, visual in shapes_of_bodies(model, (), 1.0) if visual.kind == 'cylinder']
+    bare = []
+    for _, visual in shapes_of_bodies(model, (), 1.0):
+        if visual.kind == 'cylinder':
+            bare.append(visual)
     assert [visual.size[1] for visual in bare] == pytest.approx([0.5, 0.6, 0.4])
     for file in URDFS.glob('*.urdf'):
         assert load_visuals(file)
@@ -112,7 +116,9 @@ def test_rods_from_joint_to_joint_stand_for_links_that_look_like_nothing(arm):
 
 def test_arrows_are_the_torques_and_reactions_at_their_joints():
     robot = tree()
-    q, u, udot = (random_state(robot.model, seed) for seed in (1, 2, 3))
+    q = random_state(robot.model, 1)
+    u = random_state(robot.model, 2)
+    udot = random_state(robot.model, 3)
     tau = robot.inverse_dynamics(q, u, udot)
     loads = LoadArrows.along(robot, q, u, udot, tau, np.zeros(len(q)))
     np.testing.assert_array_equal(loads.reactions[1],
@@ -125,21 +131,24 @@ def test_arrows_are_the_torques_and_reactions_at_their_joints():
         np.testing.assert_allclose(drawn[kind][:, 1] - drawn[kind][:, 0],
                                    0.25 * loads.reactions[1][:, part])
     assert len(drawn['torques']) == robot.n  # none at the joint that follows another
-    np.testing.assert_allclose(np.linalg.norm(np.diff(drawn['torques'], axis=1), axis=(1, 2)),
-                               0.25 * np.abs(tau[1]))
-    long = loads.arrows(int(np.argmax(np.abs(loads.reactions[..., 3:]).sum(axis=(1, 2)))), 1.0,
-                        loads.largest)
+    np.testing.assert_allclose(
+        np.linalg.norm(np.diff(drawn['torques'], axis=1), axis=(1, 2)),
+        0.25 * np.abs(tau[1]))
+    long = loads.arrows(
+        int(np.argmax(np.abs(loads.reactions[..., 3:]).sum(axis=(1, 2)))), 1.0,
+        loads.largest)
     assert all(np.linalg.norm(np.diff(x, axis=1), axis=-1).max() <= 1.0 + 1e-12
                for x in long.values())
 
 
 def test_at_rest_the_base_carries_the_weight_and_torques_hold_it_up(arm):
     loads = LoadArrows.at_rest(Robot(load_urdf(arm)), np.array([[0.3, 0.2]]))
-    np.testing.assert_allclose(loads.reactions[0, 0, :3], [0.0, 0.0, 3 * 9.81], atol=1e-12)
+    np.testing.assert_allclose(loads.reactions[0, 0, :3], [0.0, 0.0, 3 * 9.81],
+                               atol=1e-12)
     arrows = loads.arrows(0, 1.0, loads.largest)
     up = arrows['torques'][:, 1] - arrows['torques'][:, 0]  # x turns to z about -y
-    np.testing.assert_allclose(up / np.linalg.norm(up, axis=1)[:, None], [[0, -1, 0]] * 2,
-                               atol=1e-12)
+    np.testing.assert_allclose(up / np.linalg.norm(up, axis=1)[:, None],
+                               [[0, -1, 0]] * 2, atol=1e-12)
     assert np.linalg.norm(up[0]) == pytest.approx(1.0)
     rounding = replace(loads, reactions=loads.reactions * [1, 1, 1, 1e-14, 1e-14, 1e-14])
     assert rounding.largest['moments'] == 0.0
@@ -148,9 +157,9 @@ def test_at_rest_the_base_carries_the_weight_and_torques_hold_it_up(arm):
 
 def test_a_window_refuses_what_it_cannot_show(arm):
     robot = Robot(load_urdf(arm))
-    other = Trajectory.along(tree(), np.arange(3.0), *np.zeros((3, 3, 5)))
+    other_trajectory = Trajectory.along(tree(), np.arange(3.0), *np.zeros((3, 3, 5)))
     with pytest.raises(InputError, match='lift'):
-        Window(robot, other, port=0)
+        Window(robot, other_trajectory, port=0)
     with pytest.raises(InputError, match=r"host: 'no\.such\.host\.invalid'"):
         Window(robot, host='no.such.host.invalid', port=0)
     with pytest.raises(InputError, match='port: 70000'):
@@ -167,9 +176,11 @@ def test_sliders_of_a_closed_loop_are_those_of_its_motors_and_keep_it_closed():
         assert [robot.joint_names[k] for k in window._turned] == list(DRIVEN)
         for name, value in zip(DRIVEN, (0.3, 0.2, 0.1, -0.4)):
             window._turn(robot.joint_names.index(name), value)
-        np.testing.assert_allclose(window._q, positions(robot, 0.3, 0.2, 0.1, -0.4), atol=1e-9)
+        np.testing.assert_allclose(window._q, positions(robot, 0.3, 0.2, 0.1, -0.4),
+                                   atol=1e-9)
     finally:
         window.close()
     loads = LoadArrows.at_rest(robot, window._q[None])
     driven = [robot.joint_names.index(name) for name in DRIVEN]
-    np.testing.assert_allclose(loads.tau[0][driven], robot.gravity_force(window._q), atol=1e-9)
+    np.testing.assert_allclose(loads.tau[0][driven], robot.gravity_force(window._q),
+                               atol=1e-9)
