@@ -1,4 +1,4 @@
-"""Agreement of formulations: definition, recursion, compiled code, energies; payload, mimics."""
+"""Agreement of definition, recursion, compiled code, energies; payload, mimics."""
 
 from dataclasses import replace
 
@@ -52,15 +52,18 @@ def test_compiled_frames_are_the_definitions(drawn):
     frame = robot.model.frames[-1].name
     for name, state in (('frame_pose', (q,)), ('jacobian', (q,)),
                         ('jacobian_rate', (q, u)),
-                        ('frame_velocity', (q, u)), ('frame_acceleration', (q, u, udot))):
+                        ('frame_velocity', (q, u)),
+                        ('frame_acceleration', (q, u, udot))):
         expected = getattr(by_definition, name)(frame, *state)
-        close(getattr(robot, name)(frame, *state), expected, 1.0 + np.abs(expected).max())
+        close(getattr(robot, name)(frame, *state), expected,
+              1.0 + np.abs(expected).max())
 
 
 @given(robots_and_states(3))
 def test_recursion_on_numbers_is_what_was_compiled(drawn):
     robot, q, u, udot = drawn
-    equations, parameters = robot.equations, robot.parameters.block
+    equations = robot.equations
+    parameters = robot.parameters.block
     size = np.abs(robot.torque_terms(q, u, udot)).max()
     close(equations.inverse_dynamics(q, u, udot, PUSH, parameters).astype(float),
           robot.inverse_dynamics(q, u, udot, wrench=PUSH), size)
@@ -97,8 +100,10 @@ def test_reference_formulation_accepts_traced_scalars(drawn):
 
     def definition(q, u, udot, parameters):
         return kane.inverse_dynamics(robot.model, q, u, udot, gravity=parameters)
-    inputs = [*((argument.name, argument.shape) for argument in arguments), ('parameters', (3,))]
-    kernel = Kernel('definition', lambda: trace_program('definition', definition, inputs), None,
+    inputs = [*((argument.name, argument.shape) for argument in arguments),
+              ('parameters', (3,))]
+    kernel = Kernel('definition',
+                    lambda: trace_program('definition', definition, inputs), None,
                     arguments, robot.parameters.block, (robot.n,))
     size = np.abs(robot.torque_terms(q, u, udot)).max()
     close(kernel(q, u, udot), robot.inverse_dynamics(q, u, udot), size)
@@ -113,14 +118,17 @@ def test_link_frames_do_not_matter(drawn):
 
 
 def freed(model):
-    """Return the model with independent mimic joints, and G and g of q_free = G q + g."""
-    own = [replace(body, joint=replace(body.joint, coordinate=k, multiplier=1.0, offset=0.0))
-           for k, body in enumerate(model.bodies)]
-    G, g = np.zeros((len(own), model.n)), np.zeros(len(own))
+    """Return the model with free mimic joints, and G and g of q_free = G q + g."""
+    bodies = [replace(body, joint=replace(body.joint,
+                                          coordinate=k, multiplier=1.0, offset=0.0))
+              for k, body in enumerate(model.bodies)]
+    G = np.zeros((len(bodies), model.n))
+    g = np.zeros(len(bodies))
     for k, body in enumerate(model.bodies):
-        G[k, body.joint.coordinate], g[k] = body.joint.multiplier, body.joint.offset
-    names = tuple(body.joint.name for body in own)
-    return replace(model, bodies=tuple(own), coordinate_names=names), G, g
+        G[k, body.joint.coordinate] = body.joint.multiplier
+        g[k] = body.joint.offset
+    names = tuple(body.joint.name for body in bodies)
+    return replace(model, bodies=tuple(bodies), coordinate_names=names), G, g
 
 
 @pytest.mark.parametrize('engine', [Definition, Robot])
@@ -128,15 +136,20 @@ def freed(model):
 def test_mimics_are_the_projection_of_the_free_mechanism(engine, seed):
     model = random_model(seed, 3, mimics=3)
     free_model, G, g = freed(model)
-    robot, free = engine(model), engine(free_model)
+    robot = engine(model)
+    free = engine(free_model)
     q, u, udot = random_state(model, seed)
-    Q, U, Udot = G @ q + g, G @ u, G @ udot
+    Q = G @ q + g
+    U = G @ u
+    Udot = G @ udot
     tau = free.inverse_dynamics(Q, U, Udot)
     close(robot.inverse_dynamics(q, u, udot), G.T @ tau, np.abs(tau).max())
     M = free.mass_matrix(Q)
     close(robot.mass_matrix(q), G.T @ M @ G, np.abs(M).max())
-    assert robot.kinetic_energy(q, u) == pytest.approx(free.kinetic_energy(Q, U), rel=1e-12)
-    assert robot.potential_energy(q) == pytest.approx(free.potential_energy(Q), rel=1e-12)
+    assert robot.kinetic_energy(q, u) == pytest.approx(free.kinetic_energy(Q, U),
+                                                       rel=1e-12)
+    assert robot.potential_energy(q) == pytest.approx(free.potential_energy(Q),
+                                                      rel=1e-12)
 
 
 @given(st.integers(0, 20), st.floats(0.0, 10.0))
@@ -145,28 +158,33 @@ def test_payload_and_gravity_as_parameters_are_those_of_the_model(seed, share):
     frame = model.frames[seed % len(model.frames)].name
     robot = Robot(model, payload_frame=frame)
     inertial = random_inertial(np.random.default_rng(seed))
-    payload = replace(inertial, mass=share * inertial.mass, inertia=share * inertial.inertia)
+    payload = replace(inertial, mass=share * inertial.mass,
+                      inertia=share * inertial.inertia)
     gravity = np.array([share, -1.0, 3.0])
-    robot.parameters.payload, robot.parameters.gravity = payload, gravity
+    robot.parameters.payload = payload
+    robot.parameters.gravity = gravity
     loaded = Definition(with_payload(replace(model, gravity=gravity), frame, payload))
     q, u, udot = random_state(model, seed)
     tau = loaded.inverse_dynamics(q, u, udot)
     close(robot.inverse_dynamics(q, u, udot), tau, np.abs(tau).max())
     M = loaded.mass_matrix(q)
     close(robot.mass_matrix(q), M, np.abs(M).max())
-    close(robot.kinetic_energy(q, u), loaded.kinetic_energy(q, u), np.abs(M).max() * (u @ u))
+    close(robot.kinetic_energy(q, u), loaded.kinetic_energy(q, u),
+          np.abs(M).max() * (u @ u))
 
 
 def test_friction_is_viscous_plus_smoothed_coulomb_at_the_joints_own_rate():
     model = random_model(0, 1, mimics=1)
-    (own, mimic), rate = [body.joint for body in model.bodies], 0.04
+    driving, mimic = [body.joint for body in model.bodies]
+    rate = 0.04
     follow = mimic.multiplier * rate
 
     def held(joint, speed):
-        return (joint.damping * speed + joint.friction * np.tanh(speed / joint.friction_speed)
-                + joint.friction_offset)
-    by_hand = held(own, rate) + mimic.multiplier * held(mimic, follow)
-    q, u = np.zeros(1), np.array([rate])
+        return (joint.damping * speed + joint.friction
+                * np.tanh(speed / joint.friction_speed) + joint.friction_offset)
+    by_hand = held(driving, rate) + mimic.multiplier * held(mimic, follow)
+    q = np.zeros(1)
+    u = np.array([rate])
     for engine in (Definition, Robot):
         lost = (engine(model).bias_force(q, u)
                 - engine(model, friction=False).bias_force(q, u))
@@ -174,8 +192,9 @@ def test_friction_is_viscous_plus_smoothed_coulomb_at_the_joints_own_rate():
 
 
 def tilted(model, angle):
-    """Return the model with all axes, joint frames and offsets rotated by an angle, rad."""
-    c, s = np.cos(angle), np.sin(angle)
+    """Return the model with axes, frames and offsets rotated by an angle, rad."""
+    c = np.cos(angle)
+    s = np.sin(angle)
     turn = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
     return replace(model, bodies=tuple(
         replace(body, joint=replace(body.joint, axis=turn @ body.joint.axis,
@@ -188,10 +207,11 @@ def tilted(model, angle):
 @pytest.mark.parametrize('seed', range(3))
 def test_nearly_principal_axes_lose_no_digits(seed, angle):
     model = tilted(random_model(seed, 5, axes='principal'), angle)
-    robot, by_definition = Robot(model), Definition(model)
+    robot = Robot(model)
+    by_definition = Definition(model)
     q, u, udot = random_state(model, seed)
     size = np.abs(robot.torque_terms(q, u, udot)).max()
-    close(robot.inverse_dynamics(q, u, udot), by_definition.inverse_dynamics(q, u, udot), size,
-          1e-13)
+    close(robot.inverse_dynamics(q, u, udot), by_definition.inverse_dynamics(q, u, udot),
+          size, 1e-13)
     frame = model.frames[-1].name
     close(robot.frame_pose(frame, q), by_definition.frame_pose(frame, q), 1.0, 1e-13)

@@ -1,13 +1,16 @@
-"""Beams that hinge and bend in both planes: definite mass matrix, energy, chains of segments."""
+"""Beams that hinge and bend in two planes: mass matrix, energy, rigid segments."""
 
 from itertools import product
 
-from kane_dynamics import (Bending, box, FlexibleLink, Inertial, ModelBuilder, point_mass, Robot,
-                           rod, simulate, Torsion)
+from kane_dynamics import (Bending, box, FlexibleLink, Inertial, ModelBuilder,
+                           point_mass, Robot, rod, simulate, Torsion)
 import numpy as np
 import pytest
 
-LENGTH, DENSITY, STIFFNESS, TIP = 1.0, 0.8, 40.0, 0.3
+LENGTH = 1.0
+DENSITY = 0.8
+STIFFNESS = 40.0
+TIP = 0.3
 CASES = 2000
 
 
@@ -23,7 +26,7 @@ def hinged(modes, axis, twists=0, load=None, bending=None, **options):
 
 
 def deflected(beam, count, deflection, seed):
-    """Return random modal coordinates, (count, m), of shapes with this largest deflection, m."""
+    """Return random modal coordinates, (count, m), with this largest deflection, m."""
     rng = np.random.default_rng(seed)
     m = len(beam.coordinates)
     # Modes of equal and of very different amplitudes, and shapes of a few modes.
@@ -45,10 +48,10 @@ def least_eigenvalues(robot, q):
 
 def assert_definite(robot, seed):
     """
-    Require up to the admissible deflection 0.4 of the least eigenvalue of the straight beam.
+    Require, while admissible, 0.4 of the least eigenvalue of the straight beam.
 
-    If no mode of the straight beam moves with the hinge, its least eigenvalue is far larger than
-    that of a bent beam: 0.05 is enough.
+    If no mode of the straight beam moves with the hinge, its least eigenvalue is far
+    larger than that of a bent beam: 0.05 is enough.
     """
     beam = robot.model.bodies[0].beam
     straight = least_eigenvalues(robot, np.zeros((1, robot.n)))[0]
@@ -61,7 +64,8 @@ def assert_definite(robot, seed):
 
 @pytest.mark.parametrize('modes, axis, twists', [
     ((3, 3), (0, 1, 0), 0), ((4, 4), (1, 2, 3), 1)])
-def test_mass_matrix_is_positive_definite_at_every_admissible_deflection(modes, axis, twists):
+def test_mass_matrix_is_positive_definite_at_every_admissible_deflection(
+        modes, axis, twists):
     assert_definite(hinged(modes, axis, twists), 1)
 
 
@@ -70,18 +74,23 @@ def test_mass_matrix_is_positive_definite_at_every_admissible_deflection(modes, 
 def test_mass_matrix_is_positive_definite_for_all_modes_and_loads(first):
     offset = Inertial(0.4, np.array([0.05, 0.1, -0.1]), np.diag([2e-3, 3e-3, 4e-3]))
     loads = (None, point_mass(TIP), offset)
-    for second, twists, axis in product(range(5), (0, 2), ((0, 1, 0), (0, 0, 1), (1, 2, 3))):
+    for second, twists, axis in product(range(5), (0, 2),
+                                        ((0, 1, 0), (0, 0, 1), (1, 2, 3))):
         if first + second + twists:
             load = loads[(first + second + twists) % 3]
-            assert_definite(hinged((first, second), axis, twists, load), 10 * first + second)
+            assert_definite(hinged((first, second), axis, twists, load),
+                            10 * first + second)
 
 
 @pytest.mark.parametrize('twists', [0, 1])
 def test_energy_of_a_beam_that_bends_in_both_planes_is_kept_to_a_billionth(twists):
-    robot = hinged((2, 2), (0, 1, 0.3), twists,
-                   load=box(0.3, (0.1, 0.06, 0.02)).moved(np.eye(3), np.array([0, 0.1, 0])))
-    q, u = np.zeros(robot.n), np.zeros(robot.n)
-    q[1:5] = 0.033, 0.003, -0.026, 0.002  # a tip deflection of nearly a tenth of the length
+    robot = hinged(
+        (2, 2), (0, 1, 0.3), twists,
+        load=box(0.3, (0.1, 0.06, 0.02)).moved(np.eye(3), np.array([0, 0.1, 0])))
+    q = np.zeros(robot.n)
+    u = np.zeros(robot.n)
+    # A tip deflection of nearly a tenth of the length.
+    q[1:5] = 0.033, 0.003, -0.026, 0.002
     u[0] = 3.0
     run = simulate(robot, q, u, 0.1, step=1e-5)
     energy = run.energy.sum(axis=1)
@@ -117,13 +126,14 @@ def tip_after(robot, frame, torque, duration=0.08):
     """Return the pose of the tip after a constant torque on the hinge."""
     tau = np.zeros(robot.n)
     tau[0] = torque
-    rest = np.zeros(robot.n)
-    run = simulate(robot, rest, rest, duration, step=2e-5, torque=tau, sample=duration)
+    at_rest = np.zeros(robot.n)
+    run = simulate(robot, at_rest, at_rest, duration,
+                   step=2e-5, torque=tau, sample=duration)
     return robot.frame_pose(frame, run.q[-1])
 
 
-# Tip y by torque, mm, of plane chains of 40 segments, which differ from those of 20 by 2e-5; tip z
-# of chains in space of 10 and 20 segments, extrapolated.
+# Tip y by torque, mm, of plane chains of 40 segments, which differ from those of 20 by
+# 2e-5; tip z of chains in space of 10 and 20 segments, extrapolated.
 TIP_Y = {0.5: 2.83664, 2.0: 11.34788, 4.0: 22.70428}
 TIP_Z = -33.371
 
@@ -141,16 +151,19 @@ def test_a_swinging_beam_moves_as_chains_of_rigid_segments(modes, bending, near)
 @pytest.mark.slow
 def test_chains_of_rigid_segments_converge_to_the_recorded_motion():
     load = point_mass(TIP)
-    coarse, fine = chain(5, (0, 0, 1), load), chain(10, (0, 0, 1), load)
+    coarse = chain(5, (0, 0, 1), load)
+    fine = chain(10, (0, 0, 1), load)
     for torque, expected in TIP_Y.items():
-        few, many = (1e3 * tip_after(robot, 'tip', torque)[1, 3] for robot in (coarse, fine))
+        few = 1e3 * tip_after(coarse, 'tip', torque)[1, 3]
+        many = 1e3 * tip_after(fine, 'tip', torque)[1, 3]
         assert abs(many - expected) < 0.6 * abs(few - expected)
         assert many == pytest.approx(expected, rel=2e-3)
 
 
 def transported(modes, eta, axes):
-    """Return the axes of a beam's end by integration of the curvature: no torsion on the way."""
-    R, steps = np.eye(3), 2000
+    """Return the axes of a beam's end by integrating the curvature, without torsion."""
+    R = np.eye(3)
+    steps = 2000
     middles = (np.arange(steps) + 0.5) * LENGTH / steps
     curvature = np.einsum('gmk,m->gk', modes.at(middles)[2], eta)
     slope = np.einsum('gmk,m->gk', modes.at(middles)[1], eta)
@@ -163,8 +176,11 @@ def transported(modes, eta, axes):
 
 def test_a_section_rolls_as_an_untwisted_beam_does_to_second_order():
     link = FlexibleLink(LENGTH, DENSITY, STIFFNESS, (2, 2))
-    modes, robot = link.assumed_modes('beam'), hinged((2, 2), (0, 1, 0))
-    eta, errors, rolls = np.array([0.9, 0.3, -0.7, 0.2]), [], []
+    modes = link.assumed_modes('beam')
+    robot = hinged((2, 2), (0, 1, 0))
+    eta = np.array([0.9, 0.3, -0.7, 0.2])
+    errors = []
+    rolls = []
     for size in (0.04, 0.02):
         turned = robot.frame_pose('beam/tip', np.append(0.0, size * eta))[:3, :3]
         expected = transported(modes, size * eta, modes.axes)

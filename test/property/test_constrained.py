@@ -2,15 +2,16 @@
 
 from dataclasses import replace
 
-from constrained_trees import (closure, CLOSURES, KINDS, linkage_of_four_bars, rolling_disc,
-                               rolling_pair, ROLLING_TESTED, states, T, tree,
-                               two_bodies_on_a_base)
+from constrained_trees import (closure, CLOSURES, KINDS, linkage_of_four_bars,
+                               rolling_disc, rolling_pair, ROLLING_TESTED, states, T,
+                               tree, two_bodies_on_a_base)
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, knife_edge,
                                                  PointVelocity, Rolling)
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
-from kane_dynamics.mechanics.constraints.speeds import absolute_rates, body_angular_velocity
+from kane_dynamics.mechanics.constraints.speeds import (absolute_rates,
+                                                        body_angular_velocity)
 from kane_dynamics.mechanics.definition import kinematics, nonholonomic
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
@@ -28,7 +29,8 @@ def compiled_equations(mechanism):
 
 def check_formulations(mechanism, seed):
     """Compare inverse dynamics, motion, constraint rows and power of one state."""
-    model, equations = mechanism.model, compiled_equations(mechanism)
+    model = mechanism.model
+    equations = compiled_equations(mechanism)
     q, u, udot = states(mechanism, seed)
     tau = equations.inverse_dynamics(q, u, udot, None, model.gravity, T).astype(float)
     expected = nonholonomic.inverse_dynamics(mechanism, q, u, udot, T)
@@ -39,19 +41,22 @@ def check_formulations(mechanism, seed):
     np.testing.assert_allclose(forward, udot, rtol=0.0,
                                atol=1e-12 * size * np.linalg.cond(M))
     motion = mechanism.joint_motion(q, u, udot, T)
-    qdot, qddot = motion.qdot.astype(float), motion.qddot.astype(float)
+    qdot = motion.qdot.astype(float)
+    qddot = motion.qddot.astype(float)
     speed = 1.0 + np.abs(qdot).max() ** 2 + np.abs(qddot).max()
     for value, of_definition in zip((qdot, qddot),
                                     nonholonomic.joint_motion(mechanism, q, u, udot, T)):
         np.testing.assert_allclose(value, of_definition, rtol=0.0, atol=1e-9 * speed)
     rows = mechanism.rows(mechanism.state(moving(q, qdot), moving(T, 1.0)))
-    here = mechanism.rows(mechanism.state(q, T))
-    J, b = np.array(here.J, dtype=float), np.array(here.b, dtype=float)
+    placed = mechanism.rows(mechanism.state(q, T))
+    J = np.array(placed.J, dtype=float)
+    b = np.array(placed.b, dtype=float)
     np.testing.assert_allclose(J @ qdot, b, rtol=0.0, atol=1e-10 * speed)
     np.testing.assert_allclose(rates(rows.J) @ qdot + J @ qddot, rates(rows.b), rtol=0.0,
                                atol=1e-9 * speed)
     # Constraint forces do no work in any motion that the independent speeds can make.
-    np.testing.assert_allclose(J @ motion.T.astype(float), 0.0, atol=1e-10 * np.abs(J).max())
+    np.testing.assert_allclose(J @ motion.T.astype(float), 0.0,
+                               atol=1e-10 * np.abs(J).max())
     return equations, (q, u, udot)
 
 
@@ -98,7 +103,8 @@ def test_constraint_forces_are_what_is_missing_from_the_joints_balance():
     motor = np.array([tau[0], 0.0, 0.0])
     forces = equations.constraint_forces(q, u, tau, None, g, T).astype(float)
     motion = mechanism.joint_motion(q, u, udot, T)
-    needed = equations.tree.inverse_dynamics(q, motion.qdot, motion.qddot, None, g).astype(float)
+    needed = equations.tree.inverse_dynamics(
+        q, motion.qdot, motion.qddot, None, g).astype(float)
     J = np.array(mechanism.rows(mechanism.state(q, T)).J, dtype=float)
     np.testing.assert_allclose(motor + J.T @ forces, needed, rtol=0.0,
                                atol=1e-10 * np.abs(needed).max())
@@ -106,17 +112,20 @@ def test_constraint_forces_are_what_is_missing_from_the_joints_balance():
 
 def test_a_constrained_arm_costs_less_than_three_plain_ones():
     model = random_model(11, 6, branching=0.0, prismatic=0.0)
-    plain, tip = TreeEquations(model), model.frames[-1].name
+    plain = TreeEquations(model)
+    tip = model.frames[-1].name
 
     def operations(equations, n):
         def forward(q, u, tau, parameters):
             return equations.forward_dynamics(q, u, tau, None, parameters)
-        count = trace_program('forward', forward, [('q', (6,)), ('u', (n,)), ('tau', (n,)),
-                                                   ('parameters', (3,))]).operation_count()
+        count = trace_program(
+            'forward', forward, [('q', (6,)), ('u', (n,)), ('tau', (n,)),
+                                 ('parameters', (3,))]).operation_count()
         return count.multiplications + count.additions
     cost = operations(plain, 6)
     for speeds, constraints in ((None, (PointVelocity(tip, (0, 0, 1)),)),
-                                (None, (knife_edge(tip, (0, 1, 0)),)), (absolute_rates, ())):
+                                (None, (knife_edge(tip, (0, 1, 0)),)),
+                                (absolute_rates, ())):
         mechanism = choose_independent(model, speeds, constraints)
         bound = Equations(plain, mechanism)
 
@@ -131,7 +140,8 @@ def test_a_constrained_arm_costs_less_than_three_plain_ones():
 
 @pytest.mark.parametrize('kind', CLOSURES)
 def test_compiled_equations_are_kanes_definition_under_every_closure(kind):
-    check_formulations(choose_independent(two_bodies_on_a_base(), None, (closure(kind),)), 3)
+    check_formulations(
+        choose_independent(two_bodies_on_a_base(), None, (closure(kind),)), 3)
 
 
 @pytest.mark.parametrize('kind', ROLLING_TESTED)
@@ -141,27 +151,37 @@ def test_compiled_equations_are_kanes_definition_in_rolling_on_a_moving_surface(
 
 @pytest.mark.parametrize('seed', range(12))
 def test_loops_of_every_kind_between_any_bodies_move_as_in_the_definition(seed):
-    """Frames turned and shifted, on branches, mimic joints and the world; loops share links."""
+    """Frames turned and shifted, on branches, mimics, the world; loops share links."""
     rng = np.random.default_rng(seed)
-    model = random_model(seed, 9, prismatic=(0.0, 0.3, 1.0)[seed % 3], branching=0.4, mimics=2)
+    model = random_model(seed, 9, prismatic=(0.0, 0.3, 1.0)[seed % 3], branching=0.4,
+                         mimics=2)
     frames = [frame.name for frame in model.frames]
-    constraints = [replace(closure(kind, *rng.choice(frames, 2, replace=False).tolist()),
-                           name=f'loop{k}') for k, kind in enumerate(rng.choice(CLOSURES, 2))]
-    q, speeds, changes = rng.uniform(-2.0, 2.0, (3, model.n))  # the laws hold in open loops too
+    constraints = []
+    for k, kind in enumerate(rng.choice(CLOSURES, 2)):
+        constraints.append(
+            replace(closure(kind, *rng.choice(frames, 2, replace=False).tolist()),
+                    name=f'loop{k}'))
+    # The laws hold in open loops too.
+    q, speeds, changes = rng.uniform(-2.0, 2.0, (3, model.n))
     everything = Mechanism(model, None, constraints)
-    S, free, kept = np.zeros((0, model.n)), [], []
+    S = np.zeros((0, model.n))
+    free = []
+    dependent = []
     J = everything.rows(everything.state(q)).J.astype(float)
-    for chosen, row in [*((kept, k) for k in range(len(J))),
+    for chosen, row in [*((dependent, k) for k in range(len(J))),
                         *((free, k) for k in range(model.n))]:
-        more = np.vstack([S, J[row] if chosen is kept else np.eye(model.n)[row]])
-        if np.linalg.svd(more, compute_uv=False)[-1] > 0.01 and len(more) <= model.n:
-            S = more
+        extended = np.vstack(
+            [S, J[row] if chosen is dependent else np.eye(model.n)[row]])
+        if np.linalg.svd(extended, compute_uv=False)[-1] > 0.01 and len(
+                extended) <= model.n:
+            S = extended
             chosen.append(row)
-    mechanism = Mechanism(model, None, constraints, free, kept)
+    mechanism = Mechanism(model, None, constraints, free, dependent)
     n = len(free)
-    found = mechanism.joint_motion(q, speeds[:n], changes[:n], links=TreeEquations(model).geometry)
+    motion = mechanism.joint_motion(q, speeds[:n], changes[:n],
+                                    links=TreeEquations(model).geometry)
     expected = nonholonomic.joint_motion(mechanism, q, speeds[:n], changes[:n])
-    for value, of_definition in zip((found.qdot, found.qddot), expected):
+    for value, of_definition in zip((motion.qdot, motion.qddot), expected):
         np.testing.assert_allclose(value.astype(float), of_definition, rtol=0.0,
                                    atol=1e-12 * np.abs(of_definition).max())
 

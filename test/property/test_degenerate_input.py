@@ -1,15 +1,16 @@
 """
 Every public call with degenerate, extreme and invalid arguments, found by introspection.
 
-Each of them gives numbers, or an error that says what is expected: nothing crashes, waits or
-warns of NumPy. Equal numbers in other forms (lists, float64 scalars, arrays that are read-only,
-in Fortran order or not contiguous) give the same result.
+Each of them gives numbers, or an error that says what is expected: nothing crashes,
+waits or warns of NumPy. Equal numbers in other forms (lists, float64 scalars, arrays
+that are read-only, in Fortran order or not contiguous) give the same result.
 """
 
 from collections import Counter
 import time
 
-from degenerate_input import attempted, differs, fault, other, same, SLOW, UNCHECKED, valid_calls
+from degenerate_input import (attempted, differs, fault, other, same, SLOW, UNCHECKED,
+                              valid_calls)
 from kane_dynamics.errors import KaneError
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ def quick_calls():
 
 
 def cases(calls, chosen):
-    """Yield calls with the name of an argument and of what replaces it, and the value."""
+    """Yield calls with an argument's name, what replaces it, and the value."""
     number = 0
     for call in calls:
         for parameter in call.signature:
@@ -40,27 +41,32 @@ def cases(calls, chosen):
 
 def faults_of(calls, chosen, capsys):
     """Return what is wrong with calls, and print the number of cases and the time."""
-    begin, count, found = time.process_time(), Counter(), []
+    begin = time.process_time()
+    count = Counter()
+    faults = []
     for call, argument, name, value in cases(calls, chosen):
         count[call.name] += 1
         words = fault(call, **{argument: value})
         if words:
-            found.append(f'{call.name}, {argument}: {name}: {words}')
+            faults.append(f'{call.name}, {argument}: {name}: {words}')
     with capsys.disabled():
         print(f'\ndegenerate input: {count.total()} cases of {len(count)} calls in '
               f'{time.process_time() - begin:.1f} s of processor time', flush=True)
-    return found
+    return faults
 
 
 def test_there_are_valid_arguments_for_every_public_call():
     _, unknown = valid_calls()
     assert not unknown, 'give the helper degenerate_input valid values of these'
-    refused = [f'{call.name}: {result}' for call in quick_calls()
-               if isinstance(result := attempted(call), KaneError)]
+    refused = []
+    for call in quick_calls():
+        if isinstance(result := attempted(call), KaneError):
+            refused.append(f'{call.name}: {result}')
     assert not refused
 
 
-def test_one_in_six_degenerate_arguments_gives_numbers_or_is_refused_by_its_cause(capsys):
+def test_one_in_six_degenerate_arguments_gives_numbers_or_is_refused_by_its_cause(
+        capsys):
     offset = int(np.random.default_rng().integers(STRIDE))
     assert not faults_of(quick_calls(), lambda k: k % STRIDE == offset, capsys)
 

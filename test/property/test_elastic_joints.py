@@ -1,4 +1,4 @@
-"""Elastic joints: all formulations agree, and the derivatives are those of the torque."""
+"""Elastic joints: all formulations agree; derivatives are the torque's."""
 
 from dataclasses import replace
 
@@ -16,12 +16,12 @@ LAW = {'damping': 0.4, 'friction': 1.5, 'friction_offset': 0.2}
 
 
 def elastic_model(seed):
-    """Return a random tree with drives of all kinds, and a state with small deflections."""
+    """Return a random tree with drives of all kinds and a slightly bent state."""
     rng = np.random.default_rng(seed)
     model = random_model(seed, 5)
     kinds = (Drive(900.0, damping=2.0, rotor_inertia=0.3, friction=LAW),
-             Drive(StiffnessCurve([0.01, 0.03], [5.0, 30.0]), damping=1.0, rotor_inertia=0.2,
-                   friction=LAW),
+             Drive(StiffnessCurve([0.01, 0.03], [5.0, 30.0]),
+                   damping=1.0, rotor_inertia=0.2, friction=LAW),
              Drive(StiffnessCurve([0.01, 0.03], [0.0, 30.0]), rotor_inertia=0.1),
              Drive(700.0, ratio=-50.0, damping=1.5, rotor_inertia=1e-3, friction=LAW,
                    full_coupling=True))
@@ -45,12 +45,14 @@ def test_formulations_of_elastic_joints_agree(seed):
     expected = kane.inverse_dynamics(model, q, u, udot)
     size = 1e-11 * np.abs(robot.torque_terms(q, u, udot)).max()
     assert_allclose(robot.inverse_dynamics(q, u, udot), expected, rtol=0, atol=size)
-    assert_allclose(robot.torque_terms(q, u, udot).sum(axis=0), expected, rtol=0, atol=size)
+    assert_allclose(robot.torque_terms(q, u, udot).sum(axis=0), expected,
+                    rtol=0, atol=size)
     by_energy = (energies.generalized_inertia_force(model, q, u, udot)
-                 + energies.conservative_force(model, q) + energies.friction_force(model, u))
+                 + energies.conservative_force(model, q)
+                 + energies.friction_force(model, u))
     assert_allclose(-by_energy, expected, rtol=0, atol=size)
-    assert_allclose(robot.potential_energy(q), energies.potential_energy(model, q), rtol=1e-12,
-                    atol=1e-12)
+    assert_allclose(robot.potential_energy(q), energies.potential_energy(model, q),
+                    rtol=1e-12, atol=1e-12)
     acceleration = robot.forward_dynamics(q, u, tau)
     assert_allclose(robot.inverse_dynamics(q, u, acceleration), tau, rtol=0,
                     atol=1e-9 * (1.0 + np.abs(acceleration).max()))
@@ -60,7 +62,8 @@ def test_formulations_of_elastic_joints_agree(seed):
 def test_derivatives_of_elastic_joints_are_exact(seed):
     model, q, u, udot, _ = elastic_model(seed)
     robot = Robot(model)
-    equations, parameters = robot.equations.tree, robot.parameters.block
+    equations = robot.equations.tree
+    parameters = robot.parameters.block
 
     def columns(k):
         """Return the derivative of the torque by argument k, by dual numbers."""
@@ -77,17 +80,21 @@ def test_derivatives_of_elastic_joints_are_exact(seed):
     analytic = robot.inverse_dynamics_derivatives(q, u, udot)
     assert_allclose(analytic, expected, rtol=0, atol=size)
     if TreeInLanes.suits(equations):
-        in_lanes = TreeInLanes(equations).inverse_dynamics_derivatives(q, u, udot, parameters)
+        in_lanes = TreeInLanes(equations).inverse_dynamics_derivatives(
+            q, u, udot, parameters)
         assert_allclose(in_lanes.astype(float), expected, rtol=0, atol=size)
 
 
-def test_forward_dynamics_of_a_free_body_with_a_drive_at_a_slide_is_that_of_the_definition():
+def test_a_free_body_with_a_drive_at_a_slide_accelerates_by_the_definition():
     b = ModelBuilder('craft')
-    b.body('craft', kind='free', inertial=box(8.0, (0.6, 0.4, 0.3), at=(0.05, 0.02, 0.01)))
-    model = with_drives(b.model(), {'craft/z': Drive(200.0, damping=0.5, rotor_inertia=0.3)})
+    b.body('craft', kind='free',
+           inertial=box(8.0, (0.6, 0.4, 0.3), at=(0.05, 0.02, 0.01)))
+    model = with_drives(b.model(),
+                        {'craft/z': Drive(200.0, damping=0.5, rotor_inertia=0.3)})
     robot = Robot(model)
     q = robot.neutral()
-    places = [robot.coordinate_names.index(name) for name in ('craft/z', 'craft/z_motor')]
+    places = [robot.coordinate_names.index(name)
+              for name in ('craft/z', 'craft/z_motor')]
     q[places] = 0.3, 0.32
     u, udot = np.random.default_rng(2).normal(size=(2, robot.n))
     tau = kane.inverse_dynamics(model, q, u, udot)

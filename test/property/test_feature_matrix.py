@@ -1,4 +1,4 @@
-"""Every feature for every kind of mechanism, and for two kinds at once, or a refusal in words."""
+"""Every feature for every kind of mechanism and each pair, or a refusal in words."""
 
 from feature_matrix import PAGE, page, ROOT, ROWS
 from kane_dynamics.errors import KaneError
@@ -25,7 +25,8 @@ def test_every_feature_is_right_or_refused_for(kinds):
                 wrong.append(f'{row.name}: {type(error).__name__} {error}')
         else:
             if not allowed:
-                wrong.append(f'{row.name}: right; expected no reason in feature_matrix.py')
+                wrong.append(
+                    f'{row.name}: right; expected no reason in feature_matrix.py')
     assert not wrong, '\n'.join(wrong)
 
 

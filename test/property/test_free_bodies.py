@@ -13,7 +13,8 @@ SLIDES = tuple(zip('xyz', np.eye(3)))
 def arm(b, on, name='arm', joints=3):
     for k in range(joints):
         b.body(f'{name}{k}', on, axis=np.eye(3)[(k + 2) % 3], at=(0.3, 0.1, 0.05),
-               rpy=(0.3, -0.2, 0.1), inertial=box(2.0, (0.4, 0.2, 0.1), at=(0.2, 0.05, 0.0)))
+               rpy=(0.3, -0.2, 0.1),
+               inertial=box(2.0, (0.4, 0.2, 0.1), at=(0.2, 0.05, 0.0)))
         on = f'{name}{k}'
     b.frame(f'{name}/tool', on, at=(0.1, 0.2, 0.3))
 
@@ -40,7 +41,8 @@ def two_flyers():
 
 def ball_in_the_arm():
     b = flyer()
-    b.body('hand', 'arm2', 'ball', at=(0.1, 0.2, 0.0), rpy=(0.4, 0.1, 0.2), inertial=BODY)
+    b.body('hand', 'arm2', 'ball', at=(0.1, 0.2, 0.0), rpy=(0.4, 0.1, 0.2),
+           inertial=BODY)
     return b
 
 
@@ -55,7 +57,8 @@ def slides(rpy=(0.0, 0.0, 0.0), inertial=None, more=False):
     b = ModelBuilder('slides', gravity=(0.5, -1.0, -9.0))
     on = 'world'
     for name, axis in SLIDES:
-        b.body(name, on, 'prismatic', axis=axis, rpy=rpy if name == 'y' else (0.0, 0.0, 0.0),
+        b.body(name, on, 'prismatic', axis=axis,
+               rpy=rpy if name == 'y' else (0.0, 0.0, 0.0),
                **{} if inertial is None else {'inertial': inertial})
         on = name
     b.body('base', 'z', 'ball', inertial=BODY)
@@ -67,7 +70,8 @@ def slides(rpy=(0.0, 0.0, 0.0), inertial=None, more=False):
 
 def mimicked():
     b = flyer()
-    b.body('cart', 'world', 'prismatic', axis=(1.0, 0.0, 0.0), mimic='base/y', inertial=BODY)
+    b.body('cart', 'world', 'prismatic', axis=(1.0, 0.0, 0.0), mimic='base/y',
+           inertial=BODY)
     return b
 
 
@@ -86,15 +90,19 @@ def with_a_beam():
 
 
 KINDS = {  # and the number of bodies that are free
-    'arm': (flyer, 1), 'turned frame': (lambda: flyer(rpy=(0.3, -0.8, 0.2), at=(1, 2, 3)), 1),
-    'two arms': (two_arms, 1), 'two bodies': (two_flyers, 2), 'ball': (ball_in_the_arm, 1),
-    'friction': (lambda: with_joint(damping=3.0, friction=2.0), 1), 'beam': (with_a_beam, 1),
+    'arm': (flyer, 1),
+    'turned frame': (lambda: flyer(rpy=(0.3, -0.8, 0.2), at=(1, 2, 3)), 1),
+    'two arms': (two_arms, 1), 'two bodies': (two_flyers, 2),
+    'ball': (ball_in_the_arm, 1),
+    'friction': (lambda: with_joint(damping=3.0, friction=2.0), 1),
+    'beam': (with_a_beam, 1),
     'slides': (slides, 1), 'rotor': (lambda: with_joint(armature=4.0), 0),
     'spring': (lambda: with_joint(stiffness=5.0, rest=0.2), 0),
     'heavy slides': (lambda: slides(inertial=BODY), 0),
     'oblique slides': (lambda: slides(rpy=(0.4, 0.0, 0.3)), 0),
     'mimicked slide': (mimicked, 0),
-    'slide with another body': (lambda: slides(more=True), 0), 'not from the world': (on_rails, 0)}
+    'slide with another body': (lambda: slides(more=True), 0),
+    'not from the world': (on_rails, 0)}
 
 
 def random_state(robot, seed):
@@ -110,9 +118,11 @@ def test_forward_dynamics_of_free_bodies_are_those_of_the_definition(kind):
     robot = Robot(model)
     for seed in range(5):
         q, u, tau = random_state(robot, seed)
-        found, defined = robot.forward_dynamics(q, u, tau), kane.forward_dynamics(model, q, u, tau)
+        accelerations = robot.forward_dynamics(q, u, tau)
+        defined = kane.forward_dynamics(model, q, u, tau)
         scale = np.abs(defined).max() * np.linalg.cond(robot.mass_matrix(q))
-        np.testing.assert_allclose(found, defined, rtol=0.0, atol=10.0 * 2.2e-16 * scale)
+        np.testing.assert_allclose(accelerations, defined,
+                                   rtol=0.0, atol=10.0 * 2.2e-16 * scale)
 
 
 @pytest.mark.parametrize('payload', ['arm/tool', 'base', 'x', 'z', None])

@@ -1,4 +1,4 @@
-"""The algorithms that compute several joints in lanes give what those of one joint give."""
+"""The algorithms that compute joints in lanes give what single joints give."""
 
 from dataclasses import replace
 
@@ -49,17 +49,19 @@ def test_numbers_in_lanes_are_those_of_single_joints(seed, n, prismatic):
     model = shuffled(random_model(seed, n, prismatic=prismatic), seed)
     equations = TreeEquations(model)
     assert TreeInLanes.suits(equations)
-    parameters, states = np.array([0.3, -0.2, -9.8]), random_state(model, seed)
+    parameters = np.array([0.3, -0.2, -9.8])
+    states = random_state(model, seed)
     for name, count in GIVEN.items():
-        found = getattr(TreeInLanes(equations), name)(*states[:count], parameters)
+        in_lanes = getattr(TreeInLanes(equations), name)(*states[:count], parameters)
         expected = getattr(equations, name)(*states[:count], parameters)
         M = equations.mass_matrix(states[0], parameters).astype(float)
-        found, expected = found.astype(float), expected.astype(float)
+        in_lanes = in_lanes.astype(float)
+        expected = expected.astype(float)
         tolerance = 1e-12 * (np.linalg.cond(M) if name in INVERSE else 1.0)
         # The Coriolis matrix of one joint is the rounding of sums that cancel.
         zero = 4.0 * EPS * np.abs(M).max() * np.abs(states[1]).max()
-        assert relative_error(found, expected) < tolerance or (
-            name == 'coriolis_matrix' and np.abs(found - expected).max() < zero), name
+        assert relative_error(in_lanes, expected) < tolerance or (
+            name == 'coriolis_matrix' and np.abs(in_lanes - expected).max() < zero), name
 
 
 def test_a_coordinate_that_moves_several_bodies_has_no_lane():
@@ -68,20 +70,24 @@ def test_a_coordinate_that_moves_several_bodies_has_no_lane():
 
 @pytest.mark.parametrize('far', [0.0, 100.0])
 def test_a_small_arm_far_from_the_origin_loses_no_digits(far):
-    b, on = ModelBuilder('arm'), 'world'
+    b = ModelBuilder('arm')
+    on = 'world'
     for k, axis in enumerate(np.eye(3)):
         b.body(f'slide{k}', on, 'prismatic', axis=axis, at=(0.6 * far, 0, 0))
         on = f'slide{k}'
     for k in range(9):
         b.body(f'link{k}', on, axis=[(0, 0, 1), (0, 1, 0), (1, 0.3, 0)][k % 3],
-               at=(0.02, 0, 0.01), inertial=box(0.01, (0.02, 0.01, 0.01), at=(0.01, 0, 0)))
+               at=(0.02, 0, 0.01),
+               inertial=box(0.01, (0.02, 0.01, 0.01), at=(0.01, 0, 0)))
         on = f'link{k}'
     equations = TreeEquations(b.model())
-    parameters, states = np.array([0.3, -0.2, -9.8]), random_state(b.model(), 0)
+    parameters = np.array([0.3, -0.2, -9.8])
+    states = random_state(b.model(), 0)
     states[:2, :3] += far
-    found, expected = (x.inverse_dynamics_derivatives(*states, parameters).astype(float)
-                       for x in (TreeInLanes(equations), equations))
-    error = np.abs(found - expected).max(axis=2)
+    in_lanes = TreeInLanes(equations).inverse_dynamics_derivatives(
+        *states, parameters).astype(float)
+    expected = equations.inverse_dynamics_derivatives(*states, parameters).astype(float)
+    error = np.abs(in_lanes - expected).max(axis=2)
     assert (error <= 2e-14 * np.abs(expected).max(axis=2)).all()
 
 
@@ -89,30 +95,35 @@ def test_a_small_arm_far_from_the_origin_loses_no_digits(far):
                                pytest.param(16, marks=pytest.mark.slow)])
 @pytest.mark.parametrize('name', COMPARED)
 def test_one_state_of_an_arm_is_a_state_of_a_batch(name, n):
-    robot = Robot(shuffled(random_model(8, n, branching=0.3 * (n > 8)), 8), payload_frame='frame3')
+    robot = Robot(shuffled(random_model(8, n, branching=0.3 * (n > 8)), 8),
+                  payload_frame='frame3')
     robot.parameters.payload = Inertial(2.0, np.array([0.1, 0.0, 0.2]), 0.01 * np.eye(3))
-    kernels, states = robot.kernels, random_state(robot.model, 5)[:GIVEN[name]]
-    wide = trace_program(name, lambda *given: method_in_lanes(kernels.equations, name)(*given),
+    kernels = robot.kernels
+    states = random_state(robot.model, 5)[:GIVEN[name]]
+    wide = trace_program(name,
+                         lambda *given: method_in_lanes(kernels.equations, name)(*given),
                          kernels.program(name).inputs)
     kernel = Kernel(name, lambda: wide, None, kernels.signature(name)[0],
                     robot.parameters.block, kernels.signature(name)[1])
     chosen = kernels.kernel(name)
     expected = chosen(*(np.stack([x, x]) for x in states))[0]
     condition = np.linalg.cond(robot.mass_matrix(states[0])) if name in INVERSE else 1.0
-    for found in (kernel(*states), chosen(*states)):
-        assert relative_error(found, expected) < 1e-13 * condition
+    for result in (kernel(*states), chosen(*states)):
+        assert relative_error(result, expected) < 1e-13 * condition
         if name == 'forward_dynamics_derivatives':
-            assert np.array_equal(found[2], found[2].T)
+            assert np.array_equal(result[2], result[2].T)
 
 
 @pytest.mark.parametrize('n', [6, 7, 10])
 def test_derivatives_in_lanes_are_those_of_the_definition(n):
     model = random_model(21, n, prismatic=0.2)
-    equations, (q, u, tau) = TreeEquations(model), random_state(model, 3)
-    parameters, none = np.array(model.gravity), np.zeros(n)
+    equations = TreeEquations(model)
+    q, u, tau = random_state(model, 3)
+    parameters = np.array(model.gravity)
+    none = np.zeros(n)
     udot = kane.forward_dynamics(model, q, u, tau)
-    torque = kane.inverse_dynamics(model, seeded(q, none, 0, 2 * n), seeded(u, none, n, 2 * n),
-                                   udot)
+    torque = kane.inverse_dynamics(model, seeded(q, none, 0, 2 * n),
+                                   seeded(u, none, n, 2 * n), udot)
     slopes = np.array([x.gradient for x in torque])
     wide = TreeInLanes(equations)
     inverse = wide.inverse_dynamics_derivatives(q, u, udot, parameters).astype(float)
@@ -128,16 +139,19 @@ def test_derivatives_in_lanes_are_those_of_the_definition(n):
 @given(st.integers(0, 10**6), st.integers(1, 19), st.sampled_from([0.0, 0.3, 1.0]),
        st.sampled_from([0.0, 0.15, 0.6]))
 def test_loops_over_parts_of_a_tree_give_the_derivatives(seed, n, prismatic, branching):
-    model = shuffled(random_model(seed, n, prismatic=prismatic, branching=branching), seed)
-    equations, (q, u, udot) = TreeEquations(model), random_state(model, seed)
+    model = shuffled(random_model(seed, n, prismatic=prismatic, branching=branching),
+                     seed)
+    equations = TreeEquations(model)
+    q, u, udot = random_state(model, seed)
     parameters = np.array([0.3, -0.2, -9.8])
     links = equations.base_links(parameters)
     rows = derivative_rows(links, q, u, udot, parameters, repeat=one_by_one)
-    by_u = derivative_rows(links, q, u, udot, parameters, repeat=one_by_one, names=OF_RATES)[1]
+    by_u = derivative_rows(links, q, u, udot, parameters,
+                           repeat=one_by_one, names=OF_RATES)[1]
     # The same by another formulation, of one joint at a time.
     expected = recursive_derivatives(links, q, u, udot, parameters)
-    for found, matrix in zip((*rows, by_u), (*expected, expected[1])):
-        entries = np.array([unpacked(row, Lanes)[:n] for row in found]).astype(float)
+    for by_loops, matrix in zip((*rows, by_u), (*expected, expected[1])):
+        entries = np.array([unpacked(row, Lanes)[:n] for row in by_loops]).astype(float)
         scale = np.abs(np.array(matrix).astype(float)).max()
         assert np.abs(entries - matrix).max() <= 1e-12 * scale + 1e-13
 
@@ -154,16 +168,17 @@ def test_compiled_loops_over_parts_give_the_derivatives_of_the_definition(n, bra
     loaded = with_payload(model, 'frame3', payload)
     q, u, udot = random_state(model, 5)
     none = np.zeros(n)
-    torque = kane.inverse_dynamics(loaded, seeded(q, none, 0, 2 * n), seeded(u, none, n, 2 * n),
-                                   udot)
+    torque = kane.inverse_dynamics(loaded, seeded(q, none, 0, 2 * n),
+                                   seeded(u, none, n, 2 * n), udot)
     slopes = np.array([x.gradient for x in torque])
-    found = robot.inverse_dynamics_derivatives(q, u, udot)
-    assert relative_error(np.hstack(found[:2]), slopes) < 1e-11
-    assert relative_error(found[2], kane.mass_matrix(loaded, q)) < 1e-13
+    derivatives = robot.inverse_dynamics_derivatives(q, u, udot)
+    assert relative_error(np.hstack(derivatives[:2]), slopes) < 1e-11
+    assert relative_error(derivatives[2], kane.mass_matrix(loaded, q)) < 1e-13
 
 
 @pytest.mark.parametrize('n, branching', [(32, 0.0), (45, 0.3)])
-def test_compiled_loops_over_parts_give_the_coriolis_forces_of_the_definition(n, branching):
+def test_compiled_loops_over_parts_give_the_coriolis_forces_of_the_definition(
+        n, branching):
     model = shuffled(random_model(8, n, branching=branching, passive=False), 8)
     q, u, _ = random_state(model, 5)
     without_gravity = replace(model, gravity=np.zeros(3))
@@ -175,7 +190,8 @@ def test_compiled_loops_over_parts_give_the_coriolis_forces_of_the_definition(n,
 def test_arms_compute_one_state_by_the_shorter_program(monkeypatch):
     robot = Robot(random_model(4, 7))
     name = 'inverse_dynamics_derivatives'
-    plain, counts = robot.kernels.program(name), []
+    plain = robot.kernels.program(name)
+    counts = []
     for doubles in (8, 2):
         monkeypatch.setattr(kernel_set, 'width', lambda doubles=doubles: doubles)
         chosen = robot.kernels.program(name, single=True)
@@ -191,19 +207,19 @@ def test_one_state_in_lanes_is_a_state_of_a_batch(name):
     robot.parameters.payload = Inertial(2.0, np.array([0.1, 0.0, 0.2]), 0.01 * np.eye(3))
     equations = robot.equations.tree
     states = random_state(model, 5)
-    found = getattr(robot, name)(*states[:GIVEN[name]])
+    single = getattr(robot, name)(*states[:GIVEN[name]])
     expected = getattr(equations, name)(*states[:GIVEN[name]], robot.parameters.block)
     condition = np.linalg.cond(robot.mass_matrix(states[0]))
-    assert relative_error(found, expected.astype(float)) < (
+    assert relative_error(single, expected.astype(float)) < (
         1e-14 * condition if name == 'inverse_mass_matrix' else 1e-11)
     if name == 'inverse_mass_matrix':
-        assert np.array_equal(found, found.T)
+        assert np.array_equal(single, single.T)
     if name == 'inverse_dynamics_derivatives':
-        assert np.array_equal(found[2], found[2].T)
+        assert np.array_equal(single[2], single[2].T)
 
 
 def chain_with_a_thin_rod():
-    """Return a chain whose inverse needs the mass matrix, because a pivot might vanish."""
+    """Return a chain whose inverse needs the mass matrix: a pivot might vanish."""
     model = random_model(8, LARGER, branching=0.0)
     bodies = list(model.bodies)
     joint = replace(bodies[10].joint, kind='revolute', armature=0.0)
@@ -219,18 +235,20 @@ def chain_with_a_thin_rod():
 def test_inverse_mass_matrix_of_a_serial_chain_in_rows_is_that_of_the_definition(order):
     model = chain_with_a_thin_rod()
     model = shuffled(model, 8) if order == 'shuffled' else model
-    robot, q = Robot(model, payload_frame='frame3'), random_state(model, 5)[0]
+    robot = Robot(model, payload_frame='frame3')
+    q = random_state(model, 5)[0]
     payload = Inertial(2.0, np.array([0.1, 0.0, 0.2]), 0.01 * np.eye(3))
     robot.parameters.payload = payload
-    found = robot.inverse_mass_matrix(q)
+    inverse = robot.inverse_mass_matrix(q)
     M = kane.mass_matrix(with_payload(model, 'frame3', payload), q)
-    assert relative_error(found, np.linalg.inv(M)) < 1e-15 * np.linalg.cond(M)
-    assert np.array_equal(found, found.T)
+    assert relative_error(inverse, np.linalg.inv(M)) < 1e-15 * np.linalg.cond(M)
+    assert np.array_equal(inverse, inverse.T)
 
 
 def test_inverse_mass_matrix_in_rows_takes_a_third_of_the_instructions():
     equations = Robot(random_model(8, LARGER, branching=0.0)).equations
-    in_rows = TreeInLanes(equations.tree, lambda q: WideLanes(q.trace)).inverse_mass_matrix
+    in_rows = TreeInLanes(
+        equations.tree, lambda q: WideLanes(q.trace)).inverse_mass_matrix
     plain, rows = (trace_program('inverse', function, [('q', (LARGER,)), ('g', (3,))]
                                  ).instruction_count(8)
                    for function in (equations.inverse_mass_matrix, in_rows))

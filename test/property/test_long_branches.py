@@ -1,4 +1,4 @@
-"""Forward dynamics of trees with long branches: linear in time, and Kane's definition."""
+"""Forward dynamics of trees with long branches: linear time, Kane's numbers."""
 
 from dataclasses import replace
 
@@ -32,7 +32,8 @@ def by_blocks(model, q, u, tau):
        st.sampled_from([0.0, 0.15, 0.6]))
 def test_articulated_inertias_give_the_accelerations_of_the_definition(
         seed, n, prismatic, branching):
-    model = shuffled(random_model(seed, n, prismatic=prismatic, branching=branching), seed)
+    model = shuffled(random_model(seed, n, prismatic=prismatic, branching=branching),
+                     seed)
     q, u, tau = random_state(model, seed)
     expected = kane.forward_dynamics(model, q, u, tau)
     condition = np.linalg.cond(kane.mass_matrix(model, q))
@@ -54,8 +55,8 @@ def test_compiled_loops_over_branches_give_the_definition_with_payload_and_wrenc
     expected = kane.forward_dynamics(loaded, q, u, tau,
                                      wrenches={'frame5': (wrench[0, :3], wrench[0, 3:])})
     condition = np.linalg.cond(kane.mass_matrix(loaded, q))
-    found = robot.forward_dynamics(q, u, tau, wrench=wrench)
-    assert relative_error(found, expected) < 10.0 * EPS * condition
+    accelerations = robot.forward_dynamics(q, u, tau, wrench=wrench)
+    assert relative_error(accelerations, expected) < 10.0 * EPS * condition
 
 
 def growth(name):
@@ -141,7 +142,8 @@ def test_short_branches_are_computed_by_the_mass_matrix(n, branching):
 def test_a_link_without_inertia_about_its_joint_needs_the_mass_matrix():
     model = random_model(3, 30, branching=0.0, prismatic=0.0, passive=False)
     last = model.bodies[-1]
-    rod = Inertial(1.0, np.zeros(3), np.eye(3) - np.outer(last.joint.axis, last.joint.axis))
+    rod = Inertial(1.0, np.zeros(3),
+                   np.eye(3) - np.outer(last.joint.axis, last.joint.axis))
     thin = replace(model, bodies=(*model.bodies[:-1], replace(last, inertial=rod)))
     assert TreeInLanes.has_long_branches(TreeEquations(model), 2400)
     assert not TreeInLanes.has_long_branches(TreeEquations(thin), 2400)
@@ -171,7 +173,8 @@ def test_a_batch_of_a_long_chain_has_the_numbers_of_its_states(long_chain, count
 def test_a_batch_of_a_long_chain_names_a_number_that_is_not_finite(long_chain, value):
     states = np.zeros((3, 9, long_chain.n))
     states[1, 8, 5] = value
-    with pytest.raises(InputError, match=r"u\[8, 5\] \(joint 'joint5'\): (nan|inf); expected"):
+    with pytest.raises(InputError,
+                       match=r"u\[8, 5\] \(joint 'joint5'\): (nan|inf); expected"):
         long_chain.forward_dynamics(*states)
 
 
@@ -179,7 +182,8 @@ def test_a_batch_of_a_long_chain_names_a_number_that_is_not_finite(long_chain, v
 def test_a_simulation_of_a_long_chain_has_the_accelerations_of_its_states(long_chain):
     q, u = np.random.default_rng(2).uniform(-0.3, 0.3, (2, long_chain.n))
     trajectory = simulate(long_chain, q, u, 0.02, step=1e-3)
-    expected = long_chain.forward_dynamics(trajectory.q, trajectory.u, 0.0 * trajectory.u)
+    expected = long_chain.forward_dynamics(trajectory.q, trajectory.u,
+                                           0.0 * trajectory.u)
     np.testing.assert_array_equal(trajectory.udot, expected)
     # The motion has these accelerations: differences over a step, of second order.
     slope = np.gradient(trajectory.u, trajectory.t, axis=0)[1:-1]
@@ -199,7 +203,8 @@ def matrices_by_blocks(model, q):
 @given(st.integers(0, 10**6), st.integers(1, 19), st.sampled_from([0.0, 0.3, 1.0]),
        st.sampled_from([0.0, 0.15, 0.6]))
 def test_matrices_by_blocks_are_those_of_the_definition(seed, n, prismatic, branching):
-    model = shuffled(random_model(seed, n, prismatic=prismatic, branching=branching), seed)
+    model = shuffled(random_model(seed, n, prismatic=prismatic, branching=branching),
+                     seed)
     q = random_state(model, seed)[0]
     expected = kane.mass_matrix(model, q)
     M, W = matrices_by_blocks(model, q)
@@ -222,7 +227,8 @@ def test_compiled_matrices_by_blocks_are_those_of_the_definition(branching):
     robot.parameters.payload = payload
     q = random_state(model, 5)[0]
     expected = kane.mass_matrix(with_payload(model, 'frame3', payload), q)
-    M, W = robot.mass_matrix(q), robot.inverse_mass_matrix(q)
+    M = robot.mass_matrix(q)
+    W = robot.inverse_mass_matrix(q)
     assert relative_error(M, expected) < 20.0 * EPS
     condition = np.linalg.cond(expected)
     assert relative_error(W, np.linalg.inv(expected)) < 10.0 * EPS * condition

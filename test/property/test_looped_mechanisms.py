@@ -1,6 +1,7 @@
-"""Random looped mechanisms in free motion: right, or refused for a true reason; nothing else."""
+"""Random looped mechanisms in free motion: right, or refused for a true reason."""
 
-from kane_dynamics import ConstraintError, Coupling, disc, ModelBuilder, Robot, rod, simulate
+from kane_dynamics import (ConstraintError, Coupling, disc, ModelBuilder, Robot, rod,
+                           simulate)
 import numpy as np
 import pytest
 from random_loops import FAMILIES, Loops, random_loops, turned
@@ -27,11 +28,14 @@ def start(loops, robot, seed):
 
 def settled(robot, q0, u0, duration):
     """
-    Return the motion with the first step that a shorter one confirms, and its confirmed rows.
+    Return the motion with a step that a shorter one confirms, and its confirmed rows.
 
-    If no step is confirmed to the end: the motion with the shortest, and its confirmed rows.
+    If no step is confirmed to the end: the motion with the shortest, and its confirmed
+    rows.
     """
-    before, run, rows = None, None, 0
+    coarser = None
+    run = None
+    rows = 0
     for step in STEPS:
         try:
             run = simulate(robot, q0, u0, duration, step=step, sample=0.25)
@@ -39,24 +43,24 @@ def settled(robot, q0, u0, duration):
             if step == STEPS[-1] or ('shorten the step' not in str(error) and (
                     'shorter steps' not in str(error))):
                 raise
-            before = None
+            coarser = None
             continue
-        if before is not None:
-            missed = np.append(np.abs(run.q - before.q).max(axis=1), np.inf)
-            rows = int(np.argmax(missed >= SETTLED))
+        if coarser is not None:
+            differences = np.append(np.abs(run.q - coarser.q).max(axis=1), np.inf)
+            rows = int(np.argmax(differences >= SETTLED))
             if rows == len(run.t):
                 break
-        before = run
+        coarser = run
     return run, rows
 
 
 def force_sizes(robot, forces):
-    """Return the size of each constraint's force and of its moment, (K, 2 constraints)."""
+    """Return the size of each constraint's force and moment, (K, 2 constraints)."""
     mechanism = robot.mechanism
     kinds = list(zip(mechanism.owners, mechanism.turning))
     return np.array([np.linalg.norm(forces[:, [
-        k for k, kind in enumerate(kinds) if kind == own]], axis=1)
-        for own in dict.fromkeys(kinds)]).T
+        k for k, kind in enumerate(kinds) if kind == one_kind]], axis=1)
+                     for one_kind in dict.fromkeys(kinds)]).T
 
 
 def check(seed, duration=DURATION):
@@ -81,28 +85,32 @@ def check(seed, duration=DURATION):
     assert np.ptp(energy) < CONSERVED * max(np.abs(run.energy).max(), 1e-3), loops.name
     assert run.drift < 1e-9, loops.name
     outcome = 'changed' if run.speed_changes else 'right'
-    if rows < len(run.t):  # settled or not, it is right until rounding alone grows beyond AGREES
+    # Settled or not, it is right until rounding alone grows beyond AGREES.
+    if rows < len(run.t):
         growth = np.append(reference.growth(q0, rates, run.t[1:]), np.inf)
         rows = max(rows, 1 + int(np.argmax(growth > GROWTH)))
         assert rows > 1, f'{loops.name}: nothing settles, perturbations grow by {growth}'
         outcome = 'sensitive'
     q, v = reference.motion(q0, rates, run.t[1:rows])
-    np.testing.assert_allclose(run.q[1:rows], q, rtol=0.0, atol=AGREES, err_msg=loops.name)
-    if loops.constraints and 'wheels' not in loops.name:  # a cart's own angle is its heading
-        here = force_sizes(robot, run.constraint_forces[1:rows])
+    np.testing.assert_allclose(run.q[1:rows], q,
+                               rtol=0.0, atol=AGREES, err_msg=loops.name)
+    # A cart's own angle is its heading.
+    if loops.constraints and 'wheels' not in loops.name:
+        sizes = force_sizes(robot, run.constraint_forces[1:rows])
         there = turned_forces(loops, run.q[1:rows], joint_rates(robot, run, v))
-        np.testing.assert_allclose(there, here, rtol=1e-6, atol=1e-6 * max(1.0, here.max()),
-                                   err_msg=loops.name)
+        np.testing.assert_allclose(there, sizes, rtol=1e-6,
+                                   atol=1e-6 * max(1.0, sizes.max()), err_msg=loops.name)
     return outcome
 
 
 def joint_rates(robot, run, near):
-    """Return all joints' rates; where the speeds u do not determine them, those nearby."""
+    """Return all joints' rates; where u does not determine them, those nearby."""
     rates = []
     for q, u, v in zip(run.q[1:], run.u[1:], near):
-        here = robot.mechanism.state(q)
-        S = np.concatenate([np.array(here.speed_rows(robot.speed_names)[0], dtype=float),
-                            np.array(robot.mechanism.rows(here).J, dtype=float)])
+        placed = robot.mechanism.state(q)
+        S = np.concatenate(
+            [np.array(placed.speed_rows(robot.speed_names)[0], dtype=float),
+             np.array(robot.mechanism.rows(placed).J, dtype=float)])
         s = np.concatenate([u, np.zeros(len(robot.constraint_names))])
         rates.append(v + np.linalg.lstsq(S, s - S @ v, rcond=1e-7)[0])
     return rates
@@ -110,24 +118,29 @@ def joint_rates(robot, run, near):
 
 def turned_forces(loops, q, rates):
     """Return the sizes of the constraints' forces on a turned base."""
-    other, found = turned(loops, 1.1), []
-    there = Robot(other.model, constraints=other.constraints, configuration=loops.q0)
+    turned_loops = turned(loops, 1.1)
+    sizes = []
+    there = Robot(turned_loops.model, constraints=turned_loops.constraints,
+                  configuration=loops.q0)
     for at, v in zip(q, rates):
         robot = there
         try:
             forces = forces_at(robot, at, v)
-        except ConstraintError as error:  # it says that other speeds determine the motion
+        # It says that other speeds determine the motion.
+        except ConstraintError as error:
             if 'choose others' not in str(error):
                 raise
-            robot = Robot(other.model, constraints=other.constraints, configuration=at)
+            robot = Robot(turned_loops.model,
+                          constraints=turned_loops.constraints, configuration=at)
             forces = forces_at(robot, at, v)
-        found.append(force_sizes(robot, forces))
-    return np.concatenate(found)
+        sizes.append(force_sizes(robot, forces))
+    return np.concatenate(sizes)
 
 
 def forces_at(robot, q, rates):
     """Return the forces of constraints in free motion, (1, m)."""
-    u = np.array(robot.mechanism.state(q).speed_rows(robot.speed_names)[0] @ rates, dtype=float)
+    u = np.array(robot.mechanism.state(q).speed_rows(robot.speed_names)[0] @ rates,
+                 dtype=float)
     return robot.constraint_forces(q, u, np.zeros_like(u))[None]
 
 
@@ -150,7 +163,7 @@ def test_a_looped_mechanism_moves_as_its_dae_says_or_is_refused_for_a_true_reaso
 
 @pytest.mark.slow
 @pytest.mark.parametrize('family', FAMILIES)
-def test_two_hundred_looped_mechanisms_move_as_their_dae_or_are_refused_for_a_true_reason(family):
+def test_two_hundred_looped_mechanisms_move_as_their_dae_or_are_refused_truly(family):
     place = FAMILIES.index(family)
     outcomes = [check(seed) for seed in range(place, 200, len(FAMILIES))]
     assert outcomes.count('refused') <= 0.5 * len(outcomes), outcomes

@@ -1,9 +1,10 @@
 """
-Compiled loops, calls and rows give the numbers of their steps, wherever results are stored.
+Compiled loops, calls and rows give the numbers of their steps, wherever stored.
 
-The compiler stores results of loops and rows straight among those of a program, reads tables of
-loops where they are in memory, copies runs of results, and clears zeros at once. Random programs
-reach each of these. Their results may overlap their arguments in memory.
+The compiler stores results of loops and rows straight among those of a program, reads
+tables of loops where they are in memory, copies runs of results, and clears zeros at
+once. Random programs reach each of these. Their results may overlap their arguments in
+memory.
 """
 
 from collections import Counter
@@ -27,7 +28,8 @@ WIDTH = 3  # entries of a carry and of a row
 CASES = 60  # random programs of one test
 MANY_ZEROS = 1200  # of a large matrix
 TOLERANCE = 1e-12  # all numbers are of size 1
-# Expressions of the compiled text that show a way of storing or reading numbers, by its name.
+# Expressions of the compiled text that show a way of storing or reading numbers, by its
+# name.
 WAYS = {
     'results of a loop among those of the program': r'%into\d',
     'a run of results of a loop, copied': r'%copied\.',
@@ -90,7 +92,8 @@ def steps_of(tools):
         return vector(*(0.5 * (carry + row)), 0.0, *(carry * row), 0.75)
 
     def of_two(carry, row, other):
-        return vector(*(0.5 * (carry + row * other)), *(0.5 * (row - other)), *(other * carry))
+        return vector(*(0.5 * (carry + row * other)), *(0.5 * (row - other)),
+                      *(other * carry))
 
     def of_functions(carry, row):
         return vector(*map(sine, carry + row), *(carry * row))
@@ -116,7 +119,7 @@ def steps_of(tools):
 
 class RandomProgram:
     """
-    A program of random loops, calls, functions and rows; the same one in each evaluation.
+    A program of random loops, calls, functions and rows, fixed once it is drawn.
 
     Parameters
     ----------
@@ -132,13 +135,15 @@ class RandomProgram:
         self.tools = tools
         self.steps = steps_of(tools)
         self.vectors = [vector(*x) for x in arguments]
-        if self.rng.random() < 0.6:  # loops that read arguments store no results in place
+        # Loops that read arguments store no results in place.
+        if self.rng.random() < 0.6:
             self.vectors = [0.75 * x for x in self.vectors]
         self.results = []  # of loops, (count, entries)
 
     def result(self):
         """Return the result of the program, (k,)."""
-        operations = self.looped, self.looped, self.looped, self.called, self.evaluated, self.row
+        operations = (self.looped, self.looped, self.looped, self.called, self.evaluated,
+                      self.row)
         for _ in range(self.rng.integers(1, 7)):
             self.rng.choice(operations)()
         entries = []
@@ -151,7 +156,9 @@ class RandomProgram:
     def looped(self):
         name = str(self.rng.choice(list(self.steps)))
         count = int(self.rng.integers(1, 6))
-        tables = [self.table(count) for _ in range(2 if name == 'of_two' else 1)]
+        tables = []
+        for _ in range(2 if name == 'of_two' else 1):
+            tables.append(self.table(count))
         carry = self.entries(WIDTH).copy()
         carry[0] = 0.5 * self.vectors[0][0]  # a loop has a traced entry
         self.results.append(self.tools.loop(name, self.steps[name], carry, *tables,
@@ -247,7 +254,8 @@ class Case:
         self.rng = np.random.default_rng((seed, 1))
         sizes = self.rng.integers(WIDTH, 16, self.rng.integers(1, 4)).tolist()
         self.arguments = [self.rng.uniform(-1.0, 1.0, size) for size in sizes]
-        self.expected = RandomProgram(seed, Evaluated(), self.arguments).result().astype(float)
+        self.expected = RandomProgram(seed, Evaluated(), self.arguments).result().astype(
+            float)
         inputs = [(f'x{k}', (size,)) for k, size in enumerate(sizes)]
 
         def traced(*values):
@@ -261,7 +269,7 @@ class Case:
         np.testing.assert_allclose(found, self.expected, rtol=TOLERANCE, atol=TOLERANCE)
 
     def overlapping(self):
-        """Return the result, computed where the arguments are in memory or beside them."""
+        """Return the result, computed in the arguments' memory or beside it."""
         size = sum(map(len, self.arguments))
         memory = np.full(2 * size + len(self.expected), np.nan)
         begins = size // 2 + np.cumsum([0, *map(len, self.arguments)])
@@ -290,7 +298,7 @@ def test_random_programs_store_and_read_numbers_in_each_way():
     counts = Counter()
     for seed in range(6 * CASES):
         text = module_text(Case(seed).program, 'random')
-        counts.update(way for way, part in WAYS.items() if re.search(part, text))
+        counts.update(access for access, part in WAYS.items() if re.search(part, text))
     assert set(counts) == set(WAYS)
 
 
@@ -300,10 +308,12 @@ def test_one_name_of_loops_with_rows_of_two_widths_has_a_step_for_each():
 
     def function(x, _, loop):
         narrow = loop('total', total, x[:1], x.reshape(3, 2))
-        return np.concatenate([narrow[-1], loop('total', total, x[:1], x.reshape(2, 3))[-1]])
+        return np.concatenate(
+            [narrow[-1], loop('total', total, x[:1], x.reshape(2, 3))[-1]])
     program = trace_program('two', lambda x, _: function(x, _, Loops()),
                             [('x', (6,)), ('parameters', (0,))])
-    kernel = Kernel('two', lambda: program, None, [Argument('x', (6,))], np.zeros(0), (2,))
+    kernel = Kernel('two', lambda: program, None, [Argument('x', (6,))], np.zeros(0),
+                    (2,))
     x = np.arange(1.0, 7.0)
     np.testing.assert_allclose(kernel(x), function(x, None, one_by_one), rtol=1e-15)
 
@@ -343,7 +353,10 @@ def arrangements(draw):
     read = draw(st.lists(st.integers(0, 2 * WIDTH - 1), min_size=WIDTH, max_size=WIDTH))
     columns = st.tuples(st.integers(0, 1), st.integers(0, 2 * WIDTH - 1))
     chosen = draw(st.lists(columns, min_size=1, max_size=12))
-    places = [(loop, turn, column) for turn in range(turns) for loop, column in chosen]
+    places = []
+    for turn in range(turns):
+        for loop, column in chosen:
+            places.append((loop, turn, column))
     if draw(st.booleans()):
         k = draw(st.integers(0, len(places) - 1))
         places[k] = None
@@ -351,14 +364,17 @@ def arrangements(draw):
 
 
 @given(arrangements())
-def test_results_of_loops_are_right_whether_other_loops_or_the_caller_reads_them(arrangement):
+def test_results_of_loops_are_right_whether_other_loops_or_the_caller_reads_them(
+        arrangement):
     count = WIDTH * arrangement[0]
     size = len(arrangement[-1])
 
     def program():
-        return trace_program('two_loops', lambda x, _: two_loops(x, Loops(), *arrangement),
+        return trace_program('two_loops',
+                             lambda x, _: two_loops(x, Loops(), *arrangement),
                              [('x', (count,)), ('parameters', (0,))])
-    kernel = Kernel('two_loops', program, None, [Argument('x', (count,))], np.zeros(0), (size,))
+    kernel = Kernel('two_loops', program, None, [Argument('x', (count,))], np.zeros(0),
+                    (size,))
     x = np.random.default_rng(0).uniform(-1.0, 1.0, count)
     expected = two_loops(x, one_by_one, *arrangement)
     assert np.allclose(kernel(x), expected, rtol=1e-14, atol=1e-15)

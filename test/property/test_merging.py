@@ -16,7 +16,7 @@ def text(values):
 
 
 def random_urdf(seed, n, mimics=False):
-    """Return a random tree as a URDF, with all kinds of joints, and the names of its joints."""
+    """Return a random tree as a URDF with all kinds of joints, and their names."""
     rng = np.random.default_rng(seed)
     parts = []
     for i in range(n + 1):
@@ -29,11 +29,13 @@ def random_urdf(seed, n, mimics=False):
                      '</inertial></link>')
     for i in range(1, n + 1):
         kind = KINDS[rng.integers(len(KINDS))]
-        more = ''
+        further_joints = ''
         if mimics and i > 1 and kind in KINDS[:3]:
-            more = f'<mimic joint="j1" multiplier="{rng.normal()}" offset="{rng.normal()}"/>'
+            further_joints = (f'<mimic joint="j1" multiplier="{rng.normal()}" '
+                              f'offset="{rng.normal()}"/>')
         kind = 'revolute' if i == 1 else kind
-        parts.append(joint(f'j{i}', f'l{rng.integers(i)}', f'l{i}', kind, limit='', more=more,
+        parts.append(joint(f'j{i}', f'l{rng.integers(i)}', f'l{i}', kind,
+                           limit='', more=further_joints,
                            axis=text(rng.normal(size=3)), xyz=text(rng.normal(size=3)),
                            rpy=text(rng.normal(size=3))))
     return robot(*parts)
@@ -41,20 +43,21 @@ def random_urdf(seed, n, mimics=False):
 
 def poses(model, q):
     """Return the poses of all bodies in the world."""
-    found = []
+    pose_by_link = []
     for body in model.bodies:
-        R, p = (np.eye(3), np.zeros(3)) if body.parent == WORLD else found[body.parent]
+        R, p = (np.eye(3),
+                np.zeros(3)) if body.parent == WORLD else pose_by_link[body.parent]
         j = body.joint
         R, p = R @ j.rotation, p + R @ j.translation
         position = j.multiplier * q[j.coordinate] + j.offset
         if j.kind == 'prismatic':
-            found.append((R, p + R @ j.axis * position))
+            pose_by_link.append((R, p + R @ j.axis * position))
         else:
             x, y, z = j.axis
             K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-            found.append((R @ (np.eye(3) + np.sin(position) * K
-                               + (1 - np.cos(position)) * K @ K), p))
-    return found
+            pose_by_link.append((R @ (np.eye(3) + np.sin(position) * K
+                                      + (1 - np.cos(position)) * K @ K), p))
+    return pose_by_link
 
 
 def whole(model, q):
@@ -76,7 +79,8 @@ def test_locking_joints_keeps_mass_com_and_inertia_of_the_robot(seed, n, data):
     locked = {name: value for name, value in positions.items() if name not in names}
     some, _ = load_with_warnings(source, joints=names, locked=locked)
     assert some.joint_names == tuple(names)
-    expected, actual = whole(free, q), whole(some, [positions[name] for name in names])
+    expected = whole(free, q)
+    actual = whole(some, [positions[name] for name in names])
     assert_allclose(actual, expected, atol=1e-11 * np.abs(expected).max(), rtol=0)
 
 
@@ -89,10 +93,11 @@ def test_frames_of_a_locked_robot_are_where_they_were(seed, n):
     placed = poses(free, q)
     for frame in free.frames:
         R, p = (np.eye(3), np.zeros(3)) if frame.body == WORLD else placed[frame.body]
-        other = still.frame(frame.name)
-        assert other.body == WORLD
-        assert_allclose(other.rotation, R @ frame.rotation, atol=1e-12)
-        assert_allclose(other.translation, p + R @ frame.translation, atol=1e-12 * n * 10)
+        locked_frame = still.frame(frame.name)
+        assert locked_frame.body == WORLD
+        assert_allclose(locked_frame.rotation, R @ frame.rotation, atol=1e-12)
+        assert_allclose(locked_frame.translation, p + R @ frame.translation,
+                        atol=1e-12 * n * 10)
 
 
 @given(st.integers(0, 10 ** 6), st.integers(2, 8))
@@ -102,22 +107,27 @@ def test_locking_a_master_keeps_its_mimics_where_they_were(seed, n):
     q = np.random.default_rng(seed).normal(size=free.n)
     still, _ = load_with_warnings(source, locked=dict(zip(free.joint_names, q)))
     expected = whole(free, q)
-    assert_allclose(whole(still, []), expected, atol=1e-11 * np.abs(expected).max(), rtol=0)
+    assert_allclose(whole(still, []), expected,
+                    atol=1e-11 * np.abs(expected).max(), rtol=0)
 
 
 @given(st.integers(0, 10 ** 6), st.integers(1, 6))
 def test_order_of_links_and_joints_in_the_text_does_not_matter(seed, n):
     source = random_urdf(seed, n)
     body = source.removeprefix('<robot name="r">').removesuffix('</robot>')
-    parts = [part for part in body.replace('<link', '\n<link').replace('<joint', '\n<joint')
-             .split('\n') if part]
+    parts = []
+    for part in body.replace('<link', '\n<link').replace('<joint', '\n<joint') .split(
+            '\n'):
+        if part:
+            parts.append(part)
     np.random.default_rng(seed).shuffle(parts)
     first, _ = load_with_warnings(source)
     second, _ = load_with_warnings(robot(*parts), joints=first.joint_names)
     assert second.coordinate_names == first.coordinate_names
     q = np.random.default_rng(seed).normal(size=first.n)
     expected = whole(first, q)
-    assert_allclose(whole(second, q), expected, atol=1e-12 * np.abs(expected).max(), rtol=0)
+    assert_allclose(whole(second, q), expected,
+                    atol=1e-12 * np.abs(expected).max(), rtol=0)
 
 
 def test_comparison_detects_a_lost_gram():

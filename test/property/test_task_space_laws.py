@@ -1,4 +1,4 @@
-"""Laws in the space of a frame, on random mechanisms of every kind, states and targets."""
+"""Laws in the space of a frame, on random mechanisms, states and targets."""
 
 from dataclasses import replace
 from functools import cache
@@ -6,8 +6,8 @@ from functools import cache
 from ball_trees import random_ball_tree
 from hypothesis import given, strategies as st
 from kane_dynamics import (absolute_rates, CartesianImpedance, Coupling, HandGuiding,
-                           JointImpedance, knife_edge, momenta, pose_exp, pose_from, Robot,
-                           TaskSpace)
+                           JointImpedance, knife_edge, momenta, pose_exp, pose_from,
+                           Robot, TaskSpace)
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, moved
 from mechanisms import random_model
 import numpy as np
@@ -17,8 +17,8 @@ from random_loops import random_loops
 K = np.array([300.0, 500.0, 800.0, 10.0, 30.0, 60.0])
 # Half a turn and near it, besides ordinary angles.
 ANGLES = st.sampled_from([0.0, 1e-9, 0.5, 2.0, 2.8, 3.1, np.pi - 1e-9, np.pi])
-KINDS = ('tree', 'absolute', 'momenta', 'knife edge', 'coupling', 'planar loops', 'spatial loops',
-         'ball joints')
+KINDS = ('tree', 'absolute', 'momenta', 'knife edge', 'coupling', 'planar loops',
+         'spatial loops', 'ball joints')
 
 
 @cache
@@ -39,7 +39,8 @@ def mechanism(kind):
                'knife edge': {'constraints': [knife_edge(tip, (0, 1, 0))]},
                'coupling': {'constraints': [Coupling('joint3', {'joint1': -2.0}, 0.1)]}}
     robot = unlimited(Robot(model, **options.get(kind, {})))
-    return robot, moving_frame(robot), robot.closed_configuration(np.full(robot.n_q, 0.3))
+    return robot, moving_frame(robot), robot.closed_configuration(
+        np.full(robot.n_q, 0.3))
 
 
 def unlimited(robot):
@@ -59,7 +60,8 @@ def moving_frame(robot):
 def impedance(kind, axes):
     """Return an impedance with all that has an energy."""
     robot, frame, _ = mechanism(kind)
-    walls = {'limit_stiffness': 40.0, 'limit_margin': 0.0} if kind == 'ball joints' else {}
+    walls = {'limit_stiffness': 40.0,
+             'limit_margin': 0.0} if kind == 'ball joints' else {}
     return CartesianImpedance(robot, frame, stiffness=K, axes=axes, force_limit=60.0,
                               moment_limit=8.0, **walls)
 
@@ -81,7 +83,8 @@ def power(robot, stored, q, u, udot, h=1e-5):
             at = moved(robot.model, q, s * (u + 0.5 * s * udot))
         else:
             at = q + s * qdot
-        if robot.constraint_names and any('knife' not in x for x in robot.constraint_names):
+        if robot.constraint_names and any('knife' not in x
+                                          for x in robot.constraint_names):
             at = robot.closed_configuration(at)
         return robot.kinetic_energy(at, u + s * udot) + stored(at)
     return (energy(h) - energy(-h)) / (2.0 * h)
@@ -98,10 +101,12 @@ VECTORS = st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6).map(np.array)
 def test_a_resting_target_adds_no_energy(kind, axes, step, motion, displacement, angle):
     robot, frame, q0 = mechanism(kind)
     law = impedance(kind, axes)
-    q, u = near(robot, q0, step), np.resize(motion, robot.n)
+    q = near(robot, q0, step)
+    u = np.resize(motion, robot.n)
     axis = displacement[3:] + [0.0, 0.0, 2.0]
     turn = angle * axis / np.linalg.norm(axis)
-    target = robot.frame_pose(frame, q) @ pose_from(displacement[:3]) @ pose_exp([0, 0, 0, *turn])
+    target = robot.frame_pose(frame, q) @ pose_from(displacement[:3]) @ pose_exp(
+        [0, 0, 0, *turn])
     tau = robot.generalized_force(law.torque(q, u, target), q)
     udot = robot.forward_dynamics(q, u, tau)
     rate = power(robot, lambda at: law.energy(at, target), q, u, udot)
@@ -117,10 +122,12 @@ def test_joint_impedance_and_guiding_add_no_energy(kind, step, motion, target):
     law = JointImpedance(robot, stiffness=50.0, damping=2.0,
                          followed=None if robot.equations.in_joint_rates else followed)
     places = [robot.coordinate_names.index(name) for name in law.followed]
-    q, u = near(robot, q0, step), np.resize(motion, robot.n)
+    q = near(robot, q0, step)
+    u = np.resize(motion, robot.n)
     desired = q[places] + np.resize(target, robot.n)
     guiding = HandGuiding(robot, friction=1.0)
-    for torque, stored in ((law.torque(q, u, desired), lambda at: law.energy(at, desired)),
+    for torque, stored in ((law.torque(q, u, desired),
+                            lambda at: law.energy(at, desired)),
                            (guiding.torque(q, u), guiding.energy)):
         tau = robot.generalized_force(torque, q)
         udot = robot.forward_dynamics(q, u, tau)
@@ -132,7 +139,7 @@ def test_joint_impedance_and_guiding_add_no_energy(kind, step, motion, target):
 @pytest.mark.parametrize('kind', KINDS)
 @given(STEPS, VECTORS)
 def test_the_null_space_does_not_accelerate_the_frame(kind, step, force):
-    """Of regular configurations; everywhere the torque of the null space stays bounded."""
+    """Of regular configurations; the null space's torque is bounded everywhere."""
     robot, frame, q0 = mechanism(kind)
     space = TaskSpace(robot, frame, directions=['x', 'z'])
     q = near(robot, q0, step)

@@ -1,8 +1,9 @@
-"""Every field of the result of `simulate` is true at its time, for every kind of mechanism."""
+"""Every field of a result of `simulate` is true at its time, for every mechanism."""
 
 from dataclasses import replace
 
-from kane_dynamics import absolute_rates, ComputedTorque, longest_step, Motion, Robot, simulate
+from kane_dynamics import (absolute_rates, ComputedTorque, longest_step, Motion, Robot,
+                           simulate)
 from kinds_of_mechanism import case, elastic_case, KINDS, PAIRS, torque_of
 from linkages import five_bar, five_bar_at, four_bar_model, PIN, sleigh
 import numpy as np
@@ -41,22 +42,26 @@ def test_every_field_is_that_of_the_definition_with_a_pressed_joint(kinds):
     lower[place] = one.q[place]
     robot.limits = replace(robot.limits, lower=lower)
     torque = -100.0 * T[k]
-    run = simulate(robot, one.q, u, 0.001, step=1e-4, t0=one.time, torque=torque, stops=True)
+    run = simulate(robot, one.q, u, 0.001, step=1e-4, t0=one.time, torque=torque,
+                   stops=True)
     assert (run.stop_forces[1:, k] > 1.0).all()
     check_fields(robot, run, torque=torque)
 
 
 def some_kinds(*every_time):
-    """Return all kinds and pairs; those that are not of the quick run are marked slow."""
+    """Return all kinds and pairs; those not of the quick run are marked slow."""
     return [kinds if kinds in every_time else pytest.param(kinds, marks=pytest.mark.slow)
             for kinds in (*((kind,) for kind in KINDS), *PAIRS)]
 
 
 def with_friction(model, level):
     """Return a model with stronger friction in the joints that have some."""
-    bodies = [replace(body, joint=replace(body.joint, friction=level, stribeck_speed=0.2,
-                                          breakaway_friction=1.1 * level))
-              if body.joint.friction else body for body in model.bodies]
+    bodies = []
+    for body in model.bodies:
+        bodies.append(
+            replace(body, joint=replace(body.joint, friction=level, stribeck_speed=0.2,
+                                        breakaway_friction=1.1 * level))
+            if body.joint.friction else body)
     return replace(model, bodies=tuple(bodies))
 
 
@@ -70,9 +75,10 @@ def test_every_field_is_that_of_exact_friction(kinds, integrator):
         robot = Robot(with_friction(one.robot.model, level),
                       **one.robot.options | {'configuration': one.q})
         torque = torque_of(robot)
-        run = simulate(robot, one.q, 0.3 * one.u, 0.3, step=1e-3, t0=one.time, torque=torque,
-                       sticking=True, integrator=integrator, sample=0.02)
-        check_fields(robot, run, samples=16, tolerance=1e-7, torque=torque, sticking=True)
+        run = simulate(robot, one.q, 0.3 * one.u, 0.3, step=1e-3, t0=one.time,
+                       torque=torque, sticking=True, integrator=integrator, sample=0.02)
+        check_fields(robot, run, samples=16, tolerance=1e-7, torque=torque,
+                     sticking=True)
         if level == 40.0:
             assert run.sticking.any()
 
@@ -83,23 +89,29 @@ def test_every_field_is_that_of_exact_friction(kinds, integrator):
 def test_every_field_is_that_of_the_definition_with_elastic_joints(kinds, sticking):
     one = case(*kinds)
     robot, q = elastic_case(one)
-    modes = np.array([0.05 if 'mode' in name else 1.0 for name in robot.speed_names])
+    rows = []
+    for name in robot.speed_names:
+        rows.append(0.05 if 'mode' in name else 1.0)
+    modes = np.array(rows)
     u = modes * np.random.default_rng(3).uniform(-0.5, 0.5, robot.n)
     torque = torque_of(robot)
     stable = longest_step(robot, q, t=one.time).step > 2.5e-4
     for integrator in ('rk4', 'implicit') if stable or sticking else ('implicit',):
-        run = simulate(robot, q, u, 0.08, step=2.5e-4, t0=one.time, torque=torque, sample=0.01,
-                       sticking=sticking, integrator=integrator)
-        check_fields(robot, run, samples=9, tolerance=1e-7, torque=torque, sticking=sticking)
+        run = simulate(robot, q, u, 0.08, step=2.5e-4, t0=one.time, torque=torque,
+                       sample=0.01, sticking=sticking, integrator=integrator)
+        check_fields(robot, run, samples=9, tolerance=1e-7, torque=torque,
+                     sticking=sticking)
 
 
-@pytest.mark.parametrize('field', ['udot', 'tau', 'energy', 'constraint_forces', 'sticking',
-                                   'constraint_residual', 'constraint_velocity_residual'])
+@pytest.mark.parametrize('field',
+                         ['udot', 'tau', 'energy', 'constraint_forces', 'sticking',
+                          'constraint_residual', 'constraint_velocity_residual'])
 def test_the_check_notices_a_wrong_field_of_exact_friction(field):
     one = case('closed loop')
     robot = Robot(with_friction(one.robot.model, 0.2),
                   **one.robot.options | {'configuration': one.q})
-    run = simulate(robot, one.q, one.u, 0.01, step=1e-3, torque=torque_of(robot), sticking=True)
+    run = simulate(robot, one.q, one.u, 0.01,
+                   step=1e-3, torque=torque_of(robot), sticking=True)
     check_fields(robot, run, sticking=True)
     value = getattr(run, field)
     wrong = ~value if value.dtype == bool else value + 1e-3 * (1.0 + np.abs(value))
@@ -118,7 +130,8 @@ CHANGING = {
     *(pytest.param(name, marks=pytest.mark.slow) for name in (
         'absolute rates', 'actuated crank', 'redundant actuators'))])
 def test_fields_stay_those_of_the_users_speeds_after_speed_changes(name):
-    robot = Robot(four_bar_model(bars=(0.5, 0.9, 0.5)), constraints=[PIN], **CHANGING[name])
+    robot = Robot(four_bar_model(bars=(0.5, 0.9, 0.5)),
+                  constraints=[PIN], **CHANGING[name])
     q = robot.closed_configuration((0.8, 0.0, -1.5))
     torque = np.array([2.0])
     run = simulate(robot, q, [1.0], 1.5, torque=torque, sample=0.01)
@@ -178,10 +191,12 @@ def test_batches_have_the_stop_forces_of_single_simulations():
     robot = case('tree').robot.copy()
     q = np.array([[0.4, -0.7], [0.39, -0.7]])
     robot.limits = replace(robot.limits, lower=np.array([0.39, -6.0]))
-    u, torque = np.zeros((2, 2)), np.array([-40.0, 1.0])
+    u = np.zeros((2, 2))
+    torque = np.array([-40.0, 1.0])
     run = simulate(robot, q, u, 0.1, torque=torque, stops=True, sample=0.005)
     for k, (start, speed) in enumerate(zip(q, u)):
-        alone = simulate(robot, start, speed, 0.1, torque=torque, stops=True, sample=0.005)
+        alone = simulate(robot, start, speed, 0.1,
+                         torque=torque, stops=True, sample=0.005)
         np.testing.assert_allclose(run.stop_forces[k], alone.stop_forces, atol=1e-9)
         np.testing.assert_array_equal(run.state(k).stop_forces, run.stop_forces[k])
         check_fields(robot, run.state(k), torque=torque)

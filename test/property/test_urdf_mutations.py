@@ -18,9 +18,11 @@ SOUND = robot(
     '<transmission name="t"><joint name="lead"/></transmission>')
 VALUES = re.compile(r'(?<==")[^"]*(?=")')
 ELEMENTS = re.compile(r'<[^/>]*/>|</?\w+[^>]*>')
-PIECES = ['', ' ', '0', '-1', '-0', 'nan', '1e999', '1e59', '-1e59', '1e-320', '1 2 3', '0 0 0',
-          'a', 'b', 'c', 'lead', 'follow', 'free', 'floating', 'planar', 'fixed', 'revolute',
-          '&#10;', '&amp;', '\U0001f600', '"', '<', '>', '\0', '<!-- -->', '<!DOCTYPE x>']
+PIECES = [
+    '', ' ', '0', '-1', '-0', 'nan', '1e999', '1e59', '-1e59', '1e-320', '1 2 3',
+    '0 0 0',
+    'a', 'b', 'c', 'lead', 'follow', 'free', 'floating', 'planar', 'fixed', 'revolute',
+    '&#10;', '&amp;', '\U0001f600', '"', '<', '>', '\0', '<!-- -->', '<!DOCTYPE x>']
 
 
 @st.composite

@@ -1,9 +1,9 @@
 """Variations in rotating frames: identities against automatic differentiation."""
 
-from kane_dynamics.mechanics.algebra.hyperdual import HyperDual, joined, Parts, parts, seeded
-from kane_dynamics.mechanics.energy_form.variation_rules import (absolute,
-                                                                 angular_velocity_variation,
-                                                                 relative, rotation_change)
+from kane_dynamics.mechanics.algebra.hyperdual import (HyperDual, joined, Parts, parts,
+                                                       seeded)
+from kane_dynamics.mechanics.energy_form.variation_rules import (
+    absolute, angular_velocity_variation, relative, rotation_change)
 import numpy as np
 import pytest
 
@@ -13,7 +13,7 @@ SEEDS = range(3)
 
 class Varied:
     """
-    A random motion and its variation: everything is a function of a time s and a parameter e.
+    A random motion and its variation: functions of a time s and a parameter e.
 
     A hyper-dual's gradient is the derivative by e, its rate that by s.
     """
@@ -34,7 +34,8 @@ class Varied:
     def _rotation(self):
         result = np.linalg.qr(self._rng.normal(size=(3, 3)))[0]
         for k, angle in enumerate(self._free((3,))):
-            i, j = (k + 1) % 3, (k + 2) % 3
+            i = (k + 1) % 3
+            j = (k + 2) % 3
             turn = np.eye(3).astype(object)
             turn[i, i] = turn[j, j] = np.cos(angle)
             turn[i, j], turn[j, i] = -np.sin(angle), np.sin(angle)
@@ -49,8 +50,9 @@ class Varied:
         return R @ change if quantity.ndim == 1 else R @ change @ R.T
 
     def turn(self, frame, into, derivative):
-        """Return the derivative of a rotation, of a frame in another, as a vector in N."""
-        R, R_into = self.axes[frame], self.axes[into]
+        """Return the derivative of a rotation, of a frame in another, as a vector."""
+        R = self.axes[frame]
+        R_into = self.axes[into]
         relative_axes = R_into.T @ R
         spin = R_into @ derivative(relative_axes) @ relative_axes.T @ R_into.T
         return np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
@@ -71,7 +73,8 @@ def timed(x):
 
 def close(a, b):
     """Assert that two arrays of scalars agree."""
-    a, b = (np.array([getattr(x, 'value', x) for x in np.ravel(y)], dtype=float) for y in (a, b))
+    a, b = (np.array([getattr(x, 'value', x) for x in np.ravel(y)], dtype=float)
+            for y in (a, b))
     np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-12 * (1.0 + np.abs(b).max()))
 
 
@@ -81,10 +84,10 @@ def test_absolute_change_is_relative_change_plus_rotation_of_the_frame(derivativ
     motion = Varied(seed)
     for quantity in (motion.vector, motion.dyadic):
         for one in FRAMES:
-            for other in FRAMES:
-                turn = motion.turn(other, one, derivative)
+            for frame in FRAMES:
+                turn = motion.turn(frame, one, derivative)
                 in_one = motion.seen_from(one, quantity, derivative)
-                in_other = motion.seen_from(other, quantity, derivative)
+                in_other = motion.seen_from(frame, quantity, derivative)
                 close(absolute(in_other, turn, quantity), in_one)
                 close(relative(in_one, turn, quantity), in_other)
 
@@ -106,19 +109,23 @@ def test_variation_of_angular_velocity_follows_from_possible_rotations(seed):
         theta_rate = motion.seen_from(frame, theta, timed)
         omega_variation = motion.seen_from(frame, omega, varied)
         close(angular_velocity_variation(theta_rate, theta, omega), omega_variation)
-        # The variation of omega seen in the body is the rate of theta seen in the other frame.
+        # The variation of omega seen in the body is the rate of theta seen in the other
+        # frame.
         close(motion.seen_from(body, omega, varied), theta_rate)
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-def test_variation_and_time_derivative_commute_in_one_frame_and_differ_by_turning_in_two(seed):
+def test_variation_and_time_derivative_commute_in_one_frame_and_differ_by_turning_in_two(
+        seed):
     motion = Varied(seed)
     for quantity in (motion.vector, motion.dyadic):
         def rate_varied(timed_in, varied_in, quantity=quantity):
-            return motion.seen_from(varied_in, motion.seen_from(timed_in, quantity, timed), varied)
+            return motion.seen_from(varied_in,
+                                    motion.seen_from(timed_in, quantity, timed), varied)
 
         def variation_timed(timed_in, varied_in, quantity=quantity):
-            return motion.seen_from(timed_in, motion.seen_from(varied_in, quantity, varied), timed)
+            return motion.seen_from(timed_in,
+                                    motion.seen_from(varied_in, quantity, varied), timed)
         for frame in FRAMES:
             close(rate_varied(frame, frame), variation_timed(frame, frame))
         theta = motion.turn('B', 'A', varied)
@@ -130,9 +137,11 @@ def test_variation_and_time_derivative_commute_in_one_frame_and_differ_by_turnin
 @pytest.mark.parametrize('seed', SEEDS)
 def test_a_scalar_made_of_vectors_and_dyadics_varies_alike_in_all_frames(seed):
     motion = Varied(seed)
-    V, D = motion.vector, motion.dyadic
+    V = motion.vector
+    D = motion.dyadic
     changes = []
     for frame in FRAMES:
-        dV, dD = (motion.seen_from(frame, x, varied) for x in (V, D))
+        dV = motion.seen_from(frame, V, varied)
+        dD = motion.seen_from(frame, D, varied)
         changes.append(dV @ D @ V + V @ dD @ V + V @ D @ dV)
     close(np.array(changes), varied(np.array([V @ D @ V])).repeat(3))
