@@ -1,8 +1,8 @@
 """
 The Whipple bicycle with the benchmark's parameters, against its published eigenvalues.
 
-Meijaard, Papadopoulos, Ruina & Schwab, Linearized dynamics equations for the balance and steer of
-a bicycle: a benchmark and review, Proc. R. Soc. A 463 (2007), tables 1 and 2.
+Meijaard, Papadopoulos, Ruina & Schwab, Linearized dynamics equations for the balance and
+steer of a bicycle: a benchmark and review, Proc. R. Soc. A 463 (2007), tables 1 and 2.
 """
 
 from pathlib import Path
@@ -29,10 +29,11 @@ REAL = (  # castering and capsize; at 0 the mirror images of the two above
 
 
 class Tangent:
-    """A number and its derivative along one direction: differentiation without a step."""
+    """A number and its derivative along one direction: exact, no step."""
 
     def __init__(self, value, slope=0.0):
-        self.value, self.slope = value, slope
+        self.value = value
+        self.slope = slope
 
     def __add__(self, other):
         if not isinstance(other, (Tangent, int, float)):
@@ -47,7 +48,8 @@ class Tangent:
         return Tangent(self.value * other.value,
                        self.value * other.slope + self.slope * other.value)
 
-    __radd__, __rmul__ = __add__, __mul__
+    __radd__ = __add__
+    __rmul__ = __mul__
 
     def __lt__(self, other):
         return self.value < (other.value if isinstance(other, Tangent) else other)
@@ -86,22 +88,26 @@ class Tangent:
 @pytest.fixture(scope='module')
 def rolling():
     """Return the bicycle of the example on its two wheels."""
-    example = run_path(str(Path(__file__).resolve().parents[2] / 'examples' / 'bicycle.py'))
+    example = run_path(
+        str(Path(__file__).resolve().parents[2] / 'examples' / 'bicycle.py'))
     return Ours(example['model'], example['wheels'], example['free'])
 
 
 def linearised(bicycle, speed):
     """Return the matrix of lean, steer and their rates about upright motion."""
     n = bicycle.model.n
-    lean, steer = (bicycle.model.coordinate_names.index(x) for x in ('frame/rx', 'steer'))
+    lean = bicycle.model.coordinate_names.index('frame/rx')
+    steer = bicycle.model.coordinate_names.index('steer')
     place = {name: k for k, name in enumerate(bicycle.mechanism.speed_names)}
     columns = []
     for k in range(4):
         q = np.array([Tangent(0.0) for _ in range(n)], dtype=object)
         u = np.array([Tangent(0.0) for _ in range(3)], dtype=object)
         u[place['rear']] = Tangent(speed / 0.3)
-        # Height and pitch change with the square of lean and steer: their slope is zero here.
-        (q if k < 2 else u)[[lean, steer, place['frame/rx'], place['steer']][k]].slope = 1.0
+        # Height and pitch change with the square of lean and steer: their slope is zero
+        # here.
+        (q if k < 2
+         else u)[[lean, steer, place['frame/rx'], place['steer']][k]].slope = 1.0
         udot = bicycle.forward_dynamics(q, u, np.zeros(3))
         assert abs(udot[place['rear']].value) < 1e-10
         columns.append([*np.eye(4)[k, 2:], udot[place['frame/rx']].slope,
@@ -114,14 +120,17 @@ def test_eigenvalues_are_the_published_ones(rolling, speed):
     re, im = WEAVE[speed]
     pair = (re, im) if speed == 0 else (re + 1j * im, re - 1j * im)
     expected = np.array([*pair, *REAL[speed]], dtype=complex)
-    found = np.linalg.eigvals(linearised(rolling, float(speed))).astype(complex)
-    np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(expected), rtol=1e-9,
-                               atol=1e-9)
+    eigenvalues = np.linalg.eigvals(linearised(rolling, float(speed))).astype(complex)
+    np.testing.assert_allclose(np.sort_complex(eigenvalues), np.sort_complex(expected),
+                               rtol=1e-9, atol=1e-9)
 
 
 def test_upright_bicycle_stands_on_its_wheels_with_the_benchmarks_loads(rolling):
-    q, u = np.zeros(9), np.zeros(3)
+    q = np.zeros(9)
+    u = np.zeros(3)
     forces = dict(zip(rolling.mechanism.labels, rolling.constraint_forces(q, u)))
-    front = 9.81 * (85 * 0.3 + 4 * 0.9 + 3 * 1.02) / 1.02  # moments about the rear contact
+    # Moments about the rear contact.
+    front = 9.81 * (85 * 0.3 + 4 * 0.9 + 3 * 1.02) / 1.02
     assert forces['rolling of front/normal'] == pytest.approx(front, rel=1e-12)
-    assert forces['rolling of rear/normal'] == pytest.approx(94 * 9.81 - front, rel=1e-12)
+    assert forces['rolling of rear/normal'] == pytest.approx(94 * 9.81 - front,
+                                                             rel=1e-12)

@@ -1,4 +1,4 @@
-"""Robots beyond the instruction cache: every kernel compiles and gives Kane's numbers."""
+"""Robots beyond the instruction cache: every kernel gives Kane's numbers."""
 
 from benchmarks.big_robots import human_hand, two_hands
 from definition import Definition, relative_error

@@ -27,7 +27,7 @@ def driven_linkage():
 
 @cache
 def branching():
-    """Return a pendulum whose speed has a branch with an infinite slope where it is not taken."""
+    """Return a pendulum whose speed has an infinite slope in a branch not taken."""
     b = ModelBuilder('pendulum')
     b.body('bar', axis=(0, 1, 0), inertial=rod(2.0, (0, 0, 0), (0, 0, -0.8)))
     return Robot(b.model(), speeds=Speeds(lambda q, t: np.array([[1.0 + np.where(
@@ -46,9 +46,9 @@ def state_of(robot):
 def arguments_of(robot, function):
     """Return the arguments of a function, in its order, by name."""
     q, u, rates = state_of(robot)
-    given = {'q': q, 'u': u, 'udot': rates, 'tau': rates, 't': 0.0,
-             'wrench': np.array([[1.0, -2.0, 3.0, 0.4, 0.5, -0.6]])}
-    return {name: given[name] for name in function.name_in()}
+    arguments = {'q': q, 'u': u, 'udot': rates, 'tau': rates, 't': 0.0,
+                 'wrench': np.array([[1.0, -2.0, 3.0, 0.4, 0.5, -0.6]])}
+    return {name: arguments[name] for name in function.name_in()}
 
 
 def hessian(function):
@@ -60,7 +60,8 @@ def hessian(function):
              for part, shape in zip(casadi.vertsplit(z, ends), shapes)]
     y = casadi.vec(function(*parts))
     weights = casadi.DM(np.linspace(0.7, -1.3, y.numel()))
-    return casadi.Function('hessian', [z], [casadi.hessian(casadi.dot(weights, y), z)[0]])
+    return casadi.Function('hessian', [z],
+                           [casadi.hessian(casadi.dot(weights, y), z)[0]])
 
 
 @kinds
@@ -74,20 +75,21 @@ def test_values_and_jacobians_are_the_robots(robot, name, compiled):
     robot = robot()
     function = robot.casadi(name, compiled=compiled)
     assert function.class_name() == ('External' if compiled else 'SXFunction')
-    given = arguments_of(robot, function)
-    state = [x for key, x in given.items() if key not in ('wrench', 't')]
-    loads = {key: given[key] for key in ('wrench', 't') if key in given}
+    inputs = arguments_of(robot, function)
+    state = [x for key, x in inputs.items() if key not in ('wrench', 't')]
+    loads = {key: inputs[key] for key in ('wrench', 't') if key in inputs}
     quantity, _, frame = name.partition(':')
-    value = np.asarray(getattr(robot, quantity)(*([frame] if frame else []), *state, **loads))
-    found = np.array(function(*given.values())).reshape(value.shape)
-    np.testing.assert_allclose(found, value, rtol=1e-12, atol=1e-12)
-    slopes = robot.derivative(name, *state, by=tuple(given), **loads)
-    results = function.jacobian()(*given.values(), 0)
+    value = np.asarray(
+        getattr(robot, quantity)(*([frame] if frame else []), *state, **loads))
+    values = np.array(function(*inputs.values())).reshape(value.shape)
+    np.testing.assert_allclose(values, value, rtol=1e-12, atol=1e-12)
+    slopes = robot.derivative(name, *state, by=tuple(inputs), **loads)
+    results = function.jacobian()(*inputs.values(), 0)
     results = results if isinstance(results, tuple) else (results,)
-    for key, slope, result in zip(given, slopes, results, strict=True):
+    for key, slope, result in zip(inputs, slopes, results, strict=True):
         # CasADi numbers the entries of matrices column by column.
-        columns = np.array(slope).reshape(value.size, *np.shape(given[key])).transpose(
-            0, *reversed(range(1, np.ndim(given[key]) + 1))).reshape(value.size, -1)
+        columns = np.array(slope).reshape(value.size, *np.shape(inputs[key])).transpose(
+            0, *reversed(range(1, np.ndim(inputs[key]) + 1))).reshape(value.size, -1)
         rows = np.arange(value.size).reshape(value.shape).ravel(order='F')
         np.testing.assert_allclose(np.array(result), columns[rows], rtol=1e-9, atol=1e-9,
                                    err_msg=key)
@@ -99,18 +101,22 @@ def test_values_and_jacobians_are_the_robots(robot, name, compiled):
     (four_bar, 'forward_dynamics')])
 def test_hessians_in_machine_code_are_those_that_casadi_derives(robot, name):
     robot = robot()
-    compiled, graph = (robot.casadi(name, compiled=each) for each in (True, False))
-    z = np.concatenate([np.ravel(x, order='F') for x in arguments_of(robot, graph).values()])
-    found, expected = (np.array(hessian(each)(z)) for each in (compiled, graph))
-    assert np.isfinite(found).all() and np.abs(found).max() > 0.1
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    compiled = robot.casadi(name, compiled=True)
+    graph = robot.casadi(name, compiled=False)
+    z = np.concatenate(
+        [np.ravel(x, order='F') for x in arguments_of(robot, graph).values()])
+    in_machine_code = np.array(hessian(compiled)(z))
+    expected = np.array(hessian(graph)(z))
+    assert np.isfinite(in_machine_code).all() and np.abs(in_machine_code).max() > 0.1
+    np.testing.assert_allclose(in_machine_code, expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.skipif(shared_library.linker() is None, reason='no linker on the PATH')
 def test_derivatives_in_machine_code_have_the_zeros_of_the_equations():
     function = arm().casadi('inverse_dynamics')
     assert hessian(function).sparsity_out(0).nnz() == hessian(
-        arm().casadi('inverse_dynamics', compiled=False)).sparsity_out(0).nnz() < 18**2 / 2
+        arm().casadi('inverse_dynamics',
+                     compiled=False)).sparsity_out(0).nnz() < 18**2 / 2
     pose = arm().casadi('frame_pose:tip').jacobian()
     assert pose.nnz_out(0) < 16  # of 32: the last row of a pose is constant
 
@@ -121,25 +127,29 @@ def test_a_batch_by_map_has_the_values_and_derivatives_of_its_states(compiled):
     function = robot.casadi('inverse_dynamics', compiled=compiled)
     q, u, udot = np.random.default_rng(5).normal(size=(3, 4, 2))
     expected = robot.inverse_dynamics(q, u, udot)
-    for way in ('serial', 'thread'):
-        batch = function.map(4, way) if way == 'serial' else function.map(4, way, 2)
-        np.testing.assert_allclose(np.array(batch(q.T, u.T, udot.T)).T, expected, rtol=1e-12,
-                                   atol=1e-12)
+    for parallelization in ('serial', 'thread'):
+        batch = (function.map(4, parallelization) if parallelization == 'serial'
+                 else function.map(4, parallelization, 2))
+        np.testing.assert_allclose(np.array(batch(q.T, u.T, udot.T)).T, expected,
+                                   rtol=1e-12, atol=1e-12)
     slopes = robot.inverse_dynamics_derivatives(q, u, udot)
-    for found, blocks in zip(function.map(4).jacobian()(q.T, u.T, udot.T, 0), slopes):
+    for jacobian, blocks in zip(function.map(4).jacobian()(q.T, u.T, udot.T, 0), slopes):
         for k, block in enumerate(blocks):
             place = slice(2 * k, 2 * k + 2)
-            np.testing.assert_allclose(np.array(found)[place, place], block, rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(np.array(jacobian)[place, place], block,
+                                       rtol=1e-9, atol=1e-9)
     assert np.isfinite(np.array(hessian(function.map(4))(np.concatenate(
         [q.ravel(), u.ravel(), udot.ravel()])))).all()
 
 
 def swing(robot, compiled):
-    """Return an optimal swing of two links within their torques: arguments, torques, solution."""
-    steps, h = 20, 0.05
+    """Return an optimal swing of two links in limits: arguments, torques, solution."""
+    steps = 20
+    h = 0.05
     dynamics = robot.casadi('inverse_dynamics', compiled=compiled)
     problem = casadi.Opti()
-    q, u = problem.variable(2, steps + 1), problem.variable(2, steps + 1)
+    q = problem.variable(2, steps + 1)
+    u = problem.variable(2, steps + 1)
     udot = problem.variable(2, steps)
     tau = casadi.horzcat(*(dynamics(q[:, k], u[:, k], udot[:, k]) for k in range(steps)))
     problem.subject_to(u[:, 1:] == u[:, :-1] + h * udot)
@@ -149,8 +159,8 @@ def swing(robot, compiled):
     problem.subject_to(casadi.vec(u[:, [0, -1]]) == 0.0)
     problem.subject_to(problem.bounded(-MOST, casadi.vec(tau), MOST))
     problem.minimize(casadi.sumsqr(tau))
-    problem.solver('ipopt', {'print_time': False, 'ipopt.print_level': 0, 'ipopt.sb': 'yes',
-                             'ipopt.tol': 1e-9})
+    problem.solver('ipopt', {'print_time': False, 'ipopt.print_level': 0,
+                             'ipopt.sb': 'yes', 'ipopt.tol': 1e-9})
     solution = problem.solve()
     assert solution.stats()['success'] and solution.stats()['iter_count'] < 50
     arguments = [solution.value(x).T.copy() for x in (q[:, :-1], u[:, :-1], udot)]
@@ -162,19 +172,20 @@ def test_ipopt_swings_two_links_within_their_torques():
     arguments, expected, objective = swing(robot, False)
     np.testing.assert_allclose(robot.inverse_dynamics(*arguments), expected, rtol=1e-12,
                                atol=1e-9)
-    most = np.abs(expected).max()
-    assert 0.99 * MOST < most < MOST * (1.0 + 1e-6)  # the limit acts
+    largest = np.abs(expected).max()
+    assert 0.99 * MOST < largest < MOST * (1.0 + 1e-6)  # the limit acts
     if shared_library.linker() is not None:
         _, tau, cost = swing(robot, True)
         np.testing.assert_allclose(cost, objective, rtol=1e-9)
-        np.testing.assert_allclose(tau, expected, atol=1e-6 * most)
+        np.testing.assert_allclose(tau, expected, atol=1e-6 * largest)
 
 
 @pytest.mark.skipif(shared_library.linker() is None, reason='no linker on the PATH')
 def test_a_derivative_that_machine_code_lacks_is_refused():
     x = casadi.MX.sym('x', 2)
     slope = casadi.vec(arm().casadi('gravity_force').jacobian()(x, 0))
-    with pytest.raises(RuntimeError, match='Derivatives cannot be calculated for jac_gravity'):
+    with pytest.raises(RuntimeError,
+                       match='Derivatives cannot be calculated for jac_gravity'):
         casadi.jacobian(slope, x)
     slope = casadi.vec(arm().casadi('gravity_force', compiled=False).jacobian()(x, 0))
     assert casadi.jacobian(slope, x).shape == (4, 2)
@@ -184,17 +195,19 @@ def test_a_derivative_that_machine_code_lacks_is_refused():
 def test_parameters_are_arguments_or_keep_their_values(compiled):
     robot = arm().copy()
     fixed = robot.casadi('gravity_force', compiled=compiled)
-    free = robot.casadi('gravity_force', parameters=['payload', 'gravity'], compiled=compiled)
+    free = robot.casadi('gravity_force', parameters=['payload', 'gravity'],
+                        compiled=compiled)
     assert free.name_in() == ['q', 'gravity', 'payload']
     q = np.array([0.4, -0.8])
-    before = robot.gravity_force(q)
+    torque_before = robot.gravity_force(q)
     robot.parameters.payload = None
     robot.parameters.gravity = (0.5, 1.0, -3.0)
-    np.testing.assert_allclose(np.array(fixed(q)).ravel(), before, rtol=1e-12)
+    np.testing.assert_allclose(np.array(fixed(q)).ravel(), torque_before, rtol=1e-12)
     np.testing.assert_allclose(np.array(free(q, [0.5, 1.0, -3.0], np.zeros(10))).ravel(),
                                robot.gravity_force(q), rtol=1e-12)
     slope = free.jacobian()(q, [0.5, 1.0, -3.0], np.zeros(10), 0)[2]
-    np.testing.assert_allclose(np.array(slope), robot.derivative('gravity_force', q, by='payload'),
+    np.testing.assert_allclose(np.array(slope),
+                               robot.derivative('gravity_force', q, by='payload'),
                                rtol=1e-9, atol=1e-9)
 
 
@@ -212,7 +225,8 @@ def test_nan_and_open_loops_give_nan_and_positions_without_meaning_too(compiled)
         assert np.isnan(np.array(simple.jacobian()([1.0, 1e13], 0))).all()
 
 
-def test_without_a_linker_the_function_is_a_graph_and_the_log_says_so(monkeypatch, caplog):
+def test_without_a_linker_the_function_is_a_graph_and_the_log_says_so(
+        monkeypatch, caplog):
     monkeypatch.setenv('PATH', '')
     assert arm().casadi('gravity_force').class_name() == 'SXFunction'
     assert 'no linker on the PATH; expected one of ld' in caplog.text
@@ -232,10 +246,13 @@ def test_a_linker_that_fails_says_why(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize('name, options, message', [
-    ('inverse_dynamic', {}, "no kernel 'inverse_dynamic' for this robot; expected one of"),
-    ('frame_pose:top', {}, 'top'), (3, {}, 'name: a int; expected the name of a quantity'),
+    ('inverse_dynamic', {},
+     "no kernel 'inverse_dynamic' for this robot; expected one of"),
+    ('frame_pose:top', {}, 'top'),
+    (3, {}, 'name: a int; expected the name of a quantity'),
     ('gravity_force', {'parameters': ['q']},
-     "parameters: 'q'; expected for gravity_force of this robot some of gravity, payload"),
+     ("parameters: 'q'; expected for "
+      "gravity_force of this robot some of gravity, payload")),
     ('frame_pose:tip', {'parameters': 'gravity'},
      "parameters: 'gravity'; expected for frame_pose of this robot some of none")])
 def test_wrong_names_are_refused_with_the_valid_ones(name, options, message):
@@ -253,5 +270,6 @@ def test_casadi_refuses_an_unknown_argument_and_a_wrong_shape():
 
 def test_without_casadi_the_error_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, 'casadi', None)
-    with pytest.raises(InputError, match=r'robot.casadi: .*pip install .kane_dynamics\[casadi\]'):
+    with pytest.raises(InputError,
+                       match=r'robot.casadi: .*pip install .kane_dynamics\[casadi\]'):
         arm().casadi('gravity_force')

@@ -1,9 +1,10 @@
-"""Elastic joints in batches, the regressor, exported C and CasADi are those of the kernels."""
+"""Elastic joints in batches, regressor, exported C and CasADi: the kernels' values."""
 
 from functools import cache
 import subprocess
 
-from kane_dynamics import Drive, ElasticFeedforward, load_urdf, Robot, StiffnessCurve, with_drives
+from kane_dynamics import (Drive, ElasticFeedforward, load_urdf, Robot, StiffnessCurve,
+                           with_drives)
 from kane_dynamics._util.resources import resource_path
 import numpy as np
 from numpy.testing import assert_allclose
@@ -15,8 +16,9 @@ def elastic_arm():
     """Return the two-link arm with a damped drive and a curve, and a state."""
     model = load_urdf(resource_path('urdf', 'two_link.urdf'))
     first, second = model.joint_names
-    drives = {first: Drive(800.0, damping=2.0, rotor_inertia=0.2, friction={'damping': 0.3}),
-              second: Drive(StiffnessCurve([0.01, 0.03], [2.0, 12.0]), rotor_inertia=0.1)}
+    drives = {
+        first: Drive(800.0, damping=2.0, rotor_inertia=0.2, friction={'damping': 0.3}),
+        second: Drive(StiffnessCurve([0.01, 0.03], [2.0, 12.0]), rotor_inertia=0.1)}
     state = np.random.default_rng(7).normal(size=(3, 4))
     state[0, 2:] = state[0, :2] + 0.02 * state[0, 2:]
     return Robot(with_drives(model, drives)), state
@@ -30,7 +32,8 @@ def test_batches_are_those_of_single_states():
         batch = quantity(*states)
         for k in range(0, 50, 7):
             single = quantity(*states[:, k])
-            assert_allclose(batch[k], single, rtol=1e-9, atol=1e-9 * np.abs(single).max())
+            assert_allclose(batch[k], single,
+                            rtol=1e-9, atol=1e-9 * np.abs(single).max())
 
 
 def test_the_regressor_gives_the_torque_of_the_bodies():
@@ -39,15 +42,16 @@ def test_the_regressor_gives_the_torque_of_the_bodies():
     rotors = [body.joint.armature for body in robot.model.bodies[2:]]
     expected = inertia + coriolis + gravity
     expected[2:] -= rotors * state[2, 2:]
-    assert_allclose(robot.regressor(*state) @ robot.inertial_parameters, expected, rtol=0,
-                    atol=1e-11)
+    assert_allclose(robot.regressor(*state) @ robot.inertial_parameters, expected,
+                    rtol=0, atol=1e-11)
 
 
 def test_casadi_evaluates_and_differentiates_the_torque():
     casadi = pytest.importorskip('casadi')
     robot, state = elastic_arm()
     function = robot.casadi('inverse_dynamics', compiled=False)
-    assert_allclose(function(*state).full()[:, 0], robot.inverse_dynamics(*state), rtol=1e-12)
+    assert_allclose(function(*state).full()[:, 0], robot.inverse_dynamics(*state),
+                    rtol=1e-12)
     q = casadi.MX.sym('q', 4)
     slope = casadi.Function('slope', [q], [casadi.jacobian(function(q, *state[1:]), q)])
     expected = robot.inverse_dynamics_derivatives(*state)[0]

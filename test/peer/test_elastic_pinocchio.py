@@ -1,4 +1,4 @@
-"""Fourth-order inverse dynamics of an elastic FR3: Pinocchio with differentiated polynomials."""
+"""Fourth-order inverse dynamics of an elastic FR3: Pinocchio with polynomials."""
 
 import warnings
 
@@ -18,9 +18,11 @@ def test_all_outputs_are_those_of_pinocchio(seed):
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')
         rigid = load_urdf('urdf/fr3.urdf', joints=JOINTS)
-    K, B = 1e4, 0.6
-    robot = Robot(with_drives(rigid, {name: Drive(K, rotor_inertia=B) for name in JOINTS}),
-                  friction=False)
+    K = 1e4
+    B = 0.6
+    robot = Robot(
+        with_drives(rigid, {name: Drive(K, rotor_inertia=B) for name in JOINTS}),
+        friction=False)
     rates = np.random.default_rng(seed).normal(size=(5, 7))
     motion = taylor_motion(*rates)
     torque = time_derivatives(lambda t: pinocchio.rnea(peer, data, *motion(t)), 2)

@@ -3,16 +3,21 @@
 from itertools import pairwise
 import math
 
-from kane_dynamics import (Closure, Drive, ElasticFeedforward, Inertial, ModelBuilder, point_mass,
-                           Robot)
+from kane_dynamics import (Closure, Drive, ElasticFeedforward, Inertial, ModelBuilder,
+                           point_mass, Robot)
 import numpy as np
 from numpy.testing import assert_allclose
 import sympy
 
 
 def test_a_slider_crank_with_an_elastic_drive_in_closed_form():
-    """Of SymPy: T = 1/2 J q'^2 + 1/2 m x'^2 with x = r cos q + sqrt(l^2 - r^2 sin^2 q)."""
-    r, length, m, J, k, B = 0.3, 0.8, 2.0, 0.15, 400.0, 0.05
+    """SymPy: T = 1/2 J q'^2 + 1/2 m x'^2, x = r cos q + sqrt(l^2 - r^2 sin^2 q)."""
+    r = 0.3
+    length = 0.8
+    m = 2.0
+    J = 0.15
+    k = 400.0
+    B = 0.05
     values = [0.7, 1.3, -0.8, 2.1, -3.0]
     symbols = sympy.symbols('q u a j s')
     q, _, a, _, _ = symbols
@@ -28,7 +33,8 @@ def test_a_slider_crank_with_an_elastic_drive_in_closed_form():
     expected = [float(row.subs(list(zip(symbols, values)))) for row in rows]
 
     b = ModelBuilder(gravity=(0, 0, -9.81))
-    b.body('crank', axis=(0, -1, 0), inertial=Inertial(0.0, (0, 0, 0), np.diag([J, J, J])),
+    b.body('crank', axis=(0, -1, 0),
+           inertial=Inertial(0.0, (0, 0, 0), np.diag([J, J, J])),
            drive=Drive(k, rotor_inertia=B))
     b.body('rod', 'crank', axis=(0, -1, 0), at=(r, 0, 0),
            inertial=point_mass(m, (length, 0, 0)))

@@ -3,18 +3,22 @@ The four-mass manipulator of a published benchmark of control, as an arm with a 
 
 S. Moberg, J. Oehr, S. Gunnarsson, A Benchmark Problem for Robust Feedback Control of a
 Flexible Manipulator, IEEE Trans. Control Systems Technology 17 (2009): one axis of an
-industrial arm, its motor and three masses in a row, joined by a gear and by two springs that
-stand for flexible links. Every number is on the motor's side of a gear of 1 : 220, and every
-mass has viscous friction against the ground. The stiffness of the gear lies between 16.7 and
-100 N m/rad. The parameters are those that published solutions of the benchmark list.
+industrial arm, its motor and three masses in a row, joined by a gear and by two springs
+that stand for flexible links. Every number is on the motor's side of a gear of 1 : 220,
+and every mass has viscous friction against the ground. The stiffness of the gear lies
+between 16.7 and 100 N m/rad. The parameters are those that published solutions of the
+benchmark list.
 """
 
-from kane_dynamics import Drive, Inertial, ModelBuilder, natural_vibration, Robot, with_drives
+from kane_dynamics import (Drive, Inertial, ModelBuilder, natural_vibration, Robot,
+                           with_drives)
 import numpy as np
 import pytest
 
 RATIO = 220.0
-MOTOR, MASSES = 5e-3, (2e-3, 0.02, 0.02)  # kg m^2
+# Kg m^2.
+MOTOR = 5e-3
+MASSES = (2e-3, 0.02, 0.02)
 GEAR = (16.7, 100.0)  # N m/rad
 SPRINGS = (110.0, 80.0)  # N m/rad
 DAMPING = (0.08, 0.06, 0.08)  # N m s/rad, of the gear and of the springs
@@ -25,7 +29,8 @@ def published(stiffness):
     """Return the matrix A of the published equations of state, (8, 8)."""
     inertia = np.diag([MOTOR, *MASSES])
     K, D = np.zeros((2, 4, 4))
-    for k, (spring, damper) in enumerate(zip((stiffness, *SPRINGS), DAMPING, strict=True)):
+    for k, (spring, damper) in enumerate(
+            zip((stiffness, *SPRINGS), DAMPING, strict=True)):
         pair = np.ix_([k, k + 1], [k, k + 1])
         K[pair] += spring * np.array([[1.0, -1.0], [-1.0, 1.0]])
         D[pair] += damper * np.array([[1.0, -1.0], [-1.0, 1.0]])
@@ -35,14 +40,15 @@ def published(stiffness):
 
 
 def arm(stiffness):
-    """Return the benchmark as a robot: three links in one axis, the first with a drive."""
+    """Return the benchmark's robot: three links in an axis, the first driven."""
     builder = ModelBuilder('benchmark', gravity=(0.0, 0.0, 0.0))
     parent = 'world'
     squared = RATIO**2
     for k, inertia in enumerate(MASSES):
         spring = {}
         if k:
-            spring = {'stiffness': squared * SPRINGS[k - 1], 'damping': squared * DAMPING[k]}
+            spring = {'stiffness': squared * SPRINGS[k - 1],
+                      'damping': squared * DAMPING[k]}
         builder.body(f'arm_{k + 1}', parent, joint=f'joint_{k + 1}', axis=(0, 0, 1),
                      inertial=Inertial(1.0, np.zeros(3), squared * inertia * np.eye(3)),
                      **spring)
@@ -54,9 +60,9 @@ def arm(stiffness):
 
 
 def state_matrix(robot):
-    """Return d(u, udot) / d(q, u) at rest, with the friction of the arms against the ground."""
-    rest = np.zeros(robot.n)
-    by_q, by_u, by_tau = robot.forward_dynamics_derivatives(rest, rest, rest)
+    """Return d(u, udot) / d(q, u) at rest, with friction against the ground."""
+    at_rest = np.zeros(robot.n)
+    by_q, by_u, by_tau = robot.forward_dynamics_derivatives(at_rest, at_rest, at_rest)
     # Rates of the three arms are sums of joint rates.
     sums = np.zeros((3, robot.n))
     sums[:, :3] = np.tril(np.ones((3, 3)))
@@ -82,9 +88,11 @@ def test_the_poles_are_those_of_the_published_equations(stiffness):
 def test_the_frequency_response_of_the_motor_is_the_published_one(stiffness):
     """From the torque to the acceleration of the motor, on its own side of the gear."""
     robot = arm(stiffness)
-    A, motor = state_matrix(robot), robot.drives[0].motor
+    A = state_matrix(robot)
+    motor = robot.drives[0].motor
     B = np.zeros(2 * robot.n)
-    B[robot.n:] = robot.forward_dynamics_derivatives(*np.zeros((3, robot.n)))[2][:, motor]
+    B[robot.n:] = robot.forward_dynamics_derivatives(
+        *np.zeros((3, robot.n)))[2][:, motor]
     A_published = published(stiffness)
     B_published = np.zeros(8)
     B_published[4] = 1.0 / MOTOR

@@ -1,4 +1,4 @@
-"""Functions for JAX: values, derivatives of any order, transforms, machine code, bad input."""
+"""Functions for JAX: values, derivatives, transforms, machine code, bad input."""
 
 import copy
 from functools import cache
@@ -25,17 +25,18 @@ ways = pytest.mark.parametrize('compiled', WAYS)
 @pytest.fixture(autouse=True)
 def _double():
     """Use float64 in every test that does not say otherwise, in all threads."""
-    before = jax.config.jax_enable_x64
+    x64_before = jax.config.jax_enable_x64
     jax.config.update('jax_enable_x64', True)
     yield
-    jax.config.update('jax_enable_x64', before)
+    jax.config.update('jax_enable_x64', x64_before)
 
 
 def arm_arguments(*batch):
-    """Return q, u, udot, wrench and payload of the arm; the payload serves all states."""
+    """Return q, u, udot, wrench and payload of the arm; one payload for all."""
     rng = np.random.default_rng(1)
-    return [jnp.asarray(x) for x in (*rng.normal(size=(3, *batch, 2)),
-                                     rng.normal(size=(*batch, 1, 6)), 0.1 * rng.normal(size=10))]
+    return [jnp.asarray(x)
+            for x in (*rng.normal(size=(3, *batch, 2)),
+                      rng.normal(size=(*batch, 1, 6)), 0.1 * rng.normal(size=10))]
 
 
 @cache
@@ -45,34 +46,39 @@ def arm_function(compiled=True):
 
 
 @pytest.mark.parametrize('kind, name, compiled', [
-    *((*each, True) for each in QUANTITIES), ('tree', 'kinetic_energy', False),
+    *((*quantity, True) for quantity in QUANTITIES), ('tree', 'kinetic_energy', False),
     ('closed loop', 'inverse_dynamics', False)])
 def test_values_and_gradients_under_jit_are_the_robots(kind, name, compiled):
     function = case(kind).robot.jax(name, compiled=compiled)
-    given = states(kind, function.names)
-    result = function(*given.values())
+    inputs = states(kind, function.names)
+    result = function(*inputs.values())
     cotangent = np.random.default_rng(4).normal(size=result.shape)
-    value, gradients = value_and_gradients(kind, name, cotangent, given)
+    value, gradients = value_and_gradients(kind, name, cotangent, inputs)
     assert_same_numbers(result, value)
 
     @jax.jit
     def both(*arguments):
-        found, back = jax.vjp(function, *arguments)
-        return found, back(cotangent)
-    found, backs = both(*given.values())
-    assert_same_numbers(found, value)
-    for key, back in zip(given, backs):
-        np.testing.assert_allclose(back, gradients[key], rtol=1e-12, atol=1e-12, err_msg=key)
+        primal, back = jax.vjp(function, *arguments)
+        return primal, back(cotangent)
+    primal, backs = both(*inputs.values())
+    assert_same_numbers(primal, value)
+    for key, back in zip(inputs, backs):
+        np.testing.assert_allclose(back, gradients[key],
+                                   rtol=1e-12, atol=1e-12, err_msg=key)
 
 
 def test_gradients_of_seven_axes_are_the_finite_differences():
-    function, rng = fr3().jax('inverse_dynamics'), np.random.default_rng(2)
-    state, way, h = rng.normal(size=(3, 4, 7)), rng.normal(size=(3, 4, 7)), 1e-6
-    gradients = jax.jit(jax.grad(lambda *x: (function(*x)**2).sum(), argnums=(0, 1, 2)))(*state)
-    ahead, back = (np.square(fr3().inverse_dynamics(*(state + s * h * way))).sum()
+    function = fr3().jax('inverse_dynamics')
+    rng = np.random.default_rng(2)
+    state = rng.normal(size=(3, 4, 7))
+    direction = rng.normal(size=(3, 4, 7))
+    h = 1e-6
+    gradients = jax.jit(jax.grad(lambda *x: (function(*x)**2).sum(), argnums=(0, 1, 2)))(
+        *state)
+    ahead, back = (np.square(fr3().inverse_dynamics(*(state + s * h * direction))).sum()
                    for s in (1, -1))
-    found = sum((x * dx).sum() for x, dx in zip(gradients, way))
-    assert abs(found / ((ahead - back) / (2 * h)) - 1.0) < 1e-6
+    slope = sum((x * dx).sum() for x, dx in zip(gradients, direction))
+    assert abs(slope / ((ahead - back) / (2 * h)) - 1.0) < 1e-6
 
 
 @pytest.mark.parametrize('kind, name', [
@@ -81,20 +87,23 @@ def test_gradients_of_seven_axes_are_the_finite_differences():
 def test_both_modes_agree_with_finite_differences(kind, name):
     from jax.test_util import check_grads
     function = case(kind).robot.jax(name)
-    given = states(kind, function.names, 1)
-    check_grads(jax.jit(function), tuple(given.values()), 1, eps=1e-6, rtol=1e-5, atol=1e-5)
+    inputs = states(kind, function.names, 1)
+    check_grads(jax.jit(function), tuple(inputs.values()), 1,
+                eps=1e-6, rtol=1e-5, atol=1e-5)
 
 
 @ways
 def test_transforms_agree_with_each_other(compiled):
-    function, arguments = arm_function(compiled), arm_arguments(3)
+    function = arm_function(compiled)
+    arguments = arm_arguments(3)
     axes = (0, 0, 0, 0, None)
     expected = function(*arguments)
-    for each in (jax.jit(function), jax.vmap(function, axes), jax.jit(jax.vmap(function, axes))):
-        np.testing.assert_array_equal(each(*arguments), expected)
+    for call in (jax.jit(function), jax.vmap(function, axes),
+                 jax.jit(jax.vmap(function, axes))):
+        np.testing.assert_array_equal(call(*arguments), expected)
     every = (0, 4)
-    rows, columns = (jax.jit(jax.vmap(jacobian(function, every), axes))(*arguments)
-                     for jacobian in (jax.jacrev, jax.jacfwd))
+    rows = jax.jit(jax.vmap(jax.jacrev(function, every), axes))(*arguments)
+    columns = jax.jit(jax.vmap(jax.jacfwd(function, every), axes))(*arguments)
     for a, b in zip(rows, columns):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
 
@@ -102,20 +111,22 @@ def test_transforms_agree_with_each_other(compiled):
         return (function(*given)**2).sum()
     first, *others = (jax.jit(outer(inner(cost, 4), 0))(*arguments) for outer, inner in (
         (jax.jacfwd, jax.jacrev), (jax.jacrev, jax.jacfwd), (jax.jacrev, jax.jacrev)))
-    for other in others:
-        np.testing.assert_allclose(first, other, rtol=1e-10, atol=1e-10)
+    for transformed in others:
+        np.testing.assert_allclose(first, transformed, rtol=1e-10, atol=1e-10)
 
 
 def test_nested_maps_and_loops_of_jax_apply():
-    function, (q, u, udot, wrench, payload) = arm_function(), arm_arguments(3)
+    function = arm_function()
+    q, u, udot, wrench, payload = arm_arguments(3)
     expected = function(q, u, udot, wrench, payload)
-    nested = jax.vmap(jax.vmap(function, (0, 0, None, 0, None)), (None, None, 0, None, 0))(
-        q, u, udot[:2], wrench, jnp.tile(payload, (2, 1)))
+    nested = jax.vmap(jax.vmap(function,
+                               (0, 0, None, 0, None)), (None, None, 0, None, 0))(
+                                   q, u, udot[:2], wrench, jnp.tile(payload, (2, 1)))
     np.testing.assert_array_equal(nested[1, 1], expected[1])
     scanned = jax.lax.map(lambda x: function(*x, payload), (q, u, udot, wrench))
     np.testing.assert_array_equal(scanned, expected)
-    again, once = (jax.jit(jax.grad(each(lambda *x: (function(*x)**2).sum())))(
-        q, u, udot, wrench, payload) for each in (jax.checkpoint, lambda cost: cost))
+    again, once = (jax.jit(jax.grad(wrap(lambda *x: (function(*x)**2).sum())))(
+        q, u, udot, wrench, payload) for wrap in (jax.checkpoint, lambda cost: cost))
     np.testing.assert_allclose(again, once, rtol=1e-12)
 
 
@@ -123,40 +134,43 @@ def test_nested_maps_and_loops_of_jax_apply():
 def test_batch_axes_broadcast_and_gradients_are_summed(compiled):
     function = fr3().jax('inverse_dynamics', parameters='gravity', compiled=compiled)
     rng = np.random.default_rng(0)
-    given = (rng.normal(size=(2, 3, 7)), rng.normal(size=(3, 7)), rng.normal(size=(2, 1, 7)),
-             np.array([0.0, 0.0, -9.81]))
-    full = [np.broadcast_to(x, (2, 3, 7)).reshape(6, 7) for x in given[:3]]
+    inputs = (rng.normal(size=(2, 3, 7)), rng.normal(size=(3, 7)),
+              rng.normal(size=(2, 1, 7)), np.array([0.0, 0.0, -9.81]))
+    full = [np.broadcast_to(x, (2, 3, 7)).reshape(6, 7) for x in inputs[:3]]
 
     def cost(*arguments):
         return (function(*arguments)**2).sum()
     every = (0, 1, 2, 3)
-    np.testing.assert_allclose(jax.jit(function)(*given).reshape(6, 7),
+    np.testing.assert_allclose(jax.jit(function)(*inputs).reshape(6, 7),
                                fr3().inverse_dynamics(*full), rtol=1e-12)
-    found = jax.jit(jax.grad(cost, every))(*given)
-    flat = jax.jit(jax.grad(cost, every))(*full, given[3])
+    result = jax.jit(jax.grad(cost, every))(*inputs)
+    flat = jax.jit(jax.grad(cost, every))(*full, inputs[3])
     for k, x in enumerate((flat[0].reshape(2, 3, 7), flat[1].reshape(2, 3, 7).sum(0),
                            flat[2].reshape(2, 3, 7).sum(1, keepdims=True), flat[3])):
-        np.testing.assert_allclose(found[k], x, rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(result[k], x, rtol=1e-10, atol=1e-10)
 
 
 @ways
 @pytest.mark.parametrize('name', ['bias_force', 'joint_rates'])
 def test_one_time_serves_all_states(name, compiled):
-    found = case('time-dependent')
-    function = found.robot.jax(name, compiled=compiled)
-    u = np.random.default_rng(0).normal(size=(5, found.robot.n))
-    expected = np.stack([getattr(found.robot, name)(found.q, x, t=found.time) for x in u])
-    for time in (np.array(found.time), np.full(5, found.time)):
-        for each in (function, jax.jit(function)):
-            np.testing.assert_allclose(each(found.q, u, time), expected, rtol=1e-12, atol=1e-12)
+    mechanism = case('time-dependent')
+    function = mechanism.robot.jax(name, compiled=compiled)
+    u = np.random.default_rng(0).normal(size=(5, mechanism.robot.n))
+    expected = np.stack(
+        [getattr(mechanism.robot, name)(mechanism.q, x, t=mechanism.time) for x in u])
+    for time in (np.array(mechanism.time), np.full(5, mechanism.time)):
+        for call in (function, jax.jit(function)):
+            np.testing.assert_allclose(call(mechanism.q, u, time), expected,
+                                       rtol=1e-12, atol=1e-12)
 
 
 @ways
 def test_a_number_of_one_state_is_a_number(compiled):
     function = fr3().jax('potential_energy', compiled=compiled)
-    for each in (function, jax.jit(function)):
-        assert each(np.zeros(7)).shape == ()
-        np.testing.assert_allclose(each(np.zeros(7)), fr3().potential_energy(np.zeros(7)))
+    for call in (function, jax.jit(function)):
+        assert call(np.zeros(7)).shape == ()
+        np.testing.assert_allclose(call(np.zeros(7)),
+                                   fr3().potential_energy(np.zeros(7)))
 
 
 @ways
@@ -166,13 +180,15 @@ def test_one_state_and_no_states_are_states(compiled):
     np.testing.assert_allclose(jax.jit(function)(*state), fr3().inverse_dynamics(*state),
                                rtol=1e-12)
     nothing = jnp.zeros((0, 7))
-    for each in (function, jax.jit(function)):
-        assert each(nothing, nothing, nothing).shape == (0, 7)
+    for call in (function, jax.jit(function)):
+        assert call(nothing, nothing, nothing).shape == (0, 7)
 
 
 @ways
 def test_a_mechanism_without_degrees_of_freedom_has_functions(compiled):
-    q, none, t = np.tile(at_angle(0.7), (3, 1)), np.zeros((3, 0)), np.zeros(3)
+    q = np.tile(at_angle(0.7), (3, 1))
+    none = np.zeros((3, 0))
+    t = np.zeros(3)
     torques = jax.jit(driven().jax('inverse_dynamics', compiled=compiled))
     assert torques(q, none, none, t).shape == (3, 0)
     rates = jax.jit(driven().jax('joint_rates', compiled=compiled))(q, none, t)
@@ -188,32 +204,34 @@ def test_a_large_batch_is_shared_by_threads():
 @ways
 def test_float32_is_computed_in_double_and_rounded(compiled):
     function = arm_function(compiled)
-    given = [x.astype(np.float32) for x in arm_arguments(5)]
-    expected = function(*(x.astype(np.float64) for x in given))
-    for each in (function, jax.jit(function)):
-        found = each(*given)
-        assert found.dtype == np.float32
-        np.testing.assert_array_equal(found, expected.astype(np.float32))
-    assert function(given[0], *arm_arguments(5)[1:]).dtype == np.float64
+    inputs = [x.astype(np.float32) for x in arm_arguments(5)]
+    expected = function(*(x.astype(np.float64) for x in inputs))
+    for call in (function, jax.jit(function)):
+        result = call(*inputs)
+        assert result.dtype == np.float32
+        np.testing.assert_array_equal(result, expected.astype(np.float32))
+    assert function(inputs[0], *arm_arguments(5)[1:]).dtype == np.float64
     jax.config.update('jax_enable_x64', False)
-    found = jax.jit(arm().jax('gravity_force', compiled=compiled))(np.ones((4, 2)))
-    assert found.dtype == np.float32
-    np.testing.assert_allclose(found, arm().gravity_force(np.ones((4, 2))), rtol=1e-6)
+    result = jax.jit(arm().jax('gravity_force', compiled=compiled))(np.ones((4, 2)))
+    assert result.dtype == np.float32
+    np.testing.assert_allclose(result, arm().gravity_force(np.ones((4, 2))), rtol=1e-6)
 
 
 @ways
 def test_non_finite_arguments_are_named_or_give_nan_under_jit(compiled):
-    function, (q, *others) = arm_function(compiled), arm_arguments(3)
+    function = arm_function(compiled)
+    q, *others = arm_arguments(3)
     expected = function(q, *others)
-    for bad, text in ((jnp.nan, r"q\[1, 0\] \(joint 'joint1'\): nan; expected a finite number"),
+    for bad, text in ((jnp.nan,
+                       r"q\[1, 0\] \(joint 'joint1'\): nan; expected a finite number"),
                       (1e13, 'at most 1e')):
         wrong = q.at[1, 0].set(bad)
         with pytest.raises(InputError, match=text):
             function(wrong, *others)
         for dtype in (np.float64, np.float32):
-            found = jax.jit(function)(*(x.astype(dtype) for x in (wrong, *others)))
-            assert np.isnan(found[1]).all()
-            np.testing.assert_allclose(found[::2], expected[::2], rtol=1e-4)
+            result = jax.jit(function)(*(x.astype(dtype) for x in (wrong, *others)))
+            assert np.isnan(result[1]).all()
+            np.testing.assert_allclose(result[::2], expected[::2], rtol=1e-4)
     gradient = jax.jit(jax.grad(lambda *x: function(*x).sum()))(wrong, *others)
     assert np.isnan(gradient[1]).all() and np.isfinite(gradient[::2]).all()
 
@@ -221,42 +239,46 @@ def test_non_finite_arguments_are_named_or_give_nan_under_jit(compiled):
 @ways
 def test_an_open_loop_is_the_robots_error_or_nan_under_jit(compiled):
     function = case('closed loop').robot.jax('inverse_dynamics', compiled=compiled)
-    given = states('closed loop', function.names)
-    given['q'][1, 1] += 0.3
+    inputs = states('closed loop', function.names)
+    inputs['q'][1, 1] += 0.3
     with pytest.raises(ConstraintError, match='residual'):
-        function(*given.values())
-    found = jax.jit(function)(*given.values())
-    assert np.isnan(found[1]).all() and np.isfinite(found[::2]).all()
-    gradient = jax.jit(jax.grad(lambda *x: function(*x).sum()))(*given.values())
+        function(*inputs.values())
+    result = jax.jit(function)(*inputs.values())
+    assert np.isnan(result[1]).all() and np.isfinite(result[::2]).all()
+    gradient = jax.jit(jax.grad(lambda *x: function(*x).sum()))(*inputs.values())
     assert np.isnan(gradient[1]).all() and np.isfinite(gradient[::2]).all()
 
 
 @ways
 def test_the_payload_is_that_of_the_time_when_the_function_was_made(compiled):
-    robot, q = arm().copy(), np.array([[0.4, -0.8]])
-    function, before = robot.jax('gravity_force', compiled=compiled), robot.gravity_force(q)
+    robot = arm().copy()
+    q = np.array([[0.4, -0.8]])
+    function = robot.jax('gravity_force', compiled=compiled)
+    torque_before = robot.gravity_force(q)
     robot.parameters.payload = None
     later = robot.jax('gravity_force', compiled=compiled)
-    for each in (function, pickle.loads(pickle.dumps(function)), copy.deepcopy(function)):
-        assert each.compiled == compiled
-        np.testing.assert_allclose(jax.jit(each)(q), before, rtol=1e-12)
+    for call in (function, pickle.loads(pickle.dumps(function)),
+                 copy.deepcopy(function)):
+        assert call.compiled == compiled
+        np.testing.assert_allclose(jax.jit(call)(q), torque_before, rtol=1e-12)
     np.testing.assert_allclose(jax.jit(later)(q), robot.gravity_force(q), rtol=1e-12)
-    assert np.abs(robot.gravity_force(q) - before).max() > 0.1
+    assert np.abs(robot.gravity_force(q) - torque_before).max() > 0.1
 
 
 def test_threads_share_a_function():
-    function, found = fr3().jax('bias_force'), {}
+    function = fr3().jax('bias_force')
+    results = {}
     q, u = np.random.default_rng(0).normal(size=(2, 8, 50, 7))
 
     def work(k):
         for _ in range(5):
-            found[k] = jax.jit(function)(q[k], u[k])
+            results[k] = jax.jit(function)(q[k], u[k])
     threads = [Thread(target=work, args=(k,)) for k in range(8)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    np.testing.assert_array_equal([found[k] for k in range(8)], function(q, u))
+    np.testing.assert_array_equal([results[k] for k in range(8)], function(q, u))
 
 
 PROGRAM = """
@@ -277,9 +299,10 @@ for name in names:  # in another order, so at other addresses
 
 
 def test_programs_in_the_cache_of_jax_call_the_right_machine_code(tmp_path):
-    for names in (('bias_force', 'inverse_dynamics'), ('inverse_dynamics', 'bias_force')):
-        subprocess.run([sys.executable, '-c', PROGRAM, str(tmp_path), *names], check=True,
-                       timeout=100)
+    for names in (('bias_force', 'inverse_dynamics'),
+                  ('inverse_dynamics', 'bias_force')):
+        subprocess.run([sys.executable, '-c', PROGRAM, str(tmp_path), *names],
+                       check=True, timeout=100)
     assert list(tmp_path.iterdir())
 
 
@@ -289,22 +312,28 @@ def test_programs_in_the_cache_of_jax_call_the_right_machine_code(tmp_path):
     (lambda q: q.astype(int), 'q: dtype int64; expected float32 or float64'),
     (lambda q: q + 1j, 'q: dtype complex128'),
     (lambda q: q[:, :1], r'q: shape \(3, 1\); expected \(2,\), with batch axes'),
-    (lambda q: q[:2], r'arguments q \(2, 2\), u \(3, 2\).*expected batch axes that broadcast')])
+    (lambda q: q[:2],
+     r'arguments q \(2, 2\), u \(3, 2\).*expected batch axes that broadcast')])
 def test_a_wrong_argument_is_named_under_jit_too(change, message):
     q, *others = arm_arguments(3)
-    for each in (arm_function(), lambda q, *others: jax.jit(
-            lambda *rest: arm_function()(q, *rest))(*others)):
+
+    def under_jit(q, *others):
+        return jax.jit(lambda *rest: arm_function()(q, *rest))(*others)
+    for call in (arm_function(), under_jit):
         with pytest.raises(InputError, match=message):
-            each(change(q), *others)
+            call(change(q), *others)
 
 
 def test_wrong_names_and_counts_are_refused():
     arguments = arm_arguments(3)
-    with pytest.raises(InputError, match='expected q, u, udot, wrench, payload, each once'):
+    with pytest.raises(InputError,
+                       match='expected q, u, udot, wrench, payload, each once'):
         arm_function()(*arguments[:4])
     for name, options, message in (
-            ('inverse_dynamic', {}, "no kernel 'inverse_dynamic'"), ('frame_pose:top', {}, 'top'),
-            ('friction_force', {'parameters': ['payload']}, "parameters: 'payload'; expected")):
+            ('inverse_dynamic', {}, "no kernel 'inverse_dynamic'"),
+            ('frame_pose:top', {}, 'top'),
+            ('friction_force', {'parameters': ['payload']},
+             "parameters: 'payload'; expected")):
         with pytest.raises(InputError, match=message):
             arm().jax(name, **options)
 
@@ -312,7 +341,8 @@ def test_wrong_names_and_counts_are_refused():
 def test_another_interface_of_xla_is_refused_or_python_is_called(monkeypatch, caplog):
     from kane_dynamics.robot.frameworks import xla_target
     monkeypatch.setattr(xla_target, 'interface', lambda: (1, 0))
-    with pytest.raises(CompileError, match='XLA foreign functions: version 1; expected 0'):
+    with pytest.raises(CompileError,
+                       match='XLA foreign functions: version 1; expected 0'):
         arm().jax('gravity_force', compiled=True)
     assert arm().jax('gravity_force').compiled is False
     assert 'call Python for gravity_force, which is slower' in caplog.text
@@ -320,7 +350,8 @@ def test_another_interface_of_xla_is_refused_or_python_is_called(monkeypatch, ca
 
 def test_another_device_is_refused():
     function = jax.jit(fr3().jax('gravity_force'))
-    with pytest.raises(InputError, match=r'gravity_force: compiled for .*cuda.*; expected'):
+    with pytest.raises(InputError,
+                       match=r'gravity_force: compiled for .*cuda.*; expected'):
         function.trace(jnp.zeros(7)).lower(lowering_platforms=('cuda',))
 
 
@@ -328,7 +359,8 @@ def test_without_jax_the_error_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, 'jax', None)
     monkeypatch.delitem(sys.modules, 'kane_dynamics.robot.frameworks.jax_function',
                         raising=False)
-    with pytest.raises(InputError, match=r'robot.jax: .*pip install .kane_dynamics\[jax\]'):
+    with pytest.raises(InputError,
+                       match=r'robot.jax: .*pip install .kane_dynamics\[jax\]'):
         Robot(load_urdf('urdf/two_link.urdf')).jax('gravity_force')
 
 
@@ -338,5 +370,6 @@ def test_jax_export_is_refused_with_its_reason():
     robot = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
     function = jax.jit(robot.jax('inverse_dynamics'))
     row = jax.ShapeDtypeStruct((2,), np.float64)
-    with pytest.raises(ValueError, match='custom calls whose targets have no compatibility'):
+    with pytest.raises(ValueError,
+                       match='custom calls whose targets have no compatibility'):
         export.export(function)(row, row, row)

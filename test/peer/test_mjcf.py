@@ -13,8 +13,8 @@ import pytest
 
 mujoco = pytest.importorskip('mujoco')
 
-# Every feature at once: references, anchors off the origin, several joints a body, a ball, a free
-# body, springs, two loops and a gear.
+# Every feature at once: references, anchors off the origin, several joints a body, a
+# ball, a free body, springs, two loops and a gear.
 EVERYTHING = """
 <mujoco model="everything"><compiler angle="radian"/><option gravity="0.5 0 -9.81"/>
 <worldbody>
@@ -83,14 +83,16 @@ def check_unconstrained_dynamics(model, mechanism, count=5):
         M = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, M)
         bias = data.qfrc_bias - data.qfrc_spring
-        np.testing.assert_allclose(robot.mass_matrix(q), M, rtol=0, atol=1e-11 * abs(M).max())
+        np.testing.assert_allclose(robot.mass_matrix(q), M,
+                                   rtol=0, atol=1e-11 * abs(M).max())
         np.testing.assert_allclose(robot.bias_force(q, u), bias, rtol=0,
                                    atol=1e-11 * abs(bias).max())
 
 
 @pytest.mark.filterwarnings('ignore')
-@pytest.mark.parametrize('name', ['ant', 'half_cheetah', 'humanoid', 'inverted_double_pendulum',
-                                  'pusher', 'reacher', 'swimmer', 'walker2d'])
+@pytest.mark.parametrize('name',
+                         ['ant', 'half_cheetah', 'humanoid', 'inverted_double_pendulum',
+                          'pusher', 'reacher', 'swimmer', 'walker2d'])
 def test_dynamics_of_published_models_are_those_of_mujoco(name):
     path = next(path for path in gymnasium_models() if path.stem == name)
     model, mechanism = loaded(path)
@@ -107,7 +109,7 @@ def numbers(rng, count, size=1.0):
 
 
 def random_body(rng, index, inner):
-    """Return a body with joints, orientation and inertia of any form, and bodies on it."""
+    """Return a body with joints, orientation and inertia of any form, and its tree."""
     forms = ('', f'quat="{numbers(rng, 4)}"', f'euler="{numbers(rng, 3, 60.0)}"',
              f'axisangle="{numbers(rng, 4)}"', f'xyaxes="{numbers(rng, 6)}"')
     joints = []
@@ -117,7 +119,8 @@ def random_body(rng, index, inner):
         text = f'name="{name}" type="{kind}" pos="{numbers(rng, 3, 0.1)}" damping="0.7"'
         if kind != 'ball':
             text += (f' axis="{numbers(rng, 3)}" ref="{numbers(rng, 1)}"'
-                     f' armature="{rng.uniform():.4g}" stiffness="{rng.uniform(0, 9):.4g}"'
+                     f' armature="{rng.uniform():.4g}" '
+                     f'stiffness="{rng.uniform(0, 9):.4g}"'
                      f' springref="{numbers(rng, 1)}"')
         joints.append(f'<joint {text}/>')
         if kind == 'ball':
@@ -130,13 +133,16 @@ def random_body(rng, index, inner):
 
 
 def random_file(seed):
-    """Return a random chain in MJCF with motors that have a gear, armature and damping."""
-    rng, chain = np.random.default_rng(seed), ''
+    """Return a random chain in MJCF with motors: gear, armature and damping."""
+    rng = np.random.default_rng(seed)
+    chain = ''
     for index in reversed(range(rng.integers(1, 5))):
         chain = random_body(rng, index, chain)
-    motors = [f'<motor joint="{name}" gear="{numbers(rng, 1, 10.0)}" armature="0.002" '
-              'damping="0.01"/>' for name, kind in re.findall(r'name="(j\S*)" type="(\w*)"', chain)
-              if kind != 'ball' and rng.random() < 0.5]
+    motors = []
+    for name, kind in re.findall(r'name="(j\S*)" type="(\w*)"', chain):
+        if kind != 'ball' and rng.random() < 0.5:
+            motors.append(f'<motor joint="{name}" gear="{numbers(rng, 1, 10.0)}" '
+                          'armature="0.002" damping="0.01"/>')
     sequence = rng.choice(['xyz', 'ZYX', 'zxz'])
     return (f'<mujoco><compiler angle="degree" eulerseq="{sequence}"/><option gravity='
             f'"{numbers(rng, 3, 5.0)}"/><worldbody>{chain}</worldbody><actuator>'
@@ -151,8 +157,10 @@ def test_random_files_have_the_inertia_and_forces_of_mujoco(seed):
     mujoco.mj_fullM(model, data, M)
     force = kane.inverse_dynamics(tree, q, u, 0.0 * u)
     peer = data.qfrc_bias - data.qfrc_passive
-    np.testing.assert_allclose(kane.mass_matrix(tree, q), M, rtol=0, atol=1e-11 * M.max())
-    np.testing.assert_allclose(force, peer, rtol=0, atol=1e-9 * max(M.max(), abs(peer).max()))
+    np.testing.assert_allclose(kane.mass_matrix(tree, q), M,
+                               rtol=0, atol=1e-11 * M.max())
+    np.testing.assert_allclose(force, peer, rtol=0,
+                               atol=1e-9 * max(M.max(), abs(peer).max()))
 
 
 def test_damping_of_every_joint_is_that_of_mujoco():
@@ -172,13 +180,14 @@ def test_residuals_of_loops_are_those_of_mujoco():
     residuals = {}
     for constraint in mechanism.options['constraints']:
         if isinstance(constraint, Closure):
-            first, second = (robot.frame_pose(frame, q)
-                             for frame in (constraint.first, constraint.second))
+            first = robot.frame_pose(constraint.first, q)
+            second = robot.frame_pose(constraint.second, q)
             residuals[constraint.name] = first[:3, 3] - second[:3, 3]
     np.testing.assert_allclose(residuals['pin'], data.efc_pos[:3], atol=1e-12)
     np.testing.assert_allclose(residuals['glue'], data.efc_pos[4:7], atol=1e-12)
     names = mechanism.model.coordinate_names
-    j3, j4 = q[names.index('j3')], q[names.index('j4')]
+    j3 = q[names.index('j3')]
+    j4 = q[names.index('j4')]
     assert j4 - 2.0 * j3 - 0.1 == pytest.approx(data.efc_pos[3], abs=1e-12)
 
 
@@ -206,14 +215,16 @@ def test_closed_loop_moves_as_mujoco_does_with_stiff_constraints():
     data.qpos = q
     data.ctrl[0] = 1.5
     mujoco.mj_forward(model, data)
-    # The accelerations that keep MuJoCo's own constraint rows at rest, without its softness.
+    # The accelerations that keep MuJoCo's own constraint rows at rest, without its
+    # softness.
     M = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, M)
     J = data.efc_J.reshape(-1, model.nv)[:data.ne]
     J = J[np.abs(J).max(axis=1) > 1e-9]
     system = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
     forces = data.qfrc_actuator - data.qfrc_bias
-    solution = np.linalg.lstsq(system, np.concatenate([forces, np.zeros(len(J))]), rcond=None)[0]
+    solution = np.linalg.lstsq(system, np.concatenate([forces, np.zeros(len(J))]),
+                               rcond=None)[0]
     assert accelerations[0] == pytest.approx(solution[0], rel=1e-9)
 
 
@@ -232,7 +243,8 @@ UNDERACTUATED = """
 
 
 def test_fewer_actuators_than_independent_speeds_still_make_a_robot():
-    with pytest.warns(ModelWarning, match=r'which joints have actuators \(left\), for they are '
+    with pytest.warns(ModelWarning,
+                      match=r'which joints have actuators \(left\), for they are '
                       'fewer than the 7 independent speeds'):
         mechanism = load_mjcf(UNDERACTUATED)
     robot = Robot(mechanism.model, **mechanism.options)
@@ -244,7 +256,8 @@ def test_fewer_actuators_than_independent_speeds_still_make_a_robot():
 
 
 def test_joints_of_a_tree_without_actuators_are_said_to_be_actuated():
-    with pytest.warns(ModelWarning, match=r'which joints have actuators \(left\), for they are '
+    with pytest.warns(ModelWarning,
+                      match=r'which joints have actuators \(left\), for they are '
                       'fewer than the 9 independent speeds'):
         mechanism = load_mjcf(re.sub('<equality>.*</equality>', '', UNDERACTUATED))
     assert mechanism.options == {}
@@ -271,24 +284,29 @@ ARM = """<mujoco><option><flag {flags}/></option><worldbody>
 @pytest.mark.filterwarnings('ignore::kane_dynamics.errors.ModelWarning')
 @pytest.mark.parametrize(('flags', 'actuators', 'effort'), [
     ('', '<motor joint="b" gear="-3" ctrlrange="-2 1"/>', 6.0),
-    ('', '<general joint="b" gear="3" gainprm="5" ctrlrange="-2 2" forcerange="-4 4"/>', 12.0),
+    ('', '<general joint="b" gear="3" gainprm="5" ctrlrange="-2 2" forcerange="-4 4"/>',
+     12.0),
     ('', '<motor joint="b" forcerange="-2 2"/><motor joint="b"/>', np.inf),
     ('', '<motor joint="b" forcerange="-2 2"/><motor joint="b" ctrlrange="-1 1"/>', 3.0),
     ('', '<general joint="b" dyntype="integrator" ctrlrange="-1 1"/>', np.inf),
     ('clampctrl="disable"', '<motor joint="b" ctrlrange="-1 1"/>', np.inf)])
-def test_the_effort_of_a_joint_is_what_all_its_actuators_reach_together(flags, actuators, effort):
+def test_the_effort_of_a_joint_is_what_all_its_actuators_reach_together(
+        flags, actuators, effort):
     model, _ = load_mjcf(ARM.format(flags=flags, actuators=actuators))
     assert model.bodies[1].joint.limits.effort == effort
 
 
 @pytest.mark.parametrize('limits', ['forcerange="-2 5"', 'ctrlrange="-2 1"'])
 def test_unequal_limits_of_force_are_named(limits):
-    with pytest.warns(ModelWarning, match='the smaller of two unequal limits .* of strong'):
-        load_mjcf(ARM.format(flags='', actuators=f'<motor name="strong" joint="b" {limits}/>'))
+    with pytest.warns(ModelWarning,
+                      match='the smaller of two unequal limits .* of strong'):
+        load_mjcf(
+            ARM.format(flags='', actuators=f'<motor name="strong" joint="b" {limits}/>'))
 
 
 @pytest.mark.parametrize(('flags', 'words'), [
-    ('equality="disable"', ''), ('constraint="disable"', 'friction loss and position limits')])
+    ('equality="disable"', ''),
+    ('constraint="disable"', 'friction loss and position limits')])
 def test_constraints_that_the_file_disables_are_left_out(flags, words):
     with pytest.warns(ModelWarning, match=words):
         assert load_mjcf(ARM.format(flags=flags, actuators='')).options == {}
@@ -297,7 +315,8 @@ def test_constraints_that_the_file_disables_are_left_out(flags, words):
 
 
 def test_unused_elements_of_mjcf_are_named_in_one_warning():
-    with pytest.warns(ModelWarning, match=r'contacts of 6 geoms; control laws of actuators: '
+    with pytest.warns(ModelWarning,
+                      match=r'contacts of 6 geoms; control laws of actuators: '
                       'actuator_1') as warned:
         load_mjcf(EVERYTHING)
     assert len(warned) == 1
@@ -305,8 +324,10 @@ def test_unused_elements_of_mjcf_are_named_in_one_warning():
 
 @pytest.mark.parametrize(('source', 'error', 'message'), [
     ('nowhere.xml', InputError, "no such file: 'nowhere.xml'; expected"),
-    ('<mujoco><worldbody><body/></worldbody></mujoco>', ModelError, 'no joint; expected'),
-    ('<mujoco><nonsense/></mujoco>', ModelError, r'(?s)nonsense.*expected a file that MuJoCo'),
+    ('<mujoco><worldbody><body/></worldbody></mujoco>', ModelError,
+     'no joint; expected'),
+    ('<mujoco><nonsense/></mujoco>', ModelError,
+     r'(?s)nonsense.*expected a file that MuJoCo'),
 ])
 def test_a_file_that_is_no_mechanism_is_refused(source, error, message):
     with pytest.raises(error, match=message):
@@ -322,4 +343,5 @@ def test_a_sweep_of_mjcf_keeps_the_equality_constraints(tmp_path):
         warnings.simplefilter('ignore', ModelWarning)
         robot = read_sweep(path).robot
     assert robot.n == 1
-    assert robot.constraint_names == Robot(mechanism.model, **mechanism.options).constraint_names
+    assert robot.constraint_names == Robot(
+        mechanism.model, **mechanism.options).constraint_names

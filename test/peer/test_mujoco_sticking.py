@@ -4,8 +4,10 @@ from kane_dynamics import ModelBuilder, Robot, rod, simulate
 import mujoco
 import numpy as np
 
-FRICTION, DURATION = (2.0, 1.0), 1.0
-AMPLITUDES, FREQUENCIES = np.array([4.0, 2.0]), np.array([6.0, 9.0])
+FRICTION = (2.0, 1.0)
+DURATION = 1.0
+AMPLITUDES = np.array([4.0, 2.0])
+FREQUENCIES = np.array([6.0, 9.0])
 SCENE = """
 <mujoco><compiler angle="radian" inertiafromgeom="false"/>
 <option timestep="{step}" integrator="Euler" noslip_iterations="50" gravity="0 0 -9.81"/>

@@ -22,14 +22,16 @@ def robot_of(seed):
 
 
 def states(seed, count=4):
-    robot, rng = robot_of(seed), np.random.default_rng(seed)
+    robot = robot_of(seed)
+    rng = np.random.default_rng(seed)
     q = robot.random_configuration(rng, count)
     return zip(q, *rng.uniform(-2.0, 2.0, (2, count, robot.n)))
 
 
 @pytest.mark.parametrize('seed', SEEDS)
 def test_dynamics_of_trees_with_ball_joints_are_pinocchios(seed):
-    robot, peer = robot_of(seed), peer_of(random_ball_tree(seed))
+    robot = robot_of(seed)
+    peer = peer_of(random_ball_tree(seed))
     data = peer.createData()
     for q, u, udot in states(seed):
         tau = pin.rnea(peer, data, q, u, udot)
@@ -37,25 +39,32 @@ def test_dynamics_of_trees_with_ball_joints_are_pinocchios(seed):
         M = pin.crba(peer, data, q)
         M = np.triu(M) + np.triu(M, 1).T
         assert_close(robot.mass_matrix(q), M)
-        assert_close(robot.inverse_mass_matrix(q) @ M, np.eye(robot.n), 1e-14 * np.linalg.cond(M))
+        assert_close(robot.inverse_mass_matrix(q) @ M, np.eye(robot.n),
+                     1e-14 * np.linalg.cond(M))
         assert_close(robot.forward_dynamics(q, u, tau), udot, 1e-14 * np.linalg.cond(M))
-        assert_close(robot.gravity_force(q), pin.computeGeneralizedGravity(peer, data, q))
-        assert_close(robot.kinetic_energy(q, u), pin.computeKineticEnergy(peer, data, q, u))
-        assert_close(robot.potential_energy(q), pin.computePotentialEnergy(peer, data, q))
+        assert_close(robot.gravity_force(q),
+                     pin.computeGeneralizedGravity(peer, data, q))
+        assert_close(robot.kinetic_energy(q, u),
+                     pin.computeKineticEnergy(peer, data, q, u))
+        assert_close(robot.potential_energy(q),
+                     pin.computePotentialEnergy(peer, data, q))
         assert_close(robot.center_of_mass(q), pin.centerOfMass(peer, data, q))
 
 
 @pytest.mark.parametrize('seed', [1])
 def test_frames_behind_ball_joints_are_pinocchios(seed):
-    robot, peer = robot_of(seed), peer_of(random_ball_tree(seed))
-    data, tool = peer.createData(), peer.getFrameId('frame:tool')
+    robot = robot_of(seed)
+    peer = peer_of(random_ball_tree(seed))
+    data = peer.createData()
+    tool = peer.getFrameId('frame:tool')
     for q, u, udot in states(seed, 2):
         pin.forwardKinematics(peer, data, q, u, udot)
         pin.computeJointJacobiansTimeVariation(peer, data, q, u)
         pin.updateFramePlacements(peer, data)
         world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         assert_close(robot.frame_pose('tool', q), data.oMf[tool].homogeneous)
-        assert_close(robot.jacobian('tool', q), pin.getFrameJacobian(peer, data, tool, world))
+        assert_close(robot.jacobian('tool', q),
+                     pin.getFrameJacobian(peer, data, tool, world))
         assert_close(robot.jacobian_rate('tool', q, u),
                      pin.getFrameJacobianTimeVariation(peer, data, tool, world))
         assert_close(robot.frame_acceleration('tool', q, u, udot),
@@ -65,7 +74,8 @@ def test_frames_behind_ball_joints_are_pinocchios(seed):
 @pytest.mark.parametrize('seed', [0])
 def test_derivatives_along_the_joints_are_pinocchios(seed):
     """The slope in q times dq'/du is the derivative in the tangent space."""
-    robot, peer = robot_of(seed), peer_of(random_ball_tree(seed))
+    robot = robot_of(seed)
+    peer = peer_of(random_ball_tree(seed))
     data = peer.createData()
     for q, u, udot in states(seed, 2):
         by_q, by_u, _ = robot.inverse_dynamics_derivatives(q, u, udot)
@@ -77,7 +87,8 @@ def test_derivatives_along_the_joints_are_pinocchios(seed):
 
 @pytest.mark.parametrize('seed', SEEDS)
 def test_integrate_and_difference_are_pinocchios(seed):
-    robot, peer = robot_of(seed), peer_of(random_ball_tree(seed))
+    robot = robot_of(seed)
+    peer = peer_of(random_ball_tree(seed))
     for q, u, _ in states(seed):
         ahead = pin.integrate(peer, q, 0.7 * u)
         assert_close(robot.integrate(q, u, 0.7), ahead, 1e-14)
@@ -87,23 +98,30 @@ def test_integrate_and_difference_are_pinocchios(seed):
 def test_a_free_flying_arm_is_pinocchios_free_flyer():
     """Its linear velocity is on the body's axes, ours on those of the joint's frame."""
     b = ModelBuilder('satellite')
-    b.body('base', kind='free', inertial=box(30.0, (1.0, 0.8, 0.6), at=(0.1, 0.05, -0.02)))
-    b.body('arm', 'base', at=(0.5, 0, 0), axis=(0, 1, 0), inertial=rod(3, (0, 0, 0), (0.7, 0, 0)))
+    b.body('base', kind='free',
+           inertial=box(30.0, (1.0, 0.8, 0.6), at=(0.1, 0.05, -0.02)))
+    b.body('arm', 'base', at=(0.5, 0, 0), axis=(0, 1, 0),
+           inertial=rod(3, (0, 0, 0), (0.7, 0, 0)))
     robot = Robot(b.model())
     peer = pin.Model()
     on = 0
     for name, kind, at in (('base', pin.JointModelFreeFlyer(), (0.0, 0.0, 0.0)),
                            ('arm', pin.JointModelRY(), (0.5, 0.0, 0.0))):
         on = peer.addJoint(on, kind, pin.SE3(np.eye(3), np.array(at)), name)
-        own = next(body.inertial for body in robot.model.bodies if body.name == name)
-        peer.appendBodyToJoint(on, pin.Inertia(own.mass, own.com, own.inertia),
-                               pin.SE3.Identity())
-    data, rng = peer.createData(), np.random.default_rng(0)
+        inertial = next(body.inertial
+                        for body in robot.model.bodies if body.name == name)
+        peer.appendBodyToJoint(
+            on, pin.Inertia(inertial.mass, inertial.com, inertial.inertia),
+            pin.SE3.Identity())
+    data = peer.createData()
+    rng = np.random.default_rng(0)
     q = robot.random_configuration(1)
     u, udot = rng.uniform(-1.0, 1.0, (2, robot.n))
     R = robot.frame_pose('base', q)[:3, :3]
-    v, a = u.copy(), udot.copy()
+    v = u.copy()
+    a = udot.copy()
     v[:3] = R.T @ u[:3]
     a[:3] = R.T @ udot[:3] - np.cross(u[3:6], v[:3])
     tau = pin.rnea(peer, data, q, v, a)
-    assert_close(robot.inverse_dynamics(q, u, udot), np.concatenate([R @ tau[:3], tau[3:]]))
+    assert_close(robot.inverse_dynamics(q, u, udot),
+                 np.concatenate([R @ tau[:3], tau[3:]]))

@@ -13,10 +13,11 @@ def pinocchio_chain(model):
     peer.gravity.linear = np.array(model.gravity)
     last = 0
     for body in model.bodies:
-        joint, inertial = body.joint, body.inertial
+        joint = body.joint
+        inertial = body.inertial
         placement = pin.SE3(np.array(joint.rotation), np.array(joint.translation))
-        last = peer.addJoint(last, pin.JointModelRevoluteUnaligned(joint.axis), placement,
-                             joint.name)
+        last = peer.addJoint(last, pin.JointModelRevoluteUnaligned(joint.axis),
+                             placement, joint.name)
         inertia = pin.Inertia(inertial.mass, inertial.com, inertial.inertia)
         peer.appendBodyToJoint(last, inertia, pin.SE3.Identity())
     return peer
@@ -31,8 +32,8 @@ def test_accelerations_of_long_chains_are_pinocchios(n):
     expected = pin.aba(peer, data, q, u, tau)
     M = pin.crba(peer, data, q)
     condition = np.linalg.cond(np.triu(M) + np.triu(M, 1).T)
-    found = Robot(model).forward_dynamics(q, u, tau)
-    error = np.abs(found - expected).max() / np.abs(expected).max()
+    accelerations = Robot(model).forward_dynamics(q, u, tau)
+    error = np.abs(accelerations - expected).max() / np.abs(expected).max()
     assert error < 10.0 * np.finfo(float).eps * condition
 
 

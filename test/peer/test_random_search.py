@@ -1,8 +1,9 @@
 """
-A random search over kinds of mechanisms and their pairs, against the definition and Pinocchio.
+A random search over kinds of mechanisms, against the definition and Pinocchio.
 
-Each mechanism is another one in each run. `KANE_DYNAMICS_SEARCH_SECONDS` is the duration, an hour
-by default, and `KANE_DYNAMICS_SEARCH_SEED` repeats a run, whose seed is printed.
+Each mechanism is another one in each run. `KANE_DYNAMICS_SEARCH_SECONDS` is the
+duration, an hour by default, and `KANE_DYNAMICS_SEARCH_SEED` repeats a run, whose seed
+is printed.
 """
 
 from collections import Counter
@@ -12,8 +13,8 @@ import time
 import warnings
 
 from ball_trees import peer_of, random_ball_tree
-from kane_dynamics import (absolute_rates, Coupling, Drive, Robot, simulate, StiffnessCurve,
-                           with_drives)
+from kane_dynamics import (absolute_rates, Coupling, Drive, Robot, simulate,
+                           StiffnessCurve, with_drives)
 from kane_dynamics.errors import KaneError, ModelWarning
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.ball_joints import moved, neutral
@@ -38,11 +39,12 @@ SEED = int(os.environ.get('KANE_DYNAMICS_SEARCH_SEED', time.time_ns() % 2**32))
 TOLERANCE = 1e-8
 MOST_FAILURES = 10
 NO_FRICTION = {'friction': 0.0, 'friction_offset': 0.0, 'quadratic_damping': 0.0,
-               'friction_backward': None, 'breakaway_friction': None, 'load_friction': 0.0,
-               'load_friction_backdriven': None}
+               'friction_backward': None, 'breakaway_friction': None,
+               'load_friction': 0.0, 'load_friction_backdriven': None}
 LONGEST = 64  # joints of a tree
 BATCHED = 24  # more joints: code for batches of most quantities takes long to compile
-REFUSED = 0.25  # largest share of mechanisms that may be refused: by chance nearly singular
+# Largest share of mechanisms that may be refused: by chance nearly singular.
+REFUSED = 0.25
 
 
 def random_tree(rng):
@@ -56,7 +58,8 @@ def random_tree(rng):
 
 def random_balls(rng):
     """Return a tree with ball joints or free bodies."""
-    kinds = rng.choice(['ball', 'revolute', 'prismatic'], int(rng.integers(1, 6))).tolist()
+    kinds = rng.choice(['ball', 'revolute',
+                        'prismatic'], int(rng.integers(1, 6))).tolist()
     if rng.random() < 0.5:
         kinds[0] = 'free'
     return Robot(random_ball_tree(int(rng.integers(2**31)), kinds)), 'balls', None
@@ -70,12 +73,13 @@ def random_linkage(rng):
         choice['speeds'] = absolute_rates
     if rng.random() < 0.3:
         choice['redundant'] = 'kept'
-    robot = Robot(loops.model, constraints=loops.constraints, configuration=loops.q0, **choice)
+    robot = Robot(loops.model, constraints=loops.constraints, configuration=loops.q0,
+                  **choice)
     if rng.random() < 0.3 and not choice.get('speeds'):
         others = [name for name in robot.joint_names if name not in robot.speed_names]
-        more = rng.choice(others, min(len(others), 1), replace=False).tolist()
+        second_joint = rng.choice(others, min(len(others), 1), replace=False).tolist()
         robot = Robot(loops.model, constraints=loops.constraints, configuration=loops.q0,
-                      actuated=[*robot.speed_names, *more], **choice)
+                      actuated=[*robot.speed_names, *second_joint], **choice)
     return robot, f'loops {loops.name}', loops.q0
 
 
@@ -85,9 +89,12 @@ def random_kinds(rng):
     one = case(*kinds)
     options = {**one.robot.options, 'configuration': one.q}
     model = one.robot.model
-    bodies = tuple(replace(body, joint=replace(
-        body.joint, damping=rng.uniform(0.0, 0.5) * (body.joint.damping > 0.0),
-        stiffness=rng.uniform(0.0, 2.0) * (body.joint.stiffness > 0.0))) for body in model.bodies)
+    rows = []
+    for body in model.bodies:
+        rows.append(replace(body, joint=replace(
+            body.joint, damping=rng.uniform(0.0, 0.5) * (body.joint.damping > 0.0),
+            stiffness=rng.uniform(0.0, 2.0) * (body.joint.stiffness > 0.0))))
+    bodies = tuple(rows)
     return Robot(replace(model, bodies=bodies), **options), ' and '.join(kinds), one.q
 
 
@@ -102,20 +109,23 @@ def random_long_tree(rng):
         n = 8 * round(n / 8)
     branching = rng.choice([0.0, 0.03, 0.1, 0.4])
     prismatic = rng.choice([0.0, 0.2])
-    model = random_model(int(rng.integers(2**31)), n, prismatic=prismatic, branching=branching,
-                         passive=bool(rng.random() < 0.5))
+    model = random_model(int(rng.integers(2**31)), n, prismatic=prismatic,
+                         branching=branching, passive=bool(rng.random() < 0.5))
     if branching and rng.random() < 0.3:
         model = in_blocks(model)
     if rng.random() < 0.3:
         model = shuffled(model, rng)
-    name, choice = f'long {n}', {}
+    name = f'long {n}'
+    choice = {}
     if n <= 16 and rng.random() < 0.2:
-        name, choice['speeds'] = f'long-absolute {n}', absolute_rates
+        name = f'long-absolute {n}'
+        choice['speeds'] = absolute_rates
     elif n <= 32 and rng.random() < 0.2:
         name = f'long-coupled {n}'
         names = model.coordinate_names
-        choice = {'constraints': [Coupling(names[-1], {names[0]: rng.uniform(0.5, 2.0)})],
-                  'configuration': np.zeros(n)}
+        choice = {
+            'constraints': [Coupling(names[-1], {names[0]: rng.uniform(0.5, 2.0)})],
+            'configuration': np.zeros(n)}
     robot = Robot(model, payload_frame=f'frame{n // 2}', **choice)
     return robot, name, np.zeros(n) if 'constraints' in choice else None
 
@@ -134,27 +144,33 @@ def in_blocks(model):
 def shuffled(model, rng):
     """Return a model with its coordinates in another order than its bodies."""
     order = rng.permutation(model.n)
-    bodies = tuple(replace(body, joint=replace(
-        body.joint, coordinate=int(order[body.joint.coordinate]))) for body in model.bodies)
+    rows = []
+    for body in model.bodies:
+        rows.append(replace(body, joint=replace(
+            body.joint, coordinate=int(order[body.joint.coordinate]))))
+    bodies = tuple(rows)
     names = [model.coordinate_names[k] for k in np.argsort(order)]
     return replace(model, bodies=bodies, coordinate_names=tuple(names))
 
 
-MAKERS = (random_tree, random_tree, random_balls, random_balls, random_linkage, random_linkage,
+MAKERS = (random_tree, random_tree, random_balls, random_balls, random_linkage,
+          random_linkage,
           random_linkage, random_linkage, random_kinds, random_kinds, random_long_tree)
 
 
 def with_other_friction(model, rng):
-    """Return the model with friction of more terms in some of its joints that have some."""
+    """Return the model with further friction terms in some joints that have some."""
     bodies = []
     for body in model.bodies:
-        joint, law = body.joint, {}
+        joint = body.joint
+        law = {}
         if joint.friction and rng.random() < 0.5:
             level = joint.friction
             law = {'quadratic_damping': joint.damping * rng.uniform(0.0, 1.0),
                    'friction_backward': level * rng.uniform(0.5, 1.5),
-                   'breakaway_friction': level * rng.uniform(1.0, 1.5), 'stribeck_speed': 0.2}
-            coordinates = [other.joint.coordinate for other in model.bodies]
+                   'breakaway_friction': level * rng.uniform(1.0, 1.5),
+                   'stribeck_speed': 0.2}
+            coordinates = [other_body.joint.coordinate for other_body in model.bodies]
             if coordinates.count(joint.coordinate) == 1 and rng.random() < 0.5:
                 law |= {'load_friction': rng.uniform(0.0, 0.3),
                         'load_friction_backdriven': rng.uniform(0.0, 0.6)}
@@ -163,7 +179,7 @@ def with_other_friction(model, rng):
 
 
 def random_drive(joint, inertia, length, rng):
-    """Return a drive for a joint with this inertia; `length` is the unit of its position."""
+    """Return a drive for a joint of this inertia; `length` is its unit."""
     k = inertia * rng.uniform(10.0, 50.0)**2
     rotor = inertia * rng.uniform(0.1, 2.0)
     law = {'damping': rotor * rng.uniform(0.0, 2.0),
@@ -181,7 +197,8 @@ def random_drive(joint, inertia, length, rng):
 
 def with_random_drives(robot, near, rng):
     """Return the robot with drives in some of its joints, and the configuration."""
-    model, mechanism = robot.model, Mechanism(robot.model)
+    model = robot.model
+    mechanism = Mechanism(robot.model)
     at = neutral(model) if near is None else near
     inertias = np.diag(kane.mass_matrix(model, at))
     drives = {}
@@ -199,15 +216,17 @@ def with_random_drives(robot, near, rng):
     if near is None:
         return Robot(elastic, **robot.options), None
     places = {name: k for k, name in enumerate(model.coordinate_names)}
-    near = np.array([near[places[name if name in places else name.removesuffix('_motor')]]
-                     for name in elastic.coordinate_names])
+    near = np.array(
+        [near[places[name if name in places else name.removesuffix('_motor')]]
+         for name in elastic.coordinate_names])
     options = robot.options | {'configuration': near}
     return Robot(elastic, **options), near
 
 
 def random_state(robot, near, rng):
     """Return a closed configuration, speeds and torques of moderate size, and a time."""
-    model, t = robot.model, 0.4 if robot.equations.timed else 0.0
+    model = robot.model
+    t = 0.4 if robot.equations.timed else 0.0
     units = Mechanism(model).units
     modes = set(model.modal_coordinates)
     size = np.array([0.02 if k in modes else 1.0 for k in range(model.n)]) * units
@@ -228,33 +247,37 @@ def random_state(robot, near, rng):
 def near_to(value, expected, tolerance=TOLERANCE):
     """Fail unless two results agree, relative to the largest entry."""
     size = np.abs(expected).max(initial=0.0) or 1.0
-    assert np.abs(value - expected).max(initial=0.0) <= tolerance * size, (value, expected)
+    assert np.abs(value - expected).max(initial=0.0) <= tolerance * size, (value,
+                                                                           expected)
 
 
 def compare_with_pinocchio(model, q, qdot, qddot):
-    """Compare the definition of the tree with Pinocchio, without what Pinocchio leaves out."""
+    """Compare the tree's definition with Pinocchio, without what Pinocchio omits."""
     used = [body.joint.coordinate for body in model.bodies]
     if model.flexible or model.drives or len(set(used)) < len(used):
         return False
     if any(body.joint.offset for body in model.bodies):
         return False
     rigid = without_passive_forces(model)
-    found = kane.inverse_dynamics(rigid, q, qdot, qddot)
+    torques = kane.inverse_dynamics(rigid, q, qdot, qddot)
     peer = peer_of(rigid)
     if not model.balls:  # Pinocchio's coordinates have the order of the bodies
-        q, qdot, qddot = q[used], qdot[used], qddot[used]
+        q = q[used]
+        qdot = qdot[used]
+        qddot = qddot[used]
     expected = pin.rnea(peer, peer.createData(), q, qdot, qddot)
     if not model.balls:
         expected = expected[np.argsort(used)]
-    near_to(found, expected, 1e-10)
+    near_to(torques, expected, 1e-10)
     return True
 
 
 def matrices_of_trees(robot, q, u, udot, rng):
     """
-    Yield names and checks of matrices of a tree in joint rates, with a payload if it may have one.
+    Yield names and checks of matrices of a tree in joint rates, also with a payload.
 
-    The references are Kane's sums, and their derivatives along a random motion by dual numbers.
+    The references are Kane's sums, and their derivatives along a random motion by dual
+    numbers.
     """
     model = robot.model
     frame = robot.options.get('payload_frame')
@@ -305,17 +328,20 @@ def matrices_of_trees(robot, q, u, udot, rng):
     def regressor(compute):
         # With other inertias than the model's: all columns count.
         inertials = [random_inertial(rng) for _ in model.bodies]
-        other = without_passive_forces(replace(model, bodies=tuple(
-            replace(body, inertial=inertial) for body, inertial in zip(model.bodies, inertials))))
+        without_springs = without_passive_forces(replace(model, bodies=tuple(
+            replace(body, inertial=inertial)
+            for body, inertial in zip(model.bodies, inertials))))
         parameters = np.concatenate([parameters_of(x.pseudo_inertia) for x in inertials])
-        near_to(compute(q, u, udot) @ parameters, kane.inverse_dynamics(other, q, u, udot), 1e-10)
+        near_to(compute(q, u, udot) @ parameters,
+                kane.inverse_dynamics(without_springs, q, u, udot), 1e-10)
 
     def forward_dynamics(compute):
         tau = kane.inverse_dynamics(model, q, u, udot)
         missing = M @ (compute(q, u, tau) - udot)
         assert np.abs(missing).max() <= TOLERANCE * max(1.0, np.abs(tau).max())
 
-    for law in (mass_matrix, inverse_mass_matrix, coriolis_matrix, inverse_dynamics_derivatives,
+    for law in (mass_matrix, inverse_mass_matrix, coriolis_matrix,
+                inverse_dynamics_derivatives,
                 forward_dynamics_derivatives, regressor, forward_dynamics):
         yield law.__name__, law
 
@@ -335,7 +361,7 @@ def without_passive_forces(model):
 
 
 def check_matrices(robot, q, u, udot, rng):
-    """Fail unless some matrices of a tree are right, for one state and among those of a batch."""
+    """Fail unless some matrices of a tree are right, alone and in a batch."""
     laws = dict(matrices_of_trees(robot, q, u, udot, rng))
     chosen = rng.choice(list(laws), 2 if robot.n > BATCHED else 4, replace=False)
     for name in map(str, chosen):
@@ -349,7 +375,7 @@ def check_matrices(robot, q, u, udot, rng):
 
 
 def in_a_batch(compute):
-    """Return a function of a state that computes it as the second one of a batch of three."""
+    """Return a function of a state, computed as the second of a batch of three."""
     def second(*state):
         results = compute(*(np.stack([0.5 * x, x, -x]) for x in state))
         return [x[1] for x in results] if isinstance(results, tuple) else results[1]
@@ -371,7 +397,8 @@ def check(robot, q, u, udot, t, rng):
     D = np.sqrt(np.diag(M))
     assert np.linalg.eigvalsh(M / np.outer(D, D)).min(initial=1.0) > 0.0
     missing = M @ (robot.forward_dynamics(q, u, tau, **at) - udot)
-    assert np.abs(missing).max(initial=0.0) <= TOLERANCE * max(1.0, np.abs(tau).max(initial=1.0))
+    assert np.abs(missing).max(initial=0.0) <= TOLERANCE * max(
+        1.0, np.abs(tau).max(initial=1.0))
     qdot, qddot = motion_of(mechanism, q, u, udot, tau, t)
     compared = compare_with_pinocchio(robot.model, q, qdot, qddot)
     robot, u, stops = with_a_stop(robot, mechanism, q, u, t, rng)
@@ -384,19 +411,21 @@ def check(robot, q, u, udot, t, rng):
 
 
 def with_a_stop(robot, mechanism, q, u, t, rng):
-    """Return the robot with one joint at its stop, now and then; speeds; whether it has one."""
+    """Return the robot with a joint at its stop, now and then; speeds; if it has one."""
     T = partial_rates(mechanism, q, t)
     modes = set(robot.model.modal_coordinates)
-    joints = [k for k, place in enumerate(robot.model.places)
-              if place is not None and k not in modes and np.abs(T[k]).max(initial=0.0) > 1e-3]
+    joints = [k for k, place in enumerate(robot.model.places) if place is not None
+              and k not in modes and np.abs(T[k]).max(initial=0.0) > 1e-3]
     at = {'t': t} if robot.equations.timed else {}
-    low, high = robot.limits.lower, robot.limits.upper
+    low = robot.limits.lower
+    high = robot.limits.upper
     if rng.random() < 0.7 or not joints or ((q < low) | (q > high)).any():
         return robot, u, False
     k = int(rng.choice(joints))
     place = robot.model.places[k]
     robot = robot.copy()
-    lower, upper = low.copy(), high.copy()
+    lower = low.copy()
+    upper = high.copy()
     (lower if rng.random() < 0.5 else upper)[place] = q[place]
     if not lower[place] < upper[place]:
         return robot, u, False
@@ -407,11 +436,12 @@ def with_a_stop(robot, mechanism, q, u, t, rng):
 
 
 def random_mechanism(rng):
-    """Return a random robot, its name, and a configuration near its closed ones or None."""
+    """Return a random robot, its name, and a configuration near closed ones."""
     robot, name, near = MAKERS[rng.integers(len(MAKERS))](rng)
     if rng.random() < 0.3:
         model = with_other_friction(robot.model, rng)
-        options = robot.options if near is None else robot.options | {'configuration': near}
+        options = robot.options if near is None else robot.options | {
+            'configuration': near}
         robot = Robot(model, **options)
     if rng.random() < 0.3:
         robot, near = with_random_drives(robot, near, rng)
@@ -433,7 +463,10 @@ def test_mechanisms_that_the_search_found_wrong_are_right(seed, number):
 @pytest.mark.slow
 @pytest.mark.timeout(SECONDS + 1200.0)
 def test_random_mechanisms_are_those_of_the_definition_and_of_pinocchio(capsys):
-    count, refused, failures, done = 0, Counter(), [], Counter()
+    count = 0
+    refused = Counter()
+    failures = []
+    done = Counter()
     with capsys.disabled():
         print(f'\nrandom search: seed {SEED}, {SECONDS:g} s', flush=True)
     end = time.monotonic() + SECONDS
@@ -460,7 +493,8 @@ def test_random_mechanisms_are_those_of_the_definition_and_of_pinocchio(capsys):
             with capsys.disabled():
                 print(failures[-1], flush=True)
     with capsys.disabled():
-        print(f'random search: {count} mechanisms, {len(failures)} wrong, {dict(done)}; refused: '
-              f'{sum(refused.values())}', *refused.most_common(12), sep='\n', flush=True)
+        print(f'random search: {count} mechanisms, {len(failures)} wrong, {dict(done)}; '
+              f'refused: {sum(refused.values())}', *refused.most_common(12),
+              sep='\n', flush=True)
     assert not failures, '\n'.join(failures)
     assert sum(refused.values()) <= REFUSED * count + 2

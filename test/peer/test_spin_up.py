@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 # Kane, Ryan & Banerjee, JGCD 10 (1987): 10 m of beam brought to 6 rad/s within 15 s.
-LENGTH, DENSITY, STIFFNESS, FINAL, DURATION = 10.0, 1.2, 14000.0, 6.0, 15.0
+LENGTH = 10.0
+DENSITY = 1.2
+STIFFNESS = 14000.0
+FINAL = 6.0
+DURATION = 15.0
 SEGMENTS = 24
 
 
@@ -30,21 +34,28 @@ def spun(foreshortening, duration=DURATION):
 
 
 def chain_of_segments(times):
-    """Return the tip's deflection of rigid segments with springs between, in MuJoCo, m."""
-    h, heavy = LENGTH / SEGMENTS, 1e9
-    mass, inertia = DENSITY * h, DENSITY * h**3 / 12.0
-    start, end = '', ''
+    """Return the tip's deflection of sprung rigid segments in MuJoCo, m."""
+    h = LENGTH / SEGMENTS
+    heavy = 1e9
+    mass = DENSITY * h
+    inertia = DENSITY * h**3 / 12.0
+    start = ''
+    end = ''
     for k in range(SEGMENTS):
-        spring = STIFFNESS / h * (2.0 if k == 0 else 1.0)  # clamped at the first one's root
-        start += (f'<body pos="{h if k else 0} 0 0"><joint axis="0 0 1" stiffness="{spring}"/>'
+        # Clamped at the first one's root.
+        spring = STIFFNESS / h * (2.0 if k == 0 else 1.0)
+        start += (f'<body pos="{h if k else 0} 0 0"><joint axis="0 0 1" '
+                  f'stiffness="{spring}"/>'
                   f'<inertial pos="{h / 2} 0 0" mass="{mass}" '
                   f'diaginertia="{inertia} {inertia} {inertia}"/>')
         end += '</body>'
     model = mujoco.MjModel.from_xml_string(
-        '<mujoco><option gravity="0 0 0" timestep="5e-4" integrator="RK4"/><worldbody><body>'
+        '<mujoco><option gravity="0 0 0" timestep="5e-4" '
+        'integrator="RK4"/><worldbody><body>'
         f'<joint axis="0 0 1" armature="{heavy}"/><inertial pos="0 0 0" mass="1" '
         f'diaginertia="1 1 1"/>{start}{end}</body></worldbody></mujoco>')
-    data, tips = mujoco.MjData(model), []
+    data = mujoco.MjData(model)
+    tips = []
     step = model.opt.timestep
     for t in times:
         while data.time < t - 0.5 * step:
@@ -63,7 +74,8 @@ def test_the_beam_lags_and_returns_as_a_chain_of_segments_does():
     assert -0.6 < tip.min() < -0.5  # it lags by half a metre
     assert 5.0 < run.t[tip.argmin()] < 9.0
     assert abs(tip[-1]) < 0.01 < np.abs(tip).max()  # and comes back
-    np.testing.assert_allclose(tip, expected, rtol=0.0, atol=0.01 * np.abs(expected).max())
+    np.testing.assert_allclose(tip, expected,
+                               rtol=0.0, atol=0.01 * np.abs(expected).max())
 
 
 def test_without_foreshortening_it_diverges():

@@ -1,10 +1,11 @@
-"""Our equations against SymPy's KanesMethod, derived here, and the bicycle of the literature."""
+"""Our equations against SymPy's KanesMethod, derived here, and the known bicycle."""
 
 from kane_dynamics import box, disc, ModelBuilder, point_mass, rod
-from kane_dynamics.mechanics.constraints import (Closure, knife_edge, PointVelocity, Prescribed,
-                                                 Rolling)
+from kane_dynamics.mechanics.constraints import (Closure, knife_edge, PointVelocity,
+                                                 Prescribed, Rolling)
 from kane_dynamics.mechanics.constraints.independent_speeds import closed_configuration
-from kane_dynamics.mechanics.constraints.speeds import absolute_rates, body_angular_velocity
+from kane_dynamics.mechanics.constraints.speeds import (absolute_rates,
+                                                        body_angular_velocity)
 import numpy as np
 import pytest
 import sympy as sp
@@ -23,10 +24,12 @@ def states(n_q, n, count=4):
 def test_rolling_disc():
     b = ModelBuilder('disc')
     b.body('disc', 'world', 'floating', turns='zxy', inertial=disc(2, 0.5, Y))
-    model, free = b.model(), ['disc/rz', 'disc/rx', 'disc/ry']
+    model = b.model()
+    free = ['disc/rz', 'disc/rx', 'disc/ry']
     ours = Ours(model, [Rolling('disc', 0.5, axis=Y)], independent=free)
     peer = Peer(model)
-    (upright, _), (wheel, centre) = peer.body('disc/rx'), peer.body('disc')
+    upright, _ = peer.body('disc/rx')
+    wheel, centre = peer.body('disc')
     N = peer.N
     contact = centre.vel(N) + wheel.ang_vel_in(N).cross(-0.5 * upright.z)
     travel = upright.x  # the rows are along travel, across it, and along the normal
@@ -35,9 +38,11 @@ def test_rolling_disc():
     agree(ours, derived, states(6, 3), forces=[0, 1, 2])
 
 
-@pytest.mark.parametrize('slope', [0.0, 0.4], ids=['Chaplygin sleigh', 'knife edge on an incline'])
+@pytest.mark.parametrize('slope', [0.0, 0.4],
+                         ids=['Chaplygin sleigh', 'knife edge on an incline'])
 def test_knife_edge(slope):
-    b = ModelBuilder('sleigh', gravity=9.81 * np.array([np.sin(slope), 0.0, -np.cos(slope)]))
+    b = ModelBuilder('sleigh',
+                     gravity=9.81 * np.array([np.sin(slope), 0.0, -np.cos(slope)]))
     b.body('sleigh', 'world', 'planar', inertial=box(3, (1, 0.4, 0.1), at=(0.3, 0.1, 0)))
     b.frame('blade', 'sleigh', at=(-0.4, 0.05, 0))
     model = b.model()
@@ -67,20 +72,23 @@ def test_four_bar(kind, labels):
     ours = Ours(model, [Closure('end', 'ground', kind, axis=Y)], independent=['crank'])
     assert ours.mechanism.kept == labels  # what happens across the plane is redundant
     peer = Peer(model)
-    v = peer.point('rocker', 0.7 * X).vel(peer.N)  # minus: the row is ground's less the end's
+    # minus: the row is ground's less the end's
+    v = peer.point('rocker', 0.7 * X).vel(peer.N)
     derived = peer.derived([-v.dot(peer.N.x), -v.dot(peer.N.z)], [0])
-    closed = [closed_configuration(ours.mechanism, (crank, 1 - crank, 1.5), fixed=['crank'])
-              for crank in (-1.0, 0.4, 1.3)]
+    closed = [closed_configuration(ours.mechanism, (crank, 1 - crank, 1.5),
+                                   fixed=['crank']) for crank in (-1.0, 0.4, 1.3)]
     agree(ours, derived, [(q, RNG.uniform(-3, 3, 1)) for q in closed], forces=labels)
 
 
 @pytest.mark.parametrize('speeds', ['relative', 'absolute'])
 def test_chain_of_pendulums(speeds):
-    n, b = 4, ModelBuilder('chain')
+    n = 4
+    b = ModelBuilder('chain')
     for k in range(n):
         b.body(f'link{k}', f'link{k - 1}' if k else 'world', axis=Y,
                at=(0, 0, -0.5) if k else (0, 0, 0),
-               inertial=rod(1 + k, (0, 0, 0), (0, 0, -0.5)) + point_mass(0.2, (0.1, 0, -0.3)))
+               inertial=rod(1 + k, (0, 0, 0), (0, 0, -0.5))
+               + point_mass(0.2, (0.1, 0, -0.3)))
     model = b.model()
     ours = Ours(model, speeds=absolute_rates if speeds == 'absolute' else None)
     peer = Peer(model, lambda u: u if speeds == 'relative' else
@@ -90,13 +98,15 @@ def test_chain_of_pendulums(speeds):
 
 def test_a_top_in_the_angular_velocity_of_its_own_axes():
     b = ModelBuilder('top')
-    b.body('top', 'world', 'spherical', turns='zxz',
-           inertial=disc(2, 0.3, Z, at=(0.02, 0, 0.4)) + rod(0.5, (0, 0, 0), (0.1, 0, 0.4)))
+    b.body(
+        'top', 'world', 'spherical', turns='zxz',
+        inertial=disc(2, 0.3, Z, at=(0.02, 0, 0.4)) + rod(0.5, (0, 0, 0), (0.1, 0, 0.4)))
     ours = Ours(b.model(), speeds=body_angular_velocity('top'))
 
     def rates(u):
         q1, q2 = me.dynamicsymbols('q1 q2')  # nutation and spin
-        s, c = sp.sin(q2), sp.cos(q2)
+        s = sp.sin(q2)
+        c = sp.cos(q2)
         precession = (u[0] * s + u[1] * c) / sp.sin(q1)
         return [precession, u[0] * c - u[1] * s, u[2] - precession * sp.cos(q1)]
     agree(ours, Peer(b.model(), rates).derived(),
@@ -104,7 +114,8 @@ def test_a_top_in_the_angular_velocity_of_its_own_axes():
 
 
 def test_an_auxiliary_speed_gives_the_bearing_torque_of_two_rods():
-    m, L = 1.3, 0.4
+    m = 1.3
+    L = 0.4
     b = ModelBuilder('two rods')
     b.body('turn', axis=Y)
     b.body('A', 'turn', axis=X, inertial=rod(2 * m, (0, 0, 0), 4 * L * Z))
@@ -127,9 +138,10 @@ def test_an_auxiliary_speed_gives_the_bearing_torque_of_two_rods():
     B_com = P.locatenew('Bc', -L * B.y)
     B_com.v2pt_theory(P, N, B)
     thin = m * L**2
-    rods = [me.RigidBody('A', A_com, A, 2 * m, (me.inertia(A, 8 * thin / 3, 8 * thin / 3, 0),
-                                                A_com)),
-            me.RigidBody('B', B_com, B, m, (me.inertia(B, thin / 3, 0, thin / 3), B_com))]
+    rods = [
+        me.RigidBody('A', A_com, A, 2 * m,
+                     (me.inertia(A, 8 * thin / 3, 8 * thin / 3, 0), A_com)),
+        me.RigidBody('B', B_com, B, m, (me.inertia(B, thin / 3, 0, thin / 3), B_com))]
     method = me.KanesMethod(N, [q1, q2], [u1, u2], [q1.diff() - u1, q2.diff() - u2],
                             u_auxiliary=[u3])
     method.kanes_equations(rods, [(A, T * A.x), *((r.masscenter, -9.81 * r.mass * N.z)
@@ -137,7 +149,8 @@ def test_an_auxiliary_speed_gives_the_bearing_torque_of_two_rods():
     torque = sp.solve(method.auxiliary_eqs[0], T)[0]
     rates = sp.symbols('a1 a2')
     torque = torque.subs({u1.diff(): rates[0], u2.diff(): rates[1]})
-    function = sp.lambdify([q1, q2, u1, u2, *rates], [method.mass_matrix, method.forcing, torque])
+    function = sp.lambdify([q1, q2, u1, u2, *rates],
+                           [method.mass_matrix, method.forcing, torque])
     for (p1, p2), u in states(2, 2):
         q = np.array([p1, 0.0, p2])
         udot = ours.forward_dynamics(q, u, np.zeros(2)).astype(float)
@@ -158,11 +171,15 @@ def test_a_shaken_pendulum_and_the_force_that_shakes_it():
     peer = Peer(model)
     tree = peer.derived()
     for t in (0.0, 0.7):
-        q, u = np.array([0.3 * np.sin(4 * t), 0.6]), np.array([1.1])
+        q = np.array([0.3 * np.sin(4 * t), 0.6])
+        u = np.array([1.1])
         theirs = tree(q, np.array([1.2 * np.cos(4 * t), u[0]]))
-        M, bias, given = theirs['mass_matrix'], theirs['bias'], -4.8 * np.sin(4 * t)
-        udot = -(bias[1] + M[1, 0] * given) / M[1, 1]
-        np.testing.assert_allclose(ours.forward_dynamics(q, u, np.zeros(1), t).astype(float),
-                                   [udot], rtol=1e-9)
+        M = theirs['mass_matrix']
+        bias = theirs['bias']
+        acceleration = -4.8 * np.sin(4 * t)
+        udot = -(bias[1] + M[1, 0] * acceleration) / M[1, 1]
+        np.testing.assert_allclose(
+            ours.forward_dynamics(q, u, np.zeros(1), t).astype(float),
+            [udot], rtol=1e-9)
         np.testing.assert_allclose(ours.constraint_forces(q, u, t),
-                                   [M[0] @ [given, udot] + bias[0]], rtol=1e-9)
+                                   [M[0] @ [acceleration, udot] + bias[0]], rtol=1e-9)

@@ -1,7 +1,8 @@
-"""An FR3 with elastic joints moves as MuJoCo's, whose joints have a rotor and a spring each."""
+"""An FR3 with elastic joints moves as MuJoCo's with a rotor and a spring each."""
 
 from kane_dynamics import (Drive, load_urdf, ModelError, Motion, MotorSideControl,
-                           natural_vibration, Robot, simulate, StiffnessCurve, with_drives)
+                           natural_vibration, Robot, simulate, StiffnessCurve,
+                           with_drives)
 from kane_dynamics._util.resources import resource_path
 import numpy as np
 import pytest
@@ -28,7 +29,8 @@ def in_mujoco(model, **options):
 
 def test_accelerations_of_links_and_motors_are_those_of_mujoco():
     model = arm()
-    robot, peer = Robot(model, friction=False), in_mujoco(model, friction=False)
+    robot = Robot(model, friction=False)
+    peer = in_mujoco(model, friction=False)
     rng = np.random.default_rng(0)
     for _ in range(5):
         q = np.tile(HOME, 2) + 0.1 * rng.normal(size=14)
@@ -65,21 +67,25 @@ def test_the_arm_in_mujoco_refuses_what_mujoco_lacks():
 @pytest.mark.slow
 def test_the_elastic_feedforward_leaves_a_twentieth_of_the_vibration_of_the_rigid_one():
     model = arm(stiffness=5000.0, damping=0.2)
-    robot, peer = Robot(model), in_mujoco(model, step=2.5e-4, integrator='RK4')
+    robot = Robot(model)
+    peer = in_mujoco(model, step=2.5e-4, integrator='RK4')
     armature = {name: {'armature': 0.3} for name in JOINTS}
     rigid = Robot(load_urdf(URDF, joints=JOINTS, supplement={'joints': armature}))
-    first = natural_vibration(robot, np.tile(HOME, 2), held=[f'{name}_motor' for name in JOINTS])
+    first = natural_vibration(robot, np.tile(HOME, 2),
+                              held=[f'{name}_motor' for name in JOINTS])
     assert 5.0 < first.frequencies[0] / (2.0 * np.pi) < 12.0  # Hz
 
     # A fast move with four continuous derivatives, torques held for cycles of 1 ms.
     shape = np.polynomial.Polynomial([0, 0, 0, 0, 0, 126, -420, 540, -315, 70])
-    duration, cycle = 0.5, 1e-3
+    duration = 0.5
+    cycle = 1e-3
     t = np.linspace(0.0, duration, 101)
     move = np.array([0.7, 0.4, -0.4, 0.5, 0.4, -0.4, 0.5])
     rows = [np.outer(shape.deriv(k)(t / duration) / duration**k, move) for k in (1, 2)]
     motion = Motion.from_points(t, HOME + np.outer(shape(t / duration), move), *rows,
                                 joint_names=JOINTS)
-    kp, kd = 300.0, 20.0
+    kp = 300.0
+    kd = 20.0
     control = MotorSideControl(robot, motion, kp=kp, kd=kd)
     times = np.arange(0.0, duration + 0.4, cycle)
     elastic = control.command(times)
@@ -87,7 +93,8 @@ def test_the_elastic_feedforward_leaves_a_twentieth_of_the_vibration_of_the_rigi
     sag = elastic.positions[0] - HOME
     middles = times + 0.5 * cycle
     commands = {
-        'elastic': (elastic.positions, elastic.velocities, control.command(middles).torques),
+        'elastic': (elastic.positions, elastic.velocities,
+                    control.command(middles).torques),
         'rigid': (q + sag, u, rigid.inverse_dynamics(*motion.sample(middles)))}
     vibration = {}
     for name, command in commands.items():
@@ -98,7 +105,7 @@ def test_the_elastic_feedforward_leaves_a_twentieth_of_the_vibration_of_the_rigi
             feedback = kp * (theta - q[7:]) + kd * (rate - u[7:])
             peer.step(np.concatenate([np.zeros(7), torque + feedback]), 4)
             places.append(peer.position('fr3_link8'))
-        after = np.array(places)[times >= duration]
-        vibration[name] = np.ptp(after, axis=0).max()
+        afterwards = np.array(places)[times >= duration]
+        vibration[name] = np.ptp(afterwards, axis=0).max()
     assert vibration['rigid'] > 1e-3  # m
     assert vibration['elastic'] < vibration['rigid'] / 20.0
