@@ -15,8 +15,10 @@ NOTEBOOK = ROOT / 'examples' / 'first_hour.ipynb'
 def results(notebook):
     """Return the printed text, and the kinds of further output, of each cell."""
     cells = [cell for cell in notebook.cells if cell.cell_type == 'code']
-    printed = [''.join(output.text for output in cell.outputs if output.output_type == 'stream')
-               for cell in cells]
+    printed = []
+    for cell in cells:
+        printed.append(''.join(output.text for output in cell.outputs
+                               if output.output_type == 'stream'))
     kinds = [{kind for output in cell.outputs for kind in output.get('data', ())}
              for cell in cells]
     return printed, kinds

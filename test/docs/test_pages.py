@@ -3,7 +3,8 @@
 import pkgutil
 import re
 
-from documents import blocks, compare, PAGES, path_in_checkout, ROOT, starts_nodes, work_through
+from documents import (blocks, compare, PAGES, path_in_checkout, ROOT, starts_nodes,
+                       work_through)
 from kane_dynamics.errors import InputError
 import pytest
 import yaml
@@ -19,7 +20,8 @@ pages = pytest.mark.parametrize('page', PAGES, ids=path_in_checkout)
                          ids=path_in_checkout)
 def test_code_on_a_page_prints_the_output_that_the_page_shows(page, tmp_path):
     for library in OPTIONAL:
-        if re.search(rf'^import {library}$', page.read_text(encoding='utf-8'), re.MULTILINE):
+        if re.search(rf'^import {library}$', page.read_text(encoding='utf-8'),
+                     re.MULTILINE):
             pytest.importorskip(library)
     work_through(page, tmp_path)
 
@@ -29,7 +31,8 @@ def test_every_block_is_run_or_says_why_not(page):
     for block in blocks(page):
         assert block.language in LANGUAGES, block.text
         assert bool(block.reason) == (block.language == 'sh'), block.text
-        assert block.file or block.language != 'c', block.text  # a command compiles the file
+        # A command compiles the file.
+        assert block.file or block.language != 'c', block.text
     assert not re.search(r'^    (?:\$ |kane-dynamics |make |ros2 )', page.read_text(),
                          re.MULTILINE), 'a command outside of a block'
 
@@ -54,7 +57,8 @@ def test_ros_commands_and_parameters_exist(page):
 @pytest.mark.parametrize('line', [
     'ros2 launch kane_dynamics kane_dynamics.launch.py configuration:=ur10e.yaml',
     'ros2 launch kane_dynamics kane_dynamics.launch.py config:=ur10f.yaml',
-    'ros2 param set /kane_dynamics gains.kq 1.0', 'ros2 param set /kane_dynamics gains.kp -1.0',
+    'ros2 param set /kane_dynamics gains.kq 1.0',
+    'ros2 param set /kane_dynamics gains.kp -1.0',
     'ros2 param set /kane_dynamics urdf a.urdf', 'dynamics_node --ros-args -p mod:=a',
     'ros2 topic echo /kane_dynamics/joint_torque', 'ros2 run kane_dynamics dynamic_node',
     'ros2 service call /x/set_payload kane_dynamics_interfaces/srv/SetPayload "{m: 1}"',
@@ -79,7 +83,10 @@ def test_wrong_words_and_numbers_are_found(tmp_path):
 
 
 def test_there_is_something_to_run():
-    languages = [block.language for page in PAGES for block in blocks(page)]
+    languages = []
+    for page in PAGES:
+        for block in blocks(page):
+            languages.append(block.language)
     assert languages.count('python') > 5
     assert languages.count('console') > 5
 

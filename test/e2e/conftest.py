@@ -22,7 +22,7 @@ if rclpy is not None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Nodes run in real time, and so does the demo: such tests stand no other work beside them."""
+    """Nodes and the demo run in real time: such tests have no other work beside them."""
     for item in items:
         if item.path.name.startswith(('test_node', 'test_demo')):
             item.add_marker(pytest.mark.timed)

@@ -32,8 +32,10 @@ STATE_WORDS = ['--q', '0.3', '-1e-3', '--u', '0.5,-0.2', '--udot', '1', '2']
 def expected(q, u, udot, damping=0.5):
     """Return the arm's inverse dynamics by hand, (..., 2)."""
     (q0, q1), (u0, u1), (a0, a1) = np.moveaxis(np.array([q, u, udot]), -1, 1)
-    r, g = 0.8 + q1, 9.81
-    lift = ((0.65 + r ** 2) * a0 + 2 * r * u0 * u1 - g * (1.0 + r) * np.cos(q0) + damping * u0)
+    r = 0.8 + q1
+    g = 9.81
+    lift = ((0.65 + r ** 2) * a0 + 2 * r * u0 * u1 - g * (1.0 + r) * np.cos(q0)
+            + damping * u0)
     return np.stack([lift, a1 - r * u0 ** 2 - g * np.sin(q0)], axis=-1)
 
 
@@ -56,7 +58,8 @@ def answer(capsys):
 
 def process(*arguments, text=None):
     """Run a command as a process of its own."""
-    return subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', *arguments], input=text,
+    return subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', *arguments],
+                          input=text,
                           capture_output=True, text=True, check=False, timeout=120)
 
 
@@ -80,12 +83,14 @@ def test_torque_prints_a_table_and_json_that_a_process_can_read(urdf):
     done = process('torque', urdf, *STATE_WORDS)
     assert done.returncode == 0 and done.stderr == ''
     header, lift, reach = (line.split() for line in done.stdout.splitlines())
-    assert header == ['joint', 'torque', 'inertia', 'coriolis', 'gravity', 'friction', 'spring']
+    assert header == ['joint', 'torque', 'inertia', 'coriolis', 'gravity', 'friction',
+                      'spring']
     assert lift[0] == 'lift' and lift[2:4] == ['N', 'm'] and reach[2] == 'N'
     assert float(lift[1]) == pytest.approx(expected(*STATE)[0], rel=1e-5)
     done = process('torque', '-', '--json', *STATE_WORDS, text=ARM)
     assert done.returncode == 0
-    np.testing.assert_allclose(json.loads(done.stdout)['tau'], expected(*STATE), rtol=1e-13)
+    np.testing.assert_allclose(json.loads(done.stdout)['tau'], expected(*STATE),
+                               rtol=1e-13)
 
 
 def test_torque_terms_add_up_and_friction_can_be_left_out(urdf, answer):
@@ -97,7 +102,8 @@ def test_torque_terms_add_up_and_friction_can_be_left_out(urdf, answer):
 
 
 def test_gravity_and_joints_choose_what_is_computed(urdf, answer):
-    got = answer('torque', urdf, '--gravity', '0', '0', '0', '--joints', 'reach', '--udot', '3')
+    got = answer('torque', urdf, '--gravity', '0', '0', '0', '--joints', 'reach',
+                 '--udot', '3')
     assert got['joint_names'] == ['reach'] and got['tau'] == pytest.approx([3.0])
     got = answer('torque', urdf, '--joints', 'reach,lift', '--q', '0.1', '0.3')
     np.testing.assert_allclose(got['tau'][::-1], expected([0.3, 0.1], [0, 0], [0, 0]))
@@ -114,10 +120,12 @@ def test_torque_of_a_trajectory_is_that_of_each_row(urdf, tmp_path, given, capsy
         columns |= {'u__lift': u[:, 0], 'u__reach': u[:, 1],
                     'udot__reach': udot[:, 1], 'udot__lift': udot[:, 0]}
     path = write(tmp_path / 'motion.csv', **columns)
-    assert main(['torque', urdf, '--trajectory', path, '--out', str(tmp_path / 'o.csv')]) == 0
+    assert main(['torque', urdf, '--trajectory', path, '--out',
+                 str(tmp_path / 'o.csv')]) == 0
     got = rows(tmp_path / 'o.csv')
     tau = np.stack([got['tau.lift'], got['tau.reach']], axis=1)
-    inner = slice(None) if given == 'everything' else slice(20, -20)  # splines rest at the ends
+    # Splines rest at the ends.
+    inner = slice(None) if given == 'everything' else slice(20, -20)
     np.testing.assert_allclose(tau[inner], expected(q, u, udot)[inner], rtol=0,
                                atol=1e-12 if given == 'everything' else 1e-3)
     capsys.readouterr()
@@ -138,12 +146,14 @@ points:
     got = answer('torque', urdf, '--trajectory', str(path))
     assert (got['t'][0], got['t'][-1]) == (0.0, 1.5)
     np.testing.assert_allclose([got['tau'][0], got['tau'][-1]], expected(
-        [[0.2, 0.1], [0.3, 0.2]], [[0.4, 0.3], [1.1, 1.0]], [[0.6, 0.5], [1.3, 1.2]]), rtol=1e-9)
+        [[0.2, 0.1], [0.3, 0.2]], [[0.4, 0.3], [1.1, 1.0]], [[0.6, 0.5], [1.3, 1.2]]),
+                               rtol=1e-9)
 
 
 def test_simulate_saves_draws_and_sums_up_as_a_process(urdf, tmp_path):
-    done = process('simulate', urdf, '--q0', '0.5', '0.1', '--duration', '0.5', '--no-friction',
-                   '--out', str(tmp_path / 'fall.npz'), '--plot', str(tmp_path / 'fall.png'))
+    done = process(
+        'simulate', urdf, '--q0', '0.5', '0.1', '--duration', '0.5', '--no-friction',
+        '--out', str(tmp_path / 'fall.npz'), '--plot', str(tmp_path / 'fall.png'))
     assert done.returncode == 0 and done.stderr == ''
     trajectory = Trajectory.load_npz(tmp_path / 'fall.npz')
     total = trajectory.energy.sum(axis=1)
@@ -156,13 +166,16 @@ def test_simulate_saves_draws_and_sums_up_as_a_process(urdf, tmp_path):
 def test_simulate_holds_a_constant_torque_or_the_rows_of_a_file(urdf, tmp_path, answer):
     start = ['simulate', urdf, '--q0', '0.2', '0', '--duration', '0.2']
     one = answer(*start, '--torque', '-5', '1')
-    path = write(tmp_path / 'tau.csv', t=[0.0, 0.1], tau__lift=[-5.0, -5.0], tau__reach=[1.0, 1.0])
+    path = write(tmp_path / 'tau.csv', t=[0.0, 0.1], tau__lift=[-5.0, -5.0],
+                 tau__reach=[1.0, 1.0])
     assert answer(*start, '--torque', path)['q'] == one['q']
-    path = write(tmp_path / 'tau.csv', t=[0.0, 0.1], tau__lift=[-5.0, 9.0], tau__reach=[1.0, 1.0])
-    other = answer(*start, '--torque', path, '--out', str(tmp_path / 'out.csv'))
-    assert other['q'][0] > one['q'][0]
+    path = write(tmp_path / 'tau.csv', t=[0.0, 0.1], tau__lift=[-5.0, 9.0],
+                 tau__reach=[1.0, 1.0])
+    other_result = answer(*start, '--torque', path, '--out', str(tmp_path / 'out.csv'))
+    assert other_result['q'][0] > one['q'][0]
     got = rows(tmp_path / 'out.csv')
-    np.testing.assert_array_equal(got['tau.lift'], np.where(got['t'] < 0.0999, -5.0, 9.0))
+    np.testing.assert_array_equal(got['tau.lift'],
+                                  np.where(got['t'] < 0.0999, -5.0, 9.0))
 
 
 def test_simulate_follows_a_motion_from_its_first_point(urdf, tmp_path, answer):
@@ -180,15 +193,17 @@ def test_plot_of_chooses_the_picture(urdf, tmp_path, monkeypatch):
     import kane_dynamics.plot as plot
     drawn = []
     for name in ('tracking', 'energy', 'torque_by_source', 'phase'):
-        monkeypatch.setattr(plot, f'plot_{name}', lambda *given, name=name, **_: drawn.append(
-            (name, given)))
-    path = write(tmp_path / 'motion.csv', t=[0.0, 0.5], q__lift=[0.3, -0.4], q__reach=[0.0, 0.2])
+        monkeypatch.setattr(plot, f'plot_{name}',
+                            lambda *given, name=name, **_: drawn.append((name, given)))
+    path = write(tmp_path / 'motion.csv', t=[0.0, 0.5], q__lift=[0.3, -0.4],
+                 q__reach=[0.0, 0.2])
     assert main(['torque', urdf, '--trajectory', path, '--plot', 'a.png']) == 0
     name, (_, trajectory, file) = drawn.pop()
     assert (name, file) == ('torque_by_source', 'a.png')
     np.testing.assert_allclose(trajectory.tau, expected(trajectory.q, trajectory.u,
                                                         trajectory.udot), rtol=1e-12)
-    run = ['simulate', urdf, '--motion', path, '--kp', '900', '--kd', '60', '--plot', 'b.svg']
+    run = ['simulate', urdf, '--motion', path, '--kp', '900', '--kd', '60', '--plot',
+           'b.svg']
     for what in ('energy', 'phase', 'tracking'):
         assert main([*run, '--plot-of', what]) == 0
         assert drawn[-1][0] == what and 'b.svg' in drawn[-1][1]
@@ -197,14 +212,16 @@ def test_plot_of_chooses_the_picture(urdf, tmp_path, monkeypatch):
     assert desired[-1] == pytest.approx([-0.4, 0.2]) and t[-1] == pytest.approx(0.5)
 
 
-def test_torques_written_by_torque_drive_simulate_along_the_same_motion(urdf, tmp_path, answer):
+def test_torques_written_by_torque_drive_simulate_along_the_same_motion(
+        urdf, tmp_path, answer):
     t = np.linspace(0.0, 1.0, 1001)
-    path = write(tmp_path / 'm.csv', t=t, q__lift=0.3 * np.cos(2 * t), q__reach=0.1 * np.sin(t),
+    path = write(tmp_path / 'm.csv', t=t, q__lift=0.3 * np.cos(2 * t),
+                 q__reach=0.1 * np.sin(t),
                  u__lift=-0.6 * np.sin(2 * t), u__reach=0.1 * np.cos(t),
                  udot__lift=-1.2 * np.cos(2 * t), udot__reach=-0.1 * np.sin(t))
     main(['torque', urdf, '--trajectory', path, '--out', str(tmp_path / 'tau.csv')])
-    end = process('simulate', urdf, '--torque', str(tmp_path / 'tau.csv'), '--q0', '0.3', '0',
-                  '--u0', '0', '0.1', '--json')
+    end = process('simulate', urdf, '--torque', str(tmp_path / 'tau.csv'), '--q0', '0.3',
+                  '0', '--u0', '0', '0.1', '--json')
     np.testing.assert_allclose(json.loads(end.stdout)['q'],
                                [0.3 * np.cos(2.0), 0.1 * np.sin(1.0)], atol=2e-2)
 
@@ -212,7 +229,8 @@ def test_torques_written_by_torque_drive_simulate_along_the_same_motion(urdf, tm
 def test_inspect_tells_tree_masses_limits_and_operations(urdf, answer):
     done = process('inspect', urdf)
     assert done.returncode == 0
-    for words in ('2 degrees of freedom', '3 kg', 'lift', '-3 to 3', 'reach', 'prismatic',
+    for words in ('2 degrees of freedom', '3 kg', 'lift', '-3 to 3', 'reach',
+                  'prismatic',
                   'range [rad, m]', 'speed [rad/s, m/s]', 'effort [N m, N]'):
         assert words in done.stdout
     assert 'multiplications' not in done.stdout
@@ -224,7 +242,8 @@ def test_inspect_tells_tree_masses_limits_and_operations(urdf, answer):
     assert facts['operations']['inverse_dynamics']['multiplications'] > 0
 
 
-def test_inspect_reports_warnings_and_unlimited_joints_are_null_in_json(tmp_path, answer):
+def test_inspect_reports_warnings_and_unlimited_joints_are_null_in_json(
+        tmp_path, answer):
     path = tmp_path / 'arm.urdf'
     path.write_text(ARM.replace('effort="60"', 'effort="0"'))
     facts = answer('inspect', str(path))
@@ -232,7 +251,8 @@ def test_inspect_reports_warnings_and_unlimited_joints_are_null_in_json(tmp_path
     assert facts['bodies'][0]['limits']['effort'] is None
 
 
-def test_an_impossible_inertia_is_refused_unless_no_strict_makes_it_a_warning(tmp_path, capsys):
+def test_an_impossible_inertia_is_refused_unless_no_strict_makes_it_a_warning(
+        tmp_path, capsys):
     path = tmp_path / 'arm.urdf'
     path.write_text(ARM.replace('ixx="0.05"', 'ixx="-0.05"'))
     assert main(['torque', str(path)]) == 2
@@ -251,7 +271,8 @@ MIMIC = ARM.replace('</robot>', """
 
 
 @pytest.mark.parametrize('text', [ARM, MIMIC], ids=['plain', 'mimic'])
-@pytest.mark.parametrize('part', [[], ['--joints', 'reach'], ['--gravity', '1', '2', '3']])
+@pytest.mark.parametrize('part',
+                         [[], ['--joints', 'reach'], ['--gravity', '1', '2', '3']])
 def test_inspect_agrees_with_pinocchio(tmp_path, text, part, answer):
     pytest.importorskip('pinocchio')
     (tmp_path / 'arm.urdf').write_text(text)
@@ -307,7 +328,8 @@ def test_bench_says_why_there_is_no_comparison(tmp_path, answer):
     (['simulate', 'URDF', '--torque', '1'], ['--torque', 'expected 2']),
     (['simulate', 'URDF', '--plot', 'x.txt'], ['x.txt', '.png']),
     (['simulate', 'URDF', '--plot-of', 'energy'], ['energy', '--plot']),
-    (['simulate', 'URDF', '--plot', 'x.png', '--plot-of', 'tracking'], ['tracking', '--motion']),
+    (['simulate', 'URDF', '--plot', 'x.png', '--plot-of', 'tracking'],
+     ['tracking', '--motion']),
     (['simulate', 'URDF', '--out', '/no/dir/x.csv', '--duration', '0.01'], ['/no/dir']),
 ])
 def test_bad_input_exits_2_and_says_what_was_wrong(urdf, arguments, words, capsys):
@@ -333,18 +355,21 @@ def test_bad_usage_exits_2(arguments, capsys):
 
 def test_names_that_look_like_numbers_are_names(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / '2025_11').write_text(ARM.replace('"fore"', '"-2"').replace('"base"', '"1"'))
+    (tmp_path / '2025_11').write_text(
+        ARM.replace('"fore"', '"-2"').replace('"base"', '"1"'))
     (tmp_path / '20251102').write_text('t,lift,reach\n0,0,-1e-3\n1,0,0\n')
     for out in ('5', '-6'):
         assert main(['torque', '2025_11', '--base', '1', '--tip', '-2', '--trajectory',
                      '20251102', '--out', out]) == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ['-6', '20251102', '2025_11', '5']
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        '-6', '20251102', '2025_11', '5']
     assert rows(tmp_path / '5')['q.reach'].tolist() == [-1e-3, 0.0]
     assert main(['export', '2025_11', '--wrench-frames', '-2', '--payload-frame', '1',
                  '--kernel', 'gravity_force', '-o', 'arm.c']) == 0
 
 
-@pytest.mark.parametrize('arguments', [['--help'], ['torque', '--help'], ['simulate', '-h']])
+@pytest.mark.parametrize('arguments',
+                         [['--help'], ['torque', '--help'], ['simulate', '-h']])
 def test_help_exits_0(arguments, capsys):
     with pytest.raises(SystemExit) as left:
         main(arguments)
@@ -352,9 +377,11 @@ def test_help_exits_0(arguments, capsys):
 
 
 @pytest.mark.parametrize(('module', 'arguments', 'words'), [
-    ('matplotlib', ['simulate', '--plot', 'x.png'], ["'matplotlib'", 'kane_dynamics[plot]']),
+    ('matplotlib', ['simulate', '--plot', 'x.png'],
+     ["'matplotlib'", 'kane_dynamics[plot]']),
     ('viser', ['view'], ["'viser'", 'kane_dynamics[view]']),
-    ('pinocchio', ['inspect', '--against', 'pinocchio'], ['Pinocchio', 'pip install pin']),
+    ('pinocchio', ['inspect', '--against', 'pinocchio'],
+     ['Pinocchio', 'pip install pin']),
 ])
 def test_a_missing_extra_is_named_with_what_to_install(urdf, module, arguments, words,
                                                        monkeypatch, capsys):
@@ -372,20 +399,22 @@ def test_a_malformed_urdf_leaves_no_traceback(tmp_path):
     (tmp_path / 'bad.urdf').write_text('<robot><link name="a">')
     done = process('inspect', str(tmp_path / 'bad.urdf'))
     assert done.returncode == 2
-    assert done.stderr.startswith('kane-dynamics: error: ') and 'Traceback' not in done.stderr
+    assert done.stderr.startswith('kane-dynamics: error: ')
+    assert 'Traceback' not in done.stderr
 
 
 @pytest.mark.timed
 def test_torque_of_a_known_urdf_costs_little_more_than_its_imports(tmp_path):
-    """By processor time, compared with numpy and llvmlite, without which nothing is computed."""
+    """By processor time, compared with numpy and llvmlite, which it needs to compute."""
     environment = {**os.environ, 'KANE_DYNAMICS_CACHE': str(tmp_path / 'kept')}
 
     def seconds(*arguments):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        usage_before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run([sys.executable, *arguments], check=True, capture_output=True,
                        env=environment, timeout=100)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        usage_after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return (usage_after.ru_utime + usage_after.ru_stime - usage_before.ru_utime
+                - usage_before.ru_stime)
     torque = ['-m', 'kane_dynamics.cli', 'torque', 'urdf/fr3.urdf']
     first = seconds(*torque)
     imports = ['-c', 'import numpy, llvmlite.binding, argparse, json, csv, inspect']
@@ -394,7 +423,8 @@ def test_torque_of_a_known_urdf_costs_little_more_than_its_imports(tmp_path):
     assert min(pairs)[0] < 0.8 * first  # which reads the URDF and compiles
 
 
-@pytest.mark.parametrize('words', [['--help'], ['torque', '--help'], ['torque', 'missing.urdf']])
+@pytest.mark.parametrize('words',
+                         [['--help'], ['torque', '--help'], ['torque', 'missing.urdf']])
 def test_a_command_imports_no_other_commands_libraries(words):
     program = """
 import sys
@@ -407,6 +437,6 @@ print(*(name for name in sys.modules if name in {
     'scipy', 'yaml', 'yourdfpy', 'pyarrow', 'kane_dynamics.identification',
     'kane_dynamics.sweep'}))
 """
-    done = subprocess.run([sys.executable, '-c', program, *words], check=True, timeout=60,
-                          capture_output=True, text=True)
+    done = subprocess.run([sys.executable, '-c', program, *words],
+                          check=True, timeout=60, capture_output=True, text=True)
     assert done.stdout.splitlines()[-1] == ''

@@ -17,7 +17,7 @@ LACKING = np.array([0.3, -0.2])  # N m, of Coulomb friction
 
 @pytest.fixture
 def recording(tmp_path):
-    """Return a CSV file of a motion without contact, with other friction than the model's."""
+    """Return a CSV file of a motion without contact, with unmodelled friction."""
     t, q, u, udot = exciting(2, 1, duration=12.0, rate=200.0)
     robot = Robot(load_urdf(URDF))
     tau = robot.inverse_dynamics(q, u, udot) + LACKING * np.tanh(u / 0.05)
@@ -38,8 +38,12 @@ def test_the_parameter_file_has_thresholds_and_friction_by_names_of_the_node(
     assert not printed.err
     assert f'wrote {out}' in printed.out
     observer = yaml.safe_load(out.read_text())['/**']['ros__parameters']['observer']
-    flat = {f'observer.{name}': value for name, value in observer.items() if name != 'friction'}
-    flat |= {f'observer.friction.{name}': value for name, value in observer['friction'].items()}
+    flat = {}
+    for name, value in observer.items():
+        if name != 'friction':
+            flat[f'observer.{name}'] = value
+    flat |= {f'observer.friction.{name}': value
+             for name, value in observer['friction'].items()}
     assert set(flat) <= set(BY_NAME)
     np.testing.assert_allclose(flat['observer.friction.coulomb'], LACKING, atol=0.02)
     assert flat['observer.friction.speed'] == pytest.approx([0.05, 0.05], rel=0.4)
@@ -54,7 +58,8 @@ def test_json_has_the_same_numbers_and_a_threshold_above_the_error(recording, ca
     assert data['joint_names'] == ['joint1', 'joint2']
     for threshold, error in zip(data['threshold'], data['error'], strict=True):
         assert threshold > 1.3 * error
-    assert data['node_parameters']['threshold'] == pytest.approx(data['threshold'], rel=1e-3)
+    assert data['node_parameters']['threshold'] == pytest.approx(data['threshold'],
+                                                                 rel=1e-3)
 
 
 def test_uncertain_parameters_raise_the_thresholds(recording, capsys):

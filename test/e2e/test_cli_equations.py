@@ -24,7 +24,8 @@ def derived(name, *options):
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
     return (sp.Matrix(answer['mass_matrix']), sp.Matrix(answer['bias_force']),
-            {body: sp.Matrix(table) for body, table in answer['partial_velocities'].items()})
+            {body: sp.Matrix(table)
+             for body, table in answer['partial_velocities'].items()})
 
 
 def zero(matrix):
@@ -46,11 +47,14 @@ def test_two_rods_come_out_as_the_lecture_prints_them():
     M, bias, partials = derived('two_rods')
     m, L, g, q1, q2, u1, u2 = sp.symbols('m L g q1 q2 u1 u2')
     third = sp.Rational(1, 3)
-    values = dict(zip(sp.symbols('m1 m2 r1 r2 l2 I1 I2'),
-                      (2 * m, m, 2 * L, L, 4 * L, 8 * third * m * L**2, third * m * L**2)))
-    s2, c2 = sp.sin(q2), sp.cos(q2)
+    values = dict(
+        zip(sp.symbols('m1 m2 r1 r2 l2 I1 I2'),
+            (2 * m, m, 2 * L, L, 4 * L, 8 * third * m * L**2, third * m * L**2)))
+    s2 = sp.sin(q2)
+    c2 = sp.cos(q2)
     in_A = sp.rot_axis3(-q2)  # columns: B's axes in A's
-    I_A, I_B = sp.diag(1, 1, 0) * values[sp.Symbol('I1')], sp.diag(1, 0, 1) * third * m * L**2
+    I_A = sp.diag(1, 1, 0) * values[sp.Symbol('I1')]
+    I_B = sp.diag(1, 0, 1) * third * m * L**2
     lecture = {  # omega, then v of the center of mass, in the axes of A
         'rod_a': sp.Matrix([[0, 0], [1, 0], [0, 0], [2 * L, 0], [0, 0], [0, 0]]),
         'rod_b': sp.Matrix([[0, 0], [1, 0], [0, 1],
@@ -61,13 +65,18 @@ def test_two_rods_come_out_as_the_lecture_prints_them():
     expected = sp.zeros(2, 2)
     for mass, inertia, table in ((2 * m, I_A, lecture['rod_a']),
                                  (m, in_A * I_B * in_A.T, lecture['rod_b'])):
-        w, v = table[:3, :], table[3:, :]
+        w = table[:3, :]
+        v = table[3:, :]
         expected += mass * v.T * v + w.T * inertia * w
     assert zero(M.subs(values) - expected)
     weight = m * g * L * sp.Matrix([8 * sp.sin(q1) + sp.cos(q1) * s2, sp.sin(q1) * c2])
-    q, u = (q1, q2), (u1, u2)
-    christoffel = [sum((expected[r, i].diff(q[j]) - expected[i, j].diff(q[r]) / 2) * u[i] * u[j]
-                       for i in range(2) for j in range(2)) for r in range(2)]
+    q = (q1, q2)
+    u = (u1, u2)
+    christoffel = []
+    for r in range(2):
+        christoffel.append(
+            sum((expected[r, i].diff(q[j]) - expected[i, j].diff(q[r]) / 2) * u[i] * u[j]
+                for i in range(2) for j in range(2)))
     assert zero(bias.subs(values) - sp.Matrix(christoffel) + weight)
 
 
@@ -86,8 +95,8 @@ def test_velocity_propagates_along_the_planar_arm_as_the_lecture_prints_it():
 
 def test_a_process_names_every_symbol_and_counts_operations():
     done = subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'equations',
-                           str(URDF / 'two_link_planar.urdf')], capture_output=True, text=True,
-                          check=True, timeout=120)
+                           str(URDF / 'two_link_planar.urdf')],
+                          capture_output=True, text=True, check=True, timeout=120)
     assert 'M12 = I2zz + l2*m2*r2*cos(q2) + m2*r2**2' in done.stdout
     assert 'q2                joint2 [rad]; u2 is its rate' in done.stdout
     assert 'm2    2.4         mass of link2 [kg]' in done.stdout
@@ -107,7 +116,8 @@ def test_latex_goes_to_a_file(tmp_path):
 
 
 def test_the_table_of_partial_velocities_is_csv_and_markdown():
-    lines = list(csv.DictReader(equations('two_link_planar', '--csv').stdout.splitlines()))
+    lines = list(
+        csv.DictReader(equations('two_link_planar', '--csv').stdout.splitlines()))
     assert [line['v_y'] for line in lines] == ['r1', '0', 'l2*cos(q2) + r2', 'r2']
     header, _, *rows = equations('two_link_planar', '--markdown').stdout.splitlines()
     assert header == '| r | omega of link1 | v of link1 | omega of link2 | v of link2 |'

@@ -1,4 +1,4 @@
-"""Promises of `kane-dynamics feasible`: what fits, what would, and how much it may carry."""
+"""Promises of `kane-dynamics feasible`: what fits, and how much it may carry."""
 
 import json
 import math
@@ -36,29 +36,37 @@ def answer(capsys, *arguments, urdf=URDF):
 
 def test_a_motion_beyond_the_limits_is_named_and_exits_1(trajectory, tmp_path):
     picture = tmp_path / 'use.png'
-    done = subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'feasible', str(URDF),
-                           '--trajectory', trajectory, '--plot', str(picture)],
-                          capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run(
+        [sys.executable, '-m', 'kane_dynamics.cli', 'feasible', str(URDF),
+         '--trajectory', trajectory, '--plot', str(picture)],
+        capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 1, done.stderr
-    assert 'is NOT feasible' in done.stdout and 'highest feasible speed: 0.' in done.stdout
+    assert 'is NOT feasible' in done.stdout
+    assert 'highest feasible speed: 0.' in done.stdout
     assert "joint 'shoulder_lift_joint': speed" in done.stdout
     assert picture.read_bytes().startswith(b'\x89PNG')
 
 
 @pytest.mark.parametrize('jumps', [False, True])
-def test_motion_written_at_the_highest_speed_fits_with_no_room_left(trajectory, tmp_path, capsys,
-                                                                    jumps):
-    velocities, urdf = None, URDF
-    if jumps:  # cubics, whose accelerations jump where they, and so the efforts, are largest
-        velocities, urdf = np.zeros((4, 6)), tmp_path / 'swift.urdf'
+def test_motion_written_at_the_highest_speed_fits_with_no_room_left(
+        trajectory, tmp_path, capsys, jumps):
+    velocities = None
+    urdf = URDF
+    # cubics, whose accelerations jump where they, and so the efforts, are largest
+    if jumps:
+        velocities = np.zeros((4, 6))
+        urdf = tmp_path / 'swift.urdf'
         urdf.write_text(re.sub('velocity="[^"]*"', 'velocity="100"', URDF.read_text()))
         header = ','.join(['t', *(f'{what}.{name}' for what in 'qu' for name in NAMES)])
-        np.savetxt(trajectory, np.column_stack([TIMES, POINTS, velocities]), delimiter=',',
-                   comments='', header=header)
-    out, power = str(tmp_path / 'fits.csv'), [] if jumps else ['--power', '100']
-    code, data = answer(capsys, '--trajectory', trajectory, *power, '--out', out, urdf=urdf)
+        np.savetxt(trajectory, np.column_stack([TIMES, POINTS, velocities]),
+                   delimiter=',', comments='', header=header)
+    out = str(tmp_path / 'fits.csv')
+    power = [] if jumps else ['--power', '100']
+    code, data = answer(capsys, '--trajectory', trajectory, *power, '--out', out,
+                        urdf=urdf)
     expected = fastest(Robot(load_urdf(urdf)), Motion.from_points(
-        TIMES, POINTS, velocities, joint_names=NAMES), power=math.inf if jumps else 100.0)
+        TIMES, POINTS, velocities, joint_names=NAMES),
+                       power=math.inf if jumps else 100.0)
     assert code == 1 and expected.limit == ('effort' if jumps else 'power')
     assert data['fastest']['speed'] == pytest.approx(expected.speed)
     code, again = answer(capsys, '--trajectory', out, *power, urdf=urdf)
@@ -78,20 +86,24 @@ def test_payload_is_that_of_the_slower_motion(trajectory, capsys):
 
 
 def test_motion_that_fits_at_no_speed_says_why(trajectory, capsys):
-    main(['feasible', str(URDF), '--trajectory', trajectory, '--gravity', '0', '0', '-100'])
+    main(['feasible', str(URDF), '--trajectory', trajectory, '--gravity', '0', '0',
+          '-100'])
     assert 'at no speed: a limit is exceeded even at the lowest speed: joint' in (
         capsys.readouterr().out)
-    assert main(['feasible', str(URDF), '--trajectory', trajectory, '--gravity', '0', '0', '-100',
-                 '--out', 'none.csv']) == 2
+    assert main(['feasible', str(URDF), '--trajectory', trajectory, '--gravity', '0',
+                 '0', '-100', '--out', 'none.csv']) == 2
     assert 'no feasible speed' in capsys.readouterr().err
 
 
-def test_fastest_timing_is_written_and_satisfies_the_limits(trajectory, tmp_path, capsys):
-    out, picture = str(tmp_path / 'fastest.csv'), str(tmp_path / 'timing.png')
-    code, data = answer(capsys, '--trajectory', trajectory, '--time-optimal', '--out', out,
-                        '--plot', picture)
+def test_fastest_timing_is_written_and_satisfies_the_limits(
+        trajectory, tmp_path, capsys):
+    out = str(tmp_path / 'fastest.csv')
+    picture = str(tmp_path / 'timing.png')
+    code, data = answer(capsys, '--trajectory', trajectory, '--time-optimal', '--out',
+                        out, '--plot', picture)
     assert code == 0 and data['files'] == [out, picture]
-    assert data['active'] and {active['joint'] for active in data['active']} <= set(NAMES)
+    assert data['active']
+    assert {active['joint'] for active in data['active']} <= set(NAMES)
     code, checked = answer(capsys, '--trajectory', out)
     assert code == 0 and checked['fits']
     assert checked['duration'] == pytest.approx(data['duration'], rel=1e-9)
@@ -100,36 +112,41 @@ def test_fastest_timing_is_written_and_satisfies_the_limits(trajectory, tmp_path
 
 
 def test_fastest_timing_refuses_a_speed(trajectory, capsys):
-    assert main(['feasible', str(URDF), '--trajectory', trajectory, '--time-optimal', '--speed',
-                 '2']) != 0
-    assert '--speed: given with --time-optimal; expected one of them' in capsys.readouterr().err
+    assert main(['feasible', str(URDF), '--trajectory', trajectory, '--time-optimal',
+                 '--speed', '2']) != 0
+    assert ('--speed: given with --time-optimal; expected one of them'
+            in capsys.readouterr().err)
 
 
-def test_fastest_timing_keeps_limits_of_jerk_and_torque_rate(trajectory, capsys, tmp_path):
+def test_fastest_timing_keeps_limits_of_jerk_and_torque_rate(
+        trajectory, capsys, tmp_path):
     code, free = answer(capsys, '--trajectory', trajectory, '--time-optimal')
     out = str(tmp_path / 'fastest.csv')
-    code, data = answer(capsys, '--trajectory', trajectory, '--time-optimal', '--jerk', '300',
-                        '--torque-rate', '500', '--out', out)
+    code, data = answer(capsys, '--trajectory', trajectory, '--time-optimal', '--jerk',
+                        '300', '--torque-rate', '500', '--out', out)
     assert code == 0 and data['duration'] > free['duration']
     assert 0.99 < max(*data['uses']['jerk'], *data['uses']['torque_rate']) <= 1.0
     code, checked = answer(capsys, '--trajectory', out)
     assert code == 0 and checked['fits']
-    assert main(['feasible', str(URDF), '--trajectory', trajectory, '--time-optimal', '--jerk',
-                 '-1']) != 0
+    assert main(['feasible', str(URDF), '--trajectory', trajectory, '--time-optimal',
+                 '--jerk', '-1']) != 0
     assert 'jerk of joint' in capsys.readouterr().err
 
 
-def test_drives_of_a_supplement_are_compared_with_the_limits_of_motors_and_gears(tmp_path, capsys):
-    """Positions alone are a smooth motion of the links; stated speeds need a continuous jerk."""
+def test_drives_of_a_supplement_are_compared_with_the_limits_of_motors_and_gears(
+        tmp_path, capsys):
+    """Positions alone are a smooth motion of links; speeds need a continuous jerk."""
     driven = NAMES[:3]
     drive = {'stiffness': 20000.0, 'rotor_inertia': 2.0, 'gear_effort': 300.0}
     supplement = tmp_path / 'drives.yaml'
     supplement.write_text(json.dumps({'drives': dict.fromkeys(driven, drive)}))
-    path, fast = tmp_path / 'motion.csv', tmp_path / 'fast.csv'
+    path = tmp_path / 'motion.csv'
+    fast = tmp_path / 'fast.csv'
     table = np.column_stack([[0.0, 1.0, 2.0], 0.3 * POINTS[:3]])
     np.savetxt(path, table, delimiter=',', comments='', header=','.join(['t', *NAMES]))
-    given = ('--supplement', str(supplement), '--motion', str(path))
-    code, data = answer(capsys, *given, '--payload-frame', 'tool0', '--out', str(fast))
+    arguments = ('--supplement', str(supplement), '--motion', str(path))
+    code, data = answer(capsys, *arguments, '--payload-frame', 'tool0', '--out',
+                        str(fast))
     robot = Robot(load_urdf(URDF, supplement=supplement))
     motion = SmoothMotion.from_points(table[:, 0], table[:, 1:], joint_names=NAMES)
     assert code == 0 and data['joint_names'][6:] == [f'{name}_motor' for name in driven]
@@ -137,7 +154,8 @@ def test_drives_of_a_supplement_are_compared_with_the_limits_of_motors_and_gears
     assert data['fastest']['speed'] == pytest.approx(scale.speed)
     assert data['torque']['use'][0] == pytest.approx(data['torque']['peak'][0] / 300.0)
     carrying = Robot(robot.model, payload_frame='tool0')
-    assert data['payload']['mass'] == pytest.approx(largest_payload(carrying, motion).mass)
+    assert data['payload']['mass'] == pytest.approx(
+        largest_payload(carrying, motion).mass)
     header, *rows = fast.read_text().splitlines()
     assert 'q.shoulder_pan_joint_motor' in header
     assert float(rows[-1].split(',')[0]) == pytest.approx(2.0 / scale.speed)
@@ -148,16 +166,19 @@ def test_drives_of_a_supplement_are_compared_with_the_limits_of_motors_and_gears
 
     with_speeds = tmp_path / 'speeds.csv'
     np.savetxt(with_speeds, np.column_stack([table, np.zeros((3, 6))]), delimiter=',',
-               comments='', header=','.join(['t', *NAMES, *(f'u.{name}' for name in NAMES)]))
+               comments='',
+               header=','.join(['t', *NAMES, *(f'u.{name}' for name in NAMES)]))
     assert main(['feasible', str(URDF), '--supplement', str(supplement), '--motion',
                  str(with_speeds)]) == 2
     assert 'speeds.csv: motion: the' in capsys.readouterr().err
 
 
 def test_uncertain_parameters_leave_less_of_the_limits(trajectory, capsys):
-    uses, speeds = [], []
+    uses = []
+    speeds = []
     for uncertain in ([], ['--uncertain', 'mass=0.2', 'offset=30', 'friction=0.3']):
-        _, data = answer(capsys, '--trajectory', trajectory, '--speed', '0.2', *uncertain)
+        _, data = answer(capsys, '--trajectory', trajectory, '--speed', '0.2',
+                         *uncertain)
         uses.append(data['torque']['use'])
         speeds.append(data['fastest']['speed'])
     assert data['uncertain'] == ['mass=0.2', 'offset=30', 'friction=0.3']
@@ -169,23 +190,29 @@ def test_uncertain_parameters_leave_less_of_the_limits(trajectory, capsys):
 def test_the_fastest_timing_of_uncertain_parameters_takes_longer(trajectory, capsys):
     durations = []
     for uncertain in ([], ['--uncertain', 'mass=0.2', 'offset=20']):
-        code, data = answer(capsys, '--trajectory', trajectory, '--time-optimal', *uncertain)
+        code, data = answer(capsys, '--trajectory', trajectory, '--time-optimal',
+                            *uncertain)
         assert code == 0
         durations.append(data['duration'])
     assert durations[1] > 1.01 * durations[0]
 
 
 @pytest.mark.parametrize(('arguments', 'message'), [
-    (['mas=0.1'], "--uncertain: 'mas=0.1'; expected NAME=X with a number X and a name of mass"),
+    (['mas=0.1'],
+     "--uncertain: 'mas=0.1'; expected NAME=X with a number X and a name of mass"),
     (['mass'], "--uncertain: 'mass'; expected NAME=X"),
     (['mass=much'], "--uncertain: 'mass=much'; expected NAME=X"),
-    (['mass=0.1', 'mass=0.2'], '--uncertain: mass=0.1 mass=0.2; expected each name once'),
+    (['mass=0.1', 'mass=0.2'],
+     '--uncertain: mass=0.1 mass=0.2; expected each name once'),
     (['mass=-0.1'], '--uncertain: mass: -0.1; expected a finite number >= 0'),
     (['mass=nan'], '--uncertain: mass: nan; expected a finite number >= 0'),
-    (['mass=0.1', '--time-optimal', '--jerk', '300'], 'uncertainty: given with a limit of'),
-    (['mass=0.1', '--payload-frame', 'tool0'], '--uncertain: given with --payload-frame')])
-def test_a_wrong_statement_of_uncertain_parameters_is_refused(trajectory, capsys, arguments,
-                                                              message):
-    given = ['feasible', str(URDF), '--trajectory', trajectory, '--uncertain', *arguments]
-    assert main(given) == 2
+    (['mass=0.1', '--time-optimal', '--jerk', '300'],
+     'uncertainty: given with a limit of'),
+    (['mass=0.1', '--payload-frame', 'tool0'],
+     '--uncertain: given with --payload-frame')])
+def test_a_wrong_statement_of_uncertain_parameters_is_refused(
+        trajectory, capsys, arguments, message):
+    command = ['feasible', str(URDF), '--trajectory', trajectory, '--uncertain',
+               *arguments]
+    assert main(command) == 2
     assert message in capsys.readouterr().err

@@ -58,38 +58,43 @@ def plan(tmp_path):
 
 
 def test_efforts_with_gravity_for_an_arm_that_adds_it_give_a_warning(tmp_path):
-    plan, arm = tmp_path / 'plan.csv', URDF.with_name('ur10e.urdf')
+    plan = tmp_path / 'plan.csv'
+    arm = URDF.with_name('ur10e.urdf')
     names = load_urdf(arm).joint_names
     plan.write_text('t,' + ','.join(f'q.{name}' for name in names) + '\n'
                     '0,0,-1.2,1.4,-1.7,-1.57,0\n1,0.1,-1.2,1.4,-1.7,-1.57,0\n')
     arguments = ('fill', str(arm), '--motion', str(plan), '--json')
     done = command(*arguments)
     assert done.returncode == 0, done.stderr
-    assert '--without: none, where gravity would count twice; expected gravity' in done.stderr
+    assert ('--without: none, where gravity would count twice; expected gravity'
+            in done.stderr)
     assert command(*arguments, '--without', 'gravity', 'friction').stderr == ''
 
 
 def test_output_of_topic_echo_becomes_a_trajectory_with_all_fields(plan, robot):
     out = plan.with_name('filled.yaml')
-    done = command('fill', str(URDF), '--motion', str(plan), '--out', str(out), '--tolerance',
-                   '0.05', '--json')
+    done = command('fill', str(URDF), '--motion', str(plan), '--out', str(out),
+                   '--tolerance', '0.05', '--json')
     assert done.returncode == 0, done.stderr
     expected = fill_trajectory(robot, TIMES, POINTS, tolerance=0.05)
     data, = json.loads(done.stdout)
     written = yaml.safe_load(out.read_text())
     assert written['joint_names'] == data['joint_names'] == ['joint2', 'joint1']
-    for name, wanted in (('positions', expected.positions), ('velocities', expected.velocities),
-                         ('accelerations', expected.accelerations), ('effort', expected.efforts)):
+    for name, expected_rows in (('positions', expected.positions),
+                                ('velocities', expected.velocities),
+                                ('accelerations', expected.accelerations),
+                                ('effort', expected.efforts)):
         np.testing.assert_allclose([point[name] for point in written['points']],
-                                   wanted[:, ::-1], rtol=0, atol=1e-12)
-    assert [point['time_from_start'] for point in written['points']][-1] == {'sec': 1,
-                                                                             'nanosec': 0}
+                                   expected_rows[:, ::-1], rtol=0, atol=1e-12)
+    assert [point['time_from_start'] for point in written['points']][-1] == {
+        'sec': 1, 'nanosec': 0}
     assert data['inserted'] == expected.inserted > 0
     assert max(data['effort_error']) <= 0.05
 
 
 def test_a_table_and_terms_that_the_arm_adds(plan, robot, tmp_path):
-    out, again = tmp_path / 'filled.csv', tmp_path / 'again.csv'
+    out = tmp_path / 'filled.csv'
+    again = tmp_path / 'again.csv'
     for source, target in ((plan, out), (out, again)):
         done = command('fill', str(URDF), '--motion', str(source), '--out', str(target),
                        '--without', 'gravity', '--joints', 'joint2', 'joint1')
@@ -102,12 +107,16 @@ def test_a_table_and_terms_that_the_arm_adds(plan, robot, tmp_path):
 
 
 def test_all_trajectories_of_a_bag_are_filled_into_a_new_one(tmp_path, robot):
-    types, kind = get_typestore(Stores.ROS2_JAZZY), 'trajectory_msgs/msg/JointTrajectory'
-    Message, Point, Duration, Header, Time = (types.types[name] for name in (
-        kind, 'trajectory_msgs/msg/JointTrajectoryPoint', 'builtin_interfaces/msg/Duration',
-        'std_msgs/msg/Header', 'builtin_interfaces/msg/Time'))
+    types = get_typestore(Stores.ROS2_JAZZY)
+    kind = 'trajectory_msgs/msg/JointTrajectory'
+    Message = types.types[kind]
+    Point = types.types['trajectory_msgs/msg/JointTrajectoryPoint']
+    Duration = types.types['builtin_interfaces/msg/Duration']
+    Header = types.types['std_msgs/msg/Header']
+    Time = types.types['builtin_interfaces/msg/Time']
     none = np.zeros(0)
-    with Writer(tmp_path / 'run', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with Writer(tmp_path / 'run', version=9,
+                storage_plugin=StoragePlugin.MCAP) as writer:
         connection = writer.add_connection('/plan', kind, typestore=types)
         for k in range(2):
             message = Message(Header(Time(5, k), 'world'), ['joint1', 'joint2'], [
@@ -118,10 +127,10 @@ def test_all_trajectories_of_a_bag_are_filled_into_a_new_one(tmp_path, robot):
     done = command('fill', str(URDF), '--motion', str(tmp_path / 'run'), '--out',
                    str(tmp_path / 'filled'))
     assert done.returncode == 0, done.stderr
-    found = list(bag_messages(tmp_path / 'filled', kind, None))
-    assert [(topic, logged) for topic, logged, _ in found] == [('/plan', 10**9),
-                                                               ('/plan', 2 * 10**9)]
-    for k, (_, _, message) in enumerate(found):
+    messages = list(bag_messages(tmp_path / 'filled', kind, None))
+    assert [(topic, logged) for topic, logged, _ in messages] == [('/plan', 10**9),
+                                                                  ('/plan', 2 * 10**9)]
+    for k, (_, _, message) in enumerate(messages):
         expected = fill_trajectory(robot, TIMES, np.array(POINTS) + 0.1 * k)
         np.testing.assert_allclose([p.effort for p in message.points], expected.efforts,
                                    rtol=0, atol=1e-12)
@@ -158,14 +167,15 @@ def test_the_friction_of_the_efforts_at_rest_is_the_stated_choice(tmp_path):
     friction.write_text('joints: {joint1: {friction: 2.0}, joint2: {friction: 1.0}}')
     efforts = []
     for choice in ('desired_speed', 'ahead', '0.1', 'none'):
-        done = command('fill', str(URDF), '--supplement', str(friction), '--motion', str(plan),
-                       '--feedforward-friction', choice, '--json')
+        done = command('fill', str(URDF), '--supplement', str(friction), '--motion',
+                       str(plan), '--feedforward-friction', choice, '--json')
         efforts.append(json.loads(done.stdout)[0]['efforts'][0])
     # At the begin: the whole friction of each joint for the time ahead, else none.
     of_joints = np.array([2.0, 1.0])
     ahead = np.abs(np.array(efforts[1:3]) - efforts[0])
     assert (ahead > 0.5 * of_joints).all() and (ahead <= of_joints).all()
     np.testing.assert_allclose(efforts[3], efforts[0], atol=1e-12)
-    done = command('fill', str(URDF), '--motion', str(plan), '--feedforward-friction', 'ahaed')
+    done = command('fill', str(URDF), '--motion', str(plan), '--feedforward-friction',
+                   'ahaed')
     message = "--feedforward-friction: 'ahaed'; expected one of"
     assert done.returncode == 2 and message in done.stderr

@@ -20,8 +20,9 @@ URDF = Path(__file__).resolve().parents[2] / 'urdf' / 'two_link.urdf'
 
 def process(*arguments):
     """Run the command."""
-    return subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'identify', *arguments],
-                          capture_output=True, text=True, check=False, timeout=120)
+    return subprocess.run(
+        [sys.executable, '-m', 'kane_dynamics.cli', 'identify', *arguments],
+        capture_output=True, text=True, check=False, timeout=120)
 
 
 def test_identify_finds_friction_and_writes_files_that_load(tmp_path):
@@ -29,7 +30,8 @@ def test_identify_finds_friction_and_writes_files_that_load(tmp_path):
     truth = load_urdf(URDF, supplement={'joints': {names[0]: {
         'damping': 1.5, 'friction': 2.0, 'friction_offset': -0.3}}})
     recording = simulated(truth, 1, 0.01)
-    path, out = tmp_path / 'run.npz', tmp_path / 'better.urdf'
+    path = tmp_path / 'run.npz'
+    out = tmp_path / 'better.urdf'
     np.savez(path, t=recording.t, q=recording.q, u=recording.u, tau=recording.tau)
     done = process(str(URDF), str(path), '--json', '--out', str(out))
     assert done.returncode == 0, done.stderr
@@ -43,18 +45,21 @@ def test_identify_finds_friction_and_writes_files_that_load(tmp_path):
     assert np.sqrt(np.mean((tau - recording.tau)**2)) < 0.02
     table = process(str(URDF), str(path), '--friction-only')
     assert table.returncode == 0, table.stderr
-    assert all(word in table.stdout for word in ('held out', '+-', 'condition number', names[1]))
+    assert all(word in table.stdout
+               for word in ('held out', '+-', 'condition number', names[1]))
 
 
-@pytest.mark.parametrize('options', [
-    (), ('--friction-only', '--unbounded'), ('--base-parameters',), ('--payload', 'tip')],
-    ids=' '.join)
-def test_identify_draws_measured_torques_and_those_that_it_computes(tmp_path, monkeypatch,
-                                                                    options):
-    load = {'link': 'tip', 'mass': 0.8, 'com': [0.1, 0.0, 0.02], 'inertia': {'iyy': 0.004}}
+@pytest.mark.parametrize('options', [(), ('--friction-only', '--unbounded'),
+                                     ('--base-parameters',), ('--payload', 'tip')],
+                         ids=' '.join)
+def test_identify_draws_measured_torques_and_those_that_it_computes(
+        tmp_path, monkeypatch, options):
+    load = {'link': 'tip', 'mass': 0.8, 'com': [0.1, 0.0, 0.02],
+            'inertia': {'iyy': 0.004}}
     carried = {'payload': load} if '--payload' in options else None
     recording = simulated(load_urdf(URDF, supplement=carried), 4, 0.01)
-    path, picture = tmp_path / 'run.npz', tmp_path / 'torques.png'
+    path = tmp_path / 'run.npz'
+    picture = tmp_path / 'torques.png'
     np.savez(path, t=recording.t, q=recording.q, u=recording.u, udot=recording.udot,
              tau=recording.tau)
     drawn = {}
@@ -75,7 +80,9 @@ def test_identify_draws_measured_torques_and_those_that_it_computes(tmp_path, mo
 
 def test_negative_friction_is_reported_and_written_to_no_file(tmp_path, capsys):
     model = load_urdf(URDF)
-    recording, path, out = simulated(model, 1, 0.01), tmp_path / 'run.npz', tmp_path / 'out.urdf'
+    recording = simulated(model, 1, 0.01)
+    path = tmp_path / 'run.npz'
+    out = tmp_path / 'out.urdf'
     tau = recording.tau - 0.5 * recording.u  # a motor that helps
     np.savez(path, t=recording.t, q=recording.q, u=recording.u, tau=tau)
     arguments = ['identify', str(URDF), str(path), '--friction-only', '--unbounded']
@@ -94,20 +101,22 @@ def test_identify_refuses_what_is_no_recording(tmp_path):
     assert 'none.csv' in done.stderr
 
 
-def test_exciting_motion_is_within_the_limits_and_its_recording_identifies_the_arm(tmp_path,
-                                                                                   capsys):
-    motion, recording = str(tmp_path / 'motion.csv'), str(tmp_path / 'recording.csv')
+def test_exciting_motion_is_within_the_limits_and_its_recording_identifies_the_arm(
+        tmp_path, capsys):
+    motion = str(tmp_path / 'motion.csv')
+    recording = str(tmp_path / 'recording.csv')
     supplement = tmp_path / 'truth.yaml'
     supplement.write_text('joints: {joint2: {damping: 0.7, friction: 1.1}}')
 
     def answer(*arguments):
         assert main([arguments[0], str(URDF), *arguments[1:], '--json']) == 0
         return json.loads(capsys.readouterr().out)
-    found = answer('excite', '--out', motion, '--starts', '1', '--velocity', '3', '--rate', '200',
-                   '--floor', 'none')
-    assert found['condition'] < 30.0 and max(found['uses']['velocity']) <= 0.9
+    result = answer('excite', '--out', motion, '--starts', '1', '--velocity', '3',
+                    '--rate', '200', '--floor', 'none')
+    assert result['condition'] < 30.0 and max(result['uses']['velocity']) <= 0.9
     assert answer('feasible', '--trajectory', motion)['fits']
-    answer('torque', '--trajectory', motion, '--supplement', str(supplement), '--out', recording)
+    answer('torque', '--trajectory', motion, '--supplement', str(supplement), '--out',
+           recording)
     clean = read_recording(recording, load_urdf(URDF).joint_names)
     noise = 0.01 * np.random.default_rng(0).normal(size=clean.tau.shape)
     np.savez(tmp_path / 'noisy.npz', t=clean.t, q=clean.q, tau=clean.tau + noise)
@@ -120,11 +129,14 @@ def test_exciting_motion_is_within_the_limits_and_its_recording_identifies_the_a
     assert base['values'][damping] == pytest.approx(
         0.7, abs=3.0 * base['standard_deviations'][damping])
     assert max(base['rms_held_out']) < 0.02 and base['condition'] < 30.0
-    assert main(['identify', str(URDF), recording, '--base-parameters', '--weight', '1']) == 2
+    assert main(['identify', str(URDF), recording, '--base-parameters', '--weight',
+                 '1']) == 2
     assert 'expected it without --weight' in capsys.readouterr().err
-    assert main(['identify', str(URDF), str(tmp_path / 'noisy.npz'), '--base-parameters']) == 0
+    assert main(['identify', str(URDF), str(tmp_path / 'noisy.npz'),
+                 '--base-parameters']) == 0
     assert 'joint2.damping' in capsys.readouterr().out
-    assert main(['excite', str(URDF), '--out', motion, '--velocity', '3', '--floor', 'none']) == 0
+    assert main(['excite', str(URDF), '--out', motion, '--velocity', '3', '--floor',
+                 'none']) == 0
     assert 'at rest at the start and the end' in capsys.readouterr().out
 
 
@@ -136,12 +148,15 @@ def test_efforts_without_gravity_identify_the_same_friction(tmp_path):
     path = tmp_path / 'run.npz'
 
     def damping(tau, *options):
-        np.savez(path, t=recording.t, q=recording.q, u=recording.u, udot=recording.udot, tau=tau)
-        done = command('identify', str(URDF), str(path), '--friction-only', '--json', *options)
+        np.savez(path, t=recording.t, q=recording.q, u=recording.u, udot=recording.udot,
+                 tau=tau)
+        done = command('identify', str(URDF), str(path), '--friction-only', '--json',
+                       *options)
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout)['friction']['damping']
-    np.testing.assert_allclose(damping(recording.tau - weight, '--efforts-without-gravity'),
-                               damping(recording.tau), atol=1e-6)
+    np.testing.assert_allclose(
+        damping(recording.tau - weight, '--efforts-without-gravity'),
+        damping(recording.tau), atol=1e-6)
     done = command('identify', str(URDF), str(path), '--efforts-without-gravity')
     assert 'fit the torques with gravity twice' in done.stderr
     done = command('identify', str(URDF), str(path), '--efforts', 'external_torque')
@@ -150,10 +165,12 @@ def test_efforts_without_gravity_identify_the_same_friction(tmp_path):
 
 def test_payload_is_found_and_written_as_a_supplement_and_for_the_node(tmp_path, capsys):
     friction = {'joint1': {'damping': 0.7, 'friction': 1.1}}
-    load = {'link': 'tip', 'mass': 0.8, 'com': [0.1, 0.0, 0.02], 'inertia': {'iyy': 0.004}}
-    recording = simulated(load_urdf(URDF, supplement={'joints': friction, 'payload': load}), 4,
-                          0.01)
-    known, out = tmp_path / 'known.yaml', tmp_path / 'load.yaml'
+    load = {'link': 'tip', 'mass': 0.8, 'com': [0.1, 0.0, 0.02],
+            'inertia': {'iyy': 0.004}}
+    recording = simulated(
+        load_urdf(URDF, supplement={'joints': friction, 'payload': load}), 4, 0.01)
+    known = tmp_path / 'known.yaml'
+    out = tmp_path / 'load.yaml'
     known.write_text(yaml.safe_dump({'joints': friction}))
     np.savez(tmp_path / 'run.npz', t=recording.t, q=recording.q, u=recording.u,
              udot=recording.udot, tau=recording.tau)
@@ -161,7 +178,8 @@ def test_payload_is_found_and_written_as_a_supplement_and_for_the_node(tmp_path,
                  '--supplement', str(known), '--out', str(out)]
     assert main([*arguments, '--json']) == 0
     data = json.loads(capsys.readouterr().out)
-    assert data['mass'] == pytest.approx(0.8, abs=3.0 * data['standard_deviations']['mass'])
+    assert data['mass'] == pytest.approx(0.8,
+                                         abs=3.0 * data['standard_deviations']['mass'])
     assert data['node_parameters']['payload.com'] == data['com']
     assert data['node_parameters']['payload.inertia'][3] == data['inertia'][1][1]
     assert np.allclose(data['rms_held_out'], 0.01, rtol=0.2)

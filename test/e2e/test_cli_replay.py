@@ -22,15 +22,17 @@ TYPES = get_typestore(Stores.ROS2_JAZZY)
 
 def process(*arguments):
     """Run the command."""
-    return subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'replay', *arguments],
-                          capture_output=True, text=True, check=False, timeout=120)
+    return subprocess.run(
+        [sys.executable, '-m', 'kane_dynamics.cli', 'replay', *arguments],
+        capture_output=True, text=True, check=False, timeout=120)
 
 
 def bag(path, recording, names, effort, storage=StoragePlugin.MCAP):
     """Write joint states, with a joint more than the arm has, in another order."""
     kind = 'sensor_msgs/msg/JointState'
-    State, Header, Time = (TYPES.types[name] for name in (
-        kind, 'std_msgs/msg/Header', 'builtin_interfaces/msg/Time'))
+    State = TYPES.types[kind]
+    Header = TYPES.types['std_msgs/msg/Header']
+    Time = TYPES.types['builtin_interfaces/msg/Time']
     order = ['gripper', *reversed(names)]
 
     def laid_out(row):
@@ -51,7 +53,8 @@ def recording():
 
 
 @pytest.mark.parametrize('storage', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
-def test_replay_of_a_bag_finds_the_torques_that_were_measured(tmp_path, recording, storage):
+def test_replay_of_a_bag_finds_the_torques_that_were_measured(
+        tmp_path, recording, storage):
     names = load_urdf(URDF).joint_names
     bag(tmp_path / 'run', recording, names, recording.tau, storage)
     done = process(str(URDF), str(tmp_path / 'run'), '--json')
@@ -66,7 +69,8 @@ def test_replay_writes_draws_and_tells_what_efforts_lack(tmp_path, recording):
     robot = Robot(load_urdf(URDF))
     bag(tmp_path / 'run', recording, robot.joint_names,
         recording.tau - robot.gravity_force(recording.q))
-    picture, table = tmp_path / 'torques.png', tmp_path / 'torques.csv'
+    picture = tmp_path / 'torques.png'
+    table = tmp_path / 'torques.csv'
     done = process(str(URDF), str(tmp_path / 'run' / 'run.mcap'), '--plot', str(picture),
                    '--out', str(table))
     assert done.returncode == 0, done.stderr
@@ -80,20 +84,25 @@ def test_replay_writes_draws_and_tells_what_efforts_lack(tmp_path, recording):
 
 
 @pytest.mark.parametrize(('sign', 'weight', 'words'), [
-    (1.0, 1.0, []), (-1.0, 1.0, ['opposite sign']), (1.0, 0.0, ['fit the torques without']),
-    (-1.0, 0.0, ['opposite sign .* and fit these without gravity']), (0.0, 1.0, ['are all 0'])])
-def test_remarks_tell_each_way_in_which_efforts_are_wrong(recording, sign, weight, words):
+    (1.0, 1.0, []), (-1.0, 1.0, ['opposite sign']),
+    (1.0, 0.0, ['fit the torques without']),
+    (-1.0, 0.0, ['opposite sign .* and fit these without gravity']),
+    (0.0, 1.0, ['are all 0'])])
+def test_remarks_tell_each_way_in_which_efforts_are_wrong(
+        recording, sign, weight, words):
     gravity = Robot(load_urdf(URDF)).gravity_force(recording.q)
     measured = sign * (recording.tau - (1.0 - weight) * gravity)
-    found = [finding.words for finding in diagnose(load_urdf(URDF),
-                                                   replace(recording, tau=measured))]
-    assert len(found) == len(words)
-    assert all(re.search(*pair) for pair in zip(words, found, strict=True))
+    findings = [finding.words for finding in diagnose(load_urdf(URDF),
+                                                      replace(recording, tau=measured))]
+    assert len(findings) == len(words)
+    assert all(re.search(*pair) for pair in zip(words, findings, strict=True))
 
 
-def test_replay_takes_the_stated_kind_of_efforts_and_remarks_on_a_wrong_one(tmp_path, recording):
+def test_replay_takes_the_stated_kind_of_efforts_and_remarks_on_a_wrong_one(
+        tmp_path, recording):
     weight = Robot(load_urdf(URDF)).gravity_force(recording.q)
-    path, constants = tmp_path / 'run.npz', np.array([4.0, 0.5])
+    path = tmp_path / 'run.npz'
+    constants = np.array([4.0, 0.5])
 
     def replayed(effort, *options):
         np.savez(path, t=recording.t, q=recording.q, u=recording.u, udot=recording.udot,
@@ -110,14 +119,16 @@ def test_replay_takes_the_stated_kind_of_efforts_and_remarks_on_a_wrong_one(tmp_
     twice = replayed(recording.tau, '--efforts-without-gravity')
     assert 'fit the torques with gravity twice' in twice['remarks'][0]
     done = command('replay', str(URDF), str(path), '--efforts', 'motor_current')
-    assert 'motor_current without constants; expected the torque constants' in done.stderr
+    assert ('motor_current without constants; expected the torque constants'
+            in done.stderr)
 
 
 def test_replay_refuses_bags_that_cannot_be_compared(tmp_path, recording):
     bag(tmp_path / 'run', recording, load_urdf(URDF).joint_names, None)
     for arguments, words in (
             ([], 'joint states without effort'),
-            (['--topic', '/joint_states'], "no topic '/joint_states' of sensor_msgs/msg/JointS"),
+            (['--topic', '/joint_states'],
+             "no topic '/joint_states' of sensor_msgs/msg/JointS"),
             (['--joints', 'missing'], 'missing')):
         done = command('replay', str(URDF), str(tmp_path / 'run'), *arguments)
         assert done.returncode == 2

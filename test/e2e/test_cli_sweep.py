@@ -1,4 +1,4 @@
-"""Promises of `kane-dynamics sweep`, run as processes: kills lose nothing, Dask changes no bit."""
+"""Promises of `kane-dynamics sweep` as processes: kills lose nothing, Dask is exact."""
 
 from contextlib import contextmanager, suppress
 import json
@@ -37,7 +37,7 @@ def command(*arguments):
 
 @pytest.fixture(scope='module')
 def long(tmp_path_factory):
-    """Return the file of a sweep that takes a second or so, and its table by one process."""
+    """Return the file of a sweep that takes a second, and its table by one process."""
     folder = tmp_path_factory.mktemp('long')
     path = folder / 'sweep.yaml'
     path.write_text(FILE.format(urdf=URDF, samples=500, duration=40.0))
@@ -59,17 +59,19 @@ def words_of(pid):
 
 def children(process):
     """Return the process numbers of a process's workers."""
-    found = []
-    for pid in Path(f'/proc/{process.pid}/task/{process.pid}/children').read_text().split():
+    processes = []
+    for pid in Path(
+            f'/proc/{process.pid}/task/{process.pid}/children').read_text().split():
         if b'spawn_main' in words_of(pid):
-            found.append(int(pid))
-    return found
+            processes.append(int(pid))
+    return processes
 
 
 @contextmanager
 def under_way(path, folder, *options):
     """Start the command; yield it when some rows are there, but not all."""
-    with subprocess.Popen(command(path, '--out', folder, *options), stdout=subprocess.PIPE,
+    with subprocess.Popen(command(path, '--out', folder, *options),
+                          stdout=subprocess.PIPE,
                           stderr=subprocess.PIPE, text=True) as process:
         try:
             deadline = time.monotonic() + 60.0
@@ -101,29 +103,32 @@ def test_a_killed_worker_loses_no_row(long, tmp_path):
     assert read_table(tmp_path / 'out').equals(expected)
 
 
-def test_a_killed_command_is_carried_on_and_leaves_no_worker_behind(long, tmp_path, capsys):
+def test_a_killed_command_is_carried_on_and_leaves_no_worker_behind(
+        long, tmp_path, capsys):
     path, expected = long
     with under_way(path, tmp_path / 'out', '--workers', 2) as process:
         workers = children(process)
         process.kill()
         process.wait()
     assert len(workers) == 2 and gone(workers, 20.0)
-    kept = len(parts(tmp_path / 'out'))
-    assert 0 < kept < 20
+    parts_before = len(parts(tmp_path / 'out'))
+    assert 0 < parts_before < 20
     assert main(['sweep', str(path), '--out', str(tmp_path / 'out'), '--workers', '1',
                  '--json']) == 0
     told = json.loads(capsys.readouterr().out)
-    assert (told['found'], told['made']) == (25 * kept, 500 - 25 * kept)
+    assert (told['found'], told['made']) == (25 * parts_before, 500 - 25 * parts_before)
     assert (told['samples'], told['ok'], told['failed']) == (500, 500, 0)
     assert read_table(tmp_path / 'out').equals(expected)
 
 
-def test_two_dask_workers_give_the_same_table_bit_for_bit_though_one_is_killed(long, tmp_path):
+def test_two_dask_workers_give_the_same_table_bit_for_bit_though_one_is_killed(
+        long, tmp_path):
     path, expected = long
     with (distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, host='127.0.0.1',
-            dashboard_address=':0', local_directory=tmp_path) as cluster,
-          under_way(path, tmp_path / 'out', '--dask', cluster.scheduler_address) as process):
+        n_workers=2, threads_per_worker=1, processes=True, host='127.0.0.1',
+        dashboard_address=':0', local_directory=tmp_path) as cluster,
+          under_way(path, tmp_path / 'out', '--dask',
+                    cluster.scheduler_address) as process):
         os.kill(cluster.workers[0].pid, signal.SIGKILL)
         output, errors = process.communicate(timeout=100)  # Dask logs what it lost
     assert process.returncode == 0 and '500 simulations' in output, errors
@@ -136,9 +141,9 @@ def test_a_file_names_others_beside_it_and_json_will_do(tmp_path, capsys):
     (tmp_path / 'there.csv').write_text('t,q.joint2,q.joint1\n0,0.1,0.2\n0.1,0.3,0.4\n')
     path = tmp_path / 'sweep.json'
     path.write_text(json.dumps({
-        'urdf': 'arm.urdf', 'supplement': 'arm.yaml', 'motion': 'there.csv', 'samples': 2,
-        'joints': ['joint2', 'joint1'], 'gravity': [0, 0, -1.62], 'duration': 0.1,
-        'friction': {'grid': [1, 2]}, 'controller': 'computed_torque'}))
+        'urdf': 'arm.urdf', 'supplement': 'arm.yaml', 'motion': 'there.csv',
+        'samples': 2, 'joints': ['joint2', 'joint1'], 'gravity': [0, 0, -1.62],
+        'duration': 0.1, 'friction': {'grid': [1, 2]}, 'controller': 'computed_torque'}))
     assert main(['sweep', str(path), '-o', str(tmp_path / 'out'), '--workers', '1']) == 0
     assert '2 simulations in' in capsys.readouterr().out
     exact, rubbing = read_table(tmp_path / 'out').to_pylist()
@@ -150,12 +155,15 @@ def test_a_file_names_others_beside_it_and_json_will_do(tmp_path, capsys):
 
 @pytest.mark.parametrize('change, words', [
     ('samples: 500', "no 'urdf'; expected"),
-    (f'urdf: {URDF}\nsamples: 10\nsample: 3', "unknown entry 'sample'; expected one of urdf"),
+    (f'urdf: {URDF}\nsamples: 10\nsample: 3',
+     "unknown entry 'sample'; expected one of urdf"),
     (f'urdf: {URDF}\nsamples: 10\nsamples: 20', 'given more than once: samples'),
-    (f'urdf: {URDF}\nsamples: 10\nfriction: {{uniform: [2, 1]}}', 'expected [low, high]'),
+    (f'urdf: {URDF}\nsamples: 10\nfriction: {{uniform: [2, 1]}}',
+     'expected [low, high]'),
     ('urdf: none.urdf\nsamples: 10', 'none.urdf'),
     ('- 1', 'expected entries such as urdf')])
-def test_a_bad_file_is_exit_code_2_and_says_what_and_where(tmp_path, capsys, change, words):
+def test_a_bad_file_is_exit_code_2_and_says_what_and_where(
+        tmp_path, capsys, change, words):
     path = tmp_path / 'sweep.yaml'
     path.write_text(change)
     assert main(['sweep', str(path), '--out', str(tmp_path / 'out')]) == 2
@@ -180,16 +188,19 @@ def test_a_sweep_has_a_floating_base_on_request(tmp_path, capsys):
     assert robot.n == 6 + 2 and robot.n_q == 7 + 2
     path.write_text(f'urdf: {URDF}\nroot_joint: loose\nsamples: 1\n')
     assert main(['sweep', str(path), '--out', str(tmp_path / 'out')]) == 2
-    assert ("sweep.yaml: root_joint: 'loose'; expected one of fixed, free, floating, planar"
-            in capsys.readouterr().err)
+    assert (
+        "sweep.yaml: root_joint: 'loose'; expected one of fixed, free, floating, planar"
+        in capsys.readouterr().err)
 
 
 def test_a_sweep_is_drawn(tmp_path, capsys):
-    path, picture = tmp_path / 'sweep.yaml', tmp_path / 'sweep.png'
+    path = tmp_path / 'sweep.yaml'
+    picture = tmp_path / 'sweep.png'
     path.write_text(FILE.format(urdf=URDF, samples=8, duration=0.01))
     assert main(['sweep', str(path), '--out', str(tmp_path / 'table'), '--workers', '1',
                  '--plot', str(picture)]) == 0
     assert picture.read_bytes().startswith(b'\x89PNG')
     assert 'found in the table' not in capsys.readouterr().out
-    assert main(['sweep', str(path), '--out', str(tmp_path / 'table'), '--workers', '1']) == 0
+    assert main(['sweep', str(path), '--out', str(tmp_path / 'table'), '--workers',
+                 '1']) == 0
     assert ', 8 were in the folder before' in capsys.readouterr().out

@@ -25,13 +25,14 @@ MOTION = """t,q.joint1,q.joint2
 
 def settled(page, seconds=60.0):
     """Return a picture of the page once it no longer changes: shapes fade in."""
-    end, before = time.monotonic() + seconds, page.picture()
+    end = time.monotonic() + seconds
+    picture_before = page.picture()
     while time.monotonic() < end:
         time.sleep(0.3)
-        after = page.picture()
-        if np.abs(after - before).max() < 0.02:
-            return after
-        before = after
+        picture = page.picture()
+        if np.abs(picture - picture_before).max() < 0.02:
+            return picture
+        picture_before = picture
     raise AssertionError('the page never comes to rest')
 
 
@@ -41,12 +42,14 @@ def robot_part(picture):
     return picture[height // 3:, :int(0.7 * width)]
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason='no Chromium on PATH: apt-get install chromium')
+@pytest.mark.skipif(CHROMIUM is None,
+                    reason='no Chromium on PATH: apt-get install chromium')
 def test_a_browser_shows_the_robot_and_its_slider_moves_it(tmp_path):
     (tmp_path / 'motion.csv').write_text(MOTION)
     process = subprocess.Popen(
-        [sys.executable, '-m', 'kane_dynamics.cli', 'view', str(URDF), '--no-open', '--port', '0',
-         '--trajectory', str(tmp_path / 'motion.csv')], stdout=subprocess.PIPE, text=True)
+        [sys.executable, '-m', 'kane_dynamics.cli', 'view', str(URDF), '--no-open',
+         '--port', '0', '--trajectory', str(tmp_path / 'motion.csv')],
+        stdout=subprocess.PIPE, text=True)
     with process, ExitStack() as ending:
         ending.callback(process.terminate)
         url = process.stdout.readline().split()[-1]
@@ -69,13 +72,15 @@ def test_a_browser_shows_the_robot_and_its_slider_moves_it(tmp_path):
     assert [request for request in page.requests
             if not request.startswith((url, 'data:', f'blob:{url}'))] == []
     first, last, again = map(robot_part, (first, last, again))
-    assert (first < 0.6).any(axis=-1).mean() > 0.005  # something stands on the light floor
+    # Something stands on the light floor.
+    assert (first < 0.6).any(axis=-1).mean() > 0.005
     moved = (np.abs(last - first).max(axis=-1) > 0.1).mean()
     assert moved > 0.01
     assert (np.abs(again - first).max(axis=-1) > 0.1).mean() < 0.1 * moved
 
 
-@pytest.mark.parametrize('what', [[], ['--trajectory', 'motion.csv']], ids=['still', 'moving'])
+@pytest.mark.parametrize('what', [[], ['--trajectory', 'motion.csv']],
+                         ids=['still', 'moving'])
 def test_an_exported_page_is_whole_without_a_server(tmp_path, what, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path('motion.csv').write_text(MOTION)
@@ -86,8 +91,10 @@ def test_an_exported_page_is_whole_without_a_server(tmp_path, what, monkeypatch,
     assert 'src="http' not in page and 'href="http' not in page
 
 
-@pytest.mark.parametrize('what', [[], ['--trajectory', 'motion.csv']], ids=['still', 'moving'])
-def test_an_exported_page_has_legend_units_torques_limits_and_joints(tmp_path, what, monkeypatch):
+@pytest.mark.parametrize('what', [[], ['--trajectory', 'motion.csv']],
+                         ids=['still', 'moving'])
+def test_an_exported_page_has_legend_units_torques_limits_and_joints(
+        tmp_path, what, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path('motion.csv').write_text(MOTION)
     assert main(['view', str(URDF), *what, '--export', 'page.html']) == 0
@@ -108,33 +115,39 @@ def test_an_exported_page_has_legend_units_torques_limits_and_joints(tmp_path, w
     assert ('torques that hold the robot against gravity' in text) == (not what)
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason='no Chromium on PATH: apt-get install chromium')
-def test_an_exported_motion_plays_with_its_table_and_a_still_configuration_does_not(tmp_path):
+@pytest.mark.skipif(CHROMIUM is None,
+                    reason='no Chromium on PATH: apt-get install chromium')
+def test_an_exported_motion_plays_with_its_table_and_a_still_configuration_does_not(
+        tmp_path):
     t = np.linspace(0.0, 1.0, 101)
     np.savetxt(tmp_path / 'motion.csv', np.stack([t, np.sin(3.0 * t), -t * t], axis=1),
                delimiter=',', header='t,q.joint1,q.joint2', comments='')
-    robot, shown = Robot(load_urdf(URDF)), tmp_path / 'page.html'
+    robot = Robot(load_urdf(URDF))
+    shown = tmp_path / 'page.html'
     player = "document.querySelector('[aria-valuemax^=\"1\"]')"
-    cells = "[...document.querySelectorAll('#joints tr:nth-child(2) span')].map(s => s.innerText)"
+    cells = ("[...document.querySelectorAll('#joints tr:nth-child(2) span')].map(s => "
+             "s.innerText)")
     assert main(['view', str(URDF), '--export', str(shown)]) == 0
     with browser(shown.as_uri()) as page:
         page.wait("document.querySelector('canvas')")
-        page.wait("document.querySelector('[aria-label=\"Show scene tree\"]')")  # it is loaded
+        # It is loaded.
+        page.wait("document.querySelector('[aria-label=\"Show scene tree\"]')")
         assert not page.evaluate(
             "[...document.querySelectorAll('[role=slider]')].some(s => s.ariaValueMax > 0)")
         held = page.evaluate(cells)
         assert page.evaluate(cells) == held
         assert page.errors == []
     assert float(held[1]) == pytest.approx(robot.gravity_force(np.zeros(2))[0], rel=5e-3)
-    assert main(['view', str(URDF), '--trajectory', str(tmp_path / 'motion.csv'), '--export',
-                 str(shown)]) == 0
+    assert main(['view', str(URDF), '--trajectory', str(tmp_path / 'motion.csv'),
+                 '--export', str(shown)]) == 0
     with browser(shown.as_uri()) as page:
         page.wait(f"{player} && document.getElementById('time').innerText > 0.3")
         page.evaluate('document.dispatchEvent(new KeyboardEvent('
                       "'keydown', {code: 'Space', bubbles: true}))")  # pauses
         time.sleep(1.0)
         t = float(page.evaluate("document.getElementById('time').innerText"))
-        assert t == pytest.approx(float(page.evaluate(f'{player}.ariaValueNow')), abs=0.05)
+        assert t == pytest.approx(float(page.evaluate(f'{player}.ariaValueNow')),
+                                  abs=0.05)
         position, torque, _ = page.evaluate(cells)
         assert page.errors == []
     trajectory = read_trajectory(str(tmp_path / 'motion.csv'), robot)

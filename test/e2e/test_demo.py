@@ -1,4 +1,4 @@
-"""The demo does what it promises: feedforward cuts the tracking error at least tenfold."""
+"""The demo's promise: feedforward cuts the tracking error at least tenfold."""
 
 import os
 from pathlib import Path
@@ -18,13 +18,13 @@ def run_demo(output, timeout, *options):
     path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])
     environment = {**os.environ, 'PYTHONPATH': path,
                    'ROS_DOMAIN_ID': own_domain()}
-    return subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'demo', *options, '--output',
-                           str(output)], capture_output=True, text=True, timeout=timeout,
-                          env=environment)
+    return subprocess.run(
+        [sys.executable, '-m', 'kane_dynamics.cli', 'demo', *options, '--output',
+         str(output)], capture_output=True, text=True, timeout=timeout, env=environment)
 
 
 def was_busy(done):
-    """Return whether states were late in a run, which needs the processor in real time."""
+    """Return whether states were late in a run, which needs real time."""
     return any(words in done.stdout + done.stderr for words in (
         'machine is too busy', 'joint states: stale', 'joint states: no joint state'))
 

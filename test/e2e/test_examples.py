@@ -14,7 +14,8 @@ g = 9.81
 
 def numbers(text):
     """Return the numbers in a text that stand by themselves."""
-    return [float(x) for x in re.findall(r'(?<![\w.^])[-+]?\d+\.?\d*(?:e[-+]?\d+)?(?!\w)', text)]
+    return [float(x)
+            for x in re.findall(r'(?<![\w.^])[-+]?\d+\.?\d*(?:e[-+]?\d+)?(?!\w)', text)]
 
 
 def printed(name):
@@ -26,32 +27,39 @@ def printed(name):
 
 
 def test_every_example_is_in_the_table_of_the_readme():
-    rows = re.findall(r'^\| `(\w+)\.py`', (EXAMPLES / 'README.md').read_text(), re.MULTILINE)
+    rows = re.findall(r'^\| `(\w+)\.py`', (EXAMPLES / 'README.md').read_text(),
+                      re.MULTILINE)
     assert sorted(rows) == sorted(path.stem for path in EXAMPLES.glob('*.py'))
 
 
 def test_spring_mass_pendulum():
-    M, udot, after = printed('spring_mass_pendulum')
-    c, s = np.cos(0.6), np.sin(0.6)
+    M, udot, state = printed('spring_mass_pendulum')
+    c = np.cos(0.6)
+    s = np.sin(0.6)
     expected = np.array([[3.0, 0.5 * c], [0.5 * c, 0.25]])
     assert numbers(M) == pytest.approx(expected.ravel(), abs=1e-6)
     right = [-50 * 0.1, -0.5 * g * s]
     assert numbers(udot) == pytest.approx(np.linalg.solve(expected, right), abs=1e-6)
-    assert abs(float(re.search(r'drift (\S+) J', after)[1])) < 1e-9
+    assert abs(float(re.search(r'drift (\S+) J', state)[1])) < 1e-9
 
 
 def test_planar_arm():
     *_, tip, jacobian = printed('planar_arm')
-    (q1, q2), (u1, u2), l1, l2 = (0.3, 0.7), (1.0, -0.5), 0.5, 0.4
+    q1, q2 = (0.3, 0.7)
+    u1, u2 = (1.0, -0.5)
+    l1 = 0.5
+    l2 = 0.4
     assert numbers(tip)[:2] == pytest.approx(
         [l1 * np.sin(q2) * u1, l1 * np.cos(q2) * u1 + l2 * (u1 + u2)], abs=1e-6)
-    s, c = (f(np.array([q1, q1 + q2])) * [l1, l2] for f in (np.sin, np.cos))
+    s = np.sin(np.array([q1, q1 + q2])) * [l1, l2]
+    c = np.cos(np.array([q1, q1 + q2])) * [l1, l2]
     assert numbers(jacobian) == pytest.approx([-s.sum(), -s[1], c.sum(), c[1]], abs=1e-6)
 
 
 def test_drawing():
     *corners, tool, motors, paper = printed('drawing')
-    # Blends of the short line in the end have half of its length: 5/32 of that, times sqrt(2).
+    # Blends of the short line in the end have half of its length: 5/32 of that, times
+    # sqrt(2).
     assert [numbers(line)[1] for line in corners] == [10.0] * 4 + [5.5] * 2
     assert numbers(motors)[0] < 0.7 * numbers(tool)[0]
     assert paper.endswith('True')
@@ -101,10 +109,11 @@ def test_delta_robot():
 def test_stewart_platform():
     lines = printed('stewart_platform')
     shift, turn = (np.array([numbers(line) for line in lines[k:k + 9]]) for k in (1, 11))
-    # half a period apart the platform is at the same place in the first motion, and turned to
-    # the other side in the second, where left and right legs change places
+    # half a period apart the platform is at the same place in the first motion, and
+    # turned to the other side in the second, where left and right legs change places
     assert shift[0, 1:] == pytest.approx(shift[4, 1:], abs=1e-4)
-    assert turn[2, [1, 2, 3, 4, 5, 6]] == pytest.approx(turn[6, [4, 3, 2, 1, 6, 5]], abs=1e-4)
+    assert turn[2, [1, 2, 3, 4, 5, 6]] == pytest.approx(turn[6, [4, 3, 2, 1, 6, 5]],
+                                                        abs=1e-4)
     assert numbers(lines[-2])[-1] < 1e-14  # m
     work, gain = numbers(lines[-1])
     assert work == pytest.approx(gain, abs=2e-6)
@@ -112,13 +121,22 @@ def test_stewart_platform():
 
 def test_bearing_torque():
     udot, torque = printed('bearing_torque')
-    (a1, a2), m, L, q1, q2, u1, u2 = numbers(udot), 1.0, 0.3, 0.4, 0.9, 1.0, -2.0
-    s, c = np.sin(q2), np.cos(q2)
+    a1, a2 = numbers(udot)
+    m = 1.0
+    L = 0.3
+    q1 = 0.4
+    q2 = 0.9
+    u1 = 1.0
+    u2 = -2.0
+    s = np.sin(q2)
+    c = np.cos(q2)
     inertia = m * L**2 * np.array([[80 / 3 + 4 * s**2 / 3, 4 * c], [4 * c, 4 / 3]])
-    bias = m * L**2 * np.array([8 / 3 * s * c * u1 * u2 - 4 * s * u2**2, -4 / 3 * s * c * u1**2])
+    bias = m * L**2 * np.array(
+        [8 / 3 * s * c * u1 * u2 - 4 * s * u2**2, -4 / 3 * s * c * u1**2])
     weight = m * g * L * np.array([8 * np.sin(q1) + np.cos(q1) * s, np.sin(q1) * c])
     assert inertia @ [a1, a2] + bias == pytest.approx(weight, abs=1e-5)
-    # of rod B: the acceleration of its center of mass along a2 and a3, its inertia torque about a1
+    # of rod B: the acceleration of its center of mass along a2 and a3, its inertia
+    # torque about a1
     along_2 = L * (a2 * s + u2**2 * c)
     along_3 = -L * (a1 * s + 2 * u1 * u2 * c + 4 * u1**2)
     about_1 = m * L**2 / 3 * (u1 * u2 + s * (a1 * c - u1 * u2 * s) + u1 * u2 * c**2)
@@ -127,13 +145,13 @@ def test_bearing_torque():
 
 
 def test_four_bar():
-    closed, torque, pin, kept = printed('four_bar')
+    closed, torque, pin, residual = printed('four_bar')
     angles = np.cumsum(numbers(closed))
     lengths = np.array([0.3, 0.9, 0.7])
     assert lengths @ np.cos(angles) == pytest.approx(1.0, abs=3e-6)
     assert lengths @ np.sin(angles) == pytest.approx(0.0, abs=3e-6)
     assert len(numbers(torque)) == 2 and len(numbers(pin)) == 5
-    assert all(x < 1e-6 for x in numbers(kept)[1:])
+    assert all(x < 1e-6 for x in numbers(residual)[1:])
 
 
 def test_mobile_manipulator():
@@ -151,15 +169,15 @@ def test_spin_up():
 
 
 def test_flexible_four_bar():
-    torque, kept = printed('flexible_four_bar')
+    torque, residual = printed('flexible_four_bar')
     assert numbers(torque)[1] < 1e-9 * (1.0 + numbers(torque)[0])
-    assert numbers(kept)[-1] < 1e-9  # m
+    assert numbers(residual)[-1] < 1e-9  # m
 
 
 def test_flexible_mast():
-    push, kept, swings = printed('flexible_mast')
+    push, residual, swings = printed('flexible_mast')
     assert numbers(push)[1] < 1e-9 * (1.0 + abs(numbers(push)[0]))
-    assert numbers(kept)[-1] < 1e-9  # J
+    assert numbers(residual)[-1] < 1e-9  # J
     mass = 0.3 + 0.236 * 0.5  # Rayleigh: a cantilever's share that swings with its tip
     assert float(re.search(r', ([\d.]+),', swings)[1]) == pytest.approx(
         np.sqrt((3 * 30.0 - 1.2 * 0.3 * g) / mass) / (2 * np.pi), rel=0.03)
@@ -176,15 +194,22 @@ def test_rolling_disc():
     held, circle = printed('rolling_disc')
     spin, left = numbers(held)
     assert abs(left) < 1e-9
-    lean, turn, r = -0.4, 2.0, 0.3  # the moment of momentum about the contact turns with it
-    s, c = np.sin(lean), np.cos(lean)
-    assert 1.25 * turn**2 * s * c + 1.5 * turn * spin * c == pytest.approx(-g / r * s, abs=1e-4)
+    # The moment of momentum about the contact turns with it.
+    lean = -0.4
+    turn = 2.0
+    r = 0.3
+    s = np.sin(lean)
+    c = np.cos(lean)
+    assert 1.25 * turn**2 * s * c + 1.5 * turn * spin * c == pytest.approx(
+        -g / r * s, abs=1e-4)
     assert numbers(circle) == pytest.approx([abs(spin) * r / turn], abs=1e-6)
 
 
 def test_sleigh():
     """With d from blade to center of mass: v' = d w^2, (I + m d^2) w' = -m d v w."""
-    m, d, w = 3.0, 0.3, 1.0
+    m = 3.0
+    d = 0.3
+    w = 1.0
     inertia = m / 12 * (1.0 + 0.4**2)
     for line, v in zip(printed('sleigh'), (2.0, -2.0)):
         turn = -m * d * v * w / (inertia + m * d * d)
@@ -196,7 +221,8 @@ def test_sleigh():
 def test_bicycle():
     loads, begins = printed('bicycle')
     front = g * (85 * 0.3 + 4 * 0.9 + 3 * 1.02) / 1.02
-    assert [numbers(loads)[k] for k in (2, 5)] == pytest.approx([94 * g - front, front], abs=1e-5)
+    assert [numbers(loads)[k] for k in (2, 5)] == pytest.approx([94 * g - front, front],
+                                                                abs=1e-5)
     lean, _, steer = numbers(begins)
     # M udot = -v C1 (0.1, 0) with the benchmark's matrices; its axes point down
     M = np.array([[80.81722, 2.31941332208709], [2.31941332208709, 0.29784188199686]])

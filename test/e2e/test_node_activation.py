@@ -19,8 +19,10 @@ def robot(client):
     client.listen(True)
 
 
-def test_a_node_commands_the_plant_by_itself_and_a_controller_only_when_asked(robot, start):
-    controller = robot.create_subscription(Float64MultiArray, 'commands', lambda message: None, 1)
+def test_a_node_commands_the_plant_by_itself_and_a_controller_only_when_asked(
+        robot, start):
+    controller = robot.create_subscription(Float64MultiArray, 'commands',
+                                           lambda message: None, 1)
     plant = start(module=PLANT)
     node = start(activation='simulated', guard__enabled=False)
     node.wait_for('configured; commands begin once only simulated robots subscribe')
@@ -35,7 +37,8 @@ def test_a_node_commands_the_plant_by_itself_and_a_controller_only_when_asked(ro
     assert 'active without torque_guard' not in node.log  # harmless for simulated robots
 
 
-def test_a_node_that_commands_the_plant_by_itself_stops_when_a_controller_subscribes(robot, start):
+def test_a_node_that_commands_the_plant_by_itself_stops_when_a_controller_subscribes(
+        robot, start):
     node = start(activation='simulated', guard__enabled=False)
     start(module=PLANT)
     node.wait_for('active, mode inverse_dynamics', 60.0)
@@ -49,22 +52,26 @@ def test_a_node_that_commands_the_plant_by_itself_stops_when_a_controller_subscr
     hidden.destroy_node()
     heard = []
     controller = robot.create_subscription(
-        Float64MultiArray, 'commands', lambda message: heard.append(list(message.data)), 10)
+        Float64MultiArray, 'commands', lambda message: heard.append(list(message.data)),
+        10)
     subscribed = time.monotonic()
-    node.wait_for('deactivated: /client subscribes to /commands and is no simulated robot; '
-                  'expected simulated robots alone', 5.0)
+    node.wait_for(
+        'deactivated: /client subscribes to /commands and is no simulated robot; '
+        'expected simulated robots alone', 5.0)
     assert time.monotonic() - subscribed < 2.0
     assert wait_until(lambda: robot.state() == 'inactive')
     assert not any(heard[-1])
     count = len(heard)
-    assert wait_until(lambda: any(message.startswith('inactive: deactivated: /client subscribes')
-                                  and level == b'\1' for level, message, _ in robot.diagnostics))
+    assert wait_until(
+        lambda: any(message.startswith('inactive: deactivated: /client subscribes')
+                    and level == b'\1' for level, message, _ in robot.diagnostics))
     robot.destroy_subscription(controller)
     time.sleep(0.5)
     assert robot.state() == 'inactive' and len(heard) == count
     # On request the node commands any robot.
     controller = robot.create_subscription(
-        Float64MultiArray, 'commands', lambda message: heard.append(list(message.data)), 10)
+        Float64MultiArray, 'commands', lambda message: heard.append(list(message.data)),
+        10)
     assert robot.transition(Transition.TRANSITION_ACTIVATE)
     time.sleep(1.0)
     assert robot.state() == 'active' and any(heard[-1])
@@ -74,7 +81,7 @@ def test_a_node_that_commands_the_plant_by_itself_stops_when_a_controller_subscr
 
 def test_a_node_without_urdf_says_what_it_waits_for_again_and_again(start):
     node = start(robot_description="''")
-    words = ('waiting for a URDF on topic robot_description (/robot_description: no publisher), '
-             'because the parameters urdf and robot_description are empty')
+    words = ('waiting for a URDF on topic robot_description (/robot_description: no '
+             'publisher), because the parameters urdf and robot_description are empty')
     node.wait_for(words)
     assert wait_until(lambda: node.log.count(words) > 1, 15.0)

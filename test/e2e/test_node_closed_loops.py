@@ -15,7 +15,8 @@ import pytest
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 END = (0.5, 0.3, -0.2, 1.0)
-LATE = 0.2007  # s: no multiple of a period, or two states may have one stamp, to the nanosecond
+# s: no multiple of a period, or two states may have one stamp, to the nanosecond
+LATE = 0.2007
 
 
 @pytest.fixture(scope='module')
@@ -35,8 +36,8 @@ def gravity(driven):
     return robot.joint_torques(robot.gravity_force(q), q)[commanded()]
 
 
-def test_computed_torque_moves_the_plant_with_only_the_driven_joints_measured(client, start,
-                                                                              files):
+def test_computed_torque_moves_the_plant_with_only_the_driven_joints_measured(
+        client, start, files):
     errors = tracking_errors(client, start, files, 'joint states/s', END, (36.0, 12.0),
                              rate=250, substeps=4)
     assert client.names == tuple(palletizer().joint_names[k] for k in commanded())
@@ -47,16 +48,18 @@ def test_computed_torque_moves_the_plant_with_only_the_driven_joints_measured(cl
 
 
 def inputs(count, seed=0):
-    """Yield joint states of a moving arm, some of them faulty: kind, positions by name, delay."""
+    """Yield joint states of a moving arm, some faulty: kind, positions, delay."""
     rng = np.random.default_rng(seed)
     names = palletizer().joint_names
     for k in range(count):
         phase = 2.0 * np.pi * k / 500.0
-        driven = (0.4 * np.sin(phase), 0.2 + 0.3 * np.sin(phase), 0.3 * np.cos(phase), 0.5)
+        driven = (0.4 * np.sin(phase), 0.2 + 0.3 * np.sin(phase), 0.3 * np.cos(phase),
+                  0.5)
         joints = dict(zip(DRIVEN, driven))
         complete = dict(zip(names, positions(palletizer(), *driven)))
-        kind = rng.choice(['good', 'complete', 'lost', 'late', 'missing', 'contradictory',
-                           'singular'], p=[0.4, 0.4, 0.04, 0.04, 0.04, 0.04, 0.04])
+        kind = rng.choice(
+            ['good', 'complete', 'lost', 'late', 'missing', 'contradictory',
+             'singular'], p=[0.4, 0.4, 0.04, 0.04, 0.04, 0.04, 0.04])
         if kind == 'missing':
             del joints['lever_drive']
         elif kind == 'singular':
@@ -74,7 +77,9 @@ def check_faulty_inputs(client, start, files, seconds, rate):
     node.wait_for('active, mode', 60.0)
     client.joints = DRIVEN
     assert wait_until(lambda: client.ask(START, START, timeout=0.3) is not None, 60.0)
-    sent, expected, due = Counter(), {}, time.monotonic()
+    sent = Counter()
+    expected = {}
+    due = time.monotonic()
     for kind, driven, joints, delay in inputs(round(seconds * rate)):
         due += 1.0 / rate
         time.sleep(max(due - time.monotonic(), 0.0))
@@ -95,14 +100,18 @@ def check_faulty_inputs(client, start, files, seconds, rate):
         np.testing.assert_allclose(torques, gravity(driven), rtol=1e-8, atol=1e-8)
     zeros = [stamp for stamp, torques in client.torques.items() if not torques.any()]
     good = sent['good'] + sent['complete']
-    assert answered.total() > 0.5 * good, (answered, sent)  # best effort, on a busy machine
-    # The last command goes on; zeros come at the end, and where the machine stops this process.
+    # Best effort, on a busy machine.
+    assert answered.total() > 0.5 * good, (answered, sent)
+    # The last command goes on; zeros come at the end, and where the machine stops this
+    # process.
     assert len(zeros) < 0.1 * (sent['contradictory'] + sent['singular'])
     assert not set(expected) & set(zeros)
     counts = client.diagnostics[-1][2]
-    for kind, reason in (('late', STALE), ('missing', MISSING), ('contradictory', CONTRADICTION),
+    for kind, reason in (('late', STALE), ('missing', MISSING),
+                         ('contradictory', CONTRADICTION),
                          ('singular', SINGULAR)):
-        assert int(counts[f'states dropped: {reason}']) > 0.4 * sent[kind], (kind, sent, counts)
+        assert int(counts[f'states dropped: {reason}']) > 0.4 * sent[kind], (kind, sent,
+                                                                             counts)
     assert 'Traceback' not in node.log
 
 
@@ -116,8 +125,8 @@ def test_ten_minutes_of_faulty_states_give_no_wrong_torque(client, start, files)
     check_faulty_inputs(client, start, files, 600.0, 500.0)
 
 
-def test_a_simulation_request_with_computed_torque_follows_the_driven_joints(client, start,
-                                                                             files):
+def test_a_simulation_request_with_computed_torque_follows_the_driven_joints(
+        client, start, files):
     node = start(autostart=False, simulation__stops=True, **files)
     assert client.transition(Transition.TRANSITION_CONFIGURE), node.log
     robot = palletizer()
@@ -126,7 +135,8 @@ def test_a_simulation_request_with_computed_torque_follows_the_driven_joints(cli
         point = JointTrajectoryPoint(positions=list(q), velocities=[0.0] * 4)
         point.time_from_start.sec = t
         reference.points.append(point)
-    answer = client.call(Simulate, 'simulate', position=positions(robot, *START).tolist(),
+    answer = client.call(Simulate, 'simulate',
+                         position=positions(robot, *START).tolist(),
                          duration=1.0, torque_source=Simulate.Request.COMPUTED_TORQUE,
                          reference=reference)
     assert answer.success, answer.message

@@ -1,4 +1,4 @@
-"""The services of a node for an arm with a closed loop: constraint forces, simulations."""
+"""The services of a node with a closed loop: constraint forces, simulations."""
 
 from pathlib import Path
 import subprocess
@@ -15,16 +15,19 @@ import pytest
 
 BARS = (('crank', 'base', '0 0 0', 0.3), ('coupler', 'crank', '0.3 0 0', 0.9),
         ('rocker', 'coupler', '0.9 0 0', 0.7))
-LINKS = '<robot name="four-bar"><link name="base"/><link name="ground"/><link name="end"/>'
+LINKS = ('<robot name="four-bar"><link name="base"/><link name="ground"/><link '
+         'name="end"/>')
 URDF = LINKS + ''.join(
-    f'<link name="{name}"><inertial><origin xyz="{length / 2} 0 0"/><mass value="{2 * length}"/>'
-    f'<inertia ixx="1e-3" iyy="{length**3 / 6}" izz="{length**3 / 6}" ixy="0" ixz="0" iyz="0"/>'
-    f'</inertial></link><joint name="{name}_joint" type="continuous"><parent link="{parent}"/>'
-    f'<child link="{name}"/><origin xyz="{at}"/><axis xyz="0 -1 0"/>'
-    '<dynamics damping="0.1" friction="0.05"/></joint>' for name, parent, at, length in BARS) + (
-    '<joint name="g" type="fixed"><parent link="base"/><child link="ground"/>'
-    '<origin xyz="1 0 0"/></joint><joint name="e" type="fixed"><parent link="rocker"/>'
-    '<child link="end"/><origin xyz="0.7 0 0"/></joint></robot>')
+    f'<link name="{name}"><inertial><origin xyz="{length / 2} 0 0"/><mass '
+    f'value="{2 * length}"/>'
+    f'<inertia ixx="1e-3" iyy="{length**3 / 6}" izz="{length**3 / 6}" ixy="0" ixz="0" '
+    f'iyz="0"/></inertial></link><joint name="{name}_joint" type="continuous"><parent '
+    f'link="{parent}"/><child link="{name}"/><origin xyz="{at}"/><axis xyz="0 -1 0"/>'
+    '<dynamics damping="0.1" friction="0.05"/></joint>'
+    for name, parent, at, length in BARS) + (
+        '<joint name="g" type="fixed"><parent link="base"/><child link="ground"/>'
+        '<origin xyz="1 0 0"/></joint><joint name="e" type="fixed"><parent '
+        'link="rocker"/><child link="end"/><origin xyz="0.7 0 0"/></joint></robot>')
 LOOP = """
 constraints:
   pin:
@@ -65,8 +68,8 @@ node.trigger_configure()
 print(node.state, opened.count('{files[1]}'))
 rclpy.shutdown()
 """
-    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
-                          timeout=100, cwd=Path(__file__).parents[2])
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True,
+                          text=True, timeout=100, cwd=Path(__file__).parents[2])
     assert done.stdout.split() == ['inactive', '1'], done.stderr
 
 
@@ -92,8 +95,11 @@ def close(value, expected):
     np.testing.assert_allclose(value, expected, rtol=1e-12, atol=1e-12)
 
 
-def test_inverse_and_forward_dynamics_return_constraint_forces(node, linkage, configuration):
-    q, u, a = configuration, np.array([5.0]), np.array([1.0])
+def test_inverse_and_forward_dynamics_return_constraint_forces(
+        node, linkage, configuration):
+    q = configuration
+    u = np.array([5.0])
+    a = np.array([1.0])
     tau = linkage.inverse_dynamics(q, u, a)
     forces = linkage.constraint_forces(q, u, tau)
     answer = node.call(InverseDynamics, 'inverse_dynamics', position=q.tolist(),
@@ -103,13 +109,14 @@ def test_inverse_and_forward_dynamics_return_constraint_forces(node, linkage, co
     close(answer.effort, [tau[0], 0.0, 0.0])
     assert tuple(answer.constraint_names) == linkage.constraint_names
     close(answer.constraint_forces, forces)
-    close([w.force.x for w in answer.joint_reactions], linkage.joint_reactions(q, u, a)[:, 0])
+    close([w.force.x for w in answer.joint_reactions],
+          linkage.joint_reactions(q, u, a)[:, 0])
     assert np.abs(forces).max() > 1.0
     # The order of the request is that of the answer.
     order = [2, 0, 1]
     names = [linkage.joint_names[k] for k in order]
-    mixed = node.call(InverseDynamics, 'inverse_dynamics', joint_names=names, velocity=[5.0],
-                      position=q[order].tolist(), acceleration=[1.0])
+    mixed = node.call(InverseDynamics, 'inverse_dynamics', joint_names=names,
+                      velocity=[5.0], position=q[order].tolist(), acceleration=[1.0])
     close(mixed.effort, [0.0, tau[0], 0.0])
     forward = node.call(ForwardDynamics, 'forward_dynamics', position=q.tolist(),
                         velocity=[5.0], effort=tau.tolist())
@@ -118,7 +125,8 @@ def test_inverse_and_forward_dynamics_return_constraint_forces(node, linkage, co
     close(forward.constraint_forces, forces)
 
 
-def test_get_dynamics_and_explain_use_the_independent_joints(node, linkage, configuration):
+def test_get_dynamics_and_explain_use_the_independent_joints(
+        node, linkage, configuration):
     answer = node.call(GetDynamics, 'get_dynamics', position=configuration.tolist(),
                        velocity=[5.0])
     assert answer.joint_names == ['crank_joint']
@@ -134,7 +142,8 @@ def test_get_dynamics_and_explain_use_the_independent_joints(node, linkage, conf
 
 
 def test_simulations_return_constraint_forces(node, linkage, configuration):
-    expected = simulate(linkage, configuration, np.array([2.0]), 0.5, step=1e-3, sample=0.1)
+    expected = simulate(linkage, configuration, np.array([2.0]), 0.5,
+                        step=1e-3, sample=0.1)
     request = {'position': configuration.tolist(), 'velocity': [2.0], 'duration': 0.5,
                'sample_period': 0.1}
     answer = node.call(Simulate, 'simulate', **request)
@@ -143,10 +152,10 @@ def test_simulations_return_constraint_forces(node, linkage, configuration):
     assert wait_until(result.done)
     outcome = result.result()
     assert outcome.status == GoalStatus.STATUS_SUCCEEDED
-    for given in (answer, outcome.result):
-        assert tuple(given.constraint_names) == linkage.constraint_names
-        close(np.reshape(given.constraint_forces, (6, -1)), expected.constraint_forces)
-        points = given.trajectory.points
+    for message in (answer, outcome.result):
+        assert tuple(message.constraint_names) == linkage.constraint_names
+        close(np.reshape(message.constraint_forces, (6, -1)), expected.constraint_forces)
+        points = message.trajectory.points
         close([point.positions for point in points], expected.q)
         close([point.velocities for point in points],
               linkage.joint_rates(expected.q, expected.u))
@@ -154,20 +163,23 @@ def test_simulations_return_constraint_forces(node, linkage, configuration):
               linkage.joint_accelerations(expected.q, expected.u, expected.udot))
 
 
-def test_an_arm_whose_file_names_no_measured_joints_is_not_activated(client, start, files,
-                                                                     tmp_path):
+def test_an_arm_whose_file_names_no_measured_joints_is_not_activated(
+        client, start, files, tmp_path):
     (tmp_path / 'loop.yaml').write_text(LOOP.replace('independent: [crank_joint]', ''))
-    other = start('-r', '__node:=other', urdf=files[0], constraints=tmp_path / 'loop.yaml')
-    other.wait_for("the node remains inactive: parameter 'constraints': no key `independent`")
+    other_node = start('-r', '__node:=other',
+                       urdf=files[0], constraints=tmp_path / 'loop.yaml')
+    other_node.wait_for(
+        "the node remains inactive: parameter 'constraints': no key `independent`")
 
 
 @pytest.mark.parametrize(('kind', 'name', 'change', 'words'), [
     (InverseDynamics, 'inverse_dynamics', {'position': [0.8, 0.0, -1.5]},
      "of constraint 'pin/"),
     (InverseDynamics, 'inverse_dynamics', {'velocity': [1.0, 2.0, 3.0]}, 'expected 1'),
-    (Simulate, 'simulate', {'duration': 0.1, 'torque_source': 2}, 'trajectory: 0 points')])
-def test_requests_that_violate_constraints_are_refused(node, configuration, kind, name, change,
-                                                       words):
+    (Simulate, 'simulate', {'duration': 0.1, 'torque_source': 2},
+     'trajectory: 0 points')])
+def test_requests_that_violate_constraints_are_refused(
+        node, configuration, kind, name, change, words):
     fields = {'position': configuration.tolist(), 'velocity': [1.0], **change}
     if kind is InverseDynamics:
         fields['acceleration'] = [0.0]

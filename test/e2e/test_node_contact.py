@@ -1,4 +1,4 @@
-"""Wrenches, contact and explanations over DDS, on one node that a plant at rest surrounds."""
+"""Wrenches, contact and explanations over DDS: a node beside a plant at rest."""
 
 import time
 
@@ -25,7 +25,8 @@ def robot():
 
 @pytest.fixture(scope='module')
 def module_node():
-    process = Process(robot_description=f"'{URDF}'", state_timeout=1.0, wrench__timeout=0.5,
+    process = Process(robot_description=f"'{URDF}'", state_timeout=1.0,
+                      wrench__timeout=0.5,
                       wrench__frames='[c,b]', observer__enabled=True,
                       observer__threshold=THRESHOLD, observer__rate=1000.0,
                       explanation__rate=20.0, payload__frame='c',
@@ -39,16 +40,20 @@ class Ear:
     """Hears what the node publishes beside its torques."""
 
     def __init__(self, client):
-        self.flags, self.efforts, self.pushes, self.explained = [], [], [], []
+        self.flags = []
+        self.efforts = []
+        self.pushes = []
+        self.explained = []
         self.payloads = []
         self.client = client
-        self.open = [client.create_subscription(kind, f'{NAME}/{topic}', heard.append, qos)
-                     for kind, topic, heard, qos in (
-                         (Bool, 'collision', self.flags, LATCHED),
-                         (JointState, 'external_torques', self.efforts, DEEP),
-                         (WrenchStamped, 'external_wrench', self.pushes, DEEP),
-                         (PayloadEstimate, 'payload_estimate', self.payloads, DEEP),
-                         (TorqueExplanation, 'torque_by_source', self.explained, DEEP))]
+        self.open = [
+            client.create_subscription(kind, f'{NAME}/{topic}', heard.append, qos)
+            for kind, topic, heard, qos in (
+                (Bool, 'collision', self.flags, LATCHED),
+                (JointState, 'external_torques', self.efforts, DEEP),
+                (WrenchStamped, 'external_wrench', self.pushes, DEEP),
+                (PayloadEstimate, 'payload_estimate', self.payloads, DEEP),
+                (TorqueExplanation, 'torque_by_source', self.explained, DEEP))]
 
     def close(self):
         for subscription in self.open:
@@ -69,7 +74,8 @@ def wrench(numbers, frame, stamp=None):
     message.header.frame_id = frame
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(
         time.time_ns() if stamp is None else stamp, 10**9)
-    force, torque = message.wrench.force, message.wrench.torque
+    force = message.wrench.force
+    torque = message.wrench.torque
     force.x, force.y, force.z, torque.x, torque.y, torque.z = map(float, numbers)
     return message
 
@@ -80,12 +86,13 @@ def world(robot, frame):
 
 
 def hold(node, effort, until, seconds=3.0):
-    """Publish states at rest with measured efforts until something holds; return whether so."""
+    """Publish states at rest with efforts until something holds; return whether so."""
     message = JointState(name=list(JOINTS), position=Q.tolist(), velocity=[0.0] * 3,
                          effort=np.asarray(effort).tolist())
     end = time.monotonic() + seconds
     while not (done := until()) and time.monotonic() < end:
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns(), 10**9)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(
+            time.time_ns(), 10**9)
         node.states.publish(message)
         time.sleep(0.005)
     return done
@@ -121,37 +128,41 @@ def test_a_wrench_changes_the_commands_until_it_times_out(node, robot):
 
 def test_without_velocities_there_is_no_collision(node, robot):
     assert node.adjust(mode='gravity_compensation').successful
-    before = len(node.ear.flags)
+    count_before = len(node.ear.flags)
     for k in range(100):
         node.send(Q + 0.3 * np.sin(0.3 * k))
         time.sleep(0.002)
     word = 'rejected: observer: no velocity'
     assert wait_until(lambda: node.diagnostics and word in node.diagnostics[-1][2])
-    assert not any(flag.data for flag in node.ear.flags[before:])
+    assert not any(flag.data for flag in node.ear.flags[count_before:])
     assert node.adjust(mode='inverse_dynamics').successful
 
 
 def test_external_torques_wrench_and_collision_are_published(node, robot):
-    ear, gravity = node.ear, robot.gravity_force(Q)
+    ear = node.ear
+    gravity = robot.gravity_force(Q)
     push = np.array([0.5, 5.0, -1.0])
     assert hold(node, gravity, lambda: bool(ear.efforts))
-    assert wait_until(lambda: [flag.data for flag in ear.flags] == [False]), 'it is latched'
+    assert wait_until(
+        lambda: [flag.data for flag in ear.flags] == [False]), 'it is latched'
     assert hold(node, gravity - push, lambda: len(ear.flags) > 1)
     assert ear.flags[-1].data
     assert hold(node, gravity - push, lambda: np.allclose(ear.efforts[-1].effort, push,
                                                           rtol=1e-3))
     assert list(ear.efforts[-1].name) == list(JOINTS)
-    assert hold(node, gravity - push, lambda: (
-        node.diagnostics[-1][2].get('collision') if node.diagnostics else None) == 'lift')
+    assert hold(node, gravity - push, lambda: (node.diagnostics[-1][2].get('collision')
+                                               if node.diagnostics else None) == 'lift')
     assert "collision at joint 'lift'" in node.diagnostics[-1][1]
     assert "collision at joint 'lift'" in node.process.log
-    found = ear.pushes[-1]
-    assert found.header.frame_id == 'c'
-    force, torque = found.wrench.force, found.wrench.torque
+    published = ear.pushes[-1]
+    assert published.header.frame_id == 'c'
+    force = published.wrench.force
+    torque = published.wrench.torque
     R = robot.frame_pose('c', Q)[:3, :3]
     rows = np.zeros((2, 6))
     rows[0] = [*(R @ [force.x, force.y, force.z]), *(R @ [torque.x, torque.y, torque.z])]
-    np.testing.assert_allclose(robot.external_force(Q, wrench=rows), push, rtol=0.01, atol=0.01)
+    np.testing.assert_allclose(robot.external_force(Q, wrench=rows), push,
+                               rtol=0.01, atol=0.01)
     assert hold(node, gravity, lambda: not ear.flags[-1].data)
     assert [flag.data for flag in ear.flags] == [False, True, False]
 
@@ -165,44 +176,52 @@ def test_a_collision_stops_the_motion_and_refuses_others_until_it_ends(node, rob
         assert not hold(node, gravity, lambda: False, 0.5)
         assert not answers(node, gravity), 'the motion is followed'
         pushed = gravity - 3.0 * THRESHOLD
-        assert hold(node, pushed, lambda: 'desired motion stopped' in log.log), log.log[-500:]
+        assert hold(node, pushed,
+                    lambda: 'desired motion stopped' in log.log), log.log[-500:]
         assert "collision at joint 'turn': desired motion stopped" in log.log
         refused = "joint_trajectory rejected: collision at joint 'turn'"
         node.follow([(0.0, Q), (60.0, Q + 1.0)])
         assert hold(node, pushed, lambda: refused in log.log)
-        # After the stop the arm is held; when the collision has ended, motions are followed.
+        # After the stop the arm is held; when the collision has ended, motions are
+        # followed.
         flags = node.ear.flags
         assert hold(node, gravity, lambda: flags and not flags[-1].data)
         assert not hold(node, gravity, lambda: False, 0.3), 'to the end of the stop'
-        before = node.torques[max(node.torques)]
+        torque_before = node.torques[max(node.torques)]
         assert not hold(node, gravity, lambda: False, 0.3)
-        np.testing.assert_allclose(node.torques[max(node.torques)], before, atol=1e-9)
+        np.testing.assert_allclose(node.torques[max(node.torques)], torque_before,
+                                   atol=1e-9)
         rejected = log.log.count('joint_trajectory rejected')
         node.follow([(0.0, Q), (1.0, Q + 0.5)])
         moving = robot.gravity_force(Q + 0.5)
-        assert hold(node, gravity, lambda: np.allclose(node.torques[max(node.torques)], moving,
-                                                       rtol=1e-9), 5.0)
+        assert hold(node, gravity,
+                    lambda: np.allclose(node.torques[max(node.torques)], moving,
+                                        rtol=1e-9), 5.0)
         assert log.log.count('joint_trajectory rejected') == rejected
     finally:
         assert node.adjust(observer__action='report').successful
 
 
 def test_the_payload_is_estimated_with_its_deviation(node, robot):
-    ear, weight = node.ear, 9.81 * 1.5 * np.array([0.0, 0.0, -1.0])
+    ear = node.ear
+    weight = 9.81 * 1.5 * np.array([0.0, 0.0, -1.0])
     rows = np.zeros((2, 6))
     rows[0, :3] = weight  # a point mass at the frame's origin
     effort = robot.gravity_force(Q) - robot.external_force(Q, wrench=rows)
     assert hold(node, effort, lambda: len(ear.payloads) > 3, seconds=10.0)
-    found = ear.payloads[-1]
-    assert found.header.frame_id == 'c'
-    # At rest, offsets that the sensors may have cannot be told from a payload: the deviation says
-    # so. Of sensors stated to be exact, test_payload_deviations asks for 0.05 kg.
-    assert found.mass_deviation > 0.0
-    assert abs(found.mass - 1.5) < 3.0 * found.mass_deviation
+    published = ear.payloads[-1]
+    assert published.header.frame_id == 'c'
+    # At rest, offsets that the sensors may have cannot be told from a payload: the
+    # deviation says so. Of sensors stated to be exact, test_payload_deviations asks for
+    # 0.05 kg.
+    assert published.mass_deviation > 0.0
+    assert abs(published.mass - 1.5) < 3.0 * published.mass_deviation
 
 
 def test_explain_answers_in_the_order_of_the_request(node, robot):
-    u, udot, order = np.array([0.5, -1.0, 0.3]), np.array([1.0, 2.0, -1.0]), [2, 0, 1]
+    u = np.array([0.5, -1.0, 0.3])
+    udot = np.array([1.0, 2.0, -1.0])
+    order = [2, 0, 1]
     rows = np.array([world(robot, 'c'), np.zeros(6)])
     expected = robot.explain(Q, u, udot, wrench=rows)
     answer = node.call(Explain, 'explain', joint_names=[JOINTS[k] for k in order],
@@ -213,10 +232,10 @@ def test_explain_answers_in_the_order_of_the_request(node, robot):
     assert list(why.joint_names) == [JOINTS[k] for k in order]
     assert (list(why.sources), list(why.bodies)) == (list(expected.sources),
                                                      list(expected.bodies))
-    np.testing.assert_allclose(np.reshape(why.by_source, (-1, 3)), expected.by_source[:, order],
-                               rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(np.reshape(why.by_body, (-1, 3)), expected.by_body[:, order],
-                               rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(np.reshape(why.by_source, (-1, 3)),
+                               expected.by_source[:, order], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(np.reshape(why.by_body, (-1, 3)),
+                               expected.by_body[:, order], rtol=1e-12, atol=1e-12)
     assert why.joint_power == pytest.approx(float(expected.torque @ u))
     assert abs(why.power_residual) < 1e-8 * abs(why.energy_rate)
 
@@ -244,8 +263,10 @@ def test_torque_by_source_sums_to_the_command(node, robot):
 def test_deactivation_clears_the_flag_and_an_invalid_threshold_is_refused(node, robot):
     answer = node.adjust(observer__threshold=[1.0, 2.0])
     assert not answer.successful
-    assert '2 entries; expected one number, or one for each of the 3 joints' in answer.reason
-    ear, gravity = node.ear, robot.gravity_force(Q)
+    assert ('2 entries; expected one number, or one for each of the 3 joints'
+            in answer.reason)
+    ear = node.ear
+    gravity = robot.gravity_force(Q)
     assert hold(node, gravity - 5.0, lambda: bool(ear.flags) and ear.flags[-1].data)
     assert node.transition(4)
     assert wait_until(lambda: not ear.flags[-1].data)

@@ -22,15 +22,15 @@ PLANT = 'kane_dynamics.ros.plant.main'
 def doctor(urdf, *arguments):
     """Run the command; return its exit code and the words of each level."""
     done = subprocess.run(
-        [sys.executable, '-m', 'kane_dynamics.cli', 'doctor', str(urdf), '--json', *arguments],
-        capture_output=True, text=True, check=False, timeout=60,
+        [sys.executable, '-m', 'kane_dynamics.cli', 'doctor', str(urdf), '--json',
+         *arguments], capture_output=True, text=True, check=False, timeout=60,
         env={**os.environ, 'PYTHONPATH': os.pathsep.join(
             [str(ROOT), os.environ.get('PYTHONPATH', '')])})
     assert done.stderr == '', done.stderr
-    found = {'problem': '', 'warning': '', 'fine': ''}
+    findings = {'problem': '', 'warning': '', 'fine': ''}
     for finding in json.loads(done.stdout):
-        found[finding['level']] += finding['words'] + '\n'
-    return done.returncode, found
+        findings[finding['level']] += finding['words'] + '\n'
+    return done.returncode, findings
 
 
 @pytest.fixture
@@ -42,34 +42,36 @@ def urdf(tmp_path):
 
 @pytest.mark.parametrize('name', ['ur10e', 'fr3'])
 def test_shipped_arms_and_their_configurations_have_no_problem(name):
-    code, found = doctor(ROOT / 'urdf' / f'{name}.urdf', '--config',
-                         str(ROOT / 'config' / f'{name}.yaml'))
-    assert (code, found['problem']) == (0, '')
-    assert f'{name}.yaml: all parameters are known and fit the arm' in found['fine']
-    assert 'no rotor inertia (armature) is known' in found['warning']
+    code, findings = doctor(ROOT / 'urdf' / f'{name}.urdf', '--config',
+                            str(ROOT / 'config' / f'{name}.yaml'))
+    assert (code, findings['problem']) == (0, '')
+    assert f'{name}.yaml: all parameters are known and fit the arm' in findings['fine']
+    assert 'no rotor inertia (armature) is known' in findings['warning']
 
 
 def test_a_weak_arm_and_an_invalid_configuration_are_reported_by_name(tmp_path):
     path = tmp_path / 'weak.urdf'
     path.write_text(URDF.replace('effort="60"', 'effort="1"'))
     wrong = tmp_path / 'wrong.yaml'
-    wrong.write_text('/**: {ros__parameters: {mod: fly, gains: {kp: -1.0}, gravity: [0, 0, 9.81],'
-                     'joints: [turn, elbow]}}')
-    code, found = doctor(path, '--config', str(wrong))
+    wrong.write_text(
+        '/**: {ros__parameters: {mod: fly, gains: {kp: -1.0}, gravity: [0, 0, 9.81],'
+        'joints: [turn, elbow]}}')
+    code, findings = doctor(path, '--config', str(wrong))
     assert code == 1
     for words in ("the arm cannot hold itself in every configuration: 'lift'",
                   "parameter 'mod': unknown and ignored; expected 'mode'",
                   "parameter 'gains.kp': -1.0"):
-        assert words in found['problem']
-    wrong.write_text('/**: {ros__parameters: {gravity: [0, 0, 9.81], joints: [turn, elbow]}}')
-    code, found = doctor(path, '--config', str(wrong))
-    assert ("joints: 'elbow' is no joint of one degree of freedom; expected some of turn, lift"
-            in found['problem'])
-    assert 'gravity: [0.0, 0.0, 9.81]' in found['warning']
+        assert words in findings['problem']
+    wrong.write_text(
+        '/**: {ros__parameters: {gravity: [0, 0, 9.81], joints: [turn, elbow]}}')
+    code, findings = doctor(path, '--config', str(wrong))
+    assert ("joints: 'elbow' is no joint of one degree of freedom; expected some of "
+            "turn, lift" in findings['problem'])
+    assert 'gravity: [0.0, 0.0, 9.81]' in findings['warning']
 
 
 def test_a_valid_graph_has_no_problem(client, urdf):
-    """In simulated time, on a controller's topic, beside a gripper that speaks for itself."""
+    """In simulated time, on a controller's topic, beside a gripper of its own."""
     away = ('-r', '__ns:=/ward',  # from what the client itself publishes
             '-r', 'commands:=effort/commands')
     # A machine that stalls must not let the arm fall: it has to be at rest.
@@ -86,25 +88,27 @@ def test_a_valid_graph_has_no_problem(client, urdf):
         running[0].wait_for('active, mode')
         running[1].wait_for('joint states/s')
         # A short duration, because discovery takes up to two heartbeats.
-        code, found = doctor(urdf, '--live', '1', '--namespace', 'ward', '--commands',
-                             'effort/commands')
+        code, findings = doctor(urdf, '--live', '1', '--namespace', 'ward', '--commands',
+                                'effort/commands')
     finally:
         client.destroy_timer(timer)
         client.destroy_publisher(gripper)
         for process in running:
             process.end()
-    assert (code, found['problem']) == (0, ''), found
-    assert 'commands: from kane_dynamics to plant' in found['fine'], found
-    assert 'joint states/s with all joints' in found['fine'], found
-    assert 'of the weight' in found['fine'], found
-    assert 'stamps' not in found['warning'], found
-    assert 'commands' not in found['warning'], found
+    assert (code, findings['problem']) == (0, ''), findings
+    assert 'commands: from kane_dynamics to plant' in findings['fine'], findings
+    assert 'joint states/s with all joints' in findings['fine'], findings
+    assert 'of the weight' in findings['fine'], findings
+    assert 'stamps' not in findings['warning'], findings
+    assert 'commands' not in findings['warning'], findings
 
 
 def test_the_problems_of_a_graph_are_reported(client, urdf):
-    publishers = [client.create_publisher(JointState, 'joint_states', 10) for _ in range(2)]
+    publishers = [client.create_publisher(JointState, 'joint_states', 10)
+                  for _ in range(2)]
     described = client.create_publisher(String, 'robot_description', QoSProfile(depth=1))
-    commands = [client.create_publisher(Float64MultiArray, 'commands', 1) for _ in range(2)]
+    commands = [client.create_publisher(Float64MultiArray, 'commands', 1)
+                for _ in range(2)]
     stop = threading.Event()
     q = np.array([0.3, -0.4, 0.2])
     upside_down = (-Robot(load_urdf(URDF)).gravity_force(q)).tolist()
@@ -118,15 +122,15 @@ def test_the_problems_of_a_graph_are_reported(client, urdf):
     thread = threading.Thread(target=publish)
     thread.start()
     try:
-        code, found = doctor(urdf, '--live', '3')
+        code, findings = doctor(urdf, '--live', '3')
     finally:
         stop.set()
         thread.join()
         for publisher in (*publishers, described, *commands):
             client.destroy_publisher(publisher)
     assert code == 1
-    for words in ('joint_states: 3 publishers', 'expected the same clock', 'opposite sign',
-                  'commands: 2 publishers', 'expected transient local'):
-        assert words in found['problem'], found
-    code, found = doctor(urdf, '--live', '1', '--namespace', 'elsewhere')
-    assert 'joint states: none within 1 s; expected' in found['problem']
+    for words in ('joint_states: 3 publishers', 'expected the same clock',
+                  'opposite sign', 'commands: 2 publishers', 'expected transient local'):
+        assert words in findings['problem'], findings
+    code, findings = doctor(urdf, '--live', '1', '--namespace', 'elsewhere')
+    assert 'joint states: none within 1 s; expected' in findings['problem']

@@ -23,8 +23,12 @@ HOME = np.array([0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8])
 MOVE = np.array([0.5, 0.3, -0.3, 0.4, 0.4, -0.4, 0.5])
 KP = [600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0]
 KD = [30.0, 30.0, 30.0, 30.0, 10.0, 10.0, 5.0]
-SETTLE, DURATION, AFTER = 0.1, 0.5, 0.7  # s
-CYCLE, SUBSTEPS = 1e-3, 4
+# s
+SETTLE = 0.1
+DURATION = 0.5
+AFTER = 0.7
+CYCLE = 1e-3
+SUBSTEPS = 4
 # From rest to rest with four continuous derivatives, s from 0 to 1.
 SHAPE = np.polynomial.Polynomial([0, 0, 0, 0, 0, 126, -420, 540, -315, 70])
 DRIVES = {name: {'stiffness': stiffness, 'damping': 0.2, 'rotor_inertia': inertia}
@@ -38,21 +42,22 @@ def module_node(tmp_path_factory):
     supplement = tmp_path_factory.mktemp('drives') / 'drives.yaml'
     supplement.write_text(json.dumps({'drives': DRIVES}))
     yield from active_until_end(Process(
-        urdf=resource_path('urdf', 'fr3.urdf'), supplement=supplement, state_timeout=600.0,
+        urdf=resource_path('urdf', 'fr3.urdf'), supplement=supplement,
+        state_timeout=600.0,
         use_sim_time=True, joints=f'[{",".join(JOINTS)}]', mode='motor_side',
-        modes='[joint_impedance]',
-        drives__lead=0.5 * CYCLE, drives__kp=KP, drives__kd=KD, joint_impedance__stiffness=KP,
-        joint_impedance__damping=KD))
+        modes='[joint_impedance]', drives__lead=0.5 * CYCLE, drives__kp=KP,
+        drives__kd=KD, joint_impedance__stiffness=KP, joint_impedance__damping=KD))
 
 
 def plant():
-    """Return the arm, and its configuration with links at home and springs that hold them."""
+    """Return the arm, and its configuration with links at home on their springs."""
     urdf = resource_path('urdf', 'fr3.urdf')
     model = load_urdf(urdf, joints=JOINTS, supplement={'drives': DRIVES})
     gravity = Robot(model).inverse_dynamics(np.tile(HOME, 2), *np.zeros((2, 14)))[:7]
     stiffness = np.array([drive['stiffness'] for drive in DRIVES.values()])
     start = np.concatenate([HOME, HOME + gravity / stiffness])
-    return TwoMassArm(urdf.read_text(encoding='utf-8'), model, CYCLE / SUBSTEPS, 'RK4'), start
+    return TwoMassArm(urdf.read_text(encoding='utf-8'), model, CYCLE / SUBSTEPS,
+                      'RK4'), start
 
 
 def move(stamp):
@@ -74,7 +79,8 @@ def residual_vibration(client, clock, start, arm, rest, mode):
     """
     Return the largest distance of the tip from its place at rest after the motion, m.
 
-    The simulated time begins at `start`, ns, and waits for the node's command to each state.
+    The simulated time begins at `start`, ns, and waits for the node's command to each
+    state.
     """
     assert client.adjust(mode=mode).successful
     client.joints = JOINTS
@@ -98,9 +104,9 @@ def residual_vibration(client, clock, start, arm, rest, mode):
     places = np.array(places)
     travelled = np.linalg.norm(places[-1] - places[0])
     assert travelled > 0.1, client.process.log  # the motion was followed
-    after = places[round((SETTLE + DURATION) / CYCLE):]
-    place = after[-200:].mean(axis=0)
-    return np.linalg.norm(after - place, axis=1).max()
+    settled = places[round((SETTLE + DURATION) / CYCLE):]
+    place = settled[-200:].mean(axis=0)
+    return np.linalg.norm(settled - place, axis=1).max()
 
 
 def answer(client, q, u, stamp):
@@ -115,30 +121,33 @@ def answer(client, q, u, stamp):
 @pytest.mark.timeout(400)  # 2600 states, each with its answer
 def test_elastic_feedforward_leaves_a_twentieth_of_the_vibration(module_node, client):
     client.joints = JOINTS
-    arm, rest = plant()
+    arm, resting_place = plant()
     client.process = module_node
     clock = client.create_publisher(Clock, '/clock', 1)
     assert wait_until(lambda: clock.get_subscription_count(), 60.0)
     try:
-        rigid = residual_vibration(client, clock, 10**9, arm, rest, 'joint_impedance')
-        elastic = residual_vibration(client, clock, 10**10, arm, rest, 'motor_side')
+        rigid = residual_vibration(client, clock, 10**9, arm, resting_place,
+                                   'joint_impedance')
+        elastic = residual_vibration(client, clock, 10**10, arm, resting_place,
+                                     'motor_side')
     finally:
         client.destroy_publisher(clock)
-    print(f'tip after the motion: {1e3 * rigid:.4f} mm with rigid feedforward and the same '
-          f'gains, {1e3 * elastic:.4f} mm with the elastic one')
+    print(f'tip after the motion: {1e3 * rigid:.4f} mm with rigid feedforward and the '
+          f'same gains, {1e3 * elastic:.4f} mm with the elastic one')
     assert rigid > 20.0 * elastic
 
 
 @pytest.fixture
 def simulated(module_node, tmp_path):
-    """Return a plant_node with the same arm, paused, whose joint states are of the motors."""
+    """Return a plant_node of the same arm, paused, with joint states of motors."""
     supplement = tmp_path / 'drives.yaml'
     supplement.write_text(json.dumps({'drives': DRIVES}))
-    process = Process(module='kane_dynamics.ros.plant.main', supplement=supplement,
-                      urdf=resource_path('urdf', 'fr3.urdf'), joints=f'[{",".join(JOINTS)}]',
-                      drives__sensor_side='motor', initial__position=HOME.tolist(),
-                      publish_clock=True, rate=1000.0, rate_factor=0.1, command_timeout=600.0,
-                      start_paused=True)
+    process = Process(
+        module='kane_dynamics.ros.plant.main', supplement=supplement,
+        urdf=resource_path('urdf', 'fr3.urdf'), joints=f'[{",".join(JOINTS)}]',
+        drives__sensor_side='motor', initial__position=HOME.tolist(),
+        publish_clock=True, rate=1000.0, rate_factor=0.1, command_timeout=600.0,
+        start_paused=True)
     process.wait_for('drives of fr3_joint1')
     yield process
     assert process.end()[0] == 0
@@ -149,12 +158,14 @@ def simulated(module_node, tmp_path):
 def test_the_node_moves_an_elastic_arm_in_plant_node(module_node, client, simulated):
     """The motors follow; at rest they lead the links by what gravity deflects."""
     client.joints = JOINTS
-    states, clock = [], []
+    states = []
+    clock = []
     subscriptions = [
         client.create_subscription(JointState, 'joint_states', states.append, DEEP),
         client.create_subscription(Clock, '/clock', clock.append, DEEP)]
     try:
-        # The arm waits for its first command, which must not be the one to an unseen state.
+        # The arm waits for its first command, which must not be the one to an unseen
+        # state.
         assert client.call(ChangeState, f'{NAME}/change_state', transition=Transition(
             id=Transition.TRANSITION_DEACTIVATE)).success
         assert client.call(SetBool, '/plant/pause', data=False).success
@@ -164,7 +175,8 @@ def test_the_node_moves_an_elastic_arm_in_plant_node(module_node, client, simula
         stiffness = np.array([drive['stiffness'] for drive in DRIVES.values()])
 
         def motors_at(links):
-            weight = Robot(model).inverse_dynamics(np.tile(links, 2), *np.zeros((2, 14)))[:7]
+            weight = Robot(model).inverse_dynamics(np.tile(links,
+                                                           2), *np.zeros((2, 14)))[:7]
             return links + weight / stiffness
         assert tuple(states[-1].name) == JOINTS
         np.testing.assert_allclose(states[0].position, motors_at(HOME), atol=1e-9)

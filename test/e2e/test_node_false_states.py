@@ -1,4 +1,4 @@
-"""The node on a simulated arm over DDS: false joint states between the true ones, and motions."""
+"""The node on a simulated arm over DDS: false joint states between true ones."""
 
 import math
 import time
@@ -27,7 +27,9 @@ class Arm:
     """An arm that the node commands, with false states between those of its plant."""
 
     def __init__(self, client, start, measured, plant, **parameters):
-        self.client, self.joints, self.states = client, measured, []
+        self.client = client
+        self.joints = measured
+        self.states = []
         self.plant = plant
         self.node = start(real_states=True, diagnostics_rate=20.0, state_timeout=0.5,
                           **GAINS, **parameters)
@@ -85,21 +87,23 @@ class Arm:
         """
         Publish a false state; its reason is counted, once for each that arrives.
 
-        It is published again after 4 s: on a busy machine a state may be lost (best effort).
+        It is published again after 4 s: on a busy machine a state may be lost (best
+        effort).
         """
-        before = self.drops(reason)
+        count_before = self.drops(reason)
         published = 0
-        while self.drops(reason) == before and published < 3:
+        while self.drops(reason) == count_before and published < 3:
             self.publish(**fault)
             published += 1
-            wait_until(lambda: self.drops(reason) > before, 4.0)
-        counted = self.drops(reason) - before
+            wait_until(lambda: self.drops(reason) > count_before, 4.0)
+        counted = self.drops(reason) - count_before
         assert 1 <= counted <= published, (reason, fault, counted, self.node.log[-2000:])
 
     def check_each(self, faults):
         """Publish each false state; the arm stays, and the reason is counted."""
         for reason, fault in faults:
-            held, count = self.place(), len(self.states)
+            held = self.place()
+            count = len(self.states)
             self.check_refused(reason, **fault)
             moved = np.abs([q - held for _, q, _ in self.states[count:]]).max()
             assert moved < MOST, (reason, fault, moved)
@@ -116,29 +120,31 @@ def two_link(client, start):
 
 
 def rests(arm):
-    before = arm.place()
+    place_before = arm.place()
     time.sleep(0.1)
-    return np.abs(arm.place() - before).max() < 1e-6
+    return np.abs(arm.place() - place_before).max() < 1e-6
 
 
 def test_the_arm_moves_neither_by_false_states_nor_by_impossible_motions(two_link):
     arm = two_link
     arm.wait()
     first, second = arm.joints
-    arm.check_each([
-        (JUMP, {'joint': first, 'by': 1.0}), (TOO_FAST, {'joint': second, 'speed': 500.0}),
-        (OUTSIDE, {'joint': second, 'by': 40.0}), (OUTSIDE, {'joint': first, 'factor': 57.3}),
-        (NOT_FINITE, {'joint': first, 'by': math.nan}),
-        (STALE, {'joint': first, 'by': 0.5, 'age': 1.0}),
-        (FUTURE, {'joint': first, 'by': 0.5, 'age': -1.0}),
-        (OUT_OF_ORDER, {'joint': first, 'by': 0.5, 'age': 0.1})])
+    arm.check_each([(JUMP, {'joint': first, 'by': 1.0}),
+                    (TOO_FAST, {'joint': second, 'speed': 500.0}),
+                    (OUTSIDE, {'joint': second, 'by': 40.0}),
+                    (OUTSIDE, {'joint': first, 'factor': 57.3}),
+                    (NOT_FINITE, {'joint': first, 'by': math.nan}),
+                    (STALE, {'joint': first, 'by': 0.5, 'age': 1.0}),
+                    (FUTURE, {'joint': first, 'by': 0.5, 'age': -1.0}),
+                    (OUT_OF_ORDER, {'joint': first, 'by': 0.5, 'age': 0.1})])
     q = arm.place()
     for points, reason in (([(0.0, q), (2.0, q + 40.0)], 'if these are degrees'),
                            ([(0.0, q + 0.5), (2.0, q)], 'the motion sets out at'),
                            ([(0.0, q), (0.01, q + 0.3)], '1.2 times its limit')):
-        before = arm.node.log.count('joint_trajectory rejected')
+        count_before = arm.node.log.count('joint_trajectory rejected')
         arm.client.follow(points)
-        assert wait_until(lambda n=before: arm.node.log.count('joint_trajectory rejected') > n)
+        assert wait_until(
+            lambda n=count_before: arm.node.log.count('joint_trajectory rejected') > n)
         assert reason in arm.node.log.splitlines()[-1]
     assert np.abs(arm.place() - q).max() < MOST
     arm.client.follow([(0.0, q), (2.0, q + 0.2)])
@@ -146,7 +152,8 @@ def test_the_arm_moves_neither_by_false_states_nor_by_impossible_motions(two_lin
     arm.check_refused(JUMP, joint=first, by=1.0)
     jumps = arm.drops(JUMP)
     assert wait_until(lambda: np.abs(arm.place() - q - 0.2).max() < 5e-3, 5.0)
-    assert wait_until(lambda: rests(arm), 10.0)  # a moving arm would be stopped elsewhere
+    # A moving arm would be stopped elsewhere.
+    assert wait_until(lambda: rests(arm), 10.0)
     assert arm.drops(JUMP) == jumps
     # An encoder breaks, and stays broken.
     assert arm.client.adjust(state_check__action='hold').successful
@@ -157,9 +164,11 @@ def test_the_arm_moves_neither_by_false_states_nor_by_impossible_motions(two_lin
         arm.publish(first, by=40.0)
         time.sleep(0.005)
     assert f'fault: {OUTSIDE} for 0.0' in arm.node.log
-    assert 'stopping by the model and holding until states are valid again' in arm.node.log
+    assert ('stopping by the model and holding until states are valid again'
+            in arm.node.log)
     np.testing.assert_allclose(arm.client.commands[-1], held, atol=1e-3)
-    assert any('joint states impossible' in words for _, words, _ in arm.client.diagnostics)
+    assert any('joint states impossible' in words
+               for _, words, _ in arm.client.diagnostics)
 
 
 def test_no_false_state_of_a_palletizer_moves_it(client, start):
@@ -169,11 +178,11 @@ def test_no_false_state_of_a_palletizer_moves_it(client, start):
     try:
         palletizer().compile()
         arm.wait()
-        arm.check_each([
-            (JUMP, {'joint': 'shoulder', 'by': 1.2}), (OUTSIDE, {'joint': 'shoulder', 'by': 2.0}),
-            (CONTRADICTION, {'joint': 'elbow', 'by': 0.05}),
-            (NOT_FINITE, {'joint': 'turn', 'by': math.nan}),
-            (STALE, {'joint': 'shoulder', 'by': 0.5, 'age': 1.0})])
+        arm.check_each([(JUMP, {'joint': 'shoulder', 'by': 1.2}),
+                        (OUTSIDE, {'joint': 'shoulder', 'by': 2.0}),
+                        (CONTRADICTION, {'joint': 'elbow', 'by': 0.05}),
+                        (NOT_FINITE, {'joint': 'turn', 'by': math.nan}),
+                        (STALE, {'joint': 'shoulder', 'by': 0.5, 'age': 1.0})])
     finally:
         arm.close()
 
@@ -189,7 +198,8 @@ def test_no_false_state_moves_an_arm_of_mujoco(client, start, tmp_path):
     arm = Arm(client, start, joints, plant, urdf=urdf, joints=f'[{",".join(joints)}]')
     try:
         arm.node.wait_for('active, mode', 120.0)
-        # A reset would be a jump, which an active node refuses: the servo ends where it holds.
+        # A reset would be a jump, which an active node refuses: the servo ends where it
+        # holds.
         assert client.call(SetBool, '/plant/servo', data=False).success
         arm.wait()
         assert wait_until(lambda: rests(arm), 10.0)

@@ -1,9 +1,10 @@
 """
 The node moves a simulated arm over DDS, with a false joint state and without it.
 
-The node is a process of its own. Simulated time advances when a state is answered, so that how
-busy the machine is changes no number: both runs are equal up to the fault, to the last bit, and
-what differs afterwards is the fault's. The arm is that of `plant_node`, or in MuJoCo.
+The node is a process of its own. Simulated time advances when a state is answered, so
+that how busy the machine is changes no number: both runs are equal up to the fault, to
+the last bit, and what differs afterwards is the fault's. The arm is that of
+`plant_node`, or in MuJoCo.
 """
 
 import signal
@@ -36,7 +37,8 @@ class MujocoSide:
         joints = [model.joint(joint) for joint in self.robot.joint_names]
         self._q = [joint.qposadr[0] for joint in joints]
         self._u = [joint.dofadr[0] for joint in joints]
-        self._motors = [self.robot.joint_names.index(joint) for joint in ROBOTS[name].joints]
+        self._motors = [self.robot.joint_names.index(joint)
+                        for joint in ROBOTS[name].joints]
 
     @property
     def q(self):
@@ -125,7 +127,9 @@ class Lockstep:
         message = Clock()
         message.clock.sec, message.clock.nanosec = divmod(self.time, NANO)
         self.clock.publish(message)
-        q, u, age = self.arm.q, self.arm.u, 0
+        q = self.arm.q
+        u = self.arm.u
+        age = 0
         if change is not None:
             q, u, age = change(q, u)
         message = JointState(name=list(self.robot.joint_names), position=q.tolist(),
@@ -150,7 +154,7 @@ class Lockstep:
         return self.torque(self.client.torques[stamp])
 
     def dropped(self):
-        """Return how many states are dropped, by reason, once diagnostics do not change."""
+        """Return how many states are dropped, by reason, once diagnostics settle."""
         key = 'states dropped: '
         self.client.diagnostics.clear()
         for _ in range(4000):
@@ -164,7 +168,7 @@ class Lockstep:
         raise AssertionError(f'diagnostics: {counts[-3:]}')
 
     def run(self, change=None, count=1, moving=True):
-        """Return the positions of all states of a motion, (K, n); `count` states are false."""
+        """Return the positions of all states of a motion, (K, n); `count` are false."""
         self.arm.reset(self.home)
         for _ in range(START):
             torque = self.state()
@@ -202,9 +206,11 @@ class Lockstep:
             self.arm.step(torque)
         if moving:
             self.client.follow(list(zip(self.motion.times, self.motion.positions)),
-                               names=self.motion.joint_names, start=self.time + 10 * PERIOD)
+                               names=self.motion.joint_names,
+                               start=self.time + 10 * PERIOD)
             time.sleep(0.3)
-        rows, torques = [], []
+        rows = []
+        torques = []
         for k in range(FAULT + 2 * count):
             if FAULT <= k < FAULT + count:
                 torque = self.answer_to_false(change)
@@ -222,13 +228,14 @@ class Lockstep:
         """Return positions and torques of a fault, which is reported once."""
         report = f'fault: {reason} for 0.0'
         for _ in range(ATTEMPTS):
-            before = self.node.log.count(report)
+            count_before = self.node.log.count(report)
             try:
                 rows, torques = self.fault(change, count, moving)
             except LostError as error:
                 lost = error
                 continue
-            assert self.node.log.count(report) == before + 1, (reason, self.node.log[-1500:])
+            assert self.node.log.count(
+                report) == count_before + 1, (reason, self.node.log[-1500:])
             return rows, torques
         raise lost
 
@@ -238,12 +245,13 @@ class Lockstep:
         count = len(commands)
         zero = not np.any(commands[-1])
         self.publish(change)
-        if not wait_until(lambda: len(commands) > count, 0.01 if zero else 3.0) and not zero:
+        if not wait_until(
+                lambda: len(commands) > count, 0.01 if zero else 3.0) and not zero:
             raise LostError(f'no command: {self.node.log[-1500:]}')
         return self.torque(commands[-1])
 
     def after_silence(self, change, timeout):
-        """Publish a false state; return the torque that acts once it is answered or lost."""
+        """Publish a false state; return the torque that acts once it is answered."""
         count = len(self.client.commands)
         self.publish(change)
         wait_until(lambda: len(self.client.commands) > count, timeout)
@@ -251,19 +259,19 @@ class Lockstep:
 
     def compared(self, reference, reason, change, count):
         """Return the distance from a run without false states, which are counted."""
-        found = 'states lost in every run'
+        outcome = 'states lost in every run'
         for _ in range(ATTEMPTS):
-            before = self.dropped().get(reason, 0)
+            count_before = self.dropped().get(reason, 0)
             try:
                 rows = self.run(change, count)
             except LostError:
                 continue
             away = np.abs(rows - reference)
-            counted = self.dropped().get(reason, 0) - before
+            counted = self.dropped().get(reason, 0) - count_before
             if counted == count and away[:FAULT].max() < 1e-9:
                 return away
-            found = counted, away[:FAULT].max()
-        raise AssertionError((reason, found, self.node.log[-1500:]))
+            outcome = counted, away[:FAULT].max()
+        raise AssertionError((reason, outcome, self.node.log[-1500:]))
 
 
 LASTING = {'fr3': ('jump', 'small jump', 'degrees', 'not finite'),
@@ -276,7 +284,8 @@ CASES = [('fr3', 'plant_node', 'python'), ('fr3', 'plant_node', 'native'),
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize(('name', 'engine', 'torque_path'), CASES)
-def test_no_false_state_moves_an_arm_in_motion(client, start, capsys, name, engine, torque_path):
+def test_no_false_state_moves_an_arm_in_motion(client, start, capsys, name, engine,
+                                               torque_path):
     lockstep = Lockstep(client, start, name, engine, torque_path)
     try:
         lockstep.run()
@@ -292,7 +301,8 @@ def test_no_false_state_moves_an_arm_in_motion(client, start, capsys, name, engi
                 assert away.max() < MOST, (fault, count, away.max())
         with capsys.disabled():
             print(f'\n{name}, {engine}, {torque_path}: {len(largest)} faults, largest '
-                  f'{1e3 * max(largest.values()):.3f} mrad ({max(largest, key=largest.get)})')
+                  f'{1e3 * max(largest.values()):.3f} mrad '
+                  f'({max(largest, key=largest.get)})')
     finally:
         lockstep.close()
 
@@ -300,10 +310,13 @@ def test_no_false_state_moves_an_arm_in_motion(client, start, capsys, name, engi
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize(('name', 'engine', 'torque_path'), CASES)
-def test_a_fault_that_lasts_ends_as_configured(client, start, capsys, name, engine, torque_path):
-    """At rest and in motion: the grace time, then the arm stops and is held, or zeros."""
+def test_a_fault_that_lasts_ends_as_configured(client, start, capsys, name, engine,
+                                               torque_path):
+    """At rest and in motion: the grace time, then a stop and hold, or zeros."""
     lockstep = Lockstep(client, start, name, engine, torque_path)
-    grace, stop = 26, 125  # states
+    # States
+    grace = 26
+    stop = 125
     figures = []
     try:
         for action in ('hold', 'zero'):
@@ -312,26 +325,27 @@ def test_a_fault_that_lasts_ends_as_configured(client, start, capsys, name, engi
                 reason, change = FALSE[name][fault]
                 for moving in (False, True):
                     case = (action, fault, moving)
-                    rows, torques = lockstep.lasting_fault(reason, change, grace + stop + 30,
-                                                           moving)
+                    rows, torques = lockstep.lasting_fault(reason, change,
+                                                           grace + stop + 30, moving)
                     # During the grace time the last command goes on.
-                    assert np.ptp(torques[FAULT - 1:FAULT + grace - 2], axis=0).max() == 0.0, case
+                    assert np.ptp(torques[FAULT - 1:FAULT + grace - 2],
+                                  axis=0).max() == 0.0, case
                     speeds = np.abs(np.diff(rows, axis=0)).max(axis=1) * (NANO / PERIOD)
                     if action == 'zero':
                         assert not torques[FAULT + grace + 1:].any(), case
                         continue
                     fastest = speeds[:FAULT + grace].max()
                     assert (fastest > 0.3) == moving, case
-                    rest = speeds[FAULT + grace + stop:].max()
-                    assert rest < max(0.05 * fastest, 0.01), (case, rest)
+                    final_speed = speeds[FAULT + grace + stop:].max()
+                    assert final_speed < max(0.05 * fastest, 0.01), (case, final_speed)
                     distance = np.abs(rows[FAULT:] - rows[FAULT]).max()
                     assert distance < max(0.19 * fastest, MOST), (case, distance)
-                    figures.append((rest, distance, fastest, *case))
+                    figures.append((final_speed, distance, fastest, *case))
         with capsys.disabled():
-            rest, distance, fastest, *case = max(figures)
-            print(f'\n{name}, {engine}, {torque_path}: of {len(figures)} faults from up to '
-                  f'{fastest:.2f} rad/s at most {rest:.4f} rad/s after the stop, moved '
-                  f'{distance:.3f} rad ({case})')
+            final_speed, distance, fastest, *case = max(figures)
+            print(f'\n{name}, {engine}, {torque_path}: of {len(figures)} faults from up '
+                  f'to {fastest:.2f} rad/s at most {final_speed:.4f} rad/s after the '
+                  f'stop, moved {distance:.3f} rad ({case})')
     finally:
         lockstep.close()
 
@@ -340,9 +354,11 @@ def test_a_fault_that_lasts_ends_as_configured(client, start, capsys, name, engi
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize('action', ['hold', 'zero'])
 @pytest.mark.parametrize('before', [5, 60], ids=['in the grace time', 'in the stop'])
-def test_the_guard_stops_an_arm_whose_node_dies_in_a_fault(client, start, capsys, action, before):
-    """The states stay false, so that the guard knows the motion before the fault alone."""
-    lockstep = Lockstep(client, start, 'fr3', 'plant_node', 'python', guard__enabled='true',
+def test_the_guard_stops_an_arm_whose_node_dies_in_a_fault(
+        client, start, capsys, action, before):
+    """The states stay false: the guard knows only the motion before the fault."""
+    lockstep = Lockstep(client, start, 'fr3', 'plant_node', 'python',
+                        guard__enabled='true',
                         guard__lease=1.0, state_check__action=action)
     _, change = FALSE['fr3']['jump']
     try:
@@ -351,14 +367,16 @@ def test_the_guard_stops_an_arm_whose_node_dies_in_a_fault(client, start, capsys
         assert wait_until(lambda: lockstep.answers() and 'torque_guard watches'
                           in lockstep.node.log, 60.0), lockstep.node.log
         client.follow(list(zip(lockstep.motion.times, lockstep.motion.positions)),
-                      names=lockstep.motion.joint_names, start=lockstep.time + 10 * PERIOD)
+                      names=lockstep.motion.joint_names,
+                      start=lockstep.time + 10 * PERIOD)
         time.sleep(0.3)
         for _ in range(FAULT):
             lockstep.arm.step(lockstep.state())
         for _ in range(before):
             lockstep.arm.step(lockstep.answer_to_false(change))
         lockstep.node.end(signal.SIGKILL)
-        states, of_node = [], len(client.commands)
+        states = []
+        of_node = len(client.commands)
         for _ in range(600):
             # In the silence no command follows; then the guard answers each state.
             acts = len(client.commands) > of_node and np.any(client.commands[-1])
@@ -366,15 +384,17 @@ def test_the_guard_stops_an_arm_whose_node_dies_in_a_fault(client, start, capsys
             states.append((lockstep.arm.q, lockstep.arm.u))
         q, u = np.array(states).swapaxes(0, 1)
         moved = np.abs(q - q[0]).max()
-        fastest, rest = np.abs(u).max(), np.abs(u[-1]).max()
+        fastest = np.abs(u).max()
+        final_speed = np.abs(u[-1]).max()
         with capsys.disabled():
-            print(f'\n{action}, {before} states: at most {fastest:.3f} rad/s, after 1.2 s '
-                  f'{rest:.4f} rad/s, moved {moved:.3f} rad')
+            print(
+                f'\n{action}, {before} states: at most {fastest:.3f} rad/s, after 1.2 s '
+                f'{final_speed:.4f} rad/s, moved {moved:.3f} rad')
         if action == 'zero':
             assert not np.any(client.commands[-1])
             return
         guard.wait_for('stopping by the model and holding', 1.0)
-        assert rest < 0.05
+        assert final_speed < 0.05
         # In the silence at its speed, and by half of the time of the stop.
         assert moved < (0.2 + 0.125) * fastest
     finally:

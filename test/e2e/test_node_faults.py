@@ -1,8 +1,8 @@
 """
-What goes wrong in a plant, a network or an operator's hands, and what the node does then.
+Faults of a plant, a network or an operator, and what the node does then.
 
-Faults of single messages (order, names, NaN, lengths, stamps) stand in test_node_torques.py, those
-of URDFs in test_node_lifecycle.py.
+Faults of single messages (order, names, NaN, lengths, stamps) stand in
+test_node_torques.py, those of URDFs in test_node_lifecycle.py.
 """
 
 import os
@@ -28,7 +28,8 @@ SECOND = 10**9
 
 
 def close(value, expected):
-    return value is not None and np.abs(value - expected).max() <= 1e-12 * np.abs(expected).max()
+    return value is not None and np.abs(value - expected).max() <= 1e-12 * np.abs(
+        expected).max()
 
 
 @pytest.fixture(scope='module')
@@ -53,7 +54,8 @@ def test_a_lost_plant_gives_zeros_and_a_restart_with_another_joint_order_is_acce
 @pytest.mark.parametrize('discovery', ['LOCALHOST', 'OFF'])
 def test_with_its_guard_a_node_that_dies_blocks_no_publisher_for_it_has_no_shared_memory(
         client, start, holding, monkeypatch, discovery):
-    assert 'fastrtps_port' in Path('/proc/self/maps').read_text(), 'this process has some'
+    assert 'fastrtps_port' in Path(
+        '/proc/self/maps').read_text(), 'this process has some'
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', discovery)
     node = start(environment=without_shared_memory(), guard__enabled='true')
     node.wait_for('active, mode')
@@ -73,26 +75,31 @@ def test_simulated_time_may_pause_and_jump_forward_and_backward(client, start, h
     node.wait_for('active, mode')
     assert wait_until(lambda: client.motions.get_subscription_count())
     client.follow([(0.0, [0, 0, 0]), (50.0, [1, 1, 0.1])])
-    node.wait_for('joint_trajectory rejected: use_sim_time: true without a message on /clock')
+    node.wait_for(
+        'joint_trajectory rejected: use_sim_time: true without a message on /clock')
     publisher = client.create_publisher(Clock, '/clock', 1)
 
     def at(seconds):
         message = Clock()
-        message.clock.sec, message.clock.nanosec = divmod(round(seconds * SECOND), SECOND)
+        message.clock.sec, message.clock.nanosec = divmod(round(seconds * SECOND),
+                                                          SECOND)
         publisher.publish(message)
         time.sleep(0.05)
         return round(seconds * SECOND)
 
-    assert wait_until(lambda: client.ask(Q, np.zeros(3), stamp=at(100.0), timeout=0.1) is not None)
+    assert wait_until(
+        lambda: client.ask(Q, np.zeros(3), stamp=at(100.0), timeout=0.1) is not None)
     client.follow([(0.0, [0, 0, 0]), (50.0, [1, 1, 0.1])], start=at(100.0))
-    assert wait_until(lambda: not close(client.ask(Q, np.zeros(3), stamp=at(100.1), timeout=0.1),
-                                        holding))
+    assert wait_until(
+        lambda: not close(client.ask(Q, np.zeros(3), stamp=at(100.1), timeout=0.1),
+                          holding))
     count = len(client.commands)
     time.sleep(0.8)  # paused clock: no timeout, and the same stamp is valid
     assert len(client.commands) == count
     assert client.ask(Q, np.zeros(3), stamp=round(100.1 * SECOND)) is not None
     client.torques.clear()
-    assert close(client.ask(Q, np.zeros(3), stamp=at(50.0)), holding), 'the motion is dropped'
+    assert close(client.ask(Q, np.zeros(3), stamp=at(50.0)),
+                 holding), 'the motion is dropped'
     node.wait_for('jumped backward')
     assert client.ask(Q, np.zeros(3), stamp=at(5000.0)) is not None
     assert client.ask(Q, np.zeros(3), stamp=round(60.0 * SECOND), timeout=0.2) is None
@@ -123,10 +130,12 @@ def test_a_second_publisher_of_joint_states_gives_a_warning(client, start):
     node = start(state_timeout=60.0)
     client.connect()
     second = client.create_publisher(JointState, 'joint_states', BEST_EFFORT)
-    node.wait_for('2 publishers on joint_states: expected one with joints of this arm', 5.0)
+    node.wait_for('2 publishers on joint_states: expected one with joints of this arm',
+                  5.0)
     client.diagnostics.clear()
-    assert wait_until(lambda: any('2 publishers on joint_states' in message and level != b'\0'
-                                  for level, message, _ in client.diagnostics), 5.0)
+    assert wait_until(
+        lambda: any('2 publishers on joint_states' in message and level != b'\0'
+                    for level, message, _ in client.diagnostics), 5.0)
     client.destroy_publisher(second)
     client.diagnostics.clear()
     assert wait_until(lambda: any(values.get('publishers of joint states') == '1'
@@ -148,27 +157,30 @@ def test_a_second_publisher_of_joint_states_gives_a_warning(client, start):
 def test_joint_states_in_parts_are_reported_once_with_the_reason(client, start):
     node = start(state_timeout=60.0)
     client.connect()
-    words = 'joint_states: in parts, [reach] and [turn, lift], which give no torques; expected all'
+    words = ('joint_states: in parts, [reach] and [turn, lift], which give no torques; '
+             'expected all')
 
     def reported():
         client.send([0.0, 0.0], [0.0, 0.0], names=('turn', 'lift'))
         client.send([0.0], [0.0], names=('reach',))
         time.sleep(0.05)
-        return words in node.log and any(words in message for _, message, _ in client.diagnostics)
+        return words in node.log and any(words in message
+                                         for _, message, _ in client.diagnostics)
     assert wait_until(reported), node.log
     client.diagnostics.clear()
     assert wait_until(lambda: reported() and len(client.diagnostics) > 2)
     assert node.log.count(words) == 1
 
 
-def test_states_that_the_node_does_not_read_in_time_are_counted_and_reported(client, start):
+def test_states_that_the_node_does_not_read_in_time_are_counted_and_reported(
+        client, start):
     node = start(state_timeout=60.0)
     client.connect()
     assert client.rest() is not None
     client.diagnostics.clear()
     assert wait_until(lambda: any(values['states lost'].isdigit()
                                   for _, _, values in client.diagnostics), 5.0)
-    before = int(client.diagnostics[-1][2]['states lost'])
+    lost_before = int(client.diagnostics[-1][2]['states lost'])
     os.kill(node.pid, signal.SIGSTOP)
     try:
         for _ in range(500):
@@ -176,9 +188,10 @@ def test_states_that_the_node_does_not_read_in_time_are_counted_and_reported(cli
     finally:
         os.kill(node.pid, signal.SIGCONT)
     client.diagnostics.clear()
-    assert wait_until(lambda: any('of the joint states lost: the node or the network' in message
-                                  and level == b'\1' and int(values['states lost']) > before
-                                  for level, message, values in client.diagnostics), 5.0)
+    assert wait_until(
+        lambda: any('of the joint states lost: the node or the network' in message
+                    and level == b'\1' and int(values['states lost']) > lost_before
+                    for level, message, values in client.diagnostics), 5.0)
 
 
 def test_a_second_node_that_commands_is_reported_in_log_and_diagnostics(client, start):
@@ -187,17 +200,20 @@ def test_a_second_node_that_commands_is_reported_in_log_and_diagnostics(client, 
     client.diagnostics.clear()
     second = client.create_publisher(Float64MultiArray, 'commands', 1)
     try:
-        node.wait_for('commands: 2 publishers (/client, /kane_dynamics); expected one dynamics '
-                      'node', 10.0)
-        assert wait_until(lambda: any('commands: 2 publishers' in message and level == b'\2'
-                                      for level, message, _ in client.diagnostics), 5.0)
+        node.wait_for(
+            'commands: 2 publishers (/client, /kane_dynamics); expected one dynamics '
+            'node', 10.0)
+        assert wait_until(
+            lambda: any('commands: 2 publishers' in message and level == b'\2'
+                        for level, message, _ in client.diagnostics), 5.0)
     finally:
         client.destroy_publisher(second)
     start(state_timeout=60.0)  # a second node of the same name
     node.wait_for('commands: 2 publishers (/kane_dynamics, /kane_dynamics)', 60.0)
 
 
-def test_overflowing_states_give_no_command_and_the_next_state_does(client, start, holding):
+def test_overflowing_states_give_no_command_and_the_next_state_does(
+        client, start, holding):
     start(state_timeout=1.0)
     client.connect()
     for k in range(3):
@@ -206,11 +222,13 @@ def test_overflowing_states_give_no_command_and_the_next_state_does(client, star
         answer = client.ask(q, np.zeros(3), timeout=0.2)
         limit = Robot(model()).limits.effort
         assert answer is None or (np.abs(answer) <= limit).all()
-    assert client.ask(Q, [1e308] * 3) is not None, 'gravity alone does not depend on the speed'
+    assert client.ask(
+        Q, [1e308] * 3) is not None, 'gravity alone does not depend on the speed'
     assert close(client.ask(Q, np.zeros(3)), holding)
 
 
-def test_after_sigkill_the_last_command_stays_until_a_new_node_starts(client, start, holding):
+def test_after_sigkill_the_last_command_stays_until_a_new_node_starts(
+        client, start, holding):
     node = start(state_timeout=0.2)
     client.connect()
     assert close(client.ask(Q, np.zeros(3)), holding)
@@ -243,21 +261,24 @@ def test_a_flood_of_requests_is_answered_in_order_and_the_rest_refused_as_busy(
         client, start, holding):
     start(state_timeout=1.0, simulation__max_waiting=4)
     client.connect()
-    # With the default depth, a client loses responses that arrive faster than it reads them.
+    # With the default depth, a client loses responses that arrive faster than it reads
+    # them.
     simulations, torques = (
         client.create_client(kind, f'{NAME}/{name}', qos_profile=QoSProfile(depth=200))
-        for kind, name in ((Simulate, 'simulate'), (InverseDynamics, 'inverse_dynamics')))
+        for kind, name in ((Simulate, 'simulate'),
+                           (InverseDynamics, 'inverse_dynamics')))
     assert simulations.wait_for_service(10.0) and torques.wait_for_service(10.0)
     request = Simulate.Request(position=Q.tolist(), duration=1000.0)
     pending = [simulations.call_async(request) for _ in range(60)]
     state = InverseDynamics.Request(position=Q.tolist(), acceleration=[0.0] * 3)
     short = [torques.call_async(state) for _ in range(60)]
     assert close(client.ask(Q, np.zeros(3)), holding)
-    assert wait_until(lambda: all(each.done() for each in short), 20.0)
+    assert wait_until(lambda: all(one_request.done() for one_request in short), 20.0)
     assert not pending[3].done(), 'short requests do not wait for simulations'
-    assert all(close(np.array(each.result().effort), holding) for each in short)
-    assert wait_until(lambda: all(each.done() for each in pending), 60.0)
-    answers = [each.result() for each in pending]
+    assert all(close(np.array(one_request.result().effort), holding)
+               for one_request in short)
+    assert wait_until(lambda: all(one_request.done() for one_request in pending), 60.0)
+    answers = [one_request.result() for one_request in pending]
     served = [k for k, answer in enumerate(answers) if answer.success]
     assert served[:4] == [0, 1, 2, 3]
     assert len(served) < 30
@@ -267,13 +288,15 @@ def test_a_flood_of_requests_is_answered_in_order_and_the_rest_refused_as_busy(
 def test_malformed_messages_give_no_command_and_are_counted(client, start, holding):
     start(state_timeout=1.0)
     client.connect()
-    good = serialize_message(JointState(name=list(JOINTS), position=[0.0] * 3, velocity=[0.0] * 3))
-    before = len(client.torques)
-    for data in (b'\0\1\0\0', good[:40], good[:4] + b'\xff' * 60, b'\0\1\0\0' + bytes(12)):
+    good = serialize_message(
+        JointState(name=list(JOINTS), position=[0.0] * 3, velocity=[0.0] * 3))
+    count_before = len(client.torques)
+    for data in (b'\0\1\0\0', good[:40], good[:4] + b'\xff' * 60,
+                 b'\0\1\0\0' + bytes(12)):
         client.states.publish(data)
         time.sleep(0.02)
     assert close(client.ask(Q, np.zeros(3)), holding)
-    assert len(client.torques) == before + 1
+    assert len(client.torques) == count_before + 1
     client.diagnostics.clear()
     assert wait_until(lambda: any('states dropped: malformed message' in values
                                   for _, _, values in client.diagnostics), 3.0)
@@ -283,14 +306,16 @@ def test_a_urdf_above_the_size_limit_is_refused(client, start):
     node = start(robot_description="''")
     node.wait_for('waiting for a URDF')
     with client.describing() as publisher:
-        publisher.publish(String(data='<robot name="x">' + ' ' * 10_000_000 + '</robot>'))
+        publisher.publish(
+            String(data='<robot name="x">' + ' ' * 10_000_000 + '</robot>'))
         node.wait_for('not configured: URDF: 10000024 bytes; expected at most 10000000')
         publisher.publish(String(data=URDF))
         node.wait_for('active, mode')
 
 
 def test_real_time_settings_are_applied_or_refused_with_a_warning(client, start):
-    node = start(realtime__priority=10, realtime__cpus='[0]', realtime__lock_memory='true',
+    node = start(realtime__priority=10, realtime__cpus='[0]',
+                 realtime__lock_memory='true',
                  realtime__keep_awake='true', realtime__collect_rarely='true')
     node.wait_for('active, mode')
     client.connect()
@@ -298,11 +323,14 @@ def test_real_time_settings_are_applied_or_refused_with_a_warning(client, start)
     for task in os.listdir(f'/proc/{node.pid}/task'):
         with open(f'/proc/{node.pid}/task/{task}/comm') as file:
             name = file.read().strip()
-        policies[name, int(task)] = os.sched_getscheduler(int(task)) & ~os.SCHED_RESET_ON_FORK
+        policies[name, int(task)] = os.sched_getscheduler(
+            int(task)) & ~os.SCHED_RESET_ON_FORK
     if 'realtime.priority 10: refused' not in node.log:
-        assert policies[next(key for key in policies if key[1] == node.pid)] == os.SCHED_FIFO
-        assert {policy for (name, _), policy in policies.items() if name.startswith('dds.')} == {
-            os.SCHED_FIFO}
+        assert policies[next(key
+                             for key in policies if key[1] == node.pid)] == os.SCHED_FIFO
+        assert {policy for (name, _), policy in policies.items()
+                if name.startswith('dds.')} == {
+                    os.SCHED_FIFO}
         assert os.SCHED_OTHER in policies.values(), 'only the torque path is scheduled'
     if 'realtime.lock_memory: refused' not in node.log:
         with open(f'/proc/{node.pid}/status') as file:
@@ -314,9 +342,11 @@ def test_real_time_settings_are_applied_or_refused_with_a_warning(client, start)
         assert opened.count('/dev/cpu_dma_latency') == 1
 
 
-def test_a_self_locking_drive_needs_exact_friction_in_simulations(client, start, tmp_path):
+def test_a_self_locking_drive_needs_exact_friction_in_simulations(
+        client, start, tmp_path):
     supplement = tmp_path / 'locks.yaml'
-    supplement.write_text('joints:\n  lift: {load_friction: 0.6, load_friction_backdriven: 2.0}\n')
+    supplement.write_text(
+        'joints:\n  lift: {load_friction: 0.6, load_friction_backdriven: 2.0}\n')
     node = start(supplement=str(supplement))
     node.wait_for("parameter 'simulation.sticking': false, with self-locking drives "
                   '(load_friction_backdriven) of lift; expected true', 60.0)
@@ -324,8 +354,8 @@ def test_a_self_locking_drive_needs_exact_friction_in_simulations(client, start,
     node = start(supplement=str(supplement), simulation__sticking='true')
     client.connect(120.0)
     assert client.ask(Q, np.zeros(3)) is not None
-    answer = client.call(Simulate, 'simulate', joint_names=list(JOINTS), position=Q.tolist(),
-                         velocity=[0.0] * 3, duration=0.2)
+    answer = client.call(Simulate, 'simulate', joint_names=list(JOINTS),
+                         position=Q.tolist(), velocity=[0.0] * 3, duration=0.2)
     assert answer.success, answer.message
     lift = [point.positions[answer.trajectory.joint_names.index('lift')]
             for point in answer.trajectory.points]

@@ -1,4 +1,4 @@
-"""Filled trajectories over DDS, and a loop like joint_trajectory_controller that executes them."""
+"""Filled trajectories over DDS, and a loop like joint_trajectory_controller's."""
 
 import ast
 import importlib.util
@@ -14,7 +14,8 @@ from kane_dynamics import Robot
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
 from kane_dynamics.feasibility import time_optimal
 from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal
-from node_process import active_until_end, DEEP, JOINTS, model, NAME, Process, URDF, wait_until
+from node_process import (active_until_end, DEEP, JOINTS, model, NAME, Process, URDF,
+                          wait_until)
 import numpy as np
 import pytest
 from std_srvs.srv import Trigger
@@ -23,8 +24,9 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 HELPERS = Path(__file__).resolve().parents[1] / 'helpers'
 START = np.array([0.3, -0.4, 0.2])
 TIMES = np.array([0.0, 0.4, 0.8, 1.2, 1.6])
-POINTS = START + np.array([[0.0, 0.0, 0.0], [0.4, 0.3, 0.1], [0.0, 0.6, 0.2], [-0.3, 0.4, 0.1],
-                           [0.0, 0.1, 0.0]])
+POINTS = START + np.array(
+    [[0.0, 0.0, 0.0], [0.4, 0.3, 0.1], [0.0, 0.6, 0.2], [-0.3, 0.4, 0.1],
+     [0.0, 0.1, 0.0]])
 FIELDS = ('positions', 'velocities', 'accelerations', 'effort')
 
 
@@ -36,17 +38,20 @@ def robot():
 @pytest.fixture(scope='module')
 def module_node():
     yield from active_until_end(Process(
-        '-r', '~/trajectory_with_effort:=/jtc/joint_trajectory', robot_description=f"'{URDF}'",
-        diagnostics_rate=20, state_timeout=30.0))
+        '-r', '~/trajectory_with_effort:=/jtc/joint_trajectory',
+        robot_description=f"'{URDF}'", diagnostics_rate=20, state_timeout=30.0))
 
 
 class Filler:
     """A client of the topics of trajectories."""
 
     def __init__(self, client):
-        self.client, self.filled = client, []
-        self.publisher = client.create_publisher(JointTrajectory, f'{NAME}/trajectory', 1)
-        self.direct = client.create_publisher(JointTrajectory, '/jtc/joint_trajectory', 1)
+        self.client = client
+        self.filled = []
+        self.publisher = client.create_publisher(JointTrajectory, f'{NAME}/trajectory',
+                                                 1)
+        self.direct = client.create_publisher(JointTrajectory, '/jtc/joint_trajectory',
+                                              1)
         self._subscription = client.create_subscription(
             JointTrajectory, '/jtc/joint_trajectory', self.filled.append, DEEP)
         assert wait_until(lambda: self.publisher.get_subscription_count()
@@ -78,7 +83,8 @@ def trajectory(times=TIMES, points=POINTS, names=JOINTS):
     message.header.frame_id = 'world'
     for t, positions in zip(times, points, strict=True):
         point = JointTrajectoryPoint(positions=np.asarray(positions).tolist())
-        point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * 1e9), 10**9)
+        point.time_from_start.sec, point.time_from_start.nanosec = divmod(
+            round(t * 1e9), 10**9)
         message.points.append(point)
     return message
 
@@ -87,9 +93,10 @@ def test_the_topic_and_the_service_fill_in_what_the_library_does(filler, robot):
     order = [2, 0, 1]
     names = [JOINTS[k] for k in order]
     expected = fill_trajectory(robot, TIMES, POINTS[:, order], joint_names=names)
-    arrays = [expected.positions, expected.velocities, expected.accelerations, expected.efforts]
-    for got, array in zip(filler.ask(trajectory(points=POINTS[:, order], names=names)), arrays,
-                          strict=True):
+    arrays = [expected.positions, expected.velocities, expected.accelerations,
+              expected.efforts]
+    for got, array in zip(filler.ask(trajectory(points=POINTS[:, order], names=names)),
+                          arrays, strict=True):
         np.testing.assert_allclose(got, array, rtol=0, atol=1e-12)
     filled = filler.filled[0]
     assert list(filled.joint_names) == names
@@ -97,12 +104,15 @@ def test_the_topic_and_the_service_fill_in_what_the_library_does(filler, robot):
     assert [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec
             for p in filled.points] == pytest.approx(TIMES.tolist(), abs=1e-12)
     answer = filler.client.call(
-        FillTrajectory, 'fill_trajectory', joint_names=names, time_from_start=TIMES.tolist(),
+        FillTrajectory, 'fill_trajectory', joint_names=names,
+        time_from_start=TIMES.tolist(),
         positions=POINTS[:, order].ravel().tolist(), tolerance=[0.05])
     assert answer.success, answer.message
-    expected = fill_trajectory(robot, TIMES, POINTS[:, order], joint_names=names, tolerance=0.05)
+    expected = fill_trajectory(robot, TIMES, POINTS[:, order],
+                               joint_names=names, tolerance=0.05)
     assert answer.inserted == expected.inserted > 0
-    np.testing.assert_allclose(answer.effort, expected.efforts.ravel(), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(answer.effort, expected.efforts.ravel(),
+                               rtol=0, atol=1e-12)
     assert max(answer.effort_error) <= 0.05
 
 
@@ -113,17 +123,20 @@ def test_the_service_times_a_path_as_the_library_does(filler, robot):
         positions=POINTS[:, order].ravel().tolist(), max_acceleration=[5.0])
     assert answer.success, answer.message
     expected = time_optimal(robot, POINTS, acceleration=5.0)
-    assert answer.time_from_start == pytest.approx(expected.motion.times.tolist(), rel=1e-9)
-    # Accelerations are differences of the profile on the grid: a change of the positions by 1e-16
-    # changes them by 3e-8.
+    assert answer.time_from_start == pytest.approx(expected.motion.times.tolist(),
+                                                   rel=1e-9)
+    # Accelerations are differences of the profile on the grid: a change of the positions
+    # by 1e-16 changes them by 3e-8.
     for got, rows, within in ((answer.positions, expected.points.q, 1e-9),
                               (answer.velocities, expected.points.u, 1e-9),
                               (answer.accelerations, expected.points.udot, 1e-6)):
         np.testing.assert_allclose(got, rows[:, order].ravel(), rtol=0, atol=within)
     back = np.argsort(order)
-    states = [np.reshape(x, (-1, 3))[:, back] for x in (answer.positions, answer.velocities,
-                                                        answer.accelerations, answer.effort)]
-    np.testing.assert_allclose(states.pop(), robot.inverse_dynamics(*states), rtol=0, atol=1e-9)
+    states = []
+    for x in (answer.positions, answer.velocities, answer.accelerations, answer.effort):
+        states.append(np.reshape(x, (-1, 3))[:, back])
+    np.testing.assert_allclose(states.pop(), robot.inverse_dynamics(*states),
+                               rtol=0, atol=1e-9)
     assert not answer.trajectory.points
     answer = filler.client.call(TimeOptimal, 'time_optimal', positions=[0.0] * 6)
     assert not answer.success and 'expected at least 2' in answer.message
@@ -131,38 +144,45 @@ def test_the_service_times_a_path_as_the_library_does(filler, robot):
 
 def test_the_service_keeps_limits_of_jerk_and_torque_rate(filler, robot):
     order = [2, 0, 1]
-    jerk, torque_rate = np.array([40.0, 60.0, 50.0]), 300.0
+    jerk = np.array([40.0, 60.0, 50.0])
+    torque_rate = 300.0
     answer = filler.client.call(
         TimeOptimal, 'time_optimal', joint_names=[JOINTS[k] for k in order],
         positions=POINTS[:, order].ravel().tolist(), max_jerk=jerk[order].tolist(),
         max_torque_rate=[torque_rate])
     assert answer.success, answer.message
     expected = time_optimal(robot, POINTS, jerk=jerk, torque_rate=torque_rate)
-    assert answer.time_from_start == pytest.approx(expected.motion.times.tolist(), rel=1e-9)
-    np.testing.assert_allclose(answer.accelerations, expected.points.udot[:, order].ravel(),
-                               rtol=0, atol=1e-9)
+    assert answer.time_from_start == pytest.approx(expected.motion.times.tolist(),
+                                                   rel=1e-9)
+    np.testing.assert_allclose(answer.accelerations,
+                               expected.points.udot[:, order].ravel(), rtol=0, atol=1e-9)
     assert expected.duration > time_optimal(robot, POINTS).duration
-    answer = filler.client.call(TimeOptimal, 'time_optimal', positions=POINTS.ravel().tolist(),
-                                max_jerk=[1.0, 2.0])
-    assert not answer.success and 'max_jerk: 2 entries; expected none, 1 or 3' in answer.message
+    answer = filler.client.call(TimeOptimal, 'time_optimal',
+                                positions=POINTS.ravel().tolist(), max_jerk=[1.0, 2.0])
+    assert not answer.success
+    assert 'max_jerk: 2 entries; expected none, 1 or 3' in answer.message
 
 
 def test_the_service_answers_the_timing_as_a_joint_trajectory_where_asked(filler):
     order = [2, 0, 1]
     answer = filler.client.call(
         TimeOptimal, 'time_optimal', joint_names=[JOINTS[k] for k in order],
-        positions=POINTS[:, order].ravel().tolist(), max_acceleration=[5.0], as_trajectory=True)
+        positions=POINTS[:, order].ravel().tolist(), max_acceleration=[5.0],
+        as_trajectory=True)
     assert answer.success, answer.message
-    found = answer.trajectory
-    assert list(found.joint_names) == list(answer.joint_names) == [JOINTS[k] for k in order]
-    assert [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in found.points] == (
-        pytest.approx(list(answer.time_from_start), abs=1e-9))
+    trajectory = answer.trajectory
+    assert list(trajectory.joint_names) == list(answer.joint_names) == [
+        JOINTS[k] for k in order]
+    assert [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec
+            for p in trajectory.points] == (
+                pytest.approx(list(answer.time_from_start), abs=1e-9))
     for field in ('positions', 'velocities', 'accelerations', 'effort'):
-        rows = np.concatenate([getattr(point, field) for point in found.points])
+        rows = np.concatenate([getattr(point, field) for point in trajectory.points])
         np.testing.assert_array_equal(rows, getattr(answer, field))
 
 
-def test_joints_that_a_trajectory_lacks_rest_where_they_are_and_it_begins_there(filler, robot):
+def test_joints_that_a_trajectory_lacks_rest_where_they_are_and_it_begins_there(
+        filler, robot):
     pose = np.array([0.2, 0.4, -0.1])
     assert filler.client.ask(pose, np.zeros(3)) is not None
     q, u, _, effort = filler.ask(trajectory([1.0], [[0.5]], ['lift']))
@@ -174,12 +194,13 @@ def test_joints_that_a_trajectory_lacks_rest_where_they_are_and_it_begins_there(
 
 def rejected(filler, node, message, reason):
     """Publish a trajectory; wait until log and diagnostics contain the reason."""
-    before = len(node.log)
+    count_before = len(node.log)
     filler.filled.clear()
     filler.client.diagnostics.clear()
     filler.publisher.publish(message)
-    assert wait_until(lambda: re.search(f'trajectory rejected: {reason}', node.log[before:])), (
-        node.log[before:])
+    assert wait_until(lambda: re.search(f'trajectory rejected: {reason}',
+                                        node.log[count_before:])), (
+                                            node.log[count_before:])
     assert wait_until(lambda: any('rejected: trajectory' in values
                                   for _, _, values in filler.client.diagnostics))
     assert not filler.filled
@@ -187,8 +208,10 @@ def rejected(filler, node, message, reason):
 
 @pytest.mark.parametrize(('message', 'reason'), [
     (trajectory(names=('turn', 'lift', 'gripper')), ".*'gripper' is not a joint"),
-    (trajectory(points=8.0 * POINTS), "joint 'turn': position 5.6 at point 1 .* at most 3"),
-    (trajectory(0.3 * TIMES), "joint 'turn': velocity 5.49.* after point 0 .* at most 5")])
+    (trajectory(points=8.0 * POINTS),
+     "joint 'turn': position 5.6 at point 1 .* at most 3"),
+    (trajectory(0.3 * TIMES),
+     "joint 'turn': velocity 5.49.* after point 0 .* at most 5")])
 def test_a_trajectory_that_cannot_be_filled_is_rejected(filler, module_node, message,
                                                         reason):
     rejected(filler, module_node, message, reason)
@@ -199,9 +222,11 @@ def test_efforts_beyond_the_limits_are_rejected_or_clamped(filler, module_node):
     free = filler.ask(trajectory())[3]
     assert client.adjust(limits__effort=5.0).successful
     try:
-        rejected(filler, module_node, trajectory(), "joint 'lift': effort -?10.* at most 6, 1.2")
+        rejected(filler, module_node, trajectory(),
+                 "joint 'lift': effort -?10.* at most 6, 1.2")
         assert client.adjust(trajectory__limit_factor=math.inf).successful
-        rejected(filler, module_node, trajectory(), "joint 'lift': effort -?10.* at point")
+        rejected(filler, module_node, trajectory(),
+                 "joint 'lift': effort -?10.* at point")
         assert client.adjust(feedforward__clip=True).successful
         np.testing.assert_allclose(filler.ask(trajectory())[3], np.clip(free, -5.0, 5.0))
         assert not client.adjust(feedforward__tolerance=[1.0, 2.0]).successful
@@ -212,19 +237,19 @@ def test_efforts_beyond_the_limits_are_rejected_or_clamped(filler, module_node):
 
 @pytest.fixture
 def errors(filler):
-    """Return a function: the RMS errors of the loop for a trajectory that a publisher sends."""
+    """Return a function: the loop's RMS errors for a published trajectory."""
     plant = Process(module='kane_dynamics.ros.plant.main', robot_description=f"'{URDF}'",
                     rate=200, publish_clock='true', rate_factor=0.5,
                     initial__position=START.tolist())
-    loop = Process(program=[str(HELPERS / 'effort_controller.py'), ','.join(JOINTS), '100', '10',
-                            '0.2'])
+    loop = Process(program=[str(HELPERS / 'effort_controller.py'), ','.join(JOINTS),
+                            '100', '10', '0.2'])
 
     def errors(publisher):
         assert filler.client.call(Trigger, '/plant/reset').success
-        before = len(loop.log)
+        count_before = len(loop.log)
         publisher.publish(trajectory())
-        assert wait_until(lambda: ']' in loop.log[before:], 60.0), loop.log
-        return np.array(json.loads(loop.log[before:]))
+        assert wait_until(lambda: ']' in loop.log[count_before:], 60.0), loop.log
+        return np.array(json.loads(loop.log[count_before:]))
     try:
         plant.wait_for('200 joint states/s', 120.0)
         loop.wait_for('ready')
@@ -236,10 +261,12 @@ def errors(filler):
         plant.end()
 
 
-def test_a_loop_like_the_controller_tracks_20_times_better_with_filled_efforts(filler, errors):
+def test_a_loop_like_the_controller_tracks_20_times_better_with_filled_efforts(
+        filler, errors):
     assert filler.client.adjust(feedforward__tolerance=0.02).successful
     alone, helped = errors(filler.direct), errors(filler.publisher)
-    print(f'RMS errors {alone} and {helped}: {np.linalg.norm(alone) / np.linalg.norm(helped):.0f}')
+    print(f'RMS errors {alone} and {helped}: '
+          f'{np.linalg.norm(alone) / np.linalg.norm(helped):.0f}')
     assert np.linalg.norm(alone) > 20.0 * np.linalg.norm(helped), (alone, helped)
 
 
@@ -249,7 +276,8 @@ def test_stamped_commands_without_their_message_are_an_error_at_configure(start)
     node = start(stamped_commands='true')
     node.wait_for("not configured: parameter 'stamped_commands': true without "
                   'control_msgs/JointCommand', 120.0)
-    assert "(No module named 'control_msgs'); expected false, or an installed" in node.log
+    assert ("(No module named 'control_msgs'); expected false, or an installed"
+            in node.log)
 
 
 @pytest.mark.slow  # builds the message, which takes a minute of processor time
@@ -259,19 +287,21 @@ def test_stamped_commands_are_the_commands_with_names_and_stamp(monkeypatch, cli
         monkeypatch.setenv(name, value)
     node = Process(robot_description=f"'{URDF}'", stamped_commands='true')
     received = []
-    code = ('import rclpy, sys\nfrom control_msgs.msg import JointCommand\nrclpy.init()\n'
-            "node = rclpy.create_node('listener')\n"
-            "node.create_subscription(JointCommand, 'stamped_commands', lambda m: print(\n"
-            '    m.header.stamp.sec * 10**9 + m.header.stamp.nanosec, list(m.joint_names),\n'
-            "    m.interface_name, list(m.values), sep='|', flush=True), 10)\n"
-            "print('ready', flush=True)\nrclpy.spin(node)\n")
+    code = (
+        'import rclpy, sys\nfrom control_msgs.msg import JointCommand\nrclpy.init()\n'
+        "node = rclpy.create_node('listener')\n"
+        "node.create_subscription(JointCommand, 'stamped_commands', lambda m: print(\n"
+        '    m.header.stamp.sec * 10**9 + m.header.stamp.nanosec, list(m.joint_names),\n'
+        "    m.interface_name, list(m.values), sep='|', flush=True), 10)\n"
+        "print('ready', flush=True)\nrclpy.spin(node)\n")
     listener = Process(program=['-c', code])
     try:
         node.wait_for('active, mode', 120.0)
         listener.wait_for('ready')
         q = np.array([0.1, 0.2, 0.05])
         assert wait_until(lambda: (client.ask(q, np.zeros(3)) is not None
-                                   and '|' in listener.log), 60.0), listener.log + node.log
+                                   and '|' in listener.log),
+                          60.0), listener.log + node.log
         for line in listener.log.splitlines()[1:]:
             stamp, names, interface, values = line.split('|')
             received.append(int(stamp))

@@ -11,7 +11,8 @@ from kane_dynamics.mechanics.definition import nonholonomic
 from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal
 from node_process import active_until_end, DEEP, NAME, Process, wait_until
 import numpy as np
-from palletizer import CONSTRAINTS, DRIVEN, LOOPS, palletizer, positions, SINGULAR_SHOULDER, URDF
+from palletizer import (CONSTRAINTS, DRIVEN, LOOPS, palletizer, positions,
+                        SINGULAR_SHOULDER, URDF)
 import pytest
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -24,11 +25,13 @@ DRIVING = [DRIVEN[k] for k in ORDER]
 @pytest.fixture(scope='module')
 def module_node(tmp_path_factory):
     palletizer().compile()
-    urdf = tmp_path_factory.mktemp('arm') / 'wide.urdf'  # its limits exclude what is singular
-    urdf.write_text(re.sub(r'lower="\S*" upper="\S*" velocity="\S*"', 'lower="-3" upper="3" '
-                           'velocity="99"', URDF.read_text(encoding='utf-8')), encoding='utf-8')
-    yield from active_until_end(Process(urdf=urdf, constraints=LOOPS, diagnostics_rate=20,
-                                        state_timeout=60.0))
+    # Its limits exclude what is singular.
+    urdf = tmp_path_factory.mktemp('arm') / 'wide.urdf'
+    urdf.write_text(
+        re.sub(r'lower="\S*" upper="\S*" velocity="\S*"', 'lower="-3" upper="3" '
+               'velocity="99"', URDF.read_text(encoding='utf-8')), encoding='utf-8')
+    yield from active_until_end(
+        Process(urdf=urdf, constraints=LOOPS, diagnostics_rate=20, state_timeout=60.0))
 
 
 @pytest.fixture
@@ -36,8 +39,8 @@ def filler(module_node, client):
     client.joints = DRIVEN
     filled = []
     publisher = client.create_publisher(JointTrajectory, f'{NAME}/trajectory', 1)
-    subscription = client.create_subscription(JointTrajectory, f'{NAME}/trajectory_with_effort',
-                                              filled.append, DEEP)
+    subscription = client.create_subscription(
+        JointTrajectory, f'{NAME}/trajectory_with_effort', filled.append, DEEP)
     assert wait_until(lambda: publisher.get_subscription_count()
                       and subscription.get_publisher_count())
     yield publisher, filled
@@ -55,15 +58,17 @@ def trajectory(names, rows, times=TIMES):
     message = JointTrajectory(joint_names=list(names))
     for t, row in zip(times, rows, strict=True):
         point = JointTrajectoryPoint(positions=np.asarray(row).tolist())
-        point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * 1e9), 10**9)
+        point.time_from_start.sec, point.time_from_start.nanosec = divmod(
+            round(t * 1e9), 10**9)
         message.points.append(point)
     return message
 
 
 def rejected(node, publisher, message, words):
-    before = len(node.log)
+    count_before = len(node.log)
     publisher.publish(message)
-    assert wait_until(lambda: f'trajectory rejected: {words}' in node.log[before:]), node.log
+    assert wait_until(
+        lambda: f'trajectory rejected: {words}' in node.log[count_before:]), node.log
 
 
 def test_the_topic_returns_the_efforts_of_the_driven_joints_in_the_order_of_the_message(
@@ -75,12 +80,13 @@ def test_the_topic_returns_the_efforts_of_the_driven_joints_in_the_order_of_the_
     expected = fill_trajectory(robot, TIMES, POINTS[:, ORDER], joint_names=DRIVING)
     message, = filled
     assert list(message.joint_names) == DRIVING
-    for point, driven, u, udot, effort in zip(message.points, POINTS, expected.velocities,
-                                              expected.accelerations, expected.efforts):
+    for point, driven, u, udot, effort in zip(
+            message.points, POINTS, expected.velocities,
+            expected.accelerations, expected.efforts):
         np.testing.assert_allclose(point.effort, effort, rtol=1e-9, atol=1e-9)
         back = [DRIVING.index(name) for name in DRIVEN]
-        by_definition = nonholonomic.inverse_dynamics(robot.mechanism, positions(robot, *driven),
-                                                      u[back], udot[back])
+        by_definition = nonholonomic.inverse_dynamics(
+            robot.mechanism, positions(robot, *driven), u[back], udot[back])
         np.testing.assert_allclose(point.effort, by_definition[ORDER], rtol=0.0,
                                    atol=1e-9 * np.abs(by_definition).max())
 
@@ -94,7 +100,8 @@ def test_a_trajectory_of_all_joints_is_that_of_the_driven_ones(filler, module_no
     assert list(filled[0].joint_names) == joints
     order = [DRIVEN.index(name) for name in joints]
     expected = fill_trajectory(palletizer(), TIMES, POINTS, joint_names=DRIVEN)
-    for field, array in (('positions', expected.positions), ('effort', expected.efforts)):
+    for field, array in (('positions', expected.positions),
+                         ('effort', expected.efforts)):
         np.testing.assert_allclose([getattr(point, field) for point in filled[0].points],
                                    array[:, order], rtol=1e-9, atol=1e-9)
 
@@ -102,27 +109,35 @@ def test_a_trajectory_of_all_joints_is_that_of_the_driven_ones(filler, module_no
 def test_the_service_fills_closed_loops_and_inserts_points(module_node, client):
     names, rows = whole(POINTS)
     answer = client.call(FillTrajectory, 'fill_trajectory', joint_names=names,
-                         time_from_start=TIMES, positions=rows.ravel().tolist(), tolerance=[20.0])
+                         time_from_start=TIMES, positions=rows.ravel().tolist(),
+                         tolerance=[20.0])
     assert answer.success, answer.message
-    expected = fill_trajectory(palletizer(), TIMES, rows, joint_names=names, tolerance=20.0)
+    expected = fill_trajectory(palletizer(), TIMES, rows,
+                               joint_names=names, tolerance=20.0)
     assert tuple(answer.joint_names) == expected.joint_names
     assert answer.inserted == expected.inserted > 0
-    for field, array in (('effort', expected.efforts), ('velocities', expected.velocities)):
-        np.testing.assert_allclose(getattr(answer, field), array.ravel(), rtol=1e-9, atol=1e-7)
+    for field, array in (('effort', expected.efforts),
+                         ('velocities', expected.velocities)):
+        np.testing.assert_allclose(getattr(answer, field), array.ravel(),
+                                   rtol=1e-9, atol=1e-7)
     assert len(answer.effort_error) == 4 and max(answer.effort_error) <= 20.0
 
 
 def test_a_later_trajectory_begins_at_the_measured_joints(filler, module_node, client):
     publisher, filled = filler
     client.joints = DRIVEN
-    assert wait_until(lambda: client.ask(POINTS[0], np.zeros(4), timeout=0.3) is not None)
+    assert wait_until(
+        lambda: client.ask(POINTS[0], np.zeros(4), timeout=0.3) is not None)
     publisher.publish(trajectory(DRIVING, POINTS[1:, ORDER], TIMES[1:]))
     assert wait_until(lambda: filled), module_node.log
-    np.testing.assert_allclose(filled[0].points[0].positions, POINTS[0, ORDER], atol=1e-12)
+    np.testing.assert_allclose(filled[0].points[0].positions, POINTS[0, ORDER],
+                               atol=1e-12)
     robot = palletizer()
     q = positions(robot, *POINTS[0])
-    expected = nonholonomic.inverse_dynamics(robot.mechanism, q, np.zeros(4), np.zeros(4))
-    np.testing.assert_allclose(filled[0].points[0].effort, expected[ORDER], rtol=1e-8, atol=1e-8)
+    expected = nonholonomic.inverse_dynamics(robot.mechanism, q, np.zeros(4),
+                                             np.zeros(4))
+    np.testing.assert_allclose(filled[0].points[0].effort, expected[ORDER],
+                               rtol=1e-8, atol=1e-8)
 
 
 def test_refusals_are_named(filler, module_node):
@@ -159,12 +174,13 @@ def test_the_service_times_a_path_of_the_motors_as_the_library_does(module_node,
                                 ('velocities', expected.points.u, 1e-8),
                                 ('accelerations', expected.points.udot, 1e-5),
                                 ('effort', expected.tau, 1e-2)):
-        found = np.reshape(getattr(answer, field), (-1, 4))
-        np.testing.assert_allclose(found, rows[:, motors][:, ORDER], rtol=1e-9, atol=within)
-        states.append(found[:, np.argsort(ORDER)])
+        rows_of_answer = np.reshape(getattr(answer, field), (-1, 4))
+        np.testing.assert_allclose(rows_of_answer, rows[:, motors][:, ORDER],
+                                   rtol=1e-9, atol=within)
+        states.append(rows_of_answer[:, np.argsort(ORDER)])
     for q, u, udot, effort in list(zip(*states))[3::200]:
-        by_definition = nonholonomic.inverse_dynamics(robot.mechanism, positions(robot, *q), u,
-                                                      udot)
+        by_definition = nonholonomic.inverse_dynamics(robot.mechanism,
+                                                      positions(robot, *q), u, udot)
         np.testing.assert_allclose(effort, by_definition, rtol=0.0,
                                    atol=1e-9 * np.abs(by_definition).max())
     assert list(answer.trajectory.joint_names) == DRIVING
@@ -172,14 +188,16 @@ def test_the_service_times_a_path_of_the_motors_as_the_library_does(module_node,
 
 
 def test_the_service_names_what_it_cannot_time(module_node, client):
-    for given, words in (
+    for fields, words in (
             ({'joint_names': ['elbow', *DRIVING[1:]]}, 'joint_names: '),
             ({'max_jerk': [100.0]}, 'chosen speeds or constraints with a limit of jerk'),
             ({'max_power': [1.0] * 10}, 'max_power: 10 entries; expected none, 1 or 4')):
-        answer = client.call(TimeOptimal, 'time_optimal', positions=POINTS.ravel().tolist(),
-                             **given)
+        answer = client.call(TimeOptimal, 'time_optimal',
+                             positions=POINTS.ravel().tolist(),
+                             **fields)
         assert not answer.success and words in answer.message, answer.message
     singular = POINTS.copy()
     singular[2, DRIVEN.index('shoulder')] = SINGULAR_SHOULDER - 0.1
-    answer = client.call(TimeOptimal, 'time_optimal', positions=singular.ravel().tolist())
+    answer = client.call(TimeOptimal, 'time_optimal',
+                         positions=singular.ravel().tolist())
     assert not answer.success and answer.message.startswith(f'{SINGULAR}: path: 0.')

@@ -6,8 +6,8 @@ from driven_palletizer import tracking_errors
 from kane_dynamics import QuasiStatic
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
 from kane_dynamics.ros.services.served_robot import QUASI_STATIC, RIGID
-from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
-                                          InverseDynamics)
+from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics,
+                                          GetDynamics, InverseDynamics)
 from node_process import DEEP, wait_until
 import numpy as np
 from palletizer import BEAMS, bending_palletizer, DRIVEN, LOOPS, positions, URDF
@@ -33,18 +33,21 @@ def driven_places():
     return sorted(bending_palletizer()[1].joint_names.index(name) for name in DRIVEN)
 
 
-def test_commands_services_and_observer_use_the_deflection_or_say_what_they_assume(client, start,
-                                                                                   files):
+def test_commands_services_and_observer_use_the_deflection_or_say_what_they_assume(
+        client, start, files):
     flexible, rigid = bending_palletizer()
-    bent, order = QuasiStatic(flexible), driven_places()
+    bent = QuasiStatic(flexible)
+    order = driven_places()
     node = start(observer__enabled=True, observer__torque='effort', observer__gain=100.0,
                  state_timeout=30.0, observer__frame='tool', **files)
     node.wait_for('active, mode', 120.0)
     assert 'quasi-static deflection lower_arm/mode_1, upper_arm/mode_1' in node.log
     client.joints = DRIVEN
     at = (0.2, 0.3, -0.1, 0.5)
-    q, none = positions(rigid, *at), np.zeros(4)
-    assert wait_until(lambda: client.ask(at, none, timeout=0.3) is not None, 60.0), node.log
+    q = positions(rigid, *at)
+    none = np.zeros(4)
+    assert wait_until(lambda: client.ask(at, none, timeout=0.3) is not None,
+                      60.0), node.log
     held = rigid.joint_torques(bent.gravity_force(q), q)[order]
     straight = rigid.joint_torques(rigid.gravity_force(q), q)[order]
     assert np.abs(held - straight).max() > 0.5
@@ -57,7 +60,8 @@ def test_commands_services_and_observer_use_the_deflection_or_say_what_they_assu
     names = [rigid.joint_names[k] for k in order]
     state.effort = [held[names.index(name)] for name in DRIVEN]
     for _ in range(100):
-        state.header.stamp.sec, state.header.stamp.nanosec = divmod(time.time_ns(), 10**9)
+        state.header.stamp.sec, state.header.stamp.nanosec = divmod(
+            time.time_ns(), 10**9)
         client.states.publish(state)
         time.sleep(0.01)
     assert wait_until(lambda: len(estimates) > 5)
@@ -65,20 +69,24 @@ def test_commands_services_and_observer_use_the_deflection_or_say_what_they_assu
     assert wait_until(lambda: any('quasi-static deflection' in values.get(
         'observer: flexible links', '') for _, _, values in client.diagnostics))
 
-    u, udot = np.array([0.2, -0.1, 0.3, 0.4]), np.array([1.0, 0.5, -1.0, 2.0])
-    given = {'joint_names': rigid.joint_names, 'position': q.tolist(), 'velocity': u.tolist()}
+    u = np.array([0.2, -0.1, 0.3, 0.4])
+    udot = np.array([1.0, 0.5, -1.0, 2.0])
+    arguments = {'joint_names': rigid.joint_names, 'position': q.tolist(),
+                 'velocity': u.tolist()}
     speeds = [DRIVEN.index(name) for name in rigid.joint_names if name in DRIVEN]
-    given['velocity'] = u[speeds].tolist()
-    answer = client.call(InverseDynamics, 'inverse_dynamics', acceleration=udot[speeds].tolist(),
-                         **given)
+    arguments['velocity'] = u[speeds].tolist()
+    answer = client.call(InverseDynamics, 'inverse_dynamics',
+                         acceleration=udot[speeds].tolist(),
+                         **arguments)
     assert answer.success and answer.message == QUASI_STATIC
     np.testing.assert_allclose(
-        answer.effort, rigid.joint_torques(bent.inverse_dynamics(q, u, udot), q), rtol=1e-8,
-        atol=1e-7)
-    for kind, name, more in ((ForwardDynamics, 'forward_dynamics', {'effort': [0.0] * 4}),
-                             (GetDynamics, 'get_dynamics', {}),
-                             (Explain, 'explain', {'acceleration': [0.0] * 4})):
-        answer = client.call(kind, name, **given, **more)
+        answer.effort, rigid.joint_torques(bent.inverse_dynamics(q, u, udot), q),
+        rtol=1e-8, atol=1e-7)
+    for kind, name, further_fields in (
+            (ForwardDynamics, 'forward_dynamics', {'effort': [0.0] * 4}),
+            (GetDynamics, 'get_dynamics', {}),
+            (Explain, 'explain', {'acceleration': [0.0] * 4})):
+        answer = client.call(kind, name, **arguments, **further_fields)
         assert answer.success and answer.message == RIGID, answer.message
 
     rows = np.array([at, END])
@@ -86,7 +94,8 @@ def test_commands_services_and_observer_use_the_deflection_or_say_what_they_assu
                          time_from_start=[0.0, 1.5], positions=rows.ravel().tolist())
     assert answer.success, answer.message
     expected = fill_trajectory(rigid, [0.0, 1.5], rows, joint_names=DRIVEN, bending=bent)
-    np.testing.assert_allclose(answer.effort, expected.efforts.ravel(), rtol=1e-8, atol=1e-6)
+    np.testing.assert_allclose(answer.effort, expected.efforts.ravel(),
+                               rtol=1e-8, atol=1e-6)
 
 
 def test_the_node_moves_the_bending_plant(client, start, files):

@@ -1,4 +1,4 @@
-"""The dynamics node dies or hangs in motion, and torque_guard holds the arm: over DDS."""
+"""The node dies or hangs in motion, and torque_guard holds the arm: over DDS."""
 
 import os
 from pathlib import Path
@@ -31,8 +31,9 @@ def rig(tmp_path_factory):
 
 
 def trial(rig, number):
-    """Let the node fail in motion and return; return reaction, sag, step and who commanded."""
-    for _ in range(10):  # a stall of the machine while the arm starts is not what is tried
+    """Let the node fail in motion and return; return reaction, sag, step, commanders."""
+    # A stall of the machine while the arm starts is not what is tried.
+    for _ in range(10):
         rig.move()
         if rig.moving():
             break
@@ -41,13 +42,15 @@ def trial(rig, number):
     failed = rig.fail(number)
     recorder.spin(HELD)
     # The machine may have stalled the node before, too.
-    guard = [each for each in recorder.of('guard') if each.time >= failed]
+    guard = [command for command in recorder.of('guard') if command.time >= failed]
     assert guard, rig.logs()
     # A message that blocks the main thread arrives after some commands.
-    began = max(failed, max(each.stamp for each in recorder.of('node')
-                            if each.stamp <= guard[0].stamp))
-    reaction, far = (guard[0].time - failed) * 1e-9, sag(rig, began, guard[0].stamp)
-    held, n = recorder.states[-1][1], len(recorder.of('node'))
+    began = max(failed, max(command.stamp for command in recorder.of('node')
+                            if command.stamp <= guard[0].stamp))
+    reaction = (guard[0].time - failed) * 1e-9
+    far = sag(rig, began, guard[0].stamp)
+    held = recorder.states[-1][1]
+    n = len(recorder.of('node'))
     recorder.spin(0.1)
     drift = float(np.degrees(np.abs(recorder.states[-1][1] - held).max()))
     if number == signal.SIGKILL:
@@ -57,20 +60,23 @@ def trial(rig, number):
         os.kill(rig.node.pid, signal.SIGCONT)
     recorder.spin_until(lambda: len(recorder.of('node')) > n + 50, 90.0)
     return (reaction, far + drift, largest_step(recorder.commands, rig.arm.rate),
-            turns([each for each in recorder.commands if each.time >= failed - PERIOD * 1e9]))
+            turns([command for command in recorder.commands
+                   if command.time >= failed - PERIOD * 1e9]))
 
 
 def took_over_in_time(reaction, far, step, voices):
-    """Return whether the guard took over in time, and gave the arm back without a step."""
+    """Return whether the guard took over in time, and gave back without a step."""
     return (reaction <= REACTION and far <= SAG and step <= 1.01
             and voices[:3] == ['node', 'guard', 'node'])
 
 
-@pytest.mark.slow  # the arm, the node, the guard and the test share the processors in real time
+# The arm, the node, the guard and the test share the processors in real time.
+@pytest.mark.slow
 @pytest.mark.parametrize('number', [
     signal.SIGSTOP, signal.SIGKILL, pytest.param(None, marks=pytest.mark.skipif(
-        TORQUE_PATH != 'python', reason='a native path does not wait for the main thread'))],
-    ids=['stopped', 'killed', 'main thread blocked'])
+        TORQUE_PATH != 'python',
+        reason='a native path does not wait for the main thread'))],
+                         ids=['stopped', 'killed', 'main thread blocked'])
 def test_a_node_that_fails_in_motion_is_replaced_within_20_ms_and_returns_without_step(
         rig, number):
     reaction, far, step, voices = trial(rig, number)
@@ -82,8 +88,10 @@ def test_a_node_that_fails_in_motion_is_replaced_within_20_ms_and_returns_withou
     assert voices[1::2] == ['guard'] * len(voices[1::2])
 
 
-@pytest.mark.skipif(TORQUE_PATH == 'python', reason='the interpreter waits for its main thread')
-def test_a_native_node_whose_main_thread_is_blocked_commands_on_and_keeps_the_guard_away(rig):
+@pytest.mark.skipif(TORQUE_PATH == 'python',
+                    reason='the interpreter waits for its main thread')
+def test_a_native_node_whose_main_thread_is_blocked_commands_on_and_keeps_the_guard_away(
+        rig):
     rig.move()
     assert 'torque path: native' in rig.node.log
     recorder = rig.recorder
@@ -99,7 +107,7 @@ def test_a_killed_guard_is_reported_by_the_node_and_a_new_one_is_found(rig):
     recorder = rig.recorder
 
     def misses_guard():
-        """Return whether the last words of the node about the guard are that it is silent."""
+        """Return whether the node's last words about the guard are that it is silent."""
         return rig.node.log.rfind('torque_guard silent for') > rig.node.log.rfind(
             'torque_guard watches')
     # A node that hung may have missed heartbeats before.
@@ -126,25 +134,30 @@ def test_an_interrupted_node_commands_zeros_and_the_guard_does_not_take_over(rig
 
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
-@pytest.mark.parametrize('number', [signal.SIGSTOP, signal.SIGKILL], ids=['stopped', 'killed'])
+@pytest.mark.parametrize('number', [signal.SIGSTOP, signal.SIGKILL],
+                         ids=['stopped', 'killed'])
 @pytest.mark.parametrize('mujoco', [False, True], ids=['plant_node', 'MuJoCo'])
 def test_100_of_100_failures_in_motion_are_caught(tmp_path, mujoco, number):
     rig = Rig(tmp_path, mujoco_arm() if mujoco else PLANT_ARM, mujoco=mujoco)
     excused = []
     try:
-        found = []
-        while len(found) < 100:
-            rig.recorder.spin(0.007 * len(found))  # at another point of motion and period
+        trials = []
+        while len(trials) < 100:
+            # At another point of motion and period.
+            rig.recorder.spin(0.007 * len(trials))
             result = trial(rig, number)
             # A stall is shown by a process that comes before all others.
-            if not took_over_in_time(*result) and rig.stalled(HELD) and len(excused) < STALLS:
+            if not took_over_in_time(*result) and rig.stalled(HELD) and len(
+                    excused) < STALLS:
                 excused.append(result)
             else:
-                found.append(result)
+                trials.append(result)
     finally:
         rig.close()
-    print(f'{len(excused)} failed trials in which the machine stalled were repeated: {excused}')
-    missed = [each for each in found if not took_over_in_time(*each)]
-    print(f'{len(found) - len(missed)} of {len(found)} caught; largest reaction, sag, step:',
-          *np.max([each[:3] for each in found], axis=0).round(4))
-    assert not missed
+    print(f'{len(excused)} failed trials in which the machine stalled were repeated: '
+          f'{excused}')
+    missed_trials = [outcome for outcome in trials if not took_over_in_time(*outcome)]
+    print(f'{len(trials) - len(missed_trials)} of {len(trials)} caught; largest '
+          'reaction, sag, step:',
+          *np.max([outcome[:3] for outcome in trials], axis=0).round(4))
+    assert not missed_trials

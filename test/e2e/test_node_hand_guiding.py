@@ -1,4 +1,4 @@
-"""The FR3 in MuJoCo, with friction, is led by hand over DDS: with and without hand guiding."""
+"""The FR3 in MuJoCo, with friction, is led by hand over DDS, with and without mode."""
 
 from pathlib import Path
 import sys
@@ -85,19 +85,21 @@ def parameters_of_a_recording(factor):
     """Return the parameters by which a recording without contact corrects a model."""
     arm = experiments.arms()['FR3']
     model = experiments.with_friction(arm, factor)
-    calibrated = calibrate_collision(model, experiments.free_motion(arm, model), held=True)
+    calibrated = calibrate_collision(model, experiments.free_motion(arm, model),
+                                     held=True)
     numbers = {'coulomb': calibrated.coulomb, 'damping': calibrated.damping,
                'offset': calibrated.offset, 'speed': calibrated.friction_speed}
     return {f'observer__friction__{name}': row.tolist() for name, row in numbers.items()}
 
 
 def test_a_hand_needs_a_fifth_of_the_force(participant, tmp_path):
-    """With a model of 20 % more friction, and with corrected models of 20 % more and less."""
-    more = scaled_friction(tmp_path / 'more.yaml', 1.0 + experiments.ERROR)
+    """With a model of 20 % more friction, and corrected ones of 20 % more and less."""
+    more_friction = scaled_friction(tmp_path / 'more.yaml', 1.0 + experiments.ERROR)
     less = scaled_friction(tmp_path / 'less.yaml', 1.0 - experiments.ERROR)
-    without = mean_force('gravity_compensation', more)
-    guided = {'more': mean_force('hand_guiding', more)}
-    for what, supplement, factor in (('corrected, more', more, 1.0 + experiments.ERROR),
+    without = mean_force('gravity_compensation', more_friction)
+    guided = {'more': mean_force('hand_guiding', more_friction)}
+    for what, supplement, factor in (('corrected, more', more_friction,
+                                      1.0 + experiments.ERROR),
                                      ('corrected, less', less, 1.0 - experiments.ERROR)):
         guided[what] = mean_force('hand_guiding', supplement,
                                   hand_guiding__friction=experiments.RECORDED,

@@ -1,4 +1,4 @@
-"""The node in a larger system: a lifecycle manager's bond, QoS; no wheel has the package bond."""
+"""The node in a larger system: a lifecycle manager's bond (not in a wheel), QoS."""
 
 import os
 import signal
@@ -32,14 +32,16 @@ def manager(client):
         client.destroy_subscription(subscription)
 
 
-def test_a_manager_hears_the_node_while_it_is_active_and_not_when_it_hangs(client, start, manager):
+def test_a_manager_hears_the_node_while_it_is_active_and_not_when_it_hangs(
+        client, start, manager):
     node = start(bond='true')
     node.wait_for('active, mode', 120.0)
     heard = manager.heard
     assert wait_until(lambda: len(heard) > 5, 10.0)
     first = heard[-1]
     assert (first.id, first.active) == ('kane_dynamics', True)
-    assert first.heartbeat_timeout == 4.0 and first.heartbeat_period == pytest.approx(0.1)
+    assert first.heartbeat_timeout == 4.0
+    assert first.heartbeat_period == pytest.approx(0.1)
     assert {message.instance_id for message in heard} == {first.instance_id}
     # It says so when it is deactivated, and another bond begins when it is active again.
     assert client.transition(Transition.TRANSITION_DEACTIVATE)
@@ -90,16 +92,17 @@ def test_qos_of_states_and_commands_may_be_changed(client, start, tmp_path):
                 if end.node_name == 'kane_dynamics']
 
     def has(reliability, endpoints, topic):
-        # Endpoints are known before the name of their node; those of nodes that ended before
-        # are listed for a time.
+        # Endpoints are known before the name of their node; those of nodes that ended
+        # before are listed for a time.
         assert wait_until(lambda: reliability in of_node(endpoints, topic), 30.0), (
             topic, of_node(endpoints, topic), node.log)
-    has(ReliabilityPolicy.RELIABLE, client.get_subscriptions_info_by_topic, 'joint_states')
+    has(ReliabilityPolicy.RELIABLE, client.get_subscriptions_info_by_topic,
+        'joint_states')
     has(ReliabilityPolicy.BEST_EFFORT, client.get_publishers_info_by_topic, 'commands')
     # Other topics keep their profiles.
     torques = 'kane_dynamics/joint_torques'
-    assert ReliabilityPolicy.BEST_EFFORT not in of_node(client.get_publishers_info_by_topic,
-                                                        torques)
+    assert ReliabilityPolicy.BEST_EFFORT not in of_node(
+        client.get_publishers_info_by_topic, torques)
     has(ReliabilityPolicy.RELIABLE, client.get_publishers_info_by_topic, torques)
     assert client.transition(Transition.TRANSITION_DEACTIVATE)
     assert client.transition(Transition.TRANSITION_CLEANUP)

@@ -1,4 +1,4 @@
-"""A DDS implementation that is not the node's, without ROS, reads torques and calls a service."""
+"""Another DDS implementation, without ROS, reads torques and calls a service."""
 
 import json
 import os
@@ -25,14 +25,16 @@ Q = [0.3, -0.4, 0.2]
 def test_a_client_without_rclpy_gets_the_same_torques_by_topic_and_service(start):
     start(state_timeout=1.0).wait_for('active, mode')
     client = subprocess.run(
-        [sys.executable, str(Path(__file__).parents[1] / 'helpers' / 'plain_dds_client.py'),
+        [sys.executable,
+         str(Path(__file__).parents[1] / 'helpers' / 'plain_dds_client.py'),
          os.environ['ROS_DOMAIN_ID'], ','.join(JOINTS), ','.join(map(str, Q))],
-        env=dict(os.environ, CYCLONEDDS_URI=CYCLONE), capture_output=True, text=True, timeout=60)
+        env=dict(os.environ, CYCLONEDDS_URI=CYCLONE), capture_output=True, text=True,
+        timeout=60)
     assert client.returncode == 0, client.stderr
     answer = json.loads(client.stdout)
     expected = Robot(model()).gravity_force(np.array(Q))
     assert answer['service']['success'], answer['service']['message']
-    for way in ('topic', 'service'):
-        assert answer[way]['name'] == list(JOINTS)
-        np.testing.assert_allclose(answer[way]['effort'], expected, rtol=1e-12)
+    for interface in ('topic', 'service'):
+        assert answer[interface]['name'] == list(JOINTS)
+        np.testing.assert_allclose(answer[interface]['effort'], expected, rtol=1e-12)
     assert answer['topic']['commands'] == answer['topic']['effort']

@@ -1,4 +1,4 @@
-"""FollowJointTrajectory over DDS: a client of this action alone moves the simulated arm."""
+"""FollowJointTrajectory over DDS: a client of this action moves the arm."""
 
 from collections import Counter
 import math
@@ -21,8 +21,9 @@ NANO = 10**9
 START = (0.3, -0.4, 0.2)
 RATE = 250
 ACTION = 'follow_joint_trajectory'
-SUCCEEDED, CANCELED, ABORTED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED,
-                                GoalStatus.STATUS_ABORTED)
+SUCCEEDED = GoalStatus.STATUS_SUCCEEDED
+CANCELED = GoalStatus.STATUS_CANCELED
+ABORTED = GoalStatus.STATUS_ABORTED
 ROBOT = Robot(model())
 SETTLED = 2e-3  # rad or m, of an arm that rests where it is to rest
 REACH = 0.6  # rad or m, of random plans
@@ -34,13 +35,15 @@ class Arm:
     def __init__(self, client, namespace=''):
         from control_msgs.action import FollowJointTrajectory
         from control_msgs.msg import JointTolerance
-        self.client, self.kind, self.tolerance = client, FollowJointTrajectory, JointTolerance
+        self.client = client
+        self.kind = FollowJointTrajectory
+        self.tolerance = JointTolerance
         self.states = []  # position, velocity, effort, stamp
         self.feedback = []
         self.action = f'{namespace}{NAME}/{ACTION}'
         self.wrenches = client.create_publisher(WrenchStamped, '/plant/wrench', 1)
-        self.subscription = client.create_subscription(JointState, f'{namespace}/joint_states',
-                                                       self._on_state, DEEP)
+        self.subscription = client.create_subscription(
+            JointState, f'{namespace}/joint_states', self._on_state, DEEP)
 
     def close(self):
         self.client.destroy_subscription(self.subscription)
@@ -57,12 +60,14 @@ class Arm:
         for moment, row in zip(times, rows):
             point = JointTrajectoryPoint(positions=[float(x) for x in row])
             sec, nanosec = divmod(round(moment * NANO), NANO)
-            point.time_from_start.sec, point.time_from_start.nanosec = sec, nanosec
+            point.time_from_start.sec = sec
+            point.time_from_start.nanosec = nanosec
             trajectory.points.append(point)
         fields = {'trajectory': trajectory} | fields
         self.feedback.clear()
         return self.client.send_goal(self.kind, self.action,
-                                     lambda m: self.feedback.append(m.feedback), **fields)
+                                     lambda m: self.feedback.append(m.feedback),
+                                     **fields)
 
     def result(self, future, timeout=20.0):
         """Return status, code and text of a result."""
@@ -103,7 +108,8 @@ class Arm:
 def node(participant):
     with imported_control_messages():
         common = {'robot_description': f"'{URDF}'"}
-        plant = Process(module='kane_dynamics.ros.plant.main', rate=RATE, after_timeout='hold',
+        plant = Process(module='kane_dynamics.ros.plant.main', rate=RATE,
+                        after_timeout='hold',
                         initial__position=list(START), wrench__frames='[c]', **common)
         node = Process(real_states=True, mode='computed_torque', state_timeout=5.0,
                        limits__rate='.inf',
@@ -147,7 +153,7 @@ def succeeds(arm, random):
 
 
 def is_cancelled(arm, random):
-    before = arm.rest()
+    place_before = arm.rest()
     times, rows = random_plan(random)
     handle, future = arm.send(times, rows)
     time.sleep(random.uniform(0.0, times[-1]))
@@ -160,18 +166,20 @@ def is_cancelled(arm, random):
     assert time.monotonic() - asked < 2.0
     # On a busy machine the request may arrive before the motion begins or after its end.
     if re.fullmatch(r'cancelled before its motion of \S+ s began', text):
-        np.testing.assert_allclose(arm.rest(), before, atol=SETTLED)
+        np.testing.assert_allclose(arm.rest(), place_before, atol=SETTLED)
         return 'before'
     if re.match(r'cancelled \S+ s after the end of its motion', text):
         np.testing.assert_allclose(arm.rest(), rows[-1], atol=SETTLED)
         return 'after'
-    stated = re.fullmatch(r'cancelled at (\S+) s of (\S+) s; the arm rests at (\S+) s of its '
-                          r'motion', text)
+    stated = re.fullmatch(
+        r'cancelled at (\S+) s of (\S+) s; the arm rests at (\S+) s of its '
+        r'motion', text)
     assert stated, text
-    began, duration, rest = map(float, stated.groups())
-    assert began < rest <= duration
-    motion = Motion.from_points(times, rows, joint_names=JOINTS, start=(before, None, None))
-    np.testing.assert_allclose(arm.rest(), motion.sample(rest)[0], atol=SETTLED)
+    began, duration, end_of_stop = map(float, stated.groups())
+    assert began < end_of_stop <= duration
+    motion = Motion.from_points(times, rows, joint_names=JOINTS,
+                                start=(place_before, None, None))
+    np.testing.assert_allclose(arm.rest(), motion.sample(end_of_stop)[0], atol=SETTLED)
 
 
 def is_preempted(arm, random):
@@ -198,14 +206,18 @@ def violates(arm, random):
     if case == 'goal':
         # Nearer than the state of a moving arm can be read, in no time
         fields = {'goal_tolerance': arm.tolerances(1e-9)}
-        fields['goal_time_tolerance'] = type(arm.kind.Goal().goal_time_tolerance)(nanosec=1)
-        expected, words = -5, r'position error \S+ rad or m \S+ s after the end .* \(goal tol'
+        fields['goal_time_tolerance'] = type(arm.kind.Goal().goal_time_tolerance)(
+            nanosec=1)
+        expected = -5
+        words = r'position error \S+ rad or m \S+ s after the end .* \(goal tol'
     elif case == 'pushed':
         fields = {'path_tolerance': arm.tolerances(0.02)}
-        expected, words = -4, r'position error \S+ rad or m at \S+ s of .* 0\.02 \(path tol'
+        expected = -4
+        words = r'position error \S+ rad or m at \S+ s of .* 0\.02 \(path tol'
     else:
         fields = {'path_tolerance': arm.tolerances(**{case: 1e-6})}
-        expected, words = -4, rf'{case} error \S+ rad\S* or m\S* at \S+ s of .* 1e-06 \(path tol'
+        expected = -4
+        words = rf'{case} error \S+ rad\S* or m\S* at \S+ s of .* 1e-06 \(path tol'
     _, future = arm.send(times, rows, **fields)
     if case == 'pushed':
         time.sleep(0.2)
@@ -234,7 +246,8 @@ def drive(arm, counts, seed):
         speeds = np.abs([u for _, u, _, _ in arm.states])
         assert speeds.max() < 5.0
         limits = ROBOT.limits.effort
-        assert (np.abs([tau for _, _, tau, _ in arm.states]) <= limits * (1.0 + 1e-9)).all()
+        assert (np.abs([tau
+                        for _, _, tau, _ in arm.states]) <= limits * (1.0 + 1e-9)).all()
     return ends
 
 
@@ -245,7 +258,8 @@ def test_random_plans_end_with_their_codes_and_the_arm_where_stated(arm):
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_a_hundred_random_plans_end_with_their_codes(arm):
-    ends = drive(arm, {'succeeded': 40, 'cancelled': 20, 'preempted': 20, 'violated': 20}, 2)
+    ends = drive(arm,
+                 {'succeeded': 40, 'cancelled': 20, 'preempted': 20, 'violated': 20}, 2)
     print(ends)
     assert ends['cancelled', 'too late'] <= 2
     assert ends['preempted', 'too late'] <= 1
@@ -254,37 +268,44 @@ def test_a_hundred_random_plans_end_with_their_codes(arm):
 
 REFUSED = {  # fields of the goal or changes of its trajectory, code, reason
     'no points': ({'rows': []}, -1, r'trajectory: 0 points'),
-    'a joint is missing': ({'joints': JOINTS[:2]}, -2, r'reach missing; expected each of'),
-    'an unknown joint': ({'joints': (*JOINTS, 'x')}, -2, r'x; expected turn, lift, reach'),
+    'a joint is missing': ({'joints': JOINTS[:2]}, -2,
+                           r'reach missing; expected each of'),
+    'an unknown joint': ({'joints': (*JOINTS, 'x')}, -2,
+                         r'x; expected turn, lift, reach'),
     'an old stamp': ({'stamp': 5.0}, -3, r'end of the motion: 4\.\d+ s ago'),
-    'degrees': ({'rows': [[40.0, 0.0, 0.0]]}, -1, r"joint 'turn': position 40 .*if these are deg"),
-    'far from the arm': ({'times': [0.0, 1.0], 'rows': [[2.0, 2.0, 1.0], [0.0, 0.0, 0.0]]}, -1,
+    'degrees': ({'rows': [[40.0, 0.0, 0.0]]}, -1,
+                r"joint 'turn': position 40 .*if these are deg"),
+    'far from the arm': ({'times': [0.0, 1.0],
+                          'rows': [[2.0, 2.0, 1.0], [0.0, 0.0, 0.0]]}, -1,
                          r'the motion sets out at 2, the arm is at'),
     'too fast': ({'times': [0.01], 'rows': [[1.5, 1.5, 1.5]]}, -1,
-                 r'speed .* expected at most .*, 1\.2 times its limit'),
-    'tolerance of an unknown joint': ({'path': {'name': 'y', 'position': 1.0}}, -2,
-                                      r"path_tolerance: 'y'; expected joints of"),
-    'negative tolerance': ({'path': {'name': 'lift', 'velocity': -2.0}}, -1,
-                           r"path_tolerance of 'lift': velocity -2; expected a positive"),
+                 r'speed .* expected at most .*, 1\.2 times its limit'), 'tolerance of '
+    'an unknown joint': ({'path': {'name': 'y', 'position': 1.0}}, -2,
+                         r"path_tolerance: 'y'; expected joints of"), 'negative '
+    'tolerance': ({'path': {'name': 'lift', 'velocity': -2.0}}, -1,
+                  r"path_tolerance of 'lift': velocity -2; expected a positive"),
     'tolerance that is no number': ({'path': {'name': 'lift', 'position': math.nan}}, -1,
                                     r"path_tolerance of 'lift': position nan; expected"),
-    'multi-dof trajectory': ({'multi': True}, -1, r'multi_dof_trajectory: 1 joints, 0 points'),
-    'component tolerance': ({'component': True}, -1, r'component_path_tolerance: 1 entries'),
+    'multi-dof trajectory': ({'multi': True}, -1,
+                             r'multi_dof_trajectory: 1 joints, 0 points'), 'component '
+    'tolerance': ({'component': True}, -1, r'component_path_tolerance: 1 entries'),
 }
 
 
 @pytest.mark.parametrize('case', REFUSED)
-def test_an_impossible_goal_is_refused_with_its_reason_and_the_present_one_goes_on(arm, case):
+def test_an_impossible_goal_is_refused_with_its_reason_and_the_present_one_goes_on(
+        arm, case):
     changes, expected, words = REFUSED[case]
-    here = arm.rest()
-    _, future = arm.send([1.0], [here + 0.1])
-    rows = changes.get('rows', [here])
+    resting_place = arm.rest()
+    _, future = arm.send([1.0], [resting_place + 0.1])
+    rows = changes.get('rows', [resting_place])
     rows = [np.resize(row, len(changes.get('joints', JOINTS))) for row in rows]
     trajectory = JointTrajectory(joint_names=list(changes.get('joints', JOINTS)))
     for moment, row in zip(changes.get('times', [1.0]), rows):
         point = JointTrajectoryPoint(positions=[float(x) for x in row])
         sec, nanosec = divmod(round(moment * NANO), NANO)
-        point.time_from_start.sec, point.time_from_start.nanosec = sec, nanosec
+        point.time_from_start.sec = sec
+        point.time_from_start.nanosec = nanosec
         trajectory.points.append(point)
     if 'stamp' in changes:
         then = time.time_ns() - round(changes['stamp'] * NANO)
@@ -304,15 +325,16 @@ def test_an_impossible_goal_is_refused_with_its_reason_and_the_present_one_goes_
     assert re.search(words, text), text
     status, code, text = arm.result(future)
     assert (status, code) == (SUCCEEDED, 0), text
-    np.testing.assert_allclose(arm.rest(), here + 0.1, atol=SETTLED)
+    np.testing.assert_allclose(arm.rest(), resting_place + 0.1, atol=SETTLED)
 
 
 def test_a_message_on_the_topic_replaces_a_goal_and_one_without_points_ends_it(arm):
-    here = arm.rest()
+    resting_place = arm.rest()
     empty = 'dropped (a trajectory without points on ~/joint_trajectory) at '
-    for points, reason in (([(1.0, here)], 'replaced by a motion on ~/joint_trajectory at '),
+    for points, reason in (([(1.0, resting_place)],
+                            'replaced by a motion on ~/joint_trajectory at '),
                            ([], empty)):
-        _, future = arm.send([3.0], [here + 0.1])
+        _, future = arm.send([3.0], [resting_place + 0.1])
         assert wait_until(lambda: arm.feedback)
         arm.client.follow(points)
         status, code, text = arm.result(future)
@@ -321,36 +343,42 @@ def test_a_message_on_the_topic_replaces_a_goal_and_one_without_points_ends_it(a
     arm.rest()
 
 
-def test_a_goal_ends_with_the_reason_when_the_mode_changes_or_the_node_deactivates(arm, node):
-    here = arm.rest()
+def test_a_goal_ends_with_the_reason_when_the_mode_changes_or_the_node_deactivates(
+        arm, node):
+    resting_place = arm.rest()
     for change, back, reason in (
             (lambda: arm.client.adjust(mode='inverse_dynamics'),
-             lambda: arm.client.adjust(mode='computed_torque'), 'dropped (the mode changed) at '),
+             lambda: arm.client.adjust(mode='computed_torque'),
+             'dropped (the mode changed) at '),
             (lambda: arm.client.transition(Transition.TRANSITION_DEACTIVATE),
              lambda: arm.client.transition(Transition.TRANSITION_ACTIVATE),
              'dropped (the node was deactivated) at ')):
-        _, future = arm.send([3.0], [here])
+        _, future = arm.send([3.0], [resting_place])
         assert wait_until(lambda: arm.feedback)
         assert change()
         status, code, text = arm.result(future)
         assert (status, code) == (ABORTED, -1)
         assert text.startswith(reason), text
-        status, code, text = arm.ask([3.0], [here])
+        status, code, text = arm.ask([3.0], [resting_place])
         assert (status, code) == (ABORTED, -1)
-        assert 'expected one with feedback' in text or text == 'node: inactive; expected active'
+        assert ('expected one with feedback' in text
+                or text == 'node: inactive; expected active')
         assert back()
     arm.rest()
 
 
 def test_feedback_is_the_motion_beside_the_state(arm):
-    here = arm.rest()
-    status, _, text = arm.ask([1.0], [here + 0.2])
+    resting_place = arm.rest()
+    status, _, text = arm.ask([1.0], [resting_place + 0.2])
     assert status == SUCCEEDED, text
     assert 5 <= len(arm.feedback) <= 30
-    motion = Motion.from_points([1.0], [here + 0.2], joint_names=JOINTS, start=(here, None, None))
+    motion = Motion.from_points([1.0], [resting_place + 0.2],
+                                joint_names=JOINTS, start=(resting_place, None, None))
     for message in arm.feedback:
         assert tuple(message.joint_names) == JOINTS
-        desired, actual, error = message.desired, message.actual, message.error
+        desired = message.desired
+        actual = message.actual
+        error = message.error
         since = desired.time_from_start
         q, u, _ = motion.sample(since.sec + 1e-9 * since.nanosec)
         np.testing.assert_allclose(desired.positions, q, atol=SETTLED)
@@ -361,15 +389,16 @@ def test_feedback_is_the_motion_beside_the_state(arm):
 
 
 def test_a_goal_with_a_stamp_begins_then_and_is_cancelled_before(arm):
-    here = arm.rest()
+    resting_place = arm.rest()
     goal = arm.kind.Goal()
     stamp = goal.trajectory.header.stamp
     stamp.sec, stamp.nanosec = divmod(time.time_ns() + 5 * NANO, NANO)
     goal.trajectory.joint_names = list(JOINTS)
-    point = JointTrajectoryPoint(positions=[float(x) for x in here])
+    point = JointTrajectoryPoint(positions=[float(x) for x in resting_place])
     point.time_from_start.sec = 1
     goal.trajectory.points.append(point)
-    handle, future = arm.client.send_goal(arm.kind, arm.action, trajectory=goal.trajectory)
+    handle, future = arm.client.send_goal(arm.kind, arm.action,
+                                          trajectory=goal.trajectory)
     time.sleep(0.2)
     assert not future.done()
     arm.client.on_spinner(handle.cancel_goal_async)
@@ -381,9 +410,11 @@ def test_the_driven_joints_of_an_arm_with_closed_loops_follow_and_stop(client):
     palletizer().compile()
     files = {'urdf': URDF_OF_LOOPS, 'constraints': LOOPS}
     names = ('-r', '__ns:=/loops')
-    goal_end, times = (0.3, 0.2, -0.1, 0.5), (1.6,)
+    goal_end = (0.3, 0.2, -0.1, 0.5)
+    times = (1.6,)
     with imported_control_messages():
-        plant = Process(*names, module='kane_dynamics.ros.plant.main', after_timeout='hold',
+        plant = Process(*names, module='kane_dynamics.ros.plant.main',
+                        after_timeout='hold',
                         rate=250, substeps=4, measured=list(DRIVEN), **files)
         node = Process(*names, real_states=True, mode='computed_torque', gains__kp=36.0,
                        gains__kd=12.0, state_timeout=5.0, **files)
@@ -402,10 +433,11 @@ def test_the_driven_joints_of_an_arm_with_closed_loops_follow_and_stop(client):
             arm.client.on_spinner(handle.cancel_goal_async)
             status, code, text = arm.result(future)
             assert (status, code) == (CANCELED, 0), text
-            rest = float(re.search(r'rests at (\S+) s', text)[1])
+            rest_time = float(re.search(r'rests at (\S+) s', text)[1])
             motion = Motion.from_points(times, [(0.0,) * 4], joint_names=DRIVEN,
                                         start=(np.array(goal_end), None, None))
-            np.testing.assert_allclose(arm.rest(), motion.sample(rest)[0], atol=5 * SETTLED)
+            np.testing.assert_allclose(arm.rest(), motion.sample(rest_time)[0],
+                                       atol=5 * SETTLED)
         finally:
             print(node.log, plant.log)
             _, unfinished = arm.send(times, [goal_end], DRIVEN)
@@ -428,8 +460,8 @@ def test_joint_impedance_follows_goals_and_hand_guiding_does_not(arm):
         assert arm.client.adjust(mode='hand_guiding').successful
         status, code, text = arm.ask([1.0], [START])
         assert (status, code) == (ABORTED, -1)
-        assert text == ('mode: hand_guiding; expected one with feedback (computed_torque, '
-                        'joint_impedance, motor_side)')
+        assert text == ('mode: hand_guiding; expected one with feedback '
+                        '(computed_torque, joint_impedance, motor_side)')
     finally:
         assert arm.client.adjust(mode='computed_torque').successful
     arm.rest()

@@ -56,7 +56,7 @@ def test_without_autostart_the_node_waits_for_transitions(client, start):
 
 @pytest.fixture
 def cold(start, tmp_path):
-    """Return a node that has just begun to command, of a model without kernels in a cache."""
+    """Return a node that has just begun to command, with no kernels cached."""
     node = start(urdf=resource_path('urdf', 'fr3.urdf'),
                  environment={'KANE_DYNAMICS_CACHE': str(tmp_path / 'cache')})
     node.wait_for('active, mode')
@@ -74,7 +74,8 @@ def test_a_request_that_comes_before_its_kernels_waits_for_them(client, cold):
 
 def test_a_node_is_cleaned_up_configured_and_ended_while_kernels_compile(client, cold):
     for transition in ('DEACTIVATE', 'CLEANUP', 'CONFIGURE', 'ACTIVATE'):
-        assert client.transition(getattr(Transition, f'TRANSITION_{transition}')), transition
+        assert client.transition(getattr(Transition,
+                                         f'TRANSITION_{transition}')), transition
     code, _ = cold.end()
     assert code == 0, cold.log
     assert 'Traceback' not in cold.log
@@ -96,11 +97,11 @@ def test_a_changed_urdf_on_the_topic_is_used_at_the_next_configuration(
     description.publish(String(data=URDF))
     node.wait_for('active, mode')
     client.connect()
-    before = client.ask(POSE, np.zeros(3))
+    torque_before = client.ask(POSE, np.zeros(3))
     heavier = URDF.replace('value="2.0"', 'value="4.0"')
     description.publish(String(data=heavier))
     node.wait_for('robot_description: changed while the node is active and ignored')
-    assert (client.ask(POSE, np.zeros(3)) == before).all()
+    assert (client.ask(POSE, np.zeros(3)) == torque_before).all()
     assert client.transition(Transition.TRANSITION_DEACTIVATE)
     description.publish(String(data=URDF))
     node.wait_for('changed; clean up and configure the node')
@@ -113,7 +114,8 @@ def test_a_changed_urdf_on_the_topic_is_used_at_the_next_configuration(
     for step in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
         assert client.transition(step)
     client.connect()
-    assert np.abs(client.ask(POSE, np.zeros(3))).max() > 1.2 * np.abs(before).max()
+    assert np.abs(client.ask(POSE,
+                             np.zeros(3))).max() > 1.2 * np.abs(torque_before).max()
     # What failed to open has left nothing behind.
     assert wait_until(lambda: client.count_publishers('commands') == 1), (
         client.get_publishers_info_by_topic('commands'))
@@ -132,7 +134,8 @@ def test_an_invalid_urdf_leaves_the_node_unconfigured_with_the_reason(client, st
     ("parameter 'gravity': 'down'", {'gravity': 'down'}),
     ('autostart', {'autostart': 3}),
 ])
-def test_an_invalid_initial_parameter_ends_the_process_with_the_reason(start, words, parameters):
+def test_an_invalid_initial_parameter_ends_the_process_with_the_reason(
+        start, words, parameters):
     node = start(**parameters)
     assert wait_until(lambda: not node.alive(), 60.0)
     assert node.end()[0] == 2  # which launch does not start again
@@ -148,7 +151,8 @@ def test_an_unknown_parameter_gives_a_warning(start):
 def test_names_follow_namespace_and_remapping(client, start):
     node = start('-r', '__ns:=/left', '-r', 'commands:=effort_controller/commands')
     node.wait_for('active, mode')
-    assert client.call(GetDynamics, '/left/kane_dynamics/get_dynamics', position=POSE).success
+    assert client.call(GetDynamics, '/left/kane_dynamics/get_dynamics',
+                       position=POSE).success
     topics = dict(client.get_topic_names_and_types())
     assert {'/left/effort_controller/commands', '/left/joint_states',
             '/left/kane_dynamics/joint_torques', '/diagnostics'} <= set(topics)
@@ -159,10 +163,12 @@ def test_names_follow_namespace_and_remapping(client, start):
     ('ur10e.yaml', 'the arm adds gravity and friction to commanded efforts itself'),
     ('two_link.yaml', 'the arm adds nothing to commanded efforts itself')])
 def test_every_shipped_configuration_starts_a_node(start, name, words):
-    node = start('--params-file', str(resource_path('config', name)), robot_description='""')
+    node = start('--params-file', str(resource_path('config', name)),
+                 robot_description='""')
     node.wait_for('active, mode ')
     assert words in node.log
     warnings = [line for line in node.log.splitlines() if '[WARN]' in line]
-    assert len(warnings) <= 1 and all('active without torque_guard' in line for line in warnings)
+    assert len(warnings) <= 1
+    assert all('active without torque_guard' in line for line in warnings)
     assert 'unknown and ignored' not in node.log
     assert node.end()[0] == 0

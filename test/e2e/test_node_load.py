@@ -1,4 +1,4 @@
-"""The torque path under load: states are answered while simulations run, memory stays flat."""
+"""The torque path under load: states answered during simulations, memory flat."""
 
 import json
 import os
@@ -64,12 +64,14 @@ def unanswered(node, most, *arguments):
     """
     Return the share of states unanswered: of all, or of those judged if it is smaller.
 
-    A drive in which the machine held up the driver or the node is repeated while more than `most`
-    are unanswered: it may also have held up the node in ways that are not counted.
+    A drive in which the machine held up the driver or the node is repeated while more
+    than `most` are unanswered: it may also have held up the node in ways that are not
+    counted.
     """
     for _ in range(5):
         counts = drive(node, *arguments)
-        share, judged = counts['unanswered'] / counts['sent'], counts['judged']
+        share = counts['unanswered'] / counts['sent']
+        judged = counts['judged']
         if judged >= FEWEST:
             share = min(share, counts['lost'] / judged)
         if share <= most or judged == counts['sent']:
@@ -169,8 +171,8 @@ def test_memory_does_not_grow_over_100000_states_and_1000_service_calls(node):
     node.connect()
     messages(10_000)
     calls(100)
-    before = resident(pid)
+    memory_before = resident(pid)
     messages(100_000)
     calls(500)
     assert wait_until(node.process.alive)
-    assert resident(pid) < before + 3.0
+    assert resident(pid) < memory_before + 3.0

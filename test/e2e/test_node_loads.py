@@ -1,17 +1,19 @@
-"""Payload and gravity over DDS: every thread of the node computes with them from the answer on."""
+"""Payload and gravity over DDS: every thread uses them from the answer on."""
 
 import math
 
 from geometry_msgs.msg import Inertia, Vector3
 from kane_dynamics import Robot, simulate
 from kane_dynamics.model.inertial import Inertial
-from kane_dynamics_interfaces.srv import GetDynamics, InverseDynamics, SetPayload, Simulate
+from kane_dynamics_interfaces.srv import (GetDynamics, InverseDynamics, SetPayload,
+                                          Simulate)
 from node_process import close, model, URDF, wait_until
 import numpy as np
 import pytest
 
 Q = [0.3, -0.4, 0.2]
-COM, MOMENTS = (0.05, 0.02, -0.03), (0.02, 0.001, -0.002, 0.025, 0.003, 0.03)
+COM = (0.05, 0.02, -0.03)
+MOMENTS = (0.02, 0.001, -0.002, 0.025, 0.003, 0.03)
 XX, XY, XZ, YY, YZ, ZZ = MOMENTS
 
 
@@ -28,14 +30,15 @@ def loaded(mass, gravity=(0.0, 0.0, -9.81)):
 def payload(mass, com=COM):
     if mass == 0.0:
         return Inertia()
-    return Inertia(m=mass, com=Vector3(x=com[0], y=com[1], z=com[2]), ixx=XX, ixy=XY, ixz=XZ,
-                   iyy=YY, iyz=YZ, izz=ZZ)
+    return Inertia(m=mass, com=Vector3(x=com[0], y=com[1], z=com[2]), ixx=XX, ixy=XY,
+                   ixz=XZ, iyy=YY, iyz=YZ, izz=ZZ)
 
 
 @pytest.fixture(scope='module')
 def module_node():
     from node_process import Process
-    process = Process(robot_description=f"'{URDF}'", state_timeout=1.0, payload__frame='c',
+    process = Process(robot_description=f"'{URDF}'", state_timeout=1.0,
+                      payload__frame='c',
                       payload__mass=1.0, payload__com=f'[{",".join(map(str, COM))}]',
                       payload__inertia=f'[{",".join(map(str, MOMENTS))}]')
     yield process
@@ -59,25 +62,30 @@ def test_torques_services_and_simulations_use_the_payload_after_the_response(nod
     answer = node.call(SetPayload, 'set_payload', payload=payload(mass))
     assert answer.success, answer.message
     assert close(node.ask(Q, np.zeros(3)), robot.gravity_force(np.array(Q)))
-    answer = node.call(InverseDynamics, 'inverse_dynamics', position=Q, acceleration=[1.0] * 3)
-    assert close(answer.effort, robot.inverse_dynamics(np.array(Q), np.zeros(3), np.ones(3)))
+    answer = node.call(InverseDynamics, 'inverse_dynamics',
+                       position=Q, acceleration=[1.0] * 3)
+    assert close(answer.effort,
+                 robot.inverse_dynamics(np.array(Q), np.zeros(3), np.ones(3)))
     answer = node.call(Simulate, 'simulate', position=Q, duration=0.1)
     expected = simulate(robot, Q, np.zeros(3), 0.1)
     assert close(answer.trajectory.points[-1].positions, expected.q[-1])
 
 
 @pytest.mark.parametrize(('words', 'fields'), [
-    ('mass: -1 kg', {'payload': payload(-1.0)}), ('mass: nan', {'payload': payload(math.nan)}),
+    ('mass: -1 kg', {'payload': payload(-1.0)}),
+    ('mass: nan', {'payload': payload(math.nan)}),
     ('at most 2 m from the frame', {'payload': payload(1.0, (0.0, 3.0, 0.0))}),
-    ("'a', not fixed to the body of payload.frame 'c'", {'frame': 'a', 'payload': payload(1.0)}),
+    ("'a', not fixed to the body of payload.frame 'c'",
+     {'frame': 'a', 'payload': payload(1.0)}),
     ("no frame 'claw'", {'frame': 'claw', 'payload': payload(1.0)}),
 ])
-def test_an_invalid_payload_is_refused_with_the_reason_and_changes_nothing(node, words, fields):
-    before = node.ask(Q, np.zeros(3))
+def test_an_invalid_payload_is_refused_with_the_reason_and_changes_nothing(
+        node, words, fields):
+    torque_before = node.ask(Q, np.zeros(3))
     answer = node.call(SetPayload, 'set_payload', **fields)
     assert not answer.success
     assert words in answer.message
-    assert (node.ask(Q, np.zeros(3)) == before).all()
+    assert (node.ask(Q, np.zeros(3)) == torque_before).all()
 
 
 def test_gravity_changes_with_a_payload_and_for_services(node):
@@ -97,7 +105,8 @@ def test_payload_parameters_are_applied_together_or_not_at_all(node):
         'other parameters must not change the payload')
     refused = node.adjust(payload__com=[0.0, 0.0, 0.1])  # without a mass
     assert "payload set by ~/set_payload; expected 'payload.mass' in" in refused.reason
-    refused = node.adjust(payload__mass=0.5, payload__inertia=[1.0, 0.0, 0.0, 0.1, 0.0, 0.1])
+    refused = node.adjust(payload__mass=0.5,
+                          payload__inertia=[1.0, 0.0, 0.0, 0.1, 0.0, 0.1])
     assert not refused.successful
     assert "parameters 'payload.*': inertia: principal moments" in refused.reason
     refused = node.adjust(payload__max_mass=0.5, payload__mass=0.6)
@@ -108,7 +117,8 @@ def test_payload_parameters_are_applied_together_or_not_at_all(node):
     answer = node.call(GetDynamics, 'get_dynamics', position=Q)
     assert close(answer.gravity_force, loaded(1.5).gravity_force(np.array(Q)))
     assert node.call(SetPayload, 'set_payload', payload=payload(2.5)).success
-    assert node.adjust(payload__mass=1.5).successful  # equal to the parameter, not to the payload
+    # Equal to the parameter, not to the payload.
+    assert node.adjust(payload__mass=1.5).successful
     assert close(node.ask(Q, np.zeros(3)), loaded(1.5).gravity_force(np.array(Q)))
     assert node.adjust(payload__mass=1.0, gains__kp=100.0).successful
 
@@ -118,17 +128,19 @@ def test_no_command_mixes_two_payloads_while_they_alternate(node):
     service = node.create_client(SetPayload, '/kane_dynamics/set_payload')
     assert service.wait_for_service(10.0)
     pending = []
-    seen = set()
+    torques_seen = set()
     for k in range(300):
-        if sum(not each.done() for each in pending) < 5:  # queues of requests and answers hold ten
+        # Queues of requests and answers hold ten.
+        if sum(not request.done() for request in pending) < 5:
             mass = (0.5, 3.0)[len(pending) % 2]
             pending.append(service.call_async(SetPayload.Request(payload=payload(mass))))
-        begun = pending[0].done()  # before the state is sent: until then the last payload holds
+        # Before the state is sent: until then the last payload holds.
+        begun = pending[0].done()
         tau = node.ask(Q, np.zeros(3))
         if k > 10 and begun:
-            matches = [close(tau, each) for each in expected]
+            matches = [close(tau, request) for request in expected]
             assert any(matches), tau
-            seen.add(matches.index(True))
-    assert wait_until(lambda: all(each.done() for each in pending))
-    assert all(each.result().success for each in pending)
-    assert seen == {0, 1}
+            torques_seen.add(matches.index(True))
+    assert wait_until(lambda: all(request.done() for request in pending))
+    assert all(request.result().success for request in pending)
+    assert torques_seen == {0, 1}

@@ -15,7 +15,8 @@ Q = [0.3, -0.4, 0.2]
 
 
 def close(value, expected):
-    return value is not None and np.abs(value - expected).max() <= 1e-9 * np.abs(expected).max()
+    return value is not None and np.abs(value - expected).max() <= 1e-9 * np.abs(
+        expected).max()
 
 
 def test_without_a_payload_frame_set_payload_is_refused(client, start):
@@ -46,7 +47,8 @@ def test_an_imu_on_the_base_sets_the_direction_of_gravity(client, start):
 
     level = Robot(model()).gravity_force(np.array(Q))
 
-    def ignored():  # not at rest; the first messages may come before the node is discovered
+    # Not at rest; the first messages may come before the node is discovered.
+    def ignored():
         torque = measured(15.0)
         if torque is None:  # the state was lost
             return False

@@ -1,4 +1,4 @@
-"""The live watch over the model, over DDS, of simulated arms that are not as their model."""
+"""The live watch over the model, over DDS: simulated arms unlike their model."""
 
 from contextlib import contextmanager
 import time
@@ -52,7 +52,8 @@ def simulated(client, urdf, frequencies, **parameters):
         message = JointTrajectory(joint_names=list(JOINTS))
         times = np.arange(0.0, 60.0, 0.05)
         for moment, *state in zip(times, *motion(times, frequencies), strict=True):
-            fields = zip(('positions', 'velocities', 'accelerations'), state, strict=True)
+            fields = zip(('positions', 'velocities', 'accelerations'), state,
+                         strict=True)
             point = JointTrajectoryPoint(**{name: x.tolist() for name, x in fields})
             point.time_from_start.sec = int(moment)
             point.time_from_start.nanosec = round(moment % 1.0 * 1e9)
@@ -84,7 +85,8 @@ def record(client, path, duration):
                      *message.velocity, *message.effort])
     with node(client), simulated(client, URDF, (1.9, 1.4, 2.6)):
         time.sleep(2.0)
-        subscription = client.create_subscription(JointState, 'joint_states', on_state, DEEP)
+        subscription = client.create_subscription(JointState, 'joint_states', on_state,
+                                                  DEEP)
         time.sleep(duration)
         client.destroy_subscription(subscription)
     t, *columns = np.array(rows).T
@@ -109,12 +111,14 @@ def test_the_node_names_what_has_changed_of_simulated_arms(client, tmp_path):
         with simulated(client, URDF, (1.7, 2.3, 1.3)):
             assert wait_until(lambda: len(reports) > 1, 60.0), process.log
             assert alarms() == []
-            assert wait_until(lambda: client.diagnostics[-1][2]['model watch'] == 'no change')
+            assert wait_until(
+                lambda: client.diagnostics[-1][2]['model watch'] == 'no change')
         with simulated(client, URDF.replace(LIFT, STIFF), (1.7, 2.3, 1.3)):
             assert wait_until(lambda: alarms()[:1] == [('lift', 'friction')], 60.0), (
                 alarms(), len(reports), client.diagnostics[-1], process.log)
             assert wait_until(lambda: "'lift': friction up" in client.diagnostics[-1][1])
             process.wait_for("model watch: joint 'lift': friction up")
-        with simulated(client, URDF, (1.7, 2.3, 1.3), payload__frame='c', payload__mass=1.0):
+        with simulated(client, URDF, (1.7, 2.3, 1.3),
+                       payload__frame='c', payload__mass=1.0):
             assert wait_until(lambda: ('c', 'payload') in alarms(), 60.0), process.log
     client.destroy_subscription(subscription)

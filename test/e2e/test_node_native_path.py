@@ -34,9 +34,10 @@ def holding():
 
 @pytest.fixture
 def node(start, client):
-    process = start(program=[DELAYED, '--ros-args'], torque_path='native', state_timeout=0.5,
-                    activation='at_once', arm_compensates='none', limits__rate='.inf',
-                    state_check__speed_factor='.inf', state_check__position_margin='.inf')
+    process = start(
+        program=[DELAYED, '--ros-args'], torque_path='native', state_timeout=0.5,
+        activation='at_once', arm_compensates='none', limits__rate='.inf',
+        state_check__speed_factor='.inf', state_check__position_margin='.inf')
     client.delay = client.create_publisher(String, f'{NAME}/delay', 1)
     process.wait_for('torque path: native')
     client.connect()
@@ -58,9 +59,12 @@ def send_for(client, seconds):
 @contextmanager
 def stopped_thread(thread):
     """Let the kernel stop one thread of a process for a block, as a debugger does."""
-    seize, interrupt, detach = 0x4206, 0x4207, 17
+    seize = 0x4206
+    interrupt = 0x4207
+    detach = 17
     library = ctypes.CDLL(None, use_errno=True)
-    library.ptrace.argtypes = [ctypes.c_long, ctypes.c_long, ctypes.c_void_p, ctypes.c_void_p]
+    library.ptrace.argtypes = [ctypes.c_long, ctypes.c_long, ctypes.c_void_p,
+                               ctypes.c_void_p]
     library.ptrace.restype = ctypes.c_long
 
     def trace(request):
@@ -84,8 +88,9 @@ def delay(client, node, what):
 
 
 def longest_pause(client, stamps):
-    """Return the longest time of states in a row without an answer, ns: the sender may pause."""
-    longest, first = 0, None
+    """Return the longest time of states without an answer, ns: the sender may pause."""
+    longest = 0
+    first = None
     for stamp in stamps:
         if stamp in client.torques:
             first = None
@@ -96,7 +101,7 @@ def longest_pause(client, stamps):
 
 
 def require_answers(client, stamps, holding):
-    """States are answered with the right torque, without a pause; DDS may lose single ones."""
+    """States are answered with the right torque, in time; DDS may lose single ones."""
     wait_until(lambda: stamps[-1] in client.torques, 2.0)
     answered = [stamp for stamp in stamps if stamp in client.torques]
     assert longest_pause(client, stamps) < 0.1e9
@@ -132,7 +137,8 @@ def test_the_stopped_thread_of_the_interpreter_stops_no_torque(node, client, hol
 
 def test_the_lease_of_the_guard_holds_while_another_thread_holds_the_lock(
         start, client, holding):
-    node = start(program=[DELAYED, '--ros-args'], torque_path='native', state_timeout=0.5,
+    node = start(program=[DELAYED, '--ros-args'], torque_path='native',
+                 state_timeout=0.5,
                  activation='at_once', arm_compensates='none', limits__rate='.inf',
                  state_check__speed_factor='.inf', guard__enabled='true',
                  guard__lease=0.05, state_check__position_margin='.inf')
@@ -163,7 +169,8 @@ def test_the_lease_of_the_guard_holds_while_another_thread_holds_the_lock(
 def test_closed_loops_are_followed_while_another_thread_holds_the_lock(start, client):
     robot = palletizer()
     names = robot.joint_names
-    node = start(program=[DELAYED, '--ros-args'], torque_path='native', state_timeout=0.5,
+    node = start(program=[DELAYED, '--ros-args'], torque_path='native',
+                 state_timeout=0.5,
                  urdf=PALLETIZER, constraints=LOOPS, state_check__speed_factor='.inf',
                  activation='at_once', arm_compensates='none', limits__rate='.inf')
     client.delay = client.create_publisher(String, f'{NAME}/delay', 1)
@@ -261,13 +268,14 @@ def test_states_that_came_while_the_node_was_inactive_are_not_judged(start, clie
     assert 'position jumped' not in node.log
 
 
-def test_a_mode_without_native_code_runs_on_the_interpreter_with_a_warning(start, client, holding):
+def test_a_mode_without_native_code_runs_on_the_interpreter_with_a_warning(
+        start, client, holding):
     node = start(torque_path='native', modes='[arm_coupling]',
                  coupling__partner='/partner/coupling_state')
     node.wait_for('active, mode')
     client.connect()
-    assert 'torque_path: native, but mode arm_coupling; the interpreter computes the commands' in (
-        node.log)
+    assert ('torque_path: native, but mode arm_coupling; the interpreter computes the '
+            'commands' in (node.log))
     np.testing.assert_allclose(client.ask(Q, np.zeros(3)), holding, rtol=1e-12)
 
 
@@ -296,10 +304,12 @@ def test_modes_of_a_frame_run_natively_and_follow_targets(start, client):
                  joint_impedance__stiffness=[20.0] * 7)
     node.wait_for('torque path: native', 120.0)
     states = []
-    subscription = client.create_subscription(TaskState, f'{NAME}/task_state', states.append, DEEP)
+    subscription = client.create_subscription(TaskState, f'{NAME}/task_state',
+                                              states.append, DEEP)
     targets = client.create_publisher(PoseStamped, f'{NAME}/target_pose', 1)
     try:
-        assert wait_until(lambda: states and targets.get_subscription_count(), 60.0), node.log
+        assert wait_until(lambda: states and targets.get_subscription_count(),
+                          60.0), node.log
         robot = Robot(load_urdf(urdf, joints=joints))
         goal = robot.frame_pose(FRAME, HOME)
         goal[:3, 3] += [0.05, 0.08, -0.06]

@@ -1,4 +1,4 @@
-"""The simulated robot over DDS: what it publishes, takes and refuses, and the node beside it."""
+"""The simulated robot over DDS: what it publishes and refuses, beside a node."""
 
 import math
 import time
@@ -25,19 +25,22 @@ class Watch:
 
     def __init__(self, client):
         self.client = client
-        self.states, self.clock, self.reports = [], [], []
+        self.states = []
+        self.clock = []
+        self.reports = []
         self.commands = client.create_publisher(Float64MultiArray, 'commands', 1)
         self.wrenches = client.create_publisher(WrenchStamped, '/plant/wrench', 1)
         self._open = [
             client.create_subscription(JointState, 'joint_states', self._on_state, DEEP),
             client.create_subscription(Clock, '/clock', lambda m: self.clock.append(
                 m.clock.sec * NANO + m.clock.nanosec), DEEP),
-            client.create_subscription(DiagnosticArray, '/diagnostics', self._on_report, DEEP)]
+            client.create_subscription(DiagnosticArray, '/diagnostics', self._on_report,
+                                       DEEP)]
 
     def _on_state(self, message):
         stamp = message.header.stamp.sec * NANO + message.header.stamp.nanosec
-        self.states.append((stamp, np.array(message.position), np.array(message.velocity),
-                            np.array(message.effort)))
+        self.states.append((stamp, np.array(message.position),
+                            np.array(message.velocity), np.array(message.effort)))
         self.names = tuple(message.name)
 
     def _on_report(self, message):
@@ -54,8 +57,9 @@ class Watch:
 
     def fresh(self, count=1, timeout=5.0):
         """Return the last of some joint states that come from now on."""
-        before = len(self.states)
-        assert wait_until(lambda: len(self.states) >= before + count, timeout), 'no joint states'
+        count_before = len(self.states)
+        assert wait_until(lambda: len(self.states) >= count_before + count,
+                          timeout), 'no joint states'
         return self.states[-1]
 
     def service(self, name, **fields):
@@ -67,8 +71,9 @@ class Watch:
 
     def reported(self, key, value, timeout=5.0):
         self.reports.clear()
-        return wait_until(lambda: any(values.get(key) == value for _, _, values in self.reports),
-                          timeout)
+        return wait_until(
+            lambda: any(values.get(key) == value for _, _, values in self.reports),
+            timeout)
 
     def push(self, frame, force):
         message = WrenchStamped()
@@ -79,8 +84,9 @@ class Watch:
 
 @pytest.fixture(scope='module')
 def process():
-    process = Process(module=PLANT, robot_description=f"'{URDF}'", publish_clock='true', rate=200,
-                      initial__position=list(START), wrench__frames='[c]', diagnostics_rate=20)
+    process = Process(
+        module=PLANT, robot_description=f"'{URDF}'", publish_clock='true', rate=200,
+        initial__position=list(START), wrench__frames='[c]', diagnostics_rate=20)
     process.wait_for('200 joint states/s')
     yield process
     assert process.end()[0] == 0
@@ -106,8 +112,10 @@ def plant(process, client):
 def test_brakes_hold_the_arm_until_commands_move_it_as_in_the_library(plant):
     _, q, u, effort = plant.fresh()
     assert plant.names == JOINTS
-    assert (q.tolist(), u.tolist(), effort.tolist()) == (list(START), [0.0] * 3, [0.0] * 3)
-    robot, tau = Robot(model()), np.array([5.0, 60.0, 3.0])
+    assert (q.tolist(), u.tolist(), effort.tolist()) == (list(START), [0.0] * 3,
+                                                         [0.0] * 3)
+    robot = Robot(model())
+    tau = np.array([5.0, 60.0, 3.0])
     plant.states.clear()
     plant.commands.publish(Float64MultiArray(data=tau.tolist()))
     assert wait_until(lambda: len(plant.states) > 15)
@@ -117,7 +125,8 @@ def test_brakes_hold_the_arm_until_commands_move_it_as_in_the_library(plant):
     assert t1 - t0 == 5_000_000
     udot = robot.forward_dynamics(0.5 * (q0 + q1), 0.5 * (u0 + u1), tau)
     np.testing.assert_allclose((u1 - u0) / 5e-3, udot, rtol=1e-3)
-    assert wait_until(lambda: not plant.states[-1][3].any(), 3.0), 'the command must time out'
+    assert wait_until(lambda: not plant.states[-1][3].any(),
+                      3.0), 'the command must time out'
 
 
 def test_invalid_commands_have_no_effect_and_are_counted(plant):
@@ -145,7 +154,8 @@ def test_a_paused_plant_advances_by_steps(plant):
     assert plant.service('step').message == 'plant: running; expected paused by ~/pause'
     assert plant.service('pause', data=True).success
     time.sleep(0.1)
-    count, stamp = len(plant.states), plant.clock[-1]
+    count = len(plant.states)
+    stamp = plant.clock[-1]
     time.sleep(0.3)
     assert (len(plant.states), plant.clock[-1]) == (count, stamp)
     assert plant.service('step').success
@@ -160,9 +170,11 @@ def test_simulated_time_follows_rate_factor_and_reset_clock(plant):
     for factor in (4.0, 0.2):
         assert plant.adjust(rate_factor=factor).successful
         plant.fresh(2)
-        t0, begun = plant.fresh()[0], time.monotonic()
+        t0 = plant.fresh()[0]
+        begun = time.monotonic()
         time.sleep(0.8)
-        t1, ended = plant.states[-1][0], time.monotonic()
+        t1 = plant.states[-1][0]
+        ended = time.monotonic()
         assert 0.5 * factor < (t1 - t0) / NANO / (ended - begun) < 1.2 * factor
     assert plant.adjust(reset_clock=True, rate_factor=1.0).successful
     assert plant.service('reset').success
@@ -183,7 +195,8 @@ def test_dropouts_and_delays_are_applied_and_invalid_requests_change_nothing(pla
     plant.fresh(5)
     assert plant.adjust(delay__states=0.2).successful
     time.sleep(0.5)
-    assert plant.clock[-1] - plant.fresh()[0] == pytest.approx(0.2 * NANO, abs=0.05 * NANO)
+    assert plant.clock[-1] - plant.fresh()[0] == pytest.approx(0.2 * NANO,
+                                                               abs=0.05 * NANO)
     assert plant.adjust(delay__states=0.0, dropout__states=1.0).successful
     time.sleep(0.3)
     count = len(plant.states)
@@ -191,13 +204,15 @@ def test_dropouts_and_delays_are_applied_and_invalid_requests_change_nothing(pla
     assert len(plant.states) == count
 
 
-def test_the_shipped_configuration_starts_the_plant_and_a_missing_urdf_is_an_error(start):
-    node = start('--params-file', str(resource_path('config', 'plant.yaml')), module=PLANT,
-                 robot_description='""')
+def test_the_shipped_configuration_starts_the_plant_and_a_missing_urdf_is_an_error(
+        start):
+    node = start('--params-file', str(resource_path('config', 'plant.yaml')),
+                 module=PLANT, robot_description='""')
     node.wait_for('ur10e: 6 joints')
     assert 'unknown and ignored' not in node.log
     assert node.end()[0] == 0
     node = start(module=PLANT, robot_description='""')
     assert wait_until(lambda: not node.alive())
     assert node.end()[0] == 2
-    assert "plant_node: URDF: none; expected parameter 'robot_description' or 'urdf'" in node.log
+    assert ("plant_node: URDF: none; expected parameter 'robot_description' or 'urdf'"
+            in node.log)

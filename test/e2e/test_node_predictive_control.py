@@ -1,4 +1,4 @@
-"""The example of predictive control moves the arm of plant_node, at 500 Hz, within its limits."""
+"""The example of predictive control moves plant_node's arm at 500 Hz, within limits."""
 
 from pathlib import Path
 import re
@@ -15,13 +15,15 @@ SPEED_BOUND = 1.05  # of the limit, as the page on predictive control states
 RATE = 500.0
 CYCLES = 3.0 * RATE
 UNDISTURBED = 0.98  # least share of the cycles that a run is judged by
-SLOWER = 1.0, 1.0, 0.5, 0.2, 0.1  # simulated time in 1 s, until a busy machine loses no states
+# Simulated time in 1 s, until a busy machine loses no states.
+SLOWER = 1.0, 1.0, 0.5, 0.2, 0.1
 
 
 def run(client, states, rate_factor):
-    """Run the example, append the states of its arm, and return what it printed at its end."""
-    opened = client.create_subscription(JointState, 'joint_states', lambda message: states.append(
-        np.array([message.position, message.velocity, message.effort])), DEEP)
+    """Run the example, append its arm's states, and return what it printed last."""
+    opened = client.create_subscription(
+        JointState, 'joint_states', lambda message: states.append(
+            np.array([message.position, message.velocity, message.effort])), DEEP)
     example = Process(program=[str(EXAMPLE), '--rate-factor', str(rate_factor)])
     try:
         example.wait_for('ready', 90.0)  # the kernels compile
@@ -37,7 +39,8 @@ def run(client, states, rate_factor):
 @pytest.mark.timeout(600)
 def test_the_example_reaches_its_targets_within_the_limits(client):
     limits = Robot(load_urdf(ROOT / 'urdf' / 'fr3.urdf', tip='fr3_link7')).limits
-    for rate_factor in SLOWER:  # discovery may be late, and a stall of the machine cost states
+    # Discovery may be late, and a stall of the machine cost states.
+    for rate_factor in SLOWER:
         states = []
         cycles, error, used = run(client, states, rate_factor)
         if cycles > UNDISTURBED * CYCLES and len(states) > 500:

@@ -16,12 +16,13 @@ MOTORS = {**dict.fromkeys(DRIVEN, 1.0), 'elbow': 0.5}
 
 @pytest.fixture(scope='module')
 def node_and_robot(tmp_path_factory):
-    given = {**CONSTRAINTS, 'actuated': MOTORS}
-    robot = Robot(load_urdf(URDF), **load_constraints(given))
+    arguments = {**CONSTRAINTS, 'actuated': MOTORS}
+    robot = Robot(load_urdf(URDF), **load_constraints(arguments))
     robot.compile()
     path = tmp_path_factory.mktemp('arm') / 'redundant.constraints.yaml'
-    path.write_text(yaml.safe_dump(given), encoding='utf-8')
-    process = Process(urdf=URDF, constraints=path, diagnostics_rate=20, state_timeout=60.0)
+    path.write_text(yaml.safe_dump(arguments), encoding='utf-8')
+    process = Process(urdf=URDF, constraints=path, diagnostics_rate=20,
+                      state_timeout=60.0)
     try:
         process.wait_for('active, mode', 120.0)
         yield process, robot
@@ -32,19 +33,22 @@ def node_and_robot(tmp_path_factory):
 
 
 def require_shared(robot, answer, every):
-    """Compare the efforts of some points with the least weighted norm of Kane's definition."""
+    """Compare the efforts of some points with the least norm of Kane's definition."""
     names = list(answer.joint_names)
     assert sorted(names) == sorted(MOTORS)
     places = [robot.joint_names.index(name) for name in names]
-    q, u, udot, effort = (np.reshape(getattr(answer, field), (-1, len(names))) for field in (
-        'positions', 'velocities', 'accelerations', 'effort'))
+    q, u, udot, effort = (np.reshape(getattr(answer, field), (-1, len(names)))
+                          for field in (
+                              'positions', 'velocities', 'accelerations', 'effort'))
     driven = [names.index(name) for name in DRIVEN]
     root = np.sqrt([MOTORS[name] for name in names])
     for k in range(0, len(q), every):
         at = positions(robot, *q[k, driven])
         np.testing.assert_allclose(q[k], at[places], atol=1e-9)
-        force = nonholonomic.inverse_dynamics(robot.mechanism, at, u[k, driven], udot[k, driven])
-        # The loops are parallelograms: each joint's rate is a constant sum of the driven rates.
+        force = nonholonomic.inverse_dynamics(robot.mechanism, at, u[k, driven],
+                                              udot[k, driven])
+        # The loops are parallelograms: each joint's rate is a constant sum of the driven
+        # rates.
         T = np.array([positions(robot, *row) for row in np.eye(4)]).T[places]
         np.testing.assert_allclose(u[k], T @ u[k, driven], atol=1e-8)
         expected = np.linalg.pinv(T.T / root) @ force / root
@@ -71,8 +75,9 @@ def test_the_fastest_timing_keeps_the_limits_of_all_motors(node_and_robot, clien
     assert answer.success, answer.message
     require_shared(robot, answer, 100)
     places = [robot.joint_names.index(name) for name in answer.joint_names]
-    uses = [np.abs(np.reshape(getattr(answer, field), (-1, 5)))
-            / getattr(robot.limits, limit)[places]
-            for field, limit in (('effort', 'effort'), ('velocities', 'velocity'))]
+    uses = []
+    for field, limit in (('effort', 'effort'), ('velocities', 'velocity')):
+        uses.append(np.abs(np.reshape(getattr(answer, field), (-1, 5)))
+                    / getattr(robot.limits, limit)[places])
     largest = np.max(uses, axis=(0, 2))
     assert largest.max() <= 1.001 and np.median(largest) == pytest.approx(1.0, abs=1e-2)

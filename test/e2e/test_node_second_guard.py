@@ -1,4 +1,4 @@
-"""A guard refuses an arm that another guard guards or holds, and an arm of other equations."""
+"""A guard refuses an arm that another guard holds, and one of other equations."""
 
 import os
 import signal
@@ -9,7 +9,8 @@ import numpy as np
 from std_msgs.msg import String
 
 GUARD = 'kane_dynamics.ros.guard.main'
-WATCHING, ANOTHER = 'watching kane_dynamics', 'another torque_guard guards this arm'
+WATCHING = 'watching kane_dynamics'
+ANOTHER = 'another torque_guard guards this arm'
 
 
 def guards(start, **parameters):
@@ -20,12 +21,13 @@ def publish_states(client, condition, seconds=30.0):
     """
     Publish joint states at rest until a condition holds; return whether it does.
 
-    The time is no promise of the guard: a busy machine delays whole processes by seconds.
+    The time is no promise of the guard: a busy machine delays whole processes by
+    seconds.
     """
-    rest = np.zeros(len(client.joints))
+    at_rest = np.zeros(len(client.joints))
     end = time.monotonic() + seconds
     while not (holds := condition()) and time.monotonic() < end:
-        client.send(rest, rest)
+        client.send(at_rest, at_rest)
         time.sleep(0.004)
     return holds
 
@@ -46,7 +48,8 @@ def test_a_second_guard_waits_until_the_first_one_ends_and_one_of_another_arm_re
         assert wait_until(lambda: client.rest() is not None)
         first.end(signal.SIGKILL)
         assert wait_until(lambda: second.log.count(WATCHING) > watched, 30.0), second.log
-        description.publish(String(data=URDF.replace('mass value="3.0"', 'mass value="9.0"')))
+        description.publish(
+            String(data=URDF.replace('mass value="3.0"', 'mass value="9.0"')))
         client.process.wait_for('robot_description: changed while the node is active')
         second.end(signal.SIGKILL)
         third = guards(start)
@@ -65,11 +68,13 @@ def test_a_guard_that_was_stopped_yields_to_the_one_that_holds_the_arm(client, s
     try:
         second = guards(start)
         second.wait_for(WATCHING)
-        # Node and both guards, unless the first one was stopped for too long to be listed.
+        # Node and both guards, unless the first one was stopped for too long to be
+        # listed.
         wait_until(lambda: client.states.get_subscription_count() >= 3, 5.0)
         publish_states(client, lambda: False, 1.0)
         node.end(signal.SIGKILL)
-        assert publish_states(client, lambda: "commanding 'hold'" in second.log), second.log
+        assert publish_states(client,
+                              lambda: "commanding 'hold'" in second.log), second.log
         os.kill(first.pid, signal.SIGCONT)
         assert publish_states(client, lambda: ANOTHER in first.log), first.log
         publish_states(client, lambda: False, 1.0)

@@ -1,4 +1,4 @@
-"""Every service and the action over DDS: the library's numbers, or the reason why not."""
+"""Every service and the action over DDS: the library's numbers, or why not."""
 
 import math
 import time
@@ -7,13 +7,16 @@ from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration
 from kane_dynamics import ComputedTorque, Motion, Robot, simulate
 from kane_dynamics_interfaces.action import SimulateMotion
-from kane_dynamics_interfaces.srv import ForwardDynamics, GetDynamics, InverseDynamics, Simulate
+from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics, InverseDynamics,
+                                          Simulate)
 from node_process import close, JOINTS, model, Process, URDF, wait_until
 import numpy as np
 import pytest
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-Q, U, A = [0.3, -0.4, 0.2], [0.5, 1.0, -0.3], [1.0, -2.0, 0.5]
+Q = [0.3, -0.4, 0.2]
+U = [0.5, 1.0, -0.3]
+A = [1.0, -2.0, 0.5]
 ORDER = [2, 0, 1]  # of a request that names the joints in another order
 NAMES = [JOINTS[k] for k in ORDER]
 
@@ -57,9 +60,12 @@ def test_inverse_dynamics_answers_in_the_order_of_the_request(node, robot):
     assert list(answer.joint_names) == NAMES
     assert close(answer.effort, mixed(expected))
     for name, wrench in zip(NAMES, answer.joint_reactions, strict=True):
-        parts = [getattr(vector, axis) for vector in (wrench.force, wrench.torque)
-                 for axis in 'xyz']
-        assert close(parts, robot.joint_reaction(name, np.array(Q), np.array(U), np.array(A)))
+        parts = []
+        for vector in (wrench.force, wrench.torque):
+            for axis in 'xyz':
+                parts.append(getattr(vector, axis))
+        assert close(parts,
+                     robot.joint_reaction(name, np.array(Q), np.array(U), np.array(A)))
 
 
 def test_forward_dynamics_equals_that_of_the_library(node, robot):
@@ -71,7 +77,8 @@ def test_forward_dynamics_equals_that_of_the_library(node, robot):
 
 
 def test_get_dynamics_equals_the_library_in_the_order_of_the_request(node, robot):
-    q, u = np.array(Q), np.array(U)
+    q = np.array(Q)
+    u = np.array(U)
     answer = node.call(GetDynamics, 'get_dynamics', joint_names=NAMES, position=mixed(Q),
                        velocity=mixed(U))
     assert answer.success, answer.message
@@ -104,7 +111,8 @@ def test_simulate_without_torques_equals_the_library(node, robot):
 def test_simulate_holds_each_row_of_a_table_for_its_period(node, robot):
     table = np.array([[5.0, 30.0, -3.0], [0.0, 20.0, 1.0], [1.0, 0.0, 0.0]])
     expected = simulate(robot, Q, np.zeros(3), 0.3, torque=np.repeat(table, 100, axis=0))
-    answer = node.call(Simulate, 'simulate', joint_names=NAMES, position=mixed(Q), duration=0.3,
+    answer = node.call(Simulate, 'simulate', joint_names=NAMES, position=mixed(Q),
+                       duration=0.3,
                        torque_source=Simulate.Request.TABLE, torque_period=0.1,
                        torques=table[:, ORDER].ravel().tolist())
     assert answer.success, answer.message
@@ -123,8 +131,9 @@ def test_simulate_follows_a_reference_by_computed_torque(node, robot):
     motion = Motion.from_points([0.0, 0.4], [Q, [0.5, -0.2, 0.1]], joint_names=JOINTS)
     expected = simulate(robot, Q, np.zeros(3), 0.5,
                         torque=ComputedTorque(robot, motion, 100.0, 20.0))
-    answer = node.call(Simulate, 'simulate', joint_names=NAMES, position=mixed(Q), duration=0.5,
-                       torque_source=Simulate.Request.COMPUTED_TORQUE, reference=reference())
+    answer = node.call(
+        Simulate, 'simulate', joint_names=NAMES, position=mixed(Q), duration=0.5,
+        torque_source=Simulate.Request.COMPUTED_TORQUE, reference=reference())
     assert answer.success, answer.message
     assert close(positions(answer.trajectory)[-1], expected.q[-1, ORDER])
 
@@ -139,7 +148,8 @@ def test_simulate_follows_a_reference_by_computed_torque(node, robot):
     ('duration: nan', {'duration': math.nan}),
     ('duration: inf', {'duration': math.inf}),
     ('at most 3600 s', {'duration': 1e9}),
-    ('at most 1000000 (parameter simulation.max_steps)', {'duration': 1.0, 'step': 1e-9}),
+    ('at most 1000000 (parameter simulation.max_steps)',
+     {'duration': 1.0, 'step': 1e-9}),
     ('at most 2000 (parameter simulation.max_points)',
      {'duration': 10.0, 'sample_period': 1e-3}),
     ('step: -1 s; expected', {'step': -1.0}),
@@ -154,7 +164,8 @@ def test_simulate_follows_a_reference_by_computed_torque(node, robot):
                                 'kp': [-1.0, 1.0, 1.0]}),
 ])
 def test_an_invalid_simulation_request_is_answered_with_the_reason(node, words, fields):
-    answer = node.call(Simulate, 'simulate', **{'position': Q, 'duration': 0.5, **fields})
+    answer = node.call(Simulate, 'simulate',
+                       **{'position': Q, 'duration': 0.5, **fields})
     assert not answer.success
     assert words in answer.message
     assert node.process.alive()
@@ -163,9 +174,11 @@ def test_an_invalid_simulation_request_is_answered_with_the_reason(node, words, 
 @pytest.mark.parametrize(('kind', 'name', 'words', 'fields'), [
     (InverseDynamics, 'inverse_dynamics', 'acceleration: 0 entries',
      {'position': Q, 'velocity': U}),
-    (ForwardDynamics, 'forward_dynamics', 'effort: 1 entries', {'position': Q, 'effort': [1.0]}),
+    (ForwardDynamics, 'forward_dynamics', 'effort: 1 entries',
+     {'position': Q, 'effort': [1.0]}),
     (GetDynamics, 'get_dynamics', 'position: 0 entries', {}),
-    (GetDynamics, 'get_dynamics', 'velocity: [', {'position': Q, 'velocity': [math.inf] * 3}),
+    (GetDynamics, 'get_dynamics', 'velocity: [',
+     {'position': Q, 'velocity': [math.inf] * 3}),
 ])
 def test_an_invalid_request_is_answered_with_the_reason(node, kind, name, words, fields):
     answer = node.call(kind, name, **fields)
@@ -181,7 +194,8 @@ class Goal:
         self._node = node
         self._handle, self._result = node.send_goal(
             SimulateMotion, 'simulate_motion', position=Q,
-            feedback_callback=lambda message: self.feedback.append(message.feedback), **fields)
+            feedback_callback=lambda message: self.feedback.append(message.feedback),
+            **fields)
 
     def cancel(self):
         self._node.on_spinner(self._handle.cancel_goal_async)
@@ -201,9 +215,9 @@ def test_the_action_publishes_feedback_and_its_result_equals_the_library(node, r
     assert close(positions(result.trajectory)[:3], expected.q)
     assert len(result.trajectory.points) == 301
     assert goal.feedback
-    times = [each.simulated_time for each in goal.feedback]
+    times = [feedback.simulated_time for feedback in goal.feedback]
     assert times == sorted(times)
-    assert all(0.0 <= each.progress <= 1.0 for each in goal.feedback)
+    assert all(0.0 <= feedback.progress <= 1.0 for feedback in goal.feedback)
 
 
 def test_a_cancelled_goal_returns_the_points_so_far(node):
@@ -229,11 +243,12 @@ def test_an_invalid_goal_is_aborted_with_the_reason(node):
 def test_a_full_queue_answers_that_it_is_busy(node):
     assert node.adjust(simulation__max_waiting=1).successful
     long = [Goal(node, duration=1000.0) for _ in range(3)]
-    answers = [each.result(30.0)[1] for each in long[2:]]
+    answers = [request.result(30.0)[1] for request in long[2:]]
     assert not answers[0].success
     assert 'busy' in answers[0].message
-    assert node.call(GetDynamics, 'get_dynamics', position=Q).success, 'short requests still go'
-    for each in long[:2]:
-        each.cancel()
-        each.result()
+    assert node.call(GetDynamics, 'get_dynamics',
+                     position=Q).success, 'short requests still go'
+    for request in long[:2]:
+        request.cancel()
+        request.result()
     assert node.adjust(simulation__max_waiting=8).successful

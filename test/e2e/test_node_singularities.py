@@ -1,9 +1,9 @@
 """
 Arms in MuJoCo led through singular configurations by a node, over DDS.
 
-The experiments of benchmarks/task_space_laws.py with the node in the loop: the target comes as
-~/target_pose at 100 Hz. `pytest -m slow -s` prints the table that docs/task_space_measured.md
-shows.
+The experiments of benchmarks/task_space_laws.py with the node in the loop: the target
+comes as ~/target_pose at 100 Hz. `pytest -m slow -s` prints the table that
+docs/task_space_measured.md shows.
 """
 
 from pathlib import Path
@@ -82,8 +82,8 @@ def lead(lockstep, motion, record, energy=None):
 
 def errors_of(states):
     """Return the distances, m, of the frame from the pose that the law uses."""
-    return np.array([[state.position_error.x, state.position_error.y, state.position_error.z]
-                     for state in states])
+    return np.array([[state.position_error.x, state.position_error.y,
+                      state.position_error.z] for state in states])
 
 
 def first_limited(states):
@@ -93,7 +93,8 @@ def first_limited(states):
 
 
 @pytest.mark.parametrize(('name', 'what'), CASES)
-def test_an_arm_is_led_through_a_singular_configuration_over_dds(participant, name, what):
+def test_an_arm_is_led_through_a_singular_configuration_over_dds(
+        participant, name, what):
     from lockstep_arm import LockstepArm
     arm = ARMS[name]
     robot = Robot(load_urdf(arm.urdf, tip=arm.frame), friction=False)
@@ -138,7 +139,8 @@ def test_an_arm_is_led_through_a_singular_configuration_over_dds(participant, na
     ordinary_states = lockstep.task_states
     distances = np.linalg.norm(errors_of(passage), axis=1)
     last = np.linalg.norm(errors_of(ordinary_states), axis=1)
-    entered, limited = first_limited(passage), first_limited(ordinary_states)
+    entered = first_limited(passage)
+    limited = first_limited(ordinary_states)
     # At rest before and after the ordinary motion the arm is at its target in any case.
     outside = max(distances[:entered].max(initial=0.0), last[:limited].max(initial=0.0),
                   last[0], last[-1])
@@ -146,7 +148,8 @@ def test_an_arm_is_led_through_a_singular_configuration_over_dds(participant, na
     rise = np.diff(record.energies).max()
     smallest = min(state.smallest_singular_value for state in passage)
     refused = node.log.count('out of reach')
-    print(f'\n| {name} | {what} | {smallest:.1e} | {record.torque:.0%} | {record.speed:.0%} | '
+    print(f'\n| {name} | {what} | {smallest:.1e} | {record.torque:.0%} | '
+          f'{record.speed:.0%} | '
           f'{1e3 * outside:.2g} mm | {1e3 * inside:.2g} mm | {rise:.1e} J | {refused} |')
     assert record.torque <= 1.0 + 1e-9
     assert record.speed <= 1.0

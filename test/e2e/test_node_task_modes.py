@@ -32,19 +32,23 @@ class Arm:
     def __init__(self, client):
         self.client = client
         joints = f'[{",".join(JOINTS)}]'
-        self.plant = Process(module=PLANT, urdf=URDF, joints=joints, rate=RATE, rate_factor=0.2,
+        self.plant = Process(module=PLANT, urdf=URDF, joints=joints, rate=RATE,
+                             rate_factor=0.2,
                              publish_clock='true', initial__position=HOME,
                              wrench__frames=f'[{FRAME}]', wrench__timeout=100.0)
         self.node = Process(urdf=URDF, joints=joints, mode='cartesian_impedance',
-                            modes='[joint_impedance,hand_guiding]', cartesian__frame=FRAME,
+                            modes='[joint_impedance,hand_guiding]',
+                            cartesian__frame=FRAME,
                             cartesian__stiffness=STIFFNESS, use_sim_time='true',
                             state_timeout=1.0, limits__rate=1000.0, blend_time=0.1,
                             real_states=True, task_state__rate=100, diagnostics_rate=20)
-        self.states, self.now = [], 0
+        self.states = []
+        self.now = 0
         self.robot = Robot(load_urdf(URDF, joints=list(JOINTS)))
         self.publishers = {
             kind: client.create_publisher(kind, f'{NAME}/{topic}', 1)
-            for kind, topic in ((PoseStamped, 'target_pose'), (TwistStamped, 'target_twist'),
+            for kind, topic in ((PoseStamped, 'target_pose'),
+                                (TwistStamped, 'target_twist'),
                                 (WrenchStamped, 'target_wrench'))}
         self.push = client.create_publisher(WrenchStamped, '/plant/wrench', 1)
         self._open = [client.create_subscription(TaskState, f'{NAME}/task_state',
@@ -75,7 +79,8 @@ class Arm:
     def send(self, pose, frame=''):
         message = PoseStamped()
         message.header.frame_id = frame
-        p, r = message.pose.position, message.pose.orientation
+        p = message.pose.position
+        r = message.pose.orientation
         p.x, p.y, p.z = pose[:3, 3].tolist()
         r.x, r.y, r.z, r.w = rotation_quaternion(pose[:3, :3]).tolist()
         self.publishers[PoseStamped].publish(message)
@@ -125,8 +130,9 @@ def arm(module_arm, client):
     module_arm.wait(0.3)
     home = module_arm.robot.frame_pose(FRAME, HOME)
     module_arm.send(home)
-    assert wait_until(lambda: np.linalg.norm(module_arm.place() - home[:3, 3]) < 2e-4, 60.0), (
-        module_arm.place(), module_arm.node.log)
+    assert wait_until(lambda: np.linalg.norm(module_arm.place() - home[:3, 3]) < 2e-4,
+                      60.0), (
+                          module_arm.place(), module_arm.node.log)
     module_arm.wait(0.3)
     module_arm.home = home
     return module_arm
@@ -153,17 +159,22 @@ def test_a_target_pose_is_reached_within_the_limits_of_the_target(arm):
 
 @pytest.mark.parametrize('rate', [5.0, 50.0])
 def test_a_stream_is_followed_and_its_last_pose_is_held(arm, rate):
-    began, period, errors = arm.now, 1.0 / rate, []
+    began = arm.now
+    period = 1.0 / rate
+    errors = []
 
     def pose_at(t):
-        return shifted(arm.home, y=0.08 * np.sin(1.5 * t), z=0.05 * (np.cos(1.5 * t) - 1.0))
+        return shifted(arm.home, y=0.08 * np.sin(1.5 * t),
+                       z=0.05 * (np.cos(1.5 * t) - 1.0))
     for k in range(round(2.0 * rate)):
         due = began + k * period * NANO
         assert wait_until(lambda due=due: arm.now >= due, 60.0)
         arm.send(pose_at(k * period))
         state = arm.states[-1]
-        desired = np.array([state.desired_pose.position.y, state.desired_pose.position.z])
-        times = (state.header.stamp.sec * NANO + state.header.stamp.nanosec - began) / NANO
+        desired = np.array(
+            [state.desired_pose.position.y, state.desired_pose.position.z])
+        times = ((state.header.stamp.sec * NANO + state.header.stamp.nanosec - began)
+                 / NANO)
         late = np.array([pose_at(max(times - period - lag, 0.0))[1:3, 3]
                          for lag in np.arange(0.0, 0.1, 0.005)])
         errors.append(np.linalg.norm(late - desired, axis=1).min())
@@ -177,15 +188,16 @@ def test_a_stream_is_followed_and_its_last_pose_is_held(arm, rate):
 
 
 def test_the_deflection_is_that_of_the_stiffness_and_the_arm_returns(arm):
-    rest = arm.place()
+    resting_place = arm.place()
     arm.load(np.array([0.0, 16.0, 0.0]))
     arm.wait(2.0)
-    np.testing.assert_allclose(arm.place() - rest, [0.0, 16.0 / 800.0, 0.0], atol=4e-4)
+    np.testing.assert_allclose(arm.place() - resting_place, [0.0, 16.0 / 800.0, 0.0],
+                               atol=4e-4)
     force = arm.state.wrench.force
     np.testing.assert_allclose([force.x, force.y, force.z], [0.0, -16.0, 0.0], atol=0.3)
     arm.load(np.zeros(3))
     arm.wait(2.0)
-    np.testing.assert_allclose(arm.place(), rest, atol=3e-4)
+    np.testing.assert_allclose(arm.place(), resting_place, atol=3e-4)
 
 
 def test_modes_change_live_without_a_jump_of_torque(arm):
@@ -212,7 +224,8 @@ def test_modes_change_live_without_a_jump_of_torque(arm):
     (lambda arm: arm.send(arm.home, 'nowhere'), 'unknown frame', "frame_id 'nowhere'"),
     (lambda arm: arm.send(arm.home, FRAME), 'unknown frame', 'which moves'),
     (lambda arm: arm.send(shifted(arm.home, x=0.9)), 'too far', 'target.max_distance'),
-    (lambda arm: arm.send(shifted(arm.home, x=0.3, z=0.35)), 'out of reach', 'comes within')])
+    (lambda arm: arm.send(shifted(arm.home, x=0.3, z=0.35)), 'out of reach',
+     'comes within')])
 def test_a_target_is_refused_with_the_reason(arm, change, reason, words):
     def count():
         arm.client.diagnostics.clear()
@@ -220,9 +233,9 @@ def test_a_target_is_refused_with_the_reason(arm, change, reason, words):
         assert wait_until(lambda: any('rate' in values for _, _, values in
                                       arm.client.diagnostics))
         return int(arm.client.diagnostics[-1][2].get(key, 0))
-    before = count()
+    count_before = count()
     change(arm)
-    assert wait_until(lambda: count() == before + 1, 10.0)
+    assert wait_until(lambda: count() == count_before + 1, 10.0)
     assert words in arm.node.log
     arm.wait(0.3)
     assert np.linalg.norm(arm.place() - arm.home[:3, 3]) < 5e-4
@@ -240,11 +253,11 @@ def test_a_twist_moves_the_target_and_ends_by_itself(arm):
 
 
 def test_stiffness_changes_live(arm):
-    rest = arm.place()
+    resting_place = arm.place()
     arm.load(np.array([0.0, 8.0, 0.0]))
     assert arm.client.adjust(cartesian__stiffness=[400.0] * 3 + [15.0] * 3).successful
     arm.wait(2.0)
-    np.testing.assert_allclose((arm.place() - rest)[1], 0.02, atol=1e-3)
+    np.testing.assert_allclose((arm.place() - resting_place)[1], 0.02, atol=1e-3)
     arm.load(np.zeros(3))
     answer = arm.client.adjust(cartesian__stiffness=[-1.0] * 6)
     assert not answer.successful and 'cartesian.stiffness' in answer.reason
@@ -253,7 +266,7 @@ def test_stiffness_changes_live(arm):
 @pytest.mark.parametrize('mujoco', [False, True], ids=['plant_node', 'MuJoCo'])
 @pytest.mark.parametrize('mode', ['joint_impedance', 'cartesian_impedance'])
 def test_the_guard_takes_over_and_hands_back_without_a_step(tmp_path, mode, mujoco):
-    """The node hangs; it then goes on from the torques of the guard, where the arm is."""
+    """The node hangs; it then goes on from the guard's torques, in place."""
     rig = Rig(tmp_path, mujoco_arm() if mujoco else PLANT_ARM, mujoco=mujoco, mode=mode,
               cartesian__frame='fr3_hand' if mujoco else 'c')
     try:
@@ -261,11 +274,13 @@ def test_the_guard_takes_over_and_hands_back_without_a_step(tmp_path, mode, mujo
         recorder = rig.recorder
         failed = rig.fail(signal.SIGSTOP)
         recorder.spin(0.6)
-        assert [each for each in recorder.of('guard') if each.time >= failed], rig.logs()
+        assert [command for command in recorder.of('guard')
+                if command.time >= failed], rig.logs()
         os.kill(rig.node.pid, signal.SIGCONT)
         count = len(recorder.of('node'))
         recorder.spin_until(lambda: len(recorder.of('node')) > count + 200, 60.0)
-        voices = turns([each for each in recorder.commands if each.time >= failed - 10_000_000])
+        voices = turns([command for command in recorder.commands
+                        if command.time >= failed - 10_000_000])
         assert voices[:3] == ['node', 'guard', 'node'], voices
         assert largest_step(recorder.commands, rig.arm.rate) <= 1.01
         # It holds the arm again.

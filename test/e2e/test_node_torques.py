@@ -50,7 +50,8 @@ def close(value, expected):
 
 
 def states(count):
-    return [(GENERATOR.uniform(-1, 1, 3), GENERATOR.uniform(-1, 1, 3)) for _ in range(count)]
+    return [(GENERATOR.uniform(-1, 1, 3), GENERATOR.uniform(-1, 1, 3))
+            for _ in range(count)]
 
 
 def test_without_a_motion_the_torques_hold_gravity_at_the_measured_pose(node, robot):
@@ -77,7 +78,8 @@ def test_along_a_motion_the_torques_equal_those_of_the_library(node, robot, mode
     assert 'rejected' not in node.process.log.splitlines()[-1]
     for q, u in states(30):
         stamp = time.time_ns()
-        expected = controller.command(stamp / 1e9, q, u, motion, (stamp - start) / 1e9).tau
+        expected = controller.command(
+            stamp / 1e9, q, u, motion, (stamp - start) / 1e9).tau
         assert close(node.ask(q, u, stamp=stamp), expected)
         time.sleep(0.02)
 
@@ -107,7 +109,8 @@ def test_joints_are_mapped_by_name_and_others_ignored(node, robot):
     ('arrays of unequal length', {'q': [0, 0, 0], 'u': [0]}),
     ('arrays of unequal length', {'q': [0, 0, 0, 0], 'u': [0, 0, 0]}),
     ('no velocity', {'q': [], 'u': [], 'names': []}),
-    ('stale (older than state_timeout)', {'q': [0, 0, 0], 'u': [0, 0, 0], 'shift': -3.0}),
+    ('stale (older than state_timeout)',
+     {'q': [0, 0, 0], 'u': [0, 0, 0], 'shift': -3.0}),
     ('stamp in the future', {'q': [0, 0, 0], 'u': [0, 0, 0], 'shift': 3.0}),
 ])
 def test_an_invalid_state_gives_no_command_and_is_counted(node, reason, arguments):
@@ -148,14 +151,15 @@ def test_a_timeout_commands_zeros_once_and_shows_in_the_diagnostics(node):
     assert node.adjust(state_timeout=0.1).successful
     node.diagnostics.clear()
     assert node.ask([0.3, -0.4, 0.2], np.zeros(3)).any()
-    before = len(node.commands)
-    assert wait_until(lambda: len(node.commands) > before, 0.5)
+    count_before = len(node.commands)
+    assert wait_until(lambda: len(node.commands) > count_before, 0.5)
     assert node.commands[-1] == [0.0, 0.0, 0.0]
     count = len(node.commands)
     assert wait_until(lambda: any('no valid joint state' in message and level == b'\x02'
                                   for level, message, _ in node.diagnostics), 3.0)
     assert len(node.commands) == count, 'zeros must come once'
-    assert node.ask([0.3, -0.4, 0.2], np.zeros(3)).any(), 'the next state must give a command'
+    assert node.ask([0.3, -0.4,
+                     0.2], np.zeros(3)).any(), 'the next state must give a command'
 
 
 def test_deactivation_commands_zeros_and_ends_the_commands(node):
@@ -177,19 +181,23 @@ def test_deactivation_commands_zeros_and_ends_the_commands(node):
     ('positions of the trajectory: none', {'points': [(1.0, [])]}),
     ('end of the motion: ', {'points': [(1.0, [0] * 3)], 'start': 10**9}),
 ])
-def test_an_invalid_trajectory_is_rejected_with_the_reason(node, robot, words, arguments):
+def test_an_invalid_trajectory_is_rejected_with_the_reason(
+        node, robot, words, arguments):
     count = node.process.log.count(words)
     node.follow(**arguments)
-    assert wait_until(lambda: node.process.log.count(words) > count), node.process.log[-2000:]
+    assert wait_until(
+        lambda: node.process.log.count(words) > count), node.process.log[-2000:]
     q = np.array([0.3, -0.4, 0.2])
-    assert close(node.ask(q, np.zeros(3)), robot.gravity_force(q)), 'it must not be followed'
+    assert close(node.ask(q, np.zeros(3)),
+                 robot.gravity_force(q)), 'it must not be followed'
 
 
 @pytest.mark.parametrize(('words', 'values'), [
     ("'mode': 'fly'; expected", {'mode': 'fly'}),
     ("'state_timeout': -1", {'state_timeout': -1.0}),
     ("'state_timeout': nan", {'state_timeout': math.nan}),
-    ('2 entries; expected one number, or one for each of the 3 joints', {'gains__kp': [1.0, 2.0]}),
+    ('2 entries; expected one number, or one for each of the 3 joints',
+     {'gains__kp': [1.0, 2.0]}),
     ("'gains.kd': [", {'gains__kd': [1.0, -2.0, 3.0]}),
     ("'gains.kp': []", {'gains__kp': []}),
     ("'diagnostics_rate': 1e-12", {'diagnostics_rate': 1e-12}),
@@ -200,8 +208,8 @@ def test_an_invalid_trajectory_is_rejected_with_the_reason(node, robot, words, a
     ("'gravity': [", {'gravity': [0.0, 1.0]}),
     ('', {'autostart': False}),
 ])
-def test_an_invalid_parameter_is_refused_with_the_reason_and_changes_nothing(node, robot, words,
-                                                                             values):
+def test_an_invalid_parameter_is_refused_with_the_reason_and_changes_nothing(
+        node, robot, words, values):
     answer = node.adjust(limits__effort=1e-3, **values)
     assert not answer.successful
     assert words in answer.reason
@@ -209,12 +217,15 @@ def test_an_invalid_parameter_is_refused_with_the_reason_and_changes_nothing(nod
     assert close(node.ask(q, np.zeros(3)), robot.gravity_force(q))
 
 
-BAD = {'text': 3, 'flag': 2.5, 'number': -1e12, 'count': 0.5, 'names': 'one', 'vector': [1.0],
-       'six': [1.0], 'numbers': 1, 'floats': 'one', 'per_joint': [np.nan], 'terms': 'weight'}
+BAD = {'text': 3, 'flag': 2.5, 'number': -1e12, 'count': 0.5, 'names': 'one',
+       'vector': [1.0], 'six': [1.0], 'numbers': 1, 'floats': 'one',
+       'per_joint': [np.nan], 'terms': 'weight'}
 
 
-def test_live_parameters_may_be_set_while_active_and_invalid_values_are_refused_by_name(node):
-    before = node.call(GetParameters, 'get_parameters', names=[spec.name for spec in SPECS])
+def test_live_parameters_may_be_set_while_active_and_invalid_values_are_refused_by_name(
+        node):
+    parameters_before = node.call(GetParameters, 'get_parameters',
+                                  names=[spec.name for spec in SPECS])
     for spec in SPECS:
         name = spec.name.replace('.', '__')
         if spec.live:
@@ -225,8 +236,9 @@ def test_live_parameters_may_be_set_while_active_and_invalid_values_are_refused_
         assert spec.read_only or f'expected {spec.constraint}' in answer.reason
     assert node.adjust(state_timeout=1.0, state_check__speed_factor=math.inf,
                        trajectory__start_tolerance=math.inf, blend_time=0.0).successful
-    after = node.call(GetParameters, 'get_parameters', names=[spec.name for spec in SPECS])
-    for spec, old, new in zip(SPECS, before.values, after.values):
+    parameters_after = node.call(GetParameters, 'get_parameters',
+                                 names=[spec.name for spec in SPECS])
+    for spec, old, new in zip(SPECS, parameters_before.values, parameters_after.values):
         assert spec.live or old == new, spec.name
     assert node.rest() is not None
 
@@ -234,7 +246,8 @@ def test_live_parameters_may_be_set_while_active_and_invalid_values_are_refused_
 def test_every_parameter_has_a_description(node):
     answer = node.call(DescribeParameters, 'describe_parameters',
                        names=[spec.name for spec in SPECS])
-    assert all(each.description and each.additional_constraints for each in answer.descriptors)
+    assert all(descriptor.description and descriptor.additional_constraints
+               for descriptor in answer.descriptors)
 
 
 def test_an_impossible_request_is_answered_and_does_not_stop_the_torque_path(node):
@@ -243,8 +256,9 @@ def test_an_impossible_request_is_answered_and_does_not_stop_the_torque_path(nod
         assert not node.transition(number)
     good = Parameter('state_timeout', value=0.9).to_parameter_msg()
     garbled = ParameterMessage(name='state_timeout', value=ParameterValue(type=77))
-    results = node.call(SetParameters, 'set_parameters', parameters=[good, garbled]).results
-    assert [each.successful for each in results] == [True, False]
+    results = node.call(SetParameters, 'set_parameters',
+                        parameters=[good, garbled]).results
+    assert [result.successful for result in results] == [True, False]
     assert results[1].reason
     assert node.state() == 'active'
     assert node.ask(q, np.zeros(3)).any()
@@ -255,11 +269,12 @@ def test_a_mode_change_or_an_empty_trajectory_ends_the_motion(node, robot):
     assert node.adjust(mode='computed_torque').successful
 
     def followed():
-        return wait_until(lambda: np.abs(node.ask(q, np.zeros(3)) - robot.gravity_force(q)).max()
-                          > 1.0)
+        return wait_until(lambda: np.abs(node.ask(q, np.zeros(3))
+                                         - robot.gravity_force(q)).max() > 1.0)
 
     def held():
-        return wait_until(lambda: close(node.ask(q, np.zeros(3)), robot.gravity_force(q)))
+        return wait_until(
+            lambda: close(node.ask(q, np.zeros(3)), robot.gravity_force(q)))
     node.follow([(0.0, q), (0.5, q + 0.5)])
     assert followed()
     node.follow([])
@@ -268,8 +283,8 @@ def test_a_mode_change_or_an_empty_trajectory_ends_the_motion(node, robot):
     assert followed()
     assert node.adjust(mode='gravity_compensation').successful
     words = 'gravity_compensation; expected a mode that follows'
-    before = node.process.log.count(words)
+    count_before = node.process.log.count(words)
     node.follow([(0.0, q), (0.5, q + 0.5)])
-    assert wait_until(lambda: node.process.log.count(words) > before)
+    assert wait_until(lambda: node.process.log.count(words) > count_before)
     assert node.adjust(mode='computed_torque').successful
     assert held()

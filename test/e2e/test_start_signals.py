@@ -13,10 +13,12 @@ NODES = ('kane_dynamics.ros.dynamics_node.main', 'kane_dynamics.ros.guard.main',
          'kane_dynamics.ros.plant.main')
 START = 2.0  # s, about the longest start of a node on an idle machine
 TIMEOUT = 60.0  # s
-# Not 0: before the node's code has begun; 2: plant_node had no URDF before the signal came.
+# Not 0: before the node's code has begun; 2: plant_node had no URDF before the signal
+# came.
 ENDED = (0, 1, 2, -signal.SIGINT, -signal.SIGTERM)
 
-# The signal comes in a finalizer, whose exceptions the interpreter ignores, in a long import.
+# The signal comes in a finalizer, whose exceptions the interpreter ignores, in a long
+# import.
 LOST = """
 import importlib, os, signal, sys
 
@@ -38,8 +40,8 @@ sys.exit(importlib.import_module('{node}').main())
 
 def started(*command):
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
-    return subprocess.Popen([sys.executable, *command], env=environment, stdout=subprocess.PIPE,
-                            stderr=subprocess.STDOUT, text=True)
+    return subprocess.Popen([sys.executable, *command], env=environment,
+                            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
 def code_and_output(process):

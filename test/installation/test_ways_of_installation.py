@@ -33,17 +33,18 @@ pytestmark = [pytest.mark.timeout(600),
 
 def run(*command, cwd=ROOT):
     """Run a command without the variables of other environments; return its output."""
+    of_environments = ('PYTHON', 'AMENT', '_ROS', 'VIRTUAL_ENV', 'LD_LIBRARY')
     inherited = {name: value for name, value in os.environ.items()
-                 if not name.startswith(('PYTHON', 'AMENT', '_ROS', 'VIRTUAL_ENV', 'LD_LIBRARY'))}
-    done = subprocess.run([*map(str, command)], cwd=cwd, env=inherited, capture_output=True,
-                          text=True)
+                 if not name.startswith(of_environments)}
+    done = subprocess.run([*map(str, command)],
+                          cwd=cwd, env=inherited, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
 @pytest.fixture(scope='module')
 def sources(tmp_path_factory):
-    """Return a copy of the files in the repository, in which a build leaves nothing behind."""
+    """Return a copy of the repository's files, in which a build leaves nothing."""
     folder = tmp_path_factory.mktemp('sources')
     for name in run('git', 'ls-files').splitlines():
         target = folder / name
@@ -69,7 +70,7 @@ def environment(folder, *requirements, python=sys.executable):
 
 
 def interpreter_on_path(name):
-    """Return the first interpreter on the PATH that runs; the stand-ins of pyenv may not."""
+    """Return the first interpreter on the PATH that runs; pyenv's stand-ins may not."""
     for folder in os.environ['PATH'].split(os.pathsep):
         path = Path(folder) / name
         if not path.is_file():
@@ -82,7 +83,8 @@ def interpreter_on_path(name):
 
 def check_that_it_computes(interpreter, tmp_path):
     """Run a program with the installed library."""
-    output = run(interpreter, '-c', PROGRAM, ROOT / 'urdf' / 'two_link.urdf', cwd=tmp_path)
+    output = run(interpreter, '-c', PROGRAM, ROOT / 'urdf' / 'two_link.urdf',
+                 cwd=tmp_path)
     assert output.split() == ['computed']
 
 
@@ -93,8 +95,11 @@ def slim(sources):
 
 def test_a_slim_installation_computes_and_is_small(sources, tmp_path):
     interpreter = environment(tmp_path / 'env', *slim(sources))
-    size = sum(path.stat().st_size for path in (tmp_path / 'env' / 'lib').rglob('*')
-               if path.is_file() and not path.is_symlink())
+    rows = []
+    for path in (tmp_path / 'env' / 'lib').rglob('*'):
+        if path.is_file() and not path.is_symlink():
+            rows.append(path.stat().st_size)
+    size = sum(rows)
     print(f'slim: {size / 1e6:.0f} MB')
     assert size < LARGEST
     check_that_it_computes(interpreter, tmp_path)
@@ -109,7 +114,8 @@ def test_wheel_and_source_distribution_compute(distributions, tmp_path, kind):
     assert listed.startswith('kane-dynamics ')
 
 
-@pytest.mark.skipif(sys.version_info[:2] != (3, 11), reason='the oldest releases need Python 3.11')
+@pytest.mark.skipif(sys.version_info[:2] != (3, 11),
+                    reason='the oldest releases need Python 3.11')
 def test_the_oldest_releases_of_the_dependencies_compute(sources, tmp_path):
     interpreter = environment(tmp_path / 'env', '--resolution', 'lowest-direct', sources)
     versions = run(interpreter, '-c', 'import llvmlite, numpy; '
