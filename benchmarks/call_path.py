@@ -1,10 +1,10 @@
 """
 Count the modules and functions of kane_dynamics that one first call passes.
 
-A first call traces and compiles what it needs, so it passes more code than any later one: this is
-what a reader has to follow. Functions are counted once each, without comprehensions and lambdas,
-which belong to the function around them. `--list` names them by module. The exit status is 1
-if a call passes more than `MOST` says.
+A first call traces and compiles what it needs, so it passes more code than any later
+one: this is what a reader has to follow. Functions are counted once each, without
+comprehensions and lambdas, which belong to the function around them. `--list` names them
+by module. The exit status is 1 if a call passes more than `MOST` says.
 """
 
 import argparse
@@ -61,15 +61,16 @@ def first_calls():
     compiling.SLOW = 1e6  # no line of the log on a busy machine
     zeros = np.zeros(6)
     closed = np.array(closed)
-    rest = np.zeros(1)
+    at_rest = np.zeros(1)
     waypoints = np.array([[0, -1, 1, 0, 0, 0], [0.5, -1.2, 0.8, 0.3, 0.2, 0.1],
                           [1, -0.8, 1.2, 0.1, 0.4, 0.3]])
     arm, linkage = tree(), loop()
     yield 'forward_dynamics, tree', lambda: arm.forward_dynamics(zeros, zeros, zeros)
-    yield 'forward_dynamics, loop', lambda: linkage.forward_dynamics(closed, rest, rest)
+    yield 'forward_dynamics, loop', lambda: linkage.forward_dynamics(
+        closed, at_rest, at_rest)
     simulated_arm = tree()
     yield 'simulate, tree', lambda: simulate(simulated_arm, zeros, zeros, 0.1)
-    yield 'simulate, four-bar', lambda: simulate(linkage, closed, rest, 0.1)
+    yield 'simulate, four-bar', lambda: simulate(linkage, closed, at_rest, 0.1)
     yield 'time_optimal, UR10e', lambda: time_optimal(simulated_arm, waypoints)
 
 
@@ -81,7 +82,8 @@ def main():
     sys.path[:0] = [str(ROOT), str(ROOT / 'examples')]
     exceeded = False
     for name, call in first_calls():
-        # An empty cache on disk each: what an earlier call compiled must not shorten this one.
+        # An empty cache on disk each: what an earlier call compiled must not shorten
+        # this one.
         with tempfile.TemporaryDirectory() as cache:
             os.environ['KANE_DYNAMICS_CACHE'] = cache
             passed = functions_passed(call)

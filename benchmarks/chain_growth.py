@@ -2,9 +2,9 @@
 Chains of 10 to 200 joints: time, code, and Pinocchio's time beside them.
 
 Prints a table of forward dynamics, mass matrix and its inverse, and draws
-build/bench/chain_growth.png; with `--record` the picture of the documentation. Exits with 1 if the
-time of forward dynamics of long chains does not grow linearly, that of a matrix faster than its
-entries, or their code grows.
+build/bench/chain_growth.png; with `--record` the picture of the documentation. Exits
+with 1 if the time of forward dynamics of long chains does not grow linearly, that of a
+matrix faster than its entries, or their code grows.
 """
 
 from collections.abc import Iterable
@@ -30,7 +30,9 @@ PICTURE = FOLDER / 'chain_growth.png'
 RECORDED = Path(__file__).resolve().parents[1] / 'docs' / 'pictures' / 'chain_growth.png'
 QUANTITIES = ('forward_dynamics', 'mass_matrix', 'inverse_mass_matrix')
 AXES = (10, 20, 30, 40, 50, 75, 100, 150, 200)
-SHORT, LONG = 50, 200  # axes between which growth is judged
+# Axes between which growth is judged.
+SHORT = 50
+LONG = 200
 STEEPEST = 1.15  # growth of the time per joint, or per entry of a matrix
 MOST_CODE = 1.1  # of the longer chain's code over that of the shorter one
 Row = dict[str, float]
@@ -47,8 +49,9 @@ def measured(axes: int, against: bool) -> dict[str, Row]:
     return {what: measured_quantity(robot, what, states, peer) for what in QUANTITIES}
 
 
-def measured_quantity(robot: Robot, what: str, states: Iterable, peer: Pinocchio | None) -> Row:
-    """Return the figures of a quantity; without Pinocchio, there is no 'peer' among them."""
+def measured_quantity(
+        robot: Robot, what: str, states: Iterable, peer: Pinocchio | None) -> Row:
+    """Return the figures of a quantity; without Pinocchio there is no 'peer'."""
     loops = {'ours': our_loop(robot, what, states)}
     if peer is not None:
         check(robot, peer, what, states)
@@ -69,7 +72,8 @@ def line(axes: int, what: str, row: Row) -> str:
     peer = 'Pinocchio not measured'
     if 'peer' in row:
         peer = f'Pinocchio {row["peer"]:8.0f} ns, {row["peer"] / row["ns"]:.1f}'
-    return f'{axes:4} joints, {what:19}: {row["ns"]:8.0f} ns, {row["bytes"]:7.0f} bytes, {peer}'
+    return (f'{axes:4} joints, {what:19}: {row["ns"]:8.0f} ns, {row["bytes"]:7.0f} '
+            f'bytes, {peer}')
 
 
 def draw(rows: dict[int, dict[str, Row]], path: Path) -> None:
@@ -82,7 +86,8 @@ def draw(rows: dict[int, dict[str, Row]], path: Path) -> None:
         figures = [rows[n][what] for n in axes]
         label = what.replace('_', ' ')
         style = {'color': f'C{color}'}
-        above.plot(axes, [1e-3 * row['ns'] for row in figures], 'o-', label=label, **style)
+        above.plot(axes, [1e-3 * row['ns'] for row in figures], 'o-',
+                   label=label, **style)
         below.plot(axes, [1e-3 * row['bytes'] for row in figures], 'o-', **style)
         if all('peer' in row for row in figures):
             above.plot(axes, [1e-3 * row['peer'] for row in figures], 's--',
@@ -105,16 +110,18 @@ def judged(rows: dict[int, dict[str, Row]]) -> bool:
     """Print how time and code grow from `SHORT` to `LONG`; return whether both may."""
     all_met = True
     for what in QUANTITIES:
-        short, long = rows[SHORT][what], rows[LONG][what]
+        short = rows[SHORT][what]
+        long = rows[LONG][what]
         power = 1 if what == 'forward_dynamics' else 2
         growth = long['ns'] / short['ns'] / (LONG / SHORT)**power
         code = long['bytes'] / short['bytes']
         met = growth <= STEEPEST and code <= MOST_CODE
         all_met = all_met and met
         unit = 'joint' if power == 1 else 'entry'
-        print(f'{what} from {SHORT} to {LONG} joints: time per {unit} times {growth:.2f} '
-              f'(at most {STEEPEST}), code times {code:.2f} (at most {MOST_CODE}): '
-              f'{"met" if met else "NOT met"}')
+        print(
+            f'{what} from {SHORT} to {LONG} joints: time per {unit} times {growth:.2f} '
+            f'(at most {STEEPEST}), code times {code:.2f} (at most {MOST_CODE}): '
+            f'{"met" if met else "NOT met"}')
     return all_met
 
 

@@ -1,4 +1,4 @@
-"""The cost of chosen speeds and constraints, relative to the plain arm; simulation speed."""
+"""The cost of chosen speeds and constraints against the plain arm; simulation speed."""
 
 from collections.abc import Callable
 from copy import copy
@@ -8,9 +8,9 @@ from pathlib import Path
 import sys
 import time
 
-from kane_dynamics import (absolute_rates, Closure, Coupling, disc, FlexibleLink, knife_edge,
-                           LoopTracker, Model, ModelBuilder, momenta, point_mass,
-                           PointVelocity, Robot, rod, Rolling, simulate)
+from kane_dynamics import (absolute_rates, Closure, Coupling, disc, FlexibleLink,
+                           knife_edge, LoopTracker, Model, ModelBuilder, momenta,
+                           point_mass, PointVelocity, Robot, rod, Rolling, simulate)
 from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing, TURNS
 from kane_dynamics.loop_tracking.loop_tracker import tracking_kernel
 from kane_dynamics.robot.kernel_set import KernelSet
@@ -19,7 +19,8 @@ from kane_dynamics.simulation.torque_input import torque_input
 from native_loop import kernel_loop, Race, shipped_arm, STATES
 import numpy as np
 
-PLAIN, CLOCK = 'the plain arm', 'the clock'
+PLAIN = 'the plain arm'
+CLOCK = 'the clock'
 NEAR = {'four-bar': (0.8, 0.0, -1.5), 'rolling disc': (0.0, 0.0, 0.0, 0.3, 0.2, 0.1)}
 
 
@@ -37,11 +38,13 @@ def choices(model: Model) -> dict[str, dict[str, object]]:
 
 
 def costs(name: str) -> list[Race]:
-    """Compare forward dynamics with chosen speeds or constraints to that of the plain arm."""
+    """Compare forward dynamics with speeds or constraints to that of the plain arm."""
     model = shipped_arm(name)
-    robots = {PLAIN: Robot(model),
-              **{what: Robot(model, **given) for what, given in choices(model).items()}}
-    rng, loops = np.random.default_rng(0), {}
+    robots = {
+        PLAIN: Robot(model),
+        **{what: Robot(model, **choice) for what, choice in choices(model).items()}}
+    rng = np.random.default_rng(0)
+    loops = {}
     q = rng.uniform(-1.0, 1.0, (STATES, model.n))
     for what, robot in robots.items():
         u, tau = rng.uniform(-1.0, 1.0, (2, STATES, robot.n))
@@ -60,22 +63,24 @@ def unwatched(robot: Robot) -> Robot:
 
     Steps close the loops as before: that is no watch.
     """
-    other = Robot(robot.model, constraints=robot.mechanism.constraints,
-                  independent=robot.speed_names)
-    equations = copy(other.equations)
+    unwatched_robot = Robot(robot.model, constraints=robot.mechanism.constraints,
+                            independent=robot.speed_names)
+    equations = copy(unwatched_robot.equations)
     equations.watched = False
-    vars(other).update(equations=equations,  # robots refuse assignments
-                       kernels=KernelSet(equations, None, other.parameters.block))
-    return other
+    kernels = KernelSet(equations, None, unwatched_robot.parameters.block)
+    # Robots refuse assignments.
+    vars(unwatched_robot).update(equations=equations, kernels=kernels)
+    return unwatched_robot
 
 
 def watch_costs() -> list[Race]:
-    """Race steps and forward dynamics (native loop, calls) with their watch to those without."""
+    """Race steps and forward dynamics (native loop, calls), watched and unwatched."""
     model = shipped_arm('ur10e')
     robots = {'four-bar': four_bar(), 'rolling disc': rolling_disc(),
-              **{what: Robot(model, **given) for what, given in choices(model).items()
-                 if 'constraints' in given}}
-    rng, result = np.random.default_rng(0), []
+              **{what: Robot(model, **choice) for what, choice in choices(model).items()
+                 if 'constraints' in choice}}
+    rng = np.random.default_rng(0)
+    result = []
     for name, robot in robots.items():
         q = robot.closed_configuration(NEAR[name] if name in NEAR else
                                        rng.uniform(-1.0, 1.0, robot.n_q))
@@ -84,7 +89,8 @@ def watch_costs() -> list[Race]:
         for what, one in (('watched', robot), ('not', unwatched(robot))):
             source = torque_input(one, 1e-5, STATES, None, None, 'rk4')
             buffer = np.ones((1, STATES + 1, len(state_names(one))))
-            buffer[0, 0, :robot.n_q], buffer[0, 0, robot.n_q:robot.n_q + robot.n] = q, u
+            buffer[0, 0, :robot.n_q] = q
+            buffer[0, 0, robot.n_q:robot.n_q + robot.n] = u
             loops[f'step {what}'] = partial(source.advance, buffer, 0)
             loops[f'dynamics {what}'] = kernel_loop(
                 one.kernels.quantity('forward_dynamics'),
@@ -92,8 +98,8 @@ def watch_costs() -> list[Race]:
                  'tau': np.tile(u, (STATES, 1))})
             loops[f'calls {what}'] = partial(call_each, one, q, u)
         timing = interleaved(loops, 4 * TURNS, time.process_time)
-        result += [Race(name, robot.n, f'{what} with the watch of constraints', 'without it',
-                        timing.median(f'{what} watched') / STATES,
+        result += [Race(name, robot.n, f'{what} with the watch of constraints',
+                        'without it', timing.median(f'{what} watched') / STATES,
                         timing.median(f'{what} not') / STATES,
                         timing.ratio(f'{what} not', f'{what} watched'))
                    for what in ('step', 'dynamics', 'calls')]
@@ -102,25 +108,28 @@ def watch_costs() -> list[Race]:
 
 def closures() -> list[Race]:
     """
-    Compare inverse dynamics of the palletizer, with its loops closed, to that of its tree.
+    Compare inverse dynamics of the palletizer with closed loops to that of its tree.
 
     The states are 2 ms apart; each is closed from the one before.
     """
     sys.path.append(str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
     palletizer = import_module('palletizer')
-    robot, tree = palletizer.palletizer(), palletizer.palletizer_tree()
+    robot = palletizer.palletizer()
+    tree = palletizer.palletizer_tree()
     turns = 0.002 * np.arange(STATES + 1)
-    measured = np.stack([0.4 * np.sin(turns), 0.2 + 0.3 * np.sin(turns), 0.3 * np.cos(turns),
-                         turns % 1.0], axis=1)
+    measured = np.stack([0.4 * np.sin(turns), 0.2 + 0.3 * np.sin(turns),
+                         0.3 * np.cos(turns), turns % 1.0], axis=1)
     rates = np.gradient(measured, 0.002, axis=0)
     tracker = LoopTracker(robot, palletizer.DRIVEN)
-    closed, before = [], []
+    closed = []
+    watched = []
     for at, u in zip(measured, rates):
-        before.append(tracker.accepted)
+        watched.append(tracker.accepted)
         tracker.update(at, u)
         closed.append(tracker.q.copy())
-    q, u = np.array(closed[1:]), rates[1:]
-    last, T = (np.array(x[1:]) for x in zip(*before))
+    q = np.array(closed[1:])
+    u = rates[1:]
+    last, T = (np.array(x[1:]) for x in zip(*watched))
     contenders = {
         'closure': kernel_loop(tracking_kernel(robot, tracker.places), {
             'q': last, 'T': T, 'measured': measured[1:], 'rates': u, 'seen': q,
@@ -135,9 +144,10 @@ def closures() -> list[Race]:
         contenders['closure']()
         contenders['dynamics']()
     timing = interleaved({'both': both, 'tree': contenders['tree']}, 4 * TURNS)
-    return [Race('palletizer', robot.n, 'inverse dynamics from measured joints', 'its tree',
-                 timing.median('both') / STATES, timing.median('tree') / STATES,
-                 timing.ratio('tree', 'both'))]
+    return [
+        Race('palletizer', robot.n, 'inverse dynamics from measured joints', 'its tree',
+             timing.median('both') / STATES, timing.median('tree') / STATES,
+             timing.ratio('tree', 'both'))]
 
 
 def call_each(robot: Robot, q: np.ndarray, u: np.ndarray) -> None:
@@ -150,14 +160,17 @@ def call_each(robot: Robot, q: np.ndarray, u: np.ndarray) -> None:
 def four_bar() -> Robot:
     """Return a crank-rocker, its loop cut at the rocker's end."""
     b = ModelBuilder('four-bar')
-    carrier, joint = 'world', (0.0, 0.0, 0.0)
+    carrier = 'world'
+    joint = (0.0, 0.0, 0.0)
     for name, length in (('crank', 0.3), ('coupler', 0.9), ('rocker', 0.7)):
         b.body(name, carrier, axis=(0, -1, 0), at=joint,
                inertial=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
-        carrier, joint = name, (length, 0.0, 0.0)
+        carrier = name
+        joint = (length, 0.0, 0.0)
     b.frame('end', 'rocker', at=joint)
     b.frame('ground', 'world', at=(1, 0, 0))
-    return Robot(b.model(), constraints=[Closure('end', 'ground', 'revolute', axis=(0, 1, 0))],
+    return Robot(b.model(),
+                 constraints=[Closure('end', 'ground', 'revolute', axis=(0, 1, 0))],
                  independent=['crank'])
 
 
@@ -185,7 +198,8 @@ def real_time(name: str, robot: Robot, q: np.ndarray, u: np.ndarray, step: float
     simulated = 10_000 * step
 
     def run() -> None:
-        simulate(robot, q, u, simulated, step=step, sample=simulated, integrator=integrator)
+        simulate(robot, q, u, simulated, step=step, sample=simulated,
+                 integrator=integrator)
     run()
     seconds = []
     for _ in range(25):

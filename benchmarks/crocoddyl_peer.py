@@ -1,8 +1,8 @@
 """
-Crocoddyl's part of predictive_control.py, in an environment with the Pinocchio it is built for.
+Crocoddyl's part of predictive_control.py, in an environment with its Pinocchio.
 
-Reads the problem as a line of JSON, prints an iterate and the optimum as another, then, for every
-line with a number, the processor time of an iteration, s, of so many.
+Reads the problem as a line of JSON, prints an iterate and the optimum as another, then,
+for every line with a number, the processor time of an iteration, s, of so many.
 """
 
 import json
@@ -20,11 +20,13 @@ def problem(given: dict) -> tuple[crocoddyl.ShootingProblem, list, list]:
     """Return the problem, and the states and torques at which to start."""
     model = pinocchio.buildModelFromUrdf(given['urdf'])
     model = pinocchio.buildReducedModel(
-        model, [k for k, name in enumerate(model.names) if 'finger' in name], np.zeros(model.nq))
+        model, [k for k, name in enumerate(model.names) if 'finger' in name],
+        np.zeros(model.nq))
     state = crocoddyl.StateMultibody(model)
     actuation = crocoddyl.ActuationModelFull(state)
     n = model.nv
-    target, held = np.array(given['target'] + [0.0] * n), np.array(given['torque'])
+    target = np.array(given['target'] + [0.0] * n)
+    held = np.array(given['torque'])
 
     def action(weights: list, step: float) -> crocoddyl.IntegratedActionModelEuler:
         costs = crocoddyl.CostModelSum(state)
@@ -33,18 +35,20 @@ def problem(given: dict) -> tuple[crocoddyl.ShootingProblem, list, list]:
             crocoddyl.ResidualModelState(state, target)), 1.0)
         if step:
             costs.addCost('torque', crocoddyl.CostModelResidual(
-                state, crocoddyl.ResidualModelControl(state, held)), given['torque_weight'])
+                state, crocoddyl.ResidualModelControl(state, held)),
+                          given['torque_weight'])
         return crocoddyl.IntegratedActionModelEuler(
-            crocoddyl.DifferentialActionModelFreeFwdDynamics(state, actuation, costs), step)
+            crocoddyl.DifferentialActionModelFreeFwdDynamics(state, actuation, costs),
+            step)
     running = action(given['weights'], given['interval'])
     running.u_ub = np.array(given['limits'])
     running.u_lb = -running.u_ub
     x = np.array(given['start'] + [0.0] * n)
-    made = crocoddyl.ShootingProblem(x, [running] * given['nodes'],
-                                     action(given['end_weights'], 0.0))
-    made.nthreads = 1
+    shooting = crocoddyl.ShootingProblem(x, [running] * given['nodes'],
+                                         action(given['end_weights'], 0.0))
+    shooting.nthreads = 1
     torques = [np.array(given['hold'])] * given['nodes']
-    return made, list(made.rollout(torques)), torques
+    return shooting, list(shooting.rollout(torques)), torques
 
 
 def main() -> None:
@@ -53,17 +57,21 @@ def main() -> None:
     solver = crocoddyl.SolverBoxDDP(shooting)
     solver.th_stop = 1e-14
     solver.solve(states, torques, 200, True)
-    best, found = solver.cost, np.array(list(solver.us)).tolist()
+    best = solver.cost
+    found = np.array(list(solver.us)).tolist()
     shooting.calc(states, torques)
     beginning = (shooting.runningDatas[0].differential.costs.costs['state'].cost
                  * shooting.runningModels[0].dt)
     cost = np.inf
     while cost > NEAR * best:  # as after the shift of a controller's last result
         solver.solve(states, torques, 1, True)
-        states, torques, cost = list(solver.xs), list(solver.us), solver.cost
-    print(json.dumps({'near': np.array(torques).tolist(), 'cost': best - beginning,
-                      'torques': found, 'version': f'{crocoddyl.__version__} on Pinocchio '
-                                                   f'{pinocchio.__version__}'}), flush=True)
+        states = list(solver.xs)
+        torques = list(solver.us)
+        cost = solver.cost
+    print(
+        json.dumps({'near': np.array(torques).tolist(), 'cost': best - beginning,
+                    'torques': found, 'version': f'{crocoddyl.__version__} on Pinocchio '
+                    f'{pinocchio.__version__}'}), flush=True)
     for line in sys.stdin:
         began = time.process_time()
         for _ in range(int(line)):

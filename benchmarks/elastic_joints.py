@@ -1,15 +1,15 @@
 """
-Time of elastic joints: an FR3 with seven of them, rigid joints, and MuJoCo with two masses.
+Time of elastic joints: an FR3 with seven, rigid joints, MuJoCo with two masses.
 
-Forward dynamics with elastic joints is compared with that of the rigid arm, in interleaved
-batches of calls from Python and natively; inverse dynamics to the fourth order with inverse
-dynamics of the rigid arm, singly. Simulations at 1 ms, where the stiffest mode has
-200 Hz, are compared with MuJoCo with the same masses and springs at its largest stable step,
-of the integrator with which that takes least time: native steps, and `simulate` with its
-checks of energy and limits.
+Forward dynamics with elastic joints is compared with that of the rigid arm, in
+interleaved batches of calls from Python and natively; inverse dynamics to the fourth
+order with inverse dynamics of the rigid arm, singly. Simulations at 1 ms, where the
+stiffest mode has 200 Hz, are compared with MuJoCo with the same masses and springs at
+its largest stable step, of the integrator with which that takes least time: native
+steps, and `simulate` with its checks of energy and limits.
 
-Run: `.venv/bin/python benchmarks/elastic_joints.py`; it prints the ratios, and fails where one
-misses its gate.
+Run: `.venv/bin/python benchmarks/elastic_joints.py`; it prints the ratios, and fails
+where one misses its gate.
 """
 
 from collections.abc import Callable
@@ -30,11 +30,17 @@ STIFFNESS = np.array([14e3, 14e3, 14e3, 14e3, 3e3, 3e3, 2950.0])  # N m/rad
 INERTIA = np.array([0.6, 0.6, 0.5, 0.5, 0.2, 0.2, 0.2])  # kg m^2
 DAMPING = 0.2  # N m s/rad
 HOME = np.array([0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8])
-STEP, DURATION, ROUNDS = 1e-3, 2.0, 12
+STEP = 1e-3
+DURATION = 2.0
+ROUNDS = 12
 SEARCH = 1.0  # s, of which steps are tried
-FIRST_STEP, STEP_CHANGE = 1e-3, 5e-5  # s, in MuJoCo
+# s, in MuJoCo
+FIRST_STEP = 1e-3
+STEP_CHANGE = 5e-5
 INTEGRATORS = ('EULER', 'IMPLICITFAST', 'IMPLICIT', 'RK4')
-MOST_FD, LEAST_RATIO = 1.5, 10.0  # to the rigid arm; of MuJoCo to the implicit step
+# To the rigid arm; of MuJoCo to the implicit step.
+MOST_FD = 1.5
+LEAST_RATIO = 10.0
 MOST_FEEDFORWARD = 0.9  # us of a call from Python
 CALLS = 2000
 GROWTH = 1.5  # of the largest deflection: more is unstable
@@ -60,22 +66,26 @@ def least_times(calls: dict[str, Callable[[], object]]) -> dict[str, float]:
 
 
 def forward_dynamics_ratio(rigid: Robot, elastic: Robot) -> tuple[float, float]:
-    """Return the ratios of the times of forward dynamics: single calls, native batches."""
+    """Return the ratios of times of forward dynamics: single calls, native batches."""
     rng = np.random.default_rng(0)
-    single, batches = {}, {}
+    single = {}
+    batches = {}
     for name, robot in (('rigid', rigid), ('elastic', elastic)):
         q = np.tile(HOME, robot.n // 7)
         u, tau = rng.normal(size=(2, robot.n))
         rows = [np.tile(x, (20_000, 1)) for x in (q, u, tau)]
 
-        def calls(robot: Robot = robot, state: tuple[np.ndarray, ...] = (q, u, tau)) -> None:
+        def calls(robot: Robot = robot,
+                  state: tuple[np.ndarray, ...] = (q, u, tau)) -> None:
             for _ in range(CALLS):
                 robot.forward_dynamics(*state)
 
         def batch(robot: Robot = robot, rows: list[np.ndarray] = rows) -> None:
             robot.forward_dynamics(*rows)
-        single[name], batches[name] = calls, batch
-    of_calls, of_batches = least_times(single), least_times(batches)
+        single[name] = calls
+        batches[name] = batch
+    of_calls = least_times(single)
+    of_batches = least_times(batches)
     return (of_calls['elastic'] / of_calls['rigid'],
             of_batches['elastic'] / of_batches['rigid'])
 
@@ -107,7 +117,7 @@ def native_steps(robot: Robot, tau: np.ndarray, integrator: str) -> Callable[[],
 
 
 def largest_deflection(arm: TwoMassArm, q0: np.ndarray, tau: np.ndarray) -> float:
-    """Return the largest deflection, rad, of a simulation in MuJoCo; infinite if it diverges."""
+    """Return the largest deflection in MuJoCo, rad; infinite if it diverges."""
     arm.put(q0, np.zeros(14))
     worst = 0.0
     for _ in range(50):
@@ -122,7 +132,7 @@ def largest_deflection(arm: TwoMassArm, q0: np.ndarray, tau: np.ndarray) -> floa
 
 def largest_stable(elastic: Robot, q0: np.ndarray, tau: np.ndarray,
                    integrator: str) -> TwoMassArm:
-    """Return the arm in MuJoCo with its largest stable step, found from short ones upward."""
+    """Return the arm in MuJoCo with its largest stable step, found from short ones."""
     mujoco.set_mju_user_warning(lambda text: None)  # unstable steps are looked for
     text = URDF.read_text(encoding='utf-8')
     fine = TwoMassArm(text, elastic.model, 1e-4, 'RK4')
@@ -136,7 +146,7 @@ def largest_stable(elastic: Robot, q0: np.ndarray, tau: np.ndarray,
 
 
 def main() -> int:
-    """Print the ratios; return 0 if forward dynamics and the implicit step are fast enough."""
+    """Print the ratios; return 0 if forward dynamics and implicit step are fast."""
     rigid, elastic = arms()
     q0 = np.tile(HOME, 2)
     modes = natural_vibration(elastic, q0).frequencies / (2.0 * np.pi)
@@ -145,11 +155,11 @@ def main() -> int:
           f'{locked.frequencies[0] / (2.0 * np.pi):.1f} Hz; longest Runge-Kutta step '
           f'{1e3 * longest_step(elastic, q0).step:.2f} ms')
     singly, in_batches = forward_dynamics_ratio(rigid, elastic)
-    print(f'forward dynamics, elastic to rigid: {singly:.2f} from Python, {in_batches:.2f} in '
-          'batches')
+    print(f'forward dynamics, elastic to rigid: {singly:.2f} from Python, '
+          f'{in_batches:.2f} in batches')
     fourth, second = feedforward_times(rigid)
-    print(f'inverse dynamics from Python: {fourth:.2f} us to the fourth order, {second:.2f} us '
-          f'rigid, ratio {fourth / second:.1f}')
+    print(f'inverse dynamics from Python: {fourth:.2f} us to the fourth order, '
+          f'{second:.2f} us rigid, ratio {fourth / second:.1f}')
 
     # The motors hold the arm against gravity; the links sag and vibrate.
     gravity = rigid.gravity_force(HOME)
@@ -166,7 +176,8 @@ def main() -> int:
         def peer_steps(arm: TwoMassArm = arm) -> None:
             arm.put(q0, np.zeros(14))
             arm.step(tau, round(DURATION / arm.model.opt.timestep))
-        calls[f'MuJoCo {integrator} at {1e3 * arm.model.opt.timestep:.2f} ms'] = peer_steps
+        step = 1e3 * arm.model.opt.timestep
+        calls[f'MuJoCo {integrator} at {step:.2f} ms'] = peer_steps
     times = least_times(calls)
     for name, seconds in times.items():
         print(f'{name}: {1e3 * seconds / DURATION:.2f} ms for 1 s')
@@ -178,10 +189,10 @@ def main() -> int:
     gates = {'forward dynamics': in_batches <= MOST_FD and singly <= MOST_FD,
              'inverse dynamics to the fourth order': fourth <= MOST_FEEDFORWARD,
              'simulation': ratios['implicit, elastic'] >= LEAST_RATIO}
-    missed = [name for name, holds in gates.items() if not holds]
-    for name in missed:
+    missed_gates = [name for name, holds in gates.items() if not holds]
+    for name in missed_gates:
         print(f'FAILED: {name}')
-    return int(bool(missed))
+    return int(bool(missed_gates))
 
 
 if __name__ == '__main__':

@@ -1,12 +1,12 @@
 """
 Batches on a GPU compared with this library's batches on all processors of the host.
 
-A million states of the FR3, seven axes. Results are compared with those of the processors first.
-Times of a kernel are those of the device's events, over several launches after a warm-up, without
-transfers and without the work of Python in a call, which may take longer. That of a call, until
-its result is there, and those of the processors are of the wall clock. Without a device, this says
-so and measures nothing. `--record` writes the table to a file beside this program, named by the
-device.
+A million states of the FR3, seven axes. Results are compared with those of the
+processors first. Times of a kernel are those of the device's events, over several
+launches after a warm-up, without transfers and without the work of Python in a call,
+which may take longer. That of a call, until its result is there, and those of the
+processors are of the wall clock. Without a device, this says so and measures nothing.
+`--record` writes the table to a file beside this program, named by the device.
 """
 
 import argparse
@@ -29,28 +29,34 @@ from kane_dynamics.gpu.device_arrays import DeviceMemory
 from kane_dynamics.gpu.dlpack import contiguous
 import numpy as np
 
-STATES, HORIZON, LAUNCHES, ROUNDS = 1_000_000, 100, 20, 5
+STATES = 1_000_000
+HORIZON = 100
+LAUNCHES = 20
+ROUNDS = 5
 GATE = 20.0  # least ratio of the time on the processors to that on the device
 TOLERANCE = {'float64': 1e-12, 'float32': 1e-4}  # of the largest entry
 QUANTITIES = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix',
               'inverse_dynamics_derivatives')
 Row = tuple[str, float, float, float]
-COALESCED, ROWS = 'coalesced', 'one state after the other'
+COALESCED = 'coalesced'
+ROWS = 'one state after the other'
 
 
 def on_device(cuda: Driver, array: Array, dtype: str, layout: str) -> DeviceMemory:
     """Return a copy of an array of states on device 0."""
     x = array.astype(dtype)
-    count, strides = len(x), contiguous(x.shape)
+    count = len(x)
+    strides = contiguous(x.shape)
     if layout == COALESCED:
         inner = contiguous(x.shape[1:])
-        x, strides = np.moveaxis(x, 0, -1), (1, *(count * stride for stride in inner))
+        x = np.moveaxis(x, 0, -1)
+        strides = (1, *(count * stride for stride in inner))
     x = np.ascontiguousarray(x)
     with cuda.on(0):
-        found = DeviceMemory(cuda, 0, array.shape, strides, dtype)
-        cuda.call('cuMemcpyHtoD_v2', found.__cuda_array_interface__['data'][0], x.ctypes.data,
-                  x.nbytes)
-    return found
+        memory = DeviceMemory(cuda, 0, array.shape, strides, dtype)
+        cuda.call('cuMemcpyHtoD_v2', memory.__cuda_array_interface__['data'][0],
+                  x.ctypes.data, x.nbytes)
+    return memory
 
 
 def on_host(cuda: Driver, memory: DeviceMemory, layout: str) -> Array:
@@ -58,17 +64,19 @@ def on_host(cuda: Driver, memory: DeviceMemory, layout: str) -> Array:
     interface = memory.__cuda_array_interface__
     count, *inner = memory.shape
     stored = (*inner, count) if layout == COALESCED else memory.shape
-    found = np.empty(stored, dtype=interface['typestr'])
+    stored_array = np.empty(stored, dtype=interface['typestr'])
     with cuda.on(0):
-        cuda.call('cuMemcpyDtoH_v2', found.ctypes.data, interface['data'][0], found.nbytes)
-    return np.moveaxis(found, -1, 0) if layout == COALESCED else found
+        cuda.call('cuMemcpyDtoH_v2', stored_array.ctypes.data, interface['data'][0],
+                  stored_array.nbytes)
+    return np.moveaxis(stored_array, -1, 0) if layout == COALESCED else stored_array
 
 
-def device_times(cuda: Driver, call: Callable[[], Any], launches: int) -> tuple[float, float]:
+def device_times(
+        cuda: Driver, call: Callable[[], Any], launches: int) -> tuple[float, float]:
     """Return the time of one launch by events of the device, and of a whole call, s."""
     with mock.patch.object(cuda, 'launch') as launch:
         call()
-    given = launch.call_args.args
+    arguments_of_launch = launch.call_args.args
 
     def finished() -> None:
         call()
@@ -83,7 +91,7 @@ def device_times(cuda: Driver, call: Callable[[], Any], launches: int) -> tuple[
         for _ in range(1 + ROUNDS):
             cuda.call('cuEventRecord', events[0], 0)
             for _ in range(launches):
-                cuda.launch(*given)
+                cuda.launch(*arguments_of_launch)
             cuda.call('cuEventRecord', events[1], 0)
             cuda.call('cuEventSynchronize', events[1])
             ms = c_float()
@@ -109,13 +117,14 @@ def require_equal(name: str, found: Array, expected: Array, dtype: str) -> None:
     """Raise ValueError unless results agree."""
     error = np.abs(found - expected).max() / np.abs(expected).max()
     if not error <= TOLERANCE[dtype]:
-        raise ValueError(f'{name}: error {error:.1e} of the largest entry; expected at most '
-                         f'{TOLERANCE[dtype]:.0e}')
+        raise ValueError(
+            f'{name}: error {error:.1e} of the largest entry; expected at most '
+            f'{TOLERANCE[dtype]:.0e}')
 
 
 def rows(cuda: Driver, robot: Robot, states: Sequence[Array]) -> list[Row]:
     """Return what is measured: its name, the times of kernel, call and processors, s."""
-    found = []
+    lines = []
     for name in QUANTITIES:
         given = states[:1] if name == 'mass_matrix' else states
         method = getattr(robot, name)
@@ -128,22 +137,25 @@ def rows(cuda: Driver, robot: Robot, states: Sequence[Array]) -> list[Row]:
             for layout in (COALESCED, ROWS):
                 function = gpu.function(robot, name, dtype=dtype)
                 require_equal(name, on_host(cuda, function(*(
-                    on_device(cuda, x, dtype, layout) for x in few)), layout), expected, dtype)
+                    on_device(cuda, x, dtype, layout) for x in few)), layout), expected,
+                              dtype)
                 arrays = [on_device(cuda, x, dtype, layout) for x in given]
                 out = function(*arrays)
 
-                def call(function: Any = function, arrays: Any = arrays, out: Any = out) -> None:
+                def call(function: Any = function, arrays: Any = arrays,
+                         out: Any = out) -> None:
                     function(*arrays, out=out, stream=0)
-                found.append((f'{name}, {dtype}, {layout}',
+                lines.append((f'{name}, {dtype}, {layout}',
                               *device_times(cuda, call, LAUNCHES), host))
-    return found
+    return lines
 
 
 def rollout_rows(cuda: Driver, robot: Robot, states: Sequence[Array]) -> list[Row]:
     """Return, as `rows`, Runge-Kutta steps of all states, to the last one."""
-    found = []
+    lines = []
     program = robot.forward_dynamics
-    host = 4 * HORIZON * host_time(lambda: program(*states))  # the dynamics of all stages alone
+    # The dynamics of all stages alone.
+    host = 4 * HORIZON * host_time(lambda: program(*states))
     few = [x[:1000] for x in states]
     end = simulate(robot, few[0], few[1], 1e-3 * HORIZON, torque=np.repeat(
         few[2][:, None], HORIZON, axis=1), sample=1e-3 * HORIZON)
@@ -158,15 +170,16 @@ def rollout_rows(cuda: Driver, robot: Robot, states: Sequence[Array]) -> list[Ro
 
         def call(motion: Any = motion, arrays: Any = arrays, out: Any = out) -> None:
             motion(*arrays, h=1e-3, steps=HORIZON, every_step=False, out=out, stream=0)
-        found.append((f'{HORIZON} steps of Runge-Kutta, {dtype}, {COALESCED}',
+        lines.append((f'{HORIZON} steps of Runge-Kutta, {dtype}, {COALESCED}',
                       *device_times(cuda, call, 1), host))
-    return found
+    return lines
 
 
 def main() -> int:
     """Print the table; return 1 if the gate does not hold."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--record', action='store_true', help='write the table to a file')
+    parser.add_argument('--record', action='store_true',
+                        help='write the table to a file')
     record = parser.parse_args().record
     try:
         cuda = driver()
@@ -185,18 +198,18 @@ def main() -> int:
              'against four forward dynamics each)')
     lines = [title, '', '| | kernel, ms | call, ms | host, ms | host / kernel |',
              '|---|---|---|---|---|']
-    lines += [f'| {name} | {1e3 * here:.3f} | {1e3 * call:.3f} | {1e3 * there:.1f} | '
-              f'{there / here:.0f} |' for name, here, call, there in measured]
+    lines += [f'| {name} | {1e3 * ours:.3f} | {1e3 * call:.3f} | {1e3 * there:.1f} | '
+              f'{there / ours:.0f} |' for name, ours, call, there in measured]
     print('\n'.join(lines))
     if record:
         file = Path(__file__).with_name(f'gpu_{re.sub("[^A-Za-z0-9]+", "_", device)}.md')
         file.write_text('\n'.join([*lines, '']), encoding='utf-8')
         print(f'written to {file}')
-    ratio = next(there / here for name, here, _, there in measured
+    ratio = next(there / ours for name, ours, _, there in measured
                  if name == f'inverse_dynamics, float64, {COALESCED}')
     if ratio < GATE:
-        print(f'FAILED: inverse dynamics {ratio:.1f} times as fast as on the host; expected '
-              f'{GATE:g}')
+        print(f'FAILED: inverse dynamics {ratio:.1f} times as fast as on the host; '
+              f'expected {GATE:g}')
     return int(ratio < GATE)
 
 

@@ -1,11 +1,11 @@
 """
-Registers and spilled bytes of GPU kernels of the FR3, by NVIDIA's assembler; no GPU is needed.
+Registers and spilled bytes of GPU kernels of the FR3, by NVIDIA's assembler.
 
 Stack and spills are those of a kernel and of its subroutines together.
 
-A test compares them with gpu_kernels.json, which `--record` writes; they hold for the versions of
-LLVM and of the assembler that they were recorded with. The assembler, `ptxas`, comes with the
-package nvidia-cuda-nvcc-cu12 or is on the PATH.
+A test compares them with gpu_kernels.json, which `--record` writes; they hold for the
+versions of LLVM and of the assembler that they were recorded with. The assembler,
+`ptxas`, comes with the package nvidia-cuda-nvcc-cu12 or is on the PATH.
 """
 
 import argparse
@@ -46,28 +46,33 @@ def assembler() -> str | None:
 
 def versions() -> dict[str, str]:
     """Return the versions of LLVM and of the assembler."""
-    done = subprocess.run([str(assembler()), '--version'], check=True, capture_output=True,
-                          text=True, timeout=60)
-    found = re.search(r'V([\d.]+)', done.stdout)
-    return {'llvm': llvm.fingerprint().rpartition('|')[2], 'ptxas': found[1] if found else ''}
+    done = subprocess.run([str(assembler()), '--version'],
+                          check=True, capture_output=True, text=True, timeout=60)
+    match = re.search(r'V([\d.]+)', done.stdout)
+    return {'llvm': llvm.fingerprint().rpartition('|')[2],
+            'ptxas': match[1] if match else ''}
 
 
 def assembled(ptx: str, target: str) -> list[int]:
-    """Return `COLUMNS` of a kernel, assembled for a device; RuntimeError if it is refused."""
+    """Return `COLUMNS` of a kernel, assembled for a device; RuntimeError if refused."""
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder, 'kernel.ptx')
         source.write_text(ptx, encoding='utf-8')
-        done = subprocess.run([str(assembler()), '-v', f'-arch={target}', str(source), '-o',
-                               str(Path(folder, 'kernel.cubin'))], capture_output=True, text=True,
-                              timeout=300)
+        done = subprocess.run([str(assembler()), '-v', f'-arch={target}', str(source),
+                               '-o', str(Path(folder, 'kernel.cubin'))],
+                              capture_output=True, text=True, timeout=300)
     if done.returncode:
-        raise RuntimeError(f'ptxas: {done.stderr}; expected that it assembles the kernel')
-    frames = re.findall(r'properties for (\w+)\s+(\d+) bytes stack frame, (\d+) bytes spill '
-                        r'stores, (\d+) bytes spill loads', done.stderr)
+        raise RuntimeError(
+            f'ptxas: {done.stderr}; expected that it assembles the kernel')
+    frames = re.findall(
+        r'properties for (\w+)\s+(\d+) bytes stack frame, (\d+) bytes spill '
+        r'stores, (\d+) bytes spill loads', done.stderr)
     registers = re.search(r'Used (\d+) registers', done.stderr)
     if registers is None or 'kernel' not in [frame[0] for frame in frames]:
-        raise RuntimeError(f'ptxas: {done.stderr}; expected the properties of the kernel')
-    return [int(registers[1]), *(sum(int(frame[k]) for frame in frames) for k in (1, 2, 3))]
+        raise RuntimeError(
+            f'ptxas: {done.stderr}; expected the properties of the kernel')
+    return [int(registers[1]),
+            *(sum(int(frame[k]) for frame in frames) for k in (1, 2, 3))]
 
 
 def robot() -> Robot:
@@ -78,12 +83,12 @@ def robot() -> Robot:
 def texts() -> dict[str, str]:
     """Return the PTX of every kernel by name."""
     arm = robot()
-    found = {}
+    text_by_target = {}
     for dtype in DTYPES:
         for name in QUANTITIES:
-            found[f'{name} {dtype}'] = function(arm, name, dtype=dtype).ptx
-        found[f'rollout {dtype}'] = rollout(arm, dtype=dtype).ptx
-    return found
+            text_by_target[f'{name} {dtype}'] = function(arm, name, dtype=dtype).ptx
+        text_by_target[f'rollout {dtype}'] = rollout(arm, dtype=dtype).ptx
+    return text_by_target
 
 
 def measured(targets: Sequence[str] = TARGETS) -> dict[str, list[int]]:
@@ -94,8 +99,8 @@ def measured(targets: Sequence[str] = TARGETS) -> dict[str, list[int]]:
 
 def recorded() -> dict[str, Any]:
     """Return the content of the file."""
-    found: dict[str, Any] = json.loads(FILE.read_text(encoding='utf-8'))
-    return found
+    record: dict[str, Any] = json.loads(FILE.read_text(encoding='utf-8'))
+    return record
 
 
 def main() -> int:

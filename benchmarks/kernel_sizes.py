@@ -1,9 +1,9 @@
 """
 Arithmetic and machine code of every kernel of the shipped robots: `make kernel-sizes`.
 
-Both are the same on every machine, without noise. A test compares them with kernel_sizes.json,
-which this program writes; the bytes are those for one fixed processor and for the version of LLVM
-that they were recorded with.
+Both are the same on every machine, without noise. A test compares them with
+kernel_sizes.json, which this program writes; the bytes are those for one fixed processor
+and for the version of LLVM that they were recorded with.
 """
 
 import json
@@ -51,18 +51,20 @@ def robots() -> dict[str, Path]:
 
 def recorded() -> dict[str, Any]:
     """Return the content of the file."""
-    found: dict[str, Any] = json.loads(FILE.read_text(encoding='utf-8'))
-    return found
+    record: dict[str, Any] = json.loads(FILE.read_text(encoding='utf-8'))
+    return record
 
 
 def text(sizes: dict[str, dict[str, list[int]]]) -> str:
     """Return the file's text, one line per kernel, so that a change is one line."""
-    lines = ['{', f' "columns": {json.dumps(COLUMNS)},', f' "cpu": "{llvm.REFERENCE_CPU}",',
+    lines = ['{', f' "columns": {json.dumps(COLUMNS)},',
+             f' "cpu": "{llvm.REFERENCE_CPU}",',
              f' "llvm": "{llvm_version()}",', ' "sizes": {']
     for robot, kernels in sizes.items():
         lines.append(f'  "{robot}": {{')
-        lines += [f'   "{name}": {json.dumps(row)}{"," if name != list(kernels)[-1] else ""}'
-                  for name, row in kernels.items()]
+        lines += [
+            f'   "{name}": {json.dumps(row)}{"," if name != list(kernels)[-1] else ""}'
+            for name, row in kernels.items()]
         lines.append('  }' + (',' if robot != list(sizes)[-1] else ''))
     return '\n'.join([*lines, ' }', '}', ''])
 

@@ -1,10 +1,11 @@
 """
 Functions for PyTorch and JAX compared with robot dynamics written in these, interleaved.
 
-4096 states of inverse dynamics of the FR3, seven axes, on the CPU: forward and backward in PyTorch
-(peer: `adam.pytorch`, which has no inverse dynamics: its users compute M udot + h, as here), and
-in JAX under jit and vmap (peer: `frax`). What is not installed is left out.
-Times are of the processor, of all threads; those of the wall clock are beside them.
+4096 states of inverse dynamics of the FR3, seven axes, on the CPU: forward and backward
+in PyTorch (peer: `adam.pytorch`, which has no inverse dynamics: its users compute M udot
++ h, as here), and in JAX under jit and vmap (peer: `frax`). What is not installed is
+left out. Times are of the processor, of all threads; those of the wall clock are beside
+them.
 """
 
 from collections.abc import Callable
@@ -22,24 +23,27 @@ from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 import numpy as np
 
-STATES, ROUNDS = 4096, 15
-TORCH_GATE, JAX_GATE = 20.0, 5.0  # least ratio of a peer's time to ours
+STATES = 4096
+ROUNDS = 15
+# Least ratio of a peer's time to ours.
+TORCH_GATE = 20.0
+JAX_GATE = 5.0
 GRAVITY = 9.81
 Function = Callable[..., Any]
 
 
 def installed(*names: str) -> Any:
     """Return modules, the last one of them, or None if one is not installed."""
-    found = None
+    library = None
     for name in names:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore')
-                found = import_module(name)
+                library = import_module(name)
         except ImportError:
             print(f'LEFT OUT: {name} is not installed')
             return None
-    return found
+    return library
 
 
 def joint_names(robot: Robot) -> list[str]:
@@ -48,16 +52,16 @@ def joint_names(robot: Robot) -> list[str]:
 
 
 def torch_functions(robot: Robot, urdf: str) -> dict[str, Function]:
-    """Return functions of arrays: the gradients of the sum of squared torques, by name."""
+    """Return functions of arrays: gradients of the sum of squared torques, by name."""
     torch = installed('torch')
     if torch is None:
         return {}
 
     def gradients(torques: Function) -> Function:
         def call(*arrays: Any) -> Any:
-            given = [torch.from_numpy(x).requires_grad_() for x in arrays]
-            torques(*given).square().sum().backward()
-            return np.concatenate([x.grad.numpy() for x in given], axis=1)
+            arguments = [torch.from_numpy(x).requires_grad_() for x in arrays]
+            torques(*arguments).square().sum().backward()
+            return np.concatenate([x.grad.numpy() for x in arguments], axis=1)
         return call
     functions = {'kane_dynamics': gradients(robot.torch('inverse_dynamics'))}
     adam = installed('adam.pytorch')
@@ -95,7 +99,7 @@ def jax_functions(robot: Robot, urdf: str) -> dict[str, Function]:
 
 
 def compared(title: str, functions: dict[str, Function], gate: float) -> bool:
-    """Print relative times; return whether the fastest peer takes at least `gate` times ours."""
+    """Print relative times; return whether the fastest peer takes `gate` times ours."""
     if not functions:
         return True
     arrays = np.random.default_rng(0).normal(size=(3, STATES, 7))
@@ -103,17 +107,21 @@ def compared(title: str, functions: dict[str, Function], gate: float) -> bool:
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in functions}
     for name, function in functions.items():
         np.testing.assert_allclose(np.asarray(function(*arrays)), np.asarray(expected),
-                                   rtol=1e-6, atol=1e-6 * np.abs(expected).max(), err_msg=name)
+                                   rtol=1e-6, atol=1e-6 * np.abs(expected).max(),
+                                   err_msg=name)
     for _ in range(ROUNDS):
         for name, function in functions.items():
             began = time.process_time(), time.perf_counter()
             function(*arrays)
-            times[name].append((time.process_time() - began[0], time.perf_counter() - began[1]))
+            times[name].append(
+                (time.process_time() - began[0], time.perf_counter() - began[1]))
     print(title)
-    own, good = times['kane_dynamics'], True
-    for name, each in times.items():
-        cpu, wall = (statistics.median(x[k] / y[k] for x, y in zip(each, own)) for k in (0, 1))
-        ms = 1e3 * statistics.median(x[0] for x in each)
+    ours = times['kane_dynamics']
+    good = True
+    for name, durations in times.items():
+        cpu, wall = (statistics.median(x[k] / y[k] for x, y in zip(durations, ours))
+                     for k in (0, 1))
+        ms = 1e3 * statistics.median(x[0] for x in durations)
         print(f'  {name:26}{cpu:8.1f} ({ms:.2f} ms); by the clock {wall:8.1f}')
         if not name.startswith('kane_dynamics') and cpu < gate:
             print(f'FAILED: {cpu:.1f} times as fast as {name}; expected {gate:g}')
@@ -128,12 +136,15 @@ def main() -> int:
     text = Path(resource_path('urdf', 'fr3.urdf')).read_text(encoding='utf-8')
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, 'fr3.urdf')  # its fingers are fixed for all
-        path.write_text(text.replace('type="prismatic"', 'type="fixed"'), encoding='utf-8')
+        path.write_text(text.replace('type="prismatic"', 'type="fixed"'),
+                        encoding='utf-8')
         robot = Robot(load_urdf(path), friction=False)
-        good = [compared(f'{STATES} inverse dynamics of the FR3, forward and backward, PyTorch: '
-                         'relative time', torch_functions(robot, str(path)), TORCH_GATE),
-                compared(f'{STATES} inverse dynamics of the FR3, JAX under jit and vmap: relative '
-                         'time', jax_functions(robot, str(path)), JAX_GATE)]
+        good = [
+            compared(f'{STATES} inverse dynamics of the FR3, forward and backward, '
+                     'PyTorch: relative time', torch_functions(robot, str(path)),
+                     TORCH_GATE),
+            compared(f'{STATES} inverse dynamics of the FR3, JAX under jit and '
+                     'vmap: relative time', jax_functions(robot, str(path)), JAX_GATE)]
     return exit_status(all(good))
 
 

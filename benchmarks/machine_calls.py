@@ -10,7 +10,8 @@ from native_loop import Race
 import numpy as np
 import pinocchio as pin
 
-CALLS, SAME = 64, 1e-6
+CALLS = 64
+SAME = 1e-6
 
 
 def peer_of(machine: Machine) -> tuple[Any, list[Any]]:
@@ -28,8 +29,9 @@ def peer_of(machine: Machine) -> tuple[Any, list[Any]]:
             joint = (pin.JointModelPrismaticUnaligned if row[1] == PRISMATIC else
                      pin.JointModelRevoluteUnaligned)(axis)
         number = model.addJoint(int(row[0]) + 1, joint, placement(row[5:17]), str(k))
-        model.appendBodyToJoint(number, pin.Inertia(row[17], row[18:21], row[21:30].reshape(3, 3)),
-                                pin.SE3.Identity())
+        model.appendBodyToJoint(
+            number, pin.Inertia(row[17], row[18:21], row[21:30].reshape(3, 3)),
+            pin.SE3.Identity())
         if joint.nv == 1:
             model.armature[model.idx_vs[number]] = row[30]
     return model, [pin.RigidConstraintModel(
@@ -47,20 +49,24 @@ def compare(name: str, machine: Machine) -> Race:
     """Race the calls at `CALLS` states, after both gave the same numbers."""
     robot = machine.robot
     model, contacts = peer_of(machine)
-    data, contact_data = model.createData(), [each.createData() for each in contacts]
+    data = model.createData()
+    contact_data = [each.createData() for each in contacts]
     pin.initConstraintDynamics(model, data, contacts, contact_data)
     settings = pin.ProximalSettings(ACCURACY, ACCURACY, 50)
     ours = list(zip(machine.q[:CALLS], machine.u, machine.x))
     theirs = list(zip(*(part[:CALLS] for part in machine.peer_states)))
-    expected = machine.accelerations(robot.forward_dynamics(machine.q, machine.u, machine.x))
+    expected = machine.accelerations(
+        robot.forward_dynamics(machine.q, machine.u, machine.x))
 
     def peer(q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> Any:
-        return pin.constraintDynamics(model, data, q, v, tau, contacts, contact_data, settings)
-    for given, right in zip(theirs, expected):
-        error = np.abs(peer(*given) - right).max() / np.abs(right).max()
+        return pin.constraintDynamics(model, data, q, v, tau, contacts, contact_data,
+                                      settings)
+    for arguments, right in zip(theirs, expected):
+        error = np.abs(peer(*arguments) - right).max() / np.abs(right).max()
         if not error < SAME:
-            raise AssertionError(f'{name}: forward dynamics differs by {error:.2g} of its size '
-                                 f'from Pinocchio; at most {SAME:g}')
+            raise AssertionError(
+                f'{name}: forward dynamics differs by {error:.2g} of its size '
+                f'from Pinocchio; at most {SAME:g}')
 
     def each(call: Any, states: Any) -> None:
         for state in states:

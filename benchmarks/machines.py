@@ -48,7 +48,8 @@ class Machine:
     @cached_property
     def groups(self) -> list[list[int]]:
         """Return our bodies of each of Pinocchio's joints, depth first."""
-        model, found = self.robot.model, []
+        model = self.robot.model
+        found = []
         order = depth_first(model)
         while order:
             size = FREE if len(order) > 3 and order[3] in model.balls else 1
@@ -59,9 +60,11 @@ class Machine:
     @cached_property
     def joints(self) -> np.ndarray:
         """Return the rows of `make` in pinocchio_machines.cpp, (count, 31)."""
-        model, rows = self.robot.model, []
+        model = self.robot.model
+        rows = []
         for group in self.groups:
-            joint, inertial = model.bodies[group[0]].joint, model.bodies[group[-1]].inertial
+            joint = model.bodies[group[0]].joint
+            inertial = model.bodies[group[-1]].inertial
             kind = (FREE_FLYER if len(group) > 1 else
                     PRISMATIC if joint.kind == 'prismatic' else REVOLUTE)
             rows.append(np.concatenate([
@@ -71,7 +74,7 @@ class Machine:
         return np.array(rows)
 
     def place(self, body: int) -> int:
-        """Return the number of Pinocchio's joint that carries a body; -1 for the world."""
+        """Return the number of Pinocchio's joint of a body; -1 for the world."""
         return next((k for k, group in enumerate(self.groups) if group[-1] == body), -1)
 
     @cached_property
@@ -79,8 +82,10 @@ class Machine:
         """Return both joints and placements of every closure, (closures, 26)."""
         if not self.robot.constraint_names:
             return np.zeros((0, 26))
-        frames = [[self.robot.model.frame(name) for name in (each.first, each.second)]
-                  for each in self.robot.mechanism.constraints]
+        frames = []
+        for constraint in self.robot.mechanism.constraints:
+            frames.append([self.robot.model.frame(name)
+                           for name in (constraint.first, constraint.second)])
         return np.array([np.concatenate([part for frame in pair for part in (
             [self.place(frame.body)], frame.rotation.ravel(), frame.translation)])
             for pair in frames])
@@ -93,25 +98,27 @@ class Machine:
         """
         columns = [self.robot.model.bodies[k].joint.coordinate for group in self.groups
                    for k in group]
-        found = np.array(of_joints[:, columns])
+        reordered = np.array(of_joints[:, columns])
         for begin, group in self._flyers():
             R = np.array([rotation_matrix(row) for row in self._quaternions(q, group)])
-            found[:, begin:begin + 3] = np.einsum('kij,ki->kj', R, found[:, begin:begin + 3])
-        return found
+            reordered[:, begin:begin + 3] = np.einsum('kij,ki->kj', R,
+                                                      reordered[:, begin:begin + 3])
+        return reordered
 
     def positions(self, q: np.ndarray) -> np.ndarray:
         """Return configurations, (K, nq), in Pinocchio's order."""
         names = self.robot.coordinate_names
         columns: list[int] = []
         for group in self.groups:
-            name = self.robot.joint_names[self.robot.model.bodies[group[0]].joint.coordinate]
-            start = names.index(name)
+            first = self.robot.model.bodies[group[0]].joint
+            start = names.index(self.robot.joint_names[first.coordinate])
             columns += range(start, start + (7 if len(group) > 1 else 1))
         return np.ascontiguousarray(q[:, columns])
 
     def accelerations(self, udot: np.ndarray) -> np.ndarray:
-        """Return our accelerations of all joints as Pinocchio's: of free-flyers, spatial ones."""
-        result = self.as_peer(self.q, self.robot.joint_accelerations(self.q, self.u, udot))
+        """Return our accelerations of all joints in Pinocchio's order and axes."""
+        result = self.as_peer(self.q,
+                              self.robot.joint_accelerations(self.q, self.u, udot))
         _, v, _ = self.peer_states
         for begin, _ in self._flyers():
             result[:, begin:begin + 3] -= np.cross(v[:, begin + 3:begin + 6],
@@ -122,7 +129,8 @@ class Machine:
     def peer_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return q, v and tau of Pinocchio at the states with x as tau."""
         robot = self.robot
-        # With angular velocities of ball joints: at rest, the accelerations for udot = u.
+        # With angular velocities of ball joints: at rest, the accelerations for udot =
+        # u.
         rates = robot.joint_accelerations(self.q, 0.0 * self.u, self.u)
         return (self.positions(self.q), self.as_peer(self.q, rates),
                 self.as_peer(self.q, robot.joint_torques(self.x, self.q)))
@@ -160,9 +168,11 @@ def closed_loops() -> dict[str, Machine]:
     """Return the four-bar, the palletizer, the delta robot and the Stewart platform."""
     sys.path.append(str(ROOT / 'test' / 'helpers'))
     palletizer = import_module('palletizer')
-    rng, loop = np.random.default_rng(0), four_bar()
+    rng = np.random.default_rng(0)
+    loop = four_bar()
     arm = palletizer.palletizer(friction=False)
-    delta, stewart = example('delta_robot'), example('stewart_platform')
+    delta = example('delta_robot')
+    stewart = example('stewart_platform')
     poses = []
     for _ in range(DISTINCT):
         turn = np.append(rng.uniform(-0.1, 0.1, 3), 1.0)
@@ -191,6 +201,7 @@ def free_arm() -> Machine:
 def free_model() -> Model:
     """Return the model of `free_arm`."""
     b = ModelBuilder('free-flying fr3')
-    b.body('base', 'world', 'free', inertial=box(50.0, (0.6, 0.5, 0.4), at=(0.02, 0.01, 0.0)))
+    b.body('base', 'world',
+           'free', inertial=box(50.0, (0.6, 0.5, 0.4), at=(0.02, 0.01, 0.0)))
     b.mount(shipped_arm('fr3'), 'base', at=(0.1, 0.0, 0.2))
     return b.model()

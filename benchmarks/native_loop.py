@@ -60,12 +60,13 @@ class Race:
     def __str__(self) -> str:
         """Return one line."""
         middle, low, high = self.ratio
-        return (f'{self.robot} ({self.axes}) {self.what}: {1e9 * self.ours:.0f} ns, {self.peer} '
-                f'{1e9 * self.theirs:.0f} ns, {middle:.1f} ({low:.1f} to {high:.1f})')
+        return (f'{self.robot} ({self.axes}) {self.what}: {1e9 * self.ours:.0f} ns, '
+                f'{self.peer} {1e9 * self.theirs:.0f} ns, {middle:.1f} ({low:.1f} to '
+                f'{high:.1f})')
 
 
-def race(robot: Robot, what: str, peer: str, timing: Timing, calls: int, rivals: tuple[str, ...]
-         ) -> Race:
+def race(robot: Robot, what: str, peer: str, timing: Timing, calls: int,
+         rivals: tuple[str, ...]) -> Race:
     """Return a line of the report; against the fastest of the peer's alternatives."""
     rival = min(rivals, key=timing.median)
     return Race(robot.model.name, robot.n, what, peer, timing.median('ours') / calls,
@@ -100,31 +101,39 @@ def random_states(robot: Robot, count: int) -> np.ndarray:
 def check(robot: Robot, peer: Pinocchio, what: str, states: np.ndarray) -> None:
     """Raise unless both give the same numbers at a few states."""
     kernel = robot.kernels.quantity(what)
-    given = {'q': 0, 'u': 1, 'udot': 2, 'tau': 2}
+    arguments = {'q': 0, 'u': 1, 'udot': 2, 'tau': 2}
     for i in range(5):
-        ours = np.asarray(kernel(*(states[given[a.name], i] for a in kernel.arguments)))
+        ours = np.asarray(
+            kernel(*(states[arguments[a.name], i] for a in kernel.arguments)))
         theirs = peer.answer(what, *states[:, i])
         for axis, order in _axes(robot, peer, what):
             ours = np.take(ours, order, axis=axis)
         if what == 'coriolis_matrix':  # not unique; its product with u is
             u = peer.permuted(states[1, i])
-            ours, theirs = ours @ u, theirs.reshape(robot.n, robot.n) @ u
+            ours = ours @ u
+            theirs = theirs.reshape(robot.n, robot.n) @ u
         tolerance = TOLERANCE
-        if what in ('forward_dynamics', 'forward_dynamics_derivatives', 'inverse_mass_matrix'):
-            # Of the peer's matrix: ours would have to be compiled, which takes long for chains.
+        if what in ('forward_dynamics', 'forward_dynamics_derivatives',
+                    'inverse_mass_matrix'):
+            # Of the peer's matrix: ours would have to be compiled, which takes long for
+            # chains.
             M = peer.answer('mass_matrix', *states[:, i])
             condition = np.linalg.cond(M.reshape(robot.n, robot.n))
             tolerance = max(tolerance, 100.0 * np.finfo(float).eps * condition)
         error = np.abs(ours.ravel() - theirs).max() / np.abs(theirs).max()
         if not error < tolerance:
-            raise AssertionError(f'{robot.model.name}: {what} differs by {error:.2g} of its size '
-                                 f'from Pinocchio; at most {tolerance:.2g}')
+            raise AssertionError(
+                f'{robot.model.name}: {what} differs by {error:.2g} of its size '
+                f'from Pinocchio; at most {tolerance:.2g}')
 
 
 def _axes(robot: Robot, peer: Pinocchio, what: str) -> list[tuple[int, list[int]]]:
     """Return the axes of our result whose joints must be put in the peer's order."""
     if what == 'regressor':
-        blocks = [10 * i + k for i in peer.order for k in range(10)]
+        blocks = []
+        for i in peer.order:
+            for k in range(10):
+                blocks.append(10 * i + k)
         return [(0, peer.columns), (1, blocks)]
     shape = robot.kernels.quantity(what).shape
     return [(axis, peer.columns) for axis, size in enumerate(shape)
@@ -132,13 +141,13 @@ def _axes(robot: Robot, peer: Pinocchio, what: str) -> list[tuple[int, list[int]
 
 
 def our_loop(robot: Robot, what: str, states: np.ndarray) -> Callable[[], None]:
-    """Return a call that runs a kernel natively over all states, each result over the last."""
+    """Return a call that runs a kernel natively over all states, each over the last."""
     return kernel_loop(robot.kernels.quantity(what),
                        dict(zip(('q', 'u', 'udot'), states)) | {'tau': states[2]})
 
 
 def kernel_loop(kernel: Kernel, rows: Mapping[str, np.ndarray]) -> Callable[[], None]:
-    """Return a call that runs a kernel natively over rows of its arguments, `STATES` of each."""
+    """Return a call that runs a kernel natively over `STATES` rows of its arguments."""
     blocks = [rows[argument.name] for argument in kernel.arguments]
     strides = [block.strides[0] for block in blocks] + [0, 0]
     result = np.empty(kernel.shape)
@@ -152,15 +161,18 @@ def kernel_loop(kernel: Kernel, rows: Mapping[str, np.ndarray]) -> Callable[[], 
 
 def kernel_races(robot: Robot, quantities: tuple[str, ...]) -> list[Race]:
     """Time every quantity that is one kernel of this robot."""
-    states, peer, races = random_states(robot, STATES), Pinocchio(robot), []
+    states = random_states(robot, STATES)
+    peer = Pinocchio(robot)
+    races = []
     peer.keep(*states)
     for what in quantities:
         if what not in robot.kernels.names:
             continue
         check(robot, peer, what, states)
         rivals = {name: partial(peer.run, name) for name in RIVALS[what]}
-        timing = interleaved({'ours': our_loop(robot, what, states)}
-                             | {f'pinocchio {name}': call for name, call in rivals.items()})
+        timing = interleaved(
+            {'ours': our_loop(robot, what, states)}
+            | {f'pinocchio {name}': call for name, call in rivals.items()})
         races.append(race(robot, f'native loop: {what}', 'Pinocchio C++', timing, STATES,
                           tuple(f'pinocchio {name}' for name in rivals)))
     return races
@@ -176,8 +188,13 @@ def races() -> list[Race]:
             model = make()
             robot = Robot(model, friction=False)  # which Pinocchio does not know
             large = robot.n > 9
-            quantities = tuple(what for what in RIVALS if not (large and what in NOT_LARGE))
-            results += kernel_races(robot, OF_LONGEST if robot.n > LONGEST else quantities)
+            rows = []
+            for what in RIVALS:
+                if not (large and what in NOT_LARGE):
+                    rows.append(what)
+            quantities = tuple(rows)
+            results += kernel_races(robot,
+                                    OF_LONGEST if robot.n > LONGEST else quantities)
             gc.collect()
     return results
 

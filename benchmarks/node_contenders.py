@@ -1,10 +1,10 @@
 """
-The processes whose round trips are compared: the dynamics node, empty echo nodes, and a load.
+The processes whose round trips are compared: the node, empty echo nodes, a load.
 
-An echo is a node that answers each joint state with an array of the same size: in Python on
-rclpy's default executor or on the EventsExecutor, or in C (echo.c). The load calls the node's
-simulation service back to back. The arguments are `load` and a robot, or a namespace and the name
-of an echo.
+An echo is a node that answers each joint state with an array of the same size: in Python
+on rclpy's default executor or on the EventsExecutor, or in C (echo.c). The load calls
+the node's simulation service back to back. The arguments are `load` and a robot, or a
+namespace and the name of an echo.
 """
 
 from collections.abc import Iterator, Sequence
@@ -30,8 +30,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 SHORT = 0.5  # s: before the falling palletizer comes to a dead point
-OURS, DEFAULT, EVENTS, IN_C = ('node', 'echo, default executor', 'echo, EventsExecutor',
-                               'echo in C')
+OURS = 'node'
+DEFAULT = 'echo, default executor'
+EVENTS = 'echo, EventsExecutor'
+IN_C = 'echo in C'
 NAMESPACES = {OURS: '/ours', DEFAULT: '/default', EVENTS: '/events', IN_C: '/c'}
 SOURCE = Path(__file__).with_name('echo.c')
 LIBRARY = Path(__file__).resolve().parents[1] / 'build' / 'bench' / 'echo.so'
@@ -53,7 +55,8 @@ def echo(namespace: str, executor: str) -> None:
     publisher = node.create_publisher(Float64MultiArray, 'commands', RELIABLE)
     node.create_subscription(
         JointState, 'joint_states',
-        lambda message: publisher.publish(Float64MultiArray(data=message.position)), BEST_EFFORT)
+        lambda message: publisher.publish(Float64MultiArray(data=message.position)),
+        BEST_EFFORT)
     spinner = EventsExecutor() if executor == EVENTS else SingleThreadedExecutor()
     spinner.add_node(node)
     with suppress(KeyboardInterrupt, ExternalShutdownException):
@@ -61,19 +64,22 @@ def echo(namespace: str, executor: str) -> None:
 
 
 def compile_echo() -> str:
-    """Compile echo.c against the installed ROS; return why that fails, or an empty string."""
+    """Compile echo.c against the installed ROS; return why that fails, or ''."""
     if shutil.which('gcc') is None:
         return 'there is no gcc'
     prefixes = [Path(prefix) for prefix in (
         *os.environ.get('AMENT_PREFIX_PATH', '').split(':'), sys.prefix) if prefix]
-    prefix = next((each for each in prefixes if (each / 'include/rcl/rcl/rcl.h').exists()), None)
+    prefix = next((folder for folder in prefixes
+                   if (folder / 'include/rcl/rcl/rcl.h').exists()), None)
     if prefix is None:
         return 'there are no headers of rcl in AMENT_PREFIX_PATH'
     LIBRARY.parent.mkdir(parents=True, exist_ok=True)
     done = subprocess.run(
-        ['gcc', '-O2', '-fPIC', '-shared', *(f'-I{each}' for each in prefix.glob('include/*')),
+        ['gcc', '-O2', '-fPIC', '-shared',
+         *(f'-I{folder}' for folder in prefix.glob('include/*')),
          str(SOURCE), '-o', str(LIBRARY), f'-L{prefix}/lib', f'-Wl,-rpath,{prefix}/lib',
-         *(f'-l{each}' for each in LIBRARIES)], capture_output=True, text=True, check=False)
+         *(f'-l{folder}' for folder in LIBRARIES)],
+        capture_output=True, text=True, check=False)
     return f'gcc failed: {done.stderr[-2000:]}' if done.returncode else ''
 
 
@@ -83,13 +89,14 @@ def load(robot: DemoRobot) -> None:
     node = Node('load', namespace=NAMESPACES[OURS])
     client = node.create_client(Simulate, 'kane_dynamics/simulate')
     client.wait_for_service()
-    wanted, ended = threading.Event(), threading.Event()
+    enough = threading.Event()
+    ended = threading.Event()
 
     def read() -> None:
         for _ in sys.stdin:
-            (wanted.clear if wanted.is_set() else wanted.set)()
+            (enough.clear if enough.is_set() else enough.set)()
         ended.set()
-        wanted.set()
+        enough.set()
 
     threading.Thread(target=read, daemon=True).start()
     done = 0
@@ -97,7 +104,7 @@ def load(robot: DemoRobot) -> None:
                                position=list(robot.positions.values()),
                                duration=10.0 if robot.constraints is None else SHORT)
     print('ready', flush=True)
-    while wanted.wait() and not ended.is_set():
+    while enough.wait() and not ended.is_set():
         future = client.call_async(request)
         rclpy.spin_until_future_complete(node, future)
         done += future.result().success
@@ -105,8 +112,9 @@ def load(robot: DemoRobot) -> None:
 
 
 @contextmanager
-def contenders(robot: str, names: Sequence[str], *more: str) -> Iterator[subprocess.Popen[str]]:
-    """Run these echoes and the node in a block; yield the process that asks for simulations."""
+def contenders(
+        robot: str, names: Sequence[str], *more: str) -> Iterator[subprocess.Popen[str]]:
+    """Run these echoes and the node in a block; yield the process for simulations."""
     node = [sys.executable, '-m', 'kane_dynamics.ros.dynamics_node.main', '--ros-args',
             '-r', f'__ns:={NAMESPACES[OURS]}', '-p', 'state_timeout:=5.0',
             '-p', 'mode:=computed_torque', '-p', 'activation:=at_once',
@@ -115,9 +123,10 @@ def contenders(robot: str, names: Sequence[str], *more: str) -> Iterator[subproc
         node += ['-p', f'{key}:={value}']
     commands = [node] + [[sys.executable, __file__, NAMESPACES[name], name]
                          for name in names]
-    running = [subprocess.Popen(command, stderr=subprocess.DEVNULL) for command in commands]
-    loader = subprocess.Popen([sys.executable, __file__, 'load', robot], stdin=subprocess.PIPE,
-                              stdout=subprocess.PIPE, text=True)
+    running = [subprocess.Popen(command, stderr=subprocess.DEVNULL)
+               for command in commands]
+    loader = subprocess.Popen([sys.executable, __file__, 'load', robot],
+                              stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         yield loader
     finally:

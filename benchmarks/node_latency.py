@@ -1,25 +1,27 @@
 """
 Round trip of the node compared with empty echo nodes, in one shuffled run.
 
-Four processes live together (node_contenders.py): the dynamics node with a seven-axis arm, an
-empty rclpy node that answers each joint state with an array of the same size on rclpy's default
-executor, the same on the EventsExecutor, and the same in C. One driver visits them in shuffled
-order, one visit every 2 ms on average, with a jittered period, so that every contender meets the
-same noise; visits of one round belong together. Rounds come in blocks, and through every other
-block a fifth process calls the node's simulation service back to back.
+Four processes live together (node_contenders.py): the dynamics node with a seven-axis
+arm, an empty rclpy node that answers each joint state with an array of the same size on
+rclpy's default executor, the same on the EventsExecutor, and the same in C. One driver
+visits them in shuffled order, one visit every 2 ms on average, with a jittered period,
+so that every contender meets the same noise; visits of one round belong together. Rounds
+come in blocks, and through every other block a fifth process calls the node's simulation
+service back to back.
 
-The gates: the median of the paired ratios to the echoes, and beside simulations the node loses
-less than 2 % of the states. With the argument `realtime` the node runs with its real-time settings
-(which need the rights). With the argument `palletizer` it is that of an arm of four motors with
-three closed loops, whose other six joints follow from loop closure; only the gates to the echo on
-the default executor hold there. With `native` the torque path does without the interpreter, also
-with `palletizer`, each with gates of its own; otherwise the interpreter computes the commands.
-With the name of a mode, such as `cartesian_impedance`, the node runs in it; by default in
-computed_torque. With `--no-gates` missed gates are printed and no failure.
+The gates: the median of the paired ratios to the echoes, and beside simulations the node
+loses less than 2 % of the states. With the argument `realtime` the node runs with its
+real-time settings (which need the rights). With the argument `palletizer` it is that of
+an arm of four motors with three closed loops, whose other six joints follow from loop
+closure; only the gates to the echo on the default executor hold there. With `native` the
+torque path does without the interpreter, also with `palletizer`, each with gates of its
+own; otherwise the interpreter computes the commands. With the name of a mode, such as
+`cartesian_impedance`, the node runs in it; by default in computed_torque. With
+`--no-gates` missed gates are printed and no failure.
 
-With `--tail N` the node and the echo in C alone are visited N times each under each load, one
-after the other without a pause. All percentiles are printed up to the longest of N, and the
-histogram: how many took longer than each of some times.
+With `--tail N` the node and the echo in C alone are visited N times each under each
+load, one after the other without a pause. All percentiles are printed up to the longest
+of N, and the histogram: how many took longer than each of some times.
 """
 
 import argparse
@@ -33,8 +35,8 @@ from typing import IO
 from gates import exit_status, NO_GATES
 from kane_dynamics.demo.demo_settings import DemoRobot, ROBOTS
 from kane_dynamics.ros.parameters.parameter_table import LAW_MODES
-from node_contenders import (BEST_EFFORT, compile_echo, contenders, DEFAULT, EVENTS, IN_C,
-                             NAMESPACES, OURS, REALTIME, RELIABLE)
+from node_contenders import (BEST_EFFORT, compile_echo, contenders, DEFAULT, EVENTS,
+                             IN_C, NAMESPACES, OURS, REALTIME, RELIABLE)
 import numpy as np
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
@@ -42,12 +44,17 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-PALLETIZER, NATIVE = 'palletizer', 'native'
-IDLE, BUSY = 'idle', 'beside simulations'
+PALLETIZER = 'palletizer'
+NATIVE = 'native'
+IDLE = 'idle'
+BUSY = 'beside simulations'
 PERIOD = 2e-3  # s between visits, on average
-BLOCK, LONG_BLOCK = 250, 2500  # rounds, with pauses and without
+# rounds, with pauses and without
+BLOCK = 250
+LONG_BLOCK = 2500
 PERCENTILES = (50.0, 90.0, 99.0, 99.9, 99.99, 99.999, 100.0)
-LIMITS = (1e-4, 2e-4, 3e-4, 5e-4, 1e-3, 2e-3, 3e-3, 5e-3, 1e-2, 2e-2)  # s, of the histogram
+# Limits of the histogram, s.
+LIMITS = (1e-4, 2e-4, 3e-4, 5e-4, 1e-3, 2e-3, 3e-3, 5e-3, 1e-2, 2e-2)
 WARM_UP = 200  # rounds
 # Most paired ratio by load and contender, and most states lost.
 MOST_RATIO = {'fr3': {(IDLE, DEFAULT): 0.70, (BUSY, DEFAULT): 0.65, (IDLE, IN_C): 2.0},
@@ -73,7 +80,8 @@ class Driver(Node):
             self._publishers_to[name] = self.create_publisher(
                 JointState, f'{namespace}/joint_states', BEST_EFFORT)
             self.create_subscription(Float64MultiArray, f'{namespace}/commands',
-                                     lambda message, name=name: self._on_answer(name), RELIABLE)
+                                     lambda message, name=name: self._on_answer(name),
+                                     RELIABLE)
         self._message = JointState(name=robot.joints)
         self._executor = EventsExecutor()
         self._executor.add_node(self)
@@ -85,11 +93,13 @@ class Driver(Node):
     def visit(self, name: str, patience: float = PATIENCE) -> float:
         """Return the seconds of one round trip; nan if there is no answer."""
         message = self._message
-        robot, rates = self._robot, 2.0 * np.pi * self._robot.frequency
+        robot = self._robot
+        rates = 2.0 * np.pi * self._robot.frequency
         phases = rates * time.perf_counter()
         message.position = (robot.home + 0.5 * robot.amplitude * np.sin(phases)).tolist()
         message.velocity = (0.5 * robot.amplitude * rates * np.cos(phases)).tolist()
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns(), 10**9)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(
+            time.time_ns(), 10**9)
         self._answered = ''
         began = time.perf_counter()
         self._publishers_to[name].publish(message)
@@ -139,7 +149,8 @@ def measure(robot: DemoRobot, names: Sequence[str], samples: int, switch: IO[str
     blocks: dict[str, list[dict[str, np.ndarray]]] = {IDLE: [], BUSY: []}
     for _ in range(-(-samples // block)):
         for blocks_of_load in blocks.values():
-            driver.pause(time.perf_counter() + 0.2)  # the last simulation ends, the next begins
+            # The last simulation ends, the next begins.
+            driver.pause(time.perf_counter() + 0.2)
             blocks_of_load.append(rounds(driver, names, block, chance, period))
             switch.write('\n')
             switch.flush()
@@ -170,20 +181,23 @@ def show_histogram(trips: dict[str, np.ndarray]) -> None:
 
 
 def show(which: str, trips: dict[str, np.ndarray]) -> dict[tuple[str, str], float]:
-    """Print the figures under one load; return the paired ratios by load and contender."""
+    """Print the figures under one load; return paired ratios by load and contender."""
     print(f'\n{which}:\n\n| | p50, us | p99, us | lost | over {PERIOD * 1e3:g} ms |')
     print('|---|---|---|---|---|')
     for name, values in trips.items():
         p50, p99 = np.nanpercentile(values, [50, 99]) * 1e6
         print(f'| {name} | {p50:.0f} | {p99:.0f} | {np.isnan(values).mean():.2%} '
               f'| {(values > PERIOD).mean():.2%} |')
-    ours, paired = trips[OURS], {}
+    ours = trips[OURS]
+    paired = {}
     for name in list(trips)[1:]:
         paired[which, name] = float(np.nanmedian(ours / trips[name]))
         p99 = np.nanpercentile(ours, 99) / np.nanpercentile(trips[name], 99)
         difference = np.nanmedian(ours - trips[name]) * 1e6
-        print(f'node / {name}: median of the paired ratios {paired[which, name]:.2f}, of the '
-              f'paired differences {difference:+.0f} us; ratio of the p99 {p99:.2f}')
+        print(
+            f'node / {name}: median of the paired ratios '
+            f'{paired[which, name]:.2f}, of the '
+            f'paired differences {difference:+.0f} us; ratio of the p99 {p99:.2f}')
     return paired
 
 
@@ -200,7 +214,8 @@ def main(*arguments: str, samples: int = 2500, tail: int = 0) -> int:
     settings = list(REALTIME) if 'realtime' in arguments else []
     settings += ['-p', f'torque_path:={NATIVE if NATIVE in arguments else "python"}']
     for mode in set(arguments) & set(LAW_MODES):
-        settings += ['-p', f'mode:={mode}', '-p', f'cartesian.frame:={ROBOTS[robot].frame}']
+        settings += ['-p', f'mode:={mode}', '-p',
+                     f'cartesian.frame:={ROBOTS[robot].frame}']
     with contenders(robot, names[1:], *settings) as loader:
         assert loader.stdin is not None
         assert loader.stdout is not None
@@ -223,11 +238,12 @@ def main(*arguments: str, samples: int = 2500, tail: int = 0) -> int:
     if NATIVE in arguments:
         kind = f'{NATIVE} {robot}' if robot == PALLETIZER else NATIVE
     gates = MOST_RATIO[kind]
-    failed = [f'{which}: the paired ratio to the {name} is {ratios[which, name]:.2f}, more than '
-              f'{most}' for (which, name), most in gates.items()
-              if (which, name) in ratios and not ratios[which, name] <= most]
+    failed = [f'{which}: the paired ratio to the {name} is {ratios[which, name]:.2f}, '
+              f'more than {limit}' for (which, name), limit in gates.items()
+              if (which, name) in ratios and not ratios[which, name] <= limit]
     failed += [words for words, bad in (
-        (f'{lost:.2%} lost beside simulations, {MOST_LOST:.0%} or more', lost >= MOST_LOST),
+        (f'{lost:.2%} lost beside simulations, {MOST_LOST:.0%} or more',
+         lost >= MOST_LOST),
         ('no simulation was answered', simulations == 0)) if bad]
     if left_out:
         print(f'LEFT OUT: {IN_C}, its gate is not checked: {left_out}')

@@ -1,9 +1,10 @@
 """
 Pinocchio's C++ in this process: pinocchio_loop.cpp, compiled if needed, through ctypes.
 
-The library is built against the headers of the `pin` wheel and of cmeel-eigen, for this very
-processor, and kept in build/bench under a name that its source, compiler and versions determine.
-The module `pinocchio` must not be imported beside it: both carry Boost's and Eigen's symbols.
+The library is built against the headers of the `pin` wheel and of cmeel-eigen, for this
+very processor, and kept in build/bench under a name that its source, compiler and
+versions determine. The module `pinocchio` must not be imported beside it: both carry
+Boost's and Eigen's symbols.
 """
 
 import ctypes
@@ -37,24 +38,26 @@ class Unavailable(Exception):
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of the loop's dependencies; Unavailable names a missing one."""
-    found = {}
+    """Return the versions of the loop's dependencies; Unavailable names one missing."""
+    version_by_name = {}
     for package in PACKAGES:
         try:
-            found[package] = metadata.version(package)
+            version_by_name[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
             raise Unavailable(f"the package '{package}' is not installed "
                               "(pip install 'kane_dynamics[bench]')") from None
     if shutil.which('g++') is None:
         raise Unavailable('there is no g++')
-    found['g++'] = subprocess.run(['g++', '-dumpfullversion'], capture_output=True, text=True,
-                                  check=True).stdout.strip()
-    return found
+    version_by_name['g++'] = subprocess.run(
+        ['g++', '-dumpfullversion'], capture_output=True, text=True,
+        check=True).stdout.strip()
+    return version_by_name
 
 
 def built(source: Path) -> Path:
     """Return the library of a source; compile it first if needed (minutes)."""
-    target = subprocess.run(['g++', '-march=native', '-Q', '--help=target'], capture_output=True,
+    target = subprocess.run(['g++', '-march=native', '-Q',
+                             '--help=target'], capture_output=True,
                             check=True).stdout if shutil.which('g++') else b''
     text = repr((source.read_bytes(), FLAGS, versions(), platform.machine(), target))
     path = FOLDER / f'{source.stem}_{hashlib.sha256(text.encode()).hexdigest()[:16]}.so'
@@ -73,8 +76,10 @@ def library() -> ctypes.CDLL:
     loop.answer.argtypes = [ctypes.c_void_p, ctypes.c_char_p, *[DOUBLES] * 4]
     loop.keep.argtypes = [ctypes.c_void_p, ctypes.c_int, *[DOUBLES] * 3]
     loop.run.argtypes = [ctypes.c_void_p, ctypes.c_char_p]
-    loop.batch.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, *[DOUBLES] * 4]
-    loop.simulate.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_double, *[DOUBLES] * 2]
+    loop.batch.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int,
+                           *[DOUBLES] * 4]
+    loop.simulate.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_double,
+                              *[DOUBLES] * 2]
     return loop
 
 
@@ -86,12 +91,13 @@ def _compile(source: Path, path: Path) -> None:
     new = path.with_suffix('.new')
     try:
         done = subprocess.run(
-            ['g++', *FLAGS, f'-I{prefix}/include', f'-I{prefix}/include/eigen3', str(source),
-             '-o', str(new), f'-L{prefix}/lib', '-lboost_serialization',
+            ['g++', *FLAGS, f'-I{prefix}/include', f'-I{prefix}/include/eigen3',
+             str(source), '-o', str(new), f'-L{prefix}/lib', '-lboost_serialization',
              f'-Wl,-rpath,{prefix}/lib'],
             capture_output=True, text=True, check=False, timeout=MOST_SECONDS)
     except subprocess.TimeoutExpired:
-        raise Unavailable(f'g++ took more than {MOST_SECONDS} s for {source.name}') from None
+        raise Unavailable(
+            f'g++ took more than {MOST_SECONDS} s for {source.name}') from None
     if done.returncode:
         raise Unavailable(f'g++ failed: {done.stderr[-2000:]}')
     new.replace(path)
@@ -106,21 +112,25 @@ class Pinocchio:
 
     def __init__(self, robot: Robot) -> None:
         """Pass the bodies depth first: Pinocchio needs contiguous subtrees."""
-        self.loop, model = library(), robot.model
+        self.loop = library()
+        model = robot.model
         self.n, self.order = robot.n, depth_first(model)
         self.columns = [model.bodies[i].joint.coordinate for i in self.order]
         if sorted(self.columns) != list(range(self.n)):
-            raise ValueError(f'{model.name}: mimic joints have no counterpart in the loop')
+            raise ValueError(
+                f'{model.name}: mimic joints have no counterpart in the loop')
         place = {i: k for k, i in enumerate(self.order)} | {WORLD: -1}
         rows = []
         for i in self.order:
             body = model.bodies[i]
-            joint, inertial = body.joint, body.inertial
+            joint = body.joint
+            inertial = body.inertial
             rows.append(np.concatenate([
                 [place[body.parent], joint.kind == 'prismatic'], joint.axis,
                 joint.rotation.ravel(), joint.translation, [inertial.mass], inertial.com,
                 inertial.inertia.ravel()]))
-        bodies, gravity = np.array(rows), np.array(robot.parameters.gravity)
+        bodies = np.array(rows)
+        gravity = np.array(robot.parameters.gravity)
         self.handle = self.loop.make(self.n, _address(bodies), _address(gravity))
         weakref.finalize(self, self.loop.destroy, self.handle)
 
@@ -128,19 +138,21 @@ class Pinocchio:
         """Return our vectors in Pinocchio's order of joints."""
         return np.ascontiguousarray(x[..., self.columns])
 
-    def answer(self, what: str, q: np.ndarray, u: np.ndarray, x: np.ndarray) -> np.ndarray:
+    def answer(
+            self, what: str, q: np.ndarray, u: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return a quantity at one state, in Pinocchio's order: flat, rows first."""
         out = np.empty(max(3 * self.n, 10 * self.n) * self.n)
-        given = [self.permuted(v) for v in (q, u, x)]
-        size = self.loop.answer(self.handle, what.encode(), *map(_address, given), _address(out))
+        inputs = [self.permuted(v) for v in (q, u, x)]
+        size = self.loop.answer(self.handle, what.encode(), *map(_address, inputs),
+                                _address(out))
         if size < 0:
             raise KeyError(what)
         return out[:size]
 
     def keep(self, q: np.ndarray, u: np.ndarray, x: np.ndarray) -> None:
         """Choose the states of `run`."""
-        given = [self.permuted(v) for v in (q, u, x)]
-        self.loop.keep(self.handle, len(q), *map(_address, given))
+        inputs = [self.permuted(v) for v in (q, u, x)]
+        self.loop.keep(self.handle, len(q), *map(_address, inputs))
 
     def run(self, what: str) -> None:
         """Evaluate a quantity once at every kept state."""
@@ -151,15 +163,16 @@ class Pinocchio:
         """
         Write a quantity of states in Pinocchio's order, C-contiguous rows.
 
-        Jacobians and derivatives are written column by column: (N, n, 6) and (N, 3, n, n), with
-        the columns of each matrix along the last axis but one; of derivatives by udot the upper
-        triangle alone.
+        Jacobians and derivatives are written column by column: (N, n, 6) and (N, 3, n,
+        n), with the columns of each matrix along the last axis but one; of derivatives
+        by udot the upper triangle alone.
         """
-        if self.loop.batch(self.handle, what.encode(), len(q), *map(_address, (q, u, x, out))):
+        if self.loop.batch(self.handle, what.encode(), len(q),
+                           *map(_address, (q, u, x, out))):
             raise KeyError(what)
 
     def simulate(self, steps: int, h: float, tau: np.ndarray, state: np.ndarray) -> None:
-        """Take Runge-Kutta steps; torque and state, which is overwritten, in Pinocchio's order."""
+        """Take Runge-Kutta steps; torque and overwritten state in Pinocchio's order."""
         self.loop.simulate(self.handle, steps, h, _address(tau), _address(state))
 
 
@@ -168,7 +181,8 @@ def depth_first(model: Model) -> list[int]:
     children: dict[int, list[int]] = {}
     for i, body in enumerate(model.bodies):
         children.setdefault(body.parent, []).append(i)
-    order, pending = [], children.get(WORLD, [])[::-1]
+    order = []
+    pending = children.get(WORLD, [])[::-1]
     while pending:
         i = pending.pop()
         order.append(i)

@@ -20,10 +20,11 @@ import pinocchio as pin
 ARMS = ('ur10e.urdf', 'fr3.urdf')
 
 # Least ratio of Pinocchio's time to ours, for the calls that have a gate.
-GATES = {'inverse dynamics (rnea)': 6.0, 'forward dynamics (aba)': 8.0, 'mass matrix (crba)': 5.0,
-         'the same, without attribute access': 12.0}
+GATES = {'inverse dynamics (rnea)': 6.0, 'forward dynamics (aba)': 8.0,
+         'mass matrix (crba)': 5.0, 'the same, without attribute access': 12.0}
 BATCH = '10000 inverse dynamics, a batch against a loop'
-# Seconds in a new process, imports and the start of LLVM apart: compiled, loaded from the cache.
+# Seconds in a new process, imports and the start of LLVM apart: compiled, loaded from
+# the cache.
 STARTS = (START, ROBOT, ONE, LOOPS, ALL) = (
     'start of LLVM', 'Robot', 'inverse dynamics', 'what loops call', 'all kernels')
 GATES_COMPILE = {ONE: (0.08, 0.005), LOOPS: (1.0, 0.05)}
@@ -36,7 +37,8 @@ from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.runtime.loops import support
 from kane_dynamics.robot.kernel_set import IN_LOOPS
 path = sys.argv[1]
-model = load_urdf(path, joints=[n for n in load_urdf(path).joint_names if 'finger' not in n])
+names = load_urdf(path).joint_names
+model = load_urdf(path, joints=[name for name in names if 'finger' not in name])
 times = [time.perf_counter()]
 entry.supported(), support()
 times.append(time.perf_counter())
@@ -55,7 +57,8 @@ print(json.dumps(times))
 def arm(path: Path) -> Robot:
     """Return the robot of a file without its gripper's joints."""
     names = load_urdf(path).joint_names
-    return Robot(load_urdf(path, joints=[name for name in names if 'finger' not in name]))
+    return Robot(
+        load_urdf(path, joints=[name for name in names if 'finger' not in name]))
 
 
 def calls(path: Path) -> dict[str, Timing]:
@@ -74,14 +77,15 @@ def batch(path: Path) -> Timing:
     def peer_loop() -> None:
         for a, b, c in zip(*states):
             pin.rnea(peer, data, a, b, c)
-    return interleaved({'ours': lambda: robot.inverse_dynamics(*states), 'theirs': peer_loop},
-                       turns=9)
+    return interleaved(
+        {'ours': lambda: robot.inverse_dynamics(*states), 'theirs': peer_loop}, turns=9)
 
 
 def simulation(path: Path, duration: float = 10.0) -> float:
     """Return the seconds that simulating `duration` at 1 ms takes."""
     robot = arm(path)
-    q, zeros = np.random.default_rng(0).uniform(-1.0, 1.0, robot.n), np.zeros(robot.n)
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, robot.n)
+    zeros = np.zeros(robot.n)
     simulate(robot, q, zeros, duration)
     start = time.perf_counter()
     simulate(robot, q, zeros, duration)
@@ -93,10 +97,12 @@ def start_up(path: Path, processes: int = 5) -> dict[str, tuple[float, float]]:
     with tempfile.TemporaryDirectory() as cache:
         def measured(setting: str) -> list[float]:
             environment = {**os.environ, 'KANE_DYNAMICS_CACHE': setting}
-            printed = subprocess.run([sys.executable, '-c', START_UP, str(path)], check=True,
-                                     env=environment, text=True, capture_output=True).stdout
-            start, ready, made, one, loops, every = json.loads(printed)
-            return [ready - start, made - ready, one - made, loops - made, every - made]
+            printed = subprocess.run(
+                [sys.executable, '-c', START_UP, str(path)], check=True,
+                env=environment, text=True, capture_output=True).stdout
+            start, ready, imported, one, loops, every = json.loads(printed)
+            return [ready - start, imported - ready, one - imported, loops - imported,
+                    every - imported]
         measured(cache)
         turns = [(measured('off'), measured(cache)) for _ in range(processes)]
     compiled, loaded = np.median(turns, axis=0)
@@ -106,9 +112,12 @@ def start_up(path: Path, processes: int = 5) -> dict[str, tuple[float, float]]:
 
 def missed(figures: dict[str, Any]) -> list[str]:
     """Return the gates that the figures of `measure` do not meet."""
-    slow = [f'{name}, {what}: {timing.ratio("theirs", "ours")[0]:.1f} of {gate}'
-            for name, timings in figures['calls'].items() for what, timing in timings.items()
-            if (gate := GATES.get(what)) and timing.ratio('theirs', 'ours')[0] < gate]
+    slow = []
+    for name, timings in figures['calls'].items():
+        for what, timing in timings.items():
+            if (gate := GATES.get(what)) and timing.ratio('theirs', 'ours')[0] < gate:
+                slow.append(
+                    f'{name}, {what}: {timing.ratio("theirs", "ours")[0]:.1f} of {gate}')
     late = [f'{what}: {1e3 * took:.1f} of {1e3 * gate:.0f} ms'
             for what, gates in GATES_COMPILE.items()
             for took, gate in zip(figures['start_up'][what], gates) if took > gate]
@@ -116,7 +125,7 @@ def missed(figures: dict[str, Any]) -> list[str]:
 
 
 def measure() -> dict[str, Any]:
-    """Return all figures: by arm the calls, batch and simulation, and the times of a start."""
+    """Return all figures: by arm the calls, batch and simulation, and start times."""
     paths = {Path(name).stem: resource_path('urdf', name) for name in ARMS}
     return {'calls': {name: calls(path) for name, path in paths.items()},
             'batch': {name: batch(path) for name, path in paths.items()},
@@ -127,16 +136,18 @@ def measure() -> dict[str, Any]:
 def row(what: str, timing: Timing) -> str:
     """Return one line of the table."""
     middle, low, high = timing.ratio('theirs', 'ours')
-    return (f'| {what} | {1e9 * timing.median("ours"):.0f} | {1e9 * timing.median("theirs"):.0f} '
+    return (f'| {what} | {1e9 * timing.median("ours"):.0f} | '
+            f'{1e9 * timing.median("theirs"):.0f} '
             f'| {middle:.1f} ({low:.1f} to {high:.1f}) |')
 
 
 def main() -> int:
     """Print the report; return 1 if a gate is not met."""
     warnings.simplefilter('ignore')
-    print(f'Pinocchio {pin.__version__}, Python {sys.version.split()[0]}, '
-          f'{os.cpu_count()} processors. Times are medians; ratios are of interleaved runs '
-          '(in brackets the 10th to 90th percentile).')
+    print(
+        f'Pinocchio {pin.__version__}, Python {sys.version.split()[0]}, '
+        f'{os.cpu_count()} processors. Times are medians; ratios are of '
+        'interleaved runs (in brackets the 10th to 90th percentile).')
     figures = measure()
     for name, timings in figures['calls'].items():
         print(f'\n### {name}\n\n| call from Python | ours, ns | Pinocchio, ns '

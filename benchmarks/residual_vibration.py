@@ -1,15 +1,15 @@
 """
 Residual vibration of an FR3 with elastic joints after a fast move, in MuJoCo.
 
-The plant is independent: MuJoCo with a rotor body and a spring at each joint, integrated by
-Runge-Kutta. Drives with a motor-side loop, at 1 kHz, get the torques and positions of the
-rigid arm, then those of the arm with elastic joints. Both begin with the deflection under
-gravity, which the rigid positions keep. The residual vibration is the largest distance of the
-tip, after the motion's end, from its mean place in the last 0.2 s. A third run has the
-elastic feedforward of an arm whose stiffness is 10 % too high.
+The plant is independent: MuJoCo with a rotor body and a spring at each joint, integrated
+by Runge-Kutta. Drives with a motor-side loop, at 1 kHz, get the torques and positions of
+the rigid arm, then those of the arm with elastic joints. Both begin with the deflection
+under gravity, which the rigid positions keep. The residual vibration is the largest
+distance of the tip, after the motion's end, from its mean place in the last 0.2 s. A
+third run has the elastic feedforward of an arm whose stiffness is 10 % too high.
 
-Run: `.venv/bin/python benchmarks/residual_vibration.py [PICTURE]`; it prints the amplitudes
-and their ratio, and draws the distances.
+Run: `.venv/bin/python benchmarks/residual_vibration.py [PICTURE]`; it prints the
+amplitudes and their ratio, and draws the distances.
 """
 
 from dataclasses import replace
@@ -21,8 +21,12 @@ from kane_dynamics.control.elastic_control import MotorCommand
 from kane_dynamics.demo.two_mass_arm import TwoMassArm
 import numpy as np
 
-DURATION, AFTER = 0.5, 1.0  # s
-CYCLE, SUBSTEPS = 1e-3, 4  # s
+# s
+DURATION = 0.5
+AFTER = 1.0
+# s
+CYCLE = 1e-3
+SUBSTEPS = 4
 MOVE = np.array([0.7, 0.4, -0.4, 0.5, 0.4, -0.4, 0.5])  # rad
 KP = np.array([600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0])  # N m/rad
 KD = np.array([30.0, 30.0, 30.0, 30.0, 10.0, 10.0, 5.0])  # N m s/rad
@@ -66,7 +70,8 @@ def tip_places(arm: TwoMassArm, command: MotorCommand, start: np.ndarray) -> np.
     """Return the places of the tip at the ends of the cycles, (K, 3), m."""
     arm.put(start, np.zeros(14))
     places = []
-    for theta, rate, torque in zip(command.positions, command.velocities, command.torques):
+    for theta, rate, torque in zip(command.positions, command.velocities,
+                                   command.torques):
         q, u = arm.state
         tau = np.zeros(14)
         tau[7:] = torque + KP * (theta - q[7:]) + KD * (rate - u[7:])
@@ -98,16 +103,19 @@ def main(arguments: list[str]) -> int:
     runs = commands(rigid, elastic, times)
     start = np.concatenate([HOME, runs['elastic feedforward'].positions[0]])
     locked = natural_vibration(elastic, start, held=[f'{name}_motor' for name in JOINTS])
-    print(f'first mode with motors locked: {locked.frequencies[0] / (2.0 * np.pi):.1f} Hz')
+    print(
+        f'first mode with motors locked: {locked.frequencies[0] / (2.0 * np.pi):.1f} Hz')
 
-    arm = TwoMassArm(URDF.read_text(encoding='utf-8'), elastic.model, CYCLE / SUBSTEPS, 'RK4')
-    after = times >= DURATION
-    errors, amplitudes = {}, {}
+    arm = TwoMassArm(URDF.read_text(encoding='utf-8'), elastic.model, CYCLE / SUBSTEPS,
+                     'RK4')
+    settled = times >= DURATION
+    errors = {}
+    amplitudes = {}
     for name, command in runs.items():
         places = tip_places(arm, command, start)
-        rest = places[times >= times[-1] - 0.2].mean(axis=0)
-        errors[name] = np.linalg.norm(places - rest, axis=1)
-        amplitudes[name] = float(errors[name][after].max())
+        resting_place = places[times >= times[-1] - 0.2].mean(axis=0)
+        errors[name] = np.linalg.norm(places - resting_place, axis=1)
+        amplitudes[name] = float(errors[name][settled].max())
         print(f'{name}: residual vibration of the tip {1e3 * amplitudes[name]:.4f} mm')
     for name, amplitude in amplitudes.items():
         print(f'{name}: ratio {amplitudes["rigid feedforward"] / amplitude:.1f}')

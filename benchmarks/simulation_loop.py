@@ -1,5 +1,5 @@
 """
-Runge-Kutta at 1 ms under constant torque: simulate, Pinocchio's C++ and MuJoCo, interleaved.
+Runge-Kutta at 1 ms under constant torque: simulate, Pinocchio's C++ and MuJoCo.
 
 `simulate` without the check of its energy balance is raced too: the share of the check.
 """
@@ -18,24 +18,28 @@ from native_loop import ARMS, Race, race
 import numpy as np
 from pinocchio_native import Pinocchio, Unavailable
 
-STEP, STEPS = 1e-3, 10_000
+STEP = 1e-3
+STEPS = 10_000
 UNCHECKED = 'simulate without the energy balance'
-CHECKED_STEPS, TOLERANCE = 100, 1e-8  # rad, m or s: one method, three implementations
+# rad, m or s: one method, three implementations
+CHECKED_STEPS = 100
+TOLERANCE = 1e-8
 
 
 def mujoco_model(name: str, model: Model) -> mujoco.MjModel:
-    """Return MuJoCo's model of a shipped arm: the same joints, without contacts and friction."""
+    """Return MuJoCo's model of a shipped arm: same joints, no contacts, no friction."""
     spec = mujoco.MjSpec.from_file(str(resource_path('urdf', f'{name}.urdf')))
     locked = [joint for joint in spec.joints if joint.name not in model.joint_names]
-    for element in [*spec.equalities, *locked]:  # the equalities tie the gripper's fingers
+    # The equalities tie the gripper's fingers.
+    for element in [*spec.equalities, *locked]:
         spec.delete(element)
     plant = spec.compile()
     plant.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     plant.opt.timestep = STEP
     plant.opt.gravity[:] = model.gravity
     off = mujoco.mjtDisableBit
-    plant.opt.disableflags |= (off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS
-                               | off.mjDSBL_CONSTRAINT)
+    plant.opt.disableflags |= (off.mjDSBL_CONTACT | off.mjDSBL_LIMIT
+                               | off.mjDSBL_FRICTIONLOSS | off.mjDSBL_CONSTRAINT)
     plant.dof_damping[:] = 0.0
     plant.dof_armature[:] = 0.0
     assert [plant.joint(k).name for k in range(plant.njnt)] == list(model.joint_names)
@@ -45,7 +49,8 @@ def mujoco_model(name: str, model: Model) -> mujoco.MjModel:
 def simulation_races(name: str, model: Model) -> list[Race]:
     """Time ten seconds of simulated time, with both peers."""
     robot = Robot(model, friction=False)
-    rng, n = np.random.default_rng(0), robot.n
+    rng = np.random.default_rng(0)
+    n = robot.n
     q0, u0 = rng.uniform(-1.0, 1.0, (2, n))
     tau = robot.gravity_force(q0)
     plant = mujoco_model(name, model)
@@ -57,7 +62,9 @@ def simulation_races(name: str, model: Model) -> list[Race]:
         return np.concatenate([result.q[-1], result.u[-1]])
 
     def of_mujoco(steps: int = STEPS) -> np.ndarray:
-        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q0, u0, tau
+        data.qpos[:] = q0
+        data.qvel[:] = u0
+        data.qfrc_applied[:] = tau
         mujoco.mj_step(plant, data, nstep=steps)
         return np.concatenate([data.qpos, data.qvel])
 
@@ -79,13 +86,14 @@ def simulation_races(name: str, model: Model) -> list[Race]:
             raise AssertionError(f'{name}: the joints have another order in Pinocchio')
         contenders['Pinocchio C++'] = of_pinocchio
     expected = ours(CHECKED_STEPS)
-    for other, call in contenders.items():
+    for contender, call in contenders.items():
         error = np.abs(call(CHECKED_STEPS) - expected).max()
         if not error < TOLERANCE:
-            raise AssertionError(f'{name}: after {CHECKED_STEPS} steps {other} is {error:.2g} off')
+            raise AssertionError(
+                f'{name}: after {CHECKED_STEPS} steps {contender} is {error:.2g} off')
     timing = interleaved(contenders)
-    return [race(robot, 'RK4 simulation, a step', other, timing, STEPS, (other,))
-            for other in contenders if other != 'ours']
+    return [race(robot, 'RK4 simulation, a step', contender, timing, STEPS, (contender,))
+            for contender in contenders if contender != 'ours']
 
 
 def races() -> list[Race]:

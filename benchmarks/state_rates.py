@@ -1,14 +1,15 @@
 """
-The rate of joint states at which the node begins to lose them, idle and beside simulations.
+The rate of joint states at which the node begins to lose them, idle or loaded.
 
-A driver publishes states at rising rates to the dynamics node with a seven-axis arm and counts the
-states without a command. The node's diagnostics give the number that it knows to be lost. A driver
-that cannot hold a rate says so: the rate that it reached is in the table.
+A driver publishes states at rising rates to the dynamics node with a seven-axis arm and
+counts the states without a command. The node's diagnostics give the number that it knows
+to be lost. A driver that cannot hold a rate says so: the rate that it reached is in the
+table.
 
-The gate: at the lowest rate, without simulations, less than 2 % have no command. With the argument
-`realtime` the node runs with its real-time settings (which need the rights). With `native` the
-native torque path computes the commands, and the gate is that no state is lost up to 4 kHz, also
-beside simulations.
+The gate: at the lowest rate, without simulations, less than 2 % have no command. With
+the argument `realtime` the node runs with its real-time settings (which need the
+rights). With `native` the native torque path computes the commands, and the gate is that
+no state is lost up to 4 kHz, also beside simulations.
 """
 
 from dataclasses import dataclass
@@ -49,7 +50,8 @@ class Result:
     rate: int         # Hz, asked for
     reached: float    # Hz
     unanswered: float  # share of the states
-    reported: str     # states that the node's diagnostics call lost, since the last result
+    # States that the node's diagnostics call lost, since the last result.
+    reported: str
 
 
 class Driver(Node):
@@ -58,14 +60,17 @@ class Driver(Node):
     def __init__(self) -> None:
         super().__init__('driver')
         name = NAMESPACES[OURS]
-        self._states = self.create_publisher(JointState, f'{name}/joint_states', BEST_EFFORT)
-        self.create_subscription(Float64MultiArray, f'{name}/commands', self._on_command, ALL,
-                                 raw=True)
-        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, ALL)
+        self._states = self.create_publisher(JointState, f'{name}/joint_states',
+                                             BEST_EFFORT)
+        self.create_subscription(Float64MultiArray, f'{name}/commands', self._on_command,
+                                 ALL, raw=True)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics,
+                                 ALL)
         n = len(FR3.joints)
         writer, offsets = write_joint_state(FR3.joints, '', (n, n, n))
         self._message = PreparedMessage(writer, offsets[0], n)
-        self.commands, self.lost = 0, '0'
+        self.commands = 0
+        self.lost = '0'
         self._executor = EventsExecutor()
         self._executor.add_node(self)
 
@@ -100,9 +105,11 @@ class Driver(Node):
             self.spin(time.perf_counter() + 0.05)
 
     def drive(self, load: str, rate: int) -> Result:
-        """Publish at a rate; states that are due while the driver is late are left out."""
+        """Publish at a rate; states due while the driver is late are left out."""
         self.spin(time.perf_counter() + SETTLE)
-        before, lost, sent = self.commands, self.lost, 0
+        commands_before = self.commands
+        lost = self.lost
+        sent = 0
         began = due = time.perf_counter()
         while due - began < SECONDS:
             self.spin(due)
@@ -112,7 +119,8 @@ class Driver(Node):
         reached = sent / (time.perf_counter() - began)
         self.spin(time.perf_counter() + REPORT)
         known = lost.isdigit() and self.lost.isdigit()
-        return Result(load, rate, reached, 1.0 - (self.commands - before) / sent,
+        return Result(load, rate, reached,
+                      1.0 - (self.commands - commands_before) / sent,
                       str(int(self.lost) - int(lost)) if known else self.lost)
 
 
@@ -120,13 +128,15 @@ def table(results: list[Result]) -> str:
     """Return the results as Markdown, and the rates at which losses begin."""
     lines = ['| | rate, Hz | reached, Hz | without a command | lost by diagnostics |',
              '|---|---|---|---|---|']
-    lines += [f'| {each.load} | {each.rate} | {each.reached:.0f} | {each.unanswered:.2%} '
-              f'| {each.reported} |' for each in results]
-    for load in dict.fromkeys(each.load for each in results):
-        first = next((each for each in results
-                      if each.load == load and each.unanswered > BEGIN), None)
+    lines += [f'| {result.load} | {result.rate} | {result.reached:.0f} | '
+              f'{result.unanswered:.2%} '
+              f'| {result.reported} |' for result in results]
+    for load in dict.fromkeys(result.load for result in results):
+        first = next((result for result in results
+                      if result.load == load and result.unanswered > BEGIN), None)
         lines.append(f'{load}: more than {BEGIN:.1%} lost ' + (
-            f'from {first.rate} Hz on' if first else f'at no rate up to {results[-1].rate} Hz'))
+            f'from {first.rate} Hz on' if first
+            else f'at no rate up to {results[-1].rate} Hz'))
     return '\n'.join(lines)
 
 
@@ -153,15 +163,19 @@ def main(*arguments: str) -> int:
             loader.stdin.flush()
         driver.destroy_node()
     rclpy.shutdown()
-    print(f'Joint states of {len(FR3.joints)} joints, {SECONDS:g} s at each rate; load of the '
-          f'machine before {load:.2f}\n\n{table(results)}')
-    judged, most = results[:1], MOST_LOST
+    print(
+        f'Joint states of {len(FR3.joints)} joints, {SECONDS:g} s at each rate; '
+        f'load of the machine before {load:.2f}\n\n{table(results)}')
+    judged = results[:1]
+    largest_loss = MOST_LOST
     if is_native:
-        judged, most = results, BEGIN
-    failed = [result for result in judged if not result.unanswered < most]
+        judged = results
+        largest_loss = BEGIN
+    failed = [result for result in judged if not result.unanswered < largest_loss]
     for result in failed:
-        print(f'FAILED: {result.unanswered:.2%} lost at {result.rate} Hz, {result.load}; '
-              f'expected less than {most:.1%}')
+        print(
+            f'FAILED: {result.unanswered:.2%} lost at {result.rate} Hz, {result.load}; '
+            f'expected less than {largest_loss:.1%}')
     return exit_status(not failed)
 
 

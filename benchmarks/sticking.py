@@ -1,5 +1,5 @@
 """
-Time of exact friction: a step of an FR3 that slides in seven joints, and MuJoCo's noslip.
+Time of exact friction: a step of an FR3 that slides everywhere, MuJoCo's noslip.
 
 Two comparisons. A step with exact friction in sliding is compared with a step with the
 smooth law, of one integrator, in interleaved runs. Simulations of a motion with
@@ -12,8 +12,8 @@ is that of the step.
 
 Times are those of native steps, transitions included, in both programs, and of the whole
 `simulate`, with its checks of stability, energy and limits, which MuJoCo does not make.
-They are those of calls in a row: the first `simulate` after other work, whose code and data
-are in no cache, takes up to twice as long.
+They are those of calls in a row: the first `simulate` after other work, whose code and
+data are in no cache, takes up to twice as long.
 
 Run: `.venv/bin/python benchmarks/sticking.py`; it prints the ratios, and fails where one
 misses its gate.
@@ -38,13 +38,16 @@ from simulation_loop import mujoco_model
 FRICTION = np.array([4.0, 4.0, 3.0, 3.0, 1.0, 1.0, 1.0])  # N m
 Q = np.array([0.1, -0.4, 0.2, -1.8, 0.1, 1.5, 0.4])
 U = np.array([0.8, -0.6, 0.7, 0.9, -0.8, 0.7, 0.9])
-STEPS, ROUNDS = 20_000, 15
+STEPS = 20_000
+ROUNDS = 15
 DURATION = 1.0  # s; later this motion amplifies any error to radians
 HOLDS = (0.02, 0.1)  # s: each torque of a motion is held
 IN_A_ROW = 5  # calls: the first ones find cold caches
 FINEST = 1e-4  # s: step of our finest simulation
 REFERENCE = (4e-6, 2e-6)  # s: MuJoCo's steps of the reference
-MOST_SLIDING, LEAST_RATIO = 2.0, 5.0  # to the smooth step; of MuJoCo to ours
+# To the smooth step; of MuJoCo to ours.
+MOST_SLIDING = 2.0
+LEAST_RATIO = 5.0
 # Of a hold: the longest of our steps with at most MuJoCo's error counts.
 OUR_STEPS = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02, 0.01)
 
@@ -53,9 +56,10 @@ def fr3() -> Robot:
     """Return the FR3 with Coulomb friction in all seven joints."""
     urdf = resource_path('urdf', 'fr3.urdf')
     bare = load_urdf(urdf, tip='fr3_link7')
-    joints = {name: {'friction': float(level), 'friction_speed': 0.05, 'damping': 0.5,
-                     'armature': 0.1}
-              for name, level in zip(bare.joint_names, FRICTION)}
+    joints = {}
+    for name, level in zip(bare.joint_names, FRICTION):
+        joints[name] = {'friction': float(level), 'friction_speed': 0.05, 'damping': 0.5,
+                        'armature': 0.1}
     return Robot(load_urdf(urdf, tip='fr3_link7', supplement={'joints': joints}))
 
 
@@ -75,14 +79,16 @@ def step_times(robot: Robot, integrator: str) -> dict[str, float]:
     held_modes = mode_rows(contact, FrictionModes(some_held, 0.0 * directions))
     rows = np.empty((STEPS + 1, len(state) + 2))
     rows[0, :len(state)] = state
-    before, short = rows[:-1, :len(state)], np.empty((STEPS + 1, len(state)))
+    states = rows[:-1, :len(state)]
+    short = np.empty((STEPS + 1, len(state)))
     short[0] = state
     sliding = sticking_kernel(choice, contact, holds=False)
     sticking = sticking_kernel(choice, contact, holds=True)
     calls = {
         'smooth': lambda: smooth.scan([short[:-1], tau], short[1:], constants=constants),
-        'sliding': lambda: sliding.scan([before, tau, modes], rows[1:], constants=constants),
-        'two joints held': lambda: sticking.scan([before, tau, held_modes], rows[1:],
+        'sliding': lambda: sliding.scan([states, tau, modes], rows[1:],
+                                        constants=constants),
+        'two joints held': lambda: sticking.scan([states, tau, held_modes], rows[1:],
                                                  constants=constants)}
     times = dict.fromkeys(calls, np.inf)
     for _ in range(ROUNDS):
@@ -112,7 +118,7 @@ def moved(robot: Robot, tau: np.ndarray, step: float, hold: float) -> np.ndarray
 
 def native_steps(robot: Robot, tau: np.ndarray, step: float,
                  hold: float) -> Callable[[], np.ndarray]:
-    """Return a call that computes the native steps of `moved`, and returns its result."""
+    """Return a call that computes the native steps of `moved` and returns them."""
     rows = np.repeat(tau, round(hold / step), axis=0)
     choice = StepChoice(False)
     constants = np.concatenate([[step], robot.parameters.block])
@@ -146,7 +152,8 @@ def moved_by_mujoco(plant: mujoco.MjModel, data: mujoco.MjData, tau: np.ndarray,
     """Return where MuJoCo's FR3 is at the end."""
     mujoco.mj_resetData(plant, data)
     plant.opt.timestep = step
-    data.qpos[:], data.qvel[:] = Q, 0.0
+    data.qpos[:] = Q
+    data.qvel[:] = 0.0
     steps = round(hold / step)
     for row in tau:
         data.qfrc_applied[:] = row
@@ -155,7 +162,7 @@ def moved_by_mujoco(plant: mujoco.MjModel, data: mujoco.MjData, tau: np.ndarray,
 
 
 def least_times(calls: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Return the least processor time of each call, s, in interleaved runs of some calls."""
+    """Return the least processor time of each call, s, in interleaved runs."""
     times = dict.fromkeys(calls, np.inf)
     for _ in range(rounds):
         for name, call in calls.items():
@@ -192,10 +199,11 @@ def against_mujoco(robot: Robot, duration: float, hold: float) -> list[float]:
     def error_of(end: np.ndarray) -> float:
         return float(np.abs(end - reference).max())
     from_limit = error_of(moved(robot, tau, FINEST, hold))
-    print(f'{duration:g} s, torques every {hold:g} s: simulate with a step of {FINEST:g} s '
-          f'is {from_limit:.1e} rad from the limit of MuJoCo')
+    print(f'{duration:g} s, torques every {hold:g} s: simulate with a step of '
+          f'{FINEST:g} s is {from_limit:.1e} rad from the limit of MuJoCo')
     our_steps = hold * np.array(OUR_STEPS)
-    errors = np.array([error_of(moved(robot, tau, length, hold)) for length in our_steps])
+    errors = np.array(
+        [error_of(moved(robot, tau, length, hold)) for length in our_steps])
     ratios = []
     for step, constant in ((1e-3, 0.02), (1e-3, 2e-3), (1e-4, 0.02), (1e-4, 2e-4)):
         plant.dof_solref[:, 0] = constant
@@ -206,13 +214,15 @@ def against_mujoco(robot: Robot, duration: float, hold: float) -> list[float]:
             'native steps': native_steps(robot, tau, ours, hold),
             'native steps of this length': native_steps(robot, tau, step, hold),
             'simulate': lambda ours=ours: moved(robot, tau, ours, hold)}, 7)
-        print(f'  MuJoCo noslip, step {step:g} s, constant {constant:g} s: error '
-              f'{its_error:.1e} rad, {1e3 * times["MuJoCo"]:.2f} ms; step {ours:g} s: error '
-              f'{errors[our_steps == ours][0]:.1e} rad')
+        print(
+            f'  MuJoCo noslip, step {step:g} s, constant {constant:g} s: error '
+            f'{its_error:.1e} rad, {1e3 * times["MuJoCo"]:.2f} ms; step {ours:g} '
+            f's: error {errors[our_steps == ours][0]:.1e} rad')
         for name in list(times)[1:]:
             print(f'    {name}: {1e3 * times[name]:.2f} ms, ratio '
                   f'{times["MuJoCo"] / times[name]:.1f}')
-        ratios += [times['MuJoCo'] / times[name] for name in ('native steps', 'simulate')]
+        ratios += [times['MuJoCo'] / times[name]
+                   for name in ('native steps', 'simulate')]
     return ratios
 
 
@@ -222,16 +232,17 @@ def main() -> int:
     ratios = []
     for hold in HOLDS:
         ratios += against_mujoco(robot, DURATION, hold)
-    missed = [ratio for ratio in ratios if ratio < LEAST_RATIO]
+    missed_gates = [ratio for ratio in ratios if ratio < LEAST_RATIO]
     for integrator in ('rk4', 'implicit'):
         times = step_times(robot, integrator)
         text = ', '.join(f'{name} {1e6 * x:.2f} us ({x / times["smooth"]:.2f})'
                          for name, x in times.items())
         print(f'{integrator}: {text}')
-        missed += [x for x in [times['sliding'] / times['smooth']] if x > MOST_SLIDING]
-    for ratio in missed:
+        missed_gates += [x for x in [times['sliding'] / times['smooth']]
+                         if x > MOST_SLIDING]
+    for ratio in missed_gates:
         print(f'FAILED: {ratio:.1f}')
-    return int(bool(missed))
+    return int(bool(missed_gates))
 
 
 if __name__ == '__main__':

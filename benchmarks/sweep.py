@@ -1,4 +1,4 @@
-"""Ten thousand simulations of a second: sample, run, write the table; compared with real time."""
+"""Ten thousand simulations of a second: sample, run, write the table, and its speed."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +13,11 @@ from kane_dynamics.sweep import read_table, run_sweep, Sweep
 from native_loop import Race, shipped_arm
 import numpy as np
 
-COUNT, TURNS = 10_000, 3
+COUNT = 10_000
+TURNS = 3
 POSE = (0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.7)  # rad, of the Research 3, within its limits
-WHAT, CLOCK = f'a second of each of {COUNT} simulations, written', 'the clock'
+WHAT = f'a second of each of {COUNT} simulations, written'
+CLOCK = 'the clock'
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Done:
 
 
 def sweep(seed: int) -> Sweep:
-    """Return the sweep: payload unknown to the controller, friction, initial state, gains."""
+    """Return the sweep: unknown payload, friction, initial state, gains."""
     model = shipped_arm('fr3')
     return Sweep(
         model, COUNT, seed, q0=[{'normal': [q, 0.1]} for q in POSE],
@@ -42,21 +44,24 @@ def timed(seed: int, workers: int) -> Done:
     with TemporaryDirectory() as folder:
         path = Path(folder) / 'table'
         start = time.perf_counter()
-        made = run_sweep(sweep(seed), path, workers=workers).made
+        computed = run_sweep(sweep(seed), path, workers=workers).made
         took = time.perf_counter() - start
         rows = read_table(path)
-    if made != COUNT or not all(rows['ok'].to_pylist()):
-        raise AssertionError(f'{made} simulations made; expected {COUNT}, none failed')
+    if computed != COUNT or not all(rows['ok'].to_pylist()):
+        raise AssertionError(
+            f'{computed} simulations made; expected {COUNT}, none failed')
     drift: Any = np.abs(rows['energy_drift'].to_numpy()).max()
     if not drift < 1e-3:
-        raise AssertionError(f'energy and work differ by {drift:.2g} J: the physics is wrong')
+        raise AssertionError(
+            f'energy and work differ by {drift:.2g} J: the physics is wrong')
     return Done(took, workers)
 
 
 def races() -> list[Race]:
     """Return the sweep on all processors, compared with real time."""
     done = [timed(seed, thread_count()) for seed in range(TURNS)]
-    timing = Timing({'ours': np.array([x.seconds / COUNT for x in done]), CLOCK: np.ones(TURNS)})
+    timing = Timing(
+        {'ours': np.array([x.seconds / COUNT for x in done]), CLOCK: np.ones(TURNS)})
     return [Race('fr3', len(POSE), WHAT, CLOCK, timing.median('ours'), 1.0,
                  timing.ratio(CLOCK, 'ours'))]
 
@@ -64,7 +69,8 @@ def races() -> list[Race]:
 def main() -> int:
     """Print the time with one process and with all, and the comparison."""
     for workers in sorted({1, thread_count()}):
-        print(f'{COUNT} simulations of 1 s, {workers} workers: {timed(0, workers).seconds:.2f} s')
+        print(f'{COUNT} simulations of 1 s, {workers} workers: '
+              f'{timed(0, workers).seconds:.2f} s')
     print(*races(), sep='\n')
     return 0
 

@@ -1,10 +1,10 @@
 """
 Time of a call of each law in task space: from Python, and of its machine code alone.
 
-On an arm of seven axes and on a palletizer with closed loops, measured in turns in one run, so
-that the ratios to `mass_matrix` are those of one state of the machine. The code of each law is in
-memory `COPIES` times, since some places cost a fifth more; the best one counts. The table in
-docs/task_space.md is from here.
+On an arm of seven axes and on a palletizer with closed loops, measured in turns in one
+run, so that the ratios to `mass_matrix` are those of one state of the machine. The code
+of each law is in memory `COPIES` times, since some places cost a fifth more; the best
+one counts. The table in docs/task_space.md is from here.
 """
 
 from collections.abc import Callable
@@ -44,16 +44,19 @@ def palletizer() -> tuple[Robot, str, np.ndarray]:
     return robot, 'tool', robot.closed_configuration(near)
 
 
-def calls_of(robot: Robot, frame: str, q: np.ndarray) -> dict[str, tuple[str, dict[str, Any]]]:
+def calls_of(robot: Robot, frame: str,
+             q: np.ndarray) -> dict[str, tuple[str, dict[str, Any]]]:
     """Return the calls of a robot: a statement by what it calls, and its names."""
     u = np.full(robot.n, 0.1)
     followed = [robot.coordinate_names.index(name) for name in robot.speed_names]
     partner = PartnerState(0.0, q[followed], u, u)
     names = {
         'robot': robot, 'q': q, 'u': u, 'q_d': q[followed], 'partner': partner,
-        'pose': robot.frame_pose(frame, q), 'wrench': np.array([0.0, 0.0, -10.0, 0.0, 0.0, 0.0]),
+        'pose': robot.frame_pose(frame, q),
+        'wrench': np.array([0.0, 0.0, -10.0, 0.0, 0.0, 0.0]),
         'CartesianImpedance': CartesianImpedance(robot, frame, stiffness=STIFFNESS),
-        'HybridForce': HybridForce(robot, frame, stiffness=STIFFNESS, force_directions=['z']),
+        'HybridForce': HybridForce(robot, frame,
+                                   stiffness=STIFFNESS, force_directions=['z']),
         'OperationalSpace': OperationalSpace(robot, frame),
         'HandGuiding': HandGuiding(robot, frame=frame),
         'ArmCoupling': ArmCoupling(robot, stiffness=100.0, damping=5.0,
@@ -74,18 +77,18 @@ def calls_of(robot: Robot, frame: str, q: np.ndarray) -> dict[str, tuple[str, di
         'HandGuiding': 'HandGuiding.torque(q, u)',
         'OperationalSpace': 'OperationalSpace.torque(q, u, pose)',
         'CartesianImpedance': 'CartesianImpedance.torque(q, u, pose)',
-        'HybridForce': 'HybridForce.torque(q, u, pose, wrench=wrench, measured=measured, '
-                       'elapsed=1e-3)',
+        'HybridForce': 'HybridForce.torque(q, u, pose, wrench=wrench, '
+        'measured=measured, elapsed=1e-3)',
         'ArmCoupling': 'ArmCoupling.torque(0.0, q, u, partner)'}
     return {what: (statement, names) for what, statement in statements.items()}
 
 
 def machine_code(kernel: Kernel, q: np.ndarray, u: np.ndarray) -> Callable[[], None]:
     """Return a function that runs the machine code of a law on `CALLS` states."""
-    given = {'q': q, 'u': u, 'pose': np.eye(4)}
+    arguments = {'q': q, 'u': u, 'pose': np.eye(4)}
     inputs = []
     for argument in kernel.arguments:
-        inputs.append(given.get(argument.name, np.full(argument.shape, 0.1)))
+        inputs.append(arguments.get(argument.name, np.full(argument.shape, 0.1)))
     result = np.zeros((CALLS, *kernel.shape))
     return lambda: kernel.scan(inputs, result)
 
@@ -118,7 +121,8 @@ def main() -> int:
             native[key] = min(native[key], (time.perf_counter() - begin) / CALLS)
 
     good = True
-    print('arm        law                   call, ns  times mass_matrix   machine code, ns')
+    print('arm        law                   call, ns  times mass_matrix   machine '
+          'code, ns')
     for (arm_name, name), seconds in best.items():
         words = ''.join(f'_{c.lower()}' if c.isupper() else c for c in name).lstrip('_')
         alone = min(value for (of_arm, label), value in native.items()
@@ -127,8 +131,9 @@ def main() -> int:
         print(f'{arm_name:10} {name:24} {1e9 * seconds:5.0f} {ratio:12.1f}'
               f' {1e9 * alone:20.0f}')
         if seconds > LIMIT:
-            print(f'FAILED: {name} on {arm_name}: {1e6 * seconds:.2f} us; expected at most '
-                  f'{1e6 * LIMIT:g} us')
+            print(
+                f'FAILED: {name} on {arm_name}: {1e6 * seconds:.2f} us; expected '
+                f'at most {1e6 * LIMIT:g} us')
             good = False
     return exit_status(good)
 

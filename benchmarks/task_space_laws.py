@@ -13,9 +13,9 @@ import sys
 from typing import NamedTuple
 
 from gates import exit_status
-from kane_dynamics import (CartesianImpedance, HandGuiding, HybridForce, inverse_kinematics,
-                           JointImpedance, load_urdf, PoseLimits, PoseMotion, PosePath, Robot,
-                           Terms)
+from kane_dynamics import (CartesianImpedance, HandGuiding, HybridForce,
+                           inverse_kinematics, JointImpedance, load_urdf, PoseLimits,
+                           PoseMotion, PosePath, Robot, Terms)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics._util.typing import Array
 from kane_dynamics.identification import calibrate_collision, Recording
@@ -69,7 +69,8 @@ class Plant:
 
     def __init__(self, robot: Robot, urdf: Path) -> None:
         text = urdf.read_text(encoding='utf-8')
-        spec = mujoco.MjSpec.from_string(re.sub(WITHOUT_SHAPES, '', text, flags=re.DOTALL))
+        spec = mujoco.MjSpec.from_string(
+            re.sub(WITHOUT_SHAPES, '', text, flags=re.DOTALL))
         spec.compiler.fusestatic = False
         for equality in list(spec.equalities):  # of fingers
             spec.delete(equality)
@@ -97,8 +98,8 @@ class Plant:
         """
         Give the joints the damping and the Coulomb friction of a robot.
 
-        MuJoCo's default lets a joint creep at rates below 1 rad/s under less than its dry
-        friction; these numbers make it stick.
+        MuJoCo's default lets a joint creep at rates below 1 rad/s under less than its
+        dry friction; these numbers make it stick.
         """
         for body in robot.model.bodies:
             dof = self.model.joint(body.joint.name).dofadr[0]
@@ -163,18 +164,21 @@ PASSAGES = (
             [0.3, -0.5, HALF, -2.0, 0.0, 1.9, 0.8]))
 LIMITS = PoseLimits((0.5, 2.0, 20.0), (1.5, 6.0, 60.0))
 STIFFNESS = np.array([2000.0, 2000.0, 2000.0, 150.0, 150.0, 150.0])
-EDGE_STEP, EDGE_WITHIN = 0.01, 1e-4  # m, of the search for the edge of the reach
+# m, of the search for the edge of the reach
+EDGE_STEP = 0.01
+EDGE_WITHIN = 1e-4
 BEYOND = 0.1  # m of the target along the direction that is lost, and beyond the reach
 EDGES = {'edge of the reach': 0.0, 'beyond the reach': BEYOND}
 # The elbow of the FR3 is straight at -0.467 rad, before its limit of -0.152: with the
-# default walls it can bend to the other side. With this one, from -0.5 rad on, it cannot.
+# default walls it can bend to the other side. With this one, from -0.5 rad on, it
+# cannot.
 WALLED = 'beyond, with a wall'
 ELBOW_MARGINS = np.array([0.1, 0.1, 0.1, 0.35, 0.1, 0.1, 0.1])  # rad
 SETTLING = 3.0  # s of rest, in which the error of the singular neighborhood decays
 
 
 class PassageFigures(NamedTuple):
-    """Largest shares of limits, and errors, m, of a run through a singular configuration."""
+    """Largest shares of limits, and errors, m, of a run through a singularity."""
 
     duration: float
     fastest_target: float  # m/s
@@ -188,15 +192,17 @@ class PassageFigures(NamedTuple):
 
 
 def through(robot: Robot, frame: str, passage: Passage) -> PoseMotion:
-    """Return the motion to a singular pose, across it in the lost direction, and back."""
+    """Return the motion to a singular pose, across it along the lost axis, and back."""
     start = robot.frame_pose(frame, passage.start)
     singular = robot.frame_pose(frame, passage.singular)
     left, _, _ = np.linalg.svd(robot.jacobian(frame, passage.singular))
     lost = left[:3, 5]
-    before, after = singular.copy(), singular.copy()
-    before[:3, 3] -= BEYOND * lost / np.linalg.norm(lost)
-    after[:3, 3] += BEYOND * lost / np.linalg.norm(lost)
-    path = PosePath.through([start, before, after, start], blend=0.02, blend_angle=0.1)
+    near_side = singular.copy()
+    far_side = singular.copy()
+    near_side[:3, 3] -= BEYOND * lost / np.linalg.norm(lost)
+    far_side[:3, 3] += BEYOND * lost / np.linalg.norm(lost)
+    path = PosePath.through([start, near_side, far_side, start],
+                            blend=0.02, blend_angle=0.1)
     return PoseMotion(path, LIMITS)
 
 
@@ -209,7 +215,7 @@ def to_a_stop_at(robot: Robot, frame: str, passage: Passage) -> PoseMotion:
 
 
 def to_the_edge(robot: Robot, frame: str, start: Array, beyond: float) -> PoseMotion:
-    """Return the motion outwards to the edge of the reach, or beyond it by m, and back."""
+    """Return the motion outwards to the edge of the reach or beyond by m, and back."""
     pose = robot.frame_pose(frame, start)
     outwards = pose[:3, 3] * [1.0, 1.0, 0.0]
     outwards /= np.linalg.norm(outwards)
@@ -221,7 +227,8 @@ def to_the_edge(robot: Robot, frame: str, start: Array, beyond: float) -> PoseMo
         further[:3, 3] += step * outwards
         reached = inverse_kinematics(robot, frame, further, q, starts=1)
         if reached.converged:
-            target, q = further, reached.q
+            target = further
+            q = reached.q
         else:
             step *= 0.5
     target[:3, 3] += beyond * outwards
@@ -280,9 +287,9 @@ def follow(arm: Arm, start: Array, desired: PoseMotion,
         speed = max(speed, float(np.max(np.abs(u) / robot.limits.velocity)))
         fastest = max(fastest, float(np.linalg.norm(target.twist[:3])))
         if desired.duration < t < begins:
-            before = energy
+            energy_before = energy
             energy = plant.kinetic_energy() + law.energy(q, target.pose)
-            rise = max(rise, energy - before)
+            rise = max(rise, energy - energy_before)
         plant.step(tau)
     return PassageFigures(desired.duration, fastest, smallest, torque, speed, outside,
                           inside, in_ordinary, rise)
@@ -309,7 +316,8 @@ class TablePlant(Plant):
     def __init__(self, robot: Robot, arm: Arm, friction: float) -> None:
         self.arm = arm
         super().__init__(robot, arm.urdf)
-        self.height = float(robot.frame_pose(arm.frame, arm.home)[2, 3]) - CLEARANCE - TIP
+        self.height = float(
+            robot.frame_pose(arm.frame, arm.home)[2, 3]) - CLEARANCE - TIP
         self.friction = friction
         solref, solimp = STIFF
         contact = {'solref': solref, 'solimp': solimp, 'condim': 1}
@@ -447,8 +455,8 @@ def draw_circle(arm: Arm) -> DrawingFigures:
         q, u = plant.measured()
         target = desired.sample(k / RATE - pressing)
         sensed += share * (plant.contact_force() - sensed)
-        plant.command(law.torque(q, u, *target, wrench, measured=-wrench * sensed / DRAWN,
-                                 elapsed=1.0 / RATE))
+        plant.command(law.torque(q, u, *target, wrench,
+                                 measured=-wrench * sensed / DRAWN, elapsed=1.0 / RATE))
         forces[k] = plant.contact_force()
         position = robot.frame_pose(arm.frame, plant.state[0])[:2, 3]
         distances[k] = np.linalg.norm(position - target.pose[:2, 3])
@@ -525,11 +533,12 @@ def corrected_guiding(arm: Arm, factor: float) -> HandGuiding:
     """Return hand guiding with a model that a recording without contact corrects."""
     model = with_friction(arm, factor)
     calibrated = calibrate_collision(model, free_motion(arm, model), held=True)
-    return HandGuiding(model, friction=RECORDED, friction_error=calibrated.friction_error())
+    return HandGuiding(model, friction=RECORDED,
+                       friction_error=calibrated.friction_error())
 
 
 def free_motion(arm: Arm, model: Robot) -> Recording:
-    """Return a recording of the arm, moved by an impedance of its joints without contact."""
+    """Return a recording of the arm under an impedance of its joints, no contact."""
     plant = rubbing_plant(arm)
     stiffness = np.array([600.0] * 4 + [60.0, 60.0, 20.0])
     law = JointImpedance(model, stiffness=stiffness, damping=0.05 * stiffness)
@@ -555,7 +564,8 @@ def rubbing_plant(arm: Arm) -> Plant:
     return plant
 
 
-def hand_force(robot: Robot, frame: str, start: Array, t: float, q: Array, u: Array) -> Array:
+def hand_force(
+        robot: Robot, frame: str, start: Array, t: float, q: Array, u: Array) -> Array:
     """Return the force of a hand that leads a frame along y from a point at rest, N."""
     velocity = np.array([0.0, LED, 0.0])
     position = robot.frame_pose(frame, q)[:3, 3]
@@ -601,9 +611,9 @@ def let_go(arm: Arm, law: HandGuiding) -> ReleaseFigures:
     energy = np.inf
     for _ in range(int(LEFT_ALONE * RATE)):
         q, u = plant.state
-        before = energy
+        energy_before = energy
         energy = plant.kinetic_energy() + law.energy(q)
-        rise = max(rise, energy - before)
+        rise = max(rise, energy - energy_before)
         plant.step(law.torque(q, u))
     return ReleaseFigures(released, float(np.abs(plant.state[1]).max()), rise)
 
@@ -655,7 +665,8 @@ def thrown_by_hand(arm: Arm) -> ThrowFigures:
     for seed in range(THROWS):
         rng = np.random.default_rng(seed)
         plant.reset(arm.home)
-        force, moment = rng.normal(size=3), rng.normal(size=3)
+        force = rng.normal(size=3)
+        moment = rng.normal(size=3)
         force *= rng.uniform(*FORCES) / np.linalg.norm(force)
         moment *= rng.uniform(0.0, MOMENT) / np.linalg.norm(moment)
         wrench = np.concatenate([force, moment])
@@ -697,7 +708,7 @@ def line(robot: Robot, arm: Arm) -> PoseMotion:
 
 
 class SensedFigures(NamedTuple):
-    """Errors of a line with friction, encoders and a late command; torques at its end."""
+    """Errors of a line with friction, encoders and a late command; final torques."""
 
     moving: float  # m, largest
     resting: float  # m
@@ -757,7 +768,9 @@ def friction_errors(arm: Arm, model: Robot, compensated: bool = True) -> Frictio
     return FrictionFigures(moving, resting, float(np.linalg.norm(position - expected)))
 
 
-SPEED, TORQUE = 1.0, 1.0  # largest shares of the limits
+# Largest shares of the limits.
+SPEED = 1.0
+TORQUE = 1.0
 OUTSIDE = 1e-3  # m
 ORDINARY_ERROR = 5e-3  # m, of the ordinary motion, also where the law limits it
 RISE = 1e-9  # J: rounding of an energy
@@ -768,7 +781,7 @@ STIFFNESSES = (500.0, 1000.0, 2000.0, 3000.0)  # N/m
 
 
 def passages() -> Iterator[tuple[str, str, PassageFigures]]:
-    """Yield the figures of all runs through singular configurations, with arm and place."""
+    """Yield the figures of all runs through singularities, with arm and place."""
     for name, arm in arms().items():
         robot = Robot(load_urdf(arm.urdf, tip=arm.frame), friction=False)
         for passage in PASSAGES:
@@ -794,15 +807,17 @@ def main() -> int:
             print(f'FAILED: {text}')
             good = False
 
-    print('Through singular configurations, 2000 N/m, target up to 0.5 m/s: largest shares '
-          'of limits, errors')
+    print(
+        'Through singular configurations, 2000 N/m, target up to 0.5 m/s: '
+        'largest shares of limits, errors')
     print('arm    place      sigma    torque  speed   outside    inside     energy')
     for name, place, row in passages():
         print(f'{name:6} {place:9} {row.smallest_singular_value:7.1e} {row.torque:8.2f} '
               f'{row.speed:6.2f} {1e3 * row.error_outside:7.3f} mm '
               f'{1e3 * row.error_inside:7.1f} mm  +{max(row.energy_rise, 0.0):.0e} J',
               flush=True)
-        gate(row.torque <= TORQUE + 1e-9 and row.speed <= SPEED, f'{name} {place}: limits')
+        gate(row.torque <= TORQUE + 1e-9 and row.speed <= SPEED,
+             f'{name} {place}: limits')
         # With the default walls the elbow of the FR3 bends to the other side.
         returns = (name, place) != ('FR3', 'beyond the reach')
         gate(not returns or row.error_outside <= OUTSIDE, f'{name} {place}: error')
@@ -810,8 +825,8 @@ def main() -> int:
              f'{name} {place}: error of the ordinary motion')
         gate(row.energy_rise <= RISE, f'{name} {place}: energy')
 
-    print(f'Contact: {PRESSED:g} N on a stiff table, 1 kHz, one period of delay, encoders of '
-          '20 bits')
+    print(f'Contact: {PRESSED:g} N on a stiff table, 1 kHz, one period of delay, '
+          'encoders of 20 bits')
     for name, arm in arms().items():
         for stiffness in STIFFNESSES:
             pressed = press(arm, stiffness)
@@ -821,9 +836,11 @@ def main() -> int:
             gate(pressed.losses == 0 and pressed.largest_error < 1.0,
                  f'{name} {stiffness:g} N/m: contact')
         drawn = draw_circle(arm)
-        print(f'{name:6} circle with {DRAWN:g} N: force within {drawn.force_error:.2f} N, '
-              f'position within {1e3 * drawn.circle_error:.2f} mm', flush=True)
-        gate(drawn.force_error <= FORCE_ERROR and not drawn.losses, f'{name}: hybrid force')
+        print(
+            f'{name:6} circle with {DRAWN:g} N: force within {drawn.force_error:.2f} N, '
+            f'position within {1e3 * drawn.circle_error:.2f} mm', flush=True)
+        gate(drawn.force_error <= FORCE_ERROR and not drawn.losses,
+             f'{name}: hybrid force')
 
     print('Hand guiding without speed limits: thrown by random forces')
     for name, arm in arms().items():
@@ -846,17 +863,20 @@ def main() -> int:
     gate(led.without > LIGHTER * led.more, 'hand guiding, more friction in the model')
     for force in (led.exact_recorded, led.more_recorded, led.less_recorded):
         gate(led.without > LIGHTER * force, 'hand guiding, corrected model')
-    more = with_friction(arm, 1.0 + ERROR)
+    more_friction = with_friction(arm, 1.0 + ERROR)
     for what, law in (
-            (f'{COMPENSATED:.0%} of a model with {ERROR:.0%} more', HandGuiding(more)),
-            (f'{RECORDED:.0%} of the corrected model', corrected_guiding(arm, 1.0 + ERROR))):
+            (f'{COMPENSATED:.0%} of a model with {ERROR:.0%} more',
+             HandGuiding(more_friction)),
+            (f'{RECORDED:.0%} of the corrected model',
+             corrected_guiding(arm, 1.0 + ERROR))):
         figures = let_go(arm, law)
         print(f'let go, {what}: {figures.released:.2f} rad/s, after {LEFT_ALONE:g} s '
-              f'{figures.rested:.0e} rad/s, energy +{figures.energy_rise:.0e} J', flush=True)
+              f'{figures.rested:.0e} rad/s, energy +{figures.energy_rise:.0e} J',
+              flush=True)
         gate(figures.rested < STILL and figures.energy_rise <= RISE, f'let go, {what}')
-    drift = drift_at_rest(arm, HandGuiding(more, friction=1.0))
-    print(f'at rest, all of a model with {ERROR:.0%} more: {drift:.0e} rad in {LEFT_ALONE:g} s',
-          flush=True)
+    drift = drift_at_rest(arm, HandGuiding(more_friction, friction=1.0))
+    print(f'at rest, all of a model with {ERROR:.0%} more: {drift:.0e} rad in '
+          f'{LEFT_ALONE:g} s', flush=True)
     gate(drift < STILL, 'at rest')
 
     print('Friction of the FR3, 2000 N/m: errors moving, at rest, of a deflection')
@@ -879,9 +899,10 @@ def main() -> int:
         gate(errors.moving < REMAINING * uncompensated.moving
              and errors.resting < REMAINING * uncompensated.resting, what)
     sensed = sensed_friction(arm, narrow)
-    print(f'friction speed {NARROW:g} rad/s, encoders and a late command: '
-          f'{1e3 * sensed.moving:.2f} mm, {1e3 * sensed.resting:.2f} mm, torques at rest '
-          f'change by {sensed.chatter:.0e} N m in a period')
+    print(
+        f'friction speed {NARROW:g} rad/s, encoders and a late command: '
+        f'{1e3 * sensed.moving:.2f} mm, {1e3 * sensed.resting:.2f} mm, torques at rest '
+        f'change by {sensed.chatter:.0e} N m in a period')
     gate(sensed.moving < REMAINING * uncompensated.moving and sensed.chatter < CALM,
          'friction with encoders')
     return exit_status(good)

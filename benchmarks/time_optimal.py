@@ -1,11 +1,11 @@
 """
-Time-optimal timing compared with toppra on Pinocchio's torques, over a distribution of paths.
+Time-optimal timing compared with toppra on Pinocchio's torques, over many paths.
 
-Of each robot 60 paths: smooth ones of 5 random waypoints, jagged ones of 20, and dense samples of
-sums of sines, 200 waypoints; the seed of a path is its number. Both programs time a path on a grid
-of 1000 intervals, interleaved. toppra leaves the motion between the points unchecked; ours checks
-it, and refines the grid where that costs time. The gate is the median of the ratios of processor
-time over all paths of a robot.
+Of each robot 60 paths: smooth ones of 5 random waypoints, jagged ones of 20, and dense
+samples of sums of sines, 200 waypoints; the seed of a path is its number. Both programs
+time a path on a grid of 1000 intervals, interleaved. toppra leaves the motion between
+the points unchecked; ours checks it, and refines the grid where that costs time. The
+gate is the median of the ratios of processor time over all paths of a robot.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,11 +20,15 @@ from kane_dynamics.feasibility import time_optimal
 from kane_dynamics.feasibility.path_geometry import path_of
 import numpy as np
 
-POINTS, PATHS, ROUNDS = 1000, 20, 3  # of the grid, of each kind, of each path
+# Of the grid, of each kind, of each path.
+POINTS = 1000
+PATHS = 20
+ROUNDS = 3
 GATES = {'fr3': 8.0, 'ur10e': 10.0}  # median ratio of toppra's processor time to ours
 TIPS = {'fr3': 'fr3_link7', 'ur10e': 'tool0'}
 WAYPOINTS = {'smooth': 5, 'jagged': 20, 'dense': 200}
-RANGE = 0.25, 1.0  # largest distance of paths from the middle: of the joints' ranges, and rad
+# Largest distance of paths from the middle: of the joints' ranges, and rad.
+RANGE = 0.25, 1.0
 AGREEMENT = 5e-3  # of the durations; toppra's own error at 1000 points is up to 4e-3
 
 
@@ -34,7 +38,8 @@ def waypoints(robot: Robot, kind: str, number: int) -> np.ndarray:
     middle = 0.5 * (robot.limits.lower + robot.limits.upper)
     share, largest = RANGE
     size = np.minimum(share * (robot.limits.upper - robot.limits.lower), largest)
-    count, n = WAYPOINTS[kind], robot.n
+    count = WAYPOINTS[kind]
+    n = robot.n
     if kind != 'dense':
         return middle + size * rng.uniform(-1.0, 1.0, (count, n))
     angle = np.pi * np.linspace(0.0, 1.0, count)[:, None]
@@ -46,7 +51,8 @@ def waypoints(robot: Robot, kind: str, number: int) -> np.ndarray:
     return middle + size * path
 
 
-def toppra_timing(name: str, robot: Robot, path: np.ndarray) -> Callable[[], float] | None:
+def toppra_timing(
+        name: str, robot: Robot, path: np.ndarray) -> Callable[[], float] | None:
     """Return a function that times the path with toppra; None if it is not installed."""
     try:
         import pinocchio
@@ -59,8 +65,10 @@ def toppra_timing(name: str, robot: Robot, path: np.ndarray) -> Callable[[], flo
     model = pinocchio.buildModelFromUrdf(str(resource_path('urdf', f'{name}.urdf')))
     fingers = [k for k, joint in enumerate(model.names) if 'finger' in joint]
     model = pinocchio.buildReducedModel(model, fingers, np.zeros(model.nq))
-    data, motion = model.createData(), path_of(path, robot.joint_names)
-    effort, velocity = robot.limits.effort, robot.limits.velocity
+    data = model.createData()
+    motion = path_of(path, robot.joint_names)
+    effort = robot.limits.effort
+    velocity = robot.limits.velocity
 
     def duration() -> float:
         spline = toppra.SplineInterpolator(motion.times, path, bc_type='not-a-knot')
@@ -68,7 +76,8 @@ def toppra_timing(name: str, robot: Robot, path: np.ndarray) -> Callable[[], flo
             lambda *state: pinocchio.rnea(model, data, *state),
             np.stack([-effort, effort], axis=1), np.zeros(robot.n),
             discretization_scheme=constraints.DiscretizationType.Interpolation)
-        speed = constraints.JointVelocityConstraint(np.stack([-velocity, velocity], axis=1))
+        speed = constraints.JointVelocityConstraint(
+            np.stack([-velocity, velocity], axis=1))
         grid = np.linspace(0.0, motion.duration, POINTS + 1)
         solver = toppra.algorithm.TOPPRA([speed, torque], spline, gridpoints=grid,
                                          solver_wrapper='seidel')
@@ -84,9 +93,12 @@ def processor_time(program: Callable[[], float]) -> float:
     return time.process_time() - began
 
 
-def compared(name: str, robot: Robot, kind: str) -> tuple[list[float], list[float], list[float]]:
-    """Return ratio, our processor time and relative difference of durations of each path."""
-    ratios, times, differences = [], [], []
+def compared(name: str, robot: Robot,
+             kind: str) -> tuple[list[float], list[float], list[float]]:
+    """Return ratio, our processor time and relative duration error of each path."""
+    ratios = []
+    times = []
+    differences = []
     for number in range(PATHS):
         path = waypoints(robot, kind, number)
 
@@ -103,8 +115,9 @@ def compared(name: str, robot: Robot, kind: str) -> tuple[list[float], list[floa
 
 def line(kind: str, ratios: Sequence[float], times: Sequence[float]) -> str:
     """Return a line of the table."""
-    return (f'  {kind:8}{statistics.median(ratios):8.1f}{min(ratios):8.1f}{max(ratios):8.1f}'
-            f'{1e3 * statistics.median(times):10.1f} ms')
+    return (
+        f'  {kind:8}{statistics.median(ratios):8.1f}{min(ratios):8.1f}{max(ratios):8.1f}'
+        f'{1e3 * statistics.median(times):10.1f} ms')
 
 
 def main() -> int:
@@ -116,9 +129,11 @@ def main() -> int:
         if toppra_timing(name, robot, waypoints(robot, 'smooth', 0)) is None:
             print('LEFT OUT: toppra: not installed; its gates are not checked')
             return 0
-        print(f'Time-optimal timing, {name}, {POINTS} points, no friction: toppra / ours')
+        print(
+            f'Time-optimal timing, {name}, {POINTS} points, no friction: toppra / ours')
         print('            median   least    most   our time')
-        every, largest = [], 0.0
+        every = []
+        largest = 0.0
         for kind in WAYPOINTS:
             ratios, times, differences = compared(name, robot, kind)
             every += ratios

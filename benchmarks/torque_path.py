@@ -1,23 +1,24 @@
 """
 The torque path's own computation: a serialized joint state in, serialized torques out.
 
-The node's torque path runs without DDS: its publishers only keep the bytes. A seven-axis arm
-follows a motion in mode computed_torque. Two processes, one with the real-time settings of the
-node (realtime.priority, lock_memory, collect_rarely) and one without, alternate in blocks; the
-machine should be idle otherwise. Each cycle is timed from the call with the bytes of the state to
-its return, after both messages are published. The path pauses for a fifth of the time, because
-Linux suspends SCHED_FIFO threads for 50 ms if they leave others less than that in a second. The
-cycle after a pause has cold caches, as every cycle at the rates of an arm; these cycles are listed
-separately too.
+The node's torque path runs without DDS: its publishers only keep the bytes. A seven-axis
+arm follows a motion in mode computed_torque. Two processes, one with the real-time
+settings of the node (realtime.priority, lock_memory, collect_rarely) and one without,
+alternate in blocks; the machine should be idle otherwise. Each cycle is timed from the
+call with the bytes of the state to its return, after both messages are published. The
+path pauses for a fifth of the time, because Linux suspends SCHED_FIFO threads for 50 ms
+if they leave others less than that in a second. The cycle after a pause has cold caches,
+as every cycle at the rates of an arm; these cycles are listed separately too.
 
-With `--native` the native path is measured, in one process: blocks of its cycles alternate with
-blocks of the same loop without a cycle, which shows what of the tail is the machine's: a pause
-of the machine strikes both alike, so both loops run for the same time, in which the loop without a
-cycle makes many more turns. The histograms of both are printed, and drawn with `--picture FILE`.
-With `--beside-compilers` a process on each processor compiles meanwhile.
+With `--native` the native path is measured, in one process: blocks of its cycles
+alternate with blocks of the same loop without a cycle, which shows what of the tail is
+the machine's: a pause of the machine strikes both alike, so both loops run for the same
+time, in which the loop without a cycle makes many more turns. The histograms of both are
+printed, and drawn with `--picture FILE`. With `--beside-compilers` a process on each
+processor compiles meanwhile.
 
-Memory in steady state: what Python's allocator and the C heap hold after many cycles and did not
-hold before. The gate: nothing.
+Memory in steady state: what Python's allocator and the C heap hold after many cycles and
+did not hold before. The gate: nothing.
 """
 
 import argparse
@@ -53,19 +54,24 @@ import numpy as np
 from rclpy.clock import Clock, ClockType
 
 URDF = resource_path('urdf', 'fr3.urdf')
-OFF, ON = 'realtime.* off', 'realtime.* on'
+OFF = 'realtime.* off'
+ON = 'realtime.* on'
 REALTIME = {'realtime.priority': 50, 'realtime.lock_memory': True,
             'realtime.collect_rarely': True}
 CYCLES = 10_000_000
 BLOCK = 100_000  # cycles of one process before the other runs
-BURST, PAUSE = 250, 2e-3  # cycles between two pauses; s
+# Cycles between two pauses; s.
+BURST = 250
+PAUSE = 2e-3
 STATES = 1024    # different joint states
 WARM_UP = 5_000  # cycles
 STEADY = 100_000  # cycles between two readings of the memory in use
-BLOCKS, BYTES = 'blocks of Python', 'bytes of the C heap'
+BLOCKS = 'blocks of Python'
+BYTES = 'bytes of the C heap'
 PERCENTILES = (50.0, 90.0, 99.0, 99.9, 99.99, 99.999, 100.0)
 # Of the native path.
-WORK, NO_WORK = 'cycles', 'the same loop without a cycle'
+WORK = 'cycles'
+NO_WORK = 'the same loop without a cycle'
 CHUNK = 1000  # cycles of one call, whose reports fit the ring
 LONG_CHUNK = 15 * CHUNK  # the same time without a cycle, which reports nothing
 TURN = 100  # chunks of cycles before the same time without
@@ -110,21 +116,24 @@ class Rig:
     def __init__(self, settings: str, cycles: int,
                  kind: type[TorquePath] = TorquePath) -> None:
         joints = tuple(n for n in load_urdf(URDF).joint_names if 'finger' not in n)
+        # So do the torques; N m/s, checked as any other limit.
         values = {spec.name: read(spec, spec.default) for spec in SPECS} | {
             'mode': 'computed_torque', 'joints': joints, 'state_timeout': 5.0,
-            'arm_compensates': ('none',),
-            'state_check.noise': 1.0, 'state_check.position_margin': 1.0,  # the states jump
-            'limits.rate': np.array(1e9)}  # so do the torques; N m/s, checked as any other limit
+            'arm_compensates': ('none',), 'state_check.noise': 1.0,
+            'state_check.position_margin': 1.0,  # the states jump
+            'limits.rate': np.array(1e9)}
         values |= REALTIME if settings == ON else {}
         controller = path_controller(load_model(URDF, values, _ignore), values)
         controller.compile()
         self.statistics, self.commands, self.torques = Statistics(), Sink(), Sink()
         self.path = kind(controller, self.commands, self.torques, time.time_ns, values,
                          self.statistics, _refuse)
-        rng, n = np.random.default_rng(0), len(joints)
+        rng = np.random.default_rng(0)
+        n = len(joints)
         pose = controller.robot.neutral() + 0.2
         self.motion = Motion.from_points(
-            np.arange(1.0, 11.0), pose + rng.uniform(-0.05, 0.05, (10, n)), joint_names=joints)
+            np.arange(1.0, 11.0), pose + rng.uniform(-0.05, 0.05, (10, n)),
+            joint_names=joints)
         self._states = pose + rng.uniform(-0.05, 0.05, (STATES, n))
         self._speeds = rng.uniform(-0.1, 0.1, (STATES, n))
         writer, (positions, velocities, _) = write_joint_state(joints, '', (n, n, n))
@@ -157,8 +166,12 @@ class Rig:
             self._burst(min(BURST, count - begin), timed)
 
     def _burst(self, count: int, timed: bool) -> None:
-        message, velocities, took, first = self._message, self._velocities, self.took, self.done
-        on_state, clock = self.path.on_state, time.perf_counter_ns
+        message = self._message
+        velocities = self._velocities
+        took = self.took
+        first = self.done
+        on_state = self.path.on_state
+        clock = time.perf_counter_ns
         for k in range(count):
             message.numbers[:] = self._states[(first + k) % STATES]
             velocities[:] = self._speeds[(first + k) % STATES]
@@ -176,8 +189,8 @@ class HeapUse(ctypes.Structure):
     """The struct mallinfo2 of glibc."""
 
     _fields_ = [(name, ctypes.c_size_t) for name in (
-        'arena', 'ordblks', 'smblks', 'hblks', 'hblkhd', 'usmblks', 'fsmblks', 'uordblks',
-        'fordblks', 'keepcost')]
+        'arena', 'ordblks', 'smblks', 'hblks', 'hblkhd', 'usmblks', 'fsmblks',
+        'uordblks', 'fordblks', 'keepcost')]
 
 
 C_LIBRARY = ctypes.CDLL(None)
@@ -198,7 +211,8 @@ def memory_in_use() -> dict[str, int]:
     return {BLOCKS: sys.getallocatedblocks(),
             BYTES: heap.uordblks + heap.hblkhd,
             'page faults': resource.getrusage(resource.RUSAGE_SELF).ru_minflt,
-            'garbage collections': sum(each['collections'] for each in gc.get_stats())}
+            'garbage collections': sum(generation['collections']
+                                       for generation in gc.get_stats())}
 
 
 def stolen() -> float:
@@ -211,41 +225,44 @@ def steady_memory(rig: Rig, cycles: int = STEADY) -> dict[str, int]:
     """
     Return the increase of each figure of `memory_in_use` over some cycles.
 
-    As many cycles and two readings come before: Python keeps what it once needed for short-lived
-    numbers, of clamped torques too, and the readings' own memory is not counted.
+    As many cycles and two readings come before: Python keeps what it once needed for
+    short-lived numbers, of clamped torques too, and the readings' own memory is not
+    counted.
     """
     for count in (cycles, 1, cycles):
-        before = memory_in_use()
+        memory_before = memory_in_use()
         rig.run(count, timed=False)
-        after = memory_in_use()
-    return {name: after[name] - before[name] for name in before}
+        memory_after = memory_in_use()
+    return {name: memory_after[name] - memory_before[name] for name in memory_before}
 
 
 def transient_memory(rig: Rig) -> int:
-    """Return the largest number of bytes that one cycle holds temporarily, with its state."""
+    """Return the largest number of bytes one cycle holds for a time, with its state."""
     tracemalloc.start()
     try:
         rig.run(BURST, timed=False)
-        before = tracemalloc.get_traced_memory()[0]
+        memory_before = tracemalloc.get_traced_memory()[0]
         tracemalloc.reset_peak()
         rig.run(BURST, timed=False)
-        return tracemalloc.get_traced_memory()[1] - before
+        return tracemalloc.get_traced_memory()[1] - memory_before
     finally:
         tracemalloc.stop()
 
 
 def serve(settings: str, cycles: int) -> None:
-    """Run a block for each line of standard input; at its end print the results as JSON."""
+    """Run a block for each line of standard input; then print the results as JSON."""
     rig = Rig(settings, cycles)
     memory = steady_memory(rig)
-    sent, switched = rig.statistics.commands, resource.getrusage(resource.RUSAGE_SELF).ru_nivcsw
+    sent = rig.statistics.commands
+    switched = resource.getrusage(resource.RUSAGE_SELF).ru_nivcsw
     collecting = taken = 0.0
     for line in sys.stdin:
-        before = stolen()
+        stolen_before = stolen()
         rig.run(int(line))
-        taken += stolen() - before
+        taken += stolen() - stolen_before
         began = time.perf_counter()
-        realtime.collect_if_disabled()  # in the node at each report, in the services' thread
+        # In the node at each report, in the services' thread.
+        realtime.collect_if_disabled()
         collecting = max(collecting, time.perf_counter() - began)
         print(flush=True)
     switched = resource.getrusage(resource.RUSAGE_SELF).ru_nivcsw - switched
@@ -253,7 +270,8 @@ def serve(settings: str, cycles: int) -> None:
     took = np.array(rig.took)
     result = {'all': np.percentile(took, PERCENTILES).tolist(),
               'after a pause': np.percentile(took[::BURST], PERCENTILES).tolist(),
-              'refused': rig.refused, 'memory': memory, 'preempted': switched, 'stolen': taken,
+              'refused': rig.refused, 'memory': memory, 'preempted': switched,
+              'stolen': taken,
               'collecting': collecting, 'transient': transient_memory(rig)}
     print(json.dumps(result))
 
@@ -292,7 +310,8 @@ def measure_native(settings: str, cycles: int) -> dict[str, np.ndarray]:
     loop = path.native
     for _ in range(WARM_UP // CHUNK):
         loop.durations(rig.message(), CHUNK)
-    histograms = {kind: np.zeros(len(EDGES) - 1, dtype=np.int64) for kind in (WORK, NO_WORK)}
+    histograms = {kind: np.zeros(len(EDGES) - 1, dtype=np.int64)
+                  for kind in (WORK, NO_WORK)}
     spent = dict.fromkeys(histograms, 0)  # ns
     for begin in range(0, cycles, CHUNK * TURN):
         chunks = min(TURN, -(-(cycles - begin) // CHUNK))
@@ -300,7 +319,8 @@ def measure_native(settings: str, cycles: int) -> dict[str, np.ndarray]:
             took = loop.durations(rig.message(), CHUNK)
             histograms[WORK] += np.histogram(took, EDGES)[0]
             spent[WORK] += int(took.sum())
-        time.sleep(PAUSE * chunks / 4)  # Linux suspends real-time threads that never wait
+        # Linux suspends real-time threads that never wait.
+        time.sleep(PAUSE * chunks / 4)
         while spent[NO_WORK] < spent[WORK]:
             took = loop.durations(rig.message(), LONG_CHUNK, works=False)
             histograms[NO_WORK] += np.histogram(took, EDGES)[0]
@@ -338,18 +358,21 @@ def percentile(histogram: np.ndarray, share: float) -> float:
     return float(EDGES[1 + np.searchsorted(counts, share / 100.0 * counts[-1])])
 
 
-def native_markdown(histograms: dict[str, np.ndarray], settings: str, load: float) -> str:
+def native_markdown(
+        histograms: dict[str, np.ndarray], settings: str, load: float) -> str:
     """Return percentiles and numbers of long durations as Markdown, with the machine."""
     system = os.uname()
     machine = (f'{os.cpu_count()} processors, {system.sysname} {system.release} '
                f'{system.machine}; load before {load:.2f}')
-    lines = [f'Native torque path, bytes to bytes, 7 joints, {settings}, us; {machine}', '',
-             '| | number | ' + ' | '.join(f'p{p:g}' for p in PERCENTILES[:-1]) + ' | max |',
-             '|---' * (2 + len(PERCENTILES)) + '|']
+    lines = [
+        f'Native torque path, bytes to bytes, 7 joints, {settings}, us; {machine}', '',
+        '| | number | ' + ' | '.join(f'p{p:g}' for p in PERCENTILES[:-1]) + ' | max |',
+        '|---' * (2 + len(PERCENTILES)) + '|']
     for kind, histogram in histograms.items():
         row = [f'{percentile(histogram, p) / 1e3:.2f}' for p in PERCENTILES]
         lines.append(f'| {kind} | {histogram.sum()} | ' + ' | '.join(row) + ' |')
-    lines += ['', '| longer than, us | ' + ' | '.join(histograms) + ' |', '|---|---|---|']
+    lines += ['', '| longer than, us | ' + ' | '.join(histograms) + ' |',
+              '|---|---|---|']
     for limit in DECADES:
         row = [str(exceeded(histogram, limit)) for histogram in histograms.values()]
         lines.append(f'| {limit / 1e3:g} | ' + ' | '.join(row) + ' |')
@@ -375,8 +398,9 @@ def draw(histograms: dict[str, np.ndarray], file: Path) -> None:
 def markdown(found: dict[str, dict[str, Any]], cycles: int, load: float) -> str:
     """Return the results as Markdown."""
     heads = [f'p{p:g}' for p in PERCENTILES[:-1]] + ['max']
-    title = (f'Torque path, bytes to bytes, 7 joints, {cycles} cycles each, us; load of the '
-             f'machine before {load:.2f}')
+    title = (
+        f'Torque path, bytes to bytes, 7 joints, {cycles} cycles each, us; load of the '
+        f'machine before {load:.2f}')
     lines = [title, '', '| | ' + ' | '.join(heads) + ' |',
              '|---' * (1 + len(heads)) + '|']
     for settings, result in found.items():
@@ -386,26 +410,29 @@ def markdown(found: dict[str, dict[str, Any]], cycles: int, load: float) -> str:
     lines.append('')
     for settings, result in found.items():
         lines += [f'{settings}: {warning}' for warning in result['refused']]
-        lines.append(f'{settings}: memory held after {STEADY} cycles and not before: ' + ', '.join(
-            f'{count} {name}' for name, count in result['memory'].items())
-            + f'; at most {result["transient"]} bytes during a cycle; preempted '
-            f'{result["preempted"]} times, processors given to other virtual machines for '
-            f'{result["stolen"]:.2f} s; a garbage collection between blocks at most '
-            f'{result["collecting"] * 1e3:.2f} ms')
+        lines.append(
+            f'{settings}: memory held after {STEADY} cycles and not before: '
+            + ', '.join(f'{count} {name}' for name, count in result['memory'].items())
+            + f'; at most {result["transient"]} bytes during a cycle; '
+            f'preempted {result["preempted"]} times, processors given to other virtual '
+            f'machines for {result["stolen"]:.2f} s; a garbage collection between '
+            f'blocks at most {result["collecting"] * 1e3:.2f} ms')
     return '\n'.join(lines)
 
 
 def main() -> int:
     """Print both distributions; return 1 if the memory grows in steady state."""
     parser = argparse.ArgumentParser(description=__doc__.partition('.')[0])
-    parser.add_argument('--cycles', type=int, default=CYCLES, help='default: %(default)s')
+    parser.add_argument('--cycles', type=int, default=CYCLES,
+                        help='default: %(default)s')
     parser.add_argument('--settings', choices=(OFF, ON), help=argparse.SUPPRESS)
     parser.add_argument('--native', action='store_true', help='measure the native path')
     parser.add_argument('--realtime', action='store_true',
                         help='with --native: with realtime.*, which needs the rights')
     parser.add_argument('--beside-compilers', action='store_true',
                         help='with --native: while each processor compiles')
-    parser.add_argument('--picture', type=Path, help='with --native: draw the histograms')
+    parser.add_argument('--picture', type=Path,
+                        help='with --native: draw the histograms')
     options = parser.parse_known_args()[0]  # some are for other benchmarks
     if options.settings:
         serve(options.settings, options.cycles)
@@ -421,9 +448,9 @@ def main() -> int:
         if options.picture:
             draw(histograms, options.picture)
         return 0
-    found = measure(options.cycles)
-    print(markdown(found, options.cycles, load))
-    grown = [settings for settings, result in found.items()
+    figures = measure(options.cycles)
+    print(markdown(figures, options.cycles, load))
+    grown = [settings for settings, result in figures.items()
              if any(result['memory'][what] > 0 for what in (BLOCKS, BYTES))]
     for settings in grown:
         print(f'FAILED: {settings}: memory grows in steady state')

@@ -1,4 +1,4 @@
-"""Check every link of the built site that stays in it: its page exists, and the place there."""
+"""Check every link of the built site that stays in it: page and place exist."""
 
 from html.parser import HTMLParser
 from pathlib import Path
@@ -16,9 +16,11 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         """Take note of links, images, scripts and ids."""
-        given = dict(attrs)
-        self.places |= {given[name] for name in ('id', 'name') if given.get(name)}
-        self.links += [given[name] for name in ('href', 'src') if given.get(name)]
+        arguments = dict(attrs)
+        self.places |= {arguments[name]
+                        for name in ('id', 'name') if arguments.get(name)}
+        self.links += [arguments[name]
+                       for name in ('href', 'src') if arguments.get(name)]
 
 
 def broken(site):
@@ -30,7 +32,8 @@ def broken(site):
             parts = urlsplit(link)
             if parts.scheme or parts.netloc:
                 continue
-            target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            target = ((path.parent / unquote(parts.path)).resolve() if parts.path
+                      else path)
             place = unquote(parts.fragment)
             if not target.exists():
                 found.append(f'{path.relative_to(site)}: no file for {link}')

@@ -1,4 +1,4 @@
-"""The documentation site: `make docs` builds it, without a network, and warnings are errors."""
+"""The documentation site: `make docs` builds it offline, and warnings are errors."""
 
 from pathlib import Path
 import sys
@@ -13,8 +13,8 @@ author = package.findtext('maintainer')
 release = package.findtext('version')
 html_title = f'{project} {release}'
 
-extensions = ['sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'sphinx.ext.viewcode', 'numpydoc',
-              'myst_parser', 'sphinx_copybutton', 'mathml', 'generated']
+extensions = ['sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'sphinx.ext.viewcode',
+              'numpydoc', 'myst_parser', 'sphinx_copybutton', 'mathml', 'generated']
 html_theme = 'furo'
 html_static_path = ['static']
 html_css_files = ['site.css']
@@ -25,7 +25,8 @@ html_copy_source = False
 exclude_patterns = ['extensions']
 
 nitpicky = True
-# A word in single quotes in a docstring is a link if it can be one: it may be an argument's name.
+# A word in single quotes in a docstring is a link if it can be one: it may be an
+# argument's name.
 nitpick_ignore_regex = [('py:obj', '.*')]
 highlight_language = 'none'  # of formulas in docstrings; blocks of pages name theirs
 default_role = 'autolink'  # `Robot` in a docstring is a link where it is a name

@@ -1,10 +1,10 @@
 """
 Draw demo.webp: the arm of `make demo` with and without feedforward, as MuJoCo shows it.
 
-The arm, the motion and the servo are those of the demo. Node and topics are left out, so the
-torques arrive at once. The transparent arm is the desired motion. The errors of the ends are
-measured in the simulation. The variable MUJOCO_GL chooses MuJoCo's renderer: `osmesa` needs no
-display.
+The arm, the motion and the servo are those of the demo. Node and topics are left out, so
+the torques arrive at once. The transparent arm is the desired motion. The errors of the
+ends are measured in the simulation. The variable MUJOCO_GL chooses MuJoCo's renderer:
+`osmesa` needs no display.
 """
 
 import argparse
@@ -17,7 +17,8 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-WIDTH, HEIGHT = 420, 360
+WIDTH = 420
+HEIGHT = 360
 PICTURES = 12.5  # a second
 TIP = 'fr3_hand_tcp'
 KEEP_VISUALS = '<mujoco><compiler discardvisual="false" fusestatic="false"/></mujoco>'
@@ -32,7 +33,7 @@ def torque_of_servo(q, u, desired):
 
 
 def positions_of_arm(motion, controller):
-    """Simulate the demo's arm in MuJoCo; return its positions at each tick, (N, 7), rad."""
+    """Simulate the demo's arm in MuJoCo; return its positions per tick, (N, 7), rad."""
     arm = MujocoArm(FR3)
     positions = []
     for tick in range(round(DURATION * RATE)):
@@ -55,18 +56,22 @@ class Camera:
         text = re.sub(r'<collision>.*?</collision>', '', text, flags=re.DOTALL)
         text = text.replace('</robot>', KEEP_VISUALS + '</robot>')
         spec = mujoco.MjSpec.from_string(text)
-        spec.visual.global_.offwidth, spec.visual.global_.offheight = WIDTH, HEIGHT
+        spec.visual.global_.offwidth = WIDTH
+        spec.visual.global_.offheight = HEIGHT
         spec.visual.headlight.ambient = [0.5, 0.5, 0.5]
         spec.visual.headlight.diffuse = [0.6, 0.6, 0.6]
         sky = spec.add_texture(name='sky', type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-                               builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT, width=8, height=8)
+                               builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT, width=8,
+                               height=8)
         sky.rgb1 = sky.rgb2 = [0.87, 0.89, 0.92]
         self.model = spec.compile()
         self.places = [self.model.joint(name).qposadr[0] for name in FR3.joints]
         self.renderer = mujoco.Renderer(self.model, HEIGHT, WIDTH)
         self.view = mujoco.MjvCamera()
-        self.view.lookat, self.view.distance = [0.22, 0.0, 0.44], 1.45
-        self.view.azimuth, self.view.elevation = 140.0, -14.0
+        self.view.lookat = [0.22, 0.0, 0.44]
+        self.view.distance = 1.45
+        self.view.azimuth = 140.0
+        self.view.elevation = -14.0
 
     def posed(self, q):
         """Return MuJoCo's data at the positions q of the arm, rad."""
@@ -112,8 +117,8 @@ def main():
                           (column * WIDTH, 0))
             error = np.linalg.norm(robot.frame_pose(TIP, measured)[:3, 3] - target)
             draw.text((column * WIDTH + 14, 10), title, 'black', font)
-            draw.text((column * WIDTH + 14, 32), f'error of the tip {1e3 * error:.1f} mm', 'black',
-                      font)
+            draw.text((column * WIDTH + 14, 32),
+                      f'error of the tip {1e3 * error:.1f} mm', 'black', font)
         pictures.append(picture)
     pictures[0].save(path, save_all=True, append_images=pictures[1:], loop=0, quality=75,
                      duration=round(1000.0 / PICTURES), method=6)

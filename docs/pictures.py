@@ -1,4 +1,4 @@
-"""Draw the pictures of the pages: run each page's code and keep the pictures that it shows."""
+"""Draw the pictures of the pages: run each page's code and keep what it shows."""
 
 from pathlib import Path
 import re
@@ -9,12 +9,13 @@ from PIL import Image
 
 DOCS = Path(__file__).resolve().parent
 sys.path[:0] = [str(DOCS.parent), str(DOCS.parent / 'test' / 'helpers')]
-WIDTH, COLORS = 1000, 64
+WIDTH = 1000
+COLORS = 64
 SHOWN = re.compile(r'\]\(pictures/([\w.-]+)\)')
 
 
 def main() -> None:
-    """Draw the pictures of every page that shows some; `python docs/pictures.py PAGE` of one."""
+    """Draw the pictures of the pages; `python docs/pictures.py PAGE` those of one."""
     from documents import work_through  # found by the path above
     for page in [DOCS / name for name in sys.argv[1:]] or sorted(DOCS.glob('*.md')):
         names = SHOWN.findall(page.read_text(encoding='utf-8'))

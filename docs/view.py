@@ -30,7 +30,8 @@ def main(path: str) -> None:
         time.sleep(8.0)  # shapes fade in
         page.evaluate("document.querySelector('[role=slider]').focus()")
         page.press('End')
-        page.evaluate("document.querySelector('[role=alert] button').click()")  # of software GL
+        # The time of software GL.
+        page.evaluate("document.querySelector('[role=alert] button').click()")
         page.evaluate('document.activeElement.blur()')
         time.sleep(4.0)
         page.picture(path)

@@ -1,9 +1,9 @@
-"""A UR10e draws a rounded frame and a circle in it: paths of poses, and their fastest timing."""
+"""A UR10e draws a rounded frame and a circle: paths of poses and fastest timing."""
 
 from pathlib import Path
 
-from kane_dynamics import (cartesian_motion, inverse_kinematics, load_urdf, pose_from, PoseLimits,
-                           PosePath, Robot)
+from kane_dynamics import (cartesian_motion, inverse_kinematics, load_urdf, pose_from,
+                           PoseLimits, PosePath, Robot)
 from kane_dynamics.feasibility import time_optimal
 import numpy as np
 
@@ -23,10 +23,12 @@ inside = PosePath.through([above(0.5, 0.0), above(0.55, 0.0)])
 circle = PosePath.circle(above(0.55, 0.0), (0.65, 0.0, 0.2), (0.0, 0.0, 1.0))
 path = PosePath.joined([rounded, inside, circle], blend=0.01)
 
-start = inverse_kinematics(robot, 'tool0', above(0.5, 0.0), [0.0, -1.6, 2.1, -2.1, -1.57, 0.0])
+start = inverse_kinematics(robot, 'tool0', above(0.5, 0.0),
+                           [0.0, -1.6, 2.1, -2.1, -1.57, 0.0])
 drawing = cartesian_motion(robot, 'tool0', start.q, path, limits)
 for corner in path.corners:
-    print(f'corner at {corner.place:.2f} of the path: within {1e3 * corner.distance:.1f} mm')
+    print(f'corner at {corner.place:.2f} of the path: within '
+          f'{1e3 * corner.distance:.1f} mm')
 print(f'within the limits of the tool: {drawing.motion.duration:.2f} s')
 
 timing = time_optimal(robot, drawing.motion)

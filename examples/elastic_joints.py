@@ -1,22 +1,25 @@
 """
-A fast move of an FR3 whose gears yield, with feedforward of the rigid and of the elastic arm.
+A fast move of an FR3 whose gears yield, with rigid and with elastic feedforward.
 
-The drives follow the same motion with the same gains. Feedforward that leaves the springs out
-excites the vibration that remains; the elastic one leads the motors by the deflections.
-`python examples/elastic_joints.py elastic.png` draws it.
+The drives follow the same motion with the same gains. Feedforward that leaves the
+springs out excites the vibration that remains; the elastic one leads the motors by the
+deflections. `python examples/elastic_joints.py elastic.png` draws it.
 """
 
 from pathlib import Path
 import sys
 
-from kane_dynamics import (Drive, load_urdf, MotorSideControl, Robot, simulate, SmoothMotion,
-                           with_drives, with_rigid_joints)
+from kane_dynamics import (Drive, load_urdf, MotorSideControl, Robot, simulate,
+                           SmoothMotion, with_drives, with_rigid_joints)
 import numpy as np
 
 TIP = 'fr3_link7'
 HOME = np.array([0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8])
 MOVE = np.array([0.7, 0.4, -0.4, 0.5, 0.4, -0.4, 0.5])
-DURATION, AFTER, STEP = 0.5, 1.0, 1e-3  # s
+# s
+DURATION = 0.5
+AFTER = 1.0
+STEP = 1e-3
 KP = np.array([600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0])
 KD = np.array([30.0, 30.0, 30.0, 30.0, 10.0, 10.0, 5.0])
 
@@ -41,7 +44,7 @@ of_elastic = command.positions, command.velocities, command.torques
 
 
 def moved(positions, speeds, torques):
-    """Return times and positions of the tip, m, of a move with drives that follow these."""
+    """Return times and positions of the tip, m, of a move with these drives."""
     def drives_at(t, q, u):
         k = 2 * round(t / STEP)
         # A torque is held for the step: that of its middle is right on average.
@@ -55,13 +58,14 @@ def moved(positions, speeds, torques):
 
 def vibration(t, tip):
     """Return half of the distance between the farthest positions after the move, m."""
-    after = tip[t > DURATION + 0.1]
-    return 0.5 * np.linalg.norm(np.ptp(after, axis=0))
+    afterwards = tip[t > DURATION + 0.1]
+    return 0.5 * np.linalg.norm(np.ptp(afterwards, axis=0))
 
 
 t, with_rigid = moved(*of_rigid)
 _, with_elastic = moved(*of_elastic)
-before, now = vibration(t, with_rigid), vibration(t, with_elastic)
+before = vibration(t, with_rigid)
+now = vibration(t, with_elastic)
 print(f'the tip vibrates by {1e3 * before:.2f} mm with the rigid feedforward, '
       f'{1e3 * now:.3f} mm with the elastic one')
 
@@ -71,10 +75,12 @@ if len(sys.argv) > 1:
     import matplotlib.pyplot as plt
     goal = rigid.frame_pose(TIP, HOME + MOVE)[:3, 3]
     figure, axes = plt.subplots(figsize=(8.0, 3.5), layout='constrained')
-    for tip, label in ((with_rigid, 'rigid feedforward'), (with_elastic, 'elastic feedforward')):
+    for tip, label in ((with_rigid, 'rigid feedforward'),
+                       (with_elastic, 'elastic feedforward')):
         axes.plot(t, 1e3 * np.linalg.norm(tip - goal, axis=1), label=label)
     axes.set(xlim=(DURATION - 0.05, t[-1]), xlabel='s',
              ylabel='distance to the goal, mm', title='Tip after a fast move')
-    axes.set_ylim(0.0, 1.2e3 * np.linalg.norm(with_rigid[t > DURATION] - goal, axis=1).max())
+    axes.set_ylim(0.0,
+                  1.2e3 * np.linalg.norm(with_rigid[t > DURATION] - goal, axis=1).max())
     axes.legend()
     figure.savefig(sys.argv[1], dpi=130)

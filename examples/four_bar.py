@@ -1,21 +1,24 @@
-"""A four-bar linkage, cut at the end of the rocker: crank torque, pin forces, free motion."""
+"""A four-bar linkage, cut at the rocker's end: crank torque, pin forces, free motion."""
 
 from kane_dynamics import Closure, ModelBuilder, Robot, rod, simulate
 import numpy as np
 
 b = ModelBuilder('four-bar')
-carrier, joint = 'world', (0, 0, 0)
+carrier = 'world'
+joint = (0, 0, 0)
 for name, length in (('crank', 0.3), ('coupler', 0.9), ('rocker', 0.7)):
     end = (length, 0, 0)
     b.body(name, carrier, 'revolute', axis=(0, -1, 0), at=joint,
            inertial=rod(2 * length, (0, 0, 0), end))
-    carrier, joint = name, end
+    carrier = name
+    joint = end
 b.frame('end', 'rocker', at=joint)
 b.frame('ground', 'world', at=(1, 0, 0))
 pin = Closure('end', 'ground', 'revolute', axis=(0, 1, 0), name='pin')
 linkage = Robot(b.model(), constraints=[pin], independent=['crank'])
 
-q, u = linkage.closed_configuration((0.8, 0.0, -1.5), fixed=['crank']), np.array([5.0])
+q = linkage.closed_configuration((0.8, 0.0, -1.5), fixed=['crank'])
+u = np.array([5.0])
 tau = linkage.inverse_dynamics(q, u, np.zeros(1))
 forces = linkage.constraint_forces(q, u, tau)
 print('closed at q =', q.round(6).tolist())

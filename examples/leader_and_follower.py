@@ -1,4 +1,4 @@
-"""Two FR3: a hand leads one, the other follows and touches a wall, which the hand feels."""
+"""Two FR3: a hand leads one, the other follows and touches a wall; the hand feels it."""
 
 from pathlib import Path
 import sys
@@ -15,12 +15,13 @@ robot = Robot(load_urdf(Path(__file__).parents[1] / 'urdf' / 'fr3.urdf',
 
 
 class Arm:
-    """A simulated arm, its side of the coupling, and the observer of its external torque."""
+    """A simulated arm, its side of the coupling, and its torque observer."""
 
     def __init__(self, load):
         self.q, self.u = HOME.copy(), np.zeros(7)
         self.load = load  # external torque, by time and state
-        self.coupling = ArmCoupling(robot, stiffness=STIFFNESS, damping=DAMPING, reflection=0.8)
+        self.coupling = ArmCoupling(robot, stiffness=STIFFNESS, damping=DAMPING,
+                                    reflection=0.8)
         self.observer = MomentumObserver(robot, gain=100.0, held=True)
 
     def state(self, t):
@@ -28,7 +29,7 @@ class Arm:
         return PartnerState(t, self.q, self.u, self.observer.torque)
 
     def step(self, t, partner):
-        """Command the torque of the coupling for one step; return the external torque."""
+        """Command the coupling's torque for one step; return the external torque."""
         tau = self.coupling.torque(t, self.q, self.u, partner)
         self.observer.update(t, self.q, self.u, tau)
         external = self.load(t, self.q, self.u)
@@ -54,20 +55,23 @@ def wall(t, q, u):
     return tau
 
 
-leader, follower = Arm(hand), Arm(wall)
+leader = Arm(hand)
+follower = Arm(wall)
 leader.coupling.engage(leader.q, follower.state(0.0))
 follower.coupling.engage(follower.q, leader.state(0.0))
 rows = []
 for k in range(4500):
     t = STEP * k
-    of_leader, of_follower = leader.state(t), follower.state(t)
+    of_leader = leader.state(t)
+    of_follower = follower.state(t)
     felt = leader.step(t, of_follower)[0]
     touched = follower.step(t, of_leader)[0]
     rows.append((t, leader.q[0], follower.q[0], felt, -touched))
 rows = np.array(rows)
 
 pressed = rows[np.argmax(rows[:, 4])]
-print(f'the wall is pressed with {pressed[4]:.1f} N m, the hand feels {pressed[3]:.1f} N m')
+print(f'the wall is pressed with {pressed[4]:.1f} N m, the hand feels '
+      f'{pressed[3]:.1f} N m')
 print(f'the arms are {1e3 * (pressed[1] - pressed[2]):.0f} mrad apart then, '
       f'and {1e3 * abs(rows[-1, 1] - rows[-1, 2]):.1f} mrad in the end')
 

@@ -1,4 +1,4 @@
-"""The largest payload with which a Research 3 tracks a motion, known to the controller or not."""
+"""The largest payload with which a Research 3 tracks a motion, known or unknown."""
 
 import sys
 from tempfile import TemporaryDirectory
@@ -8,7 +8,9 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.sweep import read_table, run_sweep, Sweep
 import numpy as np
 
-heaviest, allowed = 8.0, 0.05  # kg; RMS tracking error, rad
+# kg; RMS tracking error, rad
+heaviest = 8.0
+allowed = 0.05
 joints = [f'fr3_joint{k}' for k in range(1, 8)]
 model = load_urdf(resource_path('urdf', 'fr3.urdf'), joints=joints)
 limits = np.array([joint.limits.effort for joint in model.coordinate_joints])
@@ -18,26 +20,30 @@ motion = Motion.from_points([0.0, 1.0], poses, np.zeros((2, 7)), np.zeros((2, 7)
 masses = np.linspace(0.0, heaviest, 41)
 
 sweep = Sweep(model, samples=4 * len(masses), motion=motion, payload={
-    'frame': 'fr3_hand_tcp', 'mass': {'grid': masses.tolist()}, 'gyration': 0.03}, controller={
-        'kind': 'computed_torque', 'kp': {'grid': [100.0, 400.0]}, 'kd': 30.0,
-        'known_payload': {'grid': [0.0, 1.0]}})
+    'frame': 'fr3_hand_tcp', 'mass': {'grid': masses.tolist()}, 'gyration': 0.03},
+              controller={
+                  'kind': 'computed_torque', 'kp': {'grid': [100.0, 400.0]}, 'kd': 30.0,
+                  'known_payload': {'grid': [0.0, 1.0]}})
 with TemporaryDirectory() as folder:
     run_sweep(sweep, folder, workers=1)
-    table = {name: np.array(column) for name, column in read_table(folder).to_pydict().items()}
+    table = {name: np.array(column)
+             for name, column in read_table(folder).to_pydict().items()}
 error = np.max([table[f'rms_error.{joint}'] for joint in joints], axis=0)
-load = np.max([table[f'peak_torque.{joint}'] / most for joint, most in zip(joints, limits)],
-              axis=0)
+load = np.max(
+    [table[f'peak_torque.{joint}'] / most for joint, most in zip(joints, limits)],
+    axis=0)
 
 
 def carried(known, kp):
-    """Return the rows of one controller, and the largest mass that it tracks within the limits."""
+    """Return the rows of one controller, and the largest mass it tracks in limits."""
     rows = (table['known_payload'] == known) & (table['kp'] == kp)
     good = (error[rows] <= allowed) & (load[rows] <= 1.0)
     first_bad = len(good) if good.all() else int(np.argmin(good))
     return rows, masses[first_bad - 1] if first_bad else 0.0
 
 
-for known, kp, words in ((0.0, 100.0, 'ignored, kp 100'), (0.0, 400.0, 'ignored, kp 400'),
+for known, kp, words in ((0.0, 100.0, 'ignored, kp 100'),
+                         (0.0, 400.0, 'ignored, kp 400'),
                          (1.0, 100.0, 'known, kp 100')):
     rows, most = carried(known, kp)
     print(f'payload {words}: up to {most:.1f} kg; at 3 kg off by '
@@ -46,8 +52,10 @@ for known, kp, words in ((0.0, 100.0, 'ignored, kp 100'), (0.0, 400.0, 'ignored,
 
 if len(sys.argv) > 1:  # where to draw the picture
     from matplotlib import pyplot as plt
-    figure, (above, below) = plt.subplots(2, sharex=True, figsize=(7, 6), layout='constrained')
-    for known, kp, style in ((0.0, 100.0, 'C0-'), (0.0, 400.0, 'C1-'), (1.0, 100.0, 'C2--')):
+    figure, (above, below) = plt.subplots(2, sharex=True, figsize=(7, 6),
+                                          layout='constrained')
+    for known, kp, style in ((0.0, 100.0, 'C0-'), (0.0, 400.0, 'C1-'),
+                             (1.0, 100.0, 'C2--')):
         rows, most = carried(known, kp)
         name = f'{"known" if known else "ignored"}, kp {kp:.0f}'
         above.plot(masses, error[rows], style, label=name)

@@ -1,8 +1,9 @@
 """
 Predictive control of a simulated arm with friction, an FR3, at 500 Hz over ROS 2.
 
-Starts `plant_node` and moves its arm between two configurations, with the torques of the wrist at
-their limits. `--no-plant` leaves the plant to you: its `joint_states` and `commands`.
+Starts `plant_node` and moves its arm between two configurations, with the torques of the
+wrist at their limits. `--no-plant` leaves the plant to you: its `joint_states` and
+`commands`.
 """
 
 import argparse
@@ -24,7 +25,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 ROOT = Path(__file__).resolve().parents[1]
-URDF, FRICTION = ROOT / 'urdf' / 'fr3.urdf', ROOT / 'examples' / 'fr3_friction.yaml'
+URDF = ROOT / 'urdf' / 'fr3.urdf'
+FRICTION = ROOT / 'examples' / 'fr3_friction.yaml'
 RATE = 500.0
 START = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 TARGETS = (START + [1.0, 0.5, -0.5, 0.5, 0.5, 0.5, -0.8], START)
@@ -51,10 +53,12 @@ class PredictiveNode(Node):
 
     def _update(self, message: JointState) -> None:
         """Publish the torque for a joint state."""
-        woke, used = time.perf_counter(), time.thread_time()
+        woke = time.perf_counter()
+        used = time.thread_time()
         stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         places = [message.name.index(name) for name in self.names]
-        q, u = np.array(message.position)[places], np.array(message.velocity)[places]
+        q = np.array(message.position)[places]
+        u = np.array(message.velocity)[places]
         if not self.began:
             self.began = self.last = stamp
         reached = int((stamp - self.began) / PAUSE)
@@ -74,8 +78,11 @@ def plant(rate_factor: float) -> 'subprocess.Popen[bytes]':
     """Start the simulated arm, whose time may pass more slowly than real time."""
     parameters = {'rate_factor': rate_factor, 'publish_clock': rate_factor != 1.0,
                   'urdf': URDF, 'supplement': FRICTION, 'tip': 'fr3_link7', 'rate': RATE,
-                  'substeps': 10, 'integrator': 'implicit', 'initial.position': START.tolist()}
-    arguments = [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
+                  'substeps': 10, 'integrator': 'implicit',
+                  'initial.position': START.tolist()}
+    arguments = []
+    for name, value in parameters.items():
+        arguments += ['-p', f'{name}:={value}']
     return subprocess.Popen([sys.executable, '-m', 'kane_dynamics.ros.plant.main',
                              '--ros-args', *arguments], env=os.environ | {
         'PYTHONPATH': os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])})
@@ -86,18 +93,21 @@ def controller() -> PredictiveController:
     robot = Robot(load_urdf(URDF, supplement=FRICTION, tip='fr3_link7'))
     optimizer = TrajectoryOptimizer(robot, nodes=50, interval=0.01,
                                     speed_limits=0.95 * robot.limits.velocity)
-    found = PredictiveController(optimizer)
-    found.set_target(TARGETS[0])
-    found.torque(START, np.zeros(robot.n), 0.0)  # the long first cycle, before the arm moves
-    return found
+    built = PredictiveController(optimizer)
+    built.set_target(TARGETS[0])
+    # The long first cycle, before the arm moves.
+    built.torque(START, np.zeros(robot.n), 0.0)
+    return built
 
 
 def main() -> None:
     """Run until the last target's time is over; print errors and times."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
-    parser.add_argument('--no-plant', action='store_true', help='do not start plant_node')
-    parser.add_argument('--rate-factor', type=float, default=1.0, metavar='X',
-                        help='simulated time in 1 s, at most 1 s: less on a busy machine')
+    parser.add_argument('--no-plant', action='store_true',
+                        help='do not start plant_node')
+    parser.add_argument(
+        '--rate-factor', type=float, default=1.0, metavar='X',
+        help='simulated time in 1 s, at most 1 s: less on a busy machine')
     options = parser.parse_args()
     simulated = None if options.no_plant else plant(options.rate_factor)
     rclpy.init()
@@ -113,10 +123,11 @@ def main() -> None:
         if simulated is not None:
             simulated.send_signal(signal.SIGINT)
             simulated.wait(10.0)
-    p50, p99, most = 1e3 * np.percentile(node.took, [50, 99, 100])
-    print(f'{len(node.took)} cycles; error at the end {node.error:.4f} rad; a cycle takes '
-          f'{p50:.2f} ms (median), {p99:.2f} ms (99 %), {most:.2f} ms (longest); '
-          f'{1e3 * np.median(node.used):.2f} ms of the processor')
+    p50, p99, largest = 1e3 * np.percentile(node.took, [50, 99, 100])
+    print(
+        f'{len(node.took)} cycles; error at the end {node.error:.4f} rad; a cycle takes '
+        f'{p50:.2f} ms (median), {p99:.2f} ms (99 %), {largest:.2f} ms (longest); '
+        f'{1e3 * np.median(node.used):.2f} ms of the processor')
 
 
 if __name__ == '__main__':

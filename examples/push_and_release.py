@@ -1,9 +1,9 @@
 """
 An FR3 held by a Cartesian impedance is pushed, and pulled out of its workspace and back.
 
-Without inertia shaping the stiffness is what a hand feels: the deflection under a force is the
-force over the stiffness. Through the stretched arm, a singular configuration, the energy falls.
-`python examples/push_and_release.py push.png` draws both.
+Without inertia shaping the stiffness is what a hand feels: the deflection under a force
+is the force over the stiffness. Through the stretched arm, a singular configuration, the
+energy falls. `python examples/push_and_release.py push.png` draws both.
 """
 
 from pathlib import Path
@@ -63,8 +63,9 @@ print(f'after the release: {1e3 * np.abs(released[-1, :3]).max():.3f} mm')
 
 state, out = held(far, None, *state, 1.5)
 state, back = held(home, None, *state, 1.5)
-print(f'largest rise of the energy in 2 ms: {max(0.0, np.diff(out[:, 3]).max()):.1e} J out of '
-      f'reach, {max(0.0, np.diff(back[:, 3]).max()):.1e} J on the way back')
+print(
+    f'largest rise of the energy in 2 ms: {max(0.0, np.diff(out[:, 3]).max()):.1e} '
+    f'J out of reach, {max(0.0, np.diff(back[:, 3]).max()):.1e} J on the way back')
 print(f'resisting mass in the heaviest direction: {out[0, 4]:.0f} kg at first, up to '
       f'{max(out[:, 4].max(), back[:, 4].max()):.0f} kg')
 
@@ -72,16 +73,19 @@ if len(sys.argv) > 1:
     import matplotlib
     matplotlib.use('Agg')
     import matplotlib.pyplot as plt
-    figure, (above, middle, below) = plt.subplots(3, 1, figsize=(8.0, 7.0), layout='constrained')
+    figure, (above, middle, below) = plt.subplots(3, 1, figsize=(8.0, 7.0),
+                                                  layout='constrained')
     t = 2e-3 * np.arange(len(pushed) + len(released))
     above.plot(t, 1e3 * np.concatenate([pushed, released])[:, 2])
     above.axhline(1e3 * expected[2], color='gray', linestyle=':')
-    above.set(title='Pushed down with 20 N for 2 s, then released', ylabel='deflection, mm')
+    above.set(title='Pushed down with 20 N for 2 s, then released',
+              ylabel='deflection, mm')
     t = 3.0 + 2e-3 * np.arange(len(out) + len(back))
     rows = np.concatenate([out, back])
     middle.plot(t, rows[:, 3])
-    middle.set(title='Pulled out of the workspace, at 4.5 s back: kinetic and spring energy',
-               ylabel='J')
+    middle.set(
+        title='Pulled out of the workspace, at 4.5 s back: kinetic and spring energy',
+        ylabel='J')
     below.semilogy(t, rows[:, 4])
     below.set(xlabel='s', ylabel='mass, kg', title='Mass in the heaviest direction')
     figure.savefig(sys.argv[1], dpi=130)

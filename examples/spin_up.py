@@ -1,4 +1,4 @@
-"""A beam is spun up: it lags, stiffens and returns; without foreshortening it diverges."""
+"""A beam is spun up: it lags, stiffens and returns; else it diverges."""
 
 import sys
 import warnings
@@ -7,7 +7,9 @@ from kane_dynamics import (FlexibleLink, ModelBuilder, ModelWarning, Prescribed,
                            simulate)
 import numpy as np
 
-final, duration = 6.0, 15.0  # rad/s reached after so many s (Kane, Ryan & Banerjee, 1987)
+# rad/s reached after so many s (Kane, Ryan & Banerjee, 1987)
+final = 6.0
+duration = 15.0
 
 
 def turn(t):
@@ -19,8 +21,9 @@ def turn(t):
 def spun(foreshortening, until):
     """Return the simulation and the deflection of the tip, m."""
     b = ModelBuilder('spin-up', gravity=(0, 0, 0))
-    b.beam('beam', 'world', FlexibleLink(length=10.0, density=1.2, stiffness=14000.0, modes=(3, 0),
-                                         foreshortening=foreshortening))
+    b.beam('beam', 'world',
+           FlexibleLink(length=10.0, density=1.2, stiffness=14000.0, modes=(3, 0),
+                        foreshortening=foreshortening))
     robot = Robot(b.model(), constraints=[Prescribed('beam', turn, name='hub')])
     run = simulate(robot, np.zeros(4), np.zeros(3), until, sample=0.05)
     root, tip = (np.array([robot.frame_pose(name, q) for q in run.q])
@@ -31,10 +34,12 @@ def spun(foreshortening, until):
 
 run, beside = spun(True, duration)
 with warnings.catch_warnings():
-    warnings.simplefilter('ignore', ModelWarning)  # it bends by more than a tenth of its length
+    # It bends by more than a tenth of its length.
+    warnings.simplefilter('ignore', ModelWarning)
     without, astray = spun(False, 12.0)
 lag = int(np.argmin(beside))
-print(f'lags by up to {-beside[lag]:.3f} m at {run.t[lag]:.1f} s, ends at {beside[-1]:+.4f} m')
+print(f'lags by up to {-beside[lag]:.3f} m at {run.t[lag]:.1f} s, ends at '
+      f'{beside[-1]:+.4f} m')
 print(f'torque of the hub up to {np.abs(run.constraint_forces).max():.1f} N m')
 print(f'without foreshortening the deflection is {np.abs(astray).max():.0f} m at 12 s')
 

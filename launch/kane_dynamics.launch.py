@@ -1,5 +1,5 @@
 """
-Start the dynamics node, its guard and, optionally, a simulated robot and robot_state_publisher.
+Start the node, its guard and, optionally, a robot and robot_state_publisher.
 
     ros2 launch kane_dynamics kane_dynamics.launch.py config:=ur10e.yaml
     ros2 launch kane_dynamics kane_dynamics.launch.py config:=/my/arm.yaml namespace:=left
@@ -26,20 +26,29 @@ RESPAWN_DELAY = 1.0  # s after which a node or a guard that ended starts again
 # Arguments that describe the robot to the node and to the plant.
 DESCRIPTION = ('urdf', 'supplement', 'constraints', 'arm_compensates', 'prefix')
 ARGUMENTS = {
-    'config': ('', 'parameter file: a path, or a file name in share/kane_dynamics/config'),
+    'config': (
+        '', 'parameter file: a path, or a file name in share/kane_dynamics/config'),
     'urdf': ('', 'path of the URDF; overrides the parameter files'),
-    'arm_compensates': ('', 'terms that the arm adds itself, separated by commas, or none'),
-    'supplement': ('', 'path of the supplement of the URDF; overrides the parameter files'),
-    'constraints': ('', 'path of the constraints file of closed loops; overrides the files'),
+    'arm_compensates': (
+        '', 'terms that the arm adds itself, separated by commas, or none'),
+    'supplement': (
+        '', 'path of the supplement of the URDF; overrides the parameter files'),
+    'constraints': (
+        '', 'path of the constraints file of closed loops; overrides the files'),
     'activation': ('', 'when the node activates itself: simulated, at_once, on_request'),
     'namespace': ('', 'namespace of all nodes'),
-    'prefix': ('', 'prefix of names of joints and frames; overrides the parameter files'),
-    'commands': ('commands', 'topic of the commanded efforts, for example <controller>/commands'),
+    'prefix': (
+        '', 'prefix of names of joints and frames; overrides the parameter files'),
+    'commands': (
+        'commands', 'topic of the commanded efforts, for example <controller>/commands'),
     'joint_states': ('joint_states', 'topic of the joint states'),
-    'use_sim_time': ('', 'use time from /clock, which the plant publishes; overrides the files'),
+    'use_sim_time': (
+        '', 'use time from /clock, which the plant publishes; overrides the files'),
     'lifecycle_manager': (
-        'false', 'start the lifecycle manager of Nav2, which activates the node, with a bond'),
-    'guard': ('true', 'start torque_guard, which holds the arm when the node dies or hangs'),
+        'false',
+        'start the lifecycle manager of Nav2, which activates the node, with a bond'),
+    'guard': (
+        'true', 'start torque_guard, which holds the arm when the node dies or hangs'),
     'plant': ('', 'parameter file of a simulated robot to start, given like config'),
     'state_publisher': ('false', 'start robot_state_publisher; requires urdf:='),
 }
@@ -50,13 +59,15 @@ def parameter_file(argument, name):
     path = name if os.path.dirname(name) else os.path.join(
         get_package_share_directory(PACKAGE), 'config', name)
     if not os.path.isfile(path):
-        raise FileNotFoundError(f"{argument}: no file '{path}'; expected an existing file")
+        raise FileNotFoundError(
+            f"{argument}: no file '{path}'; expected an existing file")
     return path
 
 
 def truth(argument, text):
     """Return the value of a boolean argument."""
-    known = {'true': True, '1': True, 'yes': True, 'false': False, '0': False, 'no': False}
+    known = {'true': True, '1': True, 'yes': True, 'false': False, '0': False,
+             'no': False}
     if text.lower() not in known:
         raise ValueError(f"{argument}: '{text}'; expected true or false")
     return known[text.lower()]
@@ -64,15 +75,17 @@ def truth(argument, text):
 
 def end_if_invalid(event, context):
     """
-    Let a node whose configuration is invalid not start again: it would end in the same way.
+    Do not restart a node whose configuration is invalid: it would end again.
 
-    Called when a node ended. `respawn` of launch regards no exit code, but ends with the process.
+    Called when a node ended. `respawn` of launch regards no exit code, but ends with the
+    process.
     """
     if event.returncode != INVALID:
         return []
-    return [LogInfo(msg=f'{event.process_name}: not started again, because its configuration is '
-                        'invalid, as it says above; correct it and launch again'),
-            EmitEvent(event=ShutdownProcess(process_matcher=matches_action(event.action)))]
+    reason = (f'{event.process_name}: not started again, because its configuration is '
+              'invalid, as it says above; correct it and launch again')
+    shutdown = ShutdownProcess(process_matcher=matches_action(event.action))
+    return [LogInfo(msg=reason), EmitEvent(event=shutdown)]
 
 
 def nodes(context):
@@ -80,13 +93,17 @@ def nodes(context):
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     # Only given arguments override the parameter files.
     chosen = [{name: value[name]} for name in DESCRIPTION if value[name]]
-    clock, clock_source = [], []
+    clock = []
+    clock_source = []
     if value['use_sim_time']:
         simulated = truth('use_sim_time', value['use_sim_time'])
-        clock, clock_source = [{'use_sim_time': simulated}], [{'publish_clock': simulated}]
+        clock = [{'use_sim_time': simulated}]
+        clock_source = [{'publish_clock': simulated}]
     config = [parameter_file('config', value['config'])] if value['config'] else []
-    remappings = [(topic, value[topic]) for topic in ('commands', 'joint_states')
-                  if value[topic] != topic]
+    remappings = []
+    for topic in ('commands', 'joint_states'):
+        if value[topic] != topic:
+            remappings.append((topic, value[topic]))
     guarded = truth('guard', value['guard'])
     activation = [{'activation': value['activation']}] if value['activation'] else []
     managed = truth('lifecycle_manager', value['lifecycle_manager'])
@@ -96,14 +113,17 @@ def nodes(context):
     if managed:
         activation = [{'autostart': False, 'bond': True}]
     started = [LifecycleNode(
-        package=PACKAGE, executable='dynamics_node', name=PACKAGE, namespace=value['namespace'],
+        package=PACKAGE, executable='dynamics_node', name=PACKAGE,
+        namespace=value['namespace'],
         parameters=[*config, *chosen, *activation, *clock, {'guard.enabled': guarded}],
-        output='screen', remappings=remappings, respawn=True, respawn_delay=RESPAWN_DELAY,
-        on_exit=end_if_invalid, additional_env=without_shared_memory() if guarded else None)]
+        output='screen', remappings=remappings, respawn=True,
+        respawn_delay=RESPAWN_DELAY, on_exit=end_if_invalid,
+        additional_env=without_shared_memory() if guarded else None)]
     if guarded:  # it reads the parameters of the dynamics node
         started.append(Node(
             package=PACKAGE, executable='torque_guard', name='torque_guard',
-            namespace=value['namespace'], parameters=[{'node': PACKAGE}], output='screen',
+            namespace=value['namespace'], parameters=[{'node': PACKAGE}],
+            output='screen',
             remappings=remappings, respawn=True, respawn_delay=RESPAWN_DELAY,
             on_exit=end_if_invalid))
     if managed:
@@ -114,7 +134,8 @@ def nodes(context):
                          'service_timeout': CONFIGURING}, *clock]))
     if value['plant']:
         started.append(Node(
-            package=PACKAGE, executable='plant_node', name='plant', namespace=value['namespace'],
+            package=PACKAGE, executable='plant_node', name='plant',
+            namespace=value['namespace'],
             parameters=[parameter_file('plant', value['plant']), *chosen, *clock_source],
             output='screen', remappings=remappings))
     if truth('state_publisher', value['state_publisher']):
@@ -124,13 +145,16 @@ def nodes(context):
             description = file.read()
         started.append(Node(
             package='robot_state_publisher', executable='robot_state_publisher',
-            namespace=value['namespace'], parameters=[{'robot_description': description}, *clock],
+            namespace=value['namespace'],
+            parameters=[{'robot_description': description}, *clock],
             output='screen', remappings=remappings))
     return started
 
 
 def generate_launch_description():
     """Return the launch description: the arguments and the nodes."""
-    declared = [DeclareLaunchArgument(name, default_value=default, description=description)
-                for name, (default, description) in ARGUMENTS.items()]
+    declared = []
+    for name, (default, description) in ARGUMENTS.items():
+        declared.append(
+            DeclareLaunchArgument(name, default_value=default, description=description))
     return LaunchDescription([*declared, OpaqueFunction(function=nodes)])

@@ -1,12 +1,12 @@
 """
-Make the branch from which bloom releases: both packages side by side, with CHANGELOG.rst.
+Make the branch from which bloom releases: both packages, with CHANGELOG.rst.
 
     tools/release_branch.py [--branch release/jazzy] [--commit HEAD]
 
-In the repository, the interfaces lie inside the root package, where bloom does not look. On the
-release branch, the packages lie in the folders `kane_dynamics` and `kane_dynamics_interfaces`. The
-branch is made from a commit with git alone: working tree and index stay as they are. Each run adds
-one commit to the branch.
+In the repository, the interfaces lie inside the root package, where bloom does not look.
+On the release branch, the packages lie in the folders `kane_dynamics` and
+`kane_dynamics_interfaces`. The branch is made from a commit with git alone: working tree
+and index stay as they are. Each run adds one commit to the branch.
 """
 
 import argparse
@@ -19,7 +19,8 @@ import tempfile
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[1]
-LIBRARY, INTERFACES = 'kane_dynamics', 'kane_dynamics_interfaces'
+LIBRARY = 'kane_dynamics'
+INTERFACES = 'kane_dynamics_interfaces'
 VERSION = re.compile(r'^## (?P<version>\d+\.\d+\.\d+) \((?P<date>[^)]*)\)$')
 # Underlines of reStructuredText headings, by Markdown level.
 UNDERLINES = {2: '-', 3: '^'}
@@ -30,7 +31,8 @@ def git(*arguments: str, text: str | None = None, index: str | None = None) -> s
     environment = dict(os.environ)
     if index is not None:
         environment['GIT_INDEX_FILE'] = index
-    process = subprocess.run(['git', '-C', str(ROOT), *arguments], input=text, env=environment,
+    process = subprocess.run(['git', '-C', str(ROOT), *arguments],
+                             input=text, env=environment,
                              capture_output=True, text=True, check=False)
     if process.returncode != 0:
         raise SystemExit(f'git {" ".join(arguments)}: {process.stderr.strip()}')
@@ -64,7 +66,8 @@ def changelog_rst(markdown: str, package: str) -> str:
         if version:
             in_versions = True
             date = version['date']
-            heading = 'Forthcoming' if date == 'unreleased' else f'{version["version"]} ({date})'
+            heading = ('Forthcoming' if date == 'unreleased'
+                       else f'{version["version"]} ({date})')
             lines += [heading, UNDERLINES[2] * len(heading)]
         elif not in_versions:
             continue
@@ -84,13 +87,15 @@ def check_metadata(commit: str) -> str:
     for path in ('package.xml', f'{INTERFACES}/package.xml'):
         package = ElementTree.fromstring(git('show', f'{commit}:{path}'))
         versions.append(package.findtext('version', ''))
-        addresses = [maintainer.get('email', '') for maintainer in package.iter('maintainer')]
+        addresses = [maintainer.get('email', '')
+                     for maintainer in package.iter('maintainer')]
         addresses += [url.text or '' for url in package.iter('url')]
         for address in addresses:
             if re.search(r'\.example\b', address):
                 raise SystemExit(f'{path}: {address}; expected an address that exists')
     if len(set(versions)) != 1:
-        raise SystemExit(f'versions of the packages: {", ".join(versions)}; expected the same')
+        raise SystemExit(
+            f'versions of the packages: {", ".join(versions)}; expected the same')
     return versions[0]
 
 
@@ -101,19 +106,22 @@ def release_tree(commit: str) -> str:
         git('read-tree', '--empty', index=index)
         git('read-tree', f'--prefix={LIBRARY}/', commit, index=index)
         git('rm', '-r', '-q', '--cached', f'{LIBRARY}/{INTERFACES}', index=index)
-        git('read-tree', f'--prefix={INTERFACES}/', f'{commit}:{INTERFACES}', index=index)
+        git('read-tree', f'--prefix={INTERFACES}/', f'{commit}:{INTERFACES}',
+            index=index)
         changelog = git('show', f'{commit}:CHANGELOG.md')
         for package in (LIBRARY, INTERFACES):
-            blob = git('hash-object', '-w', '--stdin', text=changelog_rst(changelog, package))
-            git('update-index', '--add', '--cacheinfo', f'100644,{blob},{package}/CHANGELOG.rst',
-                index=index)
+            blob = git('hash-object', '-w', '--stdin',
+                       text=changelog_rst(changelog, package))
+            git('update-index', '--add', '--cacheinfo',
+                f'100644,{blob},{package}/CHANGELOG.rst', index=index)
         return git('write-tree', index=index)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').strip().splitlines()[0])
-    parser.add_argument('--branch', default='release/jazzy', help='the branch that gets a commit')
+    parser.add_argument('--branch', default='release/jazzy',
+                        help='the branch that gets a commit')
     parser.add_argument('--commit', default='HEAD', help='what is released')
     parser.add_argument('--allow-example-addresses', action='store_true',
                         help='for a trial: accept addresses that end in .example')

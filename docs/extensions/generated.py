@@ -1,10 +1,11 @@
 """
 Sphinx extension: pages that are generated from the code that they describe.
 
-`command-line` shows the help of every command, `parameters` the table of a node's parameters,
-`arms` the table of arms, `interfaces` the messages, services and actions. `public-names` lists the
-functions and classes of a package, `modules` the contents of its modules. Each public class has a
-page in `api/classes`, which is written when the build begins.
+`command-line` shows the help of every command, `parameters` the table of a node's
+parameters, `arms` the table of arms, `interfaces` the messages, services and actions.
+`public-names` lists the functions and classes of a package, `modules` the contents of
+its modules. Each public class has a page in `api/classes`, which is written when the
+build begins.
 """
 
 from contextlib import redirect_stdout
@@ -36,7 +37,8 @@ class Generated(SphinxDirective):
 
     def run(self):
         """Return the nodes of the text, in the language of the page."""
-        return self.parse_text_to_nodes(self.text(*self.arguments), allow_section_headings=True)
+        return self.parse_text_to_nodes(self.text(*self.arguments),
+                                        allow_section_headings=True)
 
 
 class CommandLine(Generated):
@@ -45,7 +47,8 @@ class CommandLine(Generated):
     def text(self):
         """Return one section a command."""
         os.environ['COLUMNS'] = str(HELP_COLUMNS)
-        return '\n\n'.join(f'## {name}\n\n```text\n{help_of(name)}\n```' for name in EXAMPLES)
+        return '\n\n'.join(f'## {name}\n\n```text\n{help_of(name)}\n```'
+                           for name in EXAMPLES)
 
 
 def help_of(command):
@@ -66,11 +69,13 @@ class Parameters(Generated):
 
     def text(self, module):
         """Return a table."""
-        rows = ['| parameter | default | live | meaning | valid |', '|---|---|---|---|---|']
+        rows = ['| parameter | default | live | meaning | valid |',
+                '|---|---|---|---|---|']
         for spec in importlib.import_module(module).SPECS:
             cells = (f'`{spec.name}`', f'`{spec.default!r}`', 'yes' if spec.live else '',
                      spec.description, spec.constraint)
-            rows.append('| ' + ' | '.join(cell.replace('|', r'\|') for cell in cells) + ' |')
+            rows.append(
+                '| ' + ' | '.join(cell.replace('|', r'\|') for cell in cells) + ' |')
         return '\n'.join(rows)
 
 
@@ -86,9 +91,10 @@ class Arms(Generated):
         for arm in known_arms():
             added = words(arm.compensates) if arm.compensates else (
                 'unconfirmed' if arm.commandable else 'efforts cannot be commanded')
-            cells = (f'{arm.vendor} {arm.arm}', f'{arm.interface}; {arm.versions}', f'**{added}**',
-                     '; '.join(map(reported, arm.efforts)), arm.note)
-            rows.append('| ' + ' | '.join(cell.replace('|', r'\|') for cell in cells) + ' |')
+            cells = (f'{arm.vendor} {arm.arm}', f'{arm.interface}; {arm.versions}',
+                     f'**{added}**', '; '.join(map(reported, arm.efforts)), arm.note)
+            rows.append(
+                '| ' + ' | '.join(cell.replace('|', r'\|') for cell in cells) + ' |')
             sources += [f'- {arm.vendor} {arm.arm}: {"; ".join(arm.sources)}']
         return '\n'.join([*rows, '', 'Sources:', '', *sources])
 
@@ -136,10 +142,12 @@ class PublicNames(Generated):
 
     @staticmethod
     def order(source):
-        """Return a key that sorts what most programs begin with first, and errors last."""
-        first = ('urdf', 'model', 'robot', 'kinematics', 'simulation', 'motion', 'control')
+        """Return a key that sorts what most programs begin with first, errors last."""
+        first = ('urdf', 'model', 'robot', 'kinematics', 'simulation', 'motion',
+                 'control')
         name = source.split('.')[1]
-        return first.index(name) if name in first else len(first) + (name == 'errors'), source
+        return (first.index(name) if name in first else len(first) + (name == 'errors'),
+                source)
 
     @staticmethod
     def section(package, source, names):
@@ -166,7 +174,7 @@ def has_page(thing):
 
 
 def summary(names):
-    """Return the lines of a table of names, each with the first sentence of its docstring."""
+    """Return the lines of a table of names, each with its docstring's first sentence."""
     return ['.. autosummary::', '   :nosignatures:', '',
             *(f'   ~{name}' for name in names), '']
 
@@ -174,14 +182,18 @@ def summary(names):
 def class_page(path, thing):
     """Return the page of a class: a summary of its methods, then each of them."""
     title = path.rpartition('.')[2]
-    bases = [base for base in thing.__mro__ if base.__module__.startswith('kane_dynamics')]
+    bases = []
+    for base in thing.__mro__:
+        if base.__module__.startswith('kane_dynamics'):
+            bases.append(base)
     source = (f'Import: ``from {path.rpartition(".")[0]} import {title}``. '
               f'Defined in ``{thing.__module__}``.')
     lines = [title, '=' * len(title), '', source, '']
     for heading, belongs in (('Methods', is_method), ('Attributes', is_attribute)):
         names = documented_names(bases, belongs)
         if names:
-            lines += [f'.. rubric:: {heading}', '', *summary([f'{path}.{n}' for n in names])]
+            lines += [f'.. rubric:: {heading}', '',
+                      *summary([f'{path}.{n}' for n in names])]
     options = ['   :members:'] + ['   :inherited-members:'] * (len(bases) > 1)
     return '\n'.join([*lines, f'.. autoclass:: {path}', *options, ''])
 
@@ -192,18 +204,20 @@ def is_attribute(value):
 
 
 def is_method(value):
-    """Return True for a function of a class, also for one that is compiled at its first call."""
+    """Return True for a function of a class, also for one compiled at its first call."""
     function = getattr(value, '__func__', value)  # of a class method
-    return callable(function) or (hasattr(function, '__get__') and not is_attribute(function))
+    return callable(function) or (hasattr(function, '__get__')
+                                  and not is_attribute(function))
 
 
 def documented_names(bases, belongs):
-    """Return the public names of classes with a docstring; those of the first class come last."""
+    """Return the public names of classes with a docstring, the first class's last."""
     names = []
     for base in (*bases[1:], bases[0]):
         for name, value in vars(base).items():
             documented = getattr(getattr(value, '__func__', value), '__doc__', None)
-            if not name.startswith('_') and name not in names and belongs(value) and documented:
+            if not name.startswith('_') and name not in names and belongs(
+                    value) and documented:
                 names.append(name)
     return names
 
@@ -247,10 +261,12 @@ class Modules(Generated):
 
     @staticmethod
     def section(name):
-        """Return the section of one module, without names that are documented on other pages."""
+        """Return the section of one module, without names documented on other pages."""
         module = importlib.import_module(name)
-        elsewhere = [each for each in kane_dynamics.__all__
-                     if getattr(kane_dynamics, each).__module__ == name]
+        elsewhere = []
+        for each in kane_dynamics.__all__:
+            if getattr(kane_dynamics, each).__module__ == name:
+                elsewhere.append(each)
         elsewhere += [each for each in getattr(module, '__all__', ())
                       if getattr(getattr(module, each), '__module__', name) != name]
         title = name.removeprefix('kane_dynamics.')
@@ -264,12 +280,13 @@ def with_formulas(app, what, name, thing, options, lines):
     for k in reversed(range(1, len(lines))):
         if indented[k] and not lines[k - 1]:
             before = next((line for line in reversed(lines[:k]) if line), '')
-            if not before.startswith('    ') and not before.endswith('::') and what == 'module':
+            if not before.startswith('    ') and not before.endswith(
+                    '::') and what == 'module':
                 lines[k:k] = ['::', '']
 
 
 def without_backlinks(app, page, template, context, tree):
-    """Remove the links from pages of source to pages of the reference: viewcode mixes them up."""
+    """Remove links from source pages to the reference: viewcode mixes them up."""
     if page.startswith('_modules/'):
         context['body'] = BACKLINK.sub('', context['body'])
 

@@ -22,7 +22,7 @@ def tag(name):
 
 
 def with_accents(mathml):
-    """Move the index of an accented symbol beside it: docutils writes it below, as under a sum."""
+    """Move the index of an accented symbol beside it; docutils writes it below."""
     root = ElementTree.fromstring(ENTITY.sub(lambda found: unescape(found[0]), mathml))
     for element in list(root.iter(tag('munderover'))):
         symbol, index, above = element
@@ -57,7 +57,8 @@ def display(self, node):
     """Write a formula of its own, with its number at the right where it has one."""
     self.body.append(self.starttag(node, 'div', CLASS='math'))
     if node['number']:
-        self.body.append(f'<span class="eqno">({get_node_equation_number(self, node)})</span>')
+        self.body.append(
+            f'<span class="eqno">({get_node_equation_number(self, node)})</span>')
     self.body.append(drawn(node, as_block=True))
     self.body.append('</div>\n')
     raise nodes.SkipNode
