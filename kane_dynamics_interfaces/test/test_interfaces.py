@@ -6,8 +6,9 @@ from ament_index_python import get_package_share_directory
 from geometry_msgs.msg import Inertia, Point, Pose, Vector3, Wrench, WrenchStamped
 from kane_dynamics_interfaces.action import SimulateMotion
 from kane_dynamics_interfaces.msg import PayloadEstimate, TaskState, TorqueExplanation
-from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
-                                          InverseDynamics, SetPayload, Simulate, TimeOptimal)
+from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics,
+                                          GetDynamics, InverseDynamics, SetPayload,
+                                          Simulate, TimeOptimal)
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Header
@@ -16,20 +17,22 @@ from trajectory_msgs.msg import JointTrajectory
 PARTS = [part for service in (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
                               InverseDynamics, SetPayload, Simulate, TimeOptimal)
          for part in (service.Request, service.Response)]
-PARTS += [SimulateMotion.Goal, SimulateMotion.Result, SimulateMotion.Feedback, TorqueExplanation,
-          TaskState, PayloadEstimate]
+PARTS += [SimulateMotion.Goal, SimulateMotion.Result, SimulateMotion.Feedback,
+          TorqueExplanation, TaskState, PayloadEstimate]
 
-VALUES = {'boolean': True, 'double': 0.25, 'sequence<double>': [1.5, -2.5e300],
-          'sequence<string>': ['a', 'b'], 'string': 'words', 'uint8': 2, 'uint32': 3,
-          'geometry_msgs/Pose': Pose(position=Point(x=1.0)),
-          'geometry_msgs/Vector3': Vector3(y=2.0),
-          'geometry_msgs/Wrench': Wrench(torque=Vector3(z=3.0)),
-          'geometry_msgs/Inertia': Inertia(m=2.0, ixy=0.5),
-          'sequence<geometry_msgs/Wrench>': [Wrench(force=Vector3(x=1.0))],
-          'sequence<geometry_msgs/WrenchStamped>': [WrenchStamped(header=Header(frame_id='tip'))],
-          'kane_dynamics_interfaces/TorqueExplanation': TorqueExplanation(joint_names=['a']),
-          'std_msgs/Header': Header(frame_id='tip'),
-          'trajectory_msgs/JointTrajectory': JointTrajectory(joint_names=['a'])}
+VALUES = {
+    'boolean': True, 'double': 0.25, 'sequence<double>': [1.5, -2.5e300],
+    'sequence<string>': ['a', 'b'], 'string': 'words', 'uint8': 2, 'uint32': 3,
+    'geometry_msgs/Pose': Pose(position=Point(x=1.0)),
+    'geometry_msgs/Vector3': Vector3(y=2.0),
+    'geometry_msgs/Wrench': Wrench(torque=Vector3(z=3.0)),
+    'geometry_msgs/Inertia': Inertia(m=2.0, ixy=0.5),
+    'sequence<geometry_msgs/Wrench>': [Wrench(force=Vector3(x=1.0))],
+    'sequence<geometry_msgs/WrenchStamped>': [
+        WrenchStamped(header=Header(frame_id='tip'))],
+    'kane_dynamics_interfaces/TorqueExplanation': TorqueExplanation(joint_names=['a']),
+    'std_msgs/Header': Header(frame_id='tip'),
+    'trajectory_msgs/JointTrajectory': JointTrajectory(joint_names=['a'])}
 
 
 @pytest.mark.parametrize('part', PARTS, ids=lambda part: part.__name__)
@@ -50,9 +53,11 @@ def test_every_answer_says_whether_and_why_not(part):
 
 
 def test_action_asks_and_answers_as_the_service_does():
-    pairs = ((SimulateMotion.Goal, Simulate.Request), (SimulateMotion.Result, Simulate.Response))
+    pairs = ((SimulateMotion.Goal, Simulate.Request),
+             (SimulateMotion.Result, Simulate.Response))
     for action, service in pairs:
-        assert action.get_fields_and_field_types() == service.get_fields_and_field_types()
+        assert (action.get_fields_and_field_types()
+                == service.get_fields_and_field_types())
 
 
 @pytest.mark.parametrize('part', [Simulate.Request, SimulateMotion.Goal])
@@ -63,7 +68,8 @@ def test_torque_sources_are_the_documented_numbers(part):
 def test_interface_files_are_installed_with_their_comments():
     installed = Path(get_package_share_directory('kane_dynamics_interfaces'))
     sources = Path(__file__).parents[1]
-    files = [file for folder in ('action', 'msg', 'srv') for file in (sources / folder).iterdir()]
+    files = [file for folder in ('action', 'msg', 'srv')
+             for file in (sources / folder).iterdir()]
     assert len(files) == 12
     for file in files:
         assert (installed / file.relative_to(sources)).read_text() == file.read_text()

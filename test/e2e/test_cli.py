@@ -267,7 +267,7 @@ MIMIC = ARM.replace('</robot>', """
     <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
   <joint name="finger" type="continuous"><parent link="fore"/><child link="finger"/>
     <axis xyz="0 0 1"/><origin xyz="0.1 0.2 0"/><mimic joint="reach" multiplier="2" offset="0.3"/>
-  </joint></robot>""")
+  </joint></robot>""")  # noqa: E501
 
 
 @pytest.mark.parametrize('text', [ARM, MIMIC], ids=['plain', 'mimic'])

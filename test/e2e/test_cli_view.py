@@ -133,7 +133,8 @@ def test_an_exported_motion_plays_with_its_table_and_a_still_configuration_does_
         # It is loaded.
         page.wait("document.querySelector('[aria-label=\"Show scene tree\"]')")
         assert not page.evaluate(
-            "[...document.querySelectorAll('[role=slider]')].some(s => s.ariaValueMax > 0)")
+            "[...document.querySelectorAll('[role=slider]')]"
+            '.some(s => s.ariaValueMax > 0)')
         held = page.evaluate(cells)
         assert page.evaluate(cells) == held
         assert page.errors == []

@@ -137,7 +137,8 @@ ROWS = (
     Row('view and plots of a simulated motion', check.drawn, pairs=False),
     Row('node', None, {
         SPEEDS: SAME, ROLLING: NO_SHAPE, TIME: NO_FUNCTION, BALL: NO_ROTATION},
-        {TREE: f'{NODE}torques.py::test_along_a_motion_the_torques_equal_those_of_the_library',
+        {TREE: (f'{NODE}torques.py::'
+                'test_along_a_motion_the_torques_equal_those_of_the_library'),
          LOOP: f'{NODE}closed_loops.py::'
          'test_computed_torque_moves_the_plant_with_only_the_driven_joints_measured',
          BEAM: f'{NODE}flexible.py::'
@@ -155,7 +156,8 @@ ROWS = (
         TIME: NO_SCALE,
         (SPEEDS, BEAM): NO_SPLIT,
         BALL: NO_ANGLE},
-        {ELASTIC: f'{LIMITS}of_drives.py::test_the_fastest_speed_reaches_a_limit_of_the_drive'}),
+        {ELASTIC: (f'{LIMITS}of_drives.py::'
+                   'test_the_fastest_speed_reaches_a_limit_of_the_drive')}),
     Row('`time_optimal`', check.timed, {
         ROLLING: NO_SHAPE,
         TIME: NO_SCALE,

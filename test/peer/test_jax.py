@@ -293,8 +293,8 @@ names = sys.argv[2:]
 for name in names:  # in another order, so at other addresses
     state = np.ones((3 if name == 'inverse_dynamics' else 2, 4, 2))
     function = jax.jit(robot.jax(name))
-    np.testing.assert_allclose(function(*state), getattr(robot, name)(*state), rtol=1e-12,
-                               atol=1e-12, err_msg=name)
+    np.testing.assert_allclose(function(*state), getattr(robot, name)(*state),
+                               rtol=1e-12, atol=1e-12, err_msg=name)
 """
 
 

@@ -39,7 +39,7 @@ EVERYTHING = """
   <weld name="glue" body1="f" body2="d"/></equality>
 <actuator><motor joint="j1" gear="3" forcerange="-2 2"/><position joint="j3" kp="3"/></actuator>
 </mujoco>
-"""
+"""  # noqa: E501
 
 
 def gymnasium_models():
@@ -278,7 +278,7 @@ ARM = """<mujoco><option><flag {flags}/></option><worldbody>
 <body><joint name="a"/><geom size=".1" pos="1 0 0"/>
 <body pos="1 0 0"><joint name="b" range="-9 9"/><geom size=".1" pos="0 1 0"/></body></body>
 </worldbody><equality><joint joint1="b" joint2="a" polycoef="0 2 0 0 0"/></equality>
-<actuator>{actuators}</actuator></mujoco>"""
+<actuator>{actuators}</actuator></mujoco>"""  # noqa: E501
 
 
 @pytest.mark.filterwarnings('ignore::kane_dynamics.errors.ModelWarning')

@@ -18,7 +18,7 @@ SCENE = """
     <joint axis="0 -1 0" frictionloss="1" armature="0.2" solreffriction="{time} 1"/>
     <inertial pos="0.25 0 0" mass="0.4" diaginertia="1e-9 0.0083333333333 0.0083333333333"/>
   </body></body></worldbody></mujoco>
-"""
+"""  # noqa: E501
 
 
 def torque(t):

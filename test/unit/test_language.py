@@ -37,7 +37,8 @@ NAMES = re.compile(
     r'|closed_configuration'  # a public name of the library
     r'|\{GAP|\'nobody\'|\'pushes\''  # names in code
     r'|^  push:'  # an event of the workflow file
-    r'|gravitational|git push|no matter (?:how|what|which|where)|does not matter|do not matter')
+    r'|gravitational|git push|no matter (?:how|what|which|where)|does not matter'
+    r'|do not matter')
 SUMMARY = re.compile(r'(?:What|How|Where|Who|Whoever|Tell|Tells|Take|Takes|Whether'
                      r'|Return (?:what|how far))\b')
 WORDS = re.compile(r'(?<![\w/.-])(?:' + '|'.join(f'(?:{term})' for term in TERMS)

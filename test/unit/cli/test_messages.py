@@ -14,7 +14,7 @@ AWAY = f"""<robot name="away"><link name="base"/>{''.join(map(LINK.format, 'abc'
 <joint name="elbow" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.4 0 0"/>
 <axis xyz="0 1 0"/><limit lower="-3.0" upper="-0.2" velocity="2" effort="50"/></joint>
 <joint name="slide" type="prismatic"><parent link="b"/><child link="c"/><axis xyz="1 0 0"/>
-<limit lower="-0.5" upper="-0.1" velocity="2" effort="50"/></joint></robot>"""
+<limit lower="-0.5" upper="-0.1" velocity="2" effort="50"/></joint></robot>"""  # noqa: E501
 
 
 STEP = ('a step of 0.001 s is too long, with friction, springs, beams, rotors, gears, '

@@ -142,7 +142,7 @@ def test_links_of_meshes_and_without_shapes_have_boxes_and_rods(tmp_path):
       <origin xyz="1 0 0" rpy="0 0 0"/>
       <geometry><mesh filename="link.obj" scale="1 2 1"/></geometry></collision></link>
       <joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>
-      <limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""
+      <limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""  # noqa: E501
     (tmp_path / 'r.urdf').write_text(text)
     shape, = load_collision_shapes(tmp_path / 'r.urdf')
     assert shape.kind == 'box' and np.allclose(shape.size, [0.2, 0.2, 0.4])

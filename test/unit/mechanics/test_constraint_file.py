@@ -13,10 +13,11 @@ constraints:
   gear: {coupling: {joint: wrist, ratios: {elbow: -1.5}, offset: 0.1}}
   blade: {knife_edge: {frame: skate, direction: [0, 1, 0]}}
   wheel: {rolling: {frame: hub, radius: 0.1, axis: [0, 1, 0], height: 0.2}}
-  drift: {point_velocity: {frame: tool, direction: [1, 0, 0], axes: tool, relative_to: base,
-                           value: 0.5, angular: true}}
+  drift: {point_velocity: {frame: tool, direction: [1, 0, 0], axes: tool,
+                           relative_to: base, value: 0.5, angular: true}}
   rod: {closure: {first: a, second: b, kind: distance, length: 0.5}}
-  cross: {closure: {first: a, second: b, kind: universal, axis: [1, 0, 0], second_axis: [0, 1, 0]}}
+  cross: {closure: {first: a, second: b, kind: universal, axis: [1, 0, 0],
+                    second_axis: [0, 1, 0]}}
   gear_rim: {rolling: {frame: planet, radius: 0.1, axis: [0, 0, 1], surface: cylinder,
                        surface_frame: ring, surface_radius: 0.3, inside: true}}
 independent: [crank]

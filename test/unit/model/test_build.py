@@ -22,7 +22,7 @@ FLOATING = """<robot name="drone"><link name="world"/>
     <origin xyz="1 0 0.5" rpy="0.3 -0.2 0.7"/></joint>
   <joint name="slide" type="planar"><parent link="hull"/><child link="arm"/>
     <origin xyz="0 0.3 0" rpy="1.1 0 0.4"/><axis xyz="0 1 1"/></joint>
-</robot>"""
+</robot>"""  # noqa: E501
 
 
 def assert_same_dynamics(model, other):

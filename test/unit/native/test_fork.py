@@ -116,13 +116,15 @@ for work in (lambda: other.inverse_dynamics(*GIVEN), lambda: lazy.value):
 # As data loaders do: a pool of forked processes that call the robot's methods.
 POOL = START + """
 def of_row(k):
-    return robot.forward_dynamics(*GIVEN[:, k:k + 9]), robot.inverse_dynamics(*GIVEN[:, k])
+    accelerations = robot.forward_dynamics(*GIVEN[:, k:k + 9])
+    return accelerations, robot.inverse_dynamics(*GIVEN[:, k])
 
 worker = beside(batch)
 try:
     with multiprocessing.get_context('fork').Pool(2) as pool:
         rows = pool.map_async(of_row, range(20)).get(40.0)
-        torques = pool.starmap_async(robot.inverse_dynamics, zip(*GIVEN[:, :20])).get(40.0)
+        calls = pool.starmap_async(robot.inverse_dynamics, zip(*GIVEN[:, :20]))
+        torques = calls.get(40.0)
 finally:
     stop.set()
 worker.join()

@@ -52,8 +52,9 @@ def test_native_entry_supports_this_interpreter():
 
 @pytest.mark.parametrize('place', ['numpy._core.multiarray', 'numpy.core.multiarray'])
 def test_native_entry_finds_the_functions_of_numpy_2_and_of_numpy_1(monkeypatch, place):
-    functions = SimpleNamespace(_ARRAY_API=import_module(
-        f'numpy.{"_core" if int(np.__version__[0]) > 1 else "core"}.multiarray')._ARRAY_API)
+    core = '_core' if int(np.__version__[0]) > 1 else 'core'
+    multiarray = import_module(f'numpy.{core}.multiarray')
+    functions = SimpleNamespace(_ARRAY_API=multiarray._ARRAY_API)
     expected = entry.interpreter_words()
     for module in ('numpy._core.multiarray', 'numpy.core.multiarray'):
         monkeypatch.setitem(sys.modules, module, functions if module == place else None)

@@ -83,7 +83,7 @@ def test_blocks_of_other_nodes_are_ignored(examine):
         controller_manager: {ros__parameters: {update_rate: 500}}
         plant: {ros__parameters: {urdf: no.urdf}}
         simulator: {ros__parameters: {urdf: no.urdf, supplement: no.yaml, rate: 500.0}}
-        kane_dynamics: {ros__parameters: {mode: computed_torque, arm_compensates: none}}""")
+        kane_dynamics: {ros__parameters: {mode: computed_torque, arm_compensates: none}}""")  # noqa: E501
     block = 'arm.yaml, /kane_dynamics'
     changed = 'parameters other than default: '
     changed += 'mode, arm_compensates'
@@ -101,7 +101,7 @@ def test_each_arm_of_a_file_is_checked_separately(examine):
         /**: {ros__parameters: {joints: [joint2], arm_compensates: [none]}}
         left: {kane_dynamics: {ros__parameters: {mode: comptued_torque}}}
         /right/kane_dynamics: {ros__parameters: {limits: {effort: [5.0]}, prefix: right_}}
-        /third/arm_feedforward: {ros__parameters: {mode: computed_torque, joints: []}}""",
+        /third/arm_feedforward: {ros__parameters: {mode: computed_torque, joints: []}}""",  # noqa: E501
                               namespace='right')
     (level, words), *others = findings
     assert level == 'problem'
@@ -121,7 +121,7 @@ def test_the_robot_is_that_of_the_file(examine):
     findings, robot = examine("""
         /**: {ros__parameters: {tip: link1, limits: {effort: [9.0]}, gravity: [0, 0, -9.8],
               arm_compensates: [none],
-              payload: {frame: link1, mass: 2.0, com: [0.5, 0, 0]}}}""", prefix='left_')
+              payload: {frame: link1, mass: 2.0, com: [0.5, 0, 0]}}}""", prefix='left_')  # noqa: E501
     assert [words.partition('; ')[0] for _, words in findings] == [
         f'arm.yaml: {FITS}', f'arm.yaml: every node {LOADS}']
     assert robot.joint_names == ('left_joint1',)
@@ -137,7 +137,7 @@ def test_all_problems_are_reported_at_once(examine):
               arm_compensates: none,
               limits: {effort: [1.0, 2.0, 3.0]}, payload: {mass: 2.0}, wrench: {frames: [claw]},
               observer: {enabled: true, threshold: [1.0], frame: paw},
-              estimator: {enabled: true, torque_deviation: 1.0}}}""")
+              estimator: {enabled: true, torque_deviation: 1.0}}}""")  # noqa: E501
     assert {level for level, _ in findings} == {'problem'}
     text = '\n'.join(words for _, words in findings)
     for words in (
@@ -181,7 +181,7 @@ def test_unused_parameters_are_not_checked(examine):
     findings, _ = examine("""
         /**: {ros__parameters: {observer: {threshold: [1.0], frame: paw}, imu: {frame: ear},
               arm_compensates: [none],
-              estimator: {torque_deviation: [1.0]}, use_sim_time: true}}""")
+              estimator: {torque_deviation: [1.0]}, use_sim_time: true}}""")  # noqa: E501
     assert findings[0] == ('fine', f'arm.yaml: {FITS}')
 
 

@@ -30,7 +30,7 @@ COM = np.array([0.03, -0.02, 0.08])
 CARRIED = f"""<link name="load"><inertial><origin xyz="{' '.join(map(str, COM))}"/>
   <mass value="{MASS}"/><inertia ixx="0.02" iyy="0.015" izz="0.01" ixy="0" ixz="0" iyz="0"/>
   </inertial></link><joint name="carried" type="fixed"><parent link="{FRAME}"/>
-  <child link="load"/></joint></robot>"""
+  <child link="load"/></joint></robot>"""  # noqa: E501
 MODEL = load_urdf(FR3.urdf, joints=list(FR3.joints))
 NANO = 10**9
 NOISE = np.array([1e-5, 5e-4])  # of positions, rad, and speeds, rad/s: of good encoders

@@ -74,7 +74,8 @@ def test_the_error_of_a_diverged_motion_names_the_beam(held):
     robot = hinged_beam()
     at_rest = np.zeros(robot.n)
     tau = np.append(1.0, np.zeros(robot.n - 1))
-    with pytest.raises(InputError, match=r"diverged .* Earlier, beam 'arm': a deflection of"), \
-            pytest.warns(UserWarning, match='a step of 0.02 s is too long'):
+    words = r"diverged .* Earlier, beam 'arm': a deflection of"
+    with (pytest.raises(InputError, match=words),
+          pytest.warns(UserWarning, match='a step of 0.02 s is too long')):
         simulate(robot, at_rest, at_rest, 10.0, step=0.02, integrator='rk4',
                  torque=tau if held else lambda t, q, u: tau)

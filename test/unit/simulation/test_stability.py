@@ -129,7 +129,7 @@ DAMPED = """<robot name="damped"><link name="base"/>
 <dynamics damping="10"/></joint>
 <joint name="roll" type="revolute"><parent link="arm"/><child link="wrist"/><origin xyz="0.6 0 0"/>
 <axis xyz="1 0 0"/><limit lower="-3" upper="3" velocity="3" effort="20"/>
-<dynamics damping="10"/></joint></robot>"""
+<dynamics damping="10"/></joint></robot>"""  # noqa: E501
 
 
 def test_a_urdf_with_strong_damping_simulates_with_the_defaults_and_says_how():

@@ -47,7 +47,8 @@ THREADS = SLOW_IMPORT + """
 import trimesh.version
 models.append(load_urdf(path))
 thread.join()
-print(hasattr(trimesh.Trimesh, 'vertices'), len(models), len({x.digest() for x in models}))
+digests = {model.digest() for model in models}
+print(hasattr(trimesh.Trimesh, 'vertices'), len(models), len(digests))
 """
 FORK = SLOW_IMPORT + """
 if os.fork() == 0:

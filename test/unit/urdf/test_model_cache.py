@@ -21,7 +21,7 @@ DOUBTFUL = """<robot name="arm"><link name="base"/>
 <link name="one"><inertial><mass value="2"/>
   <inertia ixx="1" iyy="1" izz="5" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="a" type="revolute"><parent link="base"/><child link="one"/>
-  <axis xyz="0 0 2"/><limit effort="0" velocity="1" lower="-1" upper="1"/></joint></robot>"""
+  <axis xyz="0 0 2"/><limit effort="0" velocity="1" lower="-1" upper="1"/></joint></robot>"""  # noqa: E501
 
 
 @pytest.fixture
@@ -198,7 +198,7 @@ from kane_dynamics import load_urdf
 begin = time.process_time()
 load_urdf(sys.argv[1])
 print(time.process_time() - begin, *(set(sys.modules) & {'lxml', 'trimesh', 'scipy', 'yaml'}))
-"""
+"""  # noqa: E501
     path = resource_path('urdf', 'fr3.urdf')
 
     def run():

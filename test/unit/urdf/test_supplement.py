@@ -13,8 +13,9 @@ ARM = robot(link('a'), link('b'), link('c'), link('tool', None),
             joint('k', 'b', 'c'), joint('f', 'c', 'tool', 'fixed', xyz='0 0 1'))
 FULL = """
 joints:
-  j: {armature: 0.1, stiffness: 5, rest: -0.2, damping: 0.5, friction: 1.2, friction_speed: 1e-3,
-      friction_offset: -0.3, quadratic_damping: 0.4, friction_backward: 1.1, load_friction: 0.05,
+  j: {armature: 0.1, stiffness: 5, rest: -0.2, damping: 0.5, friction: 1.2,
+      friction_speed: 1e-3, friction_offset: -0.3, quadratic_damping: 0.4,
+      friction_backward: 1.1, load_friction: 0.05,
       breakaway_friction: 1.6, stribeck_speed: 0.2, load_friction_backdriven: 0.1,
       presliding_stiffness: 300, presliding_damping: 2.5}
   k:

@@ -19,13 +19,13 @@ ARM = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="arm">
     <axis xyz="0 1 0"/><limit lower="${-pi / 2}" upper="${pi / 2}" effort="50" velocity="2"/>
   </joint>
   <xacro:if value="$(arg tool)"><xacro:tool on="upper"/></xacro:if>
-</robot>"""
+</robot>"""  # noqa: E501
 TOOL = (
     """<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="tool" params="on">
   <link name="tool"><inertial><mass value="0.5"/>
     <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
   <joint name="flange" type="fixed"><parent link="${on}"/><child link="tool"/></joint>
-</xacro:macro></robot>""")
+</xacro:macro></robot>""")  # noqa: E501
 
 
 @pytest.fixture

@@ -34,7 +34,7 @@ ARM = """<robot name="arm"><material name="red"><color rgba="1 0 0 1"/></materia
 <joint name="bend" type="revolute"><parent link="upper"/><child link="fore"/><axis xyz="0 1 0"/>
   <origin xyz="0.6 0 0"/><limit lower="-2" upper="2" velocity="3" effort="20"/></joint>
 <joint name="flange" type="fixed"><parent link="fore"/><child link="tool"/>
-  <origin xyz="0.4 0 0" rpy="0 0.7 0"/></joint></robot>"""
+  <origin xyz="0.4 0 0" rpy="0 0.7 0"/></joint></robot>"""  # noqa: E501
 
 
 @cache
