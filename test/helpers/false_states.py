@@ -1,4 +1,4 @@
-"""Arms in motion, and joint states of them that are false, each with the reason to drop it."""
+"""Arms in motion, and false joint states of them, each with its reason to drop."""
 
 from functools import cache
 
@@ -16,7 +16,10 @@ from palletizer import DRIVEN, palletizer, positions
 
 NANO = 10**9
 PERIOD = NANO // 500  # ns, between states
-FAULT, SHORT, LONG = 80, 160, 450  # states until the first false one, and in all
+# States until the first false one, and in all.
+FAULT = 80
+SHORT = 160
+LONG = 450
 MOST = 2e-3  # rad
 HOME = np.array([0.0, -0.7, 0.0, -2.2, 0.0, 1.6, 0.8])
 POSE = (0.2, 0.3, -0.1, 0.5)
@@ -38,9 +41,10 @@ def arm(name):
 
 @cache
 def other_mode():
-    """Return the positions of the palletizer's passive joints in another assembly mode."""
+    """Return the palletizer's passive joints in another assembly mode."""
     robot = palletizer()
-    names, start = robot.joint_names, positions(robot, *POSE)
+    names = robot.joint_names
+    start = positions(robot, *POSE)
     for name, angle in (('triangle_pin', -3.0), ('rod_1_pin', 0.5), ('wrist_pin', -3.0),
                         ('rod_2_pin', 3.0)):
         start[names.index(name)] += angle
@@ -59,7 +63,8 @@ def simulated_arm(name):
 def changed(joint, by, velocity=0.0, age=0, names=None):
     """Return a function that makes a state false."""
     def change(q, u):
-        q, u = q.copy(), u.copy()
+        q = q.copy()
+        u = u.copy()
         k = names.index(joint) if isinstance(joint, str) else joint
         q[k] += by
         u[k] += velocity
@@ -69,14 +74,14 @@ def changed(joint, by, velocity=0.0, age=0, names=None):
 
 PASSIVE = palletizer().joint_names
 FALSE = {
-    'fr3': {
-        'jump': (JUMP, changed(1, 2.0)), 'small jump': (JUMP, changed(3, -0.05)),
-        'velocity': (TOO_FAST, changed(2, 0.0, 500.0)), 'far': (OUTSIDE, changed(0, 40.0)),
-        'degrees': (OUTSIDE, lambda q, u: (np.degrees(q), np.degrees(u), 0)),
-        'not finite': (NOT_FINITE, changed(1, np.nan)),
-        'stale': (STALE, changed(1, 1.0, age=NANO)),
-        'future': (FUTURE, changed(1, 1.0, age=-NANO)),
-        'disordered': (OUT_OF_ORDER, changed(1, 1.0, age=NANO // 50))},
+    'fr3': {'jump': (JUMP, changed(1, 2.0)), 'small jump': (JUMP, changed(3, -0.05)),
+            'velocity': (TOO_FAST, changed(2, 0.0, 500.0)),
+            'far': (OUTSIDE, changed(0, 40.0)),
+            'degrees': (OUTSIDE, lambda q, u: (np.degrees(q), np.degrees(u), 0)),
+            'not finite': (NOT_FINITE, changed(1, np.nan)),
+            'stale': (STALE, changed(1, 1.0, age=NANO)),
+            'future': (FUTURE, changed(1, 1.0, age=-NANO)),
+            'disordered': (OUT_OF_ORDER, changed(1, 1.0, age=NANO // 50))},
     'palletizer': {
         'jump': (JUMP, changed('shoulder', 2.0 - 0.9, names=PASSIVE)),
         'far': (OUTSIDE, changed('shoulder', 2.0, names=PASSIVE)),
@@ -85,4 +90,5 @@ FALSE = {
             q + other_mode() - positions(palletizer(), *POSE), u, 0)),
         'not finite': (NOT_FINITE, changed('elbow', np.nan, names=PASSIVE)),
         'stale': (STALE, changed('shoulder', 1.0, age=NANO, names=PASSIVE)),
-        'disordered': (OUT_OF_ORDER, changed('shoulder', 1.0, age=NANO // 50, names=PASSIVE))}}
+        'disordered': (OUT_OF_ORDER,
+                       changed('shoulder', 1.0, age=NANO // 50, names=PASSIVE))}}

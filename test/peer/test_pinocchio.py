@@ -18,14 +18,15 @@ LARGEST = 'tiago_dual'  # its kernels take half a minute
 VARIANTS = (
     'alex_sake_hands', 'allegro_right_hand', 'double_pendulum_simple', 'romeo',
     'romeo_laas_small', 'simple_humanoid_classical', 'so100', 'talos_full_v2_box',
-    'talos_reduced_box', 'talos_reduced_corrected', 'ur3_gripper', 'ur3_joint_limited_robot',
+    'talos_reduced_box', 'talos_reduced_corrected', 'ur3_gripper',
+    'ur3_joint_limited_robot',
     'ur3_robot', 'ur5_gripper', 'ur5_joint_limited_robot', 'ur10_joint_limited_robot')
 
 
 @pytest.fixture(
     scope='module',
-    params=[pytest.param(path, marks=pytest.mark.slow) if path.stem in (LARGEST, *VARIANTS)
-            else path for path in ROBOTS],
+    params=[pytest.param(path, marks=pytest.mark.slow)
+            if path.stem in (LARGEST, *VARIANTS) else path for path in ROBOTS],
     ids=[f'{path.parts[-3]}-{path.stem}' for path in ROBOTS])
 def peer(request):
     """Pinocchio's model of one robot."""
@@ -54,11 +55,13 @@ def test_urdfs_that_are_left_out_are_refused_with_a_reason():
 
 @pytest.mark.parametrize(('quantity', 'arguments'), [
     ('inverse_dynamics', ('q', 'u', 'udot')), ('mass_matrix', ('q',)),
-    ('bias_force', ('q', 'u')), ('gravity_force', ('q',)), ('kinetic_energy', ('q', 'u'))])
+    ('bias_force', ('q', 'u')), ('gravity_force', ('q',)),
+    ('kinetic_energy', ('q', 'u'))])
 def test_dynamics_are_pinocchios(peer, robot, quantity, arguments):
     for k in STATES[type(robot)]:
         state = [getattr(peer, name)[k] for name in arguments]
-        value, expected = getattr(robot, quantity)(*state), getattr(peer, quantity)(*state)
+        value = getattr(robot, quantity)(*state)
+        expected = getattr(peer, quantity)(*state)
         assert relative_error(value, expected) < 1e-12, k
 
 
@@ -74,7 +77,8 @@ def test_forward_dynamics_are_pinocchios_within_the_condition_of_m(peer, robot):
         condition = np.linalg.cond(peer.mass_matrix(peer.q[k]))
         if condition > 1.0 / EPS:
             return expect_refusal(robot, 'forward_dynamics', state)
-        value, expected = robot.forward_dynamics(*state), peer.forward_dynamics(*state)
+        value = robot.forward_dynamics(*state)
+        expected = peer.forward_dynamics(*state)
         assert relative_error(value, expected) < 10.0 * EPS * condition, k
 
 
@@ -120,12 +124,12 @@ SMALL = 8  # coordinates up to which derivatives are compared as compiled, else 
 
 
 def size_of(expected):
-    """Return what errors are relative to; propellers on a fixed base couple with nothing."""
+    """Return what errors are relative to; propellers on a fixed base are apart."""
     return np.abs(expected).max() + 1e-6
 
 
 def derived(robot, name, state):
-    """Return a quantity with many entries: compiled for small robots, the same code on numbers."""
+    """Return a quantity with many entries: compiled if small, else on numbers."""
     if robot.n <= SMALL:
         return getattr(robot, name)(*state)
     value = getattr(robot.equations.tree, name)(*state, robot.parameters.block)
@@ -144,9 +148,10 @@ def compiled(peer):
 def test_derivatives_and_regressors_are_pinocchios(peer, compiled, quantity, arguments):
     for k in range(N_STATES) if compiled.n <= SMALL else (0,):
         state = [getattr(peer, name)[k] for name in arguments]
-        value, expected = derived(compiled, quantity, state), getattr(peer, quantity)(*state)
-        for one, other in zip(value, expected):  # matrix by matrix, or row by row
-            assert np.abs(one - other).max() <= 1e-11 * size_of(expected), k
+        value = derived(compiled, quantity, state)
+        expected = getattr(peer, quantity)(*state)
+        for one, another in zip(value, expected):  # matrix by matrix, or row by row
+            assert np.abs(one - another).max() <= 1e-11 * size_of(expected), k
 
 
 def test_forward_dynamics_derivatives_are_pinocchios(peer, compiled):
@@ -159,10 +164,10 @@ def test_forward_dynamics_derivatives_are_pinocchios(peer, compiled):
             pytest.skip('the mass matrix is close to singular')
         expected = peer.forward_dynamics_derivatives(*state)
         tolerance = 1e-11 + 100.0 * EPS * condition
-        for one, other in zip(compiled.forward_dynamics_derivatives(*state), expected):
+        for one, another in zip(compiled.forward_dynamics_derivatives(*state), expected):
             # Both are products with M^-1, of the size of its entries at least.
-            size = max(size_of(other), 1e-6 * size_of(expected[2]))
-            assert np.abs(one - other).max() <= tolerance * size, k
+            size = max(size_of(another), 1e-6 * size_of(expected[2]))
+            assert np.abs(one - another).max() <= tolerance * size, k
 
 
 @pytest.mark.parametrize(('quantity', 'third'), [('inverse_dynamics', 'udot'),
@@ -175,7 +180,8 @@ def test_reverse_mode_gives_pinocchios_derivatives(peer, compiled, quantity, thi
         pytest.skip('the mass matrix is close to singular')
     state = peer.q[0], peer.u[0], getattr(peer, third)[0]
     w = np.random.default_rng(0).normal(size=compiled.n)
-    program = compiled.kernels.program(quantity, '', Derivative('vjp', ('q', 'u', third)))
+    program = compiled.kernels.program(quantity, '',
+                                       Derivative('vjp', ('q', 'u', third)))
     gradients = evaluate(program, [w, *state, compiled.parameters.block]).reshape(3, -1)
     tolerance = 1e-11 + 100.0 * EPS * condition
     matrices = getattr(peer, f'{quantity}_derivatives')(*state)
@@ -189,4 +195,5 @@ def test_joint_reactions_are_pinocchios(peer, compiled):
         for k in range(N_STATES):
             state = peer.q[k], peer.u[k], peer.udot[k]
             value = compiled.joint_reaction(joint, *state)
-            assert relative_error(value, peer.joint_reaction(joint, *state)) < 1e-11, (joint, k)
+            assert relative_error(value, peer.joint_reaction(joint,
+                                                             *state)) < 1e-11, (joint, k)

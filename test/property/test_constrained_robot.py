@@ -2,9 +2,9 @@
 
 from functools import cache
 
-from kane_dynamics import (absolute_rates, ConstraintError, Coupling, InputError, knife_edge,
-                           momenta, PointVelocity, power_balance, Prescribed, Robot, simulate,
-                           Speeds, Trajectory)
+from kane_dynamics import (absolute_rates, ConstraintError, Coupling, InputError,
+                           knife_edge, momenta, PointVelocity, power_balance, Prescribed,
+                           Robot, simulate, Speeds, Trajectory)
 from kane_dynamics.mechanics.definition import kinematics
 from linkages import at_angle, four_bar, four_bar_model, PIN
 from mechanisms import random_model
@@ -24,9 +24,10 @@ def chain(kind, passive=True):
         'rheonomic': {'speeds': rheonomic},
         'knife edge': {'constraints': [knife_edge(tip, (0, 1, 0))]},
         'coupling': {'constraints': [Coupling('joint3', {'joint1': -2.0}, 0.1)]},
-        'prescribed': {'constraints': [Prescribed('joint1', lambda t: 0.3 * np.sin(2.0 * t))]},
-        'a point in time': {'constraints': [PointVelocity(tip, (1, 0, 1),
-                                                          value=lambda t: np.sin(2.0 * t))]},
+        'prescribed': {'constraints': [Prescribed('joint1',
+                                                  lambda t: 0.3 * np.sin(2.0 * t))]},
+        'a point in time': {'constraints': [
+            PointVelocity(tip, (1, 0, 1), value=lambda t: np.sin(2.0 * t))]},
     }[kind])
 
 
@@ -53,19 +54,21 @@ def test_quantities_agree_with_each_other(kind):
     q, u, udot = state(robot)
     push = np.linspace(-1.0, 1.0, 6)[None]
     tau = robot.inverse_dynamics(q, u, udot, wrench=push, t=T)
-    M, bias = robot.mass_matrix(q, t=T), robot.bias_force(q, u, t=T)
+    M = robot.mass_matrix(q, t=T)
+    bias = robot.bias_force(q, u, t=T)
     external = robot.external_force(q, wrench=push, t=T)
     near = {'rtol': 1e-9, 'atol': 1e-9 * (1.0 + np.abs(tau).max())}
     np.testing.assert_allclose(M @ udot + bias - external, tau, **near)
-    np.testing.assert_allclose(M @ robot.inverse_mass_matrix(q, t=T), np.eye(robot.n), atol=1e-9)
+    np.testing.assert_allclose(M @ robot.inverse_mass_matrix(q, t=T), np.eye(robot.n),
+                               atol=1e-9)
     np.testing.assert_allclose(robot.forward_dynamics(q, u, tau, wrench=push, t=T), udot,
                                rtol=1e-8, atol=1e-8)
     explained = robot.explain(q, u, udot, wrench=push, t=T)
     np.testing.assert_allclose(explained.torque, tau, **near)
     rigid = explained.by_source[:3].sum(axis=0)
     np.testing.assert_allclose(explained.by_body.sum(axis=0), rigid, **near)
-    np.testing.assert_allclose(robot.regressor(q, u, udot, t=T) @ robot.inertial_parameters,
-                               rigid, **near)
+    np.testing.assert_allclose(
+        robot.regressor(q, u, udot, t=T) @ robot.inertial_parameters, rigid, **near)
     # Joint torques amount to tau: power at equal speeds is the same.
     at_rest = robot.joint_rates(q, np.zeros(robot.n), t=T)
     moved = robot.joint_rates(q, u, t=T) - at_rest
@@ -74,22 +77,25 @@ def test_quantities_agree_with_each_other(kind):
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_frames_move_as_their_partial_velocities_say(kind):
-    robot, h = chain(kind), 1e-6
+    robot = chain(kind)
+    h = 1e-6
     tip = robot.model.frames[-1].name
     q, u, udot = state(robot, 1)
-    rest = robot.frame_velocity(tip, q, np.zeros(robot.n), t=T)
+    frame_drift = robot.frame_velocity(tip, q, np.zeros(robot.n), t=T)
     J = robot.jacobian(tip, q, t=T)
-    np.testing.assert_allclose(J @ u + rest, robot.frame_velocity(tip, q, u, t=T), atol=1e-10)
+    np.testing.assert_allclose(J @ u + frame_drift, robot.frame_velocity(tip, q, u, t=T),
+                               atol=1e-10)
     rate = robot.joint_rates(q, u, t=T)
-    after, before = ({'q': q + s * h * rate, 't': T + s * h} for s in (1.0, -1.0))
+    state_after, state_before = ({'q': q + s * h * rate, 't': T + s * h}
+                                 for s in (1.0, -1.0))
     np.testing.assert_allclose(
         robot.jacobian_rate(tip, q, u, t=T),
-        (robot.jacobian(tip, **after) - robot.jacobian(tip, **before))
+        (robot.jacobian(tip, **state_after) - robot.jacobian(tip, **state_before))
         / (2 * h), atol=1e-6 * (1.0 + np.abs(J).max()))
     np.testing.assert_allclose(
         robot.frame_acceleration(tip, q, u, udot, t=T),
-        (robot.frame_velocity(tip, u=u + h * udot, **after)
-         - robot.frame_velocity(tip, u=u - h * udot, **before)) / (2 * h),
+        (robot.frame_velocity(tip, u=u + h * udot, **state_after)
+         - robot.frame_velocity(tip, u=u - h * udot, **state_before)) / (2 * h),
         rtol=1e-5, atol=1e-5)
 
 
@@ -101,11 +107,12 @@ def test_batch_gives_the_results_of_its_states(kind):
     q, u, udot = (np.array(x) for x in zip(*states))
     batch = robot.inverse_dynamics(q, u, udot, t=t)
     for k in range(5):
-        np.testing.assert_allclose(batch[k], robot.inverse_dynamics(q[k], u[k], udot[k], t=t[k]),
+        np.testing.assert_allclose(batch[k],
+                                   robot.inverse_dynamics(q[k], u[k], udot[k], t=t[k]),
                                    rtol=1e-11, atol=1e-11)
     same = np.tile(q[2], (5, 1))
-    np.testing.assert_allclose(robot.mass_matrix(same, t=t[2])[2], robot.mass_matrix(q[2], t=t[2]),
-                               rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(robot.mass_matrix(same, t=t[2])[2],
+                               robot.mass_matrix(q[2], t=t[2]), rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.parametrize('kind', ['rheonomic', 'knife edge'])
@@ -120,7 +127,8 @@ def test_workspace_gives_the_results_of_the_robot(kind):
                                   robot.forward_dynamics(*state(robot, 2), t=T))
 
 
-@pytest.mark.parametrize('kind', ['knife edge', 'coupling', 'prescribed', 'a point in time'])
+@pytest.mark.parametrize('kind',
+                         ['knife edge', 'coupling', 'prescribed', 'a point in time'])
 def test_joints_carry_what_constraints_exert(kind):
     robot = chain(kind, passive=False)
     q, u, udot = state(robot, 3)
@@ -132,10 +140,11 @@ def test_joints_carry_what_constraints_exert(kind):
                     - robot.joint_rates(q - h * rate, u - h * udot, t=T - h)) / (2 * h)
     needed = tree.inverse_dynamics(q, rate, acceleration)
     forces = robot.constraint_forces(q, u, tau, t=T)
-    here = robot.mechanism.state(q, T)
-    J = np.array(robot.mechanism.rows(here).J, dtype=float)
+    placed = robot.mechanism.state(q, T)
+    J = np.array(robot.mechanism.rows(placed).J, dtype=float)
     supplied = robot.joint_torques(tau, q, t=T) + J.T @ forces
-    np.testing.assert_allclose(supplied, needed, atol=1e-5 * (1.0 + np.abs(needed).max()))
+    np.testing.assert_allclose(supplied, needed,
+                               atol=1e-5 * (1.0 + np.abs(needed).max()))
     together = robot.joint_reactions(q, u, udot, t=T)
     for k, body in enumerate(robot.model.bodies):
         axis = kinematics.configurations(robot.model, q)[k].axis
@@ -143,20 +152,24 @@ def test_joints_carry_what_constraints_exert(kind):
         np.testing.assert_allclose(together[k], reaction, rtol=1e-9, atol=1e-9)
         along = (reaction[3:] if body.joint.kind == 'revolute' else reaction[:3]) @ axis
         # A coupling or a drive acts at the joint itself.
-        own = kind in ('coupling', 'prescribed')
-        expected = (robot.joint_torques(tau, q, t=T) + own * (J.T @ forces))[k]
-        assert along == pytest.approx(expected, rel=1e-7, abs=1e-8 * (1.0 + np.abs(needed).max()))
+        in_joints = kind in ('coupling', 'prescribed')
+        expected = (robot.joint_torques(tau, q, t=T) + in_joints * (J.T @ forces))[k]
+        assert along == pytest.approx(expected,
+                                      rel=1e-7, abs=1e-8 * (1.0 + np.abs(needed).max()))
 
 
 def test_pins_of_a_loop_pass_on_the_force_of_its_closure():
-    robot, u = four_bar('crank'), np.array([5.0])
+    robot = four_bar('crank')
+    u = np.array([5.0])
     q = at_angle(0.8)
     tau = robot.inverse_dynamics(q, u, np.zeros(1))
     pin = dict(zip(robot.constraint_names, robot.constraint_forces(q, u, tau)))
     rocker = robot.joint_reaction('rocker', q, u, np.zeros(1))
-    # Newton for the rocker alone: from the coupler's pin and the ground's to its acceleration.
+    # Newton for the rocker alone: from the coupler's pin and the ground's to its
+    # acceleration.
     com = robot.model.bodies[2].inertial.com
-    h, mass = 1e-5, robot.model.bodies[2].inertial.mass
+    h = 1e-5
+    mass = robot.model.bodies[2].inertial.mass
 
     def place(angle):
         T_rocker = robot.frame_pose('rocker', at_angle(angle))
@@ -174,22 +187,26 @@ def test_constraints_that_time_does_not_move_take_no_part_in_the_balance_of_powe
         robot = chain(kind)
         balance = power_balance(robot, *state(robot))
         assert abs(balance.joints) > 0.1
-        assert abs(balance.residual) < 1e-9 * (abs(balance.joints) + abs(balance.energy_rate))
+        assert abs(balance.residual) < 1e-9 * (abs(balance.joints)
+                                               + abs(balance.energy_rate))
 
 
 def test_actuators_share_a_load_with_the_least_sum_of_squares():
     robot = Robot(four_bar_model(), constraints=[PIN], independent=['crank'],
                   actuated=['crank', 'rocker'])
-    q, tau = at_angle(1.1), np.array([2.0])
+    q = at_angle(1.1)
+    tau = np.array([2.0])
     torques = robot.joint_torques(tau, q)
     rates = robot.joint_rates(q, np.ones(1))
     assert torques[1] == 0.0
     assert torques @ rates == pytest.approx(2.0)
-    np.testing.assert_allclose(torques[[0, 2]], 2.0 * rates[[0, 2]] / (rates[[0, 2]] ** 2).sum())
+    np.testing.assert_allclose(torques[[0, 2]],
+                               2.0 * rates[[0, 2]] / (rates[[0, 2]] ** 2).sum())
 
 
 def test_torques_of_joints_are_tau_where_speeds_are_joint_rates():
-    robot, tau = Robot(four_bar_model()), np.array([1.0, -2.0, 3.0])
+    robot = Robot(four_bar_model())
+    tau = np.array([1.0, -2.0, 3.0])
     out = np.zeros(3)
     np.testing.assert_array_equal(robot.joint_torques(tau), tau)
     assert robot.joint_torques(tau, out=out) is out
@@ -199,7 +216,8 @@ def test_torques_of_joints_are_tau_where_speeds_are_joint_rates():
 
 
 def test_a_loop_stays_closed_and_keeps_its_energy_at_the_integrators_order():
-    robot, errors = four_bar('crank'), []
+    robot = four_bar('crank')
+    errors = []
     for step in (8e-3, 4e-3, 2e-3):
         run = simulate(robot, at_angle(0.8), [5.0], 4.0, step=step)
         energy = run.energy.sum(axis=1)
@@ -216,8 +234,8 @@ def test_many_mechanisms_move_as_each_alone():
     for k in range(3):
         alone = simulate(robot, q0[k], u0[k], 0.1)
         np.testing.assert_allclose(together.state(k).q, alone.q, rtol=1e-10, atol=1e-10)
-        np.testing.assert_allclose(together.state(k).constraint_forces, alone.constraint_forces,
-                                   rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(together.state(k).constraint_forces,
+                                   alone.constraint_forces, rtol=1e-8, atol=1e-8)
 
 
 def test_a_prescribed_joint_moves_as_prescribed():
@@ -234,7 +252,8 @@ def test_a_trajectory_of_a_mechanism_is_saved_whole(tmp_path):
     again = Trajectory.load_npz(tmp_path / 'run.npz')
     for name in ('q', 'u', 'constraint_forces', 'constraint_residual'):
         np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
-    assert (again.speed_names, again.constraint_names) == (('crank',), run.constraint_names)
+    assert (again.speed_names, again.constraint_names) == (('crank',),
+                                                           run.constraint_names)
     run.save_csv(tmp_path / 'run.csv')
     header = (tmp_path / 'run.csv').read_text().splitlines()[0].split(',')
     assert {'q.rocker', 'u.crank', 'tau.crank', 'constraint_force.pin/x'} <= set(header)
@@ -242,7 +261,8 @@ def test_a_trajectory_of_a_mechanism_is_saved_whole(tmp_path):
 
 def test_a_robot_without_constraints_has_no_rows():
     tree = Robot(four_bar_model())
-    zero, rows = np.zeros(3), np.zeros((4, 3))
+    zero = np.zeros(3)
+    rows = np.zeros((4, 3))
     assert tree.constraint_residual(zero).shape == (0,)
     assert tree.constraint_residual(rows).shape == (4, 0)
     assert tree.constraint_velocity_residual(rows, rows).shape == (4, 0)
@@ -261,11 +281,14 @@ def test_a_robot_without_constraints_has_no_rows():
 
 def test_misuse_is_rejected_by_name():
     model = four_bar_model()
-    with pytest.raises(InputError, match=r"residual of 'pin/.' is .*closed_configuration"):
+    with pytest.raises(InputError,
+                       match=r"residual of 'pin/.' is .*closed_configuration"):
         simulate(four_bar('crank'), [0.8, 0.0, -1.5], [5.0], 0.1)
-    with pytest.raises(ConstraintError, match=r"singular at \{'crank': 0.0.*speeds crank"):
+    with pytest.raises(ConstraintError,
+                       match=r"singular at \{'crank': 0.0.*speeds crank"):
         four_bar('crank').inverse_dynamics(np.zeros(3), np.ones(1), np.ones(1))
-    with pytest.raises(InputError, match='q: missing; expected the configuration, on which the f'):
+    with pytest.raises(InputError,
+                       match='q: missing; expected the configuration, on which the f'):
         four_bar('crank').friction_force(np.ones(1))
     with pytest.raises(ConstraintError,
                        match=r'actuated: .motor.; expected one of crank, coupler'):

@@ -39,7 +39,8 @@ def test_inverse_mass_matrix_is_the_inverse(drawn):
     robot, q = drawn
     M = robot.mass_matrix(q)
     product = robot.inverse_mass_matrix(q) @ M
-    assert np.abs(product - np.eye(robot.n)).max() < 10.0 * robot.n * EPS * np.linalg.cond(M)
+    assert np.abs(
+        product - np.eye(robot.n)).max() < 10.0 * robot.n * EPS * np.linalg.cond(M)
 
 
 @given(robots_and_states(2))
@@ -53,14 +54,15 @@ def test_kinetic_energy_is_half_u_m_u(drawn):
 @pytest.mark.parametrize('kind', ['tree', 'flexible', 'free and ball joints'])
 def test_reference_dynamics_is_linear_in_the_reference_with_the_coriolis_matrix(kind):
     robot, q, u = (getattr(case(kind), name) for name in ('robot', 'q', 'u'))
-    tree, parameters = robot.equations.tree, robot.parameters.block
+    tree = robot.equations.tree
+    parameters = robot.parameters.block
     reference, udot = np.random.default_rng(0).uniform(-2.0, 2.0, (2, robot.n))
     at_rest = tree.rigid_dynamics(q, 0.0 * u, 0.0 * u, None, parameters)
     expected = (robot.mass_matrix(q) @ udot + robot.coriolis_matrix(q, u) @ reference
                 + at_rest)
     force = tree.reference_dynamics(q, u, reference, udot, parameters)
-    np.testing.assert_allclose(np.asarray(force, float), np.asarray(expected, float), rtol=0.0,
-                               atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(np.asarray(force, float), np.asarray(expected, float),
+                               rtol=0.0, atol=1e-12 * np.abs(expected).max())
 
 
 @given(robots_and_states(2))
@@ -82,14 +84,16 @@ def test_power_of_actuators_and_wrenches_minus_friction_is_the_rate_of_energy(dr
     power += push[0] @ robot.frame_velocity(robot.equations.wrench_frames[0].name, q, u)
     size = (scale(robot, q, u, udot) * np.linalg.cond(robot.mass_matrix(q))
             * (1.0 + np.abs(u).sum()))
-    assert sum(rates(robot, q, u, udot)) == pytest.approx(power, rel=1e-11, abs=100 * EPS * size)
+    assert sum(rates(robot, q, u, udot)) == pytest.approx(power, rel=1e-11,
+                                                          abs=100 * EPS * size)
 
 
 @given(robots_and_states(1))
 def test_gravity_and_springs_are_the_gradient_of_the_potential_energy(drawn):
     robot, q = drawn
-    rest = np.zeros(robot.n)
-    held = robot.bias_force(q, rest) - robot.friction_force(rest)  # which may have an offset
+    at_rest = np.zeros(robot.n)
+    # Friction may have an offset.
+    held = robot.bias_force(q, at_rest) - robot.friction_force(at_rest)
     springs = robot.torque_terms(q, np.zeros(robot.n), np.zeros(robot.n))[4]
     size = scale(robot, q, np.zeros(robot.n), np.zeros(robot.n))
     gradient = -energies.conservative_force(robot.model, q)
@@ -102,12 +106,15 @@ def test_gravity_and_springs_are_the_gradient_of_the_potential_energy(drawn):
 def test_gravity_is_the_slope_of_the_compiled_potential_energy(drawn):
     robot, q = drawn
     h = 1e-3
-    rest = np.zeros(robot.n)
-    held = robot.bias_force(q, rest) - robot.friction_force(rest)  # which may have an offset
+    at_rest = np.zeros(robot.n)
+    # Friction may have an offset.
+    held = robot.bias_force(q, at_rest) - robot.friction_force(at_rest)
     for r, e in enumerate(np.eye(robot.n)):
         samples = [robot.potential_energy(q + k * h * e) for k in (-2, -1, 1, 2)]
-        slope = (samples[0] - 8.0 * samples[1] + 8.0 * samples[2] - samples[3]) / (12.0 * h)
-        assert slope == pytest.approx(held[r], rel=1e-8, abs=1e-8 * (1.0 + np.ptp(samples) / h))
+        slope = (samples[0] - 8.0 * samples[1] + 8.0 * samples[2] - samples[3]) / (
+            12.0 * h)
+        assert slope == pytest.approx(held[r],
+                                      rel=1e-8, abs=1e-8 * (1.0 + np.ptp(samples) / h))
 
 
 @given(robots_and_states(3))
@@ -115,7 +122,8 @@ def test_forward_dynamics_of_inverse_dynamics_is_the_identity(drawn):
     robot, q, u, udot = drawn
     M = robot.mass_matrix(q)
     tolerance = 10.0 * EPS * np.linalg.cond(M) * np.abs(udot).max(initial=1.0)
-    rounding = 100.0 * EPS * np.linalg.norm(np.linalg.inv(M), 2) * scale(robot, q, u, udot)
+    rounding = 100.0 * EPS * np.linalg.norm(np.linalg.inv(M), 2) * scale(
+        robot, q, u, udot)
     tau = robot.inverse_dynamics(q, u, udot)
     np.testing.assert_allclose(robot.forward_dynamics(q, u, tau), udot, rtol=0.0,
                                atol=tolerance + rounding)
@@ -134,30 +142,35 @@ def test_equations_of_motion_hold_with_their_parts(drawn):
 @given(robots_and_states(1))
 def test_partial_velocities_are_finite_differences_of_poses(drawn):
     robot, q = drawn
-    frame, h = robot.model.frames[-1].name, 1e-3
-    here = robot.frame_pose(frame, q)
+    frame = robot.model.frames[-1].name
+    h = 1e-3
+    pose = robot.frame_pose(frame, q)
     partials = robot.jacobian(frame, q)
     for r, e in enumerate(np.eye(robot.n)):
         T = [robot.frame_pose(frame, q + k * h * e) for k in (-2, -1, 1, 2)]
         rate = (T[0] - 8.0 * T[1] + 8.0 * T[2] - T[3]) / (12.0 * h)
-        spin = rate[:3, :3] @ here[:3, :3].T
+        spin = rate[:3, :3] @ pose[:3, :3].T
         np.testing.assert_allclose(
-            partials[:, r], [*rate[:3, 3], spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-8)
+            partials[:, r], [*rate[:3, 3], spin[2, 1], spin[0, 2], spin[1, 0]],
+            atol=1e-8)
 
 
 @given(robots_and_states(3))
 def test_velocity_is_partials_times_speeds_and_acceleration_its_rate(drawn):
     robot, q, u, udot = drawn
-    frame, h = robot.model.frames[-1].name, 1e-3
+    frame = robot.model.frames[-1].name
+    h = 1e-3
 
     def velocity(t):
         return robot.frame_velocity(frame, q + t * (u + 0.5 * t * udot), u + t * udot)
     partials = robot.jacobian(frame, q)
-    np.testing.assert_allclose(velocity(0.0), partials @ u, atol=1e-12 * (1 + np.abs(u).sum()))
+    np.testing.assert_allclose(velocity(0.0), partials @ u,
+                               atol=1e-12 * (1 + np.abs(u).sum()))
     v = [velocity(k * h) for k in (-2, -1, 1, 2)]
     acceleration = robot.frame_acceleration(frame, q, u, udot)
     np.testing.assert_allclose((v[0] - 8.0 * v[1] + 8.0 * v[2] - v[3]) / (12.0 * h),
-                               acceleration, atol=1e-6 * (1.0 + np.abs(acceleration).max()))
+                               acceleration,
+                               atol=1e-6 * (1.0 + np.abs(acceleration).max()))
 
 
 @given(robots_and_states(3))
@@ -182,4 +195,5 @@ def test_energy_drift_of_the_simulation_falls_at_the_integrators_order(seed):
         return np.abs(total - total[0]).max() / np.abs(robot.kinetic_energy(q, u))
     coarse, fine = drift(0.004), drift(0.002)
     assert coarse < 1e-4
-    assert fine < max(coarse / 12.0, 1e-13)  # 2^4 = 16 in the limit; 2^3 would be a fault
+    # 2^4 = 16 in the limit; 2^3 would be a fault.
+    assert fine < max(coarse / 12.0, 1e-13)

@@ -1,7 +1,8 @@
 """
-Mutated messages cause no crash, no hang, and no torque other than that of rclpy's reading.
+Mutated messages cause no crash, no hang, and no torque but that of rclpy's reading.
 
-Each mutation starts from a valid message and a fixed seed, so that failures are reproducible.
+Each mutation starts from a valid message and a fixed seed, so that failures are
+reproducible.
 """
 
 from collections import Counter
@@ -35,13 +36,17 @@ from rclpy.serialization import deserialize_message, serialize_message  # noqa: 
 from sensor_msgs.msg import JointState  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
 
-STATES, TRAJECTORIES, REQUESTS, WRENCHES = 100_000, 10_000, 10_000, 10_000
+STATES = 100_000
+TRAJECTORIES = 10_000
+REQUESTS = 10_000
+WRENCHES = 10_000
 SHARES = [0.3, pytest.param(1.0, marks=pytest.mark.slow)]  # of these numbers
 MODEL = load_urdf(resource_path('urdf', 'two_link.urdf'))
 FRAME = MODEL.bodies[-1].name
 ROBOT = Robot(MODEL, wrench_frames=(FRAME,))
 A, B = ROBOT.joint_names
-NOW, TIMEOUT = 100 * 10**9, 10**8
+NOW = 100 * 10**9
+TIMEOUT = 10**8
 WORDS = [0, 1, 2, 3, 5, 255, 2**16, 2**31 - 1, 2**31, 2**32 - 1]
 NUMBERS = [math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.0, -0.0, 1e22]
 
@@ -73,9 +78,9 @@ def mutated(chance, data, others):
             at = chance.randrange(size + 1)
             data[at:at] = bytes(chance.choice((1, 4, 8)))
         else:
-            other = chance.choice(others)
-            at = chance.randrange(min(size, len(other)) + 1)
-            data[at:] = other[at:]
+            donor = chance.choice(others)
+            at = chance.randrange(min(size, len(donor)) + 1)
+            data[at:] = donor[at:]
     return bytes(data)
 
 
@@ -99,7 +104,8 @@ def as_rclpy_reads(data):
     if not len(message.name) == len(message.position) == len(message.velocity):
         return None
     order = [list(message.name).index(joint) for joint in (A, B)]
-    q, u = [message.position[k] for k in order], [message.velocity[k] for k in order]
+    q = [message.position[k] for k in order]
+    u = [message.velocity[k] for k in order]
     if not all(map(math.isfinite, q + u)):
         return None
     return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec, q, u
@@ -119,41 +125,51 @@ class Sent:
 def test_mutated_state_gives_the_torque_of_rclpys_reading_or_none(share):
     count = round(share * STATES)
     chance = random.Random(5)
-    seeds = [state(chance, names) for names in ([A, B], [B, A], ['x', A, 'yy', B], [A], [])
-             for _ in range(3)]
-    seeds += [state(chance, [A, B], stamp) for stamp in (0, NOW - TIMEOUT // 2, NOW + 2 * TIMEOUT)]
+    seeds = []
+    for names in ([A, B], [B, A], ['x', A, 'yy', B], [A], []):
+        for _ in range(3):
+            seeds.append(state(chance, names))
+    seeds += [state(chance, [A, B], stamp)
+              for stamp in (0, NOW - TIMEOUT // 2, NOW + 2 * TIMEOUT)]
     seeds += [state(chance, [A, B], speeds=False)]
-    commands, torques, statistics = Sent(), Sent(), Statistics()
-    path = TorquePath(Controller(ROBOT), commands, torques, lambda: NOW, node_values(UNCHECKED),
-                      statistics, lambda reason, detail: None)
-    last, seen = 0, Counter()
+    commands = Sent()
+    torques = Sent()
+    statistics = Statistics()
+    path = TorquePath(Controller(ROBOT), commands, torques, lambda: NOW,
+                      node_values(UNCHECKED), statistics, lambda reason, detail: None)
+    last = 0
+    outcomes = Counter()
     for turn in range(count):
         if turn % 20 == 0:  # restart, because stamps may not decrease
             path.start()
             last = 0
-        data = mutated(chance, chance.choice(seeds), seeds) if turn % 8 else chance.choice(seeds)
-        before = len(commands.messages)
+        data = mutated(chance, chance.choice(seeds),
+                       seeds) if turn % 8 else chance.choice(seeds)
+        count_before = len(commands.messages)
         path.on_state(data)
-        came = commands.messages[before:]
+        came = commands.messages[count_before:]
         read = as_rclpy_reads(data)
         stamp = (read[0] or NOW) if read else 0
         if read is None or abs(NOW - stamp) > TIMEOUT or stamp < last:
-            assert not came or (read is None and came == commands.messages[before - 1:before])
+            assert not came or (read is None and came
+                                == commands.messages[count_before - 1:count_before])
             continue
         try:
             torque = ROBOT.gravity_force(np.array(read[1]))
         except InputError:  # the torque of a finite state overflows
-            assert not came or came == commands.messages[before - 1:before]  # the last goes on
+            # The last goes on.
+            assert not came or came == commands.messages[count_before - 1:count_before]
             continue
         last = min(stamp, NOW)
         limit = ROBOT.limits.effort
         expected = np.clip(torque, -limit, limit)
         assert len(came) == 1, (turn, data.hex())
-        assert np.frombuffer(came[0], offset=20).tolist() == expected.tolist(), (turn, data.hex())
+        assert np.frombuffer(
+            came[0], offset=20).tolist() == expected.tolist(), (turn, data.hex())
         stamped = deserialize_message(torques.messages[-1], JointState)
         # Without a stamp of the state, the time of its reception.
         assert stamped.header.stamp.sec * 10**9 + stamped.header.stamp.nanosec == stamp
-        seen[path._reader.full_parses] += 1
+        outcomes[path._reader.full_parses] += 1
     # Both code paths were used, and most dropped states have a reported reason.
     assert statistics.commands > 0.15 * count
     assert 1000 < path._reader.full_parses < count - 1000
@@ -190,16 +206,19 @@ def test_a_mutated_trajectory_gives_the_motion_that_rclpy_reads_or_is_rejected()
     for _ in range(TRAJECTORIES):
         data = mutated(chance, chance.choice(seeds), seeds)
         mine, why = motion_or_none(lambda data: read_trajectory(data, 20), data)
-        theirs, _ = motion_or_none(lambda data: deserialize_message(data, JointTrajectory), data)
+        theirs, _ = motion_or_none(
+            lambda data: deserialize_message(data, JointTrajectory), data)
         if mine is None:
-            # Stricter than rclpy only for messages that no ROS program writes; rclpy accepts a
-            # point whose array is longer than the message.
+            # Stricter than rclpy only for messages that no ROS program writes; rclpy
+            # accepts a point whose array is longer than the message.
             assert theirs is None or any(words in why for words in (
-                'encapsulation', 'NUL', 'UTF-8', 'elements of 8 bytes')), (why, data.hex())
+                'encapsulation', 'NUL', 'UTF-8',
+                'elements of 8 bytes')), (why, data.hex())
             continue
         good += 1
         assert theirs is not None, data.hex()
-        assert (mine.times == theirs.times).all() and (mine.positions == theirs.positions).all()
+        assert (mine.times == theirs.times).all()
+        assert (mine.positions == theirs.positions).all()
     assert good > 0.1 * TRAJECTORIES
 
 
@@ -219,7 +238,8 @@ def push_as_rclpy_reads(data):
     except Exception:
         return None
     stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec or NOW
-    force, torque = message.wrench.force, message.wrench.torque
+    force = message.wrench.force
+    torque = message.wrench.torque
     numbers = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
     good = (message.header.frame_id == FRAME and abs(NOW - stamp) <= TIMEOUT
             and (np.abs(numbers) <= [100.0] * 3 + [50.0] * 3).all())
@@ -230,19 +250,22 @@ def push_as_rclpy_reads(data):
 def test_a_mutated_wrench_acts_as_rclpy_reads_it_or_is_rejected(share):
     count = round(share * WRENCHES)
     chance = random.Random(8)
-    seeds = [serialize_message(push(chance, *choice)) for choice in (
-        (), (), (), (FRAME, 0), ('elsewhere',), (FRAME, NOW - 2 * TIMEOUT),
-        (FRAME, NOW + 2 * TIMEOUT))]
+    seeds = []
+    for choice in ((), (), (), (FRAME, 0), ('elsewhere',), (FRAME, NOW - 2 * TIMEOUT),
+                   (FRAME, NOW + 2 * TIMEOUT)):
+        seeds.append(serialize_message(push(chance, *choice)))
     reasons = Counter()
     wrenches = WrenchInput(ROBOT, lambda: NOW, {
-        'wrench.timeout': TIMEOUT * 1e-9, 'wrench.max_force': 100.0, 'wrench.max_moment': 50.0},
-        lambda reason, detail: reasons.update([reason]))
-    q, acted = np.array([0.3, -0.7]), 0
+        'wrench.timeout': TIMEOUT * 1e-9, 'wrench.max_force': 100.0,
+        'wrench.max_moment': 50.0}, lambda reason, detail: reasons.update([reason]))
+    q = np.array([0.3, -0.7])
+    acted = 0
     for _ in range(count):
         data = mutated(chance, chance.choice(seeds), seeds)
         wrenches.clear()  # else most stamps would be before the last one
         wrenches.on_message(data)
-        came, read = wrenches.torques(q, NOW), push_as_rclpy_reads(data)
+        came = wrenches.torques(q, NOW)
+        read = push_as_rclpy_reads(data)
         if read is None:
             assert came is None, data.hex()
             continue
@@ -260,18 +283,22 @@ def requests(chance):
         return [chance.uniform(-1, 1) for _ in range(2)]
 
     kinds = [
-        (InverseDynamics.Request(position=numbers(), velocity=numbers(), acceleration=numbers()),
+        (InverseDynamics.Request(position=numbers(), velocity=numbers(),
+                                 acceleration=numbers()),
          service_calls.inverse_dynamics, InverseDynamics.Response),
-        (ForwardDynamics.Request(position=numbers(), velocity=numbers(), effort=numbers()),
+        (ForwardDynamics.Request(position=numbers(), velocity=numbers(),
+                                 effort=numbers()),
          service_calls.forward_dynamics, ForwardDynamics.Response),
-        (GetDynamics.Request(joint_names=[B, A], position=numbers()), service_calls.get_dynamics,
-         GetDynamics.Response),
-        (Explain.Request(position=numbers(), acceleration=numbers(), wrenches=[push(chance)]),
+        (GetDynamics.Request(joint_names=[B, A], position=numbers()),
+         service_calls.get_dynamics, GetDynamics.Response),
+        (Explain.Request(position=numbers(), acceleration=numbers(),
+                         wrenches=[push(chance)]),
          service_calls.explain, Explain.Response),
         (Simulate.Request(position=numbers(), duration=0.02), None, Simulate.Response),
         (Simulate.Request(position=numbers(), duration=0.01, step=0.002, torque_source=1,
                           torques=numbers() * 5), None, Simulate.Response),
-        (Simulate.Request(position=numbers(), duration=0.01, torque_source=2, kp=[1.0, 2.0],
+        (Simulate.Request(position=numbers(), duration=0.01, torque_source=2,
+                          kp=[1.0, 2.0],
                           reference=trajectory(chance, 3)), None, Simulate.Response)]
     return [(serialize_message(request), type(request), call, answer)
             for request, call, answer in kinds]
@@ -283,7 +310,8 @@ def test_mutated_request_is_answered_or_rejected_with_its_reason(share):
     chance = random.Random(7)
     served = ServedRobot(ROBOT, ROBOT, GravityAndPayload(ROBOT.model.gravity), {
         'gains.kp': np.ones(2), 'gains.kd': np.ones(2), 'simulation.max_duration': 1.0,
-        'simulation.max_steps': 200, 'simulation.max_points': 50, 'trajectory.max_points': 20,
+        'simulation.max_steps': 200, 'simulation.max_points': 50,
+        'trajectory.max_points': 20,
         'simulation.integrator': 'rk4', 'simulation.stops': False,
         'simulation.sticking': False}, WrenchFrames(ROBOT))
     seeds = requests(chance)
@@ -300,7 +328,8 @@ def test_mutated_request_is_answered_or_rejected_with_its_reason(share):
             if call is not None:
                 call(served, request, response)
             else:
-                SimulationRequest.from_request(request, served).run(response, lambda t: True)
+                SimulationRequest.from_request(request, served).run(response,
+                                                                    lambda t: True)
         except InputError:
             outcomes['refused'] += 1
             continue

@@ -1,4 +1,4 @@
-"""Torque bounds: reached at vertices of the box, never exceeded inside, of every kind."""
+"""Torque bounds: reached at vertices of the box, never exceeded inside."""
 
 from dataclasses import replace
 from statistics import median
@@ -7,8 +7,8 @@ from time import perf_counter
 from kane_dynamics import (absolute_rates, Inertial, InputError, load_urdf, Robot,
                            Speeds, Uncertainty)
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.mechanics.recursive.regressor import (inertial_parameters, parameters_of,
-                                                         pseudo_inertia_of)
+from kane_dynamics.mechanics.recursive.regressor import (
+    inertial_parameters, parameters_of, pseudo_inertia_of)
 from kane_dynamics.robot.torque_bounds import torque_deviation
 from kinds_of_mechanism import case, KINDS
 from mechanisms import random_model
@@ -34,7 +34,7 @@ def is_part_of_ball(body):
 
 
 def at_vertex(robot, uncertainty, inertial_signs, loss_signs):
-    """Return the robot with the parameters of a vertex; signs of bodies, and of 4 losses."""
+    """Return the robot with a vertex's parameters; signs of bodies and 4 losses."""
     bodies = []
     parameters = inertial_parameters(robot.model).reshape(-1, 10)
     parameters = parameters + inertial_signs * uncertainty.inertial
@@ -45,7 +45,8 @@ def at_vertex(robot, uncertainty, inertial_signs, loss_signs):
                                loss_signs, strict=True):
             width = getattr(uncertainty, name)[k]
             changed[name] = getattr(body.joint, name) + float(signs[k]) * width
-        bodies.append(replace(body, inertial=inertial, joint=replace(body.joint, **changed)))
+        bodies.append(
+            replace(body, inertial=inertial, joint=replace(body.joint, **changed)))
     return Robot(replace(robot.model, bodies=tuple(bodies)), **robot.options)
 
 
@@ -59,7 +60,8 @@ def torque_of(robot, q, u, udot, t, wrench=None):
 @pytest.mark.parametrize('kind', RIGID)
 def test_bounds_are_reached_at_vertices_for_every_kind_of_mechanism(kind):
     c = case(kind)
-    robot, model = c.robot, c.robot.model
+    robot = c.robot
+    model = c.robot.model
     # No loss may become negative at a vertex, whose joint would be none.
     sturdy = []
     for body in model.bodies:
@@ -92,12 +94,15 @@ def test_bounds_are_reached_at_vertices_for_every_kind_of_mechanism(kind):
 def test_no_torque_of_a_million_samples_is_beyond_its_bounds():
     model = random_model(2, 6, branching=0.3)
     robot = Robot(model)
-    box = Uncertainty.of(model, mass=0.2, com=0.02, inertia=0.3, friction=0.4, offset=0.1)
+    box = Uncertainty.of(model, mass=0.2, com=0.02, inertia=0.3, friction=0.4,
+                         offset=0.1)
     rng = np.random.default_rng(1)
-    states, samples = 250, 4000
+    states = 250
+    samples = 4000
     q, u, udot = rng.uniform(-2.0, 2.0, (3, states, model.n))
     bounds = robot.torque_bounds(q, u, udot, box)
-    Y, torque = robot.regressor(q, u, udot), robot.inverse_dynamics(q, u, udot)
+    Y = robot.regressor(q, u, udot)
+    torque = robot.inverse_dynamics(q, u, udot)
     closest = np.zeros(model.n)
     joints = [body.joint for body in model.bodies]
     speeds = np.array([joint.friction_speed for joint in joints])
@@ -107,9 +112,11 @@ def test_no_torque_of_a_million_samples_is_beyond_its_bounds():
         p[::2] = np.sign(p[::2]) * box.inertial.ravel()
         losses = rng.choice([-1.0, 1.0], (4, samples, model.n))
         added = p @ Y[k].T
-        added += losses[0] * box.damping * u[k] + losses[1] * box.friction * np.tanh(u[k] / speeds)
+        added += losses[0] * box.damping * u[k] + losses[1] * box.friction * np.tanh(
+            u[k] / speeds)
         added += losses[2] * box.friction_offset + losses[3] * box.armature * udot[k]
-        low, high = bounds.lower[k] - torque[k], bounds.upper[k] - torque[k]
+        low = bounds.lower[k] - torque[k]
+        high = bounds.upper[k] - torque[k]
         slack = 1e-12 * np.abs(torque[k]).max()
         assert (added <= high + slack).all()
         assert (added >= low - slack).all()
@@ -123,14 +130,16 @@ def test_the_box_of_relative_errors_holds_all_bodies_within_them():
     box = Uncertainty.of(model, **errors)
     rng = np.random.default_rng(0)
     for k, body in enumerate(model.bodies):
-        m, center, inertia = body.inertial.mass, body.inertial.com, body.inertial.inertia
-        given = parameters_of(body.inertial.pseudo_inertia)
+        m = body.inertial.mass
+        center = body.inertial.com
+        inertia = body.inertial.inertia
+        nominal = parameters_of(body.inertial.pseudo_inertia)
         largest = np.linalg.eigvalsh(inertia).max()
         for _ in range(200):
             sign = rng.choice([-1.0, 1.0], 5)
             moved = Inertial(m * (1.0 + 0.1 * sign[0]), center + 0.03 * sign[1:4],
                              inertia + 0.2 * largest * sign[4] * np.eye(3) * 0.5)
-            change = parameters_of(moved.pseudo_inertia) - given
+            change = parameters_of(moved.pseudo_inertia) - nominal
             assert (np.abs(change) <= box.inertial[k] * (1.0 + 1e-12) + 1e-14).all()
 
 
@@ -150,7 +159,8 @@ def test_an_uncertain_payload_is_bounded_at_its_frame():
 
 def test_bounds_of_a_batch_are_those_of_its_states_and_take_at_most_three_regressors():
     model = load_urdf(resource_path('urdf', 'ur10e.urdf'))
-    robot, n = Robot(model), model.n
+    robot = Robot(model)
+    n = model.n
     box = Uncertainty.of(model, mass=0.1, com=0.01, inertia=0.1, friction=0.3)
     q, u, udot = np.random.default_rng(2).uniform(-2.0, 2.0, (3, 2000, n))
     many = robot.torque_bounds(q, u, udot, box)
@@ -190,11 +200,13 @@ def test_bounds_of_one_state_take_at_most_three_regressors(name):
 
 def test_calls_in_turn_keep_their_box_gravity_and_payload():
     c = case('tree')
-    robot, state = c.robot.copy(), (c.q, c.u, c.udot)
+    robot = c.robot.copy()
+    state = (c.q, c.u, c.udot)
     boxes = [Uncertainty.of(robot.model, mass=share) for share in (0.1, 0.2)]
     for box in (*boxes, boxes[0], boxes[0]):
         fresh = Robot(robot.model, **robot.options).torque_bounds(*state, box)
-        for bounds in (robot.torque_bounds(*state, box), robot.torque_bounds(*state, box)):
+        for bounds in (robot.torque_bounds(*state, box),
+                       robot.torque_bounds(*state, box)):
             np.testing.assert_array_equal(bounds.lower, fresh.lower)
             np.testing.assert_array_equal(bounds.upper, fresh.upper)
     robot.parameters.gravity = [1.0, 2.0, 3.0]
@@ -225,7 +237,8 @@ def test_a_wrench_moves_both_bounds():
 
 @pytest.mark.parametrize(('change', 'words'), [
     ({'damping': np.zeros(2)}, 'uncertainty: inertial: shape'),
-    ({'friction': [-1.0, 0.0]}, 'uncertainty: friction: -1.0; expected finite numbers >= 0'),
+    ({'friction': [-1.0, 0.0]},
+     'uncertainty: friction: -1.0; expected finite numbers >= 0'),
     ({'armature': [np.nan, 0.0]}, 'uncertainty: armature: nan'),
     ({'friction_offset': 'no'}, 'uncertainty: friction_offset: not an array of numbers'),
     ({'payload': np.zeros(9)}, r'uncertainty: payload: shape \(9,\); expected \(10,\)')])
@@ -239,24 +252,28 @@ def test_impossible_boxes_are_refused(change, words):
 
 
 def test_boxes_of_other_robots_are_refused():
-    c, other = case('tree'), random_model(2, 6)
-    with pytest.raises(InputError, match='uncertainty: of 6 bodies; expected 2: upper, fore'):
-        c.robot.torque_bounds(c.q, c.u, c.udot, Uncertainty.of(other, mass=0.1))
+    c = case('tree')
+    other_model = random_model(2, 6)
+    with pytest.raises(InputError,
+                       match='uncertainty: of 6 bodies; expected 2: upper, fore'):
+        c.robot.torque_bounds(c.q, c.u, c.udot, Uncertainty.of(other_model, mass=0.1))
     with pytest.raises(InputError, match='expected a Uncertainty'):
         c.robot.torque_bounds(c.q, c.u, c.udot, 0.1)
     with pytest.raises(InputError, match=r'mass: -0\.1; expected a finite number >= 0'):
-        Uncertainty.of(other, mass=-0.1)
+        Uncertainty.of(other_model, mass=-0.1)
     with pytest.raises(InputError, match='robot: with beams'):
         flexible = case('flexible')
         flexible.robot.torque_bounds(flexible.q, flexible.u, flexible.udot,
                                      Uncertainty.of(flexible.robot.model, mass=0.1))
     bare = Robot(c.robot.model)
     with pytest.raises(InputError, match='without payload frame'):
-        bare.torque_bounds(c.q, c.u, c.udot, Uncertainty.of(bare.model, payload_mass=1.0))
+        bare.torque_bounds(c.q, c.u, c.udot,
+                           Uncertainty.of(bare.model, payload_mass=1.0))
 
 
 @pytest.mark.parametrize('loaded', [True, False])
-@pytest.mark.parametrize('backdriven', [0.05, 0.4, 1.3])  # of the last, no load moves the drive
+# Of the last, no load moves the drive.
+@pytest.mark.parametrize('backdriven', [0.05, 0.4, 1.3])
 def test_bounds_with_load_friction_are_reached(backdriven, loaded):
     law = {'damping': 1.0, 'friction': 2.0, 'armature': 0.5, 'load_friction': 0.2,
            'load_friction_backdriven': backdriven}
@@ -282,7 +299,8 @@ def test_bounds_with_load_friction_are_reached(backdriven, loaded):
                             [*friction, load_share * np.sign(udot)])
         return torque_of(changed, q, u, udot, 0.0)[row]
     for row in range(3):
-        width = np.abs(Y[row]) @ box.inertial.ravel() + abs(udot[row]) * box.armature[row]
+        width = np.abs(Y[row]) @ box.inertial.ravel() + abs(
+            udot[row]) * box.armature[row]
         shares = [-1.0, 1.0]
         if abs(load[row]) < width:
             shares.append(-load[row] / width)
@@ -310,7 +328,7 @@ def with_load_friction(model, names=None, **law):
 
 
 def driven_loop():
-    """Return a closed loop with a motor at its independent speed, which has load friction."""
+    """Return a loop with a motor at its independent speed, with load friction."""
     c = case('closed loop')
     names = c.robot.speed_names
     model = with_load_friction(c.robot.model, names)
@@ -319,7 +337,7 @@ def driven_loop():
 
 
 def geared_speeds():
-    """Return a chain whose speeds are the rates of its joints, in other units and order."""
+    """Return a chain whose speeds are its joints' rates in other units and order."""
     model = with_load_friction(random_model(3, 3, branching=0.0))
     Y = np.array([[0.0, 0.0, -2.0], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
     speeds = Speeds(lambda q, t: Y, names=('c', 'a', 'b'))
@@ -337,10 +355,12 @@ def pushed_chain():
 
 
 def signs_of(robot, state, row):
-    """Return the signs of the derivatives of one torque by inertial parameters and by losses."""
+    """Return the signs of a torque's derivatives by inertial parameters and losses."""
     inertial = np.sign(robot.regressor(*state)[row]).reshape(-1, 10)
     motion = robot.equations.joint_motion(*state)
-    T, rates, turns = (np.array(x, dtype=float) for x in (motion.T, motion.qdot, motion.qddot))
+    T = np.array(motion.T, dtype=float)
+    rates = np.array(motion.qdot, dtype=float)
+    turns = np.array(motion.qddot, dtype=float)
     losses = []
     for body in robot.model.bodies:
         joint = body.joint
@@ -353,7 +373,8 @@ def signs_of(robot, state, row):
 
 @pytest.mark.parametrize('arm', [driven_loop, geared_speeds, pushed_chain])
 @pytest.mark.parametrize('loaded', [True, False])
-def test_bounds_with_load_friction_are_reached_with_motors_speeds_and_wrenches(arm, loaded):
+def test_bounds_with_load_friction_are_reached_with_motors_speeds_and_wrenches(
+        arm, loaded):
     robot, q, u, udot, pushed = arm()
     box = box_of(robot.model)
     bare = Robot(robot.model, **{**robot.options, 'friction': False})
@@ -364,7 +385,7 @@ def test_bounds_with_load_friction_are_reached_with_motors_speeds_and_wrenches(a
     scale = np.abs(bounds.upper).max() + np.abs(bounds.lower).max()
 
     def torque(which, row, share, friction_sign):
-        """Return a torque at a share of the load's half-width, with friction at a vertex."""
+        """Return a torque at a share of the load's half-width, friction at a vertex."""
         inertial, losses = signs_of(robot, state, row)
         losses[:3] *= friction_sign
         losses[3] *= share
@@ -382,11 +403,13 @@ def test_bounds_with_load_friction_are_reached_with_motors_speeds_and_wrenches(a
         assert abs(bounds.lower[row] - least) < 1e-10 * scale
 
     # Nothing inside is beyond them.
-    rng, bodies = np.random.default_rng(1), len(robot.model.bodies)
+    rng = np.random.default_rng(1)
+    bodies = len(robot.model.bodies)
     for _ in range(50):
         inertial = rng.uniform(-1.0, 1.0, (bodies, 10))
         losses = rng.uniform(-1.0, 1.0, (4, bodies))
-        inside = torque_of(at_vertex(robot, box, inertial, losses), *state, 0.0, **pushed)
+        inside = torque_of(at_vertex(robot, box, inertial, losses), *state, 0.0,
+                           **pushed)
         assert (bounds.lower - 1e-10 * scale < inside).all()
         assert (inside < bounds.upper + 1e-10 * scale).all()
 
@@ -395,18 +418,22 @@ def test_bounds_know_the_whole_law_of_friction_and_refuse_friction_of_the_load()
     model = random_model(2, 3, branching=0.0)
     body, *others = model.bodies
     law = {'friction': 1.0, 'breakaway_friction': 1.5, 'stribeck_speed': 0.1}
-    sticky = replace(model, bodies=(replace(body, joint=replace(body.joint, **law)), *others))
+    sticky = replace(model,
+                     bodies=(replace(body, joint=replace(body.joint, **law)), *others))
     u = np.array([0.3, 0.0, 0.0])
     q = udot = np.zeros(3)
-    bounds = Robot(sticky).torque_bounds(q, u, udot, Uncertainty.of(sticky, friction=0.1))
+    bounds = Robot(sticky).torque_bounds(q, u, udot,
+                                         Uncertainty.of(sticky, friction=0.1))
     joint = sticky.bodies[0].joint
     width = 0.1 * (abs(joint.damping * 0.3) + np.tanh(0.3 / joint.friction_speed))
     assert 0.5 * (bounds.upper - bounds.lower)[0] == pytest.approx(width, rel=1e-12)
     loaded = replace(model, bodies=(body, replace(others[0], joint=replace(
         others[0].joint, load_friction=0.1)), others[1]))
-    # Where they are no numbers on both sides of one torque, or loads are not those of speeds.
+    # Where they are no numbers on both sides of one torque, or loads are not those of
+    # speeds.
     box = Uncertainty.of(loaded, mass=0.1)
-    with pytest.raises(InputError, match=r'load friction 0\.1.* does not belong to one speed'):
+    with pytest.raises(InputError,
+                       match=r'load friction 0\.1.* does not belong to one speed'):
         Robot(loaded, speeds=absolute_rates).torque_bounds(q, u, udot, box)
     with pytest.raises(InputError, match=r'uncertainty: joint .* load friction'):
         torque_deviation(Robot(loaded), q, u, udot, box)
@@ -418,7 +445,8 @@ def test_bounds_of_relative_errors_hold_for_the_friction_of_both_directions(rate
     body, *others = model.bodies
 
     def scaled(size):
-        joint = replace(body.joint, damping=0.0, friction=size, friction_backward=3.0 * size)
+        joint = replace(body.joint, damping=0.0, friction=size,
+                        friction_backward=3.0 * size)
         return replace(model, bodies=(replace(body, joint=joint), *others))
     box = Uncertainty.of(scaled(1.0), friction=0.2)
     q = udot = np.zeros(3)

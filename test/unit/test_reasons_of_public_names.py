@@ -1,4 +1,4 @@
-"""Every public name is in one group of CONTRIBUTING's tables, with the reason why it stays."""
+"""Every public name is in one group of CONTRIBUTING's tables, with its reason."""
 
 from collections import Counter
 from pathlib import Path
@@ -31,12 +31,14 @@ def assert_each_is_in_one_group(rows, names):
 
 
 def test_every_name_of_the_library_has_a_reason():
-    assert_each_is_in_one_group(groups('names of `kane_dynamics`'), kane_dynamics.__all__)
+    assert_each_is_in_one_group(groups('names of `kane_dynamics`'),
+                                kane_dynamics.__all__)
 
 
 def test_every_attribute_of_a_robot_has_a_reason():
     b = ModelBuilder()
-    b.body('link', 'world', joint='joint', axis=(0, 1, 0), inertial=rod(1, (0, 0, 0), (1, 0, 0)))
+    b.body('link', 'world', joint='joint', axis=(0, 1, 0),
+           inertial=rod(1, (0, 0, 0), (1, 0, 0)))
     attributes = [name for name in dir(Robot(b.model())) if not name.startswith('_')]
     assert_each_is_in_one_group(groups('attributes of `Robot`'), attributes)
 

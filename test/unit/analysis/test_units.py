@@ -67,13 +67,17 @@ def test_origins_in_degrees_are_a_problem(tmp_path, capsys):
 def test_limits_in_degrees_are_a_problem_where_most_joints_have_them(bounds, level):
     """A single joint may turn many times, as a winch does."""
     links = [link(name) for name in 'abcd']
-    joints = [joint(f'j{k}', 'abcd'[k], 'abcd'[k + 1], xyz='0 0 0.3',
-                    limit=f'<limit lower="{-x}" upper="{x}" velocity="2" effort="99"/>')
-              for k, x in enumerate(bounds)]
+    joints = []
+    for k, x in enumerate(bounds):
+        joints.append(
+            joint(f'j{k}', 'abcd'[k], 'abcd'[k + 1], xyz='0 0 0.3',
+                  limit=f'<limit lower="{-x}" upper="{x}" velocity="2" effort="99"/>'))
     model, messages = load_with_warnings(robot(*links, *joints))
-    found = [f for f in examine_model(model, Robot(model), messages)
-             if 'spans many turns' in f.words]
-    assert [f.level for f in found] == [level]
+    findings = []
+    for f in examine_model(model, Robot(model), messages):
+        if 'spans many turns' in f.words:
+            findings.append(f)
+    assert [f.level for f in findings] == [level]
 
 
 def standing(*names):
@@ -88,15 +92,19 @@ def standing(*names):
 
 
 @pytest.mark.parametrize(('names', 'root_joint', 'warned'), [
-    (('FL_hip', 'FR_hip'), 'fixed', True), (('left_wheel', 'right_wheel', 'arm'), 'fixed', True),
+    (('FL_hip', 'FR_hip'), 'fixed', True),
+    (('left_wheel', 'right_wheel', 'arm'), 'fixed', True),
     (('FL_hip', 'FR_hip'), 'free', False), (('FL_hip', 'FR_hip'), 'planar', False),
     (('LHip', 'RHip'), 'fixed', True), (('LEFT_KNEE', 'RIGHT_KNEE'), 'fixed', True),
     (('left_arm', 'right_arm'), 'fixed', False), (('leg',), 'fixed', False),
     (('legato', 'ship'), 'fixed', False)])
 def test_legs_or_wheels_on_a_fixed_base_are_a_warning(names, root_joint, warned):
     model = load_urdf(standing(*names), root_joint=root_joint)
-    found = [f for f in examine_model(model, Robot(model), []) if 'legs or wheels' in f.words]
-    assert [f.level for f in found] == ['warning'] * warned
+    findings = []
+    for f in examine_model(model, Robot(model), []):
+        if 'legs or wheels' in f.words:
+            findings.append(f)
+    assert [f.level for f in findings] == ['warning'] * warned
     if warned:
-        assert f'({names[0]}_1, {names[1]}_1)' in found[0].words
-        assert '--root-joint' in found[0].words
+        assert f'({names[0]}_1, {names[1]}_1)' in findings[0].words
+        assert '--root-joint' in findings[0].words

@@ -84,8 +84,10 @@ def test_rounding_errors_of_torques_that_cancel_are_zero(tmp_path, capsys):
 
 
 def test_gravity_upwards_is_one_warning(away, capsys):
-    assert main(['torque', away, '--q', '0', '-1', '-0.3', '--gravity', '0', '0', '9.81']) == 0
+    assert main(['torque', away, '--q', '0', '-1', '-0.3', '--gravity', '0', '0',
+                 '9.81']) == 0
     line, = capsys.readouterr().err.splitlines()
     assert 'points upwards in the axes of the base; expected 0 0 -9.81' in line
-    assert main(['torque', away, '--q', '0', '-1', '-0.3', '--gravity', '0', '0', '-1.62']) == 0
+    assert main(['torque', away, '--q', '0', '-1', '-0.3', '--gravity', '0', '0',
+                 '-1.62']) == 0
     assert not capsys.readouterr().err

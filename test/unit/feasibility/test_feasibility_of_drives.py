@@ -1,12 +1,12 @@
-"""Limits of the drives of elastic joints: motors and gears along motions of the links."""
+"""Limits of drives of elastic joints: motors, gears along motions of links."""
 
 from dataclasses import replace
 from functools import cache
 import math
 
 from kane_dynamics import (Drive, Inertial, InputError, Limits, load_urdf, ModelBuilder,
-                           ModelError, Motion, Robot, rod, SmoothMotion, StiffnessCurve, UrdfError,
-                           with_drives)
+                           ModelError, Motion, Robot, rod, SmoothMotion, StiffnessCurve,
+                           UrdfError, with_drives)
 from kane_dynamics.feasibility import demand, fastest, largest_payload
 from kane_dynamics.model.model import with_payload
 import numpy as np
@@ -23,11 +23,13 @@ URDF = """<robot name="a"><link name="base"/><link name="l"><inertial><mass valu
 def arm(damping=0.0, curve=False, **limits):
     """Return an arm with two elastic joints and a rigid one, in a vertical plane."""
     builder = ModelBuilder('arm')
-    parent, at = 'world', (0.0, 0.0, 0.0)
+    parent = 'world'
+    at = (0.0, 0.0, 0.0)
     for name, mass in zip(JOINTS, (4.0, 2.0, 0.5), strict=True):
         builder.body(name + '_link', parent, joint=name, axis=(0, -1, 0), at=at,
                      damping=0.5, inertial=rod(mass, (0, 0, 0), (0.4, 0, 0)))
-        parent, at = name + '_link', (0.4, 0.0, 0.0)
+        parent = name + '_link'
+        at = (0.4, 0.0, 0.0)
     stiffness = StiffnessCurve([0.01, 0.1], [8.0, 120.0]) if curve else 900.0
     return with_drives(builder.model(), {
         'shoulder': Drive(stiffness, damping=damping, rotor_inertia=0.8,
@@ -56,7 +58,8 @@ def test_the_demand_satisfies_the_equations_of_links_and_motors(curve):
     tau = robot.inverse_dynamics(needed.q, needed.u, needed.udot)
     size = np.abs(needed.tau).max()
     assert_allclose(tau[:, motors], needed.tau[:, motors], rtol=0, atol=1e-11 * size)
-    assert_allclose(tau[:, links], 0.0, atol=1e-11 * size)  # nothing acts beside the gears
+    # Nothing acts beside the gears.
+    assert_allclose(tau[:, links], 0.0, atol=1e-11 * size)
     rigid = robot.joint_names.index('wrist')
     assert_allclose(tau[:, rigid], needed.tau[:, rigid], rtol=0, atol=1e-11 * size)
     # The torque of a gear is that of its spring.
@@ -71,7 +74,8 @@ def test_the_motion_of_a_damped_drive_satisfies_the_equations():
     tau = robot.inverse_dynamics(needed.q, needed.u, needed.udot)
     shoulder = robot.drives[0]
     size = np.abs(needed.tau).max()
-    assert_allclose(tau[:, shoulder.motor], needed.tau[:, shoulder.motor], atol=1e-8 * size)
+    assert_allclose(tau[:, shoulder.motor], needed.tau[:, shoulder.motor],
+                    atol=1e-8 * size)
     assert_allclose(tau[:, shoulder.link], 0.0, atol=1e-8 * size)
 
 
@@ -93,7 +97,8 @@ def test_the_fastest_speed_reaches_a_limit_of_the_drive(limits, damping):
     assert (scale.joint, scale.limit) == expected
     at_limit = demand(robot, move(), speed=scale.speed, step=step)
     assert at_limit.fits
-    assert max(uses.max() for uses in at_limit.uses.values()) == pytest.approx(1.0, rel=1e-8)
+    assert max(uses.max() for uses in at_limit.uses.values()) == pytest.approx(
+        1.0, rel=1e-8)
     # The limit itself, on samples that the library did not choose.
     dense = demand(robot, move(), speed=scale.speed, step=3.3e-4)
     drive = robot.drives[0]
@@ -155,7 +160,8 @@ def test_a_rigid_motor_is_the_limit_of_a_stiff_one():
     stiff = arm()
     drives = {e.name: replace(e.drive, stiffness=1e9, motor='') for e in stiff.drives}
     links = [body for body in stiff.bodies if not body.joint.name.endswith('_motor')]
-    bodies = tuple(replace(body, joint=replace(body.joint, drive=None)) for body in links)
+    bodies = tuple(replace(body, joint=replace(body.joint, drive=None))
+                   for body in links)
     model = replace(stiff, bodies=bodies, coordinate_names=JOINTS)
     elastic = demand(Robot(with_drives(model, drives)), move())
     for name in ('shoulder', 'elbow'):
@@ -184,7 +190,8 @@ def carrier(**options):
     {}, pytest.param({'curve': True}, marks=pytest.mark.slow),
     pytest.param({'damping': 2.0}, marks=pytest.mark.slow)], ids=str)
 def test_the_largest_payload_of_an_elastic_arm_fits_and_any_more_does_not(options):
-    robot, com = carrier(**options), (0.1, 0.0, 0.02)
+    robot = carrier(**options)
+    com = (0.1, 0.0, 0.02)
     bound = largest_payload(robot, move(), com=com, speed=0.8)
     assert 0.1 < bound.mass < 100.0
     assert robot.parameters.payload is None
@@ -246,10 +253,12 @@ BAD = [
      'uncertainty: given for a robot with elastic joints'),
     (lambda: fastest(robot_of(), move(), bending=1), InputError, 'bending: given'),
     (lambda: demand(robot_of(), move(), power=-1.0), InputError, 'power'),
-    (lambda: largest_payload(Robot(arm(), payload_frame='wrist_link'), Motion.from_points(
-        [0.0, 1.0], np.zeros((2, 5)), joint_names=robot_of().joint_names)), InputError,
-     'as many as independent speeds of the links'),
-    (lambda: largest_payload(carrier(), move(), bending=1), InputError, 'bending: given'),
+    (lambda: largest_payload(
+        Robot(arm(), payload_frame='wrist_link'), Motion.from_points(
+            [0.0, 1.0], np.zeros((2, 5)), joint_names=robot_of().joint_names)),
+     InputError, 'as many as independent speeds of the links'),
+    (lambda: largest_payload(carrier(), move(), bending=1), InputError,
+     'bending: given'),
     (lambda: largest_payload(carrier(), move(), speed=50.0), InputError,
      'motion without a payload: joint'),
 ]

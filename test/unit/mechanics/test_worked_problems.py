@@ -1,4 +1,4 @@
-"""The worked problems of the theory: closed forms and independent derivations, reproduced."""
+"""The worked problems of the theory: closed forms and derivations, reproduced."""
 
 from definition import Definition
 from kane_dynamics import Robot
@@ -18,15 +18,17 @@ g = 9.81
 
 def spring_mass_pendulum(M1, M2, L, K):
     """P1: a block on a spring along x; a particle hangs on it, turning about -y."""
-    block = Body('block', WORLD, Joint('slide', 'prismatic', X, stiffness=K), Inertial(M1))
+    block = Body('block', WORLD, Joint('slide', 'prismatic', X, stiffness=K),
+                 Inertial(M1))
     particle = Body('particle', 0, Joint('swing', 'revolute', -Y, coordinate=1),
                     Inertial(M2, -L * Z))
     return Model('P1', (block, particle), ('slide', 'swing'))
 
 
 def pendulum_equations(M1, M2, L, K, q, u, ops):
-    """Return P1's closed form: mass matrix and right side, with sine and cosine of `ops`."""
-    s, c = ops.sin(q[1]), ops.cos(q[1])
+    """Return P1's closed form: mass matrix and right side, sines of `ops`."""
+    s = ops.sin(q[1])
+    c = ops.cos(q[1])
     M = [[M1 + M2, M2 * L * c], [M2 * L * c, M2 * L**2]]
     return M, [M2 * L * u[1]**2 * s - K * q[0], -M2 * g * L * s]
 
@@ -41,8 +43,8 @@ def test_spring_mass_pendulum_equals_its_closed_form(engine):
         np.testing.assert_allclose(robot.mass_matrix(q), M, rtol=1e-13, atol=1e-13)
         np.testing.assert_allclose(robot.bias_force(q, u), -right, rtol=1e-13,
                                    atol=1e-13 * np.abs(right).max())
-        np.testing.assert_allclose(robot.forward_dynamics(q, u, np.zeros(2)), udot, rtol=1e-13,
-                                   atol=1e-13 * np.abs(udot).max())
+        np.testing.assert_allclose(robot.forward_dynamics(q, u, np.zeros(2)), udot,
+                                   rtol=1e-13, atol=1e-13 * np.abs(udot).max())
 
 
 def test_spring_mass_pendulum_equals_its_closed_form_in_symbols():
@@ -52,24 +54,28 @@ def test_spring_mass_pendulum_equals_its_closed_form_in_symbols():
     model = spring_mass_pendulum(*values)
     exact = [sp.nsimplify(value) for value in values]
     M, right = pendulum_equations(*exact, (q1, q2), (u1, u2), sp)
-    M_kane, bias = kane.mass_matrix(model, q), kane.bias_force(model, q, u, friction=False)
+    M_kane = kane.mass_matrix(model, q)
+    bias = kane.bias_force(model, q, u, friction=False)
     for r in range(2):
-        assert sp.simplify(unwrapped(bias[r]) + sp.nsimplify(right[r], rational=True)) == 0
+        assert sp.simplify(unwrapped(bias[r]) + sp.nsimplify(right[r],
+                                                             rational=True)) == 0
         for s in range(2):
             assert sp.simplify(unwrapped(M_kane[r, s]) - M[r][s]) == 0
 
 
-m, L = 1.3, 0.4
+m = 1.3
+L = 0.4
 
 
 def two_rods(auxiliary=False):
     """
     P2: rod A turns about n2 at O, rod B about a3 at A's end.
 
-    With `auxiliary`, a third coordinate turns A about a1: held at zero, its torque is what the
-    bearing exerts.
+    With `auxiliary`, a third coordinate turns A about a1: held at zero, its torque is
+    what the bearing exerts.
     """
-    rod_a = Inertial(2.0 * m, 2.0 * L * Z, 8.0 / 3.0 * m * L**2 * np.diag([1.0, 1.0, 0.0]))
+    rod_a = Inertial(2.0 * m, 2.0 * L * Z,
+                     8.0 / 3.0 * m * L**2 * np.diag([1.0, 1.0, 0.0]))
     rod_b = Inertial(m, -L * Y, m * L**2 / 3.0 * np.diag([1.0, 0.0, 1.0]))
     first = Joint('q1', 'revolute', Y)
     second = Joint('q2', 'revolute', Z, translation=4.0 * L * Z, coordinate=1)
@@ -79,14 +85,16 @@ def two_rods(auxiliary=False):
                   Body('A', 0, Joint('q3', 'revolute', X, coordinate=2), rod_a),
                   Body('B', 1, second, rod_b))
         return Model('P2', bodies, (*names, 'q3'))
-    return Model('P2', (Body('A', WORLD, first, rod_a), Body('B', 0, second, rod_b)), names)
+    return Model('P2', (Body('A', WORLD, first, rod_a), Body('B', 0, second, rod_b)),
+                 names)
 
 
 @pytest.fixture(scope='module')
 def rods_by_sympy():
-    """P2 by Lagrange's equations and, for the bearing, by the moment of momentum about O."""
+    """P2 by Lagrange's equations; its bearing by the moment of momentum about O."""
     t = sp.Symbol('t')
-    q1, q2 = (sp.Function(name)(t) for name in ('q1', 'q2'))
+    q1 = sp.Function('q1')(t)
+    q2 = sp.Function('q2')(t)
     R_A = sp.rot_axis2(-q1)
     R_B = R_A * sp.rot_axis3(-q2)
     I_A = sp.diag(1, 1, 0) * sp.Rational(8, 3) * m * L**2
@@ -102,14 +110,18 @@ def rods_by_sympy():
                   for mass, _, v, inertia, omega in rods)
     potential = sum(mass * g * r[2] for mass, r, *_ in rods)
     down = sp.Matrix([0, 0, -g])
-    momentum = sum((mass * r.cross(v) + inertia * omega for mass, r, v, inertia, omega in rods),
-                   sp.zeros(3, 1))
+    momentum = sum(
+        (mass * r.cross(v) + inertia * omega for mass, r, v, inertia, omega in rods),
+        sp.zeros(3, 1))
     weight = sum((r.cross(mass * down) for mass, r, *_ in rods), sp.zeros(3, 1))
-    equations = [(kinetic - potential).diff(x.diff(t)).diff(t) - (kinetic - potential).diff(x)
-                 for x in (q1, q2)]
+    equations = [(kinetic - potential).diff(x.diff(t)).diff(t)
+                 - (kinetic - potential).diff(x) for x in (q1, q2)]
     equations.append((momentum.diff(t) - weight).dot(R_A[:, 0]))
     plain = sp.symbols('a1 a2 u1 u2 q1 q2')
-    order = [x.diff(t, k) for k in (2, 1, 0) for x in (q1, q2)]
+    order = []
+    for k in (2, 1, 0):
+        for x in (q1, q2):
+            order.append(x.diff(t, k))
     function = sp.lambdify(plain, [e.subs(list(zip(order, plain))) for e in equations])
     return lambda q, u, udot: np.array(function(*udot, *u, *q), dtype=float)
 
@@ -121,23 +133,30 @@ def test_two_rods_accelerate_as_lagrange_has_it(engine, rods_by_sympy):
         udot = robot.forward_dynamics(q, u, np.zeros(2))
         bias = rods_by_sympy(q, u, np.zeros(2))[:2]
         M = np.stack([rods_by_sympy(q, u, e)[:2] - bias for e in np.eye(2)], axis=1)
-        np.testing.assert_allclose(udot, np.linalg.solve(M, -bias), rtol=1e-11, atol=1e-11)
+        np.testing.assert_allclose(udot, np.linalg.solve(M, -bias),
+                                   rtol=1e-11, atol=1e-11)
 
 
 @ENGINES
-def test_an_auxiliary_speed_brings_the_bearing_torque_into_evidence(engine, rods_by_sympy):
-    robot, bearing = engine(two_rods()), engine(two_rods(auxiliary=True))
+def test_an_auxiliary_speed_brings_the_bearing_torque_into_evidence(
+        engine, rods_by_sympy):
+    robot = engine(two_rods())
+    bearing = engine(two_rods(auxiliary=True))
     for q, u in STATES:
         udot = robot.forward_dynamics(q, u, np.zeros(2))
         tau = bearing.inverse_dynamics(*[np.array([*x, 0.0]) for x in (q, u, udot)])
-        np.testing.assert_allclose(tau, [0.0, 0.0, rods_by_sympy(q, u, udot)[2]], atol=1e-11)
+        np.testing.assert_allclose(tau, [0.0, 0.0, rods_by_sympy(q, u, udot)[2]],
+                                   atol=1e-11)
 
 
 def test_two_rods_have_the_velocities_and_active_forces_of_the_lecture():
     model = two_rods(auxiliary=True)
     for (q1, q2), (u1, u2) in STATES:
-        q, u, u3 = np.array([q1, q2, 0.0]), np.array([u1, u2, 1.7]), 1.7
-        (s1, s2), (c1, c2) = np.sin((q1, q2)), np.cos((q1, q2))
+        q = np.array([q1, q2, 0.0])
+        u = np.array([u1, u2, 1.7])
+        u3 = 1.7
+        s1, s2 = np.sin((q1, q2))
+        c1, c2 = np.cos((q1, q2))
         bodies = kinematics.configurations(model, q)
         _, A, B = kinematics.motions(model, bodies, q, u, np.zeros(3))
         a = bodies[1].R_wb  # columns a1, a2, a3 in world axes
@@ -164,10 +183,12 @@ def planar_arm(l1, l2):
 
 @ENGINES
 def test_velocity_propagates_to_the_tip_of_the_planar_arm(engine):
-    l1, l2 = 0.5, 0.3
+    l1 = 0.5
+    l2 = 0.3
     robot = engine(planar_arm(l1, l2))
     for q, u in STATES:
-        s2, c2 = np.sin(q[1]), np.cos(q[1])
+        s2 = np.sin(q[1])
+        c2 = np.cos(q[1])
         twist = robot.frame_velocity('tip', q, u)
         in_link = robot.frame_pose('tip', q)[:3, :3].T @ twist.reshape(2, 3).T
         expected = [[l1 * s2 * u[0], l1 * c2 * u[0] + l2 * (u[0] + u[1]), 0.0],
@@ -177,10 +198,12 @@ def test_velocity_propagates_to_the_tip_of_the_planar_arm(engine):
 
 @ENGINES
 def test_jacobian_of_the_planar_arm_in_base_axes(engine):
-    l1, l2 = 0.5, 0.3
+    l1 = 0.5
+    l2 = 0.3
     robot = engine(planar_arm(l1, l2))
     for q, _ in STATES:
-        (s1, s12), (c1, c12) = np.sin((q[0], q.sum())), np.cos((q[0], q.sum()))
+        s1, s12 = np.sin((q[0], q.sum()))
+        c1, c12 = np.cos((q[0], q.sum()))
         expected = [[-l1 * s1 - l2 * s12, -l2 * s12], [l1 * c1 + l2 * c12, l2 * c12],
                     [0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0]]
         np.testing.assert_allclose(robot.jacobian('tip', q), expected, atol=1e-14)

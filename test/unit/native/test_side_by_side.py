@@ -1,4 +1,4 @@
-"""Parts of a program that several states compute side by side give what each gives alone."""
+"""Parts of a program that several states compute side by side give single results."""
 
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import evaluate, trace_program
@@ -15,7 +15,8 @@ SCALE = np.array([1.7])
 
 def function(x, y, scale):
     """Return results of an early input x, a late input y, of both, and a constant."""
-    of_x = np.array([np.sin(x[0]) / x[1], np.sqrt(x[2]) + scale[0], np.tanh(x[0]) * x[2]])
+    of_x = np.array(
+        [np.sin(x[0]) / x[1], np.sqrt(x[2]) + scale[0], np.tanh(x[0]) * x[2]])
     mixed = of_x[0] * y[0] + of_x[1] * np.cos(y[1])
     return np.array([mixed, of_x[2], x[1], y[1] * x[0], 3.0])
 
@@ -54,8 +55,8 @@ def compiled(function_of_states):
     def program():
         return trace_program('both', lambda x, y, scale: function_of_states(x, y, scale),
                              [('x', X.shape), ('y', Y.shape), ('parameters', (1,))])
-    kernel = Kernel('both', program, None, [Argument('x', X.shape), Argument('y', Y.shape)],
-                    SCALE, shape)
+    kernel = Kernel('both', program, None,
+                    [Argument('x', X.shape), Argument('y', Y.shape)], SCALE, shape)
     return kernel(X, Y).reshape(STATES, 5)
 
 

@@ -1,4 +1,4 @@
-"""Promises of exported C: the library's numbers from a plain C compiler, and a test of itself."""
+"""Promises of exported C: the library's numbers from plain C, and a self-test."""
 
 import ctypes
 from pathlib import Path
@@ -7,8 +7,8 @@ import shutil
 import subprocess
 import sys
 
-from kane_dynamics import (absolute_rates, box, Coupling, Inertial, InputError, load_urdf, Model,
-                           ModelBuilder, Robot)
+from kane_dynamics import (absolute_rates, box, Coupling, Inertial, InputError,
+                           load_urdf, Model, ModelBuilder, Robot)
 from kane_dynamics._util.resources import package_version, resource_path
 from kane_dynamics.native.backends.c99 import c_functions, prototype
 from kane_dynamics.native.backends.c99_math import elementary_functions, PRECISIONS
@@ -22,8 +22,8 @@ import pytest
 from random_loops import random_loops
 
 pytestmark = pytest.mark.skipif(shutil.which('gcc') is None, reason='no C compiler')
-STRICT = ['-Wall', '-Wextra', '-Wpedantic', '-Wdouble-promotion', '-Werror', '-O1', '-fPIC',
-          '-shared']
+STRICT = ['-Wall', '-Wextra', '-Wpedantic', '-Wdouble-promotion', '-Werror', '-O1',
+          '-fPIC', '-shared']
 UNOPTIMIZED = ('gcc', '-std=c99', '-O0')  # in a fraction of the time
 SOLVED = ('forward_dynamics', 'inverse_mass_matrix')
 
@@ -34,7 +34,7 @@ def arm(name):
 
 
 def mechanism():
-    """Return a tree with sliding joints, mimics, friction, springs, wrenches and a payload."""
+    """Return a tree with slides, mimics, friction, springs, wrenches, payload."""
     robot = Robot(random_model(3, 6, mimics=2), wrench_frames=['frame3', 'frame6'],
                   payload_frame='frame5')
     robot.parameters.payload = Inertial(2.0, [0.1, 0.0, -0.2], np.diag([0.1, 0.2, 0.15]))
@@ -45,7 +45,8 @@ def built(source, tmp_path, compiler=('gcc', '-std=c99')):
     """Compile a source with every warning an error, and load it."""
     library = tmp_path / f'{compiler[0]}_{len(list(tmp_path.glob("*.so")))}.so'
     # Options of the compiler last, so that they count.
-    command = [compiler[0], *STRICT, *compiler[1:], str(source), '-o', str(library), '-lm']
+    command = [compiler[0], *STRICT, *compiler[1:], str(source), '-o', str(library),
+               '-lm']
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return ctypes.CDLL(str(library))
@@ -54,8 +55,9 @@ def built(source, tmp_path, compiler=('gcc', '-std=c99')):
 def call_exported(function, arguments, shape):
     """Call an exported function on arrays; None is NULL."""
     result = np.full(shape, np.nan)
-    pointers = [None if x is None else x.ctypes.data_as(ctypes.c_void_p)
-                for x in (*arguments, result)]
+    pointers = []
+    for x in (*arguments, result):
+        pointers.append(None if x is None else x.ctypes.data_as(ctypes.c_void_p))
     function.restype = None
     function(*pointers)
     return result
@@ -65,16 +67,19 @@ def check(robot, library, prefix, kernels):
     """Hold every kernel against the library at random states."""
     rng = np.random.default_rng(1)
     for name in kernels:
-        kernel, function = robot.kernels.quantity(name), getattr(library, f'{prefix}_{name}')
+        kernel = robot.kernels.quantity(name)
+        function = getattr(library, f'{prefix}_{name}')
         for _ in range(20):
-            given = [rng.uniform(-2.0, 2.0, a.shape) for a in kernel.arguments]
-            expected = np.asarray(kernel(*given))
+            inputs = [rng.uniform(-2.0, 2.0, a.shape) for a in kernel.arguments]
+            expected = np.asarray(kernel(*inputs))
             tolerance = 1e-12
             if name in SOLVED:
-                condition = np.linalg.cond(robot.mass_matrix(given[0]))
+                condition = np.linalg.cond(robot.mass_matrix(inputs[0]))
                 tolerance = max(tolerance, 10.0 * np.finfo(float).eps * condition)
-            got = call_exported(function, [*given, robot.parameters.block], kernel.shape)
-            assert np.abs(got - expected).max() <= tolerance * np.abs(expected).max(), name
+            got = call_exported(function, [*inputs, robot.parameters.block],
+                                kernel.shape)
+            assert np.abs(got - expected).max() <= tolerance * np.abs(
+                expected).max(), name
 
 
 @pytest.mark.parametrize('name', ['ur10e', 'fr3'])
@@ -87,7 +92,8 @@ def test_exported_arms_give_the_librarys_numbers(name, tmp_path):
     assert getattr(library, f'{name}_self_test')() == 0
 
 
-def test_every_kernel_of_a_mechanism_with_everything_gives_the_librarys_numbers(tmp_path):
+def test_every_kernel_of_a_mechanism_with_everything_gives_the_librarys_numbers(
+        tmp_path):
     robot = mechanism()
     source, _ = robot.export_c(tmp_path / 'tree.c', tuple(QUANTITIES))
     library = built(source, tmp_path, UNOPTIMIZED)
@@ -96,7 +102,7 @@ def test_every_kernel_of_a_mechanism_with_everything_gives_the_librarys_numbers(
 
 
 def test_the_self_test_accepts_results_that_are_rounding_alone(tmp_path):
-    """The mass matrix of this mechanism is constant in its speeds: C vanishes but for rounding."""
+    """The mass matrix of this mechanism is constant in its speeds: C vanishes."""
     loops = random_loops(37)
     robot = Robot(loops.model, constraints=loops.constraints, configuration=loops.q0,
                   speeds=absolute_rates)
@@ -119,16 +125,19 @@ def test_subroutines_are_static_functions_that_give_the_librarys_numbers(tmp_pat
 def test_null_stands_for_the_parameters_at_export_and_for_no_wrench(tmp_path):
     robot = mechanism()
     robot.parameters.gravity = [1.0, 2.0, -3.0]
-    library = built(robot.export_c(tmp_path / 'tree.c', ['inverse_dynamics'])[0], tmp_path)
+    library = built(robot.export_c(tmp_path / 'tree.c', ['inverse_dynamics'])[0],
+                    tmp_path)
     q, u, udot = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.n))
     expected = robot.inverse_dynamics(q, u, udot)
     got = call_exported(library.tree_inverse_dynamics, [q, u, udot, None, None], robot.n)
-    np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(got, expected,
+                               rtol=0.0, atol=1e-12 * np.abs(expected).max())
 
 
 def test_a_result_may_be_written_over_an_argument(tmp_path):
     robot = arm('two_link')
-    library = built(robot.export_c(tmp_path / 'arm.c', ['inverse_dynamics'])[0], tmp_path)
+    library = built(robot.export_c(tmp_path / 'arm.c', ['inverse_dynamics'])[0],
+                    tmp_path)
     q, u, udot = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.n))
     expected = robot.inverse_dynamics(q, u, udot)
     pointers = [x.ctypes.data_as(ctypes.c_void_p) for x in (q, u, udot)]
@@ -138,14 +147,17 @@ def test_a_result_may_be_written_over_an_argument(tmp_path):
 
 def test_there_is_no_state_and_no_call_but_to_libm(tmp_path):
     source, _ = mechanism().export_c(tmp_path / 'tree.c')
-    subprocess.run(['gcc', '-std=c99', '-O2', '-c', str(source), '-o', str(tmp_path / 'tree.o')],
-                   check=True)
-    listed = subprocess.run(['nm', str(tmp_path / 'tree.o')], capture_output=True, text=True,
-                            check=True).stdout
+    subprocess.run(
+        ['gcc', '-std=c99', '-O2', '-c', str(source), '-o', str(tmp_path / 'tree.o')],
+        check=True)
+    listed = subprocess.run(['nm', str(tmp_path / 'tree.o')],
+                            capture_output=True, text=True, check=True).stdout
     symbols = re.findall(r'(\w) ([\w.]+)$', listed, re.MULTILINE)
-    assert {kind for kind, _ in symbols} <= set('TtrRU')  # code, constants, undefined: no data
+    # code, constants, undefined: no data
+    assert {kind for kind, _ in symbols} <= set('TtrRU')
     assert {name for kind, name in symbols if kind == 'U'} <= {
-        'sin', 'cos', 'sincos', 'tanh', 'sqrt', '_GLOBAL_OFFSET_TABLE_', '__stack_chk_fail'}
+        'sin', 'cos', 'sincos', 'tanh', 'sqrt', '_GLOBAL_OFFSET_TABLE_',
+        '__stack_chk_fail'}
 
 
 @pytest.mark.parametrize('kernel', DEFAULT_KERNELS)
@@ -190,18 +202,23 @@ def test_the_header_says_what_it_is_and_serves_cpp(tmp_path):
 def test_names_that_c_cannot_hold_do_no_harm(tmp_path):
     joints = ['a*/ int x = "1;??/', 'a-/ int x = "1;??/', 'größe\n#error']
     model = random_model(0, 3)
-    bodies = [type(b)(b.name, b.parent, type(j)(joints[k], j.kind, j.axis, coordinate=k),
-                      b.inertial) for k, b in enumerate(model.bodies) if (j := b.joint)]
+    bodies = []
+    for k, b in enumerate(model.bodies):
+        if j := b.joint:
+            bodies.append(type(b)(b.name, b.parent, type(j)(joints[k], j.kind, j.axis,
+                                                            coordinate=k), b.inertial))
     robot = Robot(Model('/* "\\\n*/', tuple(bodies), tuple(joints)))
     source, _ = robot.export_c(tmp_path / '7-axis armé.c', ['gravity_force'])
     assert built(source, tmp_path).x7_axis_arm__self_test() == 0
     for name in ('a"b.c', 'a\\b.c', 'a\nb.c', 'a??b.c', 'a\udcffb.c'):
-        with pytest.raises(InputError, match='because C includes the header by its name'):
+        with pytest.raises(InputError,
+                           match='because C includes the header by its name'):
             robot.export_c(tmp_path / name)
 
 
 @pytest.mark.parametrize('kernels, words', [
-    (['inverse_dynamic'], "no kernel 'inverse_dynamic'; expected some of inverse_dynamics, "),
+    (['inverse_dynamic'],
+     "no kernel 'inverse_dynamic'; expected some of inverse_dynamics, "),
     ([], 'kernels: none; expected some of inverse_dynamics, '),
     ('mass_matrix', "the string 'mass_matrix'")])
 def test_an_unknown_kernel_is_named_with_the_valid_ones(kernels, words, tmp_path):
@@ -211,7 +228,8 @@ def test_an_unknown_kernel_is_named_with_the_valid_ones(kernels, words, tmp_path
 
 
 def test_quantities_of_rows_are_refused_for_a_robot_without_rows(tmp_path):
-    for name in ('constraint_forces', 'constraint_residual', 'constraint_velocity_residual'):
+    for name in ('constraint_forces', 'constraint_residual',
+                 'constraint_velocity_residual'):
         with pytest.raises(InputError, match=f"'{name}' of a robot without constraints"):
             arm('two_link').export_c(tmp_path / 'arm.c', [name])
 
@@ -235,7 +253,8 @@ def test_every_quantity_is_exported_alone_also_without_sines(kind, tmp_path):
     state = {name: rng.normal(size=robot.n) for name in ('u', 'udot', 'tau')}
     state['q'] = robot.closed_configuration(rng.normal(size=3))
     rates = {'joint_rates', 'joint_torques', 'joint_accelerations'}
-    names = {*robot.kernels.names, *rates, *(f'{name}:tool' for name in FRAME_QUANTITIES),
+    names = {*robot.kernels.names, *rates,
+             *(f'{name}:tool' for name in FRAME_QUANTITIES),
              'jacobian:tool', 'jacobian_rate:tool', 'joint_reaction:y'}
     for k, name in enumerate(sorted(names)):
         source, _ = robot.export_c(tmp_path / f'g{k}.c', [name])
@@ -285,18 +304,21 @@ def test_a_process_exports_from_the_command_line(tmp_path):
 
 def test_poses_and_jacobians_of_frames_are_among_the_kernels(tmp_path):
     robot = arm('ur10e')
-    source, header = robot.export_c(tmp_path / 'arm.c', ['jacobian:tool0', 'frame_pose:tool0'])
+    source, header = robot.export_c(tmp_path / 'arm.c',
+                                    ['jacobian:tool0', 'frame_pose:tool0'])
     assert 'void arm_jacobian_tool0(const double *q, ' in header.read_text()
     library = built(source, tmp_path)
     assert library.arm_self_test() == 0
     q = np.random.default_rng(2).uniform(-2.0, 2.0, robot.n)
     for function, expected in ((library.arm_jacobian_tool0, robot.jacobian('tool0', q)),
-                               (library.arm_frame_pose_tool0, robot.frame_pose('tool0', q))):
+                               (library.arm_frame_pose_tool0,
+                                robot.frame_pose('tool0', q))):
         got = call_exported(function, [q, None], expected.shape)
         np.testing.assert_allclose(got, expected, atol=1e-14)
     with pytest.raises(InputError, match=r"'nose'.*tool0"):
         robot.export_c(tmp_path / 'arm.c', ['jacobian:nose'])
-    with pytest.raises(InputError, match=r"no kernel 'jacobians:tool0'.*jacobian:<frame>"):
+    with pytest.raises(InputError,
+                       match=r"no kernel 'jacobians:tool0'.*jacobian:<frame>"):
         robot.export_c(tmp_path / 'arm.c', ['jacobians:tool0'])
 
 
@@ -304,21 +326,24 @@ def test_poses_and_jacobians_of_frames_are_among_the_kernels(tmp_path):
 def test_single_precision_has_a_self_test_to_fit(name, tmp_path):
     robot = mechanism() if name == 'mechanism' else arm(name)
     source, header = robot.export_c(tmp_path / 'arm.c', scalar='float32')
-    assert 'double' not in re.sub(r'/\*.*?\*/', '', source.read_text() + header.read_text(),
+    assert 'double' not in re.sub(r'/\*.*?\*/', '',
+                                  source.read_text() + header.read_text(),
                                   flags=re.DOTALL)
     text = source.read_text()
-    options = [[], ['-O3', '-march=native'], ['-DARM_PORTABLE']] if name == 'fr3' else [[]]
-    for more in options:
-        library = built(source, tmp_path, ('gcc', '-std=gnu99', *more))
+    options = [[], ['-O3', '-march=native'],
+               ['-DARM_PORTABLE']] if name == 'fr3' else [[]]
+    for further in options:
+        library = built(source, tmp_path, ('gcc', '-std=gnu99', *further))
         assert library.arm_self_test() == 0
     rng = np.random.default_rng(5)
     for _ in range(20):
-        given = rng.uniform(-1.0, 1.0, (3, robot.n)).astype(np.float32)
+        inputs = rng.uniform(-1.0, 1.0, (3, robot.n)).astype(np.float32)
         result = np.empty(robot.n, np.float32)
         extra = [None] * (len(robot.kernels.quantity('inverse_dynamics').arguments) - 2)
-        library.arm_inverse_dynamics(*(x if x is None else x.ctypes.data_as(ctypes.c_void_p)
-                                       for x in (*given, *extra, result)))
-        expected = robot.inverse_dynamics(*given.astype(np.float64))
+        library.arm_inverse_dynamics(
+            *(x if x is None else x.ctypes.data_as(ctypes.c_void_p)
+              for x in (*inputs, *extra, result)))
+        expected = robot.inverse_dynamics(*inputs.astype(np.float64))
         assert np.abs(result - expected).max() < 1e-5 * np.abs(expected).max()
     # and it fits closely: an error of a thousandth is found
     wrong = re.sub(r'(arm_inverse_dynamics_0_expected\[\d+\] = \{\s*)(-?[\d.e+-]+)f',
@@ -332,13 +357,15 @@ def test_single_precision_has_a_self_test_to_fit(name, tmp_path):
 
 
 def test_another_sine_and_cosine_can_be_put_in(tmp_path):
-    robot, kernels = arm('fr3'), ('inverse_dynamics', 'mass_matrix')
+    robot = arm('fr3')
+    kernels = ('inverse_dynamics', 'mass_matrix')
     source, _ = robot.export_c(tmp_path / 'arm.c', kernels)
     hook = ['-DARM_SINCOS(x,s,c)=(*(s)=sin(x),*(c)=cos(x))', '-DARM_TANH(x)=tanh(x)']
     library = built(source, tmp_path, ('gcc', '-std=c99', *hook))
     assert library.arm_self_test() == 0
     check(robot, library, 'arm', kernels)
-    wrong = built(source, tmp_path, ('gcc', '-std=c99', '-DARM_SINCOS(x,s,c)=(*(s)=x,*(c)=1)'))
+    wrong = built(source, tmp_path,
+                  ('gcc', '-std=c99', '-DARM_SINCOS(x,s,c)=(*(s)=x,*(c)=1)'))
     assert wrong.arm_self_test() == 1
 
 
@@ -355,7 +382,8 @@ def test_sines_and_tanh_hold_at_every_size_of_their_argument(tmp_path):
         np.testing.assert_allclose(got, expected, atol=3e-15)
         u = np.minimum(np.abs(u), 1e3) * np.sign(u)
         want = robot.bias_force(np.zeros(robot.n), u)
-        got = call_exported(library.arm_bias_force, [np.zeros(robot.n), u, None], robot.n)
+        got = call_exported(library.arm_bias_force, [np.zeros(robot.n), u, None],
+                            robot.n)
         assert np.abs(got - want).max() <= 1e-12 * np.abs(want).max()
 
 
@@ -382,13 +410,15 @@ def test_every_operation_that_is_traced_is_written(tmp_path):
     double = PRECISIONS['float64']
     source.write_text('\n'.join([
         *(f'#include <{name}.h>' for name in ('math', 'stddef', 'stdint', 'string')),
-        elementary_functions('F', double, {'tanh_each'}), f'{prototype(program, "f", double)};',
+        elementary_functions('F', double, {'tanh_each'}),
+        f'{prototype(program, "f", double)};',
         c_functions(program, 'f', {}, double, ''), '']))
     function = built(source, tmp_path).f
     for x in (0.3, 0.7, 2.4):
         want = [np.exp(-x) * np.log(2.0 + x * x) + np.arctan(x), np.floor(3.0 * x),
                 x**1.5 if x < 0.5 else 2.0, np.tanh(x) - np.sqrt(x)]
-        np.testing.assert_allclose(call_exported(function, [np.array([x])], 4), want, rtol=1e-14)
+        np.testing.assert_allclose(call_exported(function, [np.array([x])], 4), want,
+                                   rtol=1e-14)
 
 
 def test_a_closed_loop_names_its_speeds_and_refuses_open_configurations(tmp_path):
@@ -400,7 +430,10 @@ def test_a_closed_loop_names_its_speeds_and_refuses_open_configurations(tmp_path
     assert 'LOOP_SPEED_CRANK = 0' in text and 'LOOP_JOINT_ROCKER = 2' in text
     library = built(source, tmp_path)
     assert library.loop_self_test() == 0
-    q, u, udot = at_angle(1.1), np.array([2.0]), np.array([-1.0])
+    q = at_angle(1.1)
+    u = np.array([2.0])
+    udot = np.array([-1.0])
     tau = call_exported(library.loop_inverse_dynamics, [q, u, udot, None], 1)
     np.testing.assert_allclose(tau, robot.inverse_dynamics(q, u, udot), rtol=1e-11)
-    assert np.isnan(call_exported(library.loop_inverse_dynamics, [q + 0.1, u, udot, None], 1))[0]
+    assert np.isnan(call_exported(library.loop_inverse_dynamics,
+                                  [q + 0.1, u, udot, None], 1))[0]

@@ -1,9 +1,10 @@
-"""Promises of Robot: the compiled kernels, the recursion and the definition are one thing."""
+"""Promises of Robot: compiled kernels, recursion and definition agree."""
 
 from dataclasses import replace
 
-from kane_dynamics import (Body, CompileError, Inertial, InputError, Joint, Limits, load_urdf,
-                           Model, ModelBuilder, ModelError, point_mass, Robot, rod, simulate)
+from kane_dynamics import (Body, CompileError, Inertial, InputError, Joint, Limits,
+                           load_urdf, Model, ModelBuilder, ModelError, point_mass, Robot,
+                           rod, simulate)
 from kane_dynamics.mechanics.algebra.vector import axis_rotation
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.recursive.link import denavit_hartenberg, linkage
@@ -22,23 +23,27 @@ def assert_equal(value, reference, tolerance=1e-11):
     assert np.abs(np.asarray(value) - reference).max() <= tolerance * scale
 
 
-@pytest.mark.parametrize('options', [{}, {'friction': False}, {'frame_reduction': False}])
+@pytest.mark.parametrize('options',
+                         [{}, {'friction': False}, {'frame_reduction': False}])
 @pytest.mark.parametrize('seed', SEEDS)
 def test_definition_recursion_and_compiled_code_agree(seed, options):
     model = random_model(seed, 5, mimics=seed % 3)
     q, u, udot = random_state(model, seed)
     friction = options.get('friction', True)
-    robot, equations = Robot(model, **options), TreeEquations(model, **options)
+    robot = Robot(model, **options)
+    equations = TreeEquations(model, **options)
     g = model.gravity
-    for given, reference in (
-            ((robot.inverse_dynamics(q, u, udot), equations.inverse_dynamics(q, u, udot, None, g)),
+    for values, reference in (
+            ((robot.inverse_dynamics(q, u, udot),
+              equations.inverse_dynamics(q, u, udot, None, g)),
              kane.inverse_dynamics(model, q, u, udot, friction=friction)),
-            ((robot.mass_matrix(q), equations.mass_matrix(q, g)), kane.mass_matrix(model, q)),
+            ((robot.mass_matrix(q), equations.mass_matrix(q, g)),
+             kane.mass_matrix(model, q)),
             ((robot.bias_force(q, u), equations.bias_force(q, u, g)),
              kane.bias_force(model, q, u, friction=friction)),
             ((robot.gravity_force(q), equations.gravity_force(q, g)),
              kane.gravity_force(model, q))):
-        for value in given:
+        for value in values:
             assert_equal(value, reference)
 
 
@@ -60,10 +65,12 @@ def test_coordinates_in_any_order_mean_the_same():
     rank = {old: new for new, old in enumerate(order)}
     shuffled = replace(
         model, coordinate_names=tuple(model.coordinate_names[k] for k in order),
-        bodies=tuple(replace(b, joint=replace(b.joint, coordinate=rank[b.joint.coordinate]))
+        bodies=tuple(replace(b,
+                             joint=replace(b.joint, coordinate=rank[b.joint.coordinate]))
                      for b in model.bodies))
     q, u, udot = random_state(model, 1)
-    a, b = Robot(model), Robot(shuffled)
+    a = Robot(model)
+    b = Robot(shuffled)
     assert_equal(b.inverse_dynamics(q[order], u[order], udot[order]),
                  a.inverse_dynamics(q, u, udot)[order])
     assert_equal(b.forward_dynamics(q[order], u[order], udot[order]),
@@ -75,15 +82,18 @@ def test_a_payload_equals_inertia_on_the_model_and_changes_without_compiling():
     robot = Robot(model, payload_frame='frame3')
     payload = random_inertial(np.random.default_rng(2))
     q, u, udot = random_state(model, 3)
-    assert_equal(robot.inverse_dynamics(q, u, udot), kane.inverse_dynamics(model, q, u, udot))
+    assert_equal(robot.inverse_dynamics(q, u, udot),
+                 kane.inverse_dynamics(model, q, u, udot))
     robot.parameters.payload = payload
     loaded = with_payload(model, 'frame3', payload)
-    assert_equal(robot.inverse_dynamics(q, u, udot), kane.inverse_dynamics(loaded, q, u, udot))
+    assert_equal(robot.inverse_dynamics(q, u, udot),
+                 kane.inverse_dynamics(loaded, q, u, udot))
     assert_equal(robot.mass_matrix(q), kane.mass_matrix(loaded, q))
     assert_equal(robot.potential_energy(q), Robot(loaded).potential_energy(q))
     assert_equal(robot.kinetic_energy(q, u), Robot(loaded).kinetic_energy(q, u))
     robot.parameters.payload = None
-    assert_equal(robot.inverse_dynamics(q, u, udot), kane.inverse_dynamics(model, q, u, udot))
+    assert_equal(robot.inverse_dynamics(q, u, udot),
+                 kane.inverse_dynamics(model, q, u, udot))
 
 
 @pytest.mark.parametrize('count', [1, 2])
@@ -96,7 +106,8 @@ def test_wrenches_act_where_they_are_declared(count):
     reference = kane.inverse_dynamics(
         model, q, u, udot, wrenches={n: (w[:3], w[3:]) for n, w in zip(names, wrench)})
     assert_equal(robot.inverse_dynamics(q, u, udot, wrench=wrench), reference)
-    assert_equal(robot.inverse_dynamics(q, u, udot), kane.inverse_dynamics(model, q, u, udot))
+    assert_equal(robot.inverse_dynamics(q, u, udot),
+                 kane.inverse_dynamics(model, q, u, udot))
     udot_pushed = robot.forward_dynamics(q, u, reference, wrench=wrench)
     assert_equal(udot_pushed, udot, 1e-9)
     batch = np.stack([wrench, 2.0 * wrench])
@@ -116,8 +127,9 @@ def test_each_torque_term_has_its_cause_and_they_sum_to_inverse_dynamics(seed):
     assert_equal(terms['inertia'], robot.mass_matrix(q) @ udot)
     assert_equal(terms['gravity'], robot.gravity_force(q))
     assert_equal(terms['friction'], robot.friction_force(u))
-    assert_equal(terms['coriolis'], kane.bias_force(replace(model, gravity=np.zeros(3)), q, u,
-                                                    friction=False) - terms['spring'])
+    assert_equal(terms['coriolis'],
+                 kane.bias_force(replace(model, gravity=np.zeros(3)), q, u,
+                                 friction=False) - terms['spring'])
 
 
 @pytest.mark.parametrize('seed', SEEDS)
@@ -130,15 +142,18 @@ def test_frames_move_as_their_partial_velocities_say(seed):
         assert_equal(robot.jacobian(name, q), kane.partial_velocities(model, q, name))
         velocity = robot.frame_velocity(name, q, u)
         np.testing.assert_allclose(velocity, robot.jacobian(name, q) @ u, atol=1e-12)
-        before, after = (robot.frame_pose(name, q + s * h * u) for s in (-1.0, 1.0))
-        rate = (after - before) / (2.0 * h)
+        pose_before, pose_after = (robot.frame_pose(name, q + s * h * u)
+                                   for s in (-1.0, 1.0))
+        rate = (pose_after - pose_before) / (2.0 * h)
         np.testing.assert_allclose(velocity[:3], rate[:3, 3], atol=1e-8)
         spin = rate[:3, :3] @ robot.frame_pose(name, q)[:3, :3].T
-        np.testing.assert_allclose(velocity[3:], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-8)
-        before, after = (robot.frame_velocity(name, q + s * h * u, u + s * h * udot)
-                         for s in (-1.0, 1.0))
+        np.testing.assert_allclose(velocity[3:], [spin[2, 1], spin[0, 2], spin[1, 0]],
+                                   atol=1e-8)
+        pose_before, pose_after = (robot.frame_velocity(name, q + s * h * u,
+                                                        u + s * h * udot)
+                                   for s in (-1.0, 1.0))
         np.testing.assert_allclose(robot.frame_acceleration(name, q, u, udot),
-                                   (after - before) / (2.0 * h), atol=2e-7)
+                                   (pose_after - pose_before) / (2.0 * h), atol=2e-7)
 
 
 def test_a_joint_that_moves_no_mass_has_no_forward_dynamics():
@@ -153,9 +168,12 @@ def test_a_joint_that_moves_no_mass_has_no_forward_dynamics():
 def test_configuration_with_a_singular_mass_matrix_is_reported():
     point = Inertial(1.0, [0.0, 0.0, 0.0], np.zeros((3, 3)))
     hinge = Joint('a', 'revolute', [0, 0, 1])
-    slide = Joint('b', 'prismatic', [1, 0, 0], coordinate=1)  # at 0 the point is on the hinge
-    robot = Robot(Model('polar', (Body('1', -1, hinge), Body('2', 0, slide, point)), ('a', 'b')))
-    assert robot.forward_dynamics([0.0, 1.0], [0.0, 0.0], [1.0, 0.0])[0] == pytest.approx(1.0)
+    # At 0 the point is on the hinge.
+    slide = Joint('b', 'prismatic', [1, 0, 0], coordinate=1)
+    robot = Robot(
+        Model('polar', (Body('1', -1, hinge), Body('2', 0, slide, point)), ('a', 'b')))
+    assert robot.forward_dynamics([0.0,
+                                   1.0], [0.0, 0.0], [1.0, 0.0])[0] == pytest.approx(1.0)
     for kind in (list, np.array):
         with pytest.raises(InputError, match='mass matrix is singular'):
             robot.forward_dynamics(kind([0.0, 0.0]), kind([0.0, 0.0]), kind([1.0, 0.0]))
@@ -180,8 +198,8 @@ def test_verify_reports_rounding(seed):
 
 def test_verify_finds_a_wrong_kernel():
     robot = Robot(random_model(1, 3))
-    other = Robot(random_model(2, 3))
-    robot.kernels._made['mass_matrix', ''] = other.kernels.quantity('mass_matrix')
+    other_robot = Robot(random_model(2, 3))
+    robot.kernels._made['mass_matrix', ''] = other_robot.kernels.quantity('mass_matrix')
     with pytest.raises(CompileError, match='mass_matrix: relative error'):
         robot.verify()
 
@@ -203,8 +221,9 @@ def test_limits_stand_in_the_order_of_the_coordinates():
     limits = Robot(model).limits
     for k, body in enumerate(model.bodies):
         joint = body.joint.limits
-        assert (limits.lower[k], limits.upper[k], limits.velocity[k], limits.effort[k]) == (
-            joint.lower, joint.upper, joint.velocity, joint.effort)
+        assert (limits.lower[k], limits.upper[k], limits.velocity[k],
+                limits.effort[k]) == (
+                    joint.lower, joint.upper, joint.velocity, joint.effort)
 
 
 def test_limits_beyond_all_positions_are_none_to_random_configurations():
@@ -224,8 +243,10 @@ def test_a_robot_without_joints_has_empty_results_and_no_simulation():
     robot = Robot(load_urdf('<robot name="box"><link name="box"/></robot>'))
     nothing = np.zeros(0)
     robot.compile()
-    for derivatives in (robot.inverse_dynamics_derivatives, robot.forward_dynamics_derivatives):
-        assert [np.shape(part) for part in derivatives(nothing, nothing, nothing)] == 3 * [(0, 0)]
+    for derivatives in (robot.inverse_dynamics_derivatives,
+                        robot.forward_dynamics_derivatives):
+        assert [np.shape(part) for part in derivatives(nothing, nothing,
+                                                       nothing)] == 3 * [(0, 0)]
     assert robot.jacobian('box', nothing).shape == (6, 0)
     assert robot.jacobian_rate('box', nothing, nothing).shape == (6, 0)
     assert robot.jacobian('box', np.zeros((4, 0))).shape == (4, 6, 0)
@@ -245,12 +266,16 @@ def test_a_planar_two_link_arm_costs_no_more_than_its_reduced_closed_form():
 
 
 def general_arm(n):
-    """Return an arm in which no two axes are parallel, perpendicular or meet; the first is z."""
+    """Return an arm without parallel, perpendicular or meeting axes; the first is z."""
     rng = np.random.default_rng(5)
     skewed = axis_rotation(np.array([2.0, 3.0, 6.0]) / 7.0, 0.6, 0.8)
-    bodies = tuple(Body(f'body{i}', i - 1, Joint(
-        f'joint{i}', 'revolute', [0, 0, 1], skewed if i else np.eye(3), rng.normal(size=3), i),
-        random_inertial(rng)) for i in range(n))
+    rows = []
+    for i in range(n):
+        rows.append(
+            Body(f'body{i}', i - 1,
+                 Joint(f'joint{i}', 'revolute', [0, 0, 1], skewed if i else np.eye(3),
+                       rng.normal(size=3), i), random_inertial(rng)))
+    bodies = tuple(rows)
     return Model('general', bodies, tuple(body.joint.name for body in bodies))
 
 

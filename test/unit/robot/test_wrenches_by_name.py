@@ -146,8 +146,6 @@ def test_impossible_payloads_are_refused_and_far_ones_warned_of():
         arm().with_payload('tool0', point_mass(1.0, at=(80.0, 0.0, 0.0)))
 
 
-
-
 def test_the_body_jacobian_is_pinocchios_local_one():
     pin = pytest.importorskip('pinocchio')
     peer = pin.buildModelFromUrdf(str(resource_path('urdf', 'ur10e.urdf')))

@@ -17,13 +17,13 @@ from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
 from kane_dynamics.ros.services.served_robot import (QUASI_STATIC, RIGID,  # noqa: E402
                                                      ServedRobot)
-from kane_dynamics.ros.services.service_calls import (explain, forward_dynamics,  # noqa: E402
-                                                      get_dynamics, inverse_dynamics)
+from kane_dynamics.ros.services.service_calls import (  # noqa: E402
+    explain, forward_dynamics, get_dynamics, inverse_dynamics)
 from kane_dynamics.ros.services.simulation_request import SimulationRequest  # noqa: E402
 from kane_dynamics.ros.services.time_optimal_request import timing_request  # noqa: E402
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle  # noqa: E402
-from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,  # noqa: E402
-                                          InverseDynamics, Simulate, TimeOptimal)
+from kane_dynamics_interfaces.srv import (  # noqa: E402
+    Explain, ForwardDynamics, GetDynamics, InverseDynamics, Simulate, TimeOptimal)
 
 URDF = resource_path('urdf', 'two_link.urdf')
 STATE = {'position': [0.4, 0.3], 'velocity': [0.5, -0.2]}
@@ -37,7 +37,8 @@ def served(bending=True, **changes):
         'arm_compensates': ('none',)} | {
         name.replace('__', '.'): value for name, value in changes.items()}
     return ServedRobot(robot, robot, GravityAndPayload(robot.parameters.gravity), values,
-                       WrenchFrames(robot), QuasiStatic(Robot(model)) if bending else None)
+                       WrenchFrames(robot),
+                       QuasiStatic(Robot(model)) if bending else None)
 
 
 def test_inverse_dynamics_includes_the_deflection_and_says_so():
@@ -56,7 +57,8 @@ def test_inverse_dynamics_includes_the_deflection_and_says_so():
 
 
 @pytest.mark.parametrize(('call', 'kind', 'more'), [
-    (forward_dynamics, ForwardDynamics, {'effort': [1.0, 1.0]}), (get_dynamics, GetDynamics, {}),
+    (forward_dynamics, ForwardDynamics, {'effort': [1.0, 1.0]}),
+    (get_dynamics, GetDynamics, {}),
     (explain, Explain, {'acceleration': [1.0, 2.0]})])
 def test_other_answers_say_that_beams_are_rigid(call, kind, more):
     for bending, expected in ((True, RIGID), (False, '')):
@@ -66,15 +68,18 @@ def test_other_answers_say_that_beams_are_rigid(call, kind, more):
 
 
 def test_the_observer_has_the_torque_without_that_of_the_deflection():
-    arm, rejected = served(), []
+    arm = served()
+    rejected = []
     torque = AppliedTorque(arm.robot, arm.values, lambda *words: rejected.append(words),
                            arm.bending)
     q, u = (np.array(x) for x in STATE.values())
     measured = arm.bending.inverse_dynamics(q, u, np.zeros(2))
-    state = SimpleNamespace(q=q, u=u, effort=measured, has_velocity=True, has_effort=True)
+    state = SimpleNamespace(q=q, u=u, effort=measured, has_velocity=True,
+                            has_effort=True)
     cycle = Cycle(0, state, None, 0.0, measured, None, None)
-    found, rigid = torque.torque(cycle), arm.robot.inverse_dynamics(q, u, np.zeros(2))
-    np.testing.assert_allclose(found, rigid, rtol=1e-12)
+    torques = torque.torque(cycle)
+    rigid = arm.robot.inverse_dynamics(q, u, np.zeros(2))
+    np.testing.assert_allclose(torques, rigid, rtol=1e-12)
     assert np.abs(measured - rigid).max() > 1e-3
     state.u = np.array([900.0, 0.0])
     assert torque.torque(cycle) is None
@@ -108,7 +113,8 @@ def test_simulations_have_stops_if_the_parameter_says_so(stops):
 def test_simulations_have_exact_friction_if_the_parameter_says_so():
     request = Simulate.Request(position=[0.1, 0.1], duration=0.1, sample_period=0.01,
                                torque_source=Simulate.Request.ZERO)
-    simulation = SimulationRequest.from_request(request, served(simulation__sticking=True))
+    simulation = SimulationRequest.from_request(request,
+                                                served(simulation__sticking=True))
     assert simulation.sticking
     response = SimpleNamespace()
     simulation.run(response, lambda t: True)

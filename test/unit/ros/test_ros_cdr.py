@@ -8,7 +8,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.cdr import (float64_multi_array, joint_command,
                                           joint_state_of_efforts, Reader)
 from kane_dynamics.ros.common.conversion import motion_from_message
-from kane_dynamics.ros.inputs.trajectory_input import CdrTime, read_trajectory, TrajectoryHeader
+from kane_dynamics.ros.inputs.trajectory_input import (CdrTime, read_trajectory,
+                                                       TrajectoryHeader)
 from kane_dynamics.ros.services.trajectory_filling import serialized_trajectory
 import numpy as np
 import pytest

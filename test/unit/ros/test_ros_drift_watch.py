@@ -28,11 +28,14 @@ class Rig:
         self.motions = ActiveMotion()
         model = SimpleNamespace(coordinate_names=NAMES, sliding=frozenset(NAMES[:2]))
         self.controller = SimpleNamespace(mode=mode, robot=SimpleNamespace(model=model))
-        path = SimpleNamespace(controller=self.controller, active_motion=self.motions,
-                               measured=lambda: None if self.q is None else self.q.copy())
-        server = SimpleNamespace(create_timer=self._timer, destroy_timer=lambda timer: None)
+        path = SimpleNamespace(
+            controller=self.controller, active_motion=self.motions,
+            measured=lambda: None if self.q is None else self.q.copy())
+        server = SimpleNamespace(create_timer=self._timer,
+                                 destroy_timer=lambda timer: None)
         self.watch = DriftWatch(server, path, NAMES[1:], lambda: self.now,
-                                lambda: self.listeners, SimpleNamespace(warning=self.log.append))
+                                lambda: self.listeners,
+                                SimpleNamespace(warning=self.log.append))
 
     def _timer(self, period, callback, clock):
         self.examine = callback
@@ -55,7 +58,8 @@ def test_an_arm_that_sinks_without_a_motion_is_named_once_and_until_it_is_back(m
     assert warning.startswith(f"{mode}: joint 'elbow' is 0.25 rad from where it was")
     assert 'payload' in warning
     rig.after(1.0, 0.0, 0.03, 0.0)
-    assert rig.watch.warning.startswith(f"{mode}: joint 'lift' is 0.07 m from where it was")
+    assert rig.watch.warning.startswith(
+        f"{mode}: joint 'lift' is 0.07 m from where it was")
     assert rig.log == [warning]
     assert rig.after(1.0, 0.0, -0.03, -0.1) == ''
 

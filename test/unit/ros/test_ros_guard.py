@@ -1,7 +1,8 @@
 """
-The dynamics node and torque_guard in one process, with a manual clock and topics in memory.
+The dynamics node and torque_guard in one process, with a manual clock and topics.
 
-Both sides are the ones of the real processes; a stopped process receives and sends nothing.
+Both sides are the ones of the real processes; a stopped process receives and sends
+nothing.
 """
 
 from collections import defaultdict, deque
@@ -19,19 +20,22 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from kane_dynamics import Closure, Controller, load_urdf, Motion, Robot  # noqa: E402, I100
+from kane_dynamics import (  # noqa: E402, I100
+    Closure, Controller, load_urdf, Motion, Robot)
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.model.inertial import Inertial  # noqa: E402
-from kane_dynamics.ros.common.cdr import float64_multi_array, write_joint_state  # noqa: E402
+from kane_dynamics.ros.common.cdr import (  # noqa: E402
+    float64_multi_array, write_joint_state)
 from kane_dynamics.ros.common.cdr import PreparedMessage  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink  # noqa: E402
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard  # noqa: E402
-from kane_dynamics.ros.guard.guard_messages import (arm_digest, loads_from_numbers,  # noqa: E402
-                                                    LOADS_LENGTH, loads_to_numbers)
+from kane_dynamics.ros.guard.guard_messages import (  # noqa: E402
+    arm_digest, loads_from_numbers, LOADS_LENGTH, loads_to_numbers)
 from kane_dynamics.ros.guard.node_torques import NodeTorques  # noqa: E402
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.parameters.parameter_checks import controller_settings  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_checks import (  # noqa: E402
+    controller_settings)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from native_rig import guarded, native_path  # noqa: E402
 from node_values import node_values, UNCHECKED  # noqa: E402
@@ -41,7 +45,9 @@ from std_msgs.msg import Float64MultiArray  # noqa: E402
 NANO = 10**9
 DIGEST = 2.0**52 - 1.0
 MODEL = load_urdf(resource_path('urdf', 'two_link.urdf'))
-LEASE, RATE, TAU = 0.012, 500.0, np.zeros(2)
+LEASE = 0.012
+RATE = 500.0
+TAU = np.zeros(2)
 Q = np.array([0.4, -0.3])
 MOTION = Motion.from_points([0.0, 20.0], [[0.4, -0.3], [5.0, -4.0]],
                             joint_names=MODEL.joint_names)
@@ -73,8 +79,12 @@ class Process:
     """One process: a replacement of a node, with a queue while it is stopped."""
 
     def __init__(self, machine, name):
-        self.machine, self.name, self.running, self.dead = machine, name, True, False
-        self.queue, self.log = {}, []
+        self.machine = machine
+        self.name = name
+        self.running = True
+        self.dead = False
+        self.queue = {}
+        self.log = []
 
     def deliver(self, topic, callback, data):
         if self.dead:
@@ -88,7 +98,8 @@ class Process:
 
     def resume(self):
         self.running = True
-        queue, self.queue = self.queue, {}
+        queue = self.queue
+        self.queue = {}
         for callback, data in queue.values():
             callback(data)
 
@@ -99,7 +110,8 @@ class Process:
             if topic == 'commands':
                 message = float64_multi_array(2)
                 assert message.read(data)
-                self.machine.commands.append((self.machine.now, self.name, message.numbers.copy()))
+                self.machine.commands.append(
+                    (self.machine.now, self.name, message.numbers.copy()))
             self.machine.publish(topic, data)
         return SimpleNamespace(publish=publish, wait_for_all_acked=lambda timeout: True,
                                get_subscription_count=lambda: 1)
@@ -123,7 +135,8 @@ class Process:
         return SimpleNamespace(ros_time_is_active=False)
 
     def get_logger(self):
-        return SimpleNamespace(**dict.fromkeys(('info', 'warning', 'error'), self.log.append))
+        return SimpleNamespace(
+            **dict.fromkeys(('info', 'warning', 'error'), self.log.append))
 
 
 @pytest.fixture(scope='module')
@@ -138,7 +151,8 @@ class Pair:
     def __init__(self, monkeypatch, controller, native, period=0.002, **changes):
         self.native = native
         values = node_values(UNCHECKED)
-        self.values = values | {'limits.rate': np.array(RATE), 'guard.lease': LEASE, **changes}
+        self.values = values | {'limits.rate': np.array(RATE), 'guard.lease': LEASE,
+                                **changes}
         self.machine = Machine(monkeypatch)
         self.period = period
         self.q, self.u = Q.copy(), np.zeros(2)
@@ -146,11 +160,11 @@ class Pair:
         self._state = PreparedMessage(writer, offsets[0], 2)
         self._speeds = self._state.doubles(offsets[1], 2)
         self.guard_process = Process(self.machine, 'guard')
-        self.guard = ConfiguredGuard(self.guard_process,
-                                     NodeTorques(self.guard_process, 'node'), MODEL, self.values,
-                                     lambda *words: None,
-                                     lambda level, text: self.guard_process.log.append(text),
-                                     identity=1.0)
+        self.guard = ConfiguredGuard(
+            self.guard_process,
+            NodeTorques(self.guard_process, 'node'), MODEL, self.values,
+            lambda *words: None, lambda level, text: self.guard_process.log.append(text),
+            identity=1.0)
         self.controller = controller
         self.start_node()
         self.run(0.4)
@@ -163,7 +177,8 @@ class Pair:
         self.path = (native_path if self.native else TorquePath)(
             self.controller, process.create_publisher(None, 'commands', None),
             process.create_publisher(None, '~/joint_torques', None),
-            lambda: round(self.machine.now * NANO), self.values, Statistics(), lambda *words: None)
+            lambda: round(self.machine.now * NANO), self.values, Statistics(),
+            lambda *words: None)
         self.link = GuardLink(process, self.path, LEASE, ExitStack(), 2, 0.0)
         if self.native:
             guarded(self.path, self.link)
@@ -208,20 +223,20 @@ class Pair:
             self.step(states)
 
     def voices(self, since=0.0):
-        """Return the processes that commanded, in turn, and check that no two did at once."""
+        """Return the processes that commanded, in turn; no two did at once."""
         turns = []
-        before = -1.0
+        last = -1.0
         for now, name, _ in self.machine.commands:
             if now > since:
                 if turns and turns[-1] != name:
-                    assert now > before, 'two voices answer one state'
+                    assert now > last, 'two voices answer one state'
                 if not turns or turns[-1] != name:
                     turns.append(name)
-                before = now
+                last = now
         return turns
 
     def largest_step(self, since):
-        """Return the largest change of torque between two commands, in units of the limit."""
+        """Return the largest torque step between commands, in units of the limit."""
         taus = [tau for now, _, tau in self.machine.commands if now >= since]
         return np.abs(np.diff(taus, axis=0)).max() / (RATE * self.period)
 
@@ -237,7 +252,7 @@ def test_after_a_kill_the_guard_commands_gravity_within_two_periods_of_the_lease
     killed = both.machine.now
     both.node_process.dead = True
     both.run(0.1)
-    first = next(each for each in both.machine.commands if each[1] == 'guard')
+    first = next(command for command in both.machine.commands if command[1] == 'guard')
     assert first[0] - killed <= LEASE + 2 * 0.002 + 1e-9
     gravity = Robot(MODEL).gravity_force(Q)
     np.testing.assert_allclose(both.machine.commands[-1][2], gravity, rtol=1e-12)
@@ -257,7 +272,8 @@ def test_the_guard_damps_motion_and_starts_from_the_last_torque_of_the_node(pair
     np.testing.assert_allclose(guard[0], last, atol=1e-12)
     both.run(0.1)
     robot = Robot(MODEL)
-    expected = robot.inverse_dynamics(Q, both.u, -20.0 * both.u) - robot.friction_force(both.u)
+    expected = robot.inverse_dynamics(Q, both.u, -20.0 * both.u) - robot.friction_force(
+        both.u)
     np.testing.assert_allclose(both.machine.commands[-1][2], expected, rtol=1e-9)
 
 
@@ -282,7 +298,7 @@ def test_the_guard_damps_alone_where_the_arm_holds_itself(pair):
 
 
 def test_the_guard_changes_all_torques_in_step_with_the_slowest(pair):
-    """Joints that reached their torques one by one would throw the lighter ones about."""
+    """Joints that reach torques one by one would throw the lighter ones."""
     rate = np.array([0.1, 2.0]) * RATE
     both = pair(**{'limits.rate': rate})
     both.run(1.0)  # reaches its torques
@@ -338,7 +354,8 @@ def test_a_motion_survives_a_short_stall_only(pair, length, kept):
     both.node_process.resume()
     both.run(0.05)
     assert both.machine.commands[-1][1] == 'node'
-    assert (both.path.active_motion.desired(round(both.machine.now * NANO)) is not None) is kept
+    assert ((both.path.active_motion.desired(round(both.machine.now * NANO)) is not None)
+            is kept)
 
 
 def test_zeros_of_the_node_are_no_reason_to_take_over(pair):
@@ -388,18 +405,24 @@ def test_stale_states_give_zeros_of_the_guard_when_the_node_is_dead(pair):
     assert not again.machine.commands[-1][2].any()
 
 
-def test_states_that_stop_at_a_jump_of_the_clock_give_zeros_of_the_guard(pair, monkeypatch):
+def test_states_that_stop_at_a_jump_of_the_clock_give_zeros_of_the_guard(
+        pair, monkeypatch):
     both = pair()
     both.node_process.dead = True
-    monkeypatch.setattr(time, 'time_ns', lambda: round((both.machine.now - 100.0) * NANO))
+    monkeypatch.setattr(time, 'time_ns',
+                        lambda: round((both.machine.now - 100.0) * NANO))
     both.guard.on_clock_jump()
     both.run(0.2, states=False)
-    commands = [each[1:] for each in both.machine.commands if each[1] == 'guard']
+    commands = []
+    for command in both.machine.commands:
+        if command[1] == 'guard':
+            commands.append(command[1:])
     assert len(commands) == 1
     np.testing.assert_array_equal(commands[0][1], TAU)
 
 
-def test_a_node_that_gets_no_states_does_not_command_zeros_while_the_guard_holds_the_arm(pair):
+def test_a_node_that_gets_no_states_does_not_command_zeros_while_the_guard_holds_the_arm(
+        pair):
     both = pair()
     both.node_process.dead = True
     both.run(0.2)
@@ -412,11 +435,13 @@ def test_a_node_that_gets_no_states_does_not_command_zeros_while_the_guard_holds
 
 
 @pytest.mark.parametrize('period', [0.002, 0.08])
-def test_a_guard_that_gets_no_states_leaves_the_command_to_a_node_that_has_them(pair, period):
+def test_a_guard_that_gets_no_states_leaves_the_command_to_a_node_that_has_them(
+        pair, period):
     both = pair(period=period)
     began = both.machine.now
     subscribers = both.machine.subscribers['joint_states']
-    subscribers[:] = [each for each in subscribers if each[0] is both.node_process]
+    subscribers[:] = [subscriber for subscriber in subscribers
+                      if subscriber[0] is both.node_process]
     both.run(1.0)
     assert both.voices(began) == ['node']
     assert all(tau.any() for now, _, tau in both.machine.commands if now > began)
@@ -438,7 +463,8 @@ def test_slow_states_neither_trigger_the_guard_nor_blind_it(pair):
     assert first - killed <= 2 * 0.02 + 1e-9
 
 
-def test_heartbeats_that_the_thread_has_heard_are_not_missed_by_a_paused_interpreter(pair):
+def test_heartbeats_that_the_thread_has_heard_are_not_missed_by_a_paused_interpreter(
+        pair):
     both = pair()
     both.run(0.3)
     both.link._known = both.link._known._replace(seen=both.link._known.seen - 2.0 * NANO)
@@ -480,8 +506,8 @@ def test_actions_fade_out(pair, action):
     assert both.machine.commands[-1][2].any()
     both.run(0.5)
     robot = Robot(MODEL)
-    damping = (robot.inverse_dynamics(Q, both.u, -20.0 * both.u) - robot.friction_force(both.u)
-               - robot.gravity_force(Q))
+    damping = (robot.inverse_dynamics(Q, both.u, -20.0 * both.u)
+               - robot.friction_force(both.u) - robot.gravity_force(Q))
     np.testing.assert_allclose(both.machine.commands[-1][2],
                                damping if action == 'damp' else np.zeros(2), atol=1e-12)
 
@@ -504,10 +530,12 @@ def test_random_stalls_of_both_processes_never_give_two_voices_or_a_step(pair):
     assert both.largest_step(began) <= 1.0 + 1e-9
 
 
-def test_a_command_whose_computation_was_interrupted_waits_for_the_guard(pair, monkeypatch):
+def test_a_command_whose_computation_was_interrupted_waits_for_the_guard(
+        pair, monkeypatch):
     both = pair()
     machine = both.machine
-    sent, asked = len(machine.commands), []
+    sent = len(machine.commands)
+    asked = []
     machine.subscribers['node/guard_request'].append((both.node_process, asked.append))
     began = machine.now = machine.now + 0.002
     later = began + 0.03
@@ -530,7 +558,8 @@ def test_loads_arrive_as_they_were_sent():
                        np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.3], [0.2, 0.3, 5.0]]))
     for sent in (payload, None):
         number, loads, digest = loads_from_numbers(np.array(
-            loads_to_numbers(7.0, GravityAndPayload(np.array([0.1, 0.2, -9.8]), sent), DIGEST)))
+            loads_to_numbers(7.0, GravityAndPayload(np.array([0.1, 0.2, -9.8]), sent),
+                             DIGEST)))
         assert (number, digest) == (7.0, DIGEST)
         np.testing.assert_array_equal(loads.gravity, [0.1, 0.2, -9.8])
         assert (loads.payload is None) == (sent is None)
@@ -553,7 +582,8 @@ def test_the_digest_of_an_arm_changes_with_its_equations_but_not_with_gravity():
     digest = arm_digest(MODEL, None)
     assert 0.0 < digest == int(digest) < 2.0**53
     assert digest == arm_digest(replace(MODEL, gravity=np.array([0.0, 0.0, -5.0])), ())
-    heavier = load_urdf(resource_path('urdf', 'two_link.urdf').read_text().replace('2.4', '2.5'))
+    heavier = load_urdf(
+        resource_path('urdf', 'two_link.urdf').read_text().replace('2.4', '2.5'))
     assert digest != arm_digest(heavier, None)
     digests = {digest}
     for axis in ((0.0, 1.0, 0.0), (0.0, 1.0, 1e-9)):
@@ -577,7 +607,7 @@ def test_the_node_follows_the_first_of_two_guards(pair):
 
 
 def test_a_guard_that_was_stopped_listens_before_it_commands_from_its_old_torque(pair):
-    """Another guard may have held the arm meanwhile, from torques that this one does not know."""
+    """Another guard may have held the arm meanwhile, from torques unknown here."""
     both = pair()
     both.node_process.dead = True
     both.run(0.3)
@@ -600,17 +630,18 @@ def test_a_guard_that_was_stopped_listens_before_it_commands_from_its_old_torque
 
 def test_a_subscription_with_events_is_used_again_and_never_destroyed():
     """Where it is destroyed while an event waits, rclpy ends the process."""
-    made, heard = [], []
+    created = []
+    heard = []
 
     def subscribe(*arguments, **options):
-        made.append(arguments)
+        created.append(arguments)
     torques = NodeTorques(SimpleNamespace(create_subscription=subscribe), 'node')
 
     def listener(name):
         return SimpleNamespace(on_torques=lambda data: heard.append((name, data)),
                                on_liveliness=lambda alive: heard.append((name, alive)))
     forget = torques.hear(0.02, 0.1, listener('first'))
-    (_, topic, on_torques, _), = made
+    (_, topic, on_torques, _), = created
     assert topic == 'node/joint_torques'
     on_torques(b'1')
     on_torques.__self__.on_liveliness(SimpleNamespace(alive_count=1))
@@ -619,8 +650,9 @@ def test_a_subscription_with_events_is_used_again_and_never_destroyed():
     torques.hear(0.02, 0.1, listener('second'))
     on_torques(b'3')
     torques.hear(0.03, 0.1, listener('third'))
-    assert len(made) == 2
-    assert heard == [('first', b'1'), ('first', True), ('second', True), ('second', b'3')]
+    assert len(created) == 2
+    assert heard == [('first', b'1'), ('first', True), ('second', True),
+                     ('second', b'3')]
 
 
 def test_a_message_of_loads_is_a_float64_multi_array():
@@ -630,7 +662,8 @@ def test_a_message_of_loads_is_a_float64_multi_array():
 
 def test_a_parameter_of_the_wrong_type_ends_the_guard_with_one_line():
     done = subprocess.run(
-        [sys.executable, '-m', 'kane_dynamics.ros.guard.main', '--ros-args', '-p', 'node:=3'],
+        [sys.executable, '-m',
+         'kane_dynamics.ros.guard.main', '--ros-args', '-p', 'node:=3'],
         env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}, capture_output=True,
         text=True, timeout=60.0)
     assert done.returncode == 2
@@ -658,7 +691,7 @@ class MovingArm:
                                        both.path.active_motion.generation)
 
     def run(self, seconds, false=False):
-        """Return the positions and speeds (K, 2) of all periods; states are false or true."""
+        """Return the positions and speeds (K, 2) of all periods, false or true."""
         rows = []
         for _ in range(round(seconds / self.both.period)):
             torque = self.both.machine.commands[-1][2]
@@ -673,7 +706,8 @@ class MovingArm:
         def rate(state):
             q, u = state
             return np.array([u, self.robot.forward_dynamics(q, u, torque)])
-        h, state = self.both.period, np.array([self.q, self.u])
+        h = self.both.period
+        state = np.array([self.q, self.u])
         k_1 = rate(state)
         k_2 = rate(state + 0.5 * h * k_1)
         k_3 = rate(state + 0.5 * h * k_2)
@@ -686,8 +720,10 @@ IN_FAULT = pytest.mark.parametrize('before', [0.02, 0.15, 0.28], ids=[
 
 
 @IN_FAULT
-@pytest.mark.parametrize('lease', [LEASE, 1.0])  # s; a long one changes nothing in a fault
-def test_the_guard_stops_an_arm_whose_node_dies_while_states_are_false(pair, before, lease):
+# s; a long one changes nothing in a fault
+@pytest.mark.parametrize('lease', [LEASE, 1.0])
+def test_the_guard_stops_an_arm_whose_node_dies_while_states_are_false(
+        pair, before, lease):
     both = pair(**{'limits.rate': np.array(np.inf), 'state_check.action': 'hold',
                    'mode': 'computed_torque', 'guard.lease': lease})
     arm = MovingArm(both)
@@ -698,14 +734,15 @@ def test_the_guard_stops_an_arm_whose_node_dies_while_states_are_false(pair, bef
     died = both.machine.now
     # The last torque acts in the silence of 1.5 state_timeout.
     arm.run(0.16, false=True)
-    begin, fastest = arm.q.copy(), np.abs(arm.u).max()
+    begin = arm.q.copy()
+    fastest = np.abs(arm.u).max()
     q, u = arm.run(0.84, false=True)
     assert both.voices(died) == ['guard']
     # The stop moves the arm by half its time, 0.25 s, times the speeds at its begin.
     assert np.abs(q - begin).max() < 0.125 * fastest + 2e-3
     assert np.abs(u[-1]).max() < 5e-3
-    np.testing.assert_allclose(both.machine.commands[-1][2], arm.robot.gravity_force(arm.q),
-                               atol=0.02)
+    np.testing.assert_allclose(both.machine.commands[-1][2],
+                               arm.robot.gravity_force(arm.q), atol=0.02)
 
 
 @IN_FAULT
@@ -737,8 +774,9 @@ def test_the_guard_returns_to_measured_states_after_a_stop_by_the_model(pair):
     assert np.abs(arm.u).max() < 1e-3
 
 
-def test_the_guard_stops_an_arm_whose_states_become_false_right_after_its_node_died(pair):
-    """The loss of liveliness begins the takeover, but no valid state is there to answer."""
+def test_the_guard_stops_an_arm_whose_states_become_false_right_after_its_node_died(
+        pair):
+    """Liveliness is lost and the takeover begins, but there is no valid state."""
     both = pair(**{'limits.rate': np.array(np.inf), 'state_check.action': 'hold',
                    'mode': 'computed_torque'})
     arm = MovingArm(both)

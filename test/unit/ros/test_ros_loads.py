@@ -15,8 +15,10 @@ from sensor_msgs.msg import Imu
 
 NOW = 7 * 10**9  # ns, reception of a message without stamp
 MODEL = load_urdf(resource_path('urdf', 'ur10e.urdf'))
-VALUES = {'payload.frame': 'wrist_3_link', 'payload.max_mass': 10.0, 'payload.max_distance': 0.5}
-COM, INERTIA = (0.01, -0.02, 0.05), (0.02, 0.001, -0.002, 0.025, 0.003, 0.03)
+VALUES = {'payload.frame': 'wrist_3_link', 'payload.max_mass': 10.0,
+          'payload.max_distance': 0.5}
+COM = (0.01, -0.02, 0.05)
+INERTIA = (0.02, 0.001, -0.002, 0.025, 0.003, 0.03)
 STATE = [np.linspace(-1.0, 1.0, 6), np.linspace(0.5, -0.7, 6), np.linspace(1.0, 2.0, 6)]
 
 
@@ -31,17 +33,18 @@ def test_a_payload_in_any_frame_of_its_link_equals_a_model_with_payload(frame):
     GravityAndPayload(MODEL.gravity, payload).apply(robot)
     heavier = Robot(with_payload(MODEL, frame or 'wrist_3_link',
                                  Inertial(3.0, np.array(COM), tensor(*INERTIA))))
-    np.testing.assert_allclose(robot.inverse_dynamics(*STATE), heavier.inverse_dynamics(*STATE),
-                               rtol=1e-12, atol=1e-11)
+    np.testing.assert_allclose(robot.inverse_dynamics(*STATE),
+                               heavier.inverse_dynamics(*STATE), rtol=1e-12, atol=1e-11)
 
 
 def test_a_mass_of_zero_removes_the_payload():
-    robot, plain = Robot(MODEL, payload_frame='wrist_3_link'), Robot(MODEL)
+    robot = Robot(MODEL, payload_frame='wrist_3_link')
+    plain = Robot(MODEL)
     for mass in (3.0, 0.0):
         payload = checked_payload(MODEL, VALUES, '', mass, COM, (0.0,) * 6)
         GravityAndPayload(MODEL.gravity, payload).apply(robot)
-    np.testing.assert_allclose(robot.inverse_dynamics(*STATE), plain.inverse_dynamics(*STATE),
-                               rtol=1e-12)
+    np.testing.assert_allclose(robot.inverse_dynamics(*STATE),
+                               plain.inverse_dynamics(*STATE), rtol=1e-12)
 
 
 @pytest.mark.parametrize(('words', 'changes'), [
@@ -55,17 +58,19 @@ def test_a_mass_of_zero_removes_the_payload():
     ('sum of the other two', {'inertia': (0.1, 0, 0, 0.1, 0, 0.3)}),
     ('at most 0.75 kg', {'inertia': (1.0, 0, 0, 1.0, 0, 1.0)}),
     ("no frame 'claw'", {'frame': 'claw'}),
-    ("'forearm_link', not fixed to .* expected one of .*tool0", {'frame': 'forearm_link'}),
+    ("'forearm_link', not fixed to .* expected one of .*tool0",
+     {'frame': 'forearm_link'}),
 ])
 def test_an_invalid_payload_is_refused_by_name(words, changes):
-    given = {'frame': '', 'mass': 3.0, 'com': COM, 'inertia': INERTIA, **changes}
+    arguments = {'frame': '', 'mass': 3.0, 'com': COM, 'inertia': INERTIA, **changes}
     with pytest.raises(InputError, match=words):
-        checked_payload(MODEL, VALUES, **given)
+        checked_payload(MODEL, VALUES, **arguments)
 
 
 def test_a_distance_without_a_square_bounds_nothing():
     values = VALUES | {'payload.max_distance': 1e300}
-    payload = checked_payload(MODEL, values, '', 3.0, (0.0, 1e6, 0.0), (1e9, 0, 0, 1e9, 0, 1e9))
+    payload = checked_payload(MODEL, values, '', 3.0, (0.0, 1e6, 0.0),
+                              (1e9, 0, 0, 1e9, 0, 1e9))
     assert payload.mass == 3.0
 
 
@@ -77,7 +82,8 @@ def test_without_a_payload_frame_a_payload_is_refused():
 def imu(t, force, turn=0.0, frame='base_link'):
     message = Imu()
     message.header.frame_id = frame
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(t * 1e9), 10**9)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(
+        round(t * 1e9), 10**9)
     a = message.linear_acceleration
     a.x, a.y, a.z = map(float, force)
     message.angular_velocity.z = turn
@@ -100,7 +106,8 @@ def test_an_imu_at_rest_gives_gravity_in_world_axes_after_a_time_constant():
 
 
 def test_noise_is_filtered_and_a_slow_rotation_is_tracked():
-    used, generator = [], np.random.default_rng(0)
+    used = []
+    generator = np.random.default_rng(0)
     gravity = source(used, time_constant=0.5)
     for k in range(4000):
         angle = min(0.5, max(0.0, 0.1 * (0.01 * k - 10.0)))
@@ -108,7 +115,8 @@ def test_noise_is_filtered_and_a_slow_rotation_is_tracked():
         gravity.update(imu(0.01 * k + 1.0, force + generator.normal(size=3) * 0.05), NOW)
     rotation = MODEL.frame('base_link').rotation
     np.testing.assert_allclose(rotation.T @ used[-1],
-                               [-9.81 * math.sin(0.5), 0.0, -9.81 * math.cos(0.5)], atol=0.05)
+                               [-9.81 * math.sin(0.5), 0.0, -9.81 * math.cos(0.5)],
+                               atol=0.05)
     assert np.allclose([np.linalg.norm(g) for g in used], 9.81)
 
 

@@ -5,7 +5,8 @@ from functools import partial
 import pytest
 
 pytest.importorskip('rclpy')
-from kane_dynamics import Drive, Inertial, InputError, Motion, MotorSideControl  # noqa: E402, I100
+from kane_dynamics import (  # noqa: E402, I100
+    Drive, Inertial, InputError, Motion, MotorSideControl)
 from kane_dynamics import Robot, SmoothMotion, StiffnessCurve, with_drives  # noqa: E402
 from kane_dynamics import with_rigid_joints  # noqa: E402
 from kane_dynamics.control.controller import Controller  # noqa: E402
@@ -26,7 +27,8 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
 
 JOINTS = ('turn', 'lift', 'reach')
-KP, KD = np.array([300.0, 200.0, 2000.0]), np.array([20.0, 15.0, 90.0])
+KP = np.array([300.0, 200.0, 2000.0])
+KD = np.array([20.0, 15.0, 90.0])
 GAINS = {'drives.kp': KP.tolist(), 'drives.kd': KD.tolist()}
 DRIVES = {'turn': Drive(9e3, rotor_inertia=0.5, motor_effort=30.0),
           'lift': Drive(8e3, 0.5, rotor_inertia=0.4, friction={'damping': 2.0})}
@@ -39,7 +41,8 @@ def elastic(drives=DRIVES):
 def law(changes=GAINS, model=None, payload_frame=None):
     model = model or elastic()
     robot = Robot(with_rigid_joints(model), payload_frame=payload_frame)
-    return MotorSideMode(robot, node_values({'mode': 'motor_side', **changes}), model), robot
+    return MotorSideMode(robot, node_values({'mode': 'motor_side', **changes}),
+                         model), robot
 
 
 def motion():
@@ -58,8 +61,8 @@ class Rig:
         self.values = node_values(UNCHECKED)
         self.judge = partial(refuse_impossible, served_robot(robot, UNCHECKED))
         controller = Controller(robot, laws={Mode.MOTOR_SIDE: mode_law}, mode=mode)
-        self.path = TorquePath(controller, Ignored(), Ignored(), lambda: self.time, self.values,
-                               Statistics(), lambda *words: None)
+        self.path = TorquePath(controller, Ignored(), Ignored(), lambda: self.time,
+                               self.values, Statistics(), lambda *words: None)
         self.path.start()
         self.state()
 
@@ -76,11 +79,13 @@ class Rig:
             begin = self.time + round(stamp * 1e9)
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(begin, 10**9)
         for time, point in zip(t, points, strict=True):
-            point = dict(zip(('positions', 'velocities', 'accelerations'), map(list, point)))
+            point = dict(
+                zip(('positions', 'velocities', 'accelerations'), map(list, point)))
             message.points.append(JointTrajectoryPoint(**point))
             stamp_of = message.points[-1].time_from_start
             stamp_of.sec, stamp_of.nanosec = divmod(round(time * 1e9), 10**9)
-        follow_trajectory(self.path, serialize_message(message), 0, self.values, self.judge)
+        follow_trajectory(self.path, serialize_message(message), 0, self.values,
+                          self.judge)
 
 
 class Ignored:
@@ -103,8 +108,8 @@ def rows(times):
 
 
 @pytest.mark.parametrize(('points', 'what'), [
-    ((ENDS,), 'acceleration'), ((ENDS, REST), 'acceleration'), ((ENDS, REST, REST), 'jerk')],
-    ids=['positions', 'cubic', 'quintic'])
+    ((ENDS,), 'acceleration'), ((ENDS, REST), 'acceleration'),
+    ((ENDS, REST, REST), 'jerk')], ids=['positions', 'cubic', 'quintic'])
 def test_motions_whose_torque_rate_jumps_are_refused_in_this_mode_only(points, what):
     message = [0.0, 1.0], np.stack(points, axis=1)
     with pytest.raises(InputError, match=rf'motion: the {what} of joint .* jumps'):
@@ -116,19 +121,19 @@ def test_a_motion_is_compared_with_the_one_that_it_replaces():
     rig = Rig('motor_side')
     rig.follow(DENSE, rows(DENSE))
     # The rest of the same motion, half a second later, goes on with its derivatives.
-    rest = DENSE[25:]
-    rig.follow(rest - rest[0], rows(rest), stamp=rest[0])
+    later_points = DENSE[25:]
+    rig.follow(later_points - later_points[0], rows(later_points), stamp=later_points[0])
     with pytest.raises(InputError, match=r'the speed of joint .* where it begins, 0 s'):
-        rig.follow(DENSE, rows(DENSE), stamp=rest[0] + 0.2)
+        rig.follow(DENSE, rows(DENSE), stamp=later_points[0] + 0.2)
     # A point of its own would stop the arm at once; after the motion it rests there.
     hold = np.stack([MOVE.sample(0.7)[0], REST[0], REST[0]])
     with pytest.raises(InputError, match=r'the speed of joint .* where it begins, 0 s'):
         rig.follow([0.0], [hold], stamp=0.7)
     rig.follow([0.0], [[ENDS[1], REST[0], REST[0]]], stamp=DENSE[-1])
     # Of a motion that has begun already, what is past does not count.
-    other = Rig('motor_side')
+    other_rig = Rig('motor_side')
     with pytest.raises(InputError, match=r'where it begins, 0\.3 s'):
-        other.follow(DENSE, rows(DENSE), stamp=-0.3)
+        other_rig.follow(DENSE, rows(DENSE), stamp=-0.3)
 
 
 @pytest.mark.parametrize('lead', [0.0, 0.01])
@@ -140,7 +145,8 @@ def test_the_torques_are_those_of_motor_side_control(lead):
     state = np.random.default_rng(1).normal(size=(2, robot.n))
     torques = mode.torque(state[0, motors], state[1, motors], motion(), 0.4, 0.4)
     expected = control(0.4, *state)[motors]
-    expected += control.command([0.4 + lead]).torques[0] - control.command([0.4]).torques[0]
+    expected += control.command([0.4 + lead]).torques[0] - control.command(
+        [0.4]).torques[0]
     assert_allclose(torques, expected, rtol=1e-12)
 
 
@@ -159,7 +165,8 @@ def test_the_first_pose_is_held_in_equilibrium(side):
 
 def test_gravity_and_payload_of_the_torque_path_count():
     mode, robot = law(payload_frame='c')
-    q, u = np.array([0.3, -0.7, 0.1]), np.zeros(3)
+    q = np.array([0.3, -0.7, 0.1])
+    u = np.zeros(3)
     bare = mode.torque(q, u, None, 0.0, 0.0)
     robot.parameters.payload = Inertial(2.0, np.zeros(3), np.zeros((3, 3)))
     mode.restart()  # the deflection is another one
@@ -196,7 +203,8 @@ def test_other_modes_take_the_joints_for_rigid():
     (lambda: law({}), "'drives.kp': empty, and joint 'reach' has no drive"),
     (lambda: law(GAINS | {'drives.kp': [1.0, 2.0]}), "'drives.kp': 2 entries"),
     (lambda: law(model=elastic({'turn': Drive(StiffnessCurve([1e-3, 1e-2], [0.0, 9.0]),
-                                              rotor_inertia=0.5)})), 'a dead zone of 0.001'),
+                                              rotor_inertia=0.5)})),
+     'a dead zone of 0.001'),
 ])
 def test_arms_and_parameters_that_do_not_fit_are_refused(call, words):
     with pytest.raises(InputError, match=words):
@@ -204,7 +212,8 @@ def test_arms_and_parameters_that_do_not_fit_are_refused(call, words):
 
 
 def test_arms_that_compensate_terms_are_refused():
-    values = node_values({'mode': 'motor_side', **GAINS}) | {'arm_compensates': ('gravity',)}
+    values = node_values({'mode': 'motor_side', **GAINS}) | {
+        'arm_compensates': ('gravity',)}
     model = elastic()
     with pytest.raises(InputError, match=r'arm_compensates.*expected none'):
         MotorSideMode(Robot(with_rigid_joints(model)), values, model)

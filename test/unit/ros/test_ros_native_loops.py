@@ -164,7 +164,8 @@ def test_what_refuses_a_motion_after_a_timeout_waits_for_the_reports_of_new_stat
     assert path.timed_out
     for _ in range(2):
         pair.time += 2_000_000
-        path.native.call('cycle', serialize_message(pair.stamped(DRIVEN, list(pair.driven))))
+        path.native.call('cycle',
+                         serialize_message(pair.stamped(DRIVEN, list(pair.driven))))
     assert path.timed_out, 'not reported'
     with ThreadPoolExecutor(1) as services:
         caught_up = services.submit(path.catch_up)

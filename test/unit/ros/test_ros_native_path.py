@@ -21,12 +21,12 @@ from kane_dynamics.control import traced_laws  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
 from kane_dynamics.control_cycle import cycle_results, cycle_rules  # noqa: E402
 from kane_dynamics.native.runtime import message_loop  # noqa: E402
-from kane_dynamics.native.runtime.message_loop import (NOTHING_TAKEN, NOW, STAMP,  # noqa: E402
-                                                       STEADILY)
+from kane_dynamics.native.runtime.message_loop import (  # noqa: E402
+    NOTHING_TAKEN, NOW, STAMP, STEADILY)
 from kane_dynamics.ros.common.cdr import (PreparedMessage, wrench_stamped,  # noqa: E402
                                           write_joint_state)
-from kane_dynamics.ros.common.rcl_functions import (handle_address, message_of,  # noqa: E402
-                                                    SerializedMessage, UnsupportedError)
+from kane_dynamics.ros.common.rcl_functions import (  # noqa: E402
+    handle_address, message_of, SerializedMessage, UnsupportedError)
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.loads.wrench_input import WrenchInput  # noqa: E402
 from kane_dynamics.ros.modes.task_modes import (native_laws,  # noqa: E402
@@ -44,8 +44,9 @@ ROBOT = Robot(MODEL)
 WITH_WRENCHES = Robot(MODEL, wrench_frames=tuple(body.name for body in MODEL.bodies))
 NAMES = ROBOT.joint_names
 MODES = (*map(str, traced_laws.MODES), *map(str, NATIVE_MODES))
-STEPS = {'state': 0.55, 'jump': 0.05, 'far': 0.03, 'fast': 0.03, 'nan': 0.03, 'stale': 0.02,
-         'ahead': 0.02, 'order': 0.02, 'pause': 0.02, 'back': 0.01, 'motion': 0.04, 'gains': 0.03,
+STEPS = {'state': 0.55, 'jump': 0.05, 'far': 0.03, 'fast': 0.03, 'nan': 0.03,
+         'stale': 0.02, 'ahead': 0.02, 'order': 0.02, 'pause': 0.02, 'back': 0.01,
+         'motion': 0.04, 'gains': 0.03,
          'mode': 0.02, 'loads': 0.02, 'effort': 0.03, 'turn': 0.03, 'target': 0.05}
 CHOICES = Choices(STEPS, MODES, efforts=(1.0, 10.0, 300.0), rate=20.0, near=1e-9)
 CHANGED = ('mode', 'modes', 'blend_time', 'target.timeout', 'state_check.grace',
@@ -118,7 +119,8 @@ class Pair(BothPaths):
             q[self.rng.integers(n)] = self.rng.choice([math.nan, math.inf])
         elif kind == 'turn':
             q[-2] += 2.0 * math.pi
-        age = {'stale': 300_000_000, 'ahead': -300_000_000, 'order': 30_000_000}.get(kind, 0)
+        age = {'stale': 300_000_000, 'ahead': -300_000_000, 'order': 30_000_000}.get(
+            kind, 0)
         self.send(message(q, u, self.time - age, self.names))
 
     def do_motion(self, kind):
@@ -133,8 +135,9 @@ class Pair(BothPaths):
         self.values |= node_values({
             'joint_impedance.stiffness': [kp] * 2, 'joint_impedance.damping': damping,
             'joint_impedance.damping_ratio': [0.3, 1.2],
-            'hand_guiding.damping': [0.1 * kp] * 2, 'cartesian.stiffness': [10.0 * kp] * 6}) | {
-            name: self.values[name] for name in CHANGED}
+            'hand_guiding.damping': [0.1 * kp] * 2,
+            'cartesian.stiffness': [10.0 * kp] * 6}) | {
+                name: self.values[name] for name in CHANGED}
         for side in self.sides:
             side.path.controller.update(kp=kp)
             if side.modes.update(self.values | {'mode': side.path.controller.mode}):
@@ -157,7 +160,7 @@ class Pair(BothPaths):
                 side.target.press(numbers, turns, self.time)
 
     def do_wrench(self, kind):
-        """Let a sensor measure a wrench at one of the frames, with a stamp or too late."""
+        """Let a sensor measure a wrench at a frame, with a stamp or too late."""
         frame = self.rng.choice([body.name for body in MODEL.bodies])
         stamp = self.time - int(self.rng.choice([0, 0, 0, 200_000_000]))
         measured = wrench_stamped(frame)
@@ -174,7 +177,8 @@ class Pair(BothPaths):
 
 @pytest.mark.parametrize('compensate', [
     pytest.param(Terms(), id='every term'),
-    pytest.param(Terms(friction=False, inertia=False), id='some terms', marks=pytest.mark.slow)])
+    pytest.param(Terms(friction=False, inertia=False),
+                 id='some terms', marks=pytest.mark.slow)])
 @pytest.mark.parametrize('mode', MODES)
 def test_both_paths_give_the_same_commands_and_drop_the_same_states(mode, compensate):
     pair = Pair(mode, 3, compensate=compensate, rate_limit=400.0)
@@ -185,8 +189,9 @@ def test_both_paths_give_the_same_commands_and_drop_the_same_states(mode, compen
     assert len(statistics.dropped) >= 5, 'every kind of fault'
     assert statistics.timeouts
     # What a person reads is the same too, but for the text of an overflow.
-    texts = [[text for text in side.warnings if text[0] != 'no finite torque']
-             for side in pair.sides]
+    texts = []
+    for side in pair.sides:
+        texts.append([text for text in side.warnings if text[0] != 'no finite torque'])
     assert texts[1] == texts[0]
 
 
@@ -277,10 +282,12 @@ def test_measured_wrenches_act_on_both_paths_as_long_as_they_are_in_time(mode):
 @pytest.mark.parametrize('mode', MODES)
 def test_both_paths_have_the_same_friction_at_reversals(mode, monkeypatch):
     joints = {name: {'friction': 2.0, 'friction_speed': 0.05} for name in NAMES}
-    model = load_urdf(resource_path('urdf', 'two_link.urdf'), supplement={'joints': joints})
+    model = load_urdf(resource_path('urdf', 'two_link.urdf'),
+                      supplement={'joints': joints})
     commands = []
     for choice in ('desired_speed', 'ahead', 'none'):
-        monkeypatch.setitem(globals(), 'ROBOT', Robot(model, feedforward_friction=choice))
+        monkeypatch.setitem(globals(), 'ROBOT',
+                            Robot(model, feedforward_friction=choice))
         pair = Pair(mode, 3)
         for _ in range(3):
             pair.do_motion('motion')
@@ -288,13 +295,15 @@ def test_both_paths_have_the_same_friction_at_reversals(mode, monkeypatch):
                 pair.do_state('state')
                 pair.compare('state')
         commands.append(np.array(list(map(numbers, pair.sides[1].commands.sent))))
-    if mode in ('inverse_dynamics', 'computed_torque', 'joint_impedance'):  # follow motions
+    # These modes follow motions.
+    if mode in ('inverse_dynamics', 'computed_torque', 'joint_impedance'):
         assert np.abs(np.diff(commands, axis=0)).max(axis=(1, 2)).min() > 0.5
 
 
 @pytest.mark.parametrize(('mode', 'variants'), [
-    ('cartesian_impedance', [{}, {'cartesian.frame': 'link1'}, {'cartesian.axes': 'frame'},
-                             {'cartesian.axes': 'base_link'}]),
+    ('cartesian_impedance',
+     [{}, {'cartesian.frame': 'link1'}, {'cartesian.axes': 'frame'},
+      {'cartesian.axes': 'base_link'}]),
     ('hand_guiding', [{'hand_guiding.planes': [1.0, 0.0, 0.0, 2.0]}, {}])])
 def test_a_law_of_another_frame_is_not_answered_from_the_cache(mode, variants):
     """The cache is on disk: the law before can be that of an earlier configuration."""
@@ -315,11 +324,13 @@ def test_twist_and_wrench_end_when_the_clock_jumps_backward(message):
     for _ in range(3):
         pair.do_state('state')
     for side in pair.sides:
-        getattr(side.target, message)(np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]), False, pair.time)
+        getattr(side.target, message)(np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]), False,
+                                      pair.time)
     pair.do_state('state')
     acting = [side.path.controller.laws[Mode.CARTESIAN_IMPEDANCE].snapshot(pair.time)
               for side in pair.sides]
-    assert all(np.abs(np.concatenate(snapshot.detail[:2])).max() > 0.0 for snapshot in acting)
+    assert all(np.abs(np.concatenate(snapshot.detail[:2])).max() > 0.0
+               for snapshot in acting)
     pair.do_back('back')
     for _ in range(60):
         pair.do_state('state')
@@ -339,7 +350,7 @@ def test_a_posture_that_equals_the_default_is_blended_in():
     pair = Pair('cartesian_impedance', 3, {'cartesian.posture_stiffness': [30.0, 30.0]})
     for _ in range(5):
         pair.do_state('state')
-    before = numbers(pair.sides[0].commands.sent[-1]).copy()
+    torque_before = numbers(pair.sides[0].commands.sent[-1]).copy()
     pair.values = pair.values | node_values(
         {'cartesian.posture': ROBOT.neutral().tolist(),
          'cartesian.posture_stiffness': [30.0, 30.0]}) | {
@@ -351,7 +362,7 @@ def test_a_posture_that_equals_the_default_is_blended_in():
     for _ in range(20):
         pair.do_state('state')
         pair.compare('posture')
-    assert np.abs(numbers(pair.sides[0].commands.sent[-1]) - before).max() > 0.1
+    assert np.abs(numbers(pair.sides[0].commands.sent[-1]) - torque_before).max() > 0.1
 
 
 def test_no_memory_of_another_law_is_read_as_that_of_the_frame():
@@ -387,28 +398,28 @@ def test_the_compiled_rules_equal_the_readable_ones(mode):
     compared = Counter()
     for _ in range(60):
         pair.step()
-        before = cycle_rules.unpacked_path(loop.path.copy(), loop.shape)
+        state_before = cycle_rules.unpacked_path(loop.path.copy(), loop.shape)
         pair.do_state(pair.rng.choice(['state', 'state', 'jump', 'far', 'fast']))
         settings = path._settings()
-        event = cycle_rules.Event(float(loop.event[NOW]), float(loop.event[STAMP]), 0.0, 0.0, 1.0,
-                                  float(loop.event[STEADILY]))
-        judged = cycle_rules.judge(before, event, loop.state.copy(), settings,
+        event = cycle_rules.Event(float(loop.event[NOW]), float(loop.event[STAMP]), 0.0,
+                                  0.0, 1.0, float(loop.event[STEADILY]))
+        judged = cycle_rules.judge(state_before, event, loop.state.copy(), settings,
                                    turning_joints(robot, NAMES))
-        after = cycle_rules.unpacked_path(loop.path.copy(), loop.shape)
+        state_after = cycle_rules.unpacked_path(loop.path.copy(), loop.shape)
         if path.active_motion.scheduled != (None, None):
             continue
         parameters = path.controller.robot.parameters.block
-        if after.reason >= cycle_results.NOT_FINITE:
+        if state_after.reason >= cycle_results.NOT_FINITE:
             expected = cycle_rules.refuse(stop, judged, event, settings, parameters)
-        elif after.reason == cycle_results.ACCEPTED:
+        elif state_after.reason == cycle_results.ACCEPTED:
             expected = cycle_rules.answer(
                 robot, laws[path.controller.mode], judged, event, loop.state.copy(),
                 np.zeros((6, 6)), settings, parameters, parameters[3:])
         else:
             expected = judged
-        np.testing.assert_allclose(cycle_rules.packed(after), cycle_rules.packed(expected),
-                                   rtol=1e-9, atol=1e-9)
-        compared[int(after.reason)] += 1
+        np.testing.assert_allclose(cycle_rules.packed(state_after),
+                                   cycle_rules.packed(expected), rtol=1e-9, atol=1e-9)
+        compared[int(state_after.reason)] += 1
     assert compared[cycle_results.ACCEPTED] > 10
     refused = range(cycle_results.NOT_FINITE, cycle_results.REFUSED)
     assert any(compared[code] for code in refused)
@@ -450,7 +461,8 @@ def in_motion():
     pair = Pair('computed_torque', 1, {'state_check.action': 'zero'})
     for _ in range(2):
         pair.do_state('state')
-    pair.follow(Motion.from_points([0.0, 1.0], [pair.q, pair.q + 0.5], joint_names=NAMES), 0)
+    pair.follow(
+        Motion.from_points([0.0, 1.0], [pair.q, pair.q + 0.5], joint_names=NAMES), 0)
     return pair
 
 
@@ -477,15 +489,17 @@ def test_a_motion_does_not_come_back_if_the_report_of_its_fault_was_lost():
 
 def test_a_stale_state_is_counted_as_such_if_the_timeout_grows_before_it_is_reported():
     pair = in_motion()
-    for late, stamp in (('stale', pair.time - 300_000_000), ('future', pair.time + 300_000_000),
+    for late, stamp in (('stale', pair.time - 300_000_000),
+                        ('future', pair.time + 300_000_000),
                         ('before', pair.time - 50_000_000)):
         side = pair.sides[1]
-        before = side.statistics.dropped.total()
+        count_before = side.statistics.dropped.total()
         side.path.native.call('cycle', message(pair.q, np.zeros(2), stamp))
-        side.path.set_limits(pair.values | {'state_timeout': 0.01 if late == 'before' else 1.0})
+        side.path.set_limits(
+            pair.values | {'state_timeout': 0.01 if late == 'before' else 1.0})
         side.path.read_reports()
         side.path.set_limits(pair.values)
-        assert side.statistics.dropped.total() == before + 1
+        assert side.statistics.dropped.total() == count_before + 1
         assert late in side.warnings[-1][0]
 
 
@@ -518,7 +532,8 @@ def test_a_thread_that_ends_by_itself_ends_the_path_until_it_is_started_again():
     assert path.ended == 'the native torque path ended: rcl returned 1'
     assert path.active_motion.reason == path.ended
     assert not numbers(side.commands.sent[-1]).any()
-    assert [reason for reason, _ in side.warnings].count('the native torque path ended') == 1
+    assert [reason for reason, _ in side.warnings].count(
+        'the native torque path ended') == 1
     path.read_reports()  # once
     assert path.measured() is None
     count = len(side.commands.sent)
@@ -532,7 +547,7 @@ def test_a_thread_that_ends_by_itself_ends_the_path_until_it_is_started_again():
 
 
 class Middleware:
-    """Stands for rcl: each message is a code that it returns, or the bytes of a state."""
+    """Stands for rcl: each message is a returned code or a state's bytes."""
 
     def __init__(self, loop, messages):
         self.messages = list(messages)
@@ -540,9 +555,10 @@ class Middleware:
         self._kept = (SerializedMessage * 2)()
         self._functions = []
         nothing = self._word(TAKE, lambda *words: 0)
-        loop.set_words(CLEAR=nothing, ADD_SUBSCRIPTION=nothing, ADD_GUARD=nothing, WAIT=nothing,
-                       TAKE=self._word(TAKE, self.take), TAKEN=ctypes.addressof(self._kept),
-                       REST_FOR=self._word(REST, self.rest))
+        loop.set_words(
+            CLEAR=nothing, ADD_SUBSCRIPTION=nothing, ADD_GUARD=nothing, WAIT=nothing,
+            TAKE=self._word(TAKE, self.take), TAKEN=ctypes.addressof(self._kept),
+            REST_FOR=self._word(REST, self.rest))
         self._stop = partial(loop._publish_word, 'STOP', 1)
 
     def _word(self, kind, function):
@@ -567,23 +583,25 @@ class Middleware:
 
 
 def taken_in_a_thread(messages):
-    """Return the native side of a pair, and the middleware after it has no message left."""
+    """Return the native side of a pair, with no message left to read."""
     pair = Pair('gravity_compensation', 1)
     pair.do_state('state')
     pair.do_state('state')
     side = pair.sides[1]
     loop = side.path.native
     middleware = Middleware(loop, messages(message(pair.q, np.zeros(2), pair.time)))
-    loop._code.function('run', ctypes.CFUNCTYPE(None, ctypes.c_void_p))(loop.block.ctypes.data)
+    loop._code.function('run', ctypes.CFUNCTYPE(None, ctypes.c_void_p))(
+        loop.block.ctypes.data)
     return side, middleware
 
 
 def test_a_failure_to_take_messages_is_reported_and_the_thread_rests():
     failed = [1] * 7
-    side, middleware = taken_in_a_thread(lambda state: [*failed, state, *failed, NOTHING_TAKEN])
-    before = side.statistics.commands
+    side, middleware = taken_in_a_thread(
+        lambda state: [*failed, state, *failed, NOTHING_TAKEN])
+    count_before = side.statistics.commands
     side.path.read_reports()
-    assert side.statistics.commands == before + 1
+    assert side.statistics.commands == count_before + 1
     assert middleware.rests == [message_loop.PAUSE] * 14
     assert side.path.running
     assert side.warnings[-1] == ('messages', '14 not returned by the middleware')
@@ -591,8 +609,8 @@ def test_a_failure_to_take_messages_is_reported_and_the_thread_rests():
 
 def test_failures_to_take_messages_that_last_end_the_path():
     count = message_loop.MOST_FAILURES
-    side, middleware = taken_in_a_thread(lambda state: [10] * (count - 1) + [state] + [10] * count
-                                         + [state])
+    side, middleware = taken_in_a_thread(
+        lambda state: [10] * (count - 1) + [state] + [10] * count + [state])
     assert len(middleware.messages) == 1, 'ended'
     assert not numbers(side.commands.sent[-1]).any()
     side.path.read_reports()
@@ -607,7 +625,8 @@ def test_no_cycle_has_a_part_of_changes_that_belong_together():
     pair = in_motion()
     path = pair.sides[1].path
     plan = path.native._plans[-1]
-    others = threading.Thread(target=path.set_loads, args=(GravityAndPayload(np.ones(3)),))
+    others = threading.Thread(target=path.set_loads,
+                              args=(GravityAndPayload(np.ones(3)),))
     with path.one_change():
         path.controller.update(kp=1.0)
         others.start()
@@ -660,7 +679,8 @@ def test_a_motion_that_is_to_begin_later_is_dropped_by_a_collision():
 
 
 def test_a_replaced_clock_is_reported_and_its_wrenches_are_forgotten():
-    pair = Pair('computed_torque', 5, {'wrench.frames': [body.name for body in MODEL.bodies]})
+    pair = Pair('computed_torque', 5,
+                {'wrench.frames': [body.name for body in MODEL.bodies]})
     pair.do_state('state')
     pair.do_state('state')
     for side in pair.sides:
@@ -674,7 +694,7 @@ def test_a_replaced_clock_is_reported_and_its_wrenches_are_forgotten():
 
 
 def before_a_closed_page(data):
-    """Return the address of bytes after which no memory can be read, and what keeps them."""
+    """Return the address of bytes before unreadable memory, and their owner."""
     page = mmap.PAGESIZE
     size = page * (len(data) // page + 1)
     memory = mmap.mmap(-1, size + page)
@@ -745,7 +765,8 @@ def test_two_publishers_of_one_length_are_both_answered_at_once():
         pair.time += 1_000_000
         data = message(pair.q, np.zeros(2), pair.time)
         if step % 2:  # the same joints in another order
-            writer, (positions, velocities, _) = write_joint_state(NAMES[::-1], '', (2, 2, 0))
+            writer, (positions, velocities, _) = write_joint_state(
+                NAMES[::-1], '', (2, 2, 0))
             prepared = PreparedMessage(writer, positions, 2)
             prepared.numbers[:] = pair.q[::-1]
             prepared.doubles(velocities, 2)[:] = 0.0
@@ -826,7 +847,8 @@ def test_a_configuration_on_the_interpreters_path_has_a_stated_reason():
     assert not python_reason(node_values(), controller)
     for name in ('guard.enabled', 'stamped_commands'):
         assert not python_reason(node_values({name: True}), controller)
-    for changes in ({'mode': 'arm_coupling'}, {'modes': ['hand_guiding', 'arm_coupling']}):
+    for changes in ({'mode': 'arm_coupling'},
+                    {'modes': ['hand_guiding', 'arm_coupling']}):
         assert python_reason(node_values(changes), controller) == 'mode arm_coupling'
     for mode in NATIVE_MODES:
         assert not python_reason(node_values({'mode': mode}), controller)

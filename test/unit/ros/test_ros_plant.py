@@ -4,8 +4,8 @@ from dataclasses import replace
 from functools import cache
 import math
 
-from kane_dynamics import (Drive, Limits, load_urdf, ModelBuilder,
-                           QuasiStatic, Robot, rod, simulate, StiffnessCurve, with_drives)
+from kane_dynamics import (Drive, Limits, load_urdf, ModelBuilder, QuasiStatic, Robot,
+                           rod, simulate, StiffnessCurve, with_drives)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.control.quasi_static import flexible_robot
 from kane_dynamics.errors import InputError
@@ -37,15 +37,16 @@ def peer():
 def arm(step=1e-3, frames=(), **limits):
     robot = Robot(MODEL, wrench_frames=frames)
     robot.__dict__['limits'] = JointLimits(**{
-        name: np.broadcast_to(limits.get(name, getattr(robot.limits, name)), 2).astype(float)
+        name: np.broadcast_to(limits.get(name,
+                                         getattr(robot.limits, name)), 2).astype(float)
         for name in ('lower', 'upper', 'velocity', 'effort')})
     return SimulatedArm(robot, step)
 
 
 def values(**changes):
-    given = {spec.name: spec.default for spec in SPECS} | {
+    arguments = {spec.name: spec.default for spec in SPECS} | {
         name.replace('__', '.'): value for name, value in changes.items()}
-    return {name: read(BY_NAME[name], value) for name, value in given.items()}
+    return {name: read(BY_NAME[name], value) for name, value in arguments.items()}
 
 
 def plant(**changes):
@@ -89,7 +90,9 @@ def test_a_term_added_in_the_arm_equals_the_term_added_by_a_controller(term):
     model = load_urdf(URDF, supplement=supplement)
     inside = SimulatedArm(Robot(model), 1e-3, arm_compensates=(term,))
     outside = SimulatedArm(Robot(model), 1e-3)
-    q, u, command = np.array([0.3, 0.5]), np.array([0.7, -1.1]), np.array([0.4, -0.2])
+    q = np.array([0.3, 0.5])
+    u = np.array([0.7, -1.1])
+    command = np.array([0.4, -0.2])
     peer = Robot(model)
     added = peer.torque_terms(q, u, np.zeros(2))[TORQUE_TERMS.index(term)]
     assert np.abs(added).max() > 0.05
@@ -107,11 +110,11 @@ def test_flexible_modes_are_not_driven_by_what_the_arm_adds():
     robot = Robot(flexible())
     held = SimulatedArm(robot, 1e-4, arm_compensates=('gravity',))
     held.reset(np.zeros(2))
-    before = held._q.copy()
+    state_before = held._q.copy()
     for _ in range(100):
         held.step(np.zeros(2))
-    np.testing.assert_allclose(held._q, before, atol=1e-6)  # in its equilibrium
-    assert np.abs(before[2:]).max() > 1e-4
+    np.testing.assert_allclose(held._q, state_before, atol=1e-6)  # in its equilibrium
+    assert np.abs(state_before[2:]).max() > 1e-4
 
 
 def test_the_arm_cannot_add_inertia_without_a_desired_acceleration():
@@ -128,28 +131,31 @@ def test_stops_only_oppose_motion_into_them_and_add_no_energy():
         n = int(random.integers(1, 7))
         B = random.normal(size=(n, n + 1))
         W = B @ B.T
-        u, side = random.normal(size=n), random.choice([-1.0, 0.0, 1.0], n)
-        after = resolve_stops(u, side, W)
-        impulse = np.linalg.solve(W, after - u)
+        u = random.normal(size=n)
+        side = random.choice([-1.0, 0.0, 1.0], n)
+        speeds_after = resolve_stops(u, side, W)
+        impulse = np.linalg.solve(W, speeds_after - u)
         scale = np.abs(impulse).max(initial=1.0)
-        assert (side * after <= 1e-12 * np.abs(u).max()).all(), 'no motion into a stop'
+        assert (side * speeds_after
+                <= 1e-12 * np.abs(u).max()).all(), 'no motion into a stop'
         assert (side * impulse <= 1e-9 * scale).all(), 'impulses point away from stops'
         assert np.abs(impulse[side == 0.0]).max(initial=0.0) <= 1e-9 * scale
-        parting = side * after < -1e-9
+        parting = side * speeds_after < -1e-9
         assert np.abs(impulse[parting]).max(initial=0.0) <= 1e-9 * scale
-        before, since = (x @ np.linalg.solve(W, x) for x in (u, after))
-        assert since <= before * (1.0 + 1e-9)
+        energy_before = u @ np.linalg.solve(W, u)
+        energy_after = speeds_after @ np.linalg.solve(W, speeds_after)
+        assert energy_after <= energy_before * (1.0 + 1e-9)
 
 
 def test_a_falling_arm_comes_to_rest_on_its_stops_without_gaining_energy():
     falling = arm(lower=[-1.2, -0.3], upper=[1.0, 0.3])
     falling.reset(np.array([0.9, 0.2]))
-    most = energy(falling.q, falling.u)
+    largest_energy = energy(falling.q, falling.u)
     for _ in range(4000):
         falling.step(np.zeros(2))
         now = energy(falling.q, falling.u)
-        assert now <= most + 1e-3
-        most = now
+        assert now <= largest_energy + 1e-3
+        largest_energy = now
         assert (falling.q >= [-1.2, -0.3]).all() and (falling.q <= [1.0, 0.3]).all()
     assert falling.q.tolist() == [-1.2, -0.3]
     assert falling.u.tolist() == [0.0, 0.0]
@@ -170,13 +176,15 @@ def test_an_arm_at_a_stop_can_move_away_from_it():
 def test_a_pendulum_on_a_link_that_is_pressed_against_its_stop_keeps_its_energy():
     pressed = arm(lower=[-0.5, -np.inf], upper=[1.0, np.inf])
     pressed.reset(np.array([-0.5, 1.0]))
-    before = energy(pressed.q, pressed.u)
+    energy_before = energy(pressed.q, pressed.u)
     fastest = 0.0
     for _ in range(2000):
         pressed.step(np.array([-60.0, 0.0]))
         fastest = max(fastest, abs(pressed.u[1]))
-    assert pressed.at_stops == ['joint1'] and pressed.stop_contacts == 2000 and fastest > 1.0
-    assert abs(energy(pressed.q, pressed.u) - before) < 1e-9 * abs(before)
+    assert pressed.at_stops == ['joint1']
+    assert pressed.stop_contacts == 2000
+    assert fastest > 1.0
+    assert abs(energy(pressed.q, pressed.u) - energy_before) < 1e-9 * abs(energy_before)
     assert not pressed.energy.warning
 
 
@@ -184,7 +192,8 @@ def test_a_pendulum_on_a_link_that_is_pressed_against_its_stop_keeps_its_energy(
 
 
 def test_between_its_stops_the_arm_moves_as_in_simulate():
-    moving, tau = arm(), np.array([12.0, 4.0])
+    moving = arm()
+    tau = np.array([12.0, 4.0])
     moving.reset(np.array([0.3, -0.5]))
     for _ in range(400):
         moving.step(tau)
@@ -203,7 +212,8 @@ def test_motors_respect_their_effort_limits():
 
 
 def test_a_wrench_is_in_the_axes_of_its_frame_and_acts_at_its_origin():
-    q, wrench = np.array([0.4, -0.9]), np.array([3.0, -5.0, 2.0, 0.5, -0.2, 0.7])
+    q = np.array([0.4, -0.9])
+    wrench = np.array([3.0, -5.0, 2.0, 0.5, -0.2, 0.7])
     loaded_arm = arm(frames=('tip',), step=1e-6)
     loaded_arm.reset(q)
     loaded_arm.wrenches['tip'] = wrench
@@ -253,7 +263,8 @@ def test_a_delay_line_drops_the_configured_fraction():
 def test_brakes_hold_the_arm_until_the_first_command():
     still = plant(initial__position=[0.3, 0.1])
     run(still, 100)
-    assert (still.braked, still.arm.q.tolist(), still.arm.u.any()) == (True, [0.3, 0.1], False)
+    assert (still.braked, still.arm.q.tolist(), still.arm.u.any()) == (True, [0.3, 0.1],
+                                                                       False)
     still.command(np.array([50.0, 0.0]))
     run(still, 10)
     assert not still.braked
@@ -279,9 +290,10 @@ def test_after_a_command_timeout_the_torque_is_zero_or_held_as_configured(after,
 def test_delayed_states_are_those_of_their_stamp():
     prompt = plant(hold_until_command=False)
     late = plant(hold_until_command=False, delay__states=0.01)
-    now, then = run(prompt, 20), run(late, 20)
-    assert [len(each) for each in now] == [1] * 20
-    assert [len(each) for each in then] == [0] * 5 + [1] * 15
+    now = run(prompt, 20)
+    then = run(late, 20)
+    assert [len(states) for states in now] == [1] * 20
+    assert [len(states) for states in then] == [0] * 5 + [1] * 15
     for k in range(15):
         assert then[k + 5][0].stamp == now[k][0].stamp == k * TICK
         np.testing.assert_array_equal(then[k + 5][0].q, now[k][0].q)
@@ -297,19 +309,21 @@ def test_commands_act_after_their_delay():
 
 
 def test_noise_and_dropouts_repeat_with_the_seed_and_after_a_reset():
-    settings = {'noise__position': 0.01, 'noise__velocity': [0.1, 0.0], 'dropout__states': 0.3,
-                'seed': 5, 'hold_until_command': False}
-    noisy, again, other = plant(**settings), plant(**settings), plant(**settings | {'seed': 6})
+    settings = {'noise__position': 0.01, 'noise__velocity': [0.1, 0.0],
+                'dropout__states': 0.3, 'seed': 5, 'hold_until_command': False}
+    noisy = plant(**settings)
+    again = plant(**settings)
+    other_seed = plant(**settings | {'seed': 6})
 
     def sent(which):
-        return [(m.stamp, *m.q, *m.u) for each in run(which, 200) for m in each]
+        return [(m.stamp, *m.q, *m.u) for messages in run(which, 200) for m in messages]
     first = sent(noisy)
     assert first == sent(again)
-    assert first != sent(other)
+    assert first != sent(other_seed)
     noisy.reset_time()
     assert first == sent(noisy)
     still = plant(noise__position=0.01, noise__velocity=[0.1, 0.0])
-    rows = np.array([[*m.q, *m.u] for each in run(still, 2000) for m in each])
+    rows = np.array([[*m.q, *m.u] for messages in run(still, 2000) for m in messages])
     np.testing.assert_allclose(rows.std(axis=0), [0.01, 0.01, 0.1, 0.0], rtol=0.1)
 
 
@@ -327,7 +341,8 @@ def test_a_wrench_ends_after_its_timeout_and_after_a_reset():
 
 def test_gravity_payload_and_effort_limits_change_between_ticks():
     free = {'hold_until_command': False, 'payload__frame': 'tip'}
-    loaded, robot = plant(**free), Robot(MODEL, payload_frame='tip')
+    loaded = plant(**free)
+    robot = Robot(MODEL, payload_frame='tip')
     loaded.update(values(**free, gravity=[0.0, 0.0, -1.6], payload__mass=3.0,
                          limits__effort=[4.0, 1.0]))
     robot.parameters.gravity = [0.0, 0.0, -1.6]
@@ -342,27 +357,32 @@ def test_gravity_payload_and_effort_limits_change_between_ticks():
 
 
 def test_the_default_initial_position_is_zero_or_the_middle_of_limits_that_exclude_it():
-    bodies = [replace(body, joint=replace(body.joint, limits=replace(
-        body.joint.limits, upper=upper))) for body, upper in zip(MODEL.bodies, (3.0, -0.15))]
+    bodies = []
+    for body, upper in zip(MODEL.bodies, (3.0, -0.15)):
+        bodies.append(replace(body, joint=replace(
+            body.joint, limits=replace(body.joint.limits, upper=upper))))
     which = PlantState(Robot(replace(MODEL, bodies=tuple(bodies))), values())
     lower = MODEL.bodies[1].joint.limits.lower
     assert which.arm.q.tolist() == [0.0, 0.5 * (lower - 0.15)]
 
 
-@pytest.mark.parametrize(('words', 'changes'), [
-    (r"'initial.position' of joint 'joint2': 4; expected -2.8 to 2.8",
-     {'initial__position': [0.0, 4.0]}),
-    (r"'noise.position': 3 entries; expected one number, or one for each of the 2 joints",
-     {'noise__position': [0.1] * 3}),
-    (r"'rate_factor': 2; expected 1 unless publish_clock", {'rate_factor': 2.0}),
-    (r"'dropout.states': 1.5; expected a number, at least 0, at most 1",
-     {'dropout__states': 1.5}),
-    (r"'after_timeout': 'float'; expected one of zero, hold", {'after_timeout': 'float'}),
-    (r'payload.frame', {'payload__mass': 1.0}),
-    (r"no frame 'hand'; expected one of base_link", {'wrench__frames': ['hand']}),
-    (r"'wrench.frames': 'base_link', a frame that does not move",
-     {'wrench__frames': ['base_link']}),
-])
+@pytest.mark.parametrize(
+    ('words', 'changes'), [
+        (r"'initial.position' of joint 'joint2': 4; expected -2.8 to 2.8",
+         {'initial__position': [0.0, 4.0]}),
+        (("'noise.position': 3 entries; expected one number, or one for each of the "
+          "2 joints"),
+         {'noise__position': [0.1] * 3}),
+        (r"'rate_factor': 2; expected 1 unless publish_clock", {'rate_factor': 2.0}),
+        (r"'dropout.states': 1.5; expected a number, at least 0, at most 1",
+         {'dropout__states': 1.5}),
+        (r"'after_timeout': 'float'; expected one of zero, hold",
+         {'after_timeout': 'float'}),
+        (r'payload.frame', {'payload__mass': 1.0}),
+        (r"no frame 'hand'; expected one of base_link", {'wrench__frames': ['hand']}),
+        (r"'wrench.frames': 'base_link', a frame that does not move",
+         {'wrench__frames': ['base_link']}),
+    ])
 def test_invalid_parameters_are_refused_by_name(words, changes):
     with pytest.raises(InputError, match=words):
         plant(**changes)
@@ -414,7 +434,8 @@ def test_overruns_are_counted_and_a_large_lag_shifts_the_schedule():
 
 def test_a_flexible_arm_starts_with_the_deflection_under_its_weight():
     start = [0.4, -0.3]
-    bends = PlantState(Robot(flexible()), values(initial__position=start, after_timeout='hold'))
+    bends = PlantState(Robot(flexible()),
+                       values(initial__position=start, after_timeout='hold'))
     assert bends.arm.joint_names == ('joint1', 'joint2')
     hold = QuasiStatic(Robot(flexible())).gravity_force(start)
     bends.command(hold)
@@ -427,7 +448,8 @@ def test_a_flexible_arm_starts_with_the_deflection_under_its_weight():
 
 
 def test_a_flexible_arm_moves_as_in_simulate_and_stops_act_on_joints_only():
-    start, tau = np.array([0.2, 0.1]), np.array([9.0, 2.0])
+    start = np.array([0.2, 0.1])
+    tau = np.array([9.0, 2.0])
     bends = PlantState(Robot(flexible()),
                        values(initial__position=[0.2, 0.1], after_timeout='hold'))
     modes = QuasiStatic(Robot(flexible())).modes(start, np.zeros(2), np.zeros(2))
@@ -461,7 +483,8 @@ def test_motors_of_elastic_joints_hold_the_links_where_the_arm_starts():
     ahead = last.q - start
     assert ahead[0] == pytest.approx(hold[0] / 900.0, rel=1e-6)
     assert abs(ahead[1]) > 1e-3 and ahead[1] * hold[1] > 0.0
-    at_links = PlantState(robot, values(initial__position=start, drives__sensor_side='link'))
+    at_links = PlantState(robot,
+                          values(initial__position=start, drives__sensor_side='link'))
     first, = run(at_links, 1)[0]
     np.testing.assert_allclose(first.q, start, atol=1e-12)
 
@@ -471,10 +494,10 @@ def test_an_elastic_arm_moves_as_in_simulate(side):
     robot = Robot(with_drives(MODEL, DRIVES))
     elastic = PlantState(robot, values(after_timeout='hold', drives__sensor_side=side))
     tau = np.array([14.0, 2.0])
-    before = elastic.arm._q.copy()
+    state_before = elastic.arm._q.copy()
     elastic.command(tau)
     moved = [m for (m,) in run(elastic, 101)]
-    whole = simulate(robot, before, np.zeros(4), 0.2, step=1e-3,
+    whole = simulate(robot, state_before, np.zeros(4), 0.2, step=1e-3,
                      torque=np.append(np.zeros(2), tau))
     columns = slice(2, 4) if side == 'motor' else slice(0, 2)
     np.testing.assert_allclose(moved[-1].q, whole.q[-1, columns], atol=1e-12)
@@ -489,7 +512,8 @@ def test_effort_limits_and_added_terms_are_those_of_the_motors():
     elastic.reset(np.array([0.4, -0.3]))
     elastic.step(np.array([5.0, -5.0]))
     assert elastic.effort.tolist() == [3.0, -3.0] and elastic.clamped == 1
-    # The controller in the arm holds it by the motors; nothing acts on the links directly.
+    # The controller in the arm holds it by the motors; nothing acts on the links
+    # directly.
     elastic.reset(np.array([0.4, -0.3]))
     for _ in range(300):
         elastic.step(np.zeros(2))
@@ -515,8 +539,10 @@ def test_an_elastic_arm_with_closed_loops_or_beams_starts_at_rest():
     model = with_drives(load_urdf(resource_path('urdf', 'palletizer.urdf')), {
         name: Drive(stiffness=3e5, rotor_inertia=5.0) for name in driven})
     palletizer = SimulatedArm(flexible_robot(model, options), 1e-3)
-    bends = SimulatedArm(Robot(with_drives(flexible(), {'joint1': DRIVES['joint1']})), 1e-4)
-    for arm, joints in ((palletizer, options['actuated']), (bends, ('joint1', 'joint2'))):
+    bends = SimulatedArm(Robot(with_drives(flexible(), {'joint1': DRIVES['joint1']})),
+                         1e-4)
+    for arm, joints in ((palletizer, options['actuated']),
+                        (bends, ('joint1', 'joint2'))):
         arm.reset(None)
         start = arm._q.copy()
         commanded = arm.commanded(joints)
@@ -531,22 +557,25 @@ def test_an_elastic_arm_with_closed_loops_or_beams_starts_at_rest():
 
 
 def holding_torques(arm):
-    """Return the torques at which a resting arm stays: those of its springs, or its bias."""
+    """Return the torques at which an arm stays: its springs', or its bias."""
     robot = arm.robot
-    rest = np.zeros(robot.n)
-    bias = robot.bias_force(arm._q, rest)
+    at_rest = np.zeros(robot.n)
+    bias = robot.bias_force(arm._q, at_rest)
     motors = {elastic.name: elastic.drive.motor for elastic in robot.drives}
     names = [motors.get(name, name) for name in arm.joint_names]
     speeds = list(robot.speed_names)
-    return np.array([bias[speeds.index(name)] if name in speeds else 0.0 for name in names])
+    return np.array(
+        [bias[speeds.index(name)] if name in speeds else 0.0 for name in names])
 
 
 def test_the_implicit_integrator_stops_an_arm_with_stiff_friction():
     joint = {'friction': 4.0, 'friction_speed': 1e-3}
-    model = load_urdf(URDF, supplement={'joints': dict.fromkeys(MODEL.joint_names, joint)})
+    model = load_urdf(URDF,
+                      supplement={'joints': dict.fromkeys(MODEL.joint_names, joint)})
 
     def coasting(**changes):
-        which = PlantState(Robot(model), values(hold_until_command=False, substeps=1, **changes))
+        which = PlantState(Robot(model),
+                           values(hold_until_command=False, substeps=1, **changes))
         which.arm.u[:] = 1.0, -1.0
         for _ in range(200):
             which.arm.step(which.robot.gravity_force(which.arm.q))
@@ -563,13 +592,14 @@ def test_the_implicit_integrator_stops_an_arm_with_stiff_friction():
     np.testing.assert_array_equal(chosen.q, stiff.q)
     oscillating = coasting(integrator='rk4')
     assert not oscillating.integrator_choice
-    assert 'too long' in oscillating.step_warning() and np.abs(oscillating.u).max() > 1e-3
+    assert 'too long' in oscillating.step_warning()
+    assert np.abs(oscillating.u).max() > 1e-3
 
 
 def test_an_arm_with_exact_friction_sticks_and_hits_its_stops():
     builder = ModelBuilder('arm')
-    builder.body('bar', axis=(0, -1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)), friction=2.0,
-                 limits=Limits(-1.0, 1.0, effort=20.0))
+    builder.body('bar', axis=(0, -1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)),
+                 friction=2.0, limits=Limits(-1.0, 1.0, effort=20.0))
     arm = SimulatedArm(Robot(builder.model()), 1e-3, sticking=True)
     weight = 0.5 * 9.81
     for _ in range(200):
@@ -584,8 +614,8 @@ def test_an_arm_with_exact_friction_sticks_and_hits_its_stops():
 
 def test_an_arm_with_bristles_moves_as_simulate_and_rests_after_a_reset():
     builder = ModelBuilder('arm')
-    builder.body('bar', axis=(0, -1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)), friction=2.0,
-                 presliding_stiffness=800.0, presliding_damping=4.0,
+    builder.body('bar', axis=(0, -1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)),
+                 friction=2.0, presliding_stiffness=800.0, presliding_damping=4.0,
                  limits=Limits(-1.0, 1.0, effort=20.0))
     robot = Robot(builder.model())
     arm = SimulatedArm(robot, 1e-3)
@@ -598,5 +628,6 @@ def test_an_arm_with_bristles_moves_as_simulate_and_rests_after_a_reset():
     arm.reset(np.zeros(1))
     arm.step(np.array([0.5 * 9.81]))
     np.testing.assert_allclose([arm.q, arm.u], 0.0, atol=1e-12)
-    with pytest.raises(InputError, match="sticking: joint 'bar' has presliding_stiffness 800"):
+    with pytest.raises(InputError,
+                       match="sticking: joint 'bar' has presliding_stiffness 800"):
         SimulatedArm(robot, 1e-3, sticking=True)

@@ -1,4 +1,4 @@
-"""One false joint state moves nothing: which states are refused, and what is commanded then."""
+"""One false joint state moves nothing: which are refused, what is commanded."""
 
 import math
 import time
@@ -12,15 +12,16 @@ pytest.importorskip('rclpy')
 from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402, I100
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.control_cycle import cycle_results  # noqa: E402
-from kane_dynamics.control_cycle.state_judgement import (CheckSettings, judged,  # noqa: E402
-                                                         StateMemory)
+from kane_dynamics.control_cycle.state_judgement import (  # noqa: E402
+    CheckSettings, judged, StateMemory)
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.mechanics.algebra.flags import packed  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
-from kane_dynamics.ros.common.stamped_numbers import FUTURE, NOT_FINITE, OUT_OF_ORDER  # noqa: E402
+from kane_dynamics.ros.common.stamped_numbers import (  # noqa: E402
+    FUTURE, NOT_FINITE, OUT_OF_ORDER)
 from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
-from kane_dynamics.ros.torque_path.drop_reasons import (JUMP, OUTSIDE, REASONS,  # noqa: E402
-                                                        STALE, TOO_FAST)
+from kane_dynamics.ros.torque_path.drop_reasons import (  # noqa: E402
+    JUMP, OUTSIDE, REASONS, STALE, TOO_FAST)
 from kane_dynamics.ros.torque_path.state_check import StateCheck  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from node_values import node_values  # noqa: E402
@@ -42,12 +43,15 @@ class Rig:
     """The torque path of an arm with its defaults and a manual clock."""
 
     def __init__(self, mode='computed_torque', rate_limit=math.inf, **checks):
-        self.time, self.commands, self.warnings, self.faults = 100 * NANO, [], [], []
+        self.time = 100 * NANO
+        self.commands = []
+        self.warnings = []
+        self.faults = []
         self.statistics = Statistics()
         values = node_values({f'state_check.{name}': x for name, x in checks.items()}
                              | {'mode': mode})
-        self.path = TorquePath(Controller(ARM, mode=mode, rate_limit=rate_limit), self, Unread(),
-                               lambda: self.time, values, self.statistics,
+        self.path = TorquePath(Controller(ARM, mode=mode, rate_limit=rate_limit), self,
+                               Unread(), lambda: self.time, values, self.statistics,
                                lambda *words: self.warnings.append(words),
                                report_fault=lambda *words: self.faults.append(words))
         self.path.start()
@@ -58,12 +62,13 @@ class Rig:
     def state(self, q=HOME, u=REST, *, after=PERIOD, age=0):
         """Pass a state; return the commands that follow."""
         self.time += after
-        message = JointState(name=list(ARM.joint_names), position=list(q), velocity=list(u))
+        message = JointState(name=list(ARM.joint_names), position=list(q),
+                             velocity=list(u))
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(self.time - age, NANO)
-        before = len(self.commands)
+        count_before = len(self.commands)
         self.path.on_state(serialize_message(message))
-        return self.commands[before:]
+        return self.commands[count_before:]
 
     def begin(self, q=HOME):
         """Pass two states that agree; return the command at the second."""
@@ -99,10 +104,13 @@ FALSE = {
 }
 
 
-@pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque', 'gravity_compensation'])
+@pytest.mark.parametrize('mode',
+                         ['inverse_dynamics', 'computed_torque', 'gravity_compensation'])
 @pytest.mark.parametrize('fault', FALSE)
-def test_after_a_false_state_the_last_command_goes_on_and_the_state_is_counted(fault, mode):
-    rig, (reason, state) = Rig(mode), FALSE[fault]
+def test_after_a_false_state_the_last_command_goes_on_and_the_state_is_counted(
+        fault, mode):
+    rig = Rig(mode)
+    reason, state = FALSE[fault]
     held = rig.begin()
     for count in range(1, 4):  # the last stays, or is repeated
         assert all((command == held).all() for command in rig.state(**state))
@@ -115,7 +123,8 @@ def test_after_a_false_state_the_last_command_goes_on_and_the_state_is_counted(f
 
 @pytest.mark.parametrize('fault', FALSE)
 def test_a_motion_after_a_false_state_sets_out_from_the_last_accepted_one(fault):
-    rig, (_, state) = Rig('inverse_dynamics'), FALSE[fault]
+    rig = Rig('inverse_dynamics')
+    _, state = FALSE[fault]
     rig.begin()
     rig.state(**state)
     np.testing.assert_array_equal(rig.path.desired(rig.time)[0], HOME)
@@ -123,7 +132,8 @@ def test_a_motion_after_a_false_state_sets_out_from_the_last_accepted_one(fault)
 
 @pytest.mark.parametrize('fault', ['jump', 'velocity', 'degrees', 'not finite'])
 def test_a_false_first_state_gives_no_command_and_the_next_two_do(fault):
-    rig, (reason, state) = Rig(), FALSE[fault]
+    rig = Rig()
+    reason, state = FALSE[fault]
     rig.state(**state)
     assert rig.commands == [] and rig.path.measured() is None
     for _ in range(2):
@@ -133,21 +143,25 @@ def test_a_false_first_state_gives_no_command_and_the_next_two_do(fault):
     assert set(rig.statistics.dropped) == {reason}
 
 
-def test_the_second_of_two_states_that_disagree_is_refused_with_its_distance_from_the_first():
+def test_the_second_of_two_states_that_disagree_is_refused_with_its_distance():
     rig = Rig()
     rig.state()
     rig.state(HOME + [0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0])
     reason, detail = rig.warnings[-1]
     assert reason is JUMP
-    assert detail.startswith("'fr3_joint3' moved by 0.5 rad or m in 0.0020 s; expected at most")
+    assert detail.startswith(
+        "'fr3_joint3' moved by 0.5 rad or m in 0.0020 s; expected at most")
 
 
-@pytest.mark.parametrize('fault', ['jump', 'small jump', 'velocity', 'degrees', 'not finite'])
+@pytest.mark.parametrize('fault',
+                         ['jump', 'small jump', 'velocity', 'degrees', 'not finite'])
 @pytest.mark.parametrize('action', ['zero', 'hold'])
 def test_a_fault_that_lasts_ends_after_the_grace_time_as_configured(fault, action):
-    rig, (reason, state) = Rig(action=action, grace=0.02), FALSE[fault]
+    rig = Rig(action=action, grace=0.02)
+    reason, state = FALSE[fault]
     held = rig.begin()
-    motion = Motion.from_points([0.0, 2.0], [HOME, HOME + 0.1], joint_names=ARM.joint_names)
+    motion = Motion.from_points([0.0, 2.0], [HOME, HOME + 0.1],
+                                joint_names=ARM.joint_names)
     active = rig.path.active_motion
     assert active.follow(motion, rig.time, rig.time, active.generation)
     for _ in range(11):  # 0 to 20 ms
@@ -171,15 +185,18 @@ def test_a_fault_that_lasts_ends_after_the_grace_time_as_configured(fault, actio
 @pytest.mark.parametrize('mode', ['computed_torque', 'gravity_compensation'])
 @pytest.mark.parametrize('action', ['zero', 'hold'])
 @pytest.mark.parametrize('offset', [0.035, 0.1, -0.25, 0.28])
-def test_an_offset_of_an_encoder_does_not_become_possible_as_time_passes(offset, action, mode):
+def test_an_offset_of_an_encoder_does_not_become_possible_as_time_passes(
+        offset, action, mode):
     """The joint may move that far in the grace time, but its speed is 0."""
-    rig, there = Rig(mode, action=action), home_moved(1, offset)
+    rig = Rig(mode, action=action)
+    there = home_moved(1, offset)
     held = rig.begin()
     commands = [command for _ in range(2000) for command in rig.state(there)]
     assert rig.path.fault == JUMP and rig.statistics.dropped == {JUMP: 2000}
     assert rig.statistics.faults == 1
     if action == 'hold':
-        np.testing.assert_allclose(commands, np.tile(held, (2000, 1)), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(commands, np.tile(held, (2000, 1)),
+                                   rtol=1e-9, atol=1e-12)
     else:
         assert not commands[-1].any()
     assert any("'fr3_joint2' still is" in detail for _, detail in rig.warnings)
@@ -191,7 +208,9 @@ def test_an_offset_of_an_encoder_does_not_become_possible_as_time_passes(offset,
 @pytest.mark.parametrize('action', ['zero', 'hold'])
 def test_after_the_grace_time_an_arm_that_moves_does_not_make_an_offset_possible(action):
     """Zeros let the arm fall, until the false position is the last accepted one."""
-    rig, q, speed = Rig(action=action), HOME.copy(), np.zeros(7)
+    rig = Rig(action=action)
+    q = HOME.copy()
+    speed = np.zeros(7)
     rig.begin()
     for k in range(200):
         if k > 50:
@@ -204,9 +223,11 @@ def test_after_the_grace_time_an_arm_that_moves_does_not_make_an_offset_possible
     np.testing.assert_allclose(command, ARM.gravity_force(HOME), rtol=1e-9, atol=1e-9)
 
 
-def test_a_joint_whose_positions_were_late_is_accepted_when_its_speed_explains_the_distance():
-    """The driver repeats a position for 30 ms, with new stamps, while the joint moves."""
-    rig, q, speed = Rig('inverse_dynamics'), HOME.copy(), np.zeros(7)
+def test_a_joint_with_late_positions_is_accepted_when_its_speed_explains_them():
+    """The driver repeats a position for 30 ms, newly stamped, in motion."""
+    rig = Rig('inverse_dynamics')
+    q = HOME.copy()
+    speed = np.zeros(7)
     speed[1] = 1.6
     rig.begin()
     for k in range(100):
@@ -219,7 +240,8 @@ def test_a_joint_whose_positions_were_late_is_accepted_when_its_speed_explains_t
 
 
 def test_after_zeros_states_elsewhere_need_an_activation():
-    rig, there = Rig(), home_moved(1, 1.0)
+    rig = Rig()
+    there = home_moved(1, 1.0)
     rig.begin()
     for _ in range(1000):
         rig.state(there)
@@ -248,7 +270,8 @@ def test_torques_do_not_climb_from_zero_after_a_fault_that_did_not_end_in_zeros(
     if action == 'hold':
         np.testing.assert_array_equal(command, held)
     else:
-        assert np.abs(command).max() <= 0.2 + 1e-9  # from zeros within the limit of the rate
+        # From zeros within the limit of the rate.
+        assert np.abs(command).max() <= 0.2 + 1e-9
 
 
 @pytest.mark.parametrize('lasting', [1, 10, 60])
@@ -270,7 +293,8 @@ def test_the_rate_of_torques_is_limited_while_states_are_refused_and_after_it(la
 
 
 def test_a_jump_of_the_clock_or_a_pause_of_the_states_begins_with_new_ones():
-    rig, there = Rig(), home_moved(1, 1.0)
+    rig = Rig()
+    there = home_moved(1, 1.0)
     rig.begin()
     rig.time -= NANO  # a simulator begins again elsewhere
     assert rig.state(there) == []
@@ -279,7 +303,8 @@ def test_a_jump_of_the_clock_or_a_pause_of_the_states_begins_with_new_ones():
     rig.time += NANO // 5
     rig.path.check_timeout()
     assert not rig.commands[-1].any()
-    np.testing.assert_allclose(rig.begin(), ARM.gravity_force(HOME), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(rig.begin(), ARM.gravity_force(HOME),
+                               rtol=1e-9, atol=1e-12)
     assert not rig.statistics.dropped
 
 
@@ -337,8 +362,10 @@ def test_a_stop_that_begins_at_the_time_of_one_before_a_jump_of_the_clock_is_ano
 
 
 @pytest.mark.parametrize('action', ['zero', 'hold'])
-def test_a_fault_is_reported_as_an_error_once_it_lasts_longer_than_the_grace_time(action):
-    rig, (reason, state) = Rig(action=action, grace=0.02), FALSE['jump']
+def test_a_fault_is_reported_as_an_error_once_it_lasts_longer_than_the_grace_time(
+        action):
+    rig = Rig(action=action, grace=0.02)
+    reason, state = FALSE['jump']
     rig.begin()
     for _ in range(11):  # 0 to 20 ms
         rig.state(**state)
@@ -373,7 +400,8 @@ def test_a_stamp_ahead_of_the_clock_does_not_delay_the_next_state():
 
 
 def test_states_of_a_slow_publisher_may_be_far_apart():
-    rig, q = Rig(), HOME.copy()
+    rig = Rig()
+    q = HOME.copy()
     rig.begin()
     for _ in range(10):
         q[1] += 0.9 * LIMITS.velocity[1] * 0.09
@@ -386,18 +414,20 @@ class JudgedStates:
     def __init__(self, robot, checks):
         values = {f'state_check.{name}': x for name, x in checks.items()}
         self.state = np.zeros(2 * robot.n)
-        self.settings = StateCheck(robot, robot.joint_names, self.state, node_values(values))
+        self.settings = StateCheck(robot, robot.joint_names, self.state,
+                                   node_values(values))
         self.memory = StateMemory.empty(robot.n)
         self.detail = ''
 
     def reason(self, stamp):
-        """Return why the state with this stamp, ns, is refused; None if it is possible."""
+        """Return why the state with this stamp, ns, is refused, or None."""
         check = self.settings
-        settings = CheckSettings(NANO // 10, check.compares, check.turned, check.bounds.ravel())
-        outcome, after = judged(self.memory, stamp, self.state, settings)
+        settings = CheckSettings(NANO // 10, check.compares, check.turned,
+                                 check.bounds.ravel())
+        outcome, memory_after = judged(self.memory, stamp, self.state, settings)
         if outcome >= cycle_results.NOT_FINITE:
-            self.detail = check.explain(int(outcome), self.memory, after)
-        self.memory = StateMemory.of(packed(after))
+            self.detail = check.explain(int(outcome), self.memory, memory_after)
+        self.memory = StateMemory.of(packed(memory_after))
         self._kept = self.memory.kept(stamp, self.state.copy())
         return FIRST if outcome == cycle_results.FIRST else REASONS.get(int(outcome))
 
@@ -418,11 +448,13 @@ FRACTION = st.floats(-1.0, 1.0)
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.lists(FRACTION, min_size=14, max_size=14), st.lists(FRACTION, min_size=7, max_size=7),
-       st.floats(1e-6, 0.3))
+@given(st.lists(FRACTION, min_size=14, max_size=14),
+       st.lists(FRACTION, min_size=7, max_size=7), st.floats(1e-6, 0.3))
 def test_states_of_an_arm_within_its_limits_are_accepted(numbers, changes, elapsed):
     state, state_check = check()
-    place, speed, change = np.array(numbers[:7]), np.array(numbers[7:]), np.array(changes)
+    place = np.array(numbers[:7])
+    speed = np.array(numbers[7:])
+    change = np.array(changes)
     q = LIMITS.lower + 0.5 * (place + 1.0) * (LIMITS.upper - LIMITS.lower)
     state[:] = np.concatenate([q, speed * LIMITS.velocity])
     assert state_check.reason(NANO) is FIRST and state_check.reason(NANO) is None
@@ -432,11 +464,13 @@ def test_states_of_an_arm_within_its_limits_are_accepted(numbers, changes, elaps
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.lists(FRACTION, min_size=7, max_size=7), st.integers(0, 6), st.floats(1e-6, 0.1),
-       st.floats(1.001, 1e3), st.sampled_from([-1.0, 1.0]))
-def test_a_joint_that_moved_farther_than_it_can_is_refused(places, joint, elapsed, excess, sign):
+@given(st.lists(FRACTION, min_size=7, max_size=7), st.integers(0, 6),
+       st.floats(1e-6, 0.1), st.floats(1.001, 1e3), st.sampled_from([-1.0, 1.0]))
+def test_a_joint_that_moved_farther_than_it_can_is_refused(
+        places, joint, elapsed, excess, sign):
     state, state_check = check(position_margin=math.inf)
-    state[:7] = LIMITS.lower + 0.5 * (np.array(places) + 1.0) * (LIMITS.upper - LIMITS.lower)
+    state[:7] = LIMITS.lower + 0.5 * (np.array(places) + 1.0) * (LIMITS.upper
+                                                                 - LIMITS.lower)
     state_check.reason(NANO)
     state_check.reason(NANO)
     state_check.accept()
@@ -450,21 +484,24 @@ def test_a_joint_that_moved_farther_than_it_can_is_refused(places, joint, elapse
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.lists(FRACTION, min_size=7, max_size=7), st.lists(FRACTION, min_size=7, max_size=7),
+@given(st.lists(FRACTION, min_size=7, max_size=7),
+       st.lists(FRACTION, min_size=7, max_size=7),
        st.integers(1, 24), st.lists(st.floats(0.015, 1.0), min_size=24, max_size=24),
        st.integers(0, 6), st.sampled_from([-1.0, 1.0]))
 def test_after_false_states_of_an_arm_in_motion_the_first_true_one_is_accepted(
         begin, end, count, jumps, joint, sign):
     """Speeds change from one to another in up to 50 ms, with up to 80 rad/s^2."""
     state, state_check = check(position_margin=math.inf)
-    first, last = (np.array(speed) * LIMITS.velocity for speed in (begin, end))
+    first = np.array(begin) * LIMITS.velocity
+    last = np.array(end) * LIMITS.velocity
     last = first + np.clip(last - first, -4.0, 4.0) * count / 24
     state[:] = np.concatenate([HOME, first])
     state_check.reason(NANO)
     state_check.reason(NANO)
     state_check.accept()
     for k in range(1, count + 2):
-        time, share = k * PERIOD / NANO, k / (count + 1)
+        time = k * PERIOD / NANO
+        share = k / (count + 1)
         u = first + share * (last - first)
         state[:] = np.concatenate([HOME + 0.5 * (first + u) * time, u])
         stamp = NANO + k * PERIOD
@@ -477,7 +514,8 @@ def test_after_false_states_of_an_arm_in_motion_the_first_true_one_is_accepted(
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.integers(0, 6), st.floats(1.001, 1e6), st.sampled_from([-1.0, 1.0]), st.booleans())
+@given(st.integers(0, 6), st.floats(1.001, 1e6), st.sampled_from([-1.0, 1.0]),
+       st.booleans())
 def test_a_joint_beyond_a_bound_is_refused(joint, excess, sign, fast):
     state, state_check = check()
     state[:7] = HOME
@@ -494,13 +532,15 @@ def test_a_joint_beyond_a_bound_is_refused(joint, excess, sign, fast):
 def test_degrees_are_named_as_such():
     state, state_check = check()
     state[:7] = np.degrees(HOME)
-    assert state_check.reason(NANO) is OUTSIDE and 'if these are degrees' in state_check.detail
+    assert state_check.reason(NANO) is OUTSIDE
+    assert 'if these are degrees' in state_check.detail
 
 
 def test_joints_without_limits_are_not_compared_with_them():
     robot = Robot(load_urdf(
-        '<robot name="spindle"><link name="base"/><link name="a"><inertial><mass value="1"/>'
-        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<robot name="spindle"><link name="base"/><link name="a"><inertial><mass '
+        'value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" '
+        'iyz="0"/></inertial></link>'
         '<joint name="turn" type="continuous"><parent link="base"/><child link="a"/>'
         '<axis xyz="0 0 1"/></joint></robot>'))
     state, state_check = check(robot)
@@ -519,15 +559,18 @@ def test_joints_without_limits_are_not_compared_with_them():
     state_check.reason(NANO)
     state[0] -= 2.0 * math.pi  # a driver that publishes the angle between -pi and pi
     assert state_check.reason(NANO) is None
-    state_check.settings.update(node_values({'limits.velocity': 2.0, 'mode': 'computed_torque'}))
+    state_check.settings.update(
+        node_values({'limits.velocity': 2.0, 'mode': 'computed_torque'}))
     state_check.accept()
     state[0] += 2.0 * math.pi
-    assert state_check.reason(NANO) is JUMP  # a whole turn would be an error of the position
+    # A whole turn would be an error of the position.
+    assert state_check.reason(NANO) is JUMP
 
 
 def test_a_speed_limit_for_another_number_of_joints_is_refused():
     values = node_values({'limits.velocity': [1.0, 2.0]})
-    with pytest.raises(InputError, match=r"parameter 'limits\.velocity': 2 entries; expected one"):
+    with pytest.raises(InputError,
+                       match=r"parameter 'limits\.velocity': 2 entries; expected one"):
         StateCheck(ARM, ARM.joint_names, np.zeros(14), values)
 
 
@@ -536,13 +579,17 @@ def test_the_guard_takes_over_from_a_node_that_died_while_states_are_impossible(
         action, monkeypatch):
     now = [1000.0]
     monkeypatch.setattr(time, 'perf_counter', lambda: now[0])
-    rig, there, reports = Rig(), home_moved(1, 1.0), []
+    rig = Rig()
+    there = home_moved(1, 1.0)
+    reports = []
     values = node_values({'state_check.action': action})
-    guard = GuardPath(Controller(ARM), rig, Unread(), lambda: rig.time, values, Statistics(),
+    guard = GuardPath(Controller(ARM), rig, Unread(), lambda: rig.time, values,
+                      Statistics(),
                       lambda *words: None, lambda *words: reports.append(words))
     guard.start()
     guard.watch.known = True
-    torques, rig.path = guard.messages._torque_message, guard
+    torques = guard.messages._torque_message
+    rig.path = guard
     gravity = ARM.gravity_force(HOME)
     torques.numbers[:] = gravity
     guard.on_torques(torques.serialized())
@@ -565,8 +612,10 @@ def test_the_guard_takes_over_from_a_node_that_died_while_states_are_impossible(
 
 
 def test_the_guard_accepts_what_the_node_accepts_after_an_activation():
-    rig, there = Rig(), home_moved(1, 1.0)
-    guard = GuardPath(Controller(ARM), Unread(), Unread(), lambda: rig.time, node_values(),
+    rig = Rig()
+    there = home_moved(1, 1.0)
+    guard = GuardPath(Controller(ARM), Unread(), Unread(), lambda: rig.time,
+                      node_values(),
                       Statistics(), lambda *words: None, lambda *words: None)
     guard.start()
     rig.path, node = guard, rig.path

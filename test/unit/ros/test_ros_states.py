@@ -1,4 +1,4 @@
-"""The joint state reader: cached layouts agree with rclpy, and invalid states are dropped."""
+"""The joint state reader: layouts agree with rclpy, invalid states dropped."""
 
 from array import array
 import math
@@ -7,7 +7,8 @@ from types import SimpleNamespace
 
 from kane_dynamics.ros.common.stamped_numbers import MALFORMED, NOT_FINITE
 from kane_dynamics.ros.torque_path.drop_reasons import MISSING, NO_VELOCITY, SHORT, TWICE
-from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader, MAX_LAYOUTS
+from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateReader,
+                                                              MAX_LAYOUTS)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
 import pytest
@@ -28,7 +29,8 @@ def wire(*arguments):
 
 def test_a_state_is_read_by_name_into_the_same_arrays():
     reader = JointStateReader(JOINTS)
-    q, u = reader.q, reader.u
+    q = reader.q
+    u = reader.u
     assert reader.read(wire('cxab', [3, 9, 1, 2], [30, 90, 10, 20]), True) is None
     assert (q.tolist(), u.tolist()) == ([1, 2, 3], [10, 20, 30])
     assert reader.read(wire('abc', [4, 5, 6], [7, 8, 9]), True) is None
@@ -61,11 +63,13 @@ def test_a_missing_velocity_is_zero_if_it_is_not_needed():
 
 
 def test_only_the_first_message_of_a_layout_is_fully_parsed():
-    reader, generator = JointStateReader(JOINTS), np.random.default_rng(3)
+    reader = JointStateReader(JOINTS)
+    generator = np.random.default_rng(3)
     for _ in range(50):
         q, u = generator.normal(size=(2, 3))
         message = state('cab', q, u)
-        message.header.stamp.sec, message.header.stamp.nanosec = 7, 9
+        message.header.stamp.sec = 7
+        message.header.stamp.nanosec = 9
         assert reader.read(serialize_message(message), True) is None
         assert (reader.sec, reader.nanosec, reader.stamp) == (7, 9, 7_000_000_009)
         assert (reader.q == q[[1, 2, 0]]).all() and (reader.u == u[[1, 2, 0]]).all()
@@ -81,8 +85,10 @@ def test_the_joints_of_partial_and_of_foreign_messages_are_kept():
 
 
 @pytest.mark.parametrize(('messages', 'parts'), [
-    (('ab', 'c'), [('a', 'b'), ('c',)]), (('ab',), []), (('a', 'b'), []), (('xy', 'ab'), [])])
-def test_states_that_only_together_have_all_joints_are_recognized_as_parts(messages, parts):
+    (('ab', 'c'), [('a', 'b'), ('c',)]), (('ab',), []), (('a', 'b'), []),
+    (('xy', 'ab'), [])])
+def test_states_that_only_together_have_all_joints_are_recognized_as_parts(
+        messages, parts):
     reader = JointStateReader(JOINTS)
     for names in messages:
         count = [0.0] * len(names)
@@ -107,7 +113,8 @@ def test_padding_and_trailing_bytes_are_ignored():
     wire('abc', [1, 2, 3], [], ) + bytes(24),    # same length, other counts
 ])
 def test_another_layout_of_the_same_length_is_recognized(other):
-    reader, fresh = JointStateReader(JOINTS), JointStateReader(JOINTS)
+    reader = JointStateReader(JOINTS)
+    fresh = JointStateReader(JOINTS)
     assert reader.read(wire('abc', [1, 2, 3], [4, 5, 6]), False) is None
     assert reader.read(other, False) is fresh.read(other, False) is None
     assert (reader.q == fresh.q).all() and (reader.u == fresh.u).all()
@@ -125,7 +132,8 @@ def test_big_endian_messages_are_fully_parsed_or_dropped():
     data = bytes(4) + body + bytes(4)
     reader = JointStateReader(JOINTS)
     fault = reader.read(data, True)
-    assert fault == MALFORMED or (reader.q.tolist(), reader.stamp) == ([1, 2, 3], 1_000_000_002)
+    assert fault == MALFORMED or (reader.q.tolist(), reader.stamp) == ([1, 2, 3],
+                                                                       1_000_000_002)
     assert not reader._layouts
 
 

@@ -108,7 +108,8 @@ class Rig:
     def hand_back(self, torque):
         """Go on from the torques of torque_guard."""
         path = self.path
-        path._change(cycle_rules.taken_back, path._event(self.now), torque, path._rules.settings)
+        path._change(cycle_rules.taken_back, path._event(self.now), torque,
+                     path._rules.settings)
 
     def state(self):
         """Pass the present state to the path; return the torque, or None."""

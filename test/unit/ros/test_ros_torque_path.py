@@ -23,7 +23,8 @@ from kane_dynamics.ros.inputs.trajectory_input import follow_trajectory  # noqa:
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.loads.wrench_input import WrenchInput  # noqa: E402
 from kane_dynamics.ros.services.motion_check import refuse_impossible  # noqa: E402
-from kane_dynamics.ros.torque_path.drop_reasons import MISSING, NO_CLOCK, STALE  # noqa: E402
+from kane_dynamics.ros.torque_path.drop_reasons import (  # noqa: E402
+    MISSING, NO_CLOCK, STALE)
 from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from node_values import node_values, served_robot, UNCHECKED  # noqa: E402
@@ -34,7 +35,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E
 
 URDF = resource_path('urdf', 'two_link.urdf')
 ROBOT = Robot(load_urdf(URDF))
-MOTION = Motion.from_points([0.0, 2.0], [[0.0, 0.0], [1.0, -1.0]], joint_names=ROBOT.joint_names)
+MOTION = Motion.from_points([0.0, 2.0], [[0.0, 0.0], [1.0, -1.0]],
+                            joint_names=ROBOT.joint_names)
 NANO = 10**9
 
 
@@ -42,10 +44,13 @@ class Publisher:
     """Keeps the published messages."""
 
     def __init__(self, kind, field):
-        self.sent, self.kind, self.field = [], kind, field
+        self.sent = []
+        self.kind = kind
+        self.field = field
 
     def publish(self, message):
-        self.sent.append(np.array(getattr(deserialize_message(message, self.kind), self.field)))
+        self.sent.append(
+            np.array(getattr(deserialize_message(message, self.kind), self.field)))
 
 
 class Rig:
@@ -54,22 +59,25 @@ class Rig:
     def __init__(self, **settings):
         self.time = 100 * NANO
         self.commands = Publisher(Float64MultiArray, 'data')
-        self.torques, self.warnings = Publisher(JointState, 'effort'), []
+        self.torques = Publisher(JointState, 'effort')
+        self.warnings = []
         self.statistics = Statistics()
-        self.path = TorquePath(Controller(ROBOT, **settings), self.commands, self.torques,
-                               lambda: self.time, node_values(UNCHECKED), self.statistics,
-                               lambda reason, detail: self.warnings.append(reason))
+        self.path = TorquePath(
+            Controller(ROBOT, **settings), self.commands, self.torques,
+            lambda: self.time, node_values(UNCHECKED), self.statistics,
+            lambda reason, detail: self.warnings.append(reason))
         self.path.start()
 
     def state(self, q=(0.3, -0.2), u=(0.0, 0.0), *, after=0.0, age=0.0):
-        """Advance the clock, pass a state of some age to the path, return the command if any."""
+        """Advance the clock, pass an aged state to the path, return its command."""
         self.time += round(after * NANO)
-        message = JointState(name=list(ROBOT.joint_names), position=list(q), velocity=list(u))
+        message = JointState(name=list(ROBOT.joint_names), position=list(q),
+                             velocity=list(u))
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(self.time - round(age * NANO), NANO)
-        before = len(self.commands.sent)
+        count_before = len(self.commands.sent)
         self.path.on_state(serialize_message(message))
-        return self.commands.sent[-1] if len(self.commands.sent) > before else None
+        return self.commands.sent[-1] if len(self.commands.sent) > count_before else None
 
     def follow(self, start, motion=MOTION):
         """Schedule a motion at a time, ns."""
@@ -100,9 +108,10 @@ def test_commands_of_a_floating_base_are_of_the_joints_alone(prefix):
     values = node_values({**UNCHECKED, 'root_joint': 'floating', 'prefix': prefix,
                           'mode': 'gravity_compensation', 'limits.rate': math.inf})
     model = load_model(URDF, values, lambda warning: None)
-    commands, torques = Publisher(Float64MultiArray, 'data'), Publisher(JointState, 'effort')
-    path = TorquePath(path_controller(model, values), commands, torques, lambda: 100 * NANO,
-                      values, Statistics(), lambda *words: None)
+    commands = Publisher(Float64MultiArray, 'data')
+    torques = Publisher(JointState, 'effort')
+    path = TorquePath(path_controller(model, values), commands, torques,
+                      lambda: 100 * NANO, values, Statistics(), lambda *words: None)
     path.start()
     assert path.messages.joints == tuple(prefix + name for name in ROBOT.joint_names)
     base = [0.3, -2.0, 1.0, 0.4, -0.7, 0.2]
@@ -113,8 +122,8 @@ def test_commands_of_a_floating_base_are_of_the_joints_alone(prefix):
     floating = Robot(model)
     turn = floating.frame_pose(prefix + 'base_link', message.position)[:3, :3]
     turned = Robot(load_urdf(URDF, gravity=turn.T @ model.gravity))
-    np.testing.assert_allclose(commands.sent, [turned.gravity_force(np.array([0.3, -0.2]))],
-                               rtol=1e-12)
+    np.testing.assert_allclose(commands.sent,
+                               [turned.gravity_force(np.array([0.3, -0.2]))], rtol=1e-12)
     np.testing.assert_array_equal(torques.sent, commands.sent)
 
 
@@ -138,10 +147,11 @@ def test_a_backward_clock_jump_between_two_states_drops_the_motion():
 
 
 class Guard:
-    """torque_guard as the path asks it; `numbers` are its message for the last request."""
+    """torque_guard as the path asks it; `numbers` answer the last request."""
 
     def __init__(self):
-        self.requests, self.returns = [], []
+        self.requests = []
+        self.returns = []
         self.send = self.requests.append
 
     def beginning(self):
@@ -156,7 +166,8 @@ class Guard:
 
 
 def test_a_clock_that_jumped_while_the_guard_commanded_is_reported(monkeypatch):
-    rig, guard = Rig(), Guard()
+    rig = Rig()
+    guard = Guard()
     rig.state()  # compiles the law, which takes longer than the guard waits
     rig.commands.sent.clear()
     rig.path.use_guard(guard)
@@ -200,16 +211,18 @@ def test_states_out_of_order_give_no_command():
 
 
 def test_loads_are_applied_between_two_cycles():
-    rig, before = Rig(), ROBOT.parameters.gravity
+    rig = Rig()
+    gravity_before = ROBOT.parameters.gravity
     try:
         rig.state()
         rig.path.set_loads(GravityAndPayload(np.array([1.0, 0.0, -3.0])))
-        assert (ROBOT.parameters.gravity == before).all(), 'not before the next cycle'
+        assert (ROBOT.parameters.gravity
+                == gravity_before).all(), 'not before the next cycle'
         command = rig.state(after=0.01)
         assert ROBOT.parameters.gravity.tolist() == [1.0, 0.0, -3.0]
         np.testing.assert_array_equal(command, gravity())
     finally:
-        ROBOT.parameters.gravity = before
+        ROBOT.parameters.gravity = gravity_before
 
 
 def test_a_timeout_commands_zeros_once_and_the_next_state_ends_it():
@@ -236,7 +249,8 @@ def test_the_rate_limit_uses_the_time_between_stamps_and_zeros_bypass_it():
     rig = Rig(rate_limit=2.0)
     assert not rig.state().any()
     second = rig.state(after=0.05)
-    np.testing.assert_allclose(np.abs(second), np.minimum(np.abs(gravity()), 0.1), rtol=1e-9)
+    np.testing.assert_allclose(np.abs(second), np.minimum(np.abs(gravity()), 0.1),
+                               rtol=1e-9)
     rig.path.stop()
     assert not rig.commands.sent[-1].any()
 
@@ -262,7 +276,8 @@ def trajectory(*points, stamp=0, names=ROBOT.joint_names):
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, NANO)
     for t, q in points:
         point = JointTrajectoryPoint(positions=list(q))
-        point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * NANO), NANO)
+        point.time_from_start.sec, point.time_from_start.nanosec = divmod(
+            round(t * NANO), NANO)
         message.points.append(point)
     return serialize_message(message)
 
@@ -280,19 +295,22 @@ def test_a_timeout_drops_the_motion_and_rejects_others_until_the_next_state():
     rig.time += NANO
     rig.path.check_timeout()
     assert (rig.commands.sent[-1] == 0.0).all()
-    with pytest.raises(InputError, match=r'joint states: none for 1\.0\d* s; expected one within'):
+    with pytest.raises(InputError,
+                       match=r'joint states: none for 1\.0\d* s; expected one within'):
         follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES, JUDGE)
-    np.testing.assert_allclose(rig.state(after=0.01), gravity(), rtol=1e-12)  # holds the pose
+    # The law holds the pose.
+    np.testing.assert_allclose(rig.state(after=0.01), gravity(), rtol=1e-12)
     follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES, JUDGE)
     assert np.abs(rig.state(after=0.05) - gravity()).max() > 1e-3
 
 
-def test_a_motion_received_or_read_before_the_motions_were_cleared_is_rejected(monkeypatch):
+def test_a_motion_received_or_read_before_the_motions_were_cleared_is_rejected(
+        monkeypatch):
     rig = Rig()
     rig.state()
     with pytest.raises(InputError, match='received before the node was activated'):
-        follow_trajectory(rig.path, trajectory(*POINTS), rig.path.active_motion.cleared_at - 1,
-                          VALUES, JUDGE)
+        follow_trajectory(rig.path, trajectory(*POINTS),
+                          rig.path.active_motion.cleared_at - 1, VALUES, JUDGE)
 
     def read(*arguments):  # the node is deactivated and activated during the call
         rig.path.stop()
@@ -308,10 +326,12 @@ def test_a_scheduled_motion_starts_from_the_active_one_which_continues_until_the
     rig = Rig()
     rig.state()
     follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES, JUDGE)
-    first, begun = rig.path.active_motion.at(rig.time)[0], rig.time
-    follow_trajectory(rig.path, trajectory((1.0, (0.0, 0.0)), stamp=rig.time + NANO), 0, VALUES,
-                      JUDGE)
-    np.testing.assert_array_equal(rig.state(after=0.9), ROBOT.inverse_dynamics(*first.sample(0.9)))
+    first = rig.path.active_motion.at(rig.time)[0]
+    begun = rig.time
+    follow_trajectory(rig.path, trajectory((1.0, (0.0, 0.0)), stamp=rig.time + NANO), 0,
+                      VALUES, JUDGE)
+    np.testing.assert_array_equal(rig.state(after=0.9),
+                                  ROBOT.inverse_dynamics(*first.sample(0.9)))
     q, u, _ = first.sample(1.0)
     second, moment = rig.path.active_motion.at(begun + NANO)
     assert second is not first and moment == 0.0
@@ -335,7 +355,8 @@ def test_a_trajectory_without_points_ends_the_motion_at_the_measured_pose():
     rig.state()
     follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES, JUDGE)
     rig.state(after=0.05)
-    assert 'no points' in follow_trajectory(rig.path, trajectory(names=()), 0, VALUES, JUDGE)
+    assert 'no points' in follow_trajectory(rig.path, trajectory(names=()), 0, VALUES,
+                                            JUDGE)
     np.testing.assert_allclose(rig.state(q=(0.5, 0.1), after=0.05), gravity((0.5, 0.1)),
                                rtol=1e-12)
 
@@ -343,7 +364,8 @@ def test_a_trajectory_without_points_ends_the_motion_at_the_measured_pose():
 def test_gravity_compensation_rejects_motions():
     rig = Rig(mode='gravity_compensation')
     rig.state()
-    with pytest.raises(InputError, match='gravity_compensation; expected a mode that follows'):
+    with pytest.raises(InputError,
+                       match='gravity_compensation; expected a mode that follows'):
         follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES, JUDGE)
 
 
@@ -372,7 +394,8 @@ def test_states_of_other_joints_only_are_not_dropped_states():
     assert rig.path.take_foreign_joints() == set()
     rig.time += NANO
     rig.path.check_timeout()  # without other states the names are a fault
-    rig.path.on_state(serialize_message(JointState(name=['left_joint1'], position=[0.0])))
+    rig.path.on_state(
+        serialize_message(JointState(name=['left_joint1'], position=[0.0])))
     assert rig.statistics.dropped == {MISSING: 1}
     assert rig.warnings[-1] == MISSING
 
@@ -384,7 +407,8 @@ def test_a_wrench_does_not_outlive_deactivation():
                                                        'wrench.max_force': 100.0,
                                                        'wrench.max_moment': 10.0}, print)
     push = WrenchStamped()
-    push.header.frame_id, push.wrench.force.x = 'tip', 50.0
+    push.header.frame_id = 'tip'
+    push.wrench.force.x = 50.0
     rig.path.wrenches.on_message(serialize_message(push))
     assert np.abs(rig.state() - gravity()).max() > 1.0
     rig.path.stop()

@@ -13,8 +13,10 @@ from kane_dynamics import load_urdf, Robot  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.model.model import Frame, WORLD  # noqa: E402
-from kane_dynamics.ros.common.transform_tree import MOST_FRAMES, TransformTree  # noqa: E402
-from kane_dynamics.ros.loads.wrench_input import SHARED, WrenchFrames, WrenchInput  # noqa: E402
+from kane_dynamics.ros.common.transform_tree import (  # noqa: E402
+    MOST_FRAMES, TransformTree)
+from kane_dynamics.ros.loads.wrench_input import (  # noqa: E402
+    SHARED, WrenchFrames, WrenchInput)
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu  # noqa: E402
 from node_values import node_values  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
@@ -30,7 +32,8 @@ class Rig:
     """A tree with a manual clock."""
 
     def __init__(self):
-        self.time, self.rejected = 100 * NANO, []
+        self.time = 100 * NANO
+        self.rejected = []
         self.tree = TransformTree(MODEL, lambda: self.time, 0.5,
                                   lambda *words: self.rejected.append(': '.join(words)))
 
@@ -39,7 +42,8 @@ class Rig:
         message.header.frame_id = parent
         moment = self.time - round(age * NANO) if stamp is None else stamp
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(moment, NANO)
-        p, r = message.transform.translation, message.transform.rotation
+        p = message.transform.translation
+        r = message.transform.rotation
         numbers = pose_numbers(np.eye(4) if pose is None else pose)
         p.x, p.y, p.z, r.x, r.y, r.z, r.w = numbers
         self.tree.on_message(SimpleNamespace(transforms=[message]), static=static)
@@ -47,7 +51,8 @@ class Rig:
     def pose(self, name):
         frame = self.tree.frame(name)
         pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = frame.rotation, frame.translation
+        pose[:3, :3] = frame.rotation
+        pose[:3, 3] = frame.translation
         return frame.body, pose
 
     def refused(self, name):
@@ -62,7 +67,8 @@ def random_pose(seed):
     axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
     angle = rng.uniform(0.2, 2.5)
-    K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    K = np.array(
+        [[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     pose = np.eye(4)
     pose[:3, :3] += np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
     pose[:3, 3] = rng.uniform(-1.0, 1.0, 3)
@@ -80,7 +86,8 @@ def pose_numbers(pose):
 def placed(name):
     frame = MODEL.frame(name)
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = frame.rotation, frame.translation
+    pose[:3, :3] = frame.rotation
+    pose[:3, 3] = frame.translation
     return frame.body, pose
 
 
@@ -115,15 +122,16 @@ def test_transforms_of_tf_become_stale_and_static_ones_do_not():
     rig.pose('probe')
     rig.time += round(0.2 * NANO)
     assert rig.refused('probe') == (
-        "frame 'probe': the transform of 'probe' in 'bracket' is 0.6 s old; expected at most "
-        '0.5 s (tf.timeout), or a static one')
+        "frame 'probe': the transform of 'probe' in 'bracket' is 0.6 s old; expected "
+        "at most 0.5 s (tf.timeout), or a static one")
     rig.time += 10**6 * NANO
     rig.pose('bracket')
 
 
 def test_late_messages_are_not_used_unless_the_clock_jumped_back():
     rig = Rig()
-    new, old = random_pose(1), random_pose(2)
+    new = random_pose(1)
+    old = random_pose(2)
     rig.hear(TIP, 'probe', new, static=False)
     rig.hear(TIP, 'probe', old, age=0.1, static=False)
     np.testing.assert_allclose(rig.pose('probe')[1], placed(TIP)[1] @ new, atol=1e-12)
@@ -138,8 +146,10 @@ def test_late_messages_are_not_used_unless_the_clock_jumped_back():
 def test_frames_without_a_way_to_the_model_are_refused():
     rig = Rig()
     rig.hear('island', 'hut')
-    assert rig.refused('hut').startswith("frame 'hut', whose transforms end at 'island'; expected")
-    assert rig.refused('nowhere').startswith("frame 'nowhere'; expected a frame of the model")
+    assert rig.refused('hut').startswith(
+        "frame 'hut', whose transforms end at 'island'; expected")
+    assert rig.refused('nowhere').startswith(
+        "frame 'nowhere'; expected a frame of the model")
     assert TIP in rig.refused('nowhere')
 
 
@@ -189,7 +199,8 @@ def test_a_wrench_has_the_torques_of_a_robot_that_declares_its_frame():
     pose = random_pose(5)
     rig.hear(TIP, 'sensor', pose)
     body, at = rig.pose('sensor')
-    model = replace(MODEL, frames=(*MODEL.frames, Frame('sensor', body, at[:3, :3], at[:3, 3])))
+    model = replace(MODEL,
+                    frames=(*MODEL.frames, Frame('sensor', body, at[:3, :3], at[:3, 3])))
     declared = Robot(model, wrench_frames=('sensor',))
     robot = Robot(MODEL, wrench_frames=(FIRST, TIP))
     q = np.array([0.7, -0.4])
@@ -199,8 +210,8 @@ def test_a_wrench_has_the_torques_of_a_robot_that_declares_its_frame():
     assert row == 1
     np.testing.assert_allclose(
         robot.external_force(q, wrench=frames.in_world(q, [(row, moved)])),
-        declared.external_force(q, wrench=WrenchFrames(declared).in_world(q, [(0, wrench)])),
-        atol=1e-12)
+        declared.external_force(
+            q, wrench=WrenchFrames(declared).in_world(q, [(0, wrench)])), atol=1e-12)
     with pytest.raises(InputError, match='on a body without a frame of wrench'):
         frames.placed(BASE, wrench)
 
@@ -211,8 +222,8 @@ def test_a_declared_frame_has_the_wrench_of_one_frame_at_a_time():
     rig.hear(TIP, 'right')
     rejected = []
     wrenches = WrenchInput(Robot(MODEL, wrench_frames=(TIP,)), lambda: rig.time,
-                           node_values({}), lambda reason, detail: rejected.append(reason),
-                           rig.tree)
+                           node_values({}),
+                           lambda reason, detail: rejected.append(reason), rig.tree)
 
     def press(frame):
         message = WrenchStamped()

@@ -13,12 +13,12 @@ from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
-from kane_dynamics.ros.common.stamped_numbers import (FUTURE, MALFORMED, NOT_FINITE,  # noqa: E402
-                                                      OUT_OF_ORDER)
+from kane_dynamics.ros.common.stamped_numbers import (  # noqa: E402
+    FUTURE, MALFORMED, NOT_FINITE, OUT_OF_ORDER)
 from kane_dynamics.ros.loads import wrench_input  # noqa: E402
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.loads.wrench_input import (FRAME, LARGE, STALE, TIMED_OUT,  # noqa: E402
-                                                  WrenchInput)
+from kane_dynamics.ros.loads.wrench_input import (  # noqa: E402
+    FRAME, LARGE, STALE, TIMED_OUT, WrenchInput)
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
                                                         ContactPublishers)
 from kane_dynamics.ros.monitors.optional_topics import (  # noqa: E402

@@ -522,9 +522,10 @@ def test_a_closed_loop_stops_at_the_order_of_the_integrator_and_balances_forces(
 
 
 def motion_of_four_bar(second, stops):
-    """Return a simulation of a four-bar that sticks, with `second` in place of 1 s, and u."""
+    """Return a simulation of a four-bar that sticks, with `second` for 1 s, and u."""
     b = ModelBuilder('four-bar', gravity=(0, 0, -9.81 / second**2))
-    on, at = 'world', (0, 0, 0)
+    on = 'world'
+    at = (0, 0, 0)
     for name, length in zip(('crank', 'coupler', 'rocker'), (0.3, 0.9, 0.7)):
         limits = {}
         if stops and name == 'rocker':
@@ -532,14 +533,17 @@ def motion_of_four_bar(second, stops):
         bar = rod(2.0 * length, (0, 0, 0), (length, 0, 0))
         b.body(name, on, axis=(0, -1, 0), at=at, inertial=bar,
                friction=1.2 / second**2, breakaway_friction=1.6 / second**2, **limits)
-        on, at = name, (length, 0, 0)
+        on = name
+        at = (length, 0, 0)
     b.frame('end', on, at=at)
     b.frame('ground', 'world', at=(1, 0, 0))
-    robot = Robot(b.model(), constraints=[PIN], independent=['crank'], actuated=['crank'])
+    robot = Robot(b.model(), constraints=[PIN], independent=['crank'],
+                  actuated=['crank'])
     q = robot.closed_configuration((1.1, 0.0, -1.5), fixed=['crank'])
-    torque = robot.gravity_force(q) + -5.0 * np.sin(0.04 * np.arange(200))[:, None] / second**2
-    run = exact(robot, q, [2.0 / second], 2.0 * second, step=0.01 * second, torque=torque,
-                stops=stops, sample=0.04 * second)
+    torque = robot.gravity_force(q) + -5.0 * np.sin(
+        0.04 * np.arange(200))[:, None] / second**2
+    run = exact(robot, q, [2.0 / second], 2.0 * second,
+                step=0.01 * second, torque=torque, stops=stops, sample=0.04 * second)
     return run, run.u * second
 
 
