@@ -25,6 +25,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 import numpy as np
 
@@ -113,6 +114,11 @@ class Beam:
     def admissible_deflection(self) -> float:
         """Return the largest deflection across the beam for which it is meant, m."""
         return ADMISSIBLE * self.length
+
+    @lazy_property
+    def peaks(self) -> Array:
+        """Return the largest magnitude of each mode's shape along the beam, (m,)."""
+        return np.asarray(np.linalg.norm(self.shapes, axis=2).max(axis=0))
 
     def displacement(self, eta: Array) -> tuple[Array, Array]:
         """Return d and c e at the quadrature points, (g, 3) each; any scalar type."""

@@ -376,15 +376,15 @@ class KernelSet:
                  reason: ResultCheck | None = None,
                  single: Callable[..., Any] | None = None,
                  by_states: bool = False, ahead: bool = True,
-                 interleaved: bool = False) -> Kernel:
+                 interleaved: bool = False, level: int = 1) -> Kernel:
         """
         Return the kernel of a function over any scalar, as `Robot.compiled`.
 
         With `constants`, the shape of the function's last argument, its numbers take the
         place of the robot's parameters: calls of the kernel's address pass them last.
         `reason` is that of `Kernel`; `single` is the same function in lanes, for single
-        states; `by_states` and `interleaved` are as of `Kernel`. The code of single states
-        is compiled now, or at its first use unless `ahead`.
+        states; `by_states`, `interleaved` and `level` are as of `Kernel`. The code of
+        single states is compiled now, or at its first use unless `ahead`.
         """
         traced = self.function(function, name, inputs, constants, shape)
         # Within one robot, the text of a function of this library tells it from others of
@@ -409,7 +409,7 @@ class KernelSet:
                                                  shape).program
             kernel = Kernel(name, traced.program, key, traced.arguments, block, shape,
                             explanation, program_in_lanes, self._in_order, by_states,
-                            interleaved, traced.unread)
+                            interleaved, level, traced.unread)
             self._made[place] = kernel
         if ahead:
             kernel.compile()

@@ -65,8 +65,8 @@ class DeflectionWatch(Observer):
             if body.beam is not None:
                 # Modal coordinates have places in q; those of ball joints have none.
                 places = [int(robot.model.places[k] or 0) for k in body.beam.coordinates]
-                peaks = np.linalg.norm(body.beam.shapes, axis=2).max(axis=0)
-                self._beams.append(_WatchedBeam(body.name, body.beam, places, peaks))
+                self._beams.append(_WatchedBeam(body.name, body.beam, places,
+                                                body.beam.peaks))
         self._look(states[:, None], np.array([start]), (states, states))
 
     def look(self, chunk: Chunk) -> None:

@@ -95,16 +95,18 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     step = partial(traced_step, robot, choice)
     # Where the dynamics of one state have a program of their own, its steps have, too.
     single = None
+    level = 1
+    # Both stages of a linear step are in its own program: forces, mass matrix, factors.
+    interleaved = integrator == 'implicit' and is_linear(robot.equations)
     if robot.equations.tree.flexible and steps_in_pairs(robot, choice):
         single = partial(traced_step_in_pairs, robot, choice)
+        level = 2
     elif method_in_lanes(robot.equations, 'forward_dynamics') is not None:
         single = partial(step, system=SingleRobotMotion)
-    # Both stages of a linear step are in its own program: forces, mass matrix, factors.
-    linear = integrator == 'implicit' and is_linear(robot.equations)
     return robot.kernels.compiled(step, name, inputs, inputs['state'],
                                   constants=constants, single=single,
                                   by_states=robot.kernels.by_states('forward_dynamics'),
-                                  interleaved=linear)
+                                  interleaved=interleaved, level=level)
 
 
 def step_signature(robot: Robot, choice: StepChoice) -> tuple[str, dict[str, Shape], Shape]:

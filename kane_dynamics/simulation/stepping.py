@@ -26,8 +26,7 @@ import numpy as np
 CHUNK_SECONDS = 0.01  # of steps between two progress reports: half of the documented bound
 CHUNK_BYTES = 2**27  # of states in one chunk, unless a single step of all takes more
 FIRST_CHUNK = 256  # steps of one simulation
-GROWTH = 16  # largest ratio of two chunks in succession, with progress reports
-GROWTH_UNREPORTED = 64  # without: they may take longer than the time between reports
+GROWTH = 16  # largest ratio of two chunks in succession
 LEAST_CHUNK = 8  # steps of many simulations, so that checks take less time than the steps
 
 Progress = Callable[[float], bool | None]
@@ -150,12 +149,14 @@ def run(steps: Steps, starts: Array, count: int, every: int,
     sampled = np.append(np.arange(0, count, every), count)
     states = np.empty((len(starts), len(sampled), starts.shape[1]))
     states[:, 0] = starts
-    # One simulation begins with few steps; many share the cost of a chunk from the start.
+    # One simulation begins with few steps, unless an earlier one of the robot has shown how
+    # long they take; many share the cost of a chunk from the start.
     least = 1
-    length = FIRST_CHUNK
+    paces = steps.robot.kernels.kept
+    kind = 'seconds of a step', type(steps), steps.source.choice, steps.stops is None
+    length = max(FIRST_CHUNK, int(CHUNK_SECONDS / paces.get(kind, CHUNK_SECONDS)))
     if not steps.source.single:
         least = length = LEAST_CHUNK
-    growth = GROWTH_UNREPORTED if progress is None else GROWTH
     longest = max(1, CHUNK_BYTES // starts.nbytes) if len(starts) else count
     done = 0
     while done < count:
@@ -177,8 +178,10 @@ def run(steps: Steps, starts: Array, count: int, every: int,
             break
         # The next chunk is to take the time between two reports; a short one may have
         # been measured badly.
-        in_time = int(computed * CHUNK_SECONDS / max(seconds, 1e-9))
-        length = max(least, min(growth * computed, in_time))
+        pace = max(seconds, 1e-9) / computed
+        length = max(least, min(GROWTH * computed, int(CHUNK_SECONDS / pace)))
+        if steps.source.single:
+            paces[kind] = pace
     # A simulation that ends early has its last state as an additional sample.
     rows_done = int(np.searchsorted(sampled, done, side='right'))
     if sampled[rows_done - 1] < done:

@@ -801,12 +801,16 @@ class Function:
         if callee not in self.callees:
             self.callees.append(callee)
         i = node.index
-        states = callee.states if node.op == 'side_by_side' else 1
+        states = 1
+        kind = self.type
         size = max(len(callee.outputs), 1)
-        row = states * self.real.bits // 8
+        if node.op == 'side_by_side':  # the results are rows
+            states = callee.states
+            kind = vector_type(states, self.real)
+            size = size // states
         # A subroutine takes a table of pointers.
         self.lines += [f'  %ptrs{i} = alloca [{len(callee.inputs) + 1} x ptr]',
-                       f'  %ret{i} = alloca [{size} x {self.type}], align {row}']
+                       f'  %ret{i} = alloca [{size} x {kind}]']
         offset = 0
         # Pointers to the arguments, then to the results.
         for k, (name, shape) in enumerate([*callee.inputs, ('result', ())]):
