@@ -16,8 +16,10 @@ from kane_dynamics.mechanics.energy_form.lagrange_constrained import (EnergyForm
 from kane_dynamics.mechanics.joint_lanes.joint_blocks import plain_lanes
 from kane_dynamics.model.model import with_payload
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.native.tracing.program import evaluate, trace_program
 from kane_dynamics.robot.kernel_set import method_in_lanes
+from kane_dynamics.simulation.step_kernels import (step_kernel, step_program, StepChoice,
+                                                   steps_in_pairs)
 from mechanisms import with_inertia_in
 import numpy as np
 import pytest
@@ -470,6 +472,21 @@ def test_energy_of_a_falling_arm_is_kept_at_the_integrators_order():
         errors.append(np.abs(total - total[0]).max())
     assert errors[0] / errors[1] > 12.0
     assert errors[1] / errors[2] > 12.0
+
+
+def test_a_step_of_two_configurations_at_once_is_the_plain_one():
+    robot = Robot(arm(), wrench_frames=('middle',), payload_frame='hand')
+    robot.parameters.payload = point_mass(0.4, (0.1, 0.0, 0.02))
+    choice = StepChoice(False)
+    assert steps_in_pairs(robot, choice)
+    q, u, tau = states(robot.model)
+    state = np.concatenate([q, u])
+    constants = np.concatenate([[1e-4], robot.parameters.block])
+    expected = evaluate(step_program(robot, 'step', choice), [state, tau[None], constants])
+    stepped = np.empty((1, len(state)))
+    kernel = step_kernel(robot, False)
+    kernel.scan([state[None], tau[None, None]], stepped, constants=constants)
+    np.testing.assert_allclose(stepped[0], expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize('make', [flexible_four_bar, mast_on_a_sleigh])
