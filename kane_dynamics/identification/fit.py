@@ -40,6 +40,7 @@ ROUNDS = 3  # of reweighting
 WEIGHTS = 10.0 ** np.arange(1, 7)
 CHOICES = 2  # of laws and weight in turn, at most
 FIRST_WEIGHT = 1e3  # of the prior, before one is chosen
+LARGEST_CHANGE = 10.0  # factor, of the weight that is chosen with other laws
 LEAST_LOAD = 1e-3  # of gravity, relative to the RMS of the torque
 SELECT = 'select'  # the law of friction of each joint
 OTHER_TERMS: dict[str, Any] = {'friction_backward': None, 'breakaway_friction': None,
@@ -310,7 +311,8 @@ def _chosen_fit(plain_fits: _PlainFits, stated: tuple[FrictionLaw, ...] | None,
 
     The weight is chosen with Coulomb friction. With it the laws are compared. Laws without
     load friction keep bodies and offsets unless others predict clearly better. Else the
-    weight is chosen with the laws, if that is smaller; once more if both have changed.
+    weight is chosen with the laws, if that is smaller, by a factor of ten at most; once
+    more if both have changed.
 
     Neither `stated` laws nor a `given` weight are chosen; the weight is infinite for given
     bodies.
@@ -323,6 +325,7 @@ def _chosen_fit(plain_fits: _PlainFits, stated: tuple[FrictionLaw, ...] | None,
         weight = plain_fits.weight(plain)
         plain = plain_fits.fit(weight, plain)
     progress(0.4)
+    of_coulomb, coulomb_weight = plain, weight
     laws = stated or (COULOMB,) * model.n
     candidates: dict[str, CandidateErrors] = {}
     fit = plain
@@ -334,9 +337,8 @@ def _chosen_fit(plain_fits: _PlainFits, stated: tuple[FrictionLaw, ...] | None,
                                          Prior(model, weight))
         if turn and laws == last_laws:
             break
-        fit = plain
         if all(law is COULOMB for law in laws):
-            break
+            return of_coulomb, coulomb_weight, candidates
         prior = Prior(model, weight)
         fit = fit_laws(data, laws, plain, prior)
         sliding = _sliding_fit(plain_fits, plain, fit, prior)
@@ -344,9 +346,11 @@ def _chosen_fit(plain_fits: _PlainFits, stated: tuple[FrictionLaw, ...] | None,
             fit = sliding
             break
         if given is None:
-            # A weight that is too large costs more than one that is too small.
-            # Smaller weights are accepted only.
-            weight = min(weight, plain_fits.weight(fit))
+            # A weight that is too large costs more than one that is too small: smaller
+            # weights are accepted only. Few blocks tell weights apart to a factor of ten
+            # at best, and a law changes the weight that is right by less.
+            lowest = coulomb_weight / LARGEST_CHANGE
+            weight = min(weight, max(lowest, plain_fits.weight(fit)))
         if weight == last_weight:
             break
         fit = fit_laws(data, laws, fit, Prior(model, weight))
@@ -369,7 +373,7 @@ def _sliding_fit(plain_fits: _PlainFits, plain: LawFit, fit: LawFit, prior: Prio
     sliding = fit_sliding(rows_of_fit, fit.laws, plain)
     # The errors of both on blocks that neither has seen.
     of_plain = Blocks(rows_of_fit, blocks, plain)
-    of_sliding = Blocks(rows_of_fit, blocks, sliding).sliding_errors(of_plain, prior)
+    of_sliding = Blocks(rows_of_fit, blocks, sliding).sliding_errors(of_plain, prior)[0]
     fitted = Blocks(rows_of_fit, blocks, fit).errors(prior)[0]
     return None if clearly_smaller(fitted, of_sliding) else sliding
 
@@ -526,16 +530,32 @@ def _selected(rows_of_fit: LawRows, blocks: list[Flags], start: LawFit, prior: P
     candidates = {}
     # Each law is fitted to all joints, then tried on blocks of rows that it has not
     # seen.
+    plain = Blocks(rows_of_fit, blocks, start)
     for law in LAWS:
-        fit = start
-        if law is not COULOMB:
-            fit = fit_laws(rows_of_fit, (law,) * len(start.laws), start, prior)
-        every, moving = Blocks(rows_of_fit, blocks, fit).errors(prior)
+        if law is COULOMB:
+            every, moving = plain.errors(prior)
+        else:
+            every, moving = _left_out_errors(rows_of_fit, blocks, law, plain, start, prior)
         errors.append(every)
         candidates[law.name] = CandidateErrors(_root_mean_square(every),
                                                _root_mean_square(moving))
     laws = chosen_laws(errors, _loaded(rows_of_fit, prior.model))
-    return without_harm(laws, candidates), candidates
+    return without_harm(laws, errors), candidates
+
+
+def _left_out_errors(rows_of_fit: LawRows, blocks: list[Flags], law: FrictionLaw,
+                     plain: Blocks, start: LawFit, prior: Prior) -> tuple[Array, Array]:
+    """Return `Blocks.errors` of one law for all joints, fitted as in the end."""
+    laws = (law,) * len(start.laws)
+    fitted = Blocks(rows_of_fit, blocks, fit_laws(rows_of_fit, laws, start, prior))
+    errors = fitted.errors(prior)
+    if law.load:
+        return errors
+    # Bodies and offsets are those of Coulomb friction unless others predict clearly
+    # better.
+    sliding = Blocks(rows_of_fit, blocks, fit_sliding(rows_of_fit, laws, start))
+    kept = sliding.sliding_errors(plain, prior)
+    return errors if clearly_smaller(errors[0], kept[0]) else kept
 
 
 def _loaded(rows_of_fit: LawRows, model: Model) -> Flags:

@@ -21,21 +21,26 @@ differ from Coulomb friction where joints reverse or are fast. Centers of mass a
 that follow these few rows predict other motion worse, so those of Coulomb friction are
 kept unless fits with others predict left-out blocks clearly better.
 
-The blocks are few and the rows within one are correlated, so that single joints cannot
-be told apart by their errors alone. Drives of one arm are of one kind: the law is that
-of the arm, the simplest whose error is the smallest within its standard error. A joint
-has another one only if its own errors say so clearly; the mean of all joints is the prior
-of each joint's (empirical Bayes; Efron & Morris, JASA 70 (1975)).
+A law is judged as it is fitted in the end, with these bodies and offsets.
+
+The blocks are few and the rows within one are correlated, so that the errors of single
+joints say little: in parts of a Panda's recording, gains of 40 % of one joint did not
+last, nor did losses beyond two standard errors. Drives of one arm are of one kind: the law
+is that of the arm, the simplest whose error is the smallest within its standard error. A
+joint has another one only if its own errors say so beyond the chance of as many
+comparisons; the mean of all joints is the prior of each joint's (empirical Bayes;
+Efron & Morris, JASA 70 (1975)).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.identification.physical_consistency import physical
-from kane_dynamics.identification.presliding import dahl_friction
+from kane_dynamics.identification.presliding import (dahl_friction, first_rows,
+                                                     friction_in_motion)
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import (least_between, LOWEST,
                                                      RegressionRows, rms, SPEEDS,
@@ -54,11 +59,13 @@ LOWEST_OF_ALL = np.concatenate([LOWEST, [0.0, 0.0]])
 BLOCKS = 6  # of rows that are left out in turn
 TURNS = 3  # alternating fits of bodies and of what enters nonlinearly
 REWEIGHTED = 2  # fits with weights of the joints by their residuals
-SIGNIFICANT = 2.0  # standard errors by which the law of a joint is better than the arm's
+SIGNIFICANT = 2.0  # standard errors of a difference
+CHANCE = 0.025  # that any joint has another law than the arm for its noise alone
 NEGLIGIBLE = 0.01  # relative difference of errors that justifies no further term
 FLOOR = 1e-3  # of the RMS of the torque: smaller errors are no difference
+LEAST = 1e-300  # N m or N, of errors whose logarithms are compared
 CLEARLY = 0.1  # relative gain for which bodies and offsets follow a law without load
-HARM = 0.05  # relative error by which the arm's law is wrong for a joint
+HARM = 0.05  # relative error by which a law is wrong for a joint
 ALIKE = 0.02  # RMS distance of a repeated motion, relative to the range of each joint
 LEAST_PERIODS = 1.8  # of a periodic recording
 
@@ -174,11 +181,18 @@ class LawRows:
 
 def law_rows(data: RegressionRows) -> LawRows:
     """Return the rows for fits of friction laws, of a whole recording."""
-    # A recording may begin in motion: before it, the joints count as having moved as they
-    # do between its first two rows.
-    q = data.recording.q
-    before = q[:1] - np.diff(q[:2], axis=0).sum(axis=0)
-    return LawRows(data, dahl_friction(np.vstack([before, q]), LENGTHS)[1:])
+    recording = data.recording
+    q, u, udot = recording.q, recording.u, recording.udot
+    dahl = np.zeros((len(q), len(LENGTHS), q.shape[1]))
+    # A recording may begin in motion, and join motions that did not follow each other.
+    # Dahl friction remembers one motion only.
+    begins = first_rows(recording.t, q, u, float(LENGTHS[0]))
+    for motion in np.split(np.arange(len(q)), begins[1:]):
+        row = motion[0]
+        moving = np.where(data.moving[row], u[row], 0.0)
+        first = friction_in_motion(moving, udot[row], LENGTHS)
+        dahl[motion] = dahl_friction(q[motion], LENGTHS, first)
+    return LawRows(data, dahl)
 
 
 # Rows that are left out.
@@ -428,7 +442,7 @@ class Blocks:
 
     def __init__(self, rows: LawRows, flags: Sequence[Flags], fit: LawFit) -> None:
         self._fit = fit
-        self._floor = FLOOR * rms(rows.torque)
+        self._floor = np.maximum(FLOOR * rms(rows.torque), LEAST)
         load = rows.load(fit.inertial, fit.losses[:, 2])
         self._parts = [rows.part(block) for block in flags]
         systems = []
@@ -443,28 +457,31 @@ class Blocks:
 
         The prior counts as much for a fit to all blocks but one as for a fit to all.
         """
-        every, moving = [], []
-        for part, others in zip(self._parts, self._others, strict=True):
-            predicted = _solved(others, self._fit, self._for_the_others(prior))
-            error = law_error(part, predicted)
-            every.append(np.maximum(rms(error), self._floor))
-            moving.append(np.maximum(moving_rms(error, part.data.moving), self._floor))
-        return np.array(every), np.array(moving)
+        predicted = [_solved(others, self._fit, self._for_the_others(prior))
+                     for others in self._others]
+        return self._errors_of(predicted)
 
-    def sliding_errors(self, plain: 'Blocks', prior: Prior) -> Array:
+    def sliding_errors(self, plain: 'Blocks', prior: Prior) -> tuple[Array, Array]:
         """
-        Return `errors` of all rows with bodies and offsets of Coulomb friction, (blocks, n).
+        Return `errors` with bodies and offsets of Coulomb friction.
 
         `plain` has the same blocks with Coulomb friction; its fits find bodies and offsets.
         """
-        errors = []
-        for part, others, of_plain in zip(self._parts, self._others, plain._others,
-                                          strict=True):
+        predicted = []
+        for others, of_plain in zip(self._others, plain._others, strict=True):
             start = _solved(of_plain, plain._fit, self._for_the_others(prior))
             of_laws = replace(start, laws=self._fit.laws, shapes=self._fit.shapes)
-            error = law_error(part, _sliding(others, of_laws))
-            errors.append(np.maximum(rms(error), self._floor))
-        return np.array(errors)
+            predicted.append(_sliding(others, of_laws))
+        return self._errors_of(predicted)
+
+    def _errors_of(self, predicted: Sequence[LawFit]) -> tuple[Array, Array]:
+        """Return `errors` of the fit that predicts each block."""
+        every, moving = [], []
+        for part, fit in zip(self._parts, predicted, strict=True):
+            error = law_error(part, fit)
+            every.append(np.maximum(rms(error), self._floor))
+            moving.append(np.maximum(moving_rms(error, part.data.moving), self._floor))
+        return np.array(every), np.array(moving)
 
     def _for_the_others(self, prior: Prior) -> Prior:
         """Return the prior for all blocks but one."""
@@ -528,9 +545,10 @@ def chosen_laws(errors: Sequence[Array], loaded: Flags) -> tuple[FrictionLaw, ..
     Return the law of each joint from the errors of all laws on left-out blocks.
 
     Drives of one arm are of one kind: the law is first that of the arm, the simplest whose
-    error over all joints is the smallest within its standard error. A joint has another
-    one if its own gain is larger than twice the standard error, and Coulomb friction in
-    place of a law of the load if gravity does not load it.
+    error over all joints is the smallest within its standard error. A joint has Coulomb
+    friction in place of a law of the load if gravity does not load it, and another law if
+    its own gain is so large that noise gives it to no joint and law of the arm, with a
+    probability of 97.5 %.
 
     Parameters
     ----------
@@ -540,12 +558,17 @@ def chosen_laws(errors: Sequence[Array], loaded: Flags) -> tuple[FrictionLaw, ..
         Whether gravity acts on a joint.
 
     """
-    first = np.log(errors[0])
-    gains = [np.log(of_law) - first for of_law in errors]
-    of_arm = np.array([gain.mean(axis=1) for gain in gains])  # (laws, blocks)
+    logarithms = [np.log(of_law) for of_law in errors]
+    blocks, n = errors[0].shape
+    of_arm = np.array([of_law.mean(axis=1) for of_law in logarithms])  # (laws, blocks)
     arm_law = LAWS[_simplest(of_arm)]
+    # Student's distribution, since the blocks that give the standard error are few;
+    # Bonferroni's correction for all joints and other laws.
+    comparisons = n * (len(LAWS) - 1)
+    significant = float(scientific('scipy.special').stdtrit(blocks - 1,
+                                                            1.0 - CHANCE / comparisons))
     chosen = []
-    for j in range(first.shape[1]):
+    for j in range(n):
         law = arm_law
         # Friction of a load that only accelerations cause looks like inertia.
         if law.load and not loaded[j]:
@@ -553,8 +576,8 @@ def chosen_laws(errors: Sequence[Array], loaded: Flags) -> tuple[FrictionLaw, ..
         present = LAWS.index(law)
         candidates = [k for k, other in enumerate(LAWS) if loaded[j] or not other.load]
         for k in candidates:
-            gain, doubt = _of_alike_drives(gains[k] - gains[present])
-            if gain[j] < -max(SIGNIFICANT * float(doubt[j]), NEGLIGIBLE):
+            gain, doubt = _of_alike_drives(logarithms[k] - logarithms[present])
+            if gain[j] < -max(significant * float(doubt[j]), NEGLIGIBLE):
                 present = k
         chosen.append(LAWS[present])
     return tuple(chosen)
@@ -566,30 +589,28 @@ def _without_square(law: FrictionLaw) -> FrictionLaw:
     return LAWS[LAW_NAMES.index(name)]
 
 
-def without_harm(laws: Sequence[FrictionLaw], candidates: Mapping[str, CandidateErrors]
+def without_harm(laws: Sequence[FrictionLaw], errors: Sequence[Array]
                  ) -> tuple[FrictionLaw, ...]:
     """
-    Return the laws, with Coulomb friction of joints for which theirs predicts worse.
+    Return the laws, with Coulomb friction of joints for which theirs predicts clearly worse.
 
-    That is where the error on left-out blocks, of all rows or of those in motion, is larger
-    by more than 5 %: the mean over an arm may hide it. Squares of the rate are left out
-    where they gain less than 1 %, since they predict higher speeds wrongly there. So is
-    presliding where it gains nothing: it is the law of an arm for those of its joints at
-    which it shows.
+    That is where the error on left-out blocks is larger by more than 5 %, and by more than
+    two standard errors, with the mean of all joints as the prior. Squares of the rate are
+    left out where they gain less than 1 %, since they predict higher speeds wrongly there.
+    The errors are those of `chosen_laws`.
     """
-    plain = candidates[COULOMB.name]
+    plain = errors[LAWS.index(COULOMB)]
     harmless = []
     for j, law in enumerate(laws):
         if law.quadratic:
             linear = _without_square(law)
-            enough = (1.0 - NEGLIGIBLE) * candidates[linear.name].every[j]
-            law = linear if candidates[law.name].every[j] > enough else law
-        errors = candidates[law.name]
-        margin = 0.0 if law.presliding else HARM
-        in_all = errors.every[j] > (1.0 + margin) * plain.every[j]
-        # A joint that never moves has NaN for rows in motion, which is not larger.
-        in_motion = errors.moving[j] > (1.0 + HARM) * plain.moving[j]
-        harmless.append(COULOMB if in_all or in_motion else law)
+            with_square = rms(errors[LAWS.index(law)][:, j])
+            without_square = rms(errors[LAWS.index(linear)][:, j])
+            if with_square > (1.0 - NEGLIGIBLE) * without_square:
+                law = linear
+        loss, doubt = _of_alike_drives(np.log(errors[LAWS.index(law)] / plain))
+        is_harm = loss[j] > max(HARM, SIGNIFICANT * float(doubt[j]))
+        harmless.append(COULOMB if is_harm else law)
     return tuple(harmless)
 
 
