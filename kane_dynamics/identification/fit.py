@@ -347,7 +347,7 @@ def _chosen_fit(plain_fits: _PlainFits, stated: tuple[FrictionLaw, ...] | None,
             break
         if given is None:
             # A weight that is too large costs more than one that is too small: smaller
-            # weights are accepted only. Few blocks tell weights apart to a factor of ten
+            # weights are accepted only. Few blocks resolve weights to a factor of ten
             # at best, and a law changes the weight that is right by less.
             lowest = coulomb_weight / LARGEST_CHANGE
             weight = min(weight, max(lowest, plain_fits.weight(fit)))
