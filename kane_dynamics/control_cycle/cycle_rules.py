@@ -12,7 +12,7 @@ days, and to 1 us for 280 years. Flags are 1 or 0.
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from kane_dynamics._util.typing import Flags, Scalar, Vector
 from kane_dynamics.control.stopping import reached_state, stopping_torque
@@ -311,11 +311,8 @@ class StopRules(Protocol):
 class ClosedLoopRules(StopRules, Protocol):
     """The rules of closed loops, `LoopRules`."""
 
-    def memory(self, path: PathState) -> Any:
-        """Return the memory of the loops in a path."""
-
-    def search(self, array: Vector) -> Any:
-        """Return a search of the memory."""
+    def measured(self, path: PathState) -> tuple[Vector, Vector]:
+        """Return the measured configuration and its speeds."""
 
     def whole(self, path: PathState, desired: Desired) -> Desired:
         """Return a desired motion with the configuration that was found for it."""
@@ -595,8 +592,7 @@ def answer(robot: Robot, law: TracedLaw, path: PathState, event: Event, state: V
     q, u = np.split(_measured(path, state), 2)
     desired = desired_motion(path, event, row, settings, q, law.holds)
     if loops is not None:
-        measured = loops.search(loops.memory(path).measured)
-        q, u = measured.q, measured.u
+        q, u = loops.measured(path)
         desired = loops.whole(path, desired)
     torque, memory = law.torque(LawInput(
         q, u, stamp, desired, 1.0 - path.law_known, path.memory[:law.memory],

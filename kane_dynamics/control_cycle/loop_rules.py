@@ -117,6 +117,11 @@ class LoopRules:
 
     # The measured configuration.
 
+    def measured(self, path: PathState) -> tuple[Vector, Vector]:
+        """Return the measured configuration and its speeds."""
+        search = self.search(self.memory(path).measured)
+        return search.q, search.u
+
     def close(self, path: PathState, event: Event, state: Vector,
               settings: CycleSettings) -> PathState:
         """Close the loops at a state that was judged; mostly this one call is enough."""
@@ -223,22 +228,19 @@ class LoopRules:
     def whole(self, path: PathState, desired: Desired) -> Desired:
         """Return a desired motion with the configuration that was found for it."""
         found = self.search(self.memory(path).desired)
-        measured = self.search(self.memory(path).measured)
-        return desired._replace(
-            configuration=either(desired.moving, found.q, measured.q),
-            speeds=either(desired.moving, found.u, measured.u))
+        q, u = self.measured(path)
+        return desired._replace(configuration=either(desired.moving, found.q, q),
+                                speeds=either(desired.moving, found.u, u))
 
     # The stop in a fault.
 
     def reached(self, path: PathState, elapsed: Scalar, parameters: Vector) -> Vector:
         """Return positions and rates of the joints that follow, some time later."""
-        measured = self.search(self.memory(path).measured)
         tau = np.zeros(self.robot.n_q, dtype=object)
         tau[list(self.joints.commanded)] = path.tau
         places = list(self.joints.followed)
-        reached = reached_state(self.robot, self._terms, places, measured.q, measured.u,
-                                tau, elapsed, parameters)
-        return np.concatenate(reached)
+        return np.concatenate(reached_state(self.robot, self._terms, places,
+                                            *self.measured(path), tau, elapsed, parameters))
 
     def begin_hold(self, path: PathState, settings: CycleSettings, parameters: Vector
                    ) -> PathState:

@@ -81,6 +81,7 @@ class GuardPath(TorquePath):
                                                        f'joint states: {detail}'))
         joints = self.messages.joints
         self.watch = NodeWatch(values['guard.lease'], len(joints))
+        self._asks = True
         self._keep_waiting, = self._rules.bound({'WAIT': cycle_rules.waiting})
         self._report = report
         self._pending_report = ''

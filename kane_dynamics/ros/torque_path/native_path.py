@@ -477,7 +477,7 @@ class NativeTorquePath(TorquePath):
         """Count and observe what followed a state."""
         reason = int(report.path.reason)
         if reason == cycle_results.ACCEPTED:
-            self._note_answer(report, now)
+            self._note_command(report, now)
         elif reason == cycle_results.WAITING:
             self._last_good = round(float(report.path.last_stamp)) + self._epoch
         elif reason != cycle_results.FIRST:
@@ -491,12 +491,15 @@ class NativeTorquePath(TorquePath):
         mirror(loops.tracker, memory.measured)
         mirror(self._desired_loops, memory.desired)
 
-    def _note_answer(self, report: Report, now: int) -> None:
+    def _note_command(self, report: Report, now: int) -> None:
         """Count a command and call the observers."""
         path = report.path
         stamp = round(float(report.event[STAMP])) + self._epoch
-        self._note_command((report.end - report.begin) / NANO, stamp, now, path.clamped,
-                           path.rate_limited)
+        is_limited = bool((path.clamped > 0.5).any() or (path.rate_limited > 0.5).any())
+        self._last_good = min(stamp, now)
+        self.statistics.command((report.end - report.begin) / NANO,
+                                (now - stamp) / NANO, is_limited)
+        self.statistics.full_parses = self._reader.full_parses
         motion = None
         if report.event[MOVING]:
             motion, _ = self.active_motion.at(stamp)

@@ -186,12 +186,13 @@ class CycleRules:
         """Compile rules; return calls that read the memory and write the next state."""
         shape = self.memory.shape
         label = '_'.join(map(str, (*shape, *self._turning.astype(int))))
-        kernels = {name: rule_kernel(self._robot, shape, name, rule, label)
-                   for name, rule in rules.items()}
-        run_concurrently([kernel.compile for kernel in kernels.values()])
+        kernels = []
+        for name, rule in rules.items():
+            kernels.append(rule_kernel(self._robot, shape, name, rule, label))
+        run_concurrently([kernel.compile for kernel in kernels])
         calls = []
-        for name, kernel in kernels.items():
-            inputs = [self._arrays[key] for key in inputs_of(rules[name])]
+        for kernel, (name, rule) in zip(kernels, rules.items()):
+            inputs = [self._arrays[key] for key in inputs_of(rule)]
             calls.append(kernel.bind(inputs, self.next.array, f'Rule {name}.'))
         return calls
 

@@ -110,6 +110,7 @@ class TorquePath:
         self.wrenches: WrenchInput | None = None
         self._guard: GuardSide | None = None
         self._begun = UNGUARDED  # what the guard was at the start
+        self._asks = False  # whether another process may command meanwhile
         self._waiting = b''  # the last state, if it waits for torque_guard
         self._observers: list[CycleObserver] = []
         self._loads: GravityAndPayload | None = None
@@ -468,7 +469,7 @@ class TorquePath:
         if not self._accept(fault, stamp, now, began):
             return
         rules = self._rules
-        if not self._permitted(cycle_results.ACCEPTED):
+        if self._asks and not self._permitted(cycle_results.ACCEPTED):
             self._wait(data, stamp, now)
             return
         # 2. Compute the command. New loads are applied between two cycles, so that each
@@ -494,13 +495,18 @@ class TorquePath:
             self._refuse(cycle_results.NO_TORQUE, TOO_LARGE_TORQUE, now)
             return
         # 3. Publish it, unless the guard may have taken over meanwhile.
-        if not self._confirmed(began):
+        if self._asks and not self._confirmed(began):
             self._wait(data, stamp, now)
             return
         rules.keep()
         self._waiting = b''
         self._send(stamp)
-        self._note_command(time.perf_counter() - began, stamp, now, *self._memory.limited)
+        self._last_good = min(stamp, now)
+        clamped, rate_limited = self._memory.limited
+        is_limited = any(clamped.tolist()) or any(rate_limited.tolist())
+        self.statistics.command(time.perf_counter() - began, (now - stamp) / NANO,
+                                is_limited)
+        self.statistics.full_parses = reader.full_parses
         # After the command, which must not wait for them
         if self._observers:
             self._observe(self._memory.path, stamp, motion, moment, external)
@@ -538,12 +544,12 @@ class TorquePath:
     def use_guard(self, guard: GuardSide) -> None:
         """Ask torque_guard before each command that may follow one of its own."""
         self._guard = guard
+        self._asks = True
         self._permit, = self._rules.bound({'PERMIT': cycle_rules.permit})
 
     def _permitted(self, code: int) -> bool:
         """Decide whether to command at a state with this result; False: the state waits."""
-        if self._guard is None:
-            return True
+        assert self._guard is not None
         memory = self._memory
         memory.array[REASON] = code
         if code == cycle_results.NOT_FINITE:
@@ -561,7 +567,7 @@ class TorquePath:
     def _confirmed(self, began: float) -> bool:
         """Return whether the computation was not interrupted; else the state waits."""
         steady = time.perf_counter()
-        if self._guard is None or (steady - began) * NANO < self._begun.shortest:
+        if (steady - began) * NANO < self._begun.shortest:
             return True
         event = self._rules.event._replace(steady=steady * NANO)
         _, path = self._change(cycle_rules.confirm, event, self._reader.state)
@@ -613,7 +619,8 @@ class TorquePath:
         if fault is None:
             detail = self.states.explain(code, self._memory.states, rules.next.states)
         rules.keep()
-        self._permitted(code)
+        if self._asks:
+            self._permitted(code)
         self._refuse(code, detail, now)
         return False
 
@@ -623,7 +630,8 @@ class TorquePath:
         fault = self._reader.complete(min(stamp, now))
         if fault is None:
             return True
-        self._permitted(fault)
+        if self._asks:
+            self._permitted(fault)
         self._refuse(fault, self._reader.detail, now)
         return False
 
@@ -742,14 +750,6 @@ class TorquePath:
             cycle_results.FUTURE: f'{(stamp - now) / NANO:.3f} s ahead of the clock',
             cycle_results.OUT_OF_ORDER: f'{(last - stamp) / NANO:.6f} s before it'}
         self._drop(REASONS[code], details[code])
-
-    def _note_command(self, duration: float, stamp: int, now: int, clamped: Array,
-                      rate_limited: Array) -> None:
-        """Count a command."""
-        self._last_good = min(stamp, now)
-        is_limited = any(clamped.tolist()) or any(rate_limited.tolist())
-        self.statistics.command(duration, (now - stamp) / NANO, is_limited)
-        self.statistics.full_parses = self._reader.full_parses
 
     def _note_fault(self, was_commanding: bool, path: PathState, code: int, now: int
                     ) -> None:
