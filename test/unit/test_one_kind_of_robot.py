@@ -24,7 +24,6 @@ ASKS_FOR_CONSTRAINTS = {
     # Assembly modes: only loops have them.
     'task_space/frame_task.py': (1, 'loops stay near the stated configuration'),
     'ros/torque_path/closed_loop_reader.py': (1, 'joint states close the loops'),
-    'ros/torque_path/native_path.py': (1, 'the features of the native path'),
     # Checked before a command uses it.
     'cli/commands/identify_command.py': (1, 'recordings are examined joint by joint'),
 }

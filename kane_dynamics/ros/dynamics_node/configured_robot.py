@@ -62,6 +62,7 @@ from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
 from kane_dynamics.ros.torque_path.closed_loop_reader import (closed_loop_reader,
+                                                              ClosedLoopReader,
                                                               command_fault,
                                                               commanded_joints)
 from kane_dynamics.ros.torque_path.native_loop import compile_loop
@@ -181,7 +182,10 @@ class ConfiguredRobot:
         FillSettings.from_values(values, self.robot.joint_names)
         locks = self._require_sticking(self.robot)
         self.fault = command_fault(controller)
-        self._needs_interpreter = self._reason_for_interpreter(controller)
+        loops = None
+        if not self.fault:
+            loops = closed_loop_reader(controller, values)
+        self._needs_interpreter = self._reason_for_interpreter(controller, loops)
         self._compile_first(controller)
         # Each of the three threads has its own robots, whose kernels are shared.
         self._for_requests = shared_copy(self.robot)
@@ -196,7 +200,7 @@ class ConfiguredRobot:
             node.get_logger().info, node.get_logger().error)
         self._request_frames = WrenchFrames(self._for_requests, self._transforms)
         with ExitStack() as opened:
-            self._open(controller, opened)
+            self._open(controller, loops, opened)
             self._opened = opened.pop_all()
         server.spinner.wake()
 
@@ -265,7 +269,8 @@ class ConfiguredRobot:
                              'friction do not determine their motion')
         return bool(names)
 
-    def _open(self, controller: Controller, opened: ExitStack) -> None:
+    def _open(self, controller: Controller, loops: ClosedLoopReader | None,
+              opened: ExitStack) -> None:
         """Open the topics and register them with `opened`."""
         node = self._node
         server = self._server
@@ -289,11 +294,8 @@ class ConfiguredRobot:
         stamped = None
         if values['stamped_commands']:
             stamped = publisher(joint_command_type(), 'stamped_commands', RELIABLE)
-        loops = None
 
         # The path with its inputs; what it lacks is refused with a reason.
-        if not self.fault:
-            loops = closed_loop_reader(controller, values)
         self.path, self._states = self._open_path(controller, torques, opened, (
             self._now, values, self.statistics,
             lambda reason, detail: warn(f'joint states: {reason}', detail), stamped,
@@ -398,11 +400,12 @@ class ConfiguredRobot:
         opened.callback(node.destroy_subscription, states)
         return path, states
 
-    def _reason_for_interpreter(self, controller: Controller) -> str:
+    def _reason_for_interpreter(self, controller: Controller,
+                                loops: ClosedLoopReader | None) -> str:
         """Return why the interpreter computes the commands; empty if it need not."""
         if self.values['torque_path'] == 'python':
             return 'torque_path: python'
-        reason = self.fault or python_reason(self.values, controller)
+        reason = self.fault or python_reason(self.values, controller, loops)
         if self._qos_is_overridden:
             reason = reason or 'qos_overrides'
         return reason

@@ -8,12 +8,13 @@ import signal
 from typing import Any, NamedTuple
 from weakref import finalize
 
+from kane_dynamics._util.typing import Flags
 from kane_dynamics.control.terms import Mode, Terms
 from kane_dynamics.control.traced_laws import TracedLaw
 from kane_dynamics.control_cycle import cycle_rules
 from kane_dynamics.control_cycle.arbitration import FIELDS
 from kane_dynamics.control_cycle.cycle_rules import (CycleSettings, ModelStop, PathShape,
-                                                     PathState)
+                                                     PathState, StopRules)
 from kane_dynamics.control_cycle.loop_rules import LoopRules
 from kane_dynamics.mechanics.algebra.flags import packed
 from kane_dynamics.motion.motion import Motion, segment_table
@@ -89,35 +90,29 @@ class CycleKernels:
             len(robot.equations.wrench_frames), most_settings, most_memory,
             loops.size if loops else 0)
 
-        # Names distinguish kernels, so that terms, sizes and joints are part of them.
-        weights = ''.join(str(int(weight)) for weight in terms.weights)
-        words = [weights, *map(str, self.shape)]
-        if len(commanded) < robot.n_q:
-            words += map(str, commanded)
         measured: Sequence[int] = range(robot.n_q)
         if loops is not None:
-            words += map(str, loops.joints.followed)
             measured = loops.joints.followed
-        turning = turning_joints(robot, [robot.joint_names[k] for k in measured])
-        self._label = '_'.join(words)
         # Joints beside those that follow, whose measured positions are compared.
         further = sorted(set(range(robot.n_q)) - set(measured))
         self.further = np.array(further, dtype=np.int64)
+
+        # Names distinguish kernels, so that terms, sizes and joints are part of them.
+        words = [''.join(str(int(weight)) for weight in terms.weights)]
+        words += map(str, self.shape)
+        if len(commanded) < robot.n_q:
+            words += map(str, commanded)
+        if loops is not None:
+            words += map(str, measured)
+        self._label = '_'.join(words)
 
         # A kernel for each rule of the cycle; answers and aims depend on the mode.
         self.inputs: dict[str, list[str]] = {}
         self.by_name: dict[str, Kernel] = {}
         self.answers: dict[Mode, Kernel] = {}
         self.aims: dict[Mode, Kernel] = {}
-        self.by_name['JUDGE'] = self._kernel(
-            'JUDGE', partial(cycle_rules.judge, turning=turning),
-            '_' + ''.join(map(str, turning.astype(int))))
-        self._make('ELAPSE', cycle_rules.elapse)
-        self._make('PERMIT', cycle_rules.permit)
-        self._make('CONFIRM', cycle_rules.confirm)
-        self._make('HEAR', cycle_rules.hear)
-        stop = loops or ModelStop(robot, terms, tuple(commanded))
-        self._make('REFUSE', partial(cycle_rules.refuse, stop))
+        turning = turning_joints(robot, [robot.joint_names[k] for k in measured])
+        self._make_rules(turning, loops or ModelStop(robot, terms, tuple(commanded)))
         for mode, law in laws.items():
             # A law of another frame or other axes must not be found in the cache.
             self.answers[mode] = self._kernel(
@@ -125,6 +120,17 @@ class CycleKernels:
                 identifier(f'_{mode}', *law.variant))
         if loops is not None:
             self._make_of_loops(loops, laws)
+
+    def _make_rules(self, turning: Flags, stop: StopRules) -> None:
+        """Make the rules of every arm; some of its joints turn without limits."""
+        self.by_name['JUDGE'] = self._kernel(
+            'JUDGE', partial(cycle_rules.judge, turning=turning),
+            '_' + ''.join(map(str, turning.astype(int))))
+        self._make('ELAPSE', cycle_rules.elapse)
+        self._make('PERMIT', cycle_rules.permit)
+        self._make('CONFIRM', cycle_rules.confirm)
+        self._make('HEAR', cycle_rules.hear)
+        self._make('REFUSE', partial(cycle_rules.refuse, stop))
 
     def _make_of_loops(self, loops: LoopRules, laws: Mapping[Mode, TracedLaw]) -> None:
         """Make what arms with closed loops need in addition."""

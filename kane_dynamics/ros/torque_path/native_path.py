@@ -61,7 +61,8 @@ TOO_LARGE = (f'empty or more than {LARGEST} bytes; expected at most as many, or 
 CHANGED = 'compared with limits, or a state, that have changed since'
 
 
-def python_reason(values: Mapping[str, Any], controller: Controller) -> str:
+def python_reason(values: Mapping[str, Any], controller: Controller,
+                  loops: ClosedLoopReader | None) -> str:
     """
     Return why a configuration needs the interpreter's torque path; empty if it does not.
 
@@ -71,17 +72,18 @@ def python_reason(values: Mapping[str, Any], controller: Controller) -> str:
         The node's parameters.
     controller : Controller
         Of the torque path.
+    loops : ClosedLoopReader or None
+        Of an arm with closed loops.
 
     """
     robot = controller.robot
     equations = robot.equations
     # The reasons in the order in which users would look for them.
     every_term = controller.compensate.complete
-    closes = bool(robot.constraint_names)
-    modes = MODES if closes else (*MODES, *NATIVE_MODES)
+    modes = (*MODES, *NATIVE_MODES) if loops is None else MODES
     if equations.timed:
         return 'constraints that depend on time'
-    if not closes and not equations.in_joint_rates:
+    if loops is None and not equations.in_joint_rates:
         return 'chosen speeds'
     if controller.bending is not None:
         return 'flexible links'
@@ -91,7 +93,7 @@ def python_reason(values: Mapping[str, Any], controller: Controller) -> str:
         return 'friction that depends on loads, with arm_compensates'
     for mode in (values['mode'], *values['modes']):
         if mode not in modes:
-            return f'mode {mode}' + ' of an arm with closed loops' * closes
+            return f'mode {mode}' + ' of an arm with closed loops' * (loops is not None)
     return ''
 
 

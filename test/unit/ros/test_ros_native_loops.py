@@ -198,7 +198,8 @@ def test_states_without_time_between_them_are_of_a_fast_arm_if_they_differ(
 
 def test_limits_of_the_modes_are_named():
     controller = Controller(palletizer())
-    assert not native_path.python_reason(node_values(), controller)
-    assert native_path.python_reason(
-        node_values({'modes': ['joint_impedance']}), controller) == (
-            'mode joint_impedance of an arm with closed loops')
+    loops = ClosedLoopReader(controller, node_values())
+    assert not native_path.python_reason(node_values(), controller, loops)
+    reason = native_path.python_reason(node_values({'modes': ['joint_impedance']}), controller,
+                                       loops)
+    assert reason == 'mode joint_impedance of an arm with closed loops'

@@ -246,7 +246,7 @@ def test_both_paths_command_an_arm_on_a_base_without_motors_alike(base, mode):
     assert native.path.messages.joints == NAMES
     assert native.statistics.commands > 80
     assert len(native.statistics.dropped) >= 5, 'every kind of fault'
-    assert not python_reason(pair.values | {'modes': []}, native.path.controller)
+    assert not python_reason(pair.values | {'modes': []}, native.path.controller, None)
 
 
 @pytest.mark.parametrize('mode', ['computed_torque', 'inverse_dynamics',
@@ -844,14 +844,13 @@ def test_an_observer_that_fails_does_not_stop_the_torques():
 
 def test_a_configuration_on_the_interpreters_path_has_a_stated_reason():
     controller = Controller(ROBOT)
-    assert not python_reason(node_values(), controller)
+    assert not python_reason(node_values(), controller, None)
     for name in ('guard.enabled', 'stamped_commands'):
-        assert not python_reason(node_values({name: True}), controller)
-    for changes in ({'mode': 'arm_coupling'},
-                    {'modes': ['hand_guiding', 'arm_coupling']}):
-        assert python_reason(node_values(changes), controller) == 'mode arm_coupling'
+        assert not python_reason(node_values({name: True}), controller, None)
+    for changes in ({'mode': 'arm_coupling'}, {'modes': ['hand_guiding', 'arm_coupling']}):
+        assert python_reason(node_values(changes), controller, None) == 'mode arm_coupling'
     for mode in NATIVE_MODES:
-        assert not python_reason(node_values({'mode': mode}), controller)
+        assert not python_reason(node_values({'mode': mode}), controller, None)
 
 
 def test_an_entity_without_an_address_is_refused():
