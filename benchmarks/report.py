@@ -111,9 +111,9 @@ def gates() -> list[Gate]:
              ('fr3',)),
         Gate('a second simulated at 1 ms', CLOCK, 1000.0, 5000.0, ('four-bar',)),
         # A step evaluates forward dynamics four times. Of their 691 (planar) and 961
-        # products 429 and 570 depend on the configuration alone, which two stages compute
-        # at once. Products bound the time: two a cycle, 0.8 of which the spatial arm's
-        # steps reach.
+        # products 429 and 570 depend on the configuration alone, which two stages
+        # compute at once. Products bound the time: two a cycle, 0.8 of which the spatial
+        # arm's steps reach.
         Gate('a second simulated at 0.1 ms', CLOCK, 200.0, 250.0, BEAMS),
         Gate('a second simulated at 1 ms, implicit', CLOCK, 1000.0, 2000.0, BEAMS)]
 

@@ -482,7 +482,8 @@ def test_a_step_of_two_configurations_at_once_is_the_plain_one():
     q, u, tau = states(robot.model)
     state = np.concatenate([q, u])
     constants = np.concatenate([[1e-4], robot.parameters.block])
-    expected = evaluate(step_program(robot, 'step', choice), [state, tau[None], constants])
+    expected = evaluate(step_program(robot, 'step', choice),
+                        [state, tau[None], constants])
     stepped = np.empty((1, len(state)))
     kernel = step_kernel(robot, False)
     kernel.scan([state[None], tau[None, None]], stepped, constants=constants)

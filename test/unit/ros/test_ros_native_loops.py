@@ -200,6 +200,6 @@ def test_limits_of_the_modes_are_named():
     controller = Controller(palletizer())
     loops = ClosedLoopReader(controller, node_values())
     assert not native_path.python_reason(node_values(), controller, loops)
-    reason = native_path.python_reason(node_values({'modes': ['joint_impedance']}), controller,
-                                       loops)
+    reason = native_path.python_reason(node_values({'modes': ['joint_impedance']}),
+                                       controller, loops)
     assert reason == 'mode joint_impedance of an arm with closed loops'

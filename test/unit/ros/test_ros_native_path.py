@@ -847,8 +847,10 @@ def test_a_configuration_on_the_interpreters_path_has_a_stated_reason():
     assert not python_reason(node_values(), controller, None)
     for name in ('guard.enabled', 'stamped_commands'):
         assert not python_reason(node_values({name: True}), controller, None)
-    for changes in ({'mode': 'arm_coupling'}, {'modes': ['hand_guiding', 'arm_coupling']}):
-        assert python_reason(node_values(changes), controller, None) == 'mode arm_coupling'
+    for changes in ({'mode': 'arm_coupling'},
+                    {'modes': ['hand_guiding', 'arm_coupling']}):
+        assert python_reason(
+            node_values(changes), controller, None) == 'mode arm_coupling'
     for mode in NATIVE_MODES:
         assert not python_reason(node_values({'mode': mode}), controller, None)
 
