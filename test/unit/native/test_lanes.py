@@ -69,8 +69,9 @@ def test_a_batch_is_its_states_one_by_one(robot, name, count):
 @pytest.mark.parametrize('name', FRAME_QUANTITIES)
 def test_a_batch_of_frames_is_its_states_one_by_one(robot, name):
     inputs = batch(W + 3)[:len(FRAME_QUANTITIES[name].arguments)]
-    method = {'partial_velocity_rates': robot.jacobian_rate}.get(name) or getattr(
-        robot, name)
+    other_names = {'partial_velocities': 'jacobian',
+                   'partial_velocity_rates': 'jacobian_rate'}
+    method = getattr(robot, other_names.get(name, name))
     close(method(FRAME, *inputs),
           [method(FRAME, *row) for row in inputs.transpose(1, 0, 2)])
 
@@ -451,12 +452,12 @@ def test_every_share_of_a_batch_is_computed_where_threads_do_not_start(
     monkeypatch.setattr(threads, 'THREAD_WORK', 1e-9)
     stack = 1 << 60  # more than any address space has
     monkeypatch.setattr(loops, 'STACK', stack)
-    loops.driver.cache_clear()
+    loops.batch_driver.cache_clear()
     loops._driver_function.cache_clear()
     try:
         assert np.array_equal(robot.inverse_dynamics(*batch(5000)), expected)
     finally:
-        loops.driver.cache_clear()
+        loops.batch_driver.cache_clear()
         loops._driver_function.cache_clear()
 
 
