@@ -656,8 +656,8 @@ def _rotated(quaternion: Array, vector: Array) -> Array:
 
 def _product(first: Array, second: Array) -> Array:
     """Return the quaternion of a rotation, then another about the rotated axes."""
-    from kane_dynamics.mechanics.algebra.quaternion import product
-    return product(first, second)
+    from kane_dynamics.mechanics.algebra.quaternion import quaternion_product
+    return quaternion_product(first, second)
 
 
 def _turn(axis: Array, angle: float) -> Array:

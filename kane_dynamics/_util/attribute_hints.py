@@ -148,7 +148,7 @@ SHORT_NAMES = {name: ours for ours, names in {
     'com': 'centerofmass'}.items() for name in names.split()}
 
 
-def guarded(cls: Class) -> Class:
+def guarded_class(cls: Class) -> Class:
     """
     Decorate a class: assigning an unknown attribute, or reading one, raises with a hint.
 
@@ -159,7 +159,7 @@ def guarded(cls: Class) -> Class:
 
 
 def fixed(cls: Class) -> Class:
-    """Decorate a class as `guarded` does; no public attribute can be assigned."""
+    """Decorate a class as `guarded_class` does; no public attribute can be assigned."""
     return _guarded(cls, lambda self, name: True)
 
 

@@ -52,8 +52,8 @@ def selection(options: Namespace) -> dict[str, Any]:
             'root_joint': getattr(options, 'root_joint', 'fixed')}
 
 
-def load(options: Namespace, collected: list[str] | None = None, **choices: Any
-         ) -> tuple[Model, Robot]:
+def load_robot(options: Namespace, collected: list[str] | None = None, **choices: Any
+               ) -> tuple[Model, Robot]:
     """Return the chosen robot; collect warnings in a list, or print them to stderr."""
     with model_warnings(collected, verbose=options.verbose):
         model, robot_options = _chosen(options)
@@ -107,7 +107,8 @@ def constraints_of(options: Namespace, prefix: str = '') -> dict[str, Any]:
     path = getattr(options, 'constraints', None)
     if path is None:
         return {}
-    from kane_dynamics.mechanics.constraints.yaml_file import load_constraints  # imports yaml
+    from kane_dynamics.mechanics.constraints.yaml_file import (
+        load_constraints)  # imports yaml
     return load_constraints(path, prefix=prefix)
 
 
@@ -191,7 +192,7 @@ def say_start(robot: Robot, q: Array, what: str) -> None:
               f'start in the middle of their limits: {short(values)}', file=sys.stderr)
 
 
-def vector(options: Namespace, name: str, robot: Robot) -> Array:
+def speed_vector(options: Namespace, name: str, robot: Robot) -> Array:
     """Return an argument as one number per independent speed; zeros by default."""
     if getattr(options, name) is None:
         return np.zeros(robot.n)

@@ -178,7 +178,7 @@ def read_rows(path: str, joint_names: Sequence[str], step: float | None = None) 
         if rows is not None:
             return rows
         step = STEP if _is_yaml(path) else math.inf
-    return sampled(read_motion(path, joint_names), step)
+    return sampled_motion(read_motion(path, joint_names), step)
 
 
 def complete_rows(path: str, joint_names: Sequence[str]) -> Rows | None:
@@ -193,7 +193,7 @@ def complete_rows(path: str, joint_names: Sequence[str]) -> Rows | None:
     return states.t, (states.q, states.u, states.udot)
 
 
-def sampled(motion: Motion, step: float) -> Rows:
+def sampled_motion(motion: Motion, step: float) -> Rows:
     """Return samples of a motion at its points and, at most `step` apart, between them."""
     if not step > 0.0:
         raise InputError(f'--step: {step}; expected a positive time in s')
@@ -211,12 +211,13 @@ def sampled(motion: Motion, step: float) -> Rows:
     return t, motion.sample(until)
 
 
-def read_trajectory(path: str, robot: Robot) -> Trajectory:
+def load_trajectory(path: str, robot: Robot) -> Trajectory:
     """Return a trajectory from a CSV, YAML or saved npz file; InputError names the entry."""
     if path.endswith('.npz'):
         return Trajectory.load_npz(path)
     names = robot.speed_names
-    t, state = complete_rows(path, names) or sampled(read_motion(path, names), STEP)
+    rows = complete_rows(path, names)
+    t, state = rows or sampled_motion(read_motion(path, names), STEP)
     if t is None:
         raise InputError(f"{path}: no column 't'; expected the times of the rows, s")
     return Trajectory.along(robot, t, *of_mechanism(path, robot, t, state))

@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple
 import warnings
 
-from kane_dynamics._util.attribute_hints import guarded, hinting
+from kane_dynamics._util.attribute_hints import guarded_class, hinting
 from kane_dynamics._util.checks import constant, names_of_joints, number, per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError, ModelWarning
@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 DAMPING = 0.005  # m, of `frame_wrench`: a condition number near 200 for an arm of 1 m
 
 
-@guarded
+@guarded_class
 class CollisionDetector:
     """
     Detects a collision by thresholds on estimated external torques.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import (finite_row, instance, names_of_joints, number,
                                         per_joint)
 from kane_dynamics._util.text import listing
@@ -19,7 +19,7 @@ LEAST_NORM = 0.1  # of the squared regressor: adaptation is slow near standstill
 UNIT_SPEED = 1.0  # rad/s or m/s, at which damping adapts as fast as Coulomb friction
 
 
-@guarded
+@guarded_class
 class FrictionError:
     """
     Torque of measured friction beyond that of the model, for `MomentumObserver`.

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 
-from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import (finite_row, instance, number,
                                         per_joint, real_numbers)
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
@@ -63,7 +63,7 @@ def friction_beyond_speeds(equations: Equations, q: Vector, u: Vector, tau: Vect
     return motion.projected(of_joints - equations.tree.friction_force(motion.qdot))
 
 
-@guarded
+@guarded_class
 class MomentumObserver:
     """
     Estimator of the external torques, dual to the independent speeds.

@@ -7,5 +7,5 @@ __all__ = ['main']
 
 def main(arguments: Sequence[str] = ()) -> int:
     """Run the demo; see `director`."""
-    from kane_dynamics.demo.director import run
-    return run(arguments)
+    from kane_dynamics.demo.director import run_demo
+    return run_demo(arguments)

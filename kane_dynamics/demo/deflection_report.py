@@ -44,7 +44,7 @@ class DeflectionLog(SavedRecord):
         return list(zip(firsts, lasts, strict=True))
 
 
-def places(robot: DemoRobot, q: Array) -> Array:
+def frame_origins(robot: DemoRobot, q: Array) -> Array:
     """Return the origin of the pushed frame at positions of the joints (K, n), (K, 3)."""
     arm = loaded_arm(robot)
     coordinates = closed_along(arm, robot.joints, q)
@@ -53,7 +53,7 @@ def places(robot: DemoRobot, q: Array) -> Array:
 
 def report_deflections(robot: DemoRobot, run: DeflectionLog, folder: Path) -> int:
     """Print the results, and return 0 if the arm yields and returns as stated, else 1."""
-    place = places(robot, run.q)
+    place = frame_origins(robot, run.q)
     rate = 1.0 / float(np.median(np.diff(run.t)))
     count = max(1, round(SETTLED * rate))
     print('\nForces against a stiffness of '

@@ -345,7 +345,7 @@ def _seconds(text: str) -> float:
     return value
 
 
-def run(arguments: Sequence[str] = ()) -> int:
+def run_demo(arguments: Sequence[str] = ()) -> int:
     """Run the demo; return the exit code."""
     options = parsed(arguments)
     robot = ROBOTS[options.robot]

@@ -212,7 +212,7 @@ class Part:
         # Intervals on which the parameter is computed, none across a point of the
         # motion.
         varied = np.empty(last - first)
-        by_segment, by_interval, _ = kernels(motion.n)
+        by_segment, by_interval, _ = segment_kernels(motion.n)
         by_segment.run([self.coefficients[first:last]], varied, len(varied))
         # More intervals where a segment is long or its speed varies.
         counts = FINER + (MESH / self.span * lengths + VARIED * varied).astype(np.intp)
@@ -285,7 +285,7 @@ class Part:
         inputs = [share, mean, mean[1:], self.intervals, self.coefficients,
                   np.array([by_time, by_length])]
         q = np.empty((len(share), self.motion.n))
-        kernels(self.motion.n)[2].run(inputs, q, len(q), numbers)
+        segment_kernels(self.motion.n)[2].run(inputs, q, len(q), numbers)
         return q
 
 
@@ -306,7 +306,7 @@ def _end_slope(q: Array, step: float, order: int, still: Flags) -> Array:
 
 
 @cache
-def kernels(n: int) -> tuple[Kernel, Kernel, Kernel]:
+def segment_kernels(n: int) -> tuple[Kernel, Kernel, Kernel]:
     """
     Return the kernels of a segment, of an interval of a part, and of positions in it.
 

@@ -16,8 +16,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import followed_joints
 from kane_dynamics.control.trajectory_joints import driving_joints
 from kane_dynamics.errors import InputError, KaneError
-from kane_dynamics.feasibility.path_geometry import (kernels as path_kernels, path_of,
-                                                     Section, sections)
+from kane_dynamics.feasibility.path_geometry import (path_of, Section, sections,
+                                                     segment_kernels as path_kernels)
 from kane_dynamics.feasibility.path_limits import (Bounds, bounds_kernel, PathLimits,
                                                    vertex_kernel)
 from kane_dynamics.feasibility.path_timing import (point_kernel, SectionMotion,
@@ -30,11 +30,11 @@ from kane_dynamics.feasibility.torque_demand import require_scalable, unit_torqu
 from kane_dynamics.loop_tracking.driven_mechanism import DrivenLoops, motion_of_closed
 from kane_dynamics.loop_tracking.loop_tracker import velocity_rows
 from kane_dynamics.motion.controller_points import ControllerPoints
-from kane_dynamics.motion.free_spline import kernels as compile_free_spline
+from kane_dynamics.motion.free_spline import free_kernels as compile_free_spline
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.points import point_times
 from kane_dynamics.motion.rests import kernel as velocities_kernel
-from kane_dynamics.motion.uniform_spline import kernels as compile_uniform_spline
+from kane_dynamics.motion.uniform_spline import uniform_kernels as compile_uniform_spline
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.torque_bounds import torque_deviation, Uncertainty

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array, Flags, Scalar, Vector
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.segment_peaks import (ACTIVE, DENSE, MIDDLE, MotionStates,
-                                                     QUANTITIES, require_finite,
+                                                     QUANTITIES, require_finite_flags,
                                                      SegmentPeaks)
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.friction import slides
@@ -173,7 +173,7 @@ class SectionMotion:
             numbers = dict.fromkeys(Section._fields[:3], self._places[points])
             numbers |= {'profile': points, 'following': points}
         inputs = [*path, self._profile, self._profile[1:]]
-        require_finite(self._kernel.run(inputs, rows, len(rows), numbers))
+        require_finite_flags(self._kernel.run(inputs, rows, len(rows), numbers))
         # Torques of closed loops need the closed configuration of each point.
         if self._peaks.driving:
             q, u, udot = (rows[:, k * n:(k + 1) * n] for k in range(3))

@@ -396,7 +396,7 @@ def _pass_to_start(sets: Array, last: tuple[float, float]) -> int:
     return int(sets[:, FAILED].nonzero()[0][-1])
 
 
-def fastest_profile(sets: Array, first: float) -> Array:
+def largest_profile(sets: Array, first: float) -> Array:
     """Return the largest profile x, (N + 1,), in controllable sets, from x = `first`."""
     x = np.empty(len(sets))
     x[0] = first

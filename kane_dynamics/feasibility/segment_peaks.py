@@ -157,7 +157,7 @@ class SegmentPeaks:
             return self._states(q, u[:, self.driving], udot[:, self.driving])[3]
         tau = np.empty((len(q), self.n))
         kernel = self._robot.kernels.quantity('inverse_dynamics')
-        require_finite(kernel.run([q, u, udot, *kernel.defaults], tau, len(q)))
+        require_finite_flags(kernel.run([q, u, udot, *kernel.defaults], tau, len(q)))
         return tau
 
     def at(self, states: MotionStates, x: Array, segments: Segments | None = None) -> Peaks:
@@ -234,7 +234,7 @@ class SegmentPeaks:
         if segments is not None:
             numbers = {'begin': segments, 'end': segments}
         inputs = [states.rows, states.rows[1:], x, self._factors]
-        require_finite(self._kernel.run(inputs, table, len(table), numbers))
+        require_finite_flags(self._kernel.run(inputs, table, len(table), numbers))
 
     def _closed(self, states_of: States, states: MotionStates, x: Array,
                 segments: Segments, table: Array) -> None:
@@ -245,7 +245,7 @@ class SegmentPeaks:
         near, u, udot = quintic(begin, end, states.h[segments, None], x[:, None])
         inside = states_of(near, u[:, self.driving], udot[:, self.driving])
         inputs = [*begin, *end, *inside, self._factors]
-        require_finite(self._kernel.run(inputs, table, len(table)))
+        require_finite_flags(self._kernel.run(inputs, table, len(table)))
 
 
 def limited_quantities(limits: Array) -> tuple[int, ...]:
@@ -355,7 +355,7 @@ def quintic(begin: Sequence[Vector], end: Sequence[Vector], h: Scalar, x: Scalar
     return q, rate * r, change * (r * r)
 
 
-def require_finite(flags: int) -> None:
+def require_finite_flags(flags: int) -> None:
     """Raise InputError for flags of a kernel that tell of a number that is not finite."""
     if flags:
         raise InputError('path: the torques along it are not finite; expected a path '

@@ -25,9 +25,9 @@ from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
 from kane_dynamics.feasibility.path_robot import PathRobot
 from kane_dynamics.feasibility.path_timing import (Checked, joined_sections,
                                                    profile_duration)
-from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit,
-                                                    fastest_profile, HIGH, Infeasible,
-                                                    IntervalLimits)
+from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit, HIGH,
+                                                    Infeasible, IntervalLimits,
+                                                    largest_profile)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
 from kane_dynamics.feasibility.torque_demand import limits_of_drives, refuse_with_drives
@@ -427,7 +427,7 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
                           f'{scale * math.sqrt(abs(sets[0, 0])):.6g} to '
                           f'{scale * math.sqrt(sets[0, 1]):.6g}, from which the path '
                           'can be followed')
-        new = np.maximum(fastest_profile(sets, first), SMALLEST * limits.size)
+        new = np.maximum(largest_profile(sets, first), SMALLEST * limits.size)
         if at_start is not None:
             new[0] = at_start
         if at_end is not None:
@@ -517,5 +517,5 @@ def _largest_end(limits: PathLimits, limited: IntervalLimits, start: float) -> f
     first = start**2 / limits.speed_squared(0) if start else sets[0, 1]
     if not sets[0, 0] <= first <= sets[0, 1]:
         return math.inf
-    x = fastest_profile(sets, float(first))[-1]
+    x = largest_profile(sets, float(first))[-1]
     return math.sqrt(x * limits.speed_squared(-1))

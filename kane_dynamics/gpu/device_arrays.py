@@ -70,7 +70,7 @@ class DeviceArray:
         return self.pointer + item * lowest, self.pointer + item * (highest + 1)
 
 
-def view(name: str, x: Any, driver: Driver, stream: int) -> DeviceArray:
+def device_view(name: str, x: Any, driver: Driver, stream: int) -> DeviceArray:
     """
     Return a view of an array, whose content is ready for work in a stream.
 
@@ -102,7 +102,7 @@ def view(name: str, x: Any, driver: Driver, stream: int) -> DeviceArray:
                          'DLPack)')
     with driver.on(int(device)):  # the device of the stream
         capsule = x.__dlpack__(stream=stream or LEGACY)
-    tensor = dlpack.read(capsule)
+    tensor = dlpack.capsule_content(capsule)
     return DeviceArray(name, tensor.pointer, tensor.shape, tensor.strides,
                        _checked(name, tensor.dtype), int(device), True, (x, capsule))
 

@@ -6,7 +6,8 @@ import math
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics.gpu.kernel_call import KernelCall, ptx_text, REALS, require_dtype, row
+from kane_dynamics.gpu.kernel_call import (array_layout, KernelCall, ptx_text, REALS,
+                                           require_dtype)
 from kane_dynamics.native.backends.gpu_kernel import kernel_text
 from kane_dynamics.robot.derivative_kernels import Derivative
 from kane_dynamics.robot.frameworks.quantity_function import (QuantityFunction,
@@ -63,8 +64,8 @@ class DeviceFunction(QuantityFunction):
             # the parameters.
             values = [c_int64(count)]
             for argument, x in zip(function.arguments, call.views):
-                values += row(x, argument.shape, batch)
-            values += row(result_view, function.shape, batch)
+                values += array_layout(x, argument.shape, batch)
+            values += array_layout(result_view, function.shape, batch)
             values += call.numbers(function.parameters)
             return call.run(self.ptx, values, count, result)
 

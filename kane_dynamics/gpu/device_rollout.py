@@ -8,7 +8,8 @@ from typing import Any
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, integer, positive_time
 from kane_dynamics.errors import InputError
-from kane_dynamics.gpu.kernel_call import KernelCall, ptx_text, REALS, require_dtype, row
+from kane_dynamics.gpu.kernel_call import (array_layout, KernelCall, ptx_text, REALS,
+                                           require_dtype)
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.native.backends.gpu_rollout import rollout_text, StepLayout
 from kane_dynamics.native.runtime.kernel import Argument
@@ -106,10 +107,11 @@ class DeviceRollout:
             values = [c_int64(count), c_int64(steps)]
             for argument, x in zip(arguments, call.views):
                 is_tau = x is tau_view
-                values += row(x, argument.shape, batch, steps=of_steps and is_tau)
+                values += array_layout(x, argument.shape, batch,
+                                       steps=of_steps and is_tau)
                 if is_tau and not of_steps:
                     values.append(c_int64(0))
-            values += row(result_view, (size,), batch, steps=every_step)
+            values += array_layout(result_view, (size,), batch, steps=every_step)
             if not every_step:
                 values.append(c_int64(0))
             values += call.numbers([h, t, *self._robot.kernels.parameters])

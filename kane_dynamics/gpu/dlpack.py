@@ -47,7 +47,7 @@ _pointer = ctypes.pythonapi.PyCapsule_GetPointer
 _pointer.restype, _pointer.argtypes = c_void_p, [py_object, c_char_p]
 
 
-def read(capsule: Any) -> Read:
+def capsule_content(capsule: Any) -> Read:
     """
     Return the content of a capsule without taking it.
 

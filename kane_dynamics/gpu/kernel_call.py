@@ -9,8 +9,8 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.gpu.cuda_driver import Driver, driver
-from kane_dynamics.gpu.device_arrays import (current_stream, DeviceArray, DeviceMemory,
-                                             empty, handed_over, ITEM, view)
+from kane_dynamics.gpu.device_arrays import (current_stream, device_view, DeviceArray,
+                                             DeviceMemory, empty, handed_over, ITEM)
 from kane_dynamics.native.backends.gpu_kernel import KERNEL
 from kane_dynamics.native.backends.llvm_math import DOUBLE, FLOAT, Real
 from kane_dynamics.native.machine_code import llvm
@@ -94,7 +94,7 @@ class KernelCall:
 
     def _view(self, name: str, x: Any) -> DeviceArray:
         """Return a view of an array of the type of the kernel."""
-        array = view(name, x, self._driver, self._stream)
+        array = device_view(name, x, self._driver, self._stream)
         if array.dtype != self.dtype:
             raise InputError(f'{name}: {array.dtype}; expected {self.dtype}, of which '
                              'this function is (dtype=)')
@@ -186,7 +186,8 @@ class KernelCall:
         return [IN_C[self.dtype](float(x)) for x in values]
 
 
-def row(x: DeviceArray, shape: Shape, batch: Shape, steps: bool = False) -> list[Any]:
+def array_layout(x: DeviceArray, shape: Shape, batch: Shape,
+                 steps: bool = False) -> list[Any]:
     """
     Return address, stride from state to state, from entry to entry and, last, to step.
 

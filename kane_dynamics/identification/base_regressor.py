@@ -10,7 +10,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import (compressed, FRICTION,
                                                      full_regressor, RegressionRows,
-                                                     rows, settled_speeds, stacked,
+                                                     rows, settled_speeds, stacked_rows,
                                                      UNBOUNDED, weights, without_losses)
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.ball_joints import require_angles
@@ -195,7 +195,7 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
     for _ in range(ROUNDS if weighted else 1):
         # Columns of unit length, so that singular values compare combinations, not
         # units.
-        A, b = stacked(equations, sigma)
+        A, b = stacked_rows(equations, sigma)
         scale = np.linalg.norm(A, axis=0)
         if not scale.all():
             raise InputError('motion: does not excite '

@@ -14,9 +14,9 @@ from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.friction_laws import (block_flags, Blocks,
                                                         CandidateErrors, chosen_laws,
                                                         clearly_smaller, COLUMNS,
-                                                        COULOMB, equations, fit_laws,
-                                                        fit_sliding, FrictionLaw,
-                                                        largest_supported, law_error,
+                                                        COULOMB, fit_laws, fit_sliding,
+                                                        FrictionLaw, largest_supported,
+                                                        law_equations, law_error,
                                                         LAW_NAMES, law_rows, LawFit,
                                                         LawRows, LAWS, moving_rms,
                                                         phases, Prior, without_harm)
@@ -26,10 +26,11 @@ from kane_dynamics.identification.recordings.recording import check_recording, R
 from kane_dynamics.identification.regression import (compressed, fit_friction, FRICTION,
                                                      friction_speeds, LOWEST,
                                                      RegressionRows, rms, rows,
-                                                     settled_speeds, stacked, STANDSTILL,
-                                                     UNBOUNDED, weights)
+                                                     settled_speeds, stacked_rows,
+                                                     STANDSTILL, UNBOUNDED, weights)
 from kane_dynamics.identification.solvers import on_one_processor
-from kane_dynamics.identification.standard_deviations import friction_statistics, statistics
+from kane_dynamics.identification.standard_deviations import (friction_statistics,
+                                                              statistics)
 from kane_dynamics.mechanics.recursive.regressor import pseudo_inertia_of
 from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.model.model import Inertial, Model
@@ -386,7 +387,7 @@ def _identification(first: LawRows, second: LawRows, fit: LawFit, weight: float,
     x = _unknowns(fit)
     load = first.load(fit.inertial, fit.losses[:, 2])
     friction_only = not np.isfinite(weight)
-    A = _plain_equations(equations(first, fit.laws, fit.shapes, load).triangles, fit)
+    A = _plain_equations(law_equations(first, fit.laws, fit.shapes, load).triangles, fit)
     speeds = _smooth_speeds(first, fit)
     if friction_only:
         deviations, inertial_deviations, condition = friction_statistics(A, model)
@@ -520,7 +521,7 @@ def _weighted(compressed_rows: tuple[list[tuple[Array, Array]], Array, Array], x
     """Return the equations divided by the residuals' deviations at x, and the deviations."""
     equations_of_joints, floor, counts = compressed_rows
     sigma = weights(equations_of_joints, floor, counts, x)
-    return *stacked(equations_of_joints, sigma), sigma
+    return *stacked_rows(equations_of_joints, sigma), sigma
 
 
 def _selected(rows_of_fit: LawRows, blocks: list[Flags], start: LawFit, prior: Prior

@@ -259,7 +259,7 @@ def fit_laws(rows: LawRows, laws: Sequence[FrictionLaw], start: LawFit,
     for _ in range(TURNS):
         load = rows.load(fit.inertial, fit.losses[:, 2])
         shapes = _best_shapes(rows, laws, fit, load)
-        system = equations(rows, laws, shapes, load)
+        system = law_equations(rows, laws, shapes, load)
         fit = LawFit(tuple(laws), fit.inertial, fit.losses, shapes, fit.sigma)
         # Rows far from the fit lose weight.
         for _ in range(REWEIGHTED):
@@ -276,7 +276,7 @@ def fit_sliding(rows: LawRows, laws: Sequence[FrictionLaw], plain: LawFit) -> La
     no_load = np.zeros_like(rows.torque)
     shapes = _best_shapes(rows, laws, plain, no_load)
     shapes = np.where(_are_plain(laws), plain.shapes, shapes)
-    system = equations(rows, laws, shapes, no_load)
+    system = law_equations(rows, laws, shapes, no_load)
     return _sliding(system, replace(plain, laws=tuple(laws), shapes=shapes))
 
 
@@ -326,8 +326,8 @@ def _bounded(R: Array) -> Array:
     return losses
 
 
-def equations(rows: LawRows, laws: Sequence[FrictionLaw], shapes: Array, load: Array
-              ) -> JointEquations:
+def law_equations(rows: LawRows, laws: Sequence[FrictionLaw], shapes: Array, load: Array
+                  ) -> JointEquations:
     """Return the equations of all joints in their used rows."""
     n = len(laws)
     inertial = rows.data.Y.shape[2]
@@ -447,7 +447,7 @@ class Blocks:
         self._parts = [rows.part(block) for block in flags]
         systems = []
         for part, block in zip(self._parts, flags, strict=True):
-            systems.append(equations(part, fit.laws, fit.shapes, load[block]))
+            systems.append(law_equations(part, fit.laws, fit.shapes, load[block]))
         # The equations of all blocks but one.
         self._others = [_without(systems, k) for k in range(len(systems))]
 

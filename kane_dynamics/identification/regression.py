@@ -345,7 +345,8 @@ def triangle(A: Array) -> Array:
     return np.asarray(np.linalg.qr(A, mode='r'))
 
 
-def stacked(equations: list[tuple[Array, Array]], sigma: Array) -> tuple[Array, Array]:
+def stacked_rows(equations: list[tuple[Array, Array]],
+                 sigma: Array) -> tuple[Array, Array]:
     """Return the equations of all joints, divided by their standard deviations."""
     rows = []
     right_sides = []

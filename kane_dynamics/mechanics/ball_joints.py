@@ -23,7 +23,8 @@ from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.quaternion import (conjugate, exponential,
-                                                        logarithm, normalized, product,
+                                                        logarithm, normalized,
+                                                        quaternion_product,
                                                         quaternion_rate, rotation_matrix)
 from kane_dynamics.model.model import Model, WORLD
 import numpy as np
@@ -167,7 +168,8 @@ def joint_speeds(model: Model, q: Vector, qdot: Vector) -> Vector:
         # omega = 2 p* p' / |p|^2, the inverse of `quaternion_rate`
         p = ball.quaternion(q)
         square = np.sum(p * p, axis=-1, keepdims=True)
-        omega = 2.0 * product(conjugate(p), ball.quaternion(qdot))[..., :3] / square
+        rates = quaternion_product(conjugate(p), ball.quaternion(qdot))
+        omega = 2.0 * rates[..., :3] / square
         speeds[..., ball.speed:ball.speed + 3] = omega
     return speeds
 
@@ -225,7 +227,7 @@ def moved(model: Model, q: Array, step: Array) -> Array:
     result[..., places] = q[..., places] + step[..., angles(model)]
     for ball in balls(model):
         # The speeds are on the body's axes, so that the exponential is the right factor.
-        p = product(ball.quaternion(q), exponential(ball.omega(step)))
+        p = quaternion_product(ball.quaternion(q), exponential(ball.omega(step)))
         length = np.linalg.norm(p, axis=-1, keepdims=True)
         result[..., ball.place:ball.place + 4] = p / length
     return result
@@ -242,7 +244,7 @@ def difference(model: Model, q0: Array, q1: Array) -> Array:
     result[..., angles(model)] = q1[..., places] - q0[..., places]
     for ball in balls(model):
         # The rotation from q0 to q1, about the body's axes.
-        p = product(conjugate(ball.quaternion(q0)), ball.quaternion(q1))
+        p = quaternion_product(conjugate(ball.quaternion(q0)), ball.quaternion(q1))
         result[..., ball.speed:ball.speed + 3] = logarithm(p)
     return result
 
@@ -260,7 +262,7 @@ def chord(model: Model, q0: Vector, q1: Vector) -> Vector:
         step.append(0.0 if place is None else q1[place] - q0[place])
     for ball in balls(model):
         # Vector part of the rotation from q0 to q1: sin(angle / 2) along the axis.
-        p = product(conjugate(ball.quaternion(q0)), ball.quaternion(q1))
+        p = quaternion_product(conjugate(ball.quaternion(q0)), ball.quaternion(q1))
         factor = select(p[3] < 0.0, -2.0, 2.0)  # p and -p are one rotation
         step[ball.speed:ball.speed + 3] = [factor * x for x in p[:3]]
     return np.array(step)

@@ -137,7 +137,7 @@ def drops(joint: Joint) -> bool:
 
 
 def _of_sliding(joint: Joint, direction: Scalar) -> Scalar:
-    """Return a direction of the set-valued law, of a joint at its bound also -1 or 1."""
+    """Return the direction of sliding, -1 to 1, of a joint that may be at its bound."""
     return direction_of_sliding(direction) if drops(joint) else direction
 
 
@@ -183,7 +183,7 @@ def friction_torque(joint: Joint, rate: Scalar, load: Scalar = 0.0,
 
 
 def checked_feedforward(choice: Any) -> str | float:
-    """Return a choice of the friction of commands; InputError for anything else."""
+    """Return a checked choice of the friction that commands compensate."""
     if isinstance(choice, str) and choice in FEEDFORWARD:
         return choice
     is_number = isinstance(choice, int | float | np.integer | np.floating)

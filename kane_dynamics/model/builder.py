@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any
 import warnings
 
-from kane_dynamics._util.attribute_hints import guarded, meant_keyword
+from kane_dynamics._util.attribute_hints import guarded_class, meant_keyword
 from kane_dynamics._util.checks import constant, instance
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
@@ -40,7 +40,7 @@ ALONG = 0.01  # of a beam's length: what is nearer to its root may be a hub
 Z = (0.0, 0.0, 1.0)
 
 
-@guarded
+@guarded_class
 class ModelBuilder:
     """
     Builder of mechanisms: add bodies outward from 'world', then call `model`.

@@ -19,7 +19,7 @@ from typing import Literal
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.fork_safety import lazy_property
-from kane_dynamics._util.frozen import freeze, plain
+from kane_dynamics._util.frozen import freeze, plain_record
 from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.text import SHORT, short
 from kane_dynamics._util.typing import Array
@@ -550,7 +550,7 @@ class Model:
 
     def digest(self) -> str:
         """Return a hash of everything that affects the dynamics, including names."""
-        text = repr(plain(self))
+        text = repr(plain_record(self))
         return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -37,7 +37,7 @@ def free_substituted(row: Vector, following: Vector) -> Vector:
 
 
 @cache
-def kernels(n: int) -> tuple[Kernel, Kernel]:
+def free_kernels(n: int) -> tuple[Kernel, Kernel]:
     """Return the kernels of one point, for n joints."""
     row = ('row', (n + 1,))
     forward = batch_kernel('free_spline_eliminated', free_eliminated,
@@ -71,7 +71,7 @@ def free_velocities(t: Array, q: Array) -> Array:
     rows = np.empty((count, n + 1))
     rows[0, 0] = both / h_beside
     rows[0, 1:] = condition / h_beside
-    forward, back = kernels(n)
+    forward, back = free_kernels(n)
     forward.scan([rows[:-2], windows(t, 3), windows(q, 3)], rows[1:-1])
 
     # At the last point, the row before it eliminates u_beside.

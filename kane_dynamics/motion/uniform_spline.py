@@ -34,7 +34,7 @@ def spline_substituted(row: Any, following: Any, q: Any, rate: Any, factor: Any)
 
 
 @cache
-def kernels(n: int) -> tuple[Kernel, Kernel]:
+def uniform_kernels(n: int) -> tuple[Kernel, Kernel]:
     """Return the kernels of one point, for n splines."""
     scalars: list[tuple[str, Shape]] = [('rate', ()), ('factor', ())]
     forward = batch_kernel('spline_eliminated', spline_eliminated,
@@ -68,7 +68,7 @@ def spline_derivatives(q: Array, step: float, first: Array,
     slopes[-1] = last
     factors = np.full(count, FACTORS[-1])
     factors[:len(FACTORS)] = FACTORS[:count]
-    forward, back = kernels(n)
+    forward, back = uniform_kernels(n)
     # Elimination, from the second point to the last but one; then substitution, back to
     # the first. Until it is substituted, a point's slope is its eliminated row.
     forward.scan([slopes[:-2], windows(q, 3), rate, factors[1:-1]], slopes[1:-1])

@@ -112,10 +112,10 @@ def lower_product(A: Matrix, B: Matrix) -> Rows:
 
 def symmetric_of_rows(rows: Rows) -> Matrix:
     """Return a symmetric matrix from the rows of its lower triangle."""
-    return symmetric(list(chain.from_iterable(rows)), len(rows))
+    return from_triangle(list(chain.from_iterable(rows)), len(rows))
 
 
-def symmetric(packed: Any, size: int) -> Matrix:
+def from_triangle(packed: Any, size: int) -> Matrix:
     """Return a symmetric matrix from the entries of its lower triangle, row by row."""
     result = np.empty((size, size), dtype=object)
     for x, (a, b) in zip(packed, lower_triangle(size), strict=True):

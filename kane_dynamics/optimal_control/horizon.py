@@ -20,14 +20,15 @@ from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.linear_solve import solution
 from kane_dynamics.mechanics.ball_joints import chord, coordinate_rates, joint_speeds
 from kane_dynamics.mechanics.friction import refuse_load_friction
-from kane_dynamics.mechanics.integrators.implicit_friction import (implicit_friction_slopes,
-                                                                   implicit_friction_step)
+from kane_dynamics.mechanics.integrators.implicit_friction import (
+    implicit_friction_slopes, implicit_friction_step)
 from kane_dynamics.mechanics.integrators.mechanism_step import MechanismStep, solved
 from kane_dynamics.native.tracing.differentiation import forward, jacobian
 from kane_dynamics.native.tracing.subroutine import Subroutines
 from kane_dynamics.optimal_control.backward_step import (backward_step, expansion,
-                                                         expansion_of_tree, lower_triangle,
-                                                         Policy, symmetric, TorqueCost)
+                                                         expansion_of_tree,
+                                                         from_triangle, lower_triangle,
+                                                         Policy, TorqueCost)
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -357,7 +358,8 @@ class MechanismHorizon:
         """Return the policy of an interval; v and V are the cost-to-go at its end."""
         x = self.sizes.directions
         F, by_x, by_tau, hessian_x, hessian_tau = np.split(slopes, self._slope_ends)
-        cost_to_go = expansion(F.reshape(x, -1), v + by_x, symmetric(V + hessian_x, x))
+        cost_to_go = expansion(F.reshape(x, -1), v + by_x,
+                               from_triangle(V + hessian_x, x))
         torques = TorqueCost(tau, by_tau, hessian_tau, constants.limits.lowest_torque,
                              constants.limits.highest_torque)
         return backward_step(cost_to_go, torques, constants.regular * hessian_tau)
@@ -411,7 +413,7 @@ class TreeHorizon:
         gradient, hessian = cost_slopes(error, end[n:], weight, limits)
         cost_to_go = expansion_of_tree(
             slopes.reshape(3, n, n), constants.h, v + gradient[:2 * n],
-            symmetric(V, 2 * n) + np.diag(hessian[:2 * n]))
+            from_triangle(V, 2 * n) + np.diag(hessian[:2 * n]))
         torques = TorqueCost(tau, gradient[2 * n:], hessian[2 * n:],
                              limits.lowest_torque, limits.highest_torque)
         return backward_step(cost_to_go, torques, constants.regular * torques.hessian)

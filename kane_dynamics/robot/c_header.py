@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.resources import package_version
 from kane_dynamics._util.typing import Array
-from kane_dynamics.native.backends.c99 import comment, identifier, prototype, string
+from kane_dynamics.native.backends.c99 import c_identifier, comment, prototype, string
 from kane_dynamics.native.backends.c99_math import Precision
 from kane_dynamics.native.backends.llvm_math import size_limit
 from kane_dynamics.native.tracing.program import Program
@@ -169,7 +169,7 @@ def _enum(upper: str, kind: str, entries: Sequence[tuple[str, str]]) -> list[str
     used = set()
     for k, (entry, note) in enumerate(entries):
         # Different names may become the same identifier: a number keeps them apart.
-        name = f'{upper}_{kind.upper()}_{identifier(entry).upper()}'
+        name = f'{upper}_{kind.upper()}_{c_identifier(entry).upper()}'
         if name in used:
             name = f'{name}_{k}'
         used.add(name)

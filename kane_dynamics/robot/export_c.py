@@ -9,13 +9,14 @@ from typing import Any
 from kane_dynamics._util.resources import package_version
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.native.backends.c99 import (c_functions, comment, constant, identifier,
-                                               string)
-from kane_dynamics.native.backends.c99_math import elementary_functions, Precision, PRECISIONS
+from kane_dynamics.native.backends.c99 import (c_functions, c_identifier, c_literal,
+                                               comment, string)
+from kane_dynamics.native.backends.c99_math import (elementary_functions, Precision,
+                                                    PRECISIONS)
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import evaluate, Program
-from kane_dynamics.robot.c_header import (CKernel, constrained, header_text, joint_limits,
-                                          limit_size)
+from kane_dynamics.robot.c_header import (CKernel, constrained, header_text,
+                                          joint_limits, limit_size)
 from kane_dynamics.robot.kernel_set import CONSTRAINED, FRAME_QUANTITIES
 import numpy as np
 
@@ -64,7 +65,7 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str | Ke
         raise InputError(f'scalar: {scalar!r}; expected {" or ".join(PRECISIONS)}')
     precision = PRECISIONS[scalar]
     source, header = _checked_paths(path)
-    prefix = identifier(source.stem)
+    prefix = c_identifier(source.stem)
 
     # The laws of a controller come with their kernels; quantities are named.
     laws = _checked_laws(robot, kernels)
@@ -222,7 +223,7 @@ def _reference(robot: Any, prefix: str, kernel: Kernel, quantity: str, name: str
             size = np.abs(result).max(initial=float(quantity in RESIDUALS)) or 1.0
             error = SPARE * float(difference / size)
         tolerance = max(tolerance, error)
-    symbol = identifier(f'{prefix}_{name}')
+    symbol = c_identifier(f'{prefix}_{name}')
     return CKernel(quantity, symbol, program, tolerance, inputs, results)
 
 
@@ -327,7 +328,7 @@ def _joint_data(robot: Any, prefix: str, precision: Precision) -> list[str]:
         for limit in limits:
             entry = f'({number})INFINITY'
             if np.isfinite(limit):
-                entry = constant(limit, precision)
+                entry = c_literal(limit, precision)
             elif limit < 0.0:
                 entry = f'-{entry}'
             entries.append(entry)
@@ -345,7 +346,7 @@ def _joint_data(robot: Any, prefix: str, precision: Precision) -> list[str]:
 
 def _array(name: str, values: Array, precision: Precision) -> str:
     """Return the definition of a constant array, of at least one entry as C requires."""
-    flat = [constant(x, precision) for x in np.ravel(values)] or ['0']
+    flat = [c_literal(x, precision) for x in np.ravel(values)] or ['0']
     # Four entries a line.
     rows = []
     for k in range(0, len(flat), 4):
@@ -363,8 +364,8 @@ def _self_test(prefix: str, kernels: Sequence[CKernel],
     body = []
     for number, kernel in enumerate(kernels, 1):
         count = len(kernel.program.outputs)
-        tolerance = constant(kernel.tolerance, precision)
-        least = constant(float(kernel.name in RESIDUALS), precision)
+        tolerance = c_literal(kernel.tolerance, precision)
+        least = c_literal(float(kernel.name in RESIDUALS), precision)
         # Each kernel is called with its reference arguments; the number of the first
         # that disagrees is returned.
         body += ['    {', f'        {precision.c} result[{max(count, 1)}];']

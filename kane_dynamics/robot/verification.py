@@ -61,12 +61,12 @@ def verified(robot: Any, states: int) -> float:
             for name, reference in OCCASIONAL.items():
                 if robot.kernels.in_use(name):
                     pairs[name] = reference(robot, model, gravity, q, u, udot)
-        torque = largest(pairs['inverse_dynamics'][1])
+        torque = largest_entry(pairs['inverse_dynamics'][1])
         for name, (value, expected) in pairs.items():
-            size = max(largest(expected), 1e-300)
+            size = max(largest_entry(expected), 1e-300)
             if name in PARTS_OF_THE_TORQUE:  # of which one may vanish but for rounding
                 size = max(size, torque)
-            error = largest(value - expected) / size
+            error = largest_entry(value - expected) / size
             if not error < TOLERANCE:
                 raise CompileError(f'{name}: relative error {error:.3g} to the '
                                    f'definition; expected at most {TOLERANCE:g}')
@@ -84,7 +84,7 @@ def compile_verified(robot: Any) -> None:
     robot.compile(*names)
 
 
-def largest(values: Array) -> float:
+def largest_entry(values: Array) -> float:
     """Return the largest absolute value, 0 of none."""
     return float(np.abs(values).max(initial=0.0))
 

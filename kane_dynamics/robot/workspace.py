@@ -10,7 +10,7 @@ from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.python_call import entry
-from kane_dynamics.native.python_call.entry import EntryTable, refuse
+from kane_dynamics.native.python_call.entry import EntryTable, refuse_uninitialized
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.kernel_set import ALL, FRAME_QUANTITIES, KernelSet
 import numpy as np
@@ -32,7 +32,7 @@ class _Quantity:
         if workspace is None:
             return self
         if not hasattr(workspace, '_at'):  # not made by its class
-            refuse(workspace)
+            refuse_uninitialized(workspace)
         return workspace._function(self.name)
 
 

@@ -30,7 +30,7 @@ from kane_dynamics.mechanics.constraints.conditioning import loosened
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.runtime.kernel import Argument, checked
-from kane_dynamics.native.runtime.loops import driver, support
+from kane_dynamics.native.runtime.loops import batch_driver, support
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.kernel_set import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
@@ -43,7 +43,8 @@ from kane_dynamics.simulation.limit_events import LimitWatch
 from kane_dynamics.simulation.observers import DivergenceWatch, Observer
 from kane_dynamics.simulation.presliding import require_no_bristles, SettlingWatch
 from kane_dynamics.simulation.speed_switching import SwitchingSteps
-from kane_dynamics.simulation.step_kernels import deflections_of, state_layout, step_kernel
+from kane_dynamics.simulation.step_kernels import (deflections_of, state_layout,
+                                                   step_kernel)
 from kane_dynamics.simulation.step_size import stable_integrator, without_coulomb
 from kane_dynamics.simulation.stepping import Progress, run, Steps
 from kane_dynamics.simulation.sticking.friction_samples import (exact_friction,
@@ -415,7 +416,7 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> No
 
     """
     support()  # the loop that steps
-    driver(width())  # and that of batches
+    batch_driver(width())  # and that of batches
     jobs: list[Callable[[], Any]] = [partial(step_kernel, robot, False, integrator)]
     with suppress(InputError):  # no joints follow by default
         followed = joints_that_follow(robot)

@@ -23,7 +23,7 @@ from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.sweep.swept_joints import robot_digest, SweptJoints
 from kane_dynamics.sweep.trial import CONTROLLERS, NONE
-from kane_dynamics.sweep.variation import number_of, Value, value_of, values_of
+from kane_dynamics.sweep.variation import number_of, parse_value, parse_values, Value
 import numpy as np
 
 MOST_SAMPLES = 10**9
@@ -212,16 +212,16 @@ class Sweep:
         if not has_keys:
             controller = {'kind': controller}
         controller = mapping(controller, 'controller', CONTROLLER_KEYS, InputError)
-        kind = value_of('controller', controller.get('kind', NONE), names=CONTROLLERS)
+        kind = parse_value('controller', controller.get('kind', NONE), names=CONTROLLERS)
         kinds = {CONTROLLERS[int(place)] for place in kind.numbers}
         # Values in the order in which they are drawn: a new one at the end leaves the
         # others as they were.
-        values = [*values_of('q0', self.q0, robot.coordinate_names, q0, signed=True),
-                  *values_of('u0', self.u0, robot.speed_names, u0, signed=True)]
+        values = [*parse_values('q0', self.q0, robot.coordinate_names, q0, signed=True),
+                  *parse_values('u0', self.u0, robot.speed_names, u0, signed=True)]
         if payload is not None:
             values += self._payload(payload)
-        values += values_of('friction', self.friction, robot.joint_names,
-                            [1.0] * robot.model.n)
+        values += parse_values('friction', self.friction, robot.joint_names,
+                               [1.0] * robot.model.n)
         values.append(kind)
         # Keys that no chosen controller uses are refused.
         used = {'kind'}
@@ -229,12 +229,12 @@ class Sweep:
             used |= {'kp', 'kd'}
             followed = joints.followed_names
             for name, usual in (('kp', 100.0), ('kd', 20.0)):
-                values += values_of(name, controller.get(name, usual), followed,
-                                    [usual] * len(followed))
+                values += parse_values(name, controller.get(name, usual), followed,
+                                       [usual] * len(followed))
         if payload is not None and kinds != {NONE}:
             used |= {'known_payload'}
-            values.append(value_of('known_payload',
-                                   controller.get('known_payload', 0.0)))
+            values.append(parse_value('known_payload',
+                                      controller.get('known_payload', 0.0)))
         for name in controller:
             if name not in used:
                 carries = 'without' if payload is None else 'with'
@@ -259,8 +259,8 @@ class Sweep:
         if not isinstance(com, Sequence) or isinstance(com, str) or len(com) != 3:
             raise InputError(f'payload.com: {SHORT.repr(com)}; expected three values, m')
         # In the order of the columns: mass, center of mass, radius of gyration.
-        values = [value_of('payload.mass', entries['mass'])]
+        values = [parse_value('payload.mass', entries['mass'])]
         for axis, x in zip('xyz', com):
-            values.append(value_of(f'payload.com_{axis}', x, signed=True))
-        values.append(value_of('payload.gyration', entries.get('gyration', 0.0)))
+            values.append(parse_value(f'payload.com_{axis}', x, signed=True))
+        values.append(parse_value('payload.gyration', entries.get('gyration', 0.0)))
         return values

@@ -86,8 +86,8 @@ class Value:
         return chosen
 
 
-def value_of(name: str, data: Any, *, signed: bool = False,
-             names: Sequence[str] = ()) -> Value:
+def parse_value(name: str, data: Any, *, signed: bool = False,
+                names: Sequence[str] = ()) -> Value:
     """
     Parse a value from plain data.
 
@@ -127,8 +127,8 @@ def value_of(name: str, data: Any, *, signed: bool = False,
     return Value(name, kind, numbers)
 
 
-def values_of(name: str, data: Any, joints: Sequence[str], default: Sequence[float], *,
-              signed: bool = False) -> tuple[Value, ...]:
+def parse_values(name: str, data: Any, joints: Sequence[str], default: Sequence[float], *,
+                 signed: bool = False) -> tuple[Value, ...]:
     """
     Parse the values of all joints: one for all, or one per joint, called <name>.<joint>.
 
@@ -165,12 +165,12 @@ def values_of(name: str, data: Any, joints: Sequence[str], default: Sequence[flo
         starts = zip(joints, default, strict=True)
         data = [data.get(joint, start) for joint, start in starts]
     if not isinstance(data, list | tuple | np.ndarray):
-        return (value_of(name, data, signed=signed),)
+        return (parse_value(name, data, signed=signed),)
     if len(data) != len(joints):
         raise InputError(f'{name}: {len(data)} entries; expected {len(joints)}, in the '
                          'order '
                          f'{", ".join(joints)}')
-    return tuple(value_of(f'{name}.{joint}', x, signed=signed)
+    return tuple(parse_value(f'{name}.{joint}', x, signed=signed)
                  for joint, x in zip(joints, data))
 
 

@@ -24,7 +24,7 @@ from dataclasses import replace
 import math
 from typing import Any, Literal, NamedTuple
 
-from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import finite_row, instance, number, per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.computed_torque import followed_joints
@@ -67,7 +67,7 @@ class PartnerState(NamedTuple):
     external: Array
 
 
-@guarded
+@guarded_class
 class ArmCoupling:
     """
     One side of two coupled arms: the torque that makes an arm feel the other.

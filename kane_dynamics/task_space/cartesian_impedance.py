@@ -25,7 +25,7 @@ import math
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import finite_row, instance, number, per_joint
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
@@ -59,7 +59,7 @@ from kane_dynamics.task_space.reference_dynamics import (compensation_weights,
                                                          resisting_force, WEIGHTS)
 from kane_dynamics.task_space.reference_motion import reference_motion, TargetMotion
 from kane_dynamics.task_space.stiffness import (checked_matrix, factor, Spring,
-                                                spring_energy, stored_energy_limits)
+                                                stored_energy, stored_energy_limits)
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -104,7 +104,7 @@ class ImpedanceState(NamedTuple):
 STATE_SIZE = 6 + 6 + 2 + 5
 
 
-@guarded
+@guarded_class
 class CartesianImpedance(PoseLaw):
     """
     Cartesian impedance of a frame: spring, damper and posture, without inertia shaping.
@@ -276,7 +276,7 @@ class CartesianImpedance(PoseLaw):
         measured = self.robot.frame_pose(self._task.frame.name, positions)
         settings = self._shapes.unpacked(self._block)
         axes = self._task.in_world(target[:3, :3])
-        spring = spring_energy(measured, target, axes, settings['stiffness'],
+        spring = stored_energy(measured, target, axes, settings['stiffness'],
                                settings['bounds'])
         return spring + float(self._walls.energy(positions, settings))
 

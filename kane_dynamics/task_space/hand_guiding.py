@@ -22,7 +22,7 @@ from collections.abc import Callable
 import math
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import finite_row, instance, number, per_joint
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
@@ -40,9 +40,9 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.frame_task import inverse_mass
 from kane_dynamics.task_space.joint_speed_limits import brake_torques, UNSTATED
 from kane_dynamics.task_space.joint_walls import DAMPING, JointWalls, STOPS, WALL
-from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, lanes_of_scalars,
-                                                 LanesOf, Law, law_kernel,
-                                                 RunTimeSettings, Settings)
+from kane_dynamics.task_space.law_kernel import (checked_effort, identifier,
+                                                 lanes_of_scalars, LanesOf, Law,
+                                                 law_kernel, RunTimeSettings, Settings)
 from kane_dynamics.task_space.reference_dynamics import (rated_friction,
                                                          resisting_force)
 import numpy as np
@@ -59,7 +59,7 @@ ERROR = ('error_coulomb', 'error_damping', 'error_offset', 'error_speed')
 RESISTING = (1.0, 1.0, 1.0, 1.0)  # weights of all terms that resist the motion
 
 
-@guarded
+@guarded_class
 class HandGuiding(RunTimeSettings):
     """
     Torques with which an operator leads the arm by hand.

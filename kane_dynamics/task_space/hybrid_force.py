@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import math
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import finite_row, number, per_joint
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
@@ -52,7 +52,7 @@ DRAG = 2.0  # 1/s: rate at which motion along a force direction decays without a
 HELD = 0.5  # largest decay of a motion in a period, half of what one period of delay bears
 
 
-@guarded
+@guarded_class
 class HybridForce(CartesianImpedance):
     """
     A wrench kept along some directions, and a Cartesian impedance along the others.

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import finite_row, instance, per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.computed_torque import followed_joints, law_margin
@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 
-@guarded
+@guarded_class
 class JointImpedance(RunTimeSettings):
     """
     Joint impedance: a spring and a damper at each joint, with the model compensated.

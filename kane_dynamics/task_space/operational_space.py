@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import finite_row, instance, per_joint
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.control.computed_torque import KD, KP
@@ -33,8 +33,8 @@ from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task, Fra
                                                  in_axes, singular_mass as checked_mass,
                                                  TaskInertia)
 from kane_dynamics.task_space.joint_walls import JointWalls, WALL
-from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, LanesOf, Law,
-                                                 law_kernel, PoseLaw, Settings)
+from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, LanesOf,
+                                                 Law, law_kernel, PoseLaw, Settings)
 from kane_dynamics.task_space.orientation_error import pose_difference
 from kane_dynamics.task_space.pose_checks import pose_margin
 from kane_dynamics.task_space.reference_dynamics import reference_friction
@@ -43,7 +43,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 
-@guarded
+@guarded_class
 class OperationalSpace(PoseLaw):
     """
     Acceleration of a frame prescribed, with a posture in its null space.

@@ -21,7 +21,7 @@ from collections.abc import Callable
 import math
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import finite_row, number
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
@@ -59,7 +59,7 @@ class TargetState(NamedTuple):
     acceleration: Array
 
 
-@guarded
+@guarded_class
 class PoseFilter:
     """
     Target pose that follows a goal within limits of speed and acceleration.

@@ -158,7 +158,7 @@ def _saturation(energy: Scalar, bound: Scalar) -> Scalar:
     return select(is_large, np.sqrt(bound / select(is_large, energy, 1.0)), 1.0)
 
 
-def spring_energy(pose: Array, target: Array, axes: Array, K: Array,
+def stored_energy(pose: Array, target: Array, axes: Array, K: Array,
                   bounds: Array) -> float:
     """Return the energy stored in a `Spring`, J; of floats only."""
     displacement, orientation = pose_difference(pose, target, axes)

@@ -101,8 +101,8 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
                                'locked': locked,
                                'drop': drop, 'gravity': gravity, 'strict': strict,
                                'floating': floating, 'root_joint': root_joint}
-    name = model_cache.key(text, supplement, options)
-    cached = None if name is None else model_cache.load(name)
+    name = model_cache.model_key(text, supplement, options)
+    cached = None if name is None else model_cache.cached_model(name)
     if cached is not None:
         model, messages = cached
     else:
@@ -110,8 +110,8 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
             from kane_dynamics.urdf.model_reader import read_model  # slow imports
         model, messages = read_model(text, supplement, **options)
         # The supplement's file may have changed since its content was put into the key.
-        if name is not None and name == model_cache.key(text, supplement, options):
-            model_cache.store(name, model, messages)
+        if name is not None and name == model_cache.model_key(text, supplement, options):
+            model_cache.store_model(name, model, messages)
     for message in messages:
         category = UnusedWarning if message.startswith(NOT_OURS) else ModelWarning
         warnings.warn(message, category, stacklevel=3)

@@ -28,7 +28,7 @@ RECORDS: dict[str, Callable[..., Any]] = {
                    StiffnessCurve)}
 
 
-def key(text: str, supplement: Any, options: Mapping[str, Any]) -> str | None:
+def model_key(text: str, supplement: Any, options: Mapping[str, Any]) -> str | None:
     """
     Return the cache key of a model.
 
@@ -83,7 +83,7 @@ def _comparable(value: Any) -> Any:
     raise TypeError
 
 
-def load(name: str) -> tuple[Model, list[str]] | None:
+def cached_model(name: str) -> tuple[Model, list[str]] | None:
     """Return a cached model and its warnings, or None if there is no entry."""
     content = disk_cache.load(name)
     if content is None:
@@ -99,7 +99,7 @@ def load(name: str) -> tuple[Model, list[str]] | None:
     return model, warnings
 
 
-def store(name: str, model: Model, warnings: list[str]) -> None:
+def store_model(name: str, model: Model, warnings: list[str]) -> None:
     """Store a model and its warnings, if reading them back gives the same model."""
     # A number that JSON changed, or a class that it does not know, would show here.
     content = json.dumps([model, warnings], default=_plain)

@@ -11,7 +11,7 @@ import time
 from browser import browser, CHROMIUM
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics.cli import main
-from kane_dynamics.cli.tables import read_trajectory
+from kane_dynamics.cli.tables import load_trajectory
 import numpy as np
 import pytest
 
@@ -151,7 +151,7 @@ def test_an_exported_motion_plays_with_its_table_and_a_still_configuration_does_
                                   abs=0.05)
         position, torque, _ = page.evaluate(cells)
         assert page.errors == []
-    trajectory = read_trajectory(str(tmp_path / 'motion.csv'), robot)
+    trajectory = load_trajectory(str(tmp_path / 'motion.csv'), robot)
     row = int(np.abs(trajectory.t - t).argmin())
     assert float(position) == pytest.approx(trajectory.q[row, 0], abs=1e-3)
     assert float(torque) == pytest.approx(trajectory.tau[row, 0], rel=5e-3)

@@ -14,7 +14,7 @@ from kane_dynamics import (ComputedTorque, Controller, load_urdf, ModelWarning, 
                            Robot, simulate)
 from kane_dynamics.analysis.model_checks import Finding, print_findings
 from kane_dynamics.cli import main
-from kane_dynamics.cli.tables import read_motion, read_trajectory
+from kane_dynamics.cli.tables import load_trajectory, read_motion
 from kane_dynamics.urdf.link_shapes import load_visuals
 import numpy as np
 import pytest
@@ -143,7 +143,7 @@ def test_the_points_of_a_motion_are_sampled(files, capsys, name):
 def test_a_picture_of_a_csv_motion_shows_what_is_between_its_rows(files):
     (files / 'motion.csv').write_text('t,q.j1,q.j2\n0,0,0\n1,0.8,-0.5\n2,0.1,0.4\n')
     arm = Robot(load_urdf(ARM))
-    shown = read_trajectory(str(files / 'motion.csv'), arm)
+    shown = load_trajectory(str(files / 'motion.csv'), arm)
     assert len(shown.t) == 201 and np.abs(shown.u).max() > 0.5
 
 

@@ -11,6 +11,16 @@ import kane_dynamics
 import pytest
 
 SOURCE = Path(kane_dynamics.__file__).read_text('utf-8')
+PACKAGE = Path(kane_dynamics.__file__).parent
+# Functions of modules that have one name in several modules, because they mean the same.
+FORMULATIONS = {'forward_dynamics', 'frame_motion', 'frame_pose',
+                'generalized_inertia_force', 'inverse_dynamics',
+                'inverse_dynamics_derivatives', 'kinetic_energy', 'mass_matrix',
+                'partial_velocities', 'position', 'potential_energy', 'regressor'}
+OPERATIONS = {'evaluate', 'factorize', 'rms', 'skew', 'transpose'}
+COMMANDS = {'inverse', 'jacobian', 'main'}  # a command names its function
+SETTINGS = {'per_joint', 'stated_efforts'}  # of arguments, options and parameters
+LAWS = {'law_kernel', 'wall_slopes'}
 
 
 def fresh(program):
@@ -99,3 +109,13 @@ def test_no_class_has_the_name_of_another():
     shared = {name: modules for name, modules in classes_by_name().items()
               if len(modules) > 1}
     assert shared == {}
+
+
+def test_functions_of_one_name_mean_the_same():
+    modules_by_name = {}
+    for path in PACKAGE.rglob('*.py'):
+        for node in ast.parse(path.read_text('utf-8')).body:
+            if isinstance(node, ast.FunctionDef) and not node.name.startswith('_'):
+                modules_by_name.setdefault(node.name, []).append(path)
+    repeated = {name for name, modules in modules_by_name.items() if len(modules) > 1}
+    assert repeated == FORMULATIONS | OPERATIONS | COMMANDS | SETTINGS | LAWS

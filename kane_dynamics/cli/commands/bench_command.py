@@ -7,7 +7,7 @@ from typing import Any
 from kane_dynamics.cli.commands.inspect_command import pinocchio_model
 from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing
 from kane_dynamics.cli.printing import print_json, print_table
-from kane_dynamics.cli.robot_options import load, source_of
+from kane_dynamics.cli.robot_options import load_robot, source_of
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -30,7 +30,7 @@ IN_BATCH = f'inverse dynamics, each of {BATCH}'
 
 def bench(options: Namespace) -> None:
     """Time calls of this robot, alternating with Pinocchio's if it is installed."""
-    model, robot = load(options)
+    model, robot = load_robot(options)
     peer = reason = None
     # Without a peer the own times are printed alone.
     try:

@@ -5,7 +5,7 @@ from argparse import Namespace
 from kane_dynamics._util.typing import Array
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.printing import print_json
-from kane_dynamics.cli.robot_options import load, positions
+from kane_dynamics.cli.robot_options import load_robot, positions
 from kane_dynamics.cli.tables import MOST_SAMPLES, write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics import pose_from
@@ -18,7 +18,7 @@ import numpy as np
 
 def cartesian(options: Namespace) -> None:
     """Write the motion of the joints in which a frame follows a path."""
-    _, robot = load(options)
+    _, robot = load_robot(options)
     robot.model.frame(options.frame)  # an unknown frame is an error before any message
     if not 0.0 < options.rate < np.inf:
         raise InputError(f'--rate: {options.rate}; expected a positive, finite number of '

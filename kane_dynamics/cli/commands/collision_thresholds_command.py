@@ -6,7 +6,7 @@ from typing import Any
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
 from kane_dynamics.cli.printing import print_files, print_json, print_table, warn
-from kane_dynamics.cli.robot_options import load, uncertainty_of
+from kane_dynamics.cli.robot_options import load_robot, uncertainty_of
 from kane_dynamics.identification.collision_calibration import (calibrate_collision,
                                                                 CollisionCalibration)
 from kane_dynamics.identification.payload.recorded_motion import recorded_joints
@@ -19,7 +19,7 @@ CURVES = ('coulomb', 'damping', 'offset')
 
 def collision_thresholds(options: Namespace) -> None:
     """Calibrate collision detection; print the parameters of the node, or write them."""
-    model, robot = load(options)
+    model, robot = load_robot(options)
     states = recorded(options, model, recorded_joints(robot))
     recording = stated_efforts(options).applied(robot, states)
     calibration = calibrate_collision(robot, recording, gain=options.gain,

@@ -7,7 +7,8 @@ from pathlib import Path
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics.analysis.model_checks import examine_model, Finding, print_findings
 from kane_dynamics.cli.printing import brief, print_json
-from kane_dynamics.cli.robot_options import constraints_of, load, source_of, uncertainty_of
+from kane_dynamics.cli.robot_options import (constraints_of, load_robot, source_of,
+                                             uncertainty_of)
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.model.flexible_model import stiffened
@@ -21,7 +22,7 @@ def doctor(options: Namespace) -> int:
         raise InputError(f'--live: {options.live}; expected a positive, finite time in '
                          's')
     model_texts: list[str] = []
-    model, robot = load(options, model_texts)
+    model, robot = load_robot(options, model_texts)
     if model.flexible:  # modes have no limits and are in no message
         model = stiffened(model)
         robot = Robot(model, **constraints_of(options))

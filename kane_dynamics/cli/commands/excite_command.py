@@ -8,7 +8,7 @@ from kane_dynamics._util.progress import progress_bar
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.arguments import HARMONIC_OPTIONS
 from kane_dynamics.cli.printing import model_warnings, print_json, print_table, warn
-from kane_dynamics.cli.robot_options import load, source_of
+from kane_dynamics.cli.robot_options import load_robot, source_of
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.excitation.clearance import DISTANCE
@@ -26,7 +26,7 @@ BAD_CONDITION = 1e3  # of the base parameters' equations, columns scaled to unit
 def excitation(options: Namespace) -> int:
     """Write an exciting motion for `identify`; return 1 if its links come nearer than stated."""
     _refuse_unused(options)
-    model, _ = load(options)
+    model, _ = load_robot(options)
     if not 0.0 < options.rate < np.inf:
         raise InputError(f'--rate: {options.rate}; expected a positive, finite number '
                          'of Hz')

@@ -6,13 +6,13 @@ from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.printing import as_json, print_files, print_json
-from kane_dynamics.cli.robot_options import load, split
+from kane_dynamics.cli.robot_options import load_robot, split
 
 
 def export(options: Namespace) -> None:
     """Write C source and header; print their paths."""
-    _, robot = load(options, wrench_frames=options.wrench_frames,
-                    payload_frame=options.payload_frame)
+    _, robot = load_robot(options, wrench_frames=options.wrench_frames,
+                          payload_frame=options.payload_frame)
     files = robot.export_c(options.out, split(options.kernel),
                            scalar='float32' if options.float32 else 'float64',
                            self_test=not options.no_self_test)
@@ -28,7 +28,7 @@ def equations(options: Namespace) -> None:
     texts = extra('kane_dynamics.closed_forms.closed_form_text', 'equations',
                   'equations in closed form')  # errors early
     from kane_dynamics.closed_forms import closed_form
-    model, robot = load(options)
+    model, robot = load_robot(options)
     with progress_bar('deriving', 1.0) as progress:
         form = closed_form(model, numbers=options.numbers, friction=robot.friction,
                            progress=progress)

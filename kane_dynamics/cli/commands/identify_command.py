@@ -13,7 +13,8 @@ from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.printing import as_json, print_json, print_table, warn
-from kane_dynamics.cli.robot_options import every_joint, load, source_of, warn_degrees
+from kane_dynamics.cli.robot_options import (every_joint, load_robot, source_of,
+                                             warn_degrees)
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import base_error, base_speeds, fit_base
 from kane_dynamics.identification.drives.drive_recording import read_drive_recording
@@ -23,7 +24,8 @@ from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.friction_laws import COULOMB
 from kane_dynamics.identification.payload.payload_fit import identify_payload, Payload
-from kane_dynamics.identification.payload.recorded_motion import recorded_joints, recorded_motion
+from kane_dynamics.identification.payload.recorded_motion import (recorded_joints,
+                                                                  recorded_motion)
 from kane_dynamics.identification.recordings.diagnosis import refuse_faulty
 from kane_dynamics.identification.recordings.reader import read_recording
 from kane_dynamics.identification.recordings.recording import Recording
@@ -61,7 +63,7 @@ def identification(options: Namespace) -> None:
                          'both')
     # A missing library is an error before the fit, which may take minutes.
     plot = pictures.plotter(options)  # errors early
-    model, robot = load(options)
+    model, robot = load_robot(options)
     if options.payload and not options.base_parameters:
         fit, printed, title = _fit_payload, print_payload, 'of the arm with its payload'
         outcome = fit(options, robot)
@@ -378,7 +380,7 @@ def _identify_drives(options: Namespace) -> None:
     if options.out and not options.out.endswith(('.yaml', '.yml')):
         raise InputError(f"--out: '{options.out}'; expected a name that ends in .yaml, "
                          'since with --drives it is a supplement')
-    _, robot = load(options)
+    _, robot = load_robot(options)
     # One ratio serves all joints.
     ratio = np.array(options.ratio or 1.0)
     if ratio.shape == (1,):

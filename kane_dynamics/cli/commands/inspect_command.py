@@ -11,7 +11,7 @@ import warnings
 from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.model_checks import examine_masses
 from kane_dynamics.cli.printing import brief, print_json, print_section, print_table
-from kane_dynamics.cli.robot_options import load, selection, source_of
+from kane_dynamics.cli.robot_options import load_robot, selection, source_of
 from kane_dynamics.errors import InputError, ModelError, ModelWarning
 from kane_dynamics.kinematics.poses import rotation_rpy
 from kane_dynamics.model.model import Body, Joint, Model, WORLD
@@ -27,7 +27,7 @@ DEEPEST = 16  # levels of the tree that are indented
 def inspect(options: Namespace) -> int:
     """Print the properties of a robot; on request compare it with Pinocchio."""
     model_texts: list[str] = []
-    model, robot = load(options, model_texts)
+    model, robot = load_robot(options, model_texts)
     if not options.verbose:
         model_texts = [brief(text) for text in model_texts]
     facts = describe(model, robot, model_texts,

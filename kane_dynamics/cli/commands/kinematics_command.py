@@ -3,7 +3,7 @@
 from argparse import Namespace
 
 from kane_dynamics.cli.printing import print_json, print_table, without_rounding
-from kane_dynamics.cli.robot_options import load, positions
+from kane_dynamics.cli.robot_options import load_robot, positions
 from kane_dynamics.kinematics import (inverse_kinematics, pose_from, rotation_quaternion,
                                       rotation_rpy)
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
@@ -12,7 +12,7 @@ import numpy as np
 
 def jacobian(options: Namespace) -> None:
     """Print pose and Jacobian of a frame."""
-    _, robot = load(options)
+    _, robot = load_robot(options)
     robot.model.frame(options.frame)  # an unknown frame is an error before any message
     q = positions(options, 'q', robot)
     pose = robot.frame_pose(options.frame, q)
@@ -40,7 +40,7 @@ def jacobian(options: Namespace) -> None:
 
 def inverse(options: Namespace) -> int:
     """Print joint positions at which a frame has a pose; return 1 if there are none."""
-    _, robot = load(options)
+    _, robot = load_robot(options)
     robot.model.frame(options.frame)
     target = pose_from(options.position, rpy=options.rpy, quaternion=options.quaternion)
     if options.rpy is None and options.quaternion is None:

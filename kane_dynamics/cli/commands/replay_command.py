@@ -8,7 +8,7 @@ from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
 from kane_dynamics.cli.printing import print_files, print_json, print_table
-from kane_dynamics.cli.robot_options import load, warn_degrees
+from kane_dynamics.cli.robot_options import load_robot, warn_degrees
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.identification.recordings.diagnosis import refuse_faulty
 from kane_dynamics.identification.recordings.recording import Recording
@@ -21,7 +21,7 @@ import numpy as np
 def replay(options: Namespace) -> None:
     """Compare the measured torques of a recording with those of the equations of motion."""
     plot = pictures.plotter(options)  # errors early
-    model, robot = load(options)
+    model, robot = load_robot(options)
     efforts = stated_efforts(options)
     # Torques on the joints, whatever the efforts of the recording are.
     recording = efforts.applied(robot, recorded(options, model))

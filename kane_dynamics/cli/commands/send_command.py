@@ -6,7 +6,7 @@ from typing import Any
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.typing import Array
 from kane_dynamics.cli.printing import print_json, print_table, warn
-from kane_dynamics.cli.robot_options import load
+from kane_dynamics.cli.robot_options import load_robot
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
@@ -25,7 +25,7 @@ def send(options: Namespace) -> int:
     if not 0.0 < options.duration < np.inf:
         raise InputError(f'--duration: {options.duration}; expected a positive, finite '
                          'time in s')
-    _, robot = load(options)
+    _, robot = load_robot(options)
     names = robot.actuated_names or robot.joint_names
     motion = None
     if options.motion is not None:

@@ -11,7 +11,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.printing import (model_warnings, print_files, print_json,
                                         print_table, without_rounding)
-from kane_dynamics.cli.robot_options import load, positions, split, vector
+from kane_dynamics.cli.robot_options import load_robot, positions, speed_vector, split
 from kane_dynamics.cli.tables import read_motion, read_states
 from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.errors import InputError
@@ -38,7 +38,7 @@ def simulation(options: Namespace) -> None:
         raise InputError(f"--out: '{options.out}'; expected a name that ends in .npz or "
                          '.csv')
     plot = pictures.plotter(options)  # errors early
-    _, robot = load(options)
+    _, robot = load_robot(options)
     with model_warnings(verbose=options.verbose):
         plan = _plan(options, robot)
     # The time on the wall, which includes compilation at a first start.
@@ -127,7 +127,7 @@ def _plan(options: Namespace, robot: Robot) -> Plan:
     if options.u0 is None and u_desired is not None:
         u0 = u_desired
     else:
-        u0 = vector(options, 'u0', robot)
+        u0 = speed_vector(options, 'u0', robot)
     return Plan(positions(options, 'q0', robot, q_desired), u0, duration, torque)
 
 
@@ -149,7 +149,7 @@ def _stated_torque(options: Namespace, robot: Robot, duration: float) -> Array:
     """Return constant torques, (n,), or those of a file as one row per step."""
     tokens = split(options.torque)
     if len(tokens) != 1 or not tokens[0].endswith('.csv'):
-        return vector(options, 'torque', robot)
+        return speed_vector(options, 'torque', robot)
     path = tokens[0]
     states = read_states(path, robot.speed_names)
     if states.tau is None:

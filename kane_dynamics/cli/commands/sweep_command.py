@@ -13,7 +13,7 @@ from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.yaml_io import read_yaml
 from kane_dynamics.cli.printing import model_warnings, print_json, print_table
-from kane_dynamics.cli.robot_options import load
+from kane_dynamics.cli.robot_options import load_robot
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.errors import InputError, KaneError
@@ -136,7 +136,7 @@ def _robot(path: Any, entries: Mapping[str, Any], verbose: bool) -> Robot:
     """Return the robot that the entries choose."""
     root_joint = entries.get('root_joint')
     # Options of a sweep's file are those of the command line, under the same names.
-    _, robot = load(Namespace(
+    _, robot = load_robot(Namespace(
         urdf=entries['urdf'], xacro=_assignments(entries.get('xacro')),
         supplement=entries.get('supplement'), constraints=entries.get('constraints'),
         base=entries.get('base'), tip=entries.get('tip'),

@@ -8,7 +8,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.printing import print_json, print_table, without_rounding
-from kane_dynamics.cli.robot_options import load, positions, torque_size, vector, warn_degrees
+from kane_dynamics.cli.robot_options import (load_robot, positions, speed_vector,
+                                             torque_size, warn_degrees)
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
@@ -22,7 +23,7 @@ def torque(options: Namespace) -> None:
             if getattr(options, name):
                 raise InputError(f'--{name}: given without --motion; expected it with '
                                  '--motion only')
-    _, robot = load(options)
+    _, robot = load_robot(options)
     if options.motion is None:
         _print_state(options, robot)
         return
@@ -35,13 +36,13 @@ def torque(options: Namespace) -> None:
 
 def _along_motion(options: Namespace, robot: Robot, plot: Any) -> None:
     """Print, write or draw the torques along a motion."""
-    from kane_dynamics.cli.tables import (joint_rows, of_mechanism,  # slow import
-                                          read_rows, read_trajectory, write_states)
+    from kane_dynamics.cli.tables import (joint_rows, load_trajectory, of_mechanism,
+                                          read_rows, write_states)
     t, state = read_rows(options.motion, robot.speed_names, options.step)
     rows = joint_rows(robot, of_mechanism(options.motion, robot, t, state))
     warn_degrees(robot, rows['q'], options.motion)
     if plot is not None:
-        pictures.draw(plot, options, robot, read_trajectory(options.motion, robot))
+        pictures.draw(plot, options, robot, load_trajectory(options.motion, robot))
     if options.out:
         with whole_file(options.out) as stream:
             write_states(stream, t, rows, robot.joint_names)
@@ -84,8 +85,8 @@ def _print_largest(robot: Robot, t: Array | None, tau: Array) -> None:
 def _print_state(options: Namespace, robot: Robot) -> None:
     """Print the torque of one state and its terms; with constraints, of the actuated joints."""
     q = positions(options, 'q', robot)
-    u = vector(options, 'u', robot)
-    udot = vector(options, 'udot', robot)
+    u = speed_vector(options, 'u', robot)
+    udot = speed_vector(options, 'udot', robot)
     tau = robot.joint_torques(robot.inverse_dynamics(q, u, udot), q)
     terms = [robot.joint_torques(term, q) for term in robot.torque_terms(q, u, udot)]
     if options.json:

@@ -5,8 +5,8 @@ import webbrowser
 
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics.cli.printing import model_warnings, print_json
-from kane_dynamics.cli.robot_options import load, source_of
-from kane_dynamics.cli.tables import read_trajectory
+from kane_dynamics.cli.robot_options import load_robot, source_of
+from kane_dynamics.cli.tables import load_trajectory
 from kane_dynamics.errors import InputError
 from kane_dynamics.urdf.link_shapes import load_visuals
 
@@ -17,10 +17,10 @@ def view(options: Namespace) -> None:
         raise InputError(f"--export: '{options.export}'; expected a name that ends in "
                          '.html')
     page = extra('kane_dynamics.view', 'view', 'the view')  # report a missing extra early
-    _, robot = load(options)
+    _, robot = load_robot(options)
     with model_warnings(verbose=options.verbose):
         visuals = load_visuals(source_of(options))
-    trajectory = read_trajectory(options.motion, robot) if options.motion else None
+    trajectory = load_trajectory(options.motion, robot) if options.motion else None
     window = page.Window(robot, trajectory, visuals=visuals, host=options.host,
                          port=0 if options.export else options.port)
     try:

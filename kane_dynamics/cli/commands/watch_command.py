@@ -5,13 +5,13 @@ from typing import Any
 
 from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
 from kane_dynamics.cli.printing import print_json, print_table
-from kane_dynamics.cli.robot_options import load
+from kane_dynamics.cli.robot_options import load_robot
 from kane_dynamics.identification.model_watch import ModelWatch, WatchReport
 
 
 def watch(options: Namespace) -> int:
     """Compare a recording with a model and a sound recording; return 1 if it has alarms."""
-    model, robot = load(options)
+    model, robot = load_robot(options)
     efforts = stated_efforts(options)
     recording = efforts.applied(robot, recorded(options, model))
     # The reference is read by the same options as the recording.

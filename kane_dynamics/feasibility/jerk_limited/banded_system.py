@@ -15,7 +15,7 @@ import numpy as np
 WIDE = (5,)  # shape of a row
 
 
-def eliminated(third: Vector, second: Vector, first: Vector, row: Vector) -> Vector:
+def eliminated_row(third: Vector, second: Vector, first: Vector, row: Vector) -> Vector:
     """
     Return a row of the factors, from the three rows before it, from far to near.
 
@@ -46,7 +46,7 @@ def substituted(third: Vector, second: Vector, first: Vector, row: Vector) -> Ve
 def _kernels() -> tuple[Kernel, Kernel]:
     """Return the kernels of one row, of the elimination and of the substitution."""
     rows = [(name, WIDE) for name in ('third', 'second', 'first', 'row')]
-    return (batch_kernel('eliminated_band', eliminated, rows, WIDE),
+    return (batch_kernel('eliminated_band', eliminated_row, rows, WIDE),
             batch_kernel('substituted_band', substituted, rows, WIDE))
 
 

@@ -152,7 +152,7 @@ class FrictionSlope(NamedTuple):
     spread: float  # variance, per variance of a speed that is white up to the cutoff
 
 
-def friction_slope(speed: Array, slip: float) -> FrictionSlope:
+def coulomb_slope(speed: Array, slip: float) -> FrictionSlope:
     """Return the slope of Coulomb friction along speeds."""
     slope = (1.0 - coulomb(speed, slip)**2) / slip
     return FrictionSlope(float(slope.mean()), float(slope.var()))
@@ -325,7 +325,7 @@ class GearEquations:
         # Friction of a slope that varies makes noise of the speed's noise.
         noise = []
         for name, speed in speeds.items():
-            spread = friction_slope(speed.values, slip).spread
+            spread = coulomb_slope(speed.values, slip).spread
             noise.append(value[name] * np.sqrt(spread * speed.density))
         self.varying = np.array(noise)
 
@@ -368,7 +368,7 @@ class GearEquations:
         elastic = 1.0 + 1j * omega * eta
         # Signals with their coefficients in the two equations; friction acts as damping
         # on the noise of a position, by its mean slope.
-        on_motor = friction_slope(signals.speed.values, slip)
+        on_motor = coulomb_slope(signals.speed.values, slip)
         damping = value['motor_damping'] + value['motor_friction'] * on_motor.mean
         of_motor = omega**2 * value['rotor_inertia'] - 1j * omega * damping
         terms: list[tuple[float, Any, Any]] = [(signals.noise['theta'], -elastic, of_motor)]
@@ -380,7 +380,7 @@ class GearEquations:
             terms.append((sensor, compliance * ones, -ones))
             terms.append((sensor, spread * ones, nothing))
         else:
-            on_link = friction_slope(signals.link_speed.values, slip)
+            on_link = coulomb_slope(signals.link_speed.values, slip)
             damping = value['link_damping'] + value['link_friction'] * on_link.mean
             varying = self.varying[1] * ones
             terms.append((1.0, compliance * varying, -varying))

@@ -23,9 +23,9 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.identification.drives.driven_links import DrivenLinks
-from kane_dynamics.identification.drives.gear_fit import (covariance_of, FIRST_SLIP,
-                                                          friction_slope,
-                                                          GearFit, mean_coulomb, ROUNDS)
+from kane_dynamics.identification.drives.gear_fit import (coulomb_slope, covariance_of,
+                                                          FIRST_SLIP, GearFit,
+                                                          mean_coulomb, ROUNDS)
 from kane_dynamics.identification.drives.spectra import SmoothSpeed, Spectra
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.loop_tracking.loop_error import LoopError
@@ -107,7 +107,8 @@ class MotorEquations:
         self.varying = np.zeros(n)  # motor friction whose noise counts, see `gear_fit`
         self.holds = 0.0, of.step  # as in `gear_fit`
         self.held = 0.0
-        self._slopes = [friction_slope(speed.values, FIRST_SLIP) for speed in signals.speeds]
+        self._slopes = [coulomb_slope(speed.values, FIRST_SLIP)
+                        for speed in signals.speeds]
 
     def gear_torque(self, spring: Array, start: Array) -> Array:
         """Return the torque of the springs along the motion, (N, n)."""

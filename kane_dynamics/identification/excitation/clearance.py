@@ -242,7 +242,7 @@ class Clearance:
         """Return the lowest link along a periodic motion's samples, and its height, m."""
         if not self.moving:
             return None
-        low = between(self.heights(q))
+        low = lower_bounds(self.heights(q))
         k = int(low.argmin())
         return self.shapes[self.moving[k]].name, float(low[k])
 
@@ -250,7 +250,7 @@ class Clearance:
         """Return the two links with the smallest distance along samples, and that distance, m."""
         if not len(self.pairs):
             return None
-        near = between(self.distances(q))
+        near = lower_bounds(self.distances(q))
         i, j = self.pairs[int(near.argmin())]
         return self.shapes[j].name, self.shapes[i].name, float(near.min())
 
@@ -261,7 +261,7 @@ class Clearance:
             return f"link '{lowest[0]}' above {self.floor:g} m"
         # The pair that lacks most of the distance it needs.
         if len(self.pairs):
-            surplus = between(self.distances(q)) - self.needed
+            surplus = lower_bounds(self.distances(q)) - self.needed
             k = int(surplus.argmin())
             if surplus[k] < 0.0:
                 i, j = self.pairs[k]
@@ -270,7 +270,7 @@ class Clearance:
         return None
 
 
-def between(values: Array) -> Array:
+def lower_bounds(values: Array) -> Array:
     """
     Return lower bounds of periodic functions, (k,), at and between their samples, (N, k).
 

@@ -180,7 +180,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     motions = []
     for k in range(starts):
         optimum = improved(design, random_motion(design, rng))
-        motion, broken = within(design, optimum)
+        motion, broken = largest_motion(design, optimum)
         if motion is not None:
             motions.append(motion)
         progress((k + 1) / starts)
@@ -232,7 +232,7 @@ def improved(design: DesignCriterion, p: Array) -> Array:
     return p
 
 
-def within(design: DesignCriterion, p: Array) -> tuple[Array | None, str | None]:
+def largest_motion(design: DesignCriterion, p: Array) -> tuple[Array | None, str | None]:
     """Return the motion of largest amplitude within all limits, or None and the exceeded limit."""
     p, room = p.copy(), 0.9 * design.share * np.minimum(design.reach, math.pi)
     p[0] = np.clip(p[0], design.middle - room, design.middle + room)

@@ -63,7 +63,7 @@ def _squared_length(p: Vector) -> Scalar:
     return x * x + y * y + z * z + w * w
 
 
-def product(p: Array, r: Array) -> Array:
+def quaternion_product(p: Array, r: Array) -> Array:
     """Return the quaternion of p followed by r about the rotated axes; (..., 4)."""
     v, w = np.split(p, [3], axis=-1)
     a, c = np.split(r, [3], axis=-1)

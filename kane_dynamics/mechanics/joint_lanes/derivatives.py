@@ -153,7 +153,7 @@ class JointRows:
         return JointRows(**vectors)
 
 
-def joint_rows(body: LaneBodies, sums: Vector) -> JointRows:
+def joint_vectors(body: LaneBodies, sums: Vector) -> JointRows:
     """Return the vectors from the sums of `_moments` over the subtrees."""
     motion = body.motion
     acceleration = body.acceleration
@@ -219,7 +219,7 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Vector, u: Vector,
     bodies = _bodies(tree, links, q, u, udot, gravity)
     if repeat is None:
         sums = tree.over_subtrees([_moments(body) for body in bodies])
-        parts = list(map(joint_rows, bodies, sums))
+        parts = list(map(joint_vectors, bodies, sums))
     else:
         parts = _by_loops(tree, bodies, names, lanes_of, repeat)
     # Entries: dot products of the vectors of joint r with those of a part's joints.
@@ -306,7 +306,7 @@ def _by_loops(tree: TreeSums, bodies: Sequence[LaneBodies], names: Sequence[str]
     def vectors(lanes: Any, body: Rows, of_joints: Rows) -> list[Any]:
         sums = np.zeros(MOMENTS).astype(object)
         sums[needed] = row_by_row(of_joints, len(needed), lanes)
-        return joint_rows(LaneBodies.of_rows(body), sums).rows(names)
+        return joint_vectors(LaneBodies.of_rows(body), sums).rows(names)
 
     # Sums over subtrees add the moments of one joint at a time, which are in lanes.
     lanes = tree.lanes

@@ -157,7 +157,7 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Vector, u: Vector,
         _add_row(states, bodies[i], i, (by_q, by_u, M), share)
         _add_column(states, bodies[i], i, (by_q, by_u), share)
         if links[i].parent != WORLD:
-            add_to_parent(states[i], bodies[i], bodies[links[i].parent])
+            add_body_to_parent(states[i], bodies[i], bodies[links[i].parent])
     return np.reshape([by_q, by_u, M], (3, n, n))
 
 
@@ -284,7 +284,8 @@ def _wrench_change(body: CompositeBody, delta: Vector, chi: Vector,
     return force, moment
 
 
-def add_to_parent(state: LinkState, body: CompositeBody, parent: CompositeBody) -> None:
+def add_body_to_parent(state: LinkState, body: CompositeBody,
+                       parent: CompositeBody) -> None:
     """Add the composite body of a link to that of its parent."""
     step = state.step
     mass = body.mass

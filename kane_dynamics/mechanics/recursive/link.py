@@ -151,7 +151,7 @@ def homogeneous(rotation: Any = None, translation: Any = None) -> Array:
     return T
 
 
-def inverse(T: Array) -> Array:
+def inverse_pose(T: Array) -> Array:
     """Return the inverse of a pose."""
     R, p = T[:3, :3], T[:3, 3]
     return homogeneous(R.T, -R.T @ p)
@@ -251,7 +251,7 @@ def posed(links: Sequence[Link], model: Model, q: Vector,
         # the rotation of q is put between both.
         parent_body = np.eye(4) if link.parent == WORLD else links[link.parent].body
         inner = _clean(parent_body @ homogeneous(joint.rotation, joint.translation))
-        outer = _clean(inverse(inner) @ link.pose)
+        outer = _clean(inverse_pose(inner) @ link.pose)
         turned = inner[:3, :3] @ R
         rotation = turned @ outer[:3, :3]
         translation = inner[:3, 3] + turned @ outer[:3, 3]
@@ -278,7 +278,7 @@ def _turn_to_z(axis: Array) -> Array:
 
 def _moved(link: Link, G: Array) -> Link:
     """Return a link with its frame moved by the pose G, a screw about z."""
-    back = inverse(G)
+    back = inverse_pose(G)
     angle = math.atan2(G[1, 0], G[0, 0])
     return replace(link, pose=_clean(link.pose @ homogeneous(None, G[:3, 3])),
                    offset=math.remainder(link.offset + angle, 2.0 * math.pi),
@@ -337,7 +337,7 @@ def _with_frame_moved(family: Sequence[Link], angle: float, shift: float) -> lis
     G[2, 3] = shift
     result = [_moved(family[0], G)]
     for child in family[1:]:
-        result.append(replace(child, pose=_clean(inverse(G) @ child.pose)))
+        result.append(replace(child, pose=_clean(inverse_pose(G) @ child.pose)))
     return result
 
 

@@ -18,7 +18,7 @@ ARITHMETIC = {'add': '+', 'sub': '-', 'mul': '*', 'div': '/'}
 IN_C = {'arctan': 'atan'}  # functions that C calls otherwise than numpy
 
 
-def constant(value: float, precision: Precision) -> str:
+def c_literal(value: float, precision: Precision) -> str:
     """Return a number as a C literal: the shortest decimal that reads back exactly."""
     if np.isnan(value):
         return f'({precision.c})NAN'  # of math.h, a float
@@ -28,7 +28,7 @@ def constant(value: float, precision: Precision) -> str:
     return literal(value, precision)
 
 
-def identifier(text: str) -> str:
+def c_identifier(text: str) -> str:
     """Return a C identifier: replace characters that C does not allow by underscores."""
     name = re.sub(r'[^A-Za-z0-9_]', '_', text)
     return name if name[:1].isalpha() else f'x{name}'
@@ -144,7 +144,7 @@ class _Function:
     def _value(self, x: Expr | float) -> str:
         if isinstance(x, Expr):
             return self.names[x.index]
-        return constant(x, self.precision)
+        return c_literal(x, self.precision)
 
     def _operation(self, node: Expr) -> None:
         name = f'v{node.index}'
@@ -162,7 +162,7 @@ class _Function:
             self._define(node, name, f'{a} {ARITHMETIC[node.op]} {b}')
         elif node.op == 'less':
             a, b = (self._value(arg) for arg in node.args)
-            one, zero = (constant(value, self.precision) for value in (1.0, 0.0))
+            one, zero = (c_literal(value, self.precision) for value in (1.0, 0.0))
             self._define(node, name, f'{a} < {b} ? {one} : {zero}')
         elif node.op == 'select':
             chosen, a, b = (self._value(arg) for arg in node.args)

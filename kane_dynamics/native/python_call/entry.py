@@ -306,12 +306,12 @@ def unmade_table(make: Callable[[Any], Any]) -> EntryTable:
 
 
 @cache
-def refusal() -> EntryTable:
+def refusal_table() -> EntryTable:
     """Return the table of all methods of objects that were not initialized."""
-    return unmade_table(refuse)
+    return unmade_table(refuse_uninitialized)
 
 
-def refuse(owner: Any) -> None:
+def refuse_uninitialized(owner: Any) -> None:
     """Raise TypeError: the object was not initialized."""
     raise TypeError(f'{type(owner).__name__}: not initialized; expected an object made '
                     'by its class, such as robot.bind()')
@@ -516,7 +516,7 @@ def methods(cls: type[NativeMethods], docs: Mapping[str, str],
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(definitions))
     code = assembled('methods', method_code(len(docs)))
     refusing = code.function('refuse_by', ctypes.PYFUNCTYPE(None, ctypes.c_void_p))
-    refusing(id(refusal()))
+    refusing(id(refusal_table()))
     new = ctypes.pythonapi.PyDescr_NewMethod
     new.restype = ctypes.py_object
     new.argtypes = [ctypes.py_object, ctypes.c_void_p]

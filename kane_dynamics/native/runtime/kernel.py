@@ -24,7 +24,7 @@ from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry import (CallForm, EntryTable, KernelFunction,
                                                     Signature)
-from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, driver, repeat,
+from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, batch_driver, repeat,
                                                 repeat_until, run_batch)
 from kane_dynamics.native.tracing.latency_order import by_latency
 from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
@@ -355,7 +355,7 @@ class Kernel:
         kind = _kind_of_batches(in_lanes, zeros)
         if kind not in self._functions:
             text, of_any = self._of_batch
-            driver(width())
+            batch_driver(width())
             # Lanes need many registers: in program order fewer values are spilled.
             in_order = in_lanes or self._in_order
             self._function(_kind_of_batches(in_lanes, 0),

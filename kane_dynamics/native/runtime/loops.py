@@ -584,7 +584,7 @@ ROW = len(Strided._fields)  # words of a row of the table
 
 @cache
 # Constants of the number of lanes, then the types that contain it.
-def driver(width: int) -> llvm.Code:
+def batch_driver(width: int) -> llvm.Code:
     """Return the machine code of `RUN_BATCH` and of its threads."""
     counting = '<' + ', '.join(f'i64 {lane}' for lane in range(width)) + '>'
     text = RUN_BATCH.replace('LANE_NUMBERS', counting)
@@ -600,7 +600,7 @@ def driver(width: int) -> llvm.Code:
 def _driver_function(width: int) -> Callable[..., None]:
     """Return `run_job` as a function that releases the GIL."""
     prototype = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64)
-    function: Callable[..., None] = driver(width).function('run_job', prototype)
+    function: Callable[..., None] = batch_driver(width).function('run_job', prototype)
     return function
 
 

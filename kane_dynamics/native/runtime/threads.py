@@ -17,7 +17,7 @@ LONGEST = 0.1  # s; a batch looks for interrupts at least about this often
 POLL = 1e-3  # s
 KEPT = 4096  # paces
 SHORTEST = 1e-12  # s for a quantum
-_own = local()  # of each thread: what `one_by_one` asks for
+_own = local()  # of each thread: what `in_calling_thread` asks for
 
 
 def thread_count() -> int:
@@ -118,7 +118,7 @@ def run_concurrently(jobs: Sequence[Callable[[], object]]) -> None:
     While LLVM works on one, without the GIL, another is traced. An interrupt is raised
     when the running jobs have ended; the others do not start. Where no thread can start,
     as at the exit of the interpreter, the calling thread runs all jobs. So it does inside
-    `one_by_one`.
+    `in_calling_thread`.
     """
     before_each = getattr(_own, 'before_each', None)
     if before_each is not None:
@@ -169,7 +169,7 @@ def run_concurrently(jobs: Sequence[Callable[[], object]]) -> None:
 
 
 @contextmanager
-def one_by_one(before_each: Callable[[], object]) -> Iterator[None]:
+def in_calling_thread(before_each: Callable[[], object]) -> Iterator[None]:
     """
     Run the work of `run_concurrently` in the calling thread, inside the block.
 

@@ -99,7 +99,7 @@ class Source:
         def by_columns(values: Any) -> Any:
             return values.reshape(shape).ravel(order='F')
         return MatrixFunction(
-            identifier(f'{self._quantity}_{self._at}'), self._arguments(),
+            casadi_name(f'{self._quantity}_{self._at}'), self._arguments(),
             (full(self._quantity, shape),), self._traced(program, by_columns))
 
     def jacobian(self, function: MatrixFunction) -> MatrixFunction:
@@ -235,6 +235,6 @@ def as_matrix(shape: Shape) -> tuple[int, int]:
     return math.prod(shape[:-1]), shape[-1]
 
 
-def identifier(text: str) -> str:
+def casadi_name(text: str) -> str:
     """Return a name that CasADi accepts, of letters, digits and single underscores."""
     return re.sub(r'[^A-Za-z0-9]+', '_', text).strip('_')

@@ -14,7 +14,7 @@ from kane_dynamics.native.backends.llvm_math import size_limit
 from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.backends.xla_handler import HANDLER, handler_text, MAJOR
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.runtime.loops import driver, FLAGS, ROW, WORDS
+from kane_dynamics.native.runtime.loops import batch_driver, FLAGS, ROW, WORDS
 from kane_dynamics.native.runtime.threads import thread_count
 from kane_dynamics.robot.frameworks.batch_function import BatchFunction
 
@@ -68,8 +68,8 @@ def _handler(function: BatchFunction, name: str) -> object:
     count = kernel.traced().operation_count()
     operations = count.multiplications + count.additions
     text = handler_text(
-        kernel.compile_lanes(for_any=True), driver(width()).address('run_job'), sizes, limits,
-        minor=interface()[1], threads=thread_count(), row=ROW, words=WORDS,
+        kernel.compile_lanes(for_any=True), batch_driver(width()).address('run_job'),
+        sizes, limits, minor=interface()[1], threads=thread_count(), row=ROW, words=WORDS,
         flags=FLAGS, operations=operations)
     code = llvm.Code(llvm.assemble(text, 2, optimise=True))
     handler = code.function(HANDLER, ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p))

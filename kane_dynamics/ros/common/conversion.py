@@ -71,10 +71,10 @@ def order(names: Sequence[str], joints: Sequence[str], what: str) -> Index | Non
     if fault:
         raise InputError(f'{what}: {fault}; expected each of {", ".join(joints)} once, '
                          'or an empty list')
-    return places(joints, names)
+    return joint_places(joints, names)
 
 
-def places(joints: Sequence[str], names: Sequence[str]) -> Index:
+def joint_places(joints: Sequence[str], names: Sequence[str]) -> Index:
     """Return the index of each joint in `names`, which has them all."""
     return np.array(list(map(names.index, joints)), dtype=np.intp)
 
@@ -180,7 +180,7 @@ def point_columns(message: JointTrajectory, joints: Sequence[str], max_points: i
     if fault:
         raise JointNamesError(f'joint_names of the trajectory: {fault}; expected each '
                               f'of {", ".join(joints)} once')
-    index = places(joints, names)
+    index = joint_places(joints, names)
     # Times increase from zero or later.
     times = np.array([nanoseconds(p.time_from_start) for p in message.points]) * 1e-9
     if times[0] < 0.0:

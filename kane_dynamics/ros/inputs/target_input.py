@@ -25,7 +25,7 @@ from kane_dynamics.ros.modes.cartesian_cycle import LONGEST_PERIOD
 from kane_dynamics.ros.modes.cartesian_mode import CartesianMode
 from kane_dynamics.ros.modes.cartesian_target import (CartesianTarget, largest_of,
                                                       pose_of_numbers)
-from kane_dynamics.ros.modes.pose_functions import bound, displaced, displacement
+from kane_dynamics.ros.modes.pose_functions import bound_call, displaced, displacement
 from kane_dynamics.ros.modes.target_reach import REACHED, TargetReach
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
@@ -78,15 +78,15 @@ class TargetInput:
         self._pose = np.eye(4)
         self._start = np.eye(4)
         self._difference = np.zeros(6)
-        self._read_pose = bound(robot, pose_of_numbers, self._pose,
-                                numbers=self._numbers, frame=self._axes)
-        self._compare = bound(robot, displacement, self._difference, start=self._start,
-                              goal=self._pose)
+        self._read_pose = bound_call(robot, pose_of_numbers, self._pose,
+                                     numbers=self._numbers, frame=self._axes)
+        self._compare = bound_call(robot, displacement, self._difference,
+                                   start=self._start, goal=self._pose)
         # Where a target stops that leaves the pose of the message at its speed.
         self._advance = np.zeros(6)
         self._stop_at = np.eye(4)
-        self._read_stop = bound(robot, displaced, self._stop_at, start=self._pose,
-                                step=self._advance)
+        self._read_stop = bound_call(robot, displaced, self._stop_at, start=self._pose,
+                                     step=self._advance)
         self._last_pose: Array | None = None  # the last one that was accepted
         # With fewer speeds a frame moves along curves: straight on is out of its reach.
         self._moves_freely = robot.n >= 6

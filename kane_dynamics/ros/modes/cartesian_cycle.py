@@ -227,7 +227,7 @@ def turned(turns: Scalar, pose: Matrix, six: Vector) -> Vector:
     return np.asarray(either(turns, np.concatenate([R @ six[:3], R @ six[3:]]), six))
 
 
-def posed(memory: TargetMemory, orders: TargetOrders) -> TargetMemory:
+def at_latest_pose(memory: TargetMemory, orders: TargetOrders) -> TargetMemory:
     """Return the memory that reaches the latest pose in the time since the last one."""
     at = orders.posed_at
     before, _ = advanced(memory, orders, at, 1.0)
@@ -295,7 +295,7 @@ class CartesianCycle(NamedTuple):
         last = branch(begins, fresh, last)
 
         # 1. The target by the messages.
-        posed_target = posed(last, asked)
+        posed_target = at_latest_pose(last, asked)
         distance = displacement(measured, posed_target.pose)
         near = flag(_length(distance[:3]) < asked.farthest)
         near = near * flag(_length(distance[3:]) < asked.widest)

@@ -11,7 +11,7 @@ from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.modes.live_law import NativeLaw
 from kane_dynamics.ros.parameters.parameter_checks import terms
-from kane_dynamics.ros.parameters.task_settings import (differ, joint_damping,
+from kane_dynamics.ros.parameters.task_settings import (damping_settings, differ,
                                                         joint_stiffness)
 from kane_dynamics.task_space.joint_impedance import (compile_dampers,
                                                       joint_impedance_law,
@@ -53,7 +53,7 @@ class JointImpedanceMode(NativeLaw):
         settings: dict[str, Any] = {
             'stiffness': joint_stiffness(values, self._robot)[self._places],
             'compensate': terms(values)}
-        for name, of_joints in joint_damping(values, self._robot).items():
+        for name, of_joints in damping_settings(values, self._robot).items():
             settings[name] = None if of_joints is None else of_joints[self._places]
         return settings
 

@@ -13,8 +13,8 @@ import numpy as np
 TINY = 1e-30  # rad^2, below which a rotation vector has no direction
 
 
-def bound(robot: Robot, function: Callable[..., Any], result: Array,
-          **arrays: Array) -> Callable[[], Any]:
+def bound_call(robot: Robot, function: Callable[..., Any], result: Array,
+               **arrays: Array) -> Callable[[], Any]:
     """
     Return a native call without arguments of a function over any scalar.
 

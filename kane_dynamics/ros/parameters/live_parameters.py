@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 from kane_dynamics.errors import InputError, KaneError
-from kane_dynamics.ros.parameters.parameter_checks import (as_text, declare, read,
+from kane_dynamics.ros.parameters.parameter_checks import (declare, parameter_text, read,
                                                            unknown_parameters,
                                                            with_prefix)
 from kane_dynamics.ros.parameters.parameter_table import Spec
@@ -80,7 +80,7 @@ class LiveParameters:
                 unchanged = np.array_equal(value, staged[spec.name])
                 reason = '' if spec.live or unchanged else self._frozen()
                 if reason:
-                    new_value = as_text(change.value)
+                    new_value = parameter_text(change.value)
                     raise InputError(f"parameter '{spec.name}': new value {new_value}; "
                                      f'{reason}')
                 staged[spec.name] = value

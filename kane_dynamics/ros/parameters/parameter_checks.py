@@ -115,11 +115,11 @@ def read(spec: Spec, value: Any) -> Any:
     try:
         return _READERS[spec.kind](spec, value)
     except (TypeError, ValueError):
-        raise InputError(f"parameter '{spec.name}': {as_text(value)}; "
+        raise InputError(f"parameter '{spec.name}': {parameter_text(value)}; "
                          f'expected {spec.constraint}') from None
 
 
-def as_text(value: Any) -> str:
+def parameter_text(value: Any) -> str:
     """
     Return the text of a parameter's value.
 
@@ -230,7 +230,7 @@ def per_joint(values: Mapping[str, Any], name: str, joints: Sequence[str],
         entries = f'{value.size} entries'
         hint = ''
         if value.size == 1:
-            entries = f'a list of one, {as_text(value)}'
+            entries = f'a list of one, {parameter_text(value)}'
             hint = ' without brackets'
         raise InputError(f"parameter '{name}': {entries}; expected one number{hint}, or one "
                          f"for each of the {len(joints)} joints ({', '.join(joints)})")

@@ -65,7 +65,7 @@ def joint_stiffness(values: Mapping[str, Any], robot: Robot) -> Array:
     return stiffness
 
 
-def joint_damping(values: Mapping[str, Any], robot: Robot) -> dict[str, Array | None]:
+def damping_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Array | None]:
     """
     Return the settings of damping of `JointImpedance`, (n_q,): the stated one or a ratio.
 

@@ -18,8 +18,8 @@ from kane_dynamics.errors import CompileError, InputError
 from kane_dynamics.feasibility.path_robot import compile_splines
 from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.machine_code.compiling import reported_to
-from kane_dynamics.native.runtime.loops import driver, support
-from kane_dynamics.native.runtime.threads import one_by_one
+from kane_dynamics.native.runtime.loops import batch_driver, support
+from kane_dynamics.native.runtime.threads import in_calling_thread
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.simulate import compile_simulation, loop_kernels
 from kane_dynamics.simulation.sticking.sticking_steps import compile_sticking_steps
@@ -52,7 +52,7 @@ def compile_answers(robots: Sequence[Robot], locks: bool) -> None:
     """
     robot = robots[0]
     support()  # loops over states, which every kernel shares
-    driver(width())
+    batch_driver(width())
     if locks:
         robot.compile()
     else:
@@ -170,7 +170,7 @@ class LaterKernels:
         began = time.perf_counter()
         # In the background, so that requests for the torque path are served meanwhile.
         try:
-            with reported_to(self._log), one_by_one(self._require_open):
+            with reported_to(self._log), in_calling_thread(self._require_open):
                 while self._waiting:
                     self._compile_next()
         except _ClosedError:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.cdr import (MessageBuffer, Reader, STAMP, STAMP_AT,
                                           TooShortError, write_joint_state)
-from kane_dynamics.ros.common.conversion import Array, Index, NANO, places
+from kane_dynamics.ros.common.conversion import Array, Index, joint_places, NANO
 from kane_dynamics.ros.common.stamped_numbers import MALFORMED, NOT_FINITE
 from kane_dynamics.ros.torque_path.drop_reasons import (FOREIGN, MISSING, NO_VELOCITY,
                                                         SHORT, TWICE)
@@ -264,12 +264,12 @@ class JointStateReader:
         if not self.optional:
             return NO_OTHERS
         present = tuple(k for k, name in enumerate(self.optional) if name in names)
-        entries = places([self.optional[k] for k in present], names)
+        entries = joint_places([self.optional[k] for k in present], names)
         # Efforts count only if the message has those of all actuators.
         efforts = None
         actuated = self._actuated or ()
         if set(actuated) <= set(names):
-            efforts = places(actuated, names)
+            efforts = joint_places(actuated, names)
         return OtherJoints(present, entries, efforts)
 
     def _gather(self, message: JointState, index: Index, others: OtherJoints,
@@ -319,7 +319,7 @@ class JointStateReader:
         if repeated:
             self.detail = ', '.join(repeated)
             return TWICE
-        return places(self.joints, names)
+        return joint_places(self.joints, names)
 
     def _note_missing(self, names: list[str], missing: list[str]) -> str:
         """

@@ -27,9 +27,8 @@ from kane_dynamics.simulation.sticking.friction_state import (bounds, friction_s
 from kane_dynamics.simulation.sticking.sticking_kernel import mode_rows, sticking_kernel
 from kane_dynamics.simulation.sticking.transition_kernel import (BEGIN, CALLS,
                                                                  loop_places, MARGIN,
-                                                                 MOST, ROOT,
-                                                                 search_kernels,
-                                                                 search_places,
+                                                                 MOST, phase_kernels,
+                                                                 phase_places, ROOT,
                                                                  settled_modes, SHORT,
                                                                  START)
 from kane_dynamics.simulation.stops.contact_forces import admissible_state
@@ -62,7 +61,7 @@ def _kernels(choice: StepChoice, contact: FrictionState) -> EventKernels:
     if key not in kept:
         kept[key] = EventKernels(sticking_kernel(choice, contact, holds=False),
                                  sticking_kernel(choice, contact, holds=True),
-                                 *search_kernels(choice, contact))
+                                 *phase_kernels(choice, contact))
     kernels: EventKernels = kept[key]
     return kernels
 
@@ -279,7 +278,7 @@ class _Path:
         self._start = start
         self._n_q = source.robot.n_q
         self._n = source.robot.n
-        self._places = search_places(len(state_names(source.robot)), len(contact.joints))
+        self._places = phase_places(len(state_names(source.robot)), len(contact.joints))
         # The length of the step is the constant after the gains.
         self._place_of_step = 2 * source.robot.n if source.follows else 0
         self._kernels = kernels

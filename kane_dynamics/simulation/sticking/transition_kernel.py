@@ -23,13 +23,13 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
-from kane_dynamics.mechanics.integrators.held_joints import (held_response, masked_solution,
-                                                             REGULAR)
+from kane_dynamics.mechanics.integrators.held_joints import (held_response,
+                                                             masked_solution, REGULAR)
 from kane_dynamics.native.runtime.event_loop import SearchPlaces
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.simulation.step_kernels import (RobotMotion, state_layout, state_names,
-                                                   step_signature, StepChoice, tau_from,
-                                                   traced_step)
+from kane_dynamics.simulation.step_kernels import (RobotMotion, state_layout,
+                                                   state_names, step_signature,
+                                                   StepChoice, tau_from, traced_step)
 from kane_dynamics.simulation.sticking.friction_state import (FrictionModes,
                                                               FrictionState, NEGLIGIBLE,
                                                               of_all_joints, TOUCHING,
@@ -177,7 +177,7 @@ def search_shapes(size: int, k: int) -> Search:
     return Search._make([*[1] * SCALARS, size, size, *[k] * 6, *[kinds] * 3, k, k, 1])
 
 
-def search_kernels(choice: StepChoice, contact: FrictionState) -> tuple[Kernel, Kernel]:
+def phase_kernels(choice: StepChoice, contact: FrictionState) -> tuple[Kernel, Kernel]:
     """
     Return the kernels of one evaluation of the search: START and SETTLE, and later phases.
 
@@ -229,7 +229,7 @@ def settled_modes(kernel: Kernel, contact: FrictionState, state: Array, inputs: 
         The length of this step, s.
 
     """
-    places = search_places(len(state_names(contact.robot)), len(contact.joints))
+    places = phase_places(len(state_names(contact.robot)), len(contact.joints))
     # The search begins at the state, with stops where the robot has them.
     search = np.zeros(places.end + 1)
     search[places.phase] = START
@@ -245,7 +245,7 @@ def settled_modes(kernel: Kernel, contact: FrictionState, state: Array, inputs: 
 
 
 @cache
-def search_places(size: int, k: int) -> Search:
+def phase_places(size: int, k: int) -> Search:
     """Return where the fields of a search are in its row: slices, and numbers of scalars."""
     shapes = search_shapes(size, k)
     ends = np.cumsum(shapes).tolist()
@@ -267,7 +267,7 @@ def _fields(contact: FrictionState, row: Vector) -> Search:
     """Return the fields of a traced search."""
     k = len(contact.joints)
     size = (len(row) - sum(search_shapes(0, k))) // 2
-    return Search(*(row[at] for at in search_places(size, k)))
+    return Search(*(row[at] for at in phase_places(size, k)))
 
 
 def _entries(search: Search) -> list[Scalar]:

@@ -131,7 +131,7 @@ def test_controllable_sets_are_those_of_linear_programs():
         x = float(sets[0, :2].mean())
         v = linprog([-1.0], A[:, 1:], b - A[:, 0] * x,
                     bounds=[(None, None)], method='highs').x[0]
-        assert reachability.fastest_profile(sets, x)[1] == pytest.approx(
+        assert reachability.largest_profile(sets, x)[1] == pytest.approx(
             x + v, rel=1e-6, abs=1e-9)
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from kane_dynamics import InputError, load_urdf, Robot
 from kane_dynamics.cli.parser import main
 from kane_dynamics.identification import excite
-from kane_dynamics.identification.excitation.clearance import (between, Clearance,
-                                                               closest_points, DISTANCE)
+from kane_dynamics.identification.excitation.clearance import (Clearance, closest_points,
+                                                               DISTANCE, lower_bounds)
 from kane_dynamics.identification.excitation.design_criterion import DENSE
 from kane_dynamics.urdf.link_shapes import load_collision_shapes
 import numpy as np
@@ -130,8 +130,8 @@ def test_between_samples_no_function_falls_below_the_bound():
     def values(t):
         wave = np.cos(2.0 * np.pi * 3.0 * (t[:, None] + phases))
         return np.concatenate([wave, np.abs(wave)], axis=1)
-    assert (between(values(t)) <= values(np.linspace(0.0, 1.0,
-                                                     100_001)).min(axis=0)).all()
+    assert (lower_bounds(values(t)) <= values(np.linspace(0.0, 1.0,
+                                                          100_001)).min(axis=0)).all()
 
 
 def test_links_of_meshes_and_without_shapes_have_boxes_and_rods(tmp_path):

@@ -12,8 +12,8 @@ from kane_dynamics.identification import excite, fit_base, Recording, rows
 from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.excitation.design_criterion import DesignCriterion
 from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
-from kane_dynamics.identification.excitation.optimal_excitation import (random_motion,
-                                                                        within)
+from kane_dynamics.identification.excitation.optimal_excitation import (largest_motion,
+                                                                        random_motion)
 import numpy as np
 import pytest
 import threadpoolctl
@@ -47,7 +47,7 @@ def design(model, floor=None):
 def test_condition_number_is_less_than_half_of_that_of_random_motions_in_limits():
     judge = design(arm())
     rng = np.random.default_rng(1)
-    others = [within(judge, random_motion(judge, rng))[0] for _ in range(30)]
+    others = [largest_motion(judge, random_motion(judge, rng))[0] for _ in range(30)]
     conditions = [judge.condition(p) for p in others]
     motion = exciting_motion()
     assert motion.condition == pytest.approx(judge.condition(motion.coefficients))

@@ -16,7 +16,7 @@ from kane_dynamics.identification import (base_parameters, base_speeds, fit_base
 from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.physical_consistency import physical
 from kane_dynamics.identification.regression import (
-    compressed, fit_friction, full_regressor, LOWEST, RegressionRows, stacked)
+    compressed, fit_friction, full_regressor, LOWEST, RegressionRows, stacked_rows)
 from kane_dynamics.identification.result_files import written
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 import mujoco
@@ -239,7 +239,7 @@ def test_exact_recording_of_an_arm_whose_masses_are_known_gives_its_friction_exa
 def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
     data = rows(inaccurate_arm(), noisy().rows(slice(0, 400)))
     equations, _, _ = compressed(data, np.full(6, 0.05))
-    A, b = stacked(equations, np.full(6, 0.5))
+    A, b = stacked_rows(equations, np.full(6, 0.5))
     prior = [body.inertial for body in inaccurate_arm().bodies]
     direct = physical(A, b, prior, np.tile(LOWEST, 6), 100.0)
     for name in ('_unconstrained', '_nearest'):
@@ -256,7 +256,7 @@ def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
 def test_a_program_that_stalls_is_solved_with_shorter_steps_or_refused(
         stalls, monkeypatch):
     data = rows(inaccurate_arm(), noisy().rows(slice(0, 400)))
-    A, b = stacked(compressed(data, np.full(6, 0.05))[0], np.full(6, 0.5))
+    A, b = stacked_rows(compressed(data, np.full(6, 0.05))[0], np.full(6, 0.5))
     prior = [body.inertial for body in inaccurate_arm().bodies]
     program = A, b, prior, np.tile(LOWEST, 6), 100.0
     for name in ('_unconstrained', '_nearest'):

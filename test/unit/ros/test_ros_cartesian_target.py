@@ -56,7 +56,7 @@ class Follower:
 
     def advance(self, now, may_move):
         """Follow the messages up to a time."""
-        posed = cartesian_cycle.posed(self.memory, self.orders)
+        posed = cartesian_cycle.at_latest_pose(self.memory, self.orders)
         self.memory, self.twist = cartesian_cycle.advanced(
             posed, self.orders, float(now - BEGIN), float(may_move))
 

@@ -98,14 +98,14 @@ def unit(value: Any, what: str) -> Array:
     return constant(vector / length, (3,), what)
 
 
-def finite(value: Any, what: str) -> float:
+def finite_number(value: Any, what: str) -> float:
     """Return a finite number; ConstraintError for anything else."""
     return float(constant(value, (), what, ConstraintError))
 
 
 def positive(value: Any, what: str) -> float:
     """Return a positive number; ConstraintError for anything else."""
-    number = finite(value, what)
+    number = finite_number(value, what)
     if number <= 0.0:
         raise ConstraintError(f'{what}: {number}; expected a positive number')
     return number

@@ -13,7 +13,7 @@ from kane_dynamics.mechanics.algebra.dual import moving, rates, values
 from kane_dynamics.mechanics.algebra.spline import clamped_spline
 from kane_dynamics.mechanics.algebra.user_functions import evaluated_scalar
 from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (
-    ConstraintRows, finite, Geometry)
+    ConstraintRows, finite_number, Geometry)
 import numpy as np
 
 
@@ -52,9 +52,9 @@ class Coupling:
         # q_joint = offset + sum of ratio times q_other.
         ratios = {}
         for joint, ratio in self.ratios.items():
-            ratios[joint] = finite(ratio, f"{what}: ratio of '{joint}'")
+            ratios[joint] = finite_number(ratio, f"{what}: ratio of '{joint}'")
         freeze(self, 'ratios', ratios)
-        freeze(self, 'offset', finite(self.offset, f'{what}: offset'))
+        freeze(self, 'offset', finite_number(self.offset, f'{what}: offset'))
 
     @property
     def labels(self) -> tuple[str, ...]:

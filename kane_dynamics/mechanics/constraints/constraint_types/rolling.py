@@ -12,7 +12,7 @@ from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (
-    ConstraintRows, finite, Geometry, positive, triad, unit)
+    ConstraintRows, finite_number, Geometry, positive, triad, unit)
 from kane_dynamics.model.model import Frame, WORLD
 import numpy as np
 
@@ -116,7 +116,7 @@ class Rolling:
         # Lengths and directions, whatever the surface is.
         freeze(self, 'radius', positive(self.radius, f'{what}: radius'))
         freeze(self, 'normal', unit(self.normal, f'{what}: normal'))
-        freeze(self, 'height', finite(self.height, f'{what}: height'))
+        freeze(self, 'height', finite_number(self.height, f'{what}: height'))
         freeze(self, 'surface_axis', unit(self.surface_axis, f'{what}: surface_axis'))
         if self.axis is not None:
             freeze(self, 'axis', unit(self.axis, f'{what}: axis'))

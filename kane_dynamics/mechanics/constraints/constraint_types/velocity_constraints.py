@@ -11,7 +11,7 @@ from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.user_functions import evaluated, evaluated_scalar
 from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (
-    ConstraintRows, finite, Geometry, relative_partials, unit)
+    ConstraintRows, finite_number, Geometry, relative_partials, unit)
 import numpy as np
 
 
@@ -55,7 +55,7 @@ class PointVelocity:
         what = f"constraint '{self.name}'"
         freeze(self, 'direction', unit(self.direction, f'{what}: direction'))
         if not callable(self.value):
-            freeze(self, 'value', finite(self.value, f'{what}: value'))
+            freeze(self, 'value', finite_number(self.value, f'{what}: value'))
 
     @property
     def labels(self) -> tuple[str, ...]:
