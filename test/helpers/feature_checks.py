@@ -35,7 +35,7 @@ from kane_dynamics.optimal_control import TrajectoryOptimizer
 from kane_dynamics.robot.verification import without_rotors
 from kane_dynamics.sweep import Sweep
 from kane_dynamics.sweep.simulator import Simulator
-from mechanisms import with_inertia_in
+from mechanisms import with_friction_times, with_inertia_in
 import numpy as np
 
 TOLERANCE = 1e-11
@@ -623,10 +623,7 @@ def swept(case):
 
 def twice_the_friction(model):
     """Return a model with twice the friction of its joints."""
-    return replace(model, bodies=tuple(replace(body, joint=replace(body.joint, **{
-        name: 2.0 * getattr(body.joint, name)
-        for name in ('damping', 'friction', 'friction_offset')}))
-                                       for body in model.bodies))
+    return with_friction_times(2.0, model)
 
 
 def verification(case):

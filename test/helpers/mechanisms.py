@@ -95,15 +95,49 @@ def random_state(model, seed, count=3):
     return np.random.default_rng(seed).uniform(-2.0, 2.0, (count, model.n))
 
 
+def with_bodies(model, changed):
+    """Return the model with each body replaced by `changed(body)`."""
+    return replace(model, bodies=tuple(changed(body) for body in model.bodies))
+
+
+def with_joints(model, **parameters):
+    """Return the model with these parameters in every joint."""
+    return with_bodies(
+        model, lambda body: replace(body, joint=replace(body.joint, **parameters)))
+
+
+def with_friction_times(factor, model):
+    """Return the model with damping, friction and friction offsets times a factor."""
+    def scaled(body):
+        joint = body.joint
+        return replace(body, joint=replace(
+            joint, damping=factor * joint.damping, friction=factor * joint.friction,
+            friction_offset=factor * joint.friction_offset))
+    return with_bodies(model, scaled)
+
+
+def with_inertials(model, changed):
+    """Return the model with the inertial `changed(inertial)` in every body."""
+    return with_bodies(
+        model, lambda body: replace(body, inertial=changed(body.inertial)))
+
+
 def with_inertia_in(model, kept):
     """Return a model whose bodies `kept` alone have inertia, joints no force."""
     free = {'stiffness': 0.0, 'damping': 0.0, 'friction': 0.0, 'friction_offset': 0.0,
             'armature': 0.0, 'drive': None}
 
-    def empty(beam):
-        return beam and replace(beam, **{name: 0.0 * getattr(beam, name) for name in (
-            'weights', 'spins', 'stiffness', 'damping')})
-    return replace(model, bodies=tuple(replace(
-        body, joint=replace(body.joint, **free), **{} if k in kept else {
-            'inertial': Inertial(), 'beam': empty(body.beam)})
-        for k, body in enumerate(model.bodies)))
+    bodies = []
+    for k, body in enumerate(with_joints(model, **free).bodies):
+        if k not in kept:
+            body = replace(body, inertial=Inertial(), beam=without_inertia(body.beam))
+        bodies.append(body)
+    return replace(model, bodies=tuple(bodies))
+
+
+def without_inertia(beam):
+    """Return the beam without inertia, stiffness and damping; None without a beam."""
+    if beam is None:
+        return None
+    return replace(beam, weights=0.0 * beam.weights, spins=0.0 * beam.spins,
+                   stiffness=0.0 * beam.stiffness, damping=0.0 * beam.damping)

@@ -8,13 +8,13 @@ friction, what is missing in the balance of a joint is its friction, which the s
 law bounds.
 """
 
-from dataclasses import replace
 
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.energy_form import energies
+from mechanisms import with_joints
 import numpy as np
 
 AT_REST = 1e-9  # rad/s or m/s
@@ -67,9 +67,8 @@ def check_fields(robot, run, samples=5, tolerance=1e-8, torque=None, sticking=Fa
 
 def without_dry_friction(model):
     """Return a model whose joints have no friction but damping and the offset."""
-    return replace(model, bodies=tuple(replace(body, joint=replace(
-        body.joint, friction=0.0, friction_backward=None, breakaway_friction=None))
-        for body in model.bodies))
+    return with_joints(model, friction=0.0, friction_backward=None,
+                       breakaway_friction=None)
 
 
 def dry_friction(model, qdot):

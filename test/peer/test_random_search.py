@@ -26,7 +26,7 @@ from kane_dynamics.mechanics.recursive.regressor import parameters_of
 from kane_dynamics.model.ball_coordinates import is_ball_part
 from kane_dynamics.model.model import with_payload
 from kinds_of_mechanism import case, KINDS, PAIRS
-from mechanisms import random_inertial, random_model
+from mechanisms import random_inertial, random_model, with_joints
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -355,9 +355,7 @@ def has_matrices_of_trees(robot):
 
 def without_passive_forces(model):
     """Return a model whose joints have no friction, damping, springs or armature."""
-    return replace(model, bodies=tuple(replace(body, joint=replace(
-        body.joint, damping=0.0, armature=0.0, stiffness=0.0, **NO_FRICTION))
-        for body in model.bodies))
+    return with_joints(model, damping=0.0, armature=0.0, stiffness=0.0, **NO_FRICTION)
 
 
 def check_matrices(robot, q, u, udot, rng):

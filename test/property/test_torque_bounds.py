@@ -11,7 +11,7 @@ from kane_dynamics.mechanics.recursive.regressor import (
     inertial_parameters, parameters_of, pseudo_inertia_of)
 from kane_dynamics.robot.torque_bounds import torque_deviation
 from kinds_of_mechanism import case, KINDS
-from mechanisms import random_model
+from mechanisms import random_model, with_joints
 import numpy as np
 import pytest
 
@@ -278,8 +278,7 @@ def test_bounds_with_load_friction_are_reached(backdriven, loaded):
     law = {'damping': 1.0, 'friction': 2.0, 'armature': 0.5, 'load_friction': 0.2,
            'load_friction_backdriven': backdriven}
     model = random_model(3, 3, branching=0.0)
-    model = replace(model, bodies=tuple(
-        replace(body, joint=replace(body.joint, **law)) for body in model.bodies))
+    model = with_joints(model, **law)
     robot = Robot(model)
     box = box_of(model)
     rng = np.random.default_rng(1)

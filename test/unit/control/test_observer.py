@@ -1,6 +1,5 @@
 """The momentum observer: a low-pass of the external torque; alarms are earned."""
 
-from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 import math
@@ -12,7 +11,7 @@ from kane_dynamics.control.friction_error import FrictionError
 from kane_dynamics.control.momentum_observer import MomentumObserver
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.inertial import Inertial
-from mechanisms import random_model, random_state
+from mechanisms import random_model, random_state, with_joints
 import numpy as np
 import pytest
 
@@ -286,21 +285,18 @@ def test_presliding_friction_is_no_external_torque(law, coupled):
 
     def torque(t, q, u):
         pull = 4.0 * np.array([math.sin(3.0 * t), 0.6 * math.sin(5.0 * t)])
-        return arm.gravity_force(q) + (arm.generalized_force(pull, q) if coupled
-                                       else pull)
+        if coupled:
+            pull = arm.generalized_force(pull, q)
+        return arm.gravity_force(q) + pull
     run = simulate(arm, np.array([0.3, -0.5]), np.zeros(2), 3.0,
                    torque=torque, step=1e-3)
     observer = MomentumObserver(arm, gain=50.0)
-    estimates = np.array(
-        [observer.update(*row) for row in zip(run.t, run.q, run.u, run.tau)])
+    rows = list(zip(run.t, run.q, run.u, run.tau))
+    estimates = np.array([observer.update(*row) for row in rows])
     # Bristles begin without a deflection, as in the simulation.
-    stiff = replace(arm.model, bodies=tuple(
-        replace(body, joint=replace(body.joint, presliding_stiffness=0.0,
-                                    presliding_damping=0.0))
-        for body in arm.model.bodies))
+    stiff = with_joints(arm.model, presliding_stiffness=0.0, presliding_damping=0.0)
     memoryless = MomentumObserver(Robot(stiff, **options), gain=50.0)
-    wrong = np.array(
-        [memoryless.update(*row) for row in zip(run.t, run.q, run.u, run.tau)])
+    wrong = np.array([memoryless.update(*row) for row in rows])
     assert np.abs(wrong).max() > 1.0
     assert np.abs(estimates).max() < 0.03 * np.abs(wrong).max()
 

@@ -11,7 +11,7 @@ from kane_dynamics.feasibility.samples import sampled, STEP
 from kane_dynamics.mechanics.algebra.intervals import highest_free, positive_intervals
 from kane_dynamics.robot.parameters import JointLimits
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
-from mechanisms import random_model
+from mechanisms import random_model, with_joints
 import numpy as np
 import pytest
 
@@ -23,9 +23,8 @@ SPEEDS = np.geomspace(1e-3, 100.0, 1500)
 def arm():
     """Return a robot with friction, springs, slides, a mimic, and a load."""
     model = random_model(5, 3, mimics=1, branching=0.0)
-    return Robot(replace(model, bodies=tuple(
-        replace(body, joint=replace(body.joint, limits=Limits(effort=150.0)))
-        for body in model.bodies)), payload_frame='frame2')
+    limited = with_joints(model, limits=Limits(effort=150.0))
+    return Robot(limited, payload_frame='frame2')
 
 
 def limited(effort, velocity=math.inf, reach=math.inf):

@@ -16,6 +16,7 @@ from kane_dynamics.motion.free_spline import free_velocities
 from kane_dynamics.motion.rests import rests
 from kane_dynamics.motion.uniform_spline import spline_derivatives
 from kane_dynamics.robot.parameters import JointLimits
+from mechanisms import with_joints
 import numpy as np
 from path_torque import torque_along
 from pinocchio_fr3 import pinocchio_fr3
@@ -650,9 +651,7 @@ def test_rests_of_a_motion_stay_the_same_after_it_was_sampled():
 
 def test_reversal_of_all_joints_keeps_the_torques_in_every_microsecond():
     """Friction jumps there, within much less than a segment."""
-    robot = Robot(replace(two_link().model, bodies=tuple(
-        replace(body, joint=replace(body.joint, friction_speed=0.0015))
-        for body in two_link().model.bodies)))
+    robot = Robot(with_joints(two_link().model, friction_speed=0.0015))
     for end in (0.3, -0.2):
         timing = time_optimal(robot, np.outer([0.0, 1.0, end], [1.0, -0.7]))
         assert densest_use(robot, timing.motion) <= 1.001

@@ -9,6 +9,7 @@ import re
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics.cli import main
 from kane_dynamics.identification import diagnose, read_recording
+from mechanisms import with_inertials
 import numpy as np
 import pytest
 from recordings import present, quiet, real, simulated
@@ -194,9 +195,8 @@ def fr3_recording():
     truth = load_urdf(FR3, joints=list(FR3_FRICTION),
                       supplement={'joints': FR3_FRICTION})
     rng = np.random.default_rng(3)
-    truth = replace(truth, bodies=tuple(replace(body, inertial=type(body.inertial)(
-        body.inertial.mass * rng.uniform(0.9, 1.1), body.inertial.com,
-        body.inertial.inertia)) for body in truth.bodies))
+    truth = with_inertials(truth, lambda inertial: replace(
+        inertial, mass=inertial.mass * rng.uniform(0.9, 1.1)))
     return arm, simulated(truth, 3, 0.05, duration=20.0, speed=1.5)
 
 
@@ -270,9 +270,8 @@ def test_good_recording_of_an_arm_with_friction_and_other_masses_is_not_remarked
         seed):
     truth = load_urdf(URDF, supplement={'joints': FRICTION})
     rng = np.random.default_rng(seed)
-    truth = replace(truth, bodies=tuple(replace(body, inertial=type(body.inertial)(
-        body.inertial.mass * rng.uniform(0.7, 1.4), body.inertial.com,
-        body.inertial.inertia)) for body in truth.bodies))
+    truth = with_inertials(truth, lambda inertial: replace(
+        inertial, mass=inertial.mass * rng.uniform(0.7, 1.4)))
     assert diagnose(model(), simulated(truth, seed, 0.5, duration=10.0)) == []
 
 

@@ -8,6 +8,7 @@ from kane_dynamics import load_urdf
 from kane_dynamics.cli import main
 from kane_dynamics.identification import diagnose, read_recording, torque_delays
 from kane_dynamics.identification.presliding import dahl_friction
+from mechanisms import with_inertials
 import numpy as np
 import pytest
 from recordings import present, quiet, real, simulated
@@ -30,9 +31,8 @@ def recorded(name):
     rng = np.random.default_rng(0)
     truth = load_urdf(URDF,
                       supplement={'joints': dict.fromkeys(model.joint_names, LOSSES)})
-    truth = replace(truth, bodies=tuple(replace(body, inertial=type(body.inertial)(
-        body.inertial.mass * rng.uniform(0.7, 1.4), body.inertial.com,
-        body.inertial.inertia)) for body in truth.bodies))
+    truth = with_inertials(truth, lambda inertial: replace(
+        inertial, mass=inertial.mass * rng.uniform(0.7, 1.4)))
     return model, simulated(truth, 2, {'noisy': 0.5, 'exact': 0.0}[name], duration=10.0)
 
 

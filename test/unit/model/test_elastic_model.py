@@ -12,6 +12,7 @@ from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.elastic_joints import (spring_deflection, spring_energy,
                                                     spring_slope, spring_torque)
 from kane_dynamics.model.model import Body
+from mechanisms import with_joints
 import numpy as np
 from numpy.testing import assert_allclose
 import pytest
@@ -274,8 +275,7 @@ def test_a_dead_zone_has_no_inverse():
 
 def with_load_friction(model):
     """Return a model with load friction in all joints."""
-    return replace(model, bodies=tuple(replace(body, joint=replace(
-        body.joint, load_friction=0.1)) for body in model.bodies))
+    return with_joints(model, load_friction=0.1)
 
 
 @pytest.mark.parametrize('make, message', [

@@ -8,6 +8,7 @@ from kane_dynamics import (Inertial, InputError, load_urdf, ModelBuilder, ModelW
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.optimal_control import (CostWeights, PredictiveController,
                                            TrajectoryOptimizer)
+from mechanisms import with_inertials
 import numpy as np
 import pytest
 
@@ -217,10 +218,8 @@ def end_error(name, error, gain):
     model = load_urdf(resource_path('urdf', f'{name}.urdf'), tip=TIPS[name])
     arm = Robot(model, payload_frame=TIPS[name])
     if error == 'mass':
-        arm = Robot(replace(model, bodies=tuple(
-            replace(body, inertial=replace(body.inertial, mass=1.1 * body.inertial.mass,
-                                           inertia=1.1 * body.inertial.inertia))
-            for body in model.bodies)))
+        arm = Robot(with_inertials(model, lambda inertial: replace(
+            inertial, mass=1.1 * inertial.mass, inertia=1.1 * inertial.inertia)))
     else:
         arm.parameters.payload = Inertial(2.0, np.array([0.0, 0.0, 0.1]),
                                           np.zeros((3, 3)))

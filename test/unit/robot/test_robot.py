@@ -10,7 +10,7 @@ from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.recursive.link import denavit_hartenberg, linkage
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import with_payload
-from mechanisms import random_inertial, random_model, random_state
+from mechanisms import random_inertial, random_model, random_state, with_bodies
 import numpy as np
 import pytest
 
@@ -63,11 +63,12 @@ def test_coordinates_in_any_order_mean_the_same():
     model = random_model(4, 5)
     order = [3, 0, 4, 1, 2]
     rank = {old: new for new, old in enumerate(order)}
-    shuffled = replace(
-        model, coordinate_names=tuple(model.coordinate_names[k] for k in order),
-        bodies=tuple(replace(b,
-                             joint=replace(b.joint, coordinate=rank[b.joint.coordinate]))
-                     for b in model.bodies))
+
+    def renumbered(body):
+        coordinate = rank[body.joint.coordinate]
+        return replace(body, joint=replace(body.joint, coordinate=coordinate))
+    names = tuple(model.coordinate_names[k] for k in order)
+    shuffled = replace(with_bodies(model, renumbered), coordinate_names=names)
     q, u, udot = random_state(model, 1)
     a = Robot(model)
     b = Robot(shuffled)

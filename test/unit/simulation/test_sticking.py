@@ -17,7 +17,7 @@ from kane_dynamics.mechanics.friction import (AT_BOUND, friction_torque, held_fo
 from kane_dynamics.simulation.sticking import sticking_steps, transition_kernel
 from kinds_of_mechanism import case, elastic_case, torque_of
 from linkages import at_angle, four_bar_model, PIN, sleigh
-from mechanisms import random_model, wheel
+from mechanisms import random_model, wheel, with_joints
 import numpy as np
 import pytest
 from trajectory_fields import check_fields
@@ -27,8 +27,7 @@ STEP = 1e-3
 
 def rubbing(model, **law):
     """Return a model with the same friction in all joints."""
-    return replace(model, bodies=tuple(
-        replace(body, joint=replace(body.joint, **law)) for body in model.bodies))
+    return with_joints(model, **law)
 
 
 def exact(robot, q0, u0, duration, **options):

@@ -1,6 +1,5 @@
 """Sweeps: rows depend on seed and index, match a reference, are safe."""
 
-from dataclasses import replace
 from functools import cache
 import json
 import multiprocessing
@@ -19,7 +18,7 @@ from kane_dynamics.sweep import read_table, run_sweep, Sweep, workers
 from kane_dynamics.sweep.sampling import drawn, of_joints
 from kane_dynamics.sweep.simulator import Simulator
 from kane_dynamics.sweep.table import SweepTable
-from mechanisms import random_model
+from mechanisms import random_model, with_friction_times
 import numpy as np
 import pytest
 
@@ -68,22 +67,17 @@ def same(a, b):
 
 def reference(given, row):
     """Return a trial's outcomes, simulated in Python with payload as model."""
-    values = {name: x[0] for name, x in drawn(given, [row]).items()}
-    at = {}
-    for name in ('q0', 'u0', 'friction', 'kp', 'kd'):
-        at[name] = of_joints({k: np.array([v])
-                              for k, v in values.items()}, name, JOINTS)[0]
+    draws = drawn(given, [row])
+    values = {name: x[0] for name, x in draws.items()}
+    at = {name: of_joints(draws, name, JOINTS)[0]
+          for name in ('q0', 'u0', 'friction', 'kp', 'kd')}
     mass = values['payload.mass']
     second = values['payload.mass'] * values['payload.gyration']**2
-    load = Inertial(mass, [values[f'payload.com_{x}'] for x in 'xyz'],
-                    second * np.eye(3))
+    com = [values[f'payload.com_{x}'] for x in 'xyz']
+    load = Inertial(mass, com, second * np.eye(3))
     factor = at['friction'][0]
     loaded = with_payload(MODEL, 'frame2', load)
-    plant = Robot(replace(loaded, bodies=tuple(
-        replace(body, joint=replace(body.joint, **{
-            name: factor * getattr(body.joint, name)
-            for name in ('damping', 'friction', 'friction_offset')}))
-        for body in loaded.bodies)))
+    plant = Robot(with_friction_times(factor, loaded))
     nominal = Robot(loaded if values['known_payload'] else MODEL)
     kind = KINDS[int(values['controller'])]
     n = MODEL.n
@@ -98,6 +92,7 @@ def reference(given, row):
         return (nominal.inverse_dynamics(q, u, udot) - nominal.friction_force(u)
                 + nominal.friction_force(u_d))
 
+    # The state: q, u, the work of the torques, the squared errors of tracking.
     def rates(x, wanted):
         q = x[:n]
         u = x[n:2 * n]
@@ -108,16 +103,20 @@ def reference(given, row):
     x = np.concatenate([at['q0'], at['u0'], np.zeros(n + 1)])
     peak = np.zeros(n)
     energies = []
+
+    def energy(x):
+        return plant.kinetic_energy(x[:n], x[n:2 * n]) + plant.potential_energy(x[:n])
     for k in range(given.steps):
-        moments = [np.concatenate(given.motion.sample((k + half) * given.step))
-                   for half in (0.0, 0.5, 1.0)]
-        energies.append(
-            plant.kinetic_energy(x[:n], x[n:2 * n]) + plant.potential_energy(x[:n]))
+        # What is wanted at the begin, in the middle and at the end of the step.
+        moments = [np.concatenate(given.motion.sample((k + part) * given.step))
+                   for part in (0.0, 0.5, 1.0)]
+        energies.append(energy(x))
         peak = np.maximum(peak, np.abs(law(x[:n], x[n:2 * n], moments[0])))
-        x = (runge_kutta_4(rates, x, moments, given.step) if given.integrator == 'rk4'
-             else implicit(plant, law, x, moments, given.step))
-    energies.append(
-        plant.kinetic_energy(x[:n], x[n:2 * n]) + plant.potential_energy(x[:n]))
+        if given.integrator == 'rk4':
+            x = runge_kutta_4(rates, x, moments, given.step)
+        else:
+            x = implicit(plant, law, x, moments, given.step)
+    energies.append(energy(x))
     return {'q': x[:n], 'u': x[n:2 * n], 'peak_torque': peak,
             'rms_error': np.sqrt(x[2 * n + 1:] / given.duration),
             'energy_drift': energies[-1] - energies[0] - x[2 * n]}, energies
