@@ -45,7 +45,8 @@ def test_every_command_that_starts_a_node_is_found():
     starts = []
     for page in PAGES:
         starts += starts_of_page(page)
-    starts += [start for name in TEXTS for start in starts_of_text(TEXTS[name], name)]
+    for name, words in TEXTS.items():
+        starts += starts_of_text(words, name)
     blocks = {start.where.split(': ', 1)[1] for start in starts if ': ' in start.where}
     assert len(commands) > 10
     for line in commands:

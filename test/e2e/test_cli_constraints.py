@@ -279,14 +279,17 @@ def test_rows_far_apart_stay_in_the_assembly_mode_of_the_file(tmp_path):
 
 def test_rows_without_times_are_those_of_rows_with_times(tmp_path):
     timed = tmp_path / 'timed.csv'
-    timed.write_text(
-        't,' + ','.join(f'{what}.{name}' for what in ('q', 'u', 'udot')
-                        for name in DRIVEN) + '\n'
-        + '\n'.join(','.join(map(str, [k, *np.multiply(AT, 1.0 + 0.1 * k), *RATES,
-                                       *ACCELERATIONS])) for k in range(3)) + '\n')
+    lines = ['t']
+    for what in ('q', 'u', 'udot'):
+        for name in DRIVEN:
+            lines[0] += f',{what}.{name}'
+    for k in range(3):
+        row = [k, *np.multiply(AT, 1.0 + 0.1 * k), *RATES, *ACCELERATIONS]
+        lines.append(','.join(map(str, row)))
+    timed.write_text('\n'.join(lines) + '\n')
     untimed = tmp_path / 'untimed.csv'
-    untimed.write_text('\n'.join(line.partition(',')[2]
-                                 for line in timed.read_text().splitlines()) + '\n')
+    without_times = [line.partition(',')[2] for line in lines]
+    untimed.write_text('\n'.join(without_times) + '\n')
     of_times = answer('torque', *ARM, '--motion', str(timed))
     of_rows = answer('torque', *ARM, '--motion', str(untimed))
     assert of_rows['t'] is None and of_rows['tau'] == of_times['tau']

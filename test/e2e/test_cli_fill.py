@@ -119,10 +119,11 @@ def test_all_trajectories_of_a_bag_are_filled_into_a_new_one(tmp_path, robot):
                 storage_plugin=StoragePlugin.MCAP) as writer:
         connection = writer.add_connection('/plan', kind, typestore=types)
         for k in range(2):
-            message = Message(Header(Time(5, k), 'world'), ['joint1', 'joint2'], [
-                Point(np.array(q) + 0.1 * k, none, none, none,
-                      Duration(int(t), int(t % 1 * 10**9)))
-                for t, q in zip(TIMES, POINTS, strict=True)])
+            points = []
+            for t, q in zip(TIMES, POINTS, strict=True):
+                from_start = Duration(int(t), int(t % 1 * 10**9))
+                points.append(Point(np.array(q) + 0.1 * k, none, none, none, from_start))
+            message = Message(Header(Time(5, k), 'world'), ['joint1', 'joint2'], points)
             writer.write(connection, 10**9 * (k + 1), types.serialize_cdr(message, kind))
     done = command('fill', str(URDF), '--motion', str(tmp_path / 'run'), '--out',
                    str(tmp_path / 'filled'))

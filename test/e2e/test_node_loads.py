@@ -131,16 +131,18 @@ def test_no_command_mixes_two_payloads_while_they_alternate(node):
     torques_seen = set()
     for k in range(300):
         # Queues of requests and answers hold ten.
-        if sum(not request.done() for request in pending) < 5:
+        waiting = [request for request in pending if not request.done()]
+        if len(waiting) < 5:
             mass = (0.5, 3.0)[len(pending) % 2]
             pending.append(service.call_async(SetPayload.Request(payload=payload(mass))))
         # Before the state is sent: until then the last payload holds.
         begun = pending[0].done()
         tau = node.ask(Q, np.zeros(3))
         if k > 10 and begun:
-            matches = [close(tau, request) for request in expected]
+            matches = [close(tau, held) for held in expected]
             assert any(matches), tau
             torques_seen.add(matches.index(True))
-    assert wait_until(lambda: all(request.done() for request in pending))
-    assert all(request.result().success for request in pending)
+    for request in pending:
+        assert wait_until(request.done)
+        assert request.result().success
     assert torques_seen == {0, 1}

@@ -150,8 +150,11 @@ def run_console(text, folder):
 
 def compare(shown, answer, what):
     """Raise AssertionError unless what is shown came out, but for blanks and `...`."""
-    pattern = '.*'.join(r'\s+'.join(map(re.escape, part.split())) if part.strip() else ''
-                        for part in re.split(r'\.\.\.', shown))
+    parts = []
+    for part in shown.split('...'):
+        words = [re.escape(word) for word in part.split()]
+        parts.append(r'\s+'.join(words))
+    pattern = '.*'.join(parts)
     pattern = re.sub(r'(?<=\.\*)|(?=\.\*)', r'\\s*', pattern)
     assert re.fullmatch(rf'\s*{pattern}\s*', answer, re.DOTALL), (
         f'{what}\nshows:\n{shown}\nbut gives:\n{answer}')

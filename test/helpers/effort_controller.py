@@ -122,29 +122,29 @@ def drive(joints, gains, hold):
     waiting = []
     errors = []
     loop = None
-    before = 0.0
+    last = 0.0
 
     def on_state(message):
-        nonlocal loop, before
+        nonlocal loop, last
         now = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         index = [list(message.name).index(name) for name in joints]
         q = np.array(message.position)[index]
         u = np.array(message.velocity)[index]
         if waiting:
             loop = EffortLoop(gains)
-            before = now
+            last = now
             loop.accept(now, q, *fields(waiting.pop()))
             errors.clear()
         if loop is None:
             return
-        commands.publish(Float64MultiArray(
-            data=loop.update(now, now - before, q, u).tolist()))
-        before = now
+        torques = loop.update(now, now - last, q, u)
+        commands.publish(Float64MultiArray(data=torques.tolist()))
+        last = now
         errors.append(q - loop.desired(now))
         if now > loop.end + hold:
             loop = None
-            print(json.dumps(np.sqrt(np.mean(np.square(errors), axis=0)).tolist()),
-                  flush=True)
+            rms = np.sqrt(np.mean(np.square(errors), axis=0))
+            print(json.dumps(rms.tolist()), flush=True)
 
     def fields(message):
         index = [list(message.joint_names).index(name) for name in joints]

@@ -602,18 +602,18 @@ def swept(case):
     for integrator, tolerance in (('rk4', CLOSED), ('implicit', 1e-7)):
         rows = Simulator(Sweep(robot, samples=2, duration=1e-5, step=1e-5,
                                integrator=integrator, **start)).columns(0)
-        for kind, names, expected in zip('qu',
-                                         (robot.coordinate_names, robot.speed_names),
-                                         reference_step(case, 1e-5)):
-            assert_close([rows[f'{kind}.{name}'][1] for name in names], expected,
-                         tolerance)
+        q, u = reference_step(case, 1e-5)
+        assert_close([rows[f'q.{name}'][1] for name in robot.coordinate_names], q,
+                     tolerance)
+        assert_close([rows[f'u.{name}'][1] for name in robot.speed_names], u, tolerance)
     load = box(1.5, (0.1, 0.1, 0.1), at=(0.02, 0.03, 0.05))
     heavy = Robot(with_payload(twice_the_friction(robot.model), TOOL, load),
                   **robot.options)
-    rows = Simulator(Sweep(robot, samples=1, duration=0.02, step=1e-4, **start, payload={
-        'frame': TOOL, 'mass': load.mass, 'com': load.com.tolist(),
-        'gyration': float(np.sqrt(load.inertia[0, 0] / load.mass))}, friction={
-            name: 2.0 for name in robot.joint_names if 'mode' not in name})).columns(0)
+    payload = {'frame': TOOL, 'mass': load.mass, 'com': load.com.tolist(),
+               'gyration': float(np.sqrt(load.inertia[0, 0] / load.mass))}
+    friction = {name: 2.0 for name in robot.joint_names if 'mode' not in name}
+    rows = Simulator(Sweep(robot, samples=1, duration=0.02, step=1e-4, payload=payload,
+                           friction=friction, **start)).columns(0)
     run = simulate(heavy, case.q, case.u, 0.02, step=1e-4, t0=case.time)
     assert rows['ok'].all() and rows['energy_closes'].all()
     assert_close([rows[f'q.{name}'][0] for name in robot.coordinate_names], run.q[-1],

@@ -143,21 +143,20 @@ def case(*kinds):
     if 'chosen speeds' in kinds:
         choice['speeds'] = rheonomic if 'time-dependent' in kinds else absolute_rates
     elif 'time-dependent' in kinds:
-        free = 'free and ball joints' in kinds
-        constraints.append(Prescribed(
-            'craft/x' if 'closed loop' in kinds and free else 'table' if 'closed loop'
-            in kinds else 'upper' if free else 'fore', drive, name='drive'))
+        driven = {(True, True): 'craft/x', (True, False): 'table',
+                  (False, True): 'upper', (False, False): 'fore'}
+        joint = driven['closed loop' in kinds, 'free and ball joints' in kinds]
+        constraints.append(Prescribed(joint, drive, name='drive'))
     if 'closed loop' in kinds:
         constraints.append(Closure('end', 'ground', 'revolute',
                                    axis=(0, 1, 0), name='pin'))
     if 'nonholonomic' in kinds:
         constraints.append(knife_edge('cart', (0, 1, 0), name='runner'))
     robot = Robot(model, constraints=constraints, wrench_frames=('tool',),
-                  payload_frame='tool',
-                  **choice)
+                  payload_frame='tool', **choice)
     q, u, udot = state(robot)
-    return Case(' and '.join(kinds) or 'tree', robot, q, u,
-                udot, {'t': T} if robot.equations.timed else {})
+    time = {'t': T} if robot.equations.timed else {}
+    return Case(' and '.join(kinds) or 'tree', robot, q, u, udot, time)
 
 
 def state(robot, seed=0):

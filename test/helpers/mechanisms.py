@@ -57,19 +57,28 @@ def random_model(seed, n=6, *, prismatic=0.25, branching=0.3, mimics=0, axes='an
         parent = i - 1
         if i and rng.random() < branching:
             parent = int(rng.integers(WORLD, i))
-        axis = (np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0])
-                if axes == 'principal' or rng.random() < 0.4 else rng.normal(size=3))
+        if axes == 'principal' or rng.random() < 0.4:
+            axis = np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0])
+        else:
+            axis = rng.normal(size=3)
         limits = Limits(-rng.uniform(1, 3), rng.uniform(1, 3), rng.uniform(1, 5),
                         rng.uniform(10, 100))
-        extra = {'damping': rng.uniform(0, 1), 'friction': rng.uniform(0, 1),
-                 'armature': rng.uniform(0, 0.1), 'stiffness': rng.uniform(0, 5),
-                 'rest': rng.normal(), 'friction_offset': np.random.default_rng(
-                     (seed, i)).normal()} if passive else {}
-        coordinate = int(rng.integers(n)) if follows else len(names)
-        multiplier, offset = (rng.uniform(-2, 2),
-                              rng.normal()) if follows else (1.0, 0.0)
+        extra = {}
+        if passive:
+            extra = {'damping': rng.uniform(0, 1), 'friction': rng.uniform(0, 1),
+                     'armature': rng.uniform(0, 0.1), 'stiffness': rng.uniform(0, 5),
+                     'rest': rng.normal(),
+                     # Numbers of its own: the others stay what they were without it.
+                     'friction_offset': np.random.default_rng((seed, i)).normal()}
         name = f'joint{i}'
-        if not follows:
+        if follows:
+            coordinate = int(rng.integers(n))
+            multiplier = rng.uniform(-2, 2)
+            offset = rng.normal()
+        else:
+            coordinate = len(names)
+            multiplier = 1.0
+            offset = 0.0
             names.append(name)
         joint = Joint(
             name, 'prismatic' if rng.random() < prismatic else 'revolute', axis,

@@ -52,16 +52,21 @@ class Stress:
 
     def __init__(self):
         self.models = [random_model(seed, 3) for seed in (3, 4)]
-        self.states = [
-            np.array([random_state(model, k) for k in range(STATES)]).swapaxes(0, 1)
-            for model in self.models]
+        self.states = []
+        for model in self.models:
+            states = [random_state(model, k) for k in range(STATES)]
+            self.states.append(np.array(states).swapaxes(0, 1))
         self.kept = [self.robot(k) for k in range(2)]
-        self.expected = [{name: self.batch(robot, name, self.states[k])
-                          for name in NAMES} for k, robot in enumerate(self.kept)]
-        self.poses = [robot.frame_pose(FRAME, self.states[k][0])
-                      for k, robot in enumerate(self.kept)]
         self.shared = [self.robot(k) for k in range(2)]
-        for k, robot in enumerate(self.kept):  # fills the cache
+        # What every thread must get, computed before there are threads.
+        self.expected = []
+        self.poses = []
+        for k, robot in enumerate(self.kept):
+            states = self.states[k]
+            self.expected.append({name: self.batch(robot, name, states)
+                                  for name in NAMES})
+            self.poses.append(robot.frame_pose(FRAME, states[0]))
+            # Simulations of one state and of many fill the cache.
             for count in (1, 9):
                 self.simulated(robot, k, count)
         self.failures, self.counts = [], dict.fromkeys(self.works(), 0)

@@ -137,32 +137,35 @@ class Peer:
         tree = me.KanesMethod(self.N, self.q, self.u, kd_eqs=kd)
         tree.kanes_equations(self.bodies, self.loads)
         J = sp.Matrix(list(rows)).jacobian(self.u) if m else sp.zeros(0, n)
-        function = sp.lambdify([self.q, self.u], [method.mass_matrix, method.forcing, J,
-                                                  tree.mass_matrix, tree.forcing,
-                                                  sp.Matrix(self.rates)], cse=True)
+        quantities = [method.mass_matrix, method.forcing, J, tree.mass_matrix,
+                      tree.forcing, sp.Matrix(self.rates)]
+        function = sp.lambdify([self.q, self.u], quantities, cse=True)
 
         def at(q, u):
+            # Dependent speeds from the rows: u_D = A u_I.
             everything = np.zeros(n)
             everything[free] = u
             J = np.array(function(q, everything)[2], dtype=float).reshape(m, n)
-            everything[bound] = -np.linalg.solve(J[:, bound],
-                                                 J[:, free] @ u) if m else ()
-            parts = [np.array(x, dtype=float) for x in function(q, everything)]
-            M = parts[0]
-            f = parts[1][:, 0]
-            M_tree = parts[3]
-            f_tree = parts[4][:, 0]
-            p = n - m  # rows: p dynamical equations, m rates of constraints
-            A = -np.linalg.solve(J[:, bound], J[:, free]) if m else np.zeros((0, n))
+            A = np.zeros((0, n))
+            if m:
+                A = -np.linalg.solve(J[:, bound], J[:, free])
+                everything[bound] = A @ u
+            M, f, _, M_tree, f_tree, qdot = (
+                np.array(x, dtype=float) for x in function(q, everything))
+            f = f[:, 0]
+            f_tree = f_tree[:, 0]
+            # SymPy's rows: p dynamical equations, then m rates of constraints.
+            p = n - m
             drift = np.linalg.solve(M[p:, p:], f[p:]) if m else np.zeros(0)
             udot = np.linalg.solve(M, f)
             all_udot = np.empty(n)
             all_udot[free] = udot[:p]
             all_udot[bound] = udot[p:]
+            # What the tree lacks is the force of the rows: J^T lambda.
             force = np.linalg.lstsq(J.T, M_tree @ all_udot - f_tree, rcond=None)[0]
             return {'mass_matrix': M[:p, :p] + M[:p, p:] @ A,
                     'bias': M[:p, p:] @ drift - f[:p], 'udot': udot[:p],
-                    'qdot': parts[5][:, 0], 'forces': force}
+                    'qdot': qdot[:, 0], 'forces': force}
         return at
 
 

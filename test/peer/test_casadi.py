@@ -88,8 +88,8 @@ def test_values_and_jacobians_are_the_robots(robot, name, compiled):
     results = results if isinstance(results, tuple) else (results,)
     for key, slope, result in zip(inputs, slopes, results, strict=True):
         # CasADi numbers the entries of matrices column by column.
-        columns = np.array(slope).reshape(value.size, *np.shape(inputs[key])).transpose(
-            0, *reversed(range(1, np.ndim(inputs[key]) + 1))).reshape(value.size, -1)
+        by_entry = np.array(slope).reshape(value.size, *np.shape(inputs[key]))
+        columns = np.array([row.ravel(order='F') for row in by_entry])
         rows = np.arange(value.size).reshape(value.shape).ravel(order='F')
         np.testing.assert_allclose(np.array(result), columns[rows], rtol=1e-9, atol=1e-9,
                                    err_msg=key)

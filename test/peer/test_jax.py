@@ -119,14 +119,18 @@ def test_nested_maps_and_loops_of_jax_apply():
     function = arm_function()
     q, u, udot, wrench, payload = arm_arguments(3)
     expected = function(q, u, udot, wrench, payload)
-    nested = jax.vmap(jax.vmap(function,
-                               (0, 0, None, 0, None)), (None, None, 0, None, 0))(
-                                   q, u, udot[:2], wrench, jnp.tile(payload, (2, 1)))
+    # The inner map runs over states and wrenches, the outer one over udot and payloads.
+    inner = jax.vmap(function, (0, 0, None, 0, None))
+    outer = jax.vmap(inner, (None, None, 0, None, 0))
+    nested = outer(q, u, udot[:2], wrench, jnp.tile(payload, (2, 1)))
     np.testing.assert_array_equal(nested[1, 1], expected[1])
     scanned = jax.lax.map(lambda x: function(*x, payload), (q, u, udot, wrench))
     np.testing.assert_array_equal(scanned, expected)
-    again, once = (jax.jit(jax.grad(wrap(lambda *x: (function(*x)**2).sum())))(
-        q, u, udot, wrench, payload) for wrap in (jax.checkpoint, lambda cost: cost))
+
+    def cost(*x):
+        return (function(*x)**2).sum()
+    again = jax.jit(jax.grad(jax.checkpoint(cost)))(q, u, udot, wrench, payload)
+    once = jax.jit(jax.grad(cost))(q, u, udot, wrench, payload)
     np.testing.assert_allclose(again, once, rtol=1e-12)
 
 

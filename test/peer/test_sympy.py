@@ -84,15 +84,24 @@ def test_four_bar(kind, labels):
 def test_chain_of_pendulums(speeds):
     n = 4
     b = ModelBuilder('chain')
+    on = 'world'
+    at = (0, 0, 0)
     for k in range(n):
-        b.body(f'link{k}', f'link{k - 1}' if k else 'world', axis=Y,
-               at=(0, 0, -0.5) if k else (0, 0, 0),
-               inertial=rod(1 + k, (0, 0, 0), (0, 0, -0.5))
-               + point_mass(0.2, (0.1, 0, -0.3)))
+        link = rod(1 + k, (0, 0, 0), (0, 0, -0.5)) + point_mass(0.2, (0.1, 0, -0.3))
+        b.body(f'link{k}', on, axis=Y, at=at, inertial=link)
+        on = f'link{k}'
+        at = (0, 0, -0.5)
     model = b.model()
-    ours = Ours(model, speeds=absolute_rates if speeds == 'absolute' else None)
-    peer = Peer(model, lambda u: u if speeds == 'relative' else
-                [u[0], *(u[k] - u[k - 1] for k in range(1, n))])
+
+    def joint_rates(u):
+        """Return q' of absolute rates: the joint turns by their difference."""
+        return [u[0], *(u[k] - u[k - 1] for k in range(1, n))]
+    if speeds == 'absolute':
+        ours = Ours(model, speeds=absolute_rates)
+        peer = Peer(model, joint_rates)
+    else:
+        ours = Ours(model)
+        peer = Peer(model, lambda u: u)
     agree(ours, peer.derived(), states(n, n))
 
 

@@ -239,11 +239,13 @@ def stewart():
         closures.append(Closure(leg, f'foot{k}', 'universal', axis=(1, 0, 0),
                                 second_axis=(0, 1, 0), name=f'close{k}'))
     model = b.model()
-    rows = []
-    for name in model.coordinate_names:
-        rows.append({'platform/z': 0.8}.get(name, 0.8 if name.startswith('leg') else 1.0
-                                            if name.endswith('/qw') else 0.0))
-    q = np.array(rows)
+    # A guess: the platform 0.8 m up, legs of this length, no rotation.
+    q = np.zeros(len(model.coordinate_names))
+    for k, name in enumerate(model.coordinate_names):
+        if name == 'platform/z' or name.startswith('leg'):
+            q[k] = 0.8
+        elif name.endswith('/qw'):
+            q[k] = 1.0
     closed = Robot(model, constraints=closures).closed_configuration(q)
     return Robot(model, constraints=closures, independent=LEGS, actuated=LEGS,
                  configuration=closed), closed

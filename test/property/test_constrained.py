@@ -168,14 +168,15 @@ def test_loops_of_every_kind_between_any_bodies_move_as_in_the_definition(seed):
     free = []
     dependent = []
     J = everything.rows(everything.state(q)).J.astype(float)
-    for chosen, row in [*((dependent, k) for k in range(len(J))),
-                        *((free, k) for k in range(model.n))]:
-        extended = np.vstack(
-            [S, J[row] if chosen is dependent else np.eye(model.n)[row]])
-        if np.linalg.svd(extended, compute_uv=False)[-1] > 0.01 and len(
-                extended) <= model.n:
+    # Choose rows, then rates, that are well independent of those chosen already.
+    candidates = [(dependent, k, J[k]) for k in range(len(J))]
+    candidates += [(free, k, np.eye(model.n)[k]) for k in range(model.n)]
+    for chosen, k, row in candidates:
+        extended = np.vstack([S, row])
+        least = np.linalg.svd(extended, compute_uv=False)[-1]
+        if least > 0.01 and len(extended) <= model.n:
             S = extended
-            chosen.append(row)
+            chosen.append(k)
     mechanism = Mechanism(model, None, constraints, free, dependent)
     n = len(free)
     motion = mechanism.joint_motion(q, speeds[:n], changes[:n],

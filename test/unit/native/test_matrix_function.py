@@ -110,11 +110,12 @@ def test_a_library_follows_casadis_conventions(tmp_path):
             rows, columns = block.shape
             begins = sparsity(k)[2:3 + columns]
             assert sparsity(k)[:2] == [rows, columns] and begins[-1] == len(block.places)
+            # CasADi's compressed columns: sizes, where columns begin, then the rows.
+            rows_of_entries = sparsity(k)[3 + columns:3 + columns + begins[-1]]
             places = []
             for column in range(columns):
-                for row in sparsity(k)[3 + columns + begins[column]: 3 + columns
-                                       + begins[column + 1]]:
-                    places.append(row + rows * column)
+                for entry in range(begins[column], begins[column + 1]):
+                    places.append(rows_of_entries[entry] + rows * column)
             assert tuple(places) == block.places
     q = np.ascontiguousarray(Q)
     p = np.ascontiguousarray(P)
@@ -122,16 +123,19 @@ def test_a_library_follows_casadis_conventions(tmp_path):
     results = [np.zeros(len(block.places)) for block in function.outputs]
 
     def pointers(arrays):
-        return (ctypes.c_void_p * len(arrays))(*(
-            None if x is None else x.ctypes.data for x in arrays))
+        addresses = [None if x is None else x.ctypes.data for x in arrays]
+        return (ctypes.c_void_p * len(arrays))(*addresses)
+    # An argument that is not there counts as zeros, a result is not written.
     for arguments, present in (((q, p), (0, 1)), ((q, None), (1,)), ((None, p), (0,))):
         for result in results:
             result[:] = 7.0
-        assert library.jac_example(pointers([*arguments, None]), pointers(
-            [results[k] if k in present else None for k in range(2)]), None,
-                                   ctypes.c_void_p(work.ctypes.data), 0) == 0
-        expected = evaluate(function.program, [
-            np.zeros(n) if x is None else x for x, n in zip(arguments, (3, 2))])
+        wanted = [results[k] if k in present else None for k in range(2)]
+        status = library.jac_example(
+            pointers([*arguments, None]), pointers(wanted), None,
+            ctypes.c_void_p(work.ctypes.data), 0)
+        assert status == 0
+        numbers = [np.zeros(n) if x is None else x for x, n in zip(arguments, (3, 2))]
+        expected = evaluate(function.program, numbers)
         ends = np.cumsum([len(block.places) for block in function.outputs])
         for k, part in enumerate(np.split(expected, ends[:-1])):
             np.testing.assert_allclose(results[k], part if k in present else 7.0,

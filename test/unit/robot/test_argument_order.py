@@ -85,11 +85,14 @@ def test_derivatives_differentiate_the_method_by_its_arguments(kinds):
             at = {'t': moved['t']} if one.t else {}
             return np.asarray(
                 getattr(robot, name)(*(moved[key] for key in method), **at))
+        # The reference: central differences of the method along all directions at once.
         expected = (value(1e-6) - value(-1e-6)) / 2e-6
         slopes = robot.derivative(name, *arguments, by=by, **one.t)
-        along = sum(np.tensordot(slope, directions[key], np.ndim(directions[key]))
-                    if np.ndim(directions[key]) else slope * directions[key]
-                    for key, slope in zip(by, slopes))
+        along = np.zeros(expected.shape)
+        for key, slope in zip(by, slopes):
+            # Axes of the input come last in the derivative; a number has none.
+            along = along + np.tensordot(slope, directions[key],
+                                         np.ndim(directions[key]))
         np.testing.assert_allclose(along, expected, atol=1e-7)
         np.testing.assert_allclose(robot.jvp(name, directions, *arguments, **one.t),
                                    along, atol=1e-11)

@@ -90,9 +90,9 @@ class Rig:
 
     def adjust(self, **changes):
         """Change parameters as the node does."""
-        new = self.values | {k: v for k, v in node_values(
-            {k.replace('__', '.'): v for k, v in changes.items()}).items()
-            if k in [name.replace('__', '.') for name in changes]}
+        dotted = {name.replace('__', '.'): value for name, value in changes.items()}
+        checked = node_values(dotted)
+        new = self.values | {name: checked[name] for name in dotted}
         self.modes.check(new)
         self.values = new
         if self.modes.update(new):
