@@ -60,6 +60,7 @@ BLOCKS = 6  # of rows that are left out in turn
 TURNS = 3  # alternating fits of bodies and of what enters nonlinearly
 REWEIGHTED = 2  # fits with weights of the joints by their residuals
 SIGNIFICANT = 2.0  # standard errors of a difference
+PROBABLY = 1.645  # standard errors that a gain exceeds with a probability of 95 %
 CHANCE = 0.025  # that any joint has another law than the arm for its noise alone
 NEGLIGIBLE = 0.01  # relative difference of errors that justifies no further term
 FLOOR = 1e-3  # of the RMS of the torque: smaller errors are no difference
@@ -592,15 +593,17 @@ def _without_square(law: FrictionLaw) -> FrictionLaw:
 def without_harm(laws: Sequence[FrictionLaw], errors: Sequence[Array]
                  ) -> tuple[FrictionLaw, ...]:
     """
-    Return the laws, with Coulomb friction of joints for which theirs predicts clearly worse.
+    Return the laws, with Coulomb friction of joints at which theirs does not help.
 
-    That is where the error on left-out blocks is larger by more than 5 %, and by more than
-    two standard errors, with the mean of all joints as the prior. Squares of the rate are
-    left out where they gain less than 1 %, since they predict higher speeds wrongly there.
-    The errors are those of `chosen_laws`.
+    A law of the load is left out of a joint where the error on left-out blocks is larger by
+    more than 5 %, and by more than two standard errors; it changes bodies, and so all
+    joints. Another law is left out where it does not gain with a probability of 95 %. The
+    mean of all joints is the prior of both. Squares of the rate are left out where they
+    gain less than 1 %, since they predict higher speeds wrongly there. The errors are those
+    of `chosen_laws`.
     """
     plain = errors[LAWS.index(COULOMB)]
-    harmless = []
+    helpful = []
     for j, law in enumerate(laws):
         if law.quadratic:
             linear = _without_square(law)
@@ -609,9 +612,11 @@ def without_harm(laws: Sequence[FrictionLaw], errors: Sequence[Array]
             if with_square > (1.0 - NEGLIGIBLE) * without_square:
                 law = linear
         loss, doubt = _of_alike_drives(np.log(errors[LAWS.index(law)] / plain))
-        is_harm = loss[j] > max(HARM, SIGNIFICANT * float(doubt[j]))
-        harmless.append(COULOMB if is_harm else law)
-    return tuple(harmless)
+        largest_loss = -PROBABLY * float(doubt[j])
+        if law.load:
+            largest_loss = max(HARM, SIGNIFICANT * float(doubt[j]))
+        helpful.append(COULOMB if loss[j] > largest_loss else law)
+    return tuple(helpful)
 
 
 def _simplest(levels: Array) -> int:
