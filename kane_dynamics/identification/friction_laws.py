@@ -35,6 +35,7 @@ Efron & Morris, JASA 70 (1975)).
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from statistics import NormalDist
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags
@@ -560,14 +561,12 @@ def chosen_laws(errors: Sequence[Array], loaded: Flags) -> tuple[FrictionLaw, ..
 
     """
     logarithms = [np.log(of_law) for of_law in errors]
-    blocks, n = errors[0].shape
+    n = errors[0].shape[1]
     of_arm = np.array([of_law.mean(axis=1) for of_law in logarithms])  # (laws, blocks)
     arm_law = LAWS[_simplest(of_arm)]
-    # Student's distribution, since the blocks that give the standard error are few;
     # Bonferroni's correction for all joints and other laws.
     comparisons = n * (len(LAWS) - 1)
-    significant = float(scientific('scipy.special').stdtrit(blocks - 1,
-                                                            1.0 - CHANCE / comparisons))
+    significant = NormalDist().inv_cdf(1.0 - CHANCE / comparisons)
     chosen = []
     for j in range(n):
         law = arm_law
