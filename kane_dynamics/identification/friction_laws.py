@@ -303,7 +303,8 @@ def _best_shapes(rows: LawRows, laws: Sequence[FrictionLaw], fit: LawFit, load: 
             continue
         candidates = SPEEDS
         if not fit.laws[j].presliding:  # near that of the fit before
-            candidates = fit.shapes[j] * NEAR
+            near = np.clip(fit.shapes[j] * NEAR, SPEEDS[0], SPEEDS[-1])
+            candidates = np.unique(near)
         shapes[j] = least_between(missed, candidates, SETTLED)
     return shapes
 

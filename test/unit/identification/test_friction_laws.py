@@ -10,7 +10,7 @@ from kane_dynamics.identification.friction_laws import (chosen_laws, clearly_sma
                                                         law_rows, LAWS, LENGTHS, period, phases,
                                                         without_harm)
 from kane_dynamics.identification.presliding import dahl_friction
-from kane_dynamics.identification.regression import rows
+from kane_dynamics.identification.regression import rows, SPEEDS
 import numpy as np
 import pytest
 from recordings import exciting
@@ -128,6 +128,16 @@ def test_friction_speeds_of_laws_are_fitted_between_the_candidates():
         exact = replace(recording, tau=tau)
         found = identify(model, exact, friction='load', diagnosed=True)
         np.testing.assert_allclose(found.friction_speed, speed, rtol=0.005)
+
+
+def test_a_friction_speed_below_that_of_all_moving_rows_is_not_smaller_than_the_candidates():
+    # Rows in motion are faster than 0.02 rad/s, where friction is then constant.
+    _, recording = recording_of('load')
+    losses = {**LOSSES, 'friction_speed': 1e-3, 'load_friction': 0.15}
+    arm = load_urdf(URDF, supplement={'joints': {'joint1': losses, 'joint2': losses}})
+    tau = Robot(arm).inverse_dynamics(recording.q, recording.u, recording.udot)
+    found = identify(load_urdf(URDF), replace(recording, tau=tau), friction='load', diagnosed=True)
+    assert (found.friction_speed >= SPEEDS[0]).all() and (found.friction_speed < 0.01).all()
 
 
 def test_a_stated_law_is_that_of_all_joints_and_its_error_is_larger_where_it_is_wrong():
