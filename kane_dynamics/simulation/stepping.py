@@ -150,13 +150,16 @@ def run(steps: Steps, starts: Array, count: int, every: int,
     states = np.empty((len(starts), len(sampled), starts.shape[1]))
     states[:, 0] = starts
     # One simulation begins with few steps, unless an earlier one of the robot has shown how
-    # long they take; many share the cost of a chunk from the start.
+    # long they take and no progress is reported; many share the cost of a chunk from the
+    # start.
     least = 1
+    length = FIRST_CHUNK
     paces = steps.robot.kernels.kept
     kind = 'seconds of a step', type(steps), steps.source.choice, steps.stops is None
-    length = max(FIRST_CHUNK, int(CHUNK_SECONDS / paces.get(kind, CHUNK_SECONDS)))
     if not steps.source.single:
         least = length = LEAST_CHUNK
+    elif progress is None and kind in paces:
+        length = max(FIRST_CHUNK, int(CHUNK_SECONDS / paces[kind]))
     longest = max(1, CHUNK_BYTES // starts.nbytes) if len(starts) else count
     done = 0
     while done < count:
