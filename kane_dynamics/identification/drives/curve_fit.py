@@ -56,6 +56,7 @@ class CurveEquations(GearEquations):
         self.segments = segments
         self.holds = (straight.held,)
         self._straight = fit
+        self._bent: dict[tuple[float, ...], tuple[Array, Array]] = {}
         others = [name for name in self.names if name not in ('compliance', 'eta')]
         if offset:
             others.append(TORQUE_OFFSET)
@@ -135,13 +136,21 @@ class CurveEquations(GearEquations):
 
     def _spring(self, value: dict[str, float], link: LinkSignals, gear: Array) -> Array:
         """Return the first equation: the deflection of the curve is the measured one."""
-        bent, _ = _along(self.curve(value), self._spring_load(value, link))
+        bent, _ = self._bent_along(value, link)
         return np.asarray(self._of.of(bent) - self._deflection(value, link))
+
+    def _bent_along(self, value: dict[str, float], link: LinkSignals) -> tuple[Array, Array]:
+        """Return `_along` of the curve; both parts of an evaluation need it."""
+        key = tuple(value.values())
+        if key not in self._bent:
+            self._bent.clear()
+            self._bent[key] = _along(self.curve(value), self._spring_load(value, link))
+        return self._bent[key]
 
     def _elasticity(self, value: dict[str, float]) -> Elasticity:
         """Return the compliance of the curve along the motion, and its time constant."""
         link = self._of_links(value['skew'], slip_speed(value))
-        _, compliance = _along(self.curve(value), self._spring_load(value, link))
+        _, compliance = self._bent_along(value, link)
         mean = float(compliance.mean())
         return Elasticity(mean, float(compliance.std()), mean * value[DAMPING])
 

@@ -120,24 +120,27 @@ def mean_coulomb(speed: Array, slip: float, noise: float) -> Array:
 
     Noise of a standard deviation flattens the mean of a curve: E f(x + n) = f + n^2 f'' / 2.
     """
+    # The ends of both halves of each step: rows and the middles between them, in order.
     x = speed / slip
-    middle = 0.5 * (x[:-1] + x[1:])
-    before, after = np.append(x[0], middle), np.append(middle, x[-1])
+    ends = np.empty(2 * len(x) + 1)
+    ends[1::2] = x
+    ends[2:-1:2] = 0.5 * (x[:-1] + x[1:])
+    ends[0] = x[0]
+    ends[-1] = x[-1]
     # The mean of tanh over each half of the step, by its integral log cosh, is exact for
     # a speed that is linear in time.
-    halves = []
-    for begin, end in ((before, x), (x, after)):
-        change = end - begin
-        small = np.abs(change) < 1e-4
-        integral = np.logaddexp(end, -end) - np.logaddexp(begin, -begin)
-        halves.append(np.where(small, np.tanh(0.5 * (begin + end)),
-                               integral / np.where(small, 1.0, change)))
+    size = np.abs(ends)
+    integral = size + np.log(1.0 + np.exp(-2.0 * size))
+    change = np.diff(ends)
+    small = np.abs(change) < 1e-4
+    of_small = np.tanh(0.5 * (ends[:-1] + ends[1:]))
+    halves = np.where(small, of_small, np.diff(integral) / np.where(small, 1.0, change))
     # Noise of the speed flattens the transition: half its variance times the second
     # derivative.
     slipping = np.tanh(x)
     bend = -2.0 * slipping * (1.0 - slipping**2)
     flattened = 0.5 * (noise / slip)**2 * bend
-    return np.asarray(0.5 * (halves[0] + halves[1]) - flattened)
+    return np.asarray(0.5 * (halves[::2] + halves[1::2]) - flattened)
 
 
 class FrictionSlope(NamedTuple):
@@ -221,6 +224,7 @@ class GearEquations:
         # Spectra of the last parameters: most parameters leave them as they are.
         self._cache: dict[tuple[float, float], LinkSignals] = {}
         self._sliding: dict[float, Array] = {}
+        self._slopes: dict[float, tuple[FrictionSlope, FrictionSlope]] = {}
         self._constant = of.of(np.ones(len(signals.t)))
         self._theta = of.of(signals.theta)
         self._theta_rate = of.rate_of(signals.theta)
@@ -360,6 +364,14 @@ class GearEquations:
             self._sliding[slip] = self._of.of_means(friction)
         return self._sliding[slip]
 
+    def _friction_slopes(self, slip: float) -> tuple[FrictionSlope, FrictionSlope]:
+        """Return the slopes of Coulomb friction of coefficient 1 of motor and link."""
+        if slip not in self._slopes:
+            self._slopes.clear()
+            self._slopes[slip] = (coulomb_slope(self._signals.speed.values, slip),
+                                  coulomb_slope(self._signals.link_speed.values, slip))
+        return self._slopes[slip]
+
     def _covariance(self, value: dict[str, float], slip: float) -> Array:
         """Return the covariance of the equations at each frequency, (F, e, e)."""
         signals, omega = self._signals, self._of.omega
@@ -368,7 +380,7 @@ class GearEquations:
         elastic = 1.0 + 1j * omega * eta
         # Signals with their coefficients in the two equations; friction acts as damping
         # on the noise of a position, by its mean slope.
-        on_motor = coulomb_slope(signals.speed.values, slip)
+        on_motor, on_link = self._friction_slopes(slip)
         damping = value['motor_damping'] + value['motor_friction'] * on_motor.mean
         of_motor = omega**2 * value['rotor_inertia'] - 1j * omega * damping
         terms: list[tuple[float, Any, Any]] = [(signals.noise['theta'], -elastic, of_motor)]
@@ -380,7 +392,6 @@ class GearEquations:
             terms.append((sensor, compliance * ones, -ones))
             terms.append((sensor, spread * ones, nothing))
         else:
-            on_link = coulomb_slope(signals.link_speed.values, slip)
             damping = value['link_damping'] + value['link_friction'] * on_link.mean
             varying = self.varying[1] * ones
             terms.append((1.0, compliance * varying, -varying))

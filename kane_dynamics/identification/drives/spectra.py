@@ -42,6 +42,9 @@ class Spectra:
         w and its derivatives over time.
     omega : (F,) array
         rad/s, from 0.
+    size : int
+        Number of rows with the zeros after them, a product of small primes: other numbers
+        take the Fourier transform many times as long.
 
     """
 
@@ -50,6 +53,7 @@ class Spectra:
     slope: Array
     bend: Array
     omega: Array
+    size: int
 
     def of(self, signal: Array) -> Array:
         """Return the spectrum of a signal, (F,)."""
@@ -83,7 +87,7 @@ class Spectra:
 
     def _transformed(self, window: Array, signal: Array) -> Array:
         """Return the Fourier transform of a windowed signal in the band."""
-        return np.asarray(np.fft.rfft(window * signal)[:len(self.omega)])
+        return np.asarray(np.fft.rfft(window * signal, self.size)[:len(self.omega)])
 
 
 class DelayedSpectrum(NamedTuple):
@@ -134,9 +138,10 @@ def spectra(count: int, step: float, highest: float) -> Spectra:
     bend[:length] = bending
     bend[inner - length:] = bending[::-1]
     window, slope, bend = (np.pad(part, margin) for part in (window, slope, bend))
-    omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(count, step), dtype=np.float64)
+    size = int(scientific('scipy.fft').next_fast_len(count, real=True))
+    omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(size, step), dtype=np.float64)
     inside = omega <= 2.0 * np.pi * highest
-    return Spectra(step, window, slope, bend, omega[inside])
+    return Spectra(step, window, slope, bend, omega[inside], size)
 
 
 def white_noise(signals: Array, step: float) -> Array:
