@@ -343,7 +343,10 @@ class Kernel:
         """
         Return the address of the code of batches, compiled if that was not done yet.
 
-        It is the code for a block of parameters, by default the kernel's, or `for_any`.
+        It is the code for a block of parameters, by default the kernel's, or `for_any`:
+        XLA reads the parameters as an operand, and never runs the shorter code for zeros.
+        That is compiled at the first batch from Python then, and by no change of the
+        parameters after it.
         """
         in_lanes = self._of_batch[0] is lane_text
         reduced = None if for_any else self._reduced
