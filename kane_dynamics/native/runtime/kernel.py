@@ -345,8 +345,8 @@ class Kernel:
 
         It is the code for a block of parameters, by default the kernel's, or `for_any`:
         XLA reads the parameters as an operand, and never runs the shorter code for zeros.
-        That is compiled at the first batch from Python then, and by no change of the
-        parameters after it.
+        That is compiled at the first batch from Python, and by no change of the parameters
+        after it.
         """
         in_lanes = self._of_batch[0] is lane_text
         reduced = None if for_any else self._reduced
@@ -356,7 +356,8 @@ class Kernel:
             if not any(block[:reduced.zeros].tolist()):
                 zeros = reduced.zeros
         kind = _kind_of_batches(in_lanes, zeros)
-        if kind not in self._functions:
+        last = kind if reduced is None else _kind_of_batches(in_lanes, reduced.zeros)
+        if last not in self._functions:
             text, of_any = self._of_batch
             batch_driver(width())
             # Lanes need many registers: in program order fewer values are spilled.

@@ -121,6 +121,20 @@ def test_batches_follow_gravity_that_becomes_vertical_tilted_or_none(name):
         compare(moon)
 
 
+def test_after_the_first_batch_no_change_of_gravity_compiles():
+    robot = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
+    kernel = robot.kernels.quantity('inverse_dynamics')
+    kernel.compile_lanes(for_any=True)
+    codes = dict(kernel._functions)
+    robot.parameters.gravity = (1.0, 0.0, 0.0)
+    kernel.compile_lanes()
+    compiled = dict(kernel._functions)
+    assert len(compiled) == len(codes) + 1
+    robot.parameters.gravity = (0.0, 0.0, -9.81)
+    kernel.compile_lanes()
+    assert kernel._functions == compiled
+
+
 def test_batches_under_vertical_gravity_have_code_with_fewer_operations():
     robot = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')))
     kernel = robot.kernels.quantity('inverse_dynamics')
