@@ -95,7 +95,9 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         is held during step k. (N, K, n): a table for each of N initial states (other
         forms apply to all). ``torque(t, q, u)``: evaluated once a step and held; for a
         single initial state only, because Python would be called N times a step.
-        `ComputedTorque`: evaluated continuously, with friction at the desired speed.
+        `ComputedTorque`: evaluated continuously, with friction at the desired speed; the
+        desired acceleration may jump between two steps, and within one at the cost of
+        the integrator's order.
     sample : float, optional
         Time between the rows of the result, a whole number of steps. Default: about a
         thousand rows, or fewer if N initial states would give more than a million. The

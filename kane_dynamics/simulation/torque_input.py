@@ -8,13 +8,16 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import (ComputedTorque, law_kernel,
                                                    require_rigid)
 from kane_dynamics.errors import InputError
-from kane_dynamics.native.runtime.kernel import Argument, checked, windows
+from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import load_friction_kernel
 from kane_dynamics.simulation.observers import Extremes, Power
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
 import numpy as np
 
+# Beginning, middle and end of a step, in its inside by more than the rounding of times:
+# what both ends are off by cancels.
+STAGES = np.array([1e-9, 0.5, 1.0 - 1e-9])
 # Torques as a user gives them as a function of t, q and u.
 TorqueFunction = Callable[[float, Array, Array], Any]
 
@@ -106,10 +109,8 @@ class TorqueInput:
         An axis of length 1 is of what all simulations, or all steps, share.
         """
         if isinstance(self.torque, ComputedTorque):
-            halves: Array = self.start + np.arange(
-                2 * done, 2 * (done + count) + 1) * np.float64(0.5 * self.step)
-            rows = np.concatenate(self.torque.desired(halves), axis=1)
-            return windows(rows, 3, step=2)[None]  # beginning, middle and end of each step
+            begins = self.start + np.arange(done, done + count) * np.float64(self.step)
+            return self._desired(begins, self.step)
         shared = self.torque.shape[1] == 1
         table: Array = self.torque if shared else self.torque[:, done:done + count]
         return table[:, :, None]
@@ -119,9 +120,18 @@ class TorqueInput:
         if not isinstance(self.torque, ComputedTorque):
             return self.inputs(done, 1)
         begin = self.start + done * np.float64(self.step) + passed
-        moments = begin + length * np.array([0.0, 0.5, 1.0])
-        rows = np.concatenate(self.torque.desired(moments), axis=1)
-        return windows(rows, 3, step=2)[None]
+        return self._desired(np.array([begin]), length)
+
+    def _desired(self, begins: Array, length: float) -> Array:
+        """
+        Return the desired motion of K steps, (1, K, 3, 3 n): beginning, middle and end.
+
+        At `stage_times`.
+        """
+        times = stage_times(begins, length)
+        rows = np.concatenate(self.torque.desired(times.ravel()), axis=1)
+        stages = rows.reshape(1, *times.shape, rows.shape[1])
+        return np.ascontiguousarray(stages)
 
     def torque_within(self, state: Array, done: int, passed: float) -> Array:
         """Return the torque, (n,), `passed` s after the beginning of a step."""
@@ -204,6 +214,16 @@ class TorqueInput:
         times = self.robot.equations.time_inputs(np.tile(moments, len(q)))
         tau: Array = kernel(*arguments, *no_wrench, *times)
         return tau.reshape(u.shape)
+
+
+def stage_times(begins: Array, length: float) -> Array:
+    """
+    Return the times of the beginning, middle and end of K steps, (K, 3), s.
+
+    The ends are in the inside of the step. Where the desired acceleration jumps between
+    two steps, each has its own value, which keeps the integrator's order.
+    """
+    return np.asarray(begins[:, None] + length * STAGES)
 
 
 def torque_input(robot: Robot, step: float, count: int, torque: Any,

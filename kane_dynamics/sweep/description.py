@@ -21,6 +21,7 @@ from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.model.model import Model
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.torque_input import stage_times
 from kane_dynamics.sweep.swept_joints import robot_digest, SweptJoints
 from kane_dynamics.sweep.trial import CONTROLLERS, NONE
 from kane_dynamics.sweep.variation import number_of, parse_value, parse_values, Value
@@ -175,13 +176,15 @@ class Sweep:
 
     @lazy_property
     def desired(self) -> Array | None:
-        """Return the desired q, u, udot at every half step, (2 steps + 1, 3 m); None at rest."""
+        """Return the desired q, u, udot in each step, (steps, 3, 3 m); None at rest."""
         if self.motion is None:
             return None
-        halves: Array = self.t0 + np.arange(2 * self.steps + 1) * np.float64(0.5 * self.step)
+        begins = self.t0 + np.arange(self.steps) * np.float64(self.step)
+        times = stage_times(begins, self.step)
         columns = self.joints.columns(self.motion)
-        parts = [x[:, columns] for x in self.motion.sample(halves)]
-        return np.ascontiguousarray(np.concatenate(parts, axis=1))
+        parts = [x[:, columns] for x in self.motion.sample(times.ravel())]
+        rows = np.concatenate(parts, axis=1)
+        return np.ascontiguousarray(rows.reshape(*times.shape, rows.shape[1]))
 
     @lazy_property
     def description(self) -> dict[str, Any]:

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError, SweepError
-from kane_dynamics.native.runtime.kernel import windows
 from kane_dynamics.simulation.discontinuities import JumpWatch
 from kane_dynamics.simulation.energy_balance import RELATIVE, ROUNDING
 from kane_dynamics.simulation.step_size import stable_integrator
@@ -211,7 +210,7 @@ class Simulator:
         """Return the desired motion of each step, (1 or N, 1 or steps, 3, 3 m)."""
         motion = self.sweep.desired
         if motion is not None:
-            return windows(motion, 3, step=2)[None]
+            return motion[None]
         tracked = self.trial.tracked
         rest = np.zeros((len(q0), 3, 3 * len(tracked)))
         rest[:, :, :len(tracked)] = q0[:, None, tracked]

@@ -661,6 +661,8 @@ class Kernel:
                 lane = block.strides[0]
             if block.ndim > rank and block.shape[1] > 1:
                 step = block.strides[1]
+            if block.ndim > rank and len(block):
+                self._require_rows('a block', block[0], 1)
             rows.append((address(block), lane, step, 0))
         return run_batch(self.compile_lanes(constants), rows, len(result), steps=steps,
                          extremes=extremes)
@@ -711,9 +713,12 @@ class Kernel:
         return run_batch(self.compile_lanes(constants), rows, count)
 
     def _require_rows(self, name: str, rows: NDArray[Any], count: int) -> None:
-        """Raise InputError if an array ends before the machine code would."""
+        """Raise InputError for arrays that are too short, and for rows that are not contiguous."""
         if len(rows) < count:
             raise InputError(f'{self.name}: {name} has {len(rows)} rows; expected {count}')
+        if count and not rows[0].flags.c_contiguous:
+            raise InputError(f'{self.name}: {name} has rows with strides '
+                             f'{rows[0].strides}; expected C-contiguous rows')
 
     def _check(self, result: Array, arrays: Sequence[Array], count: int | None) -> None:
         """Raise InputError if the result is not finite."""

@@ -349,6 +349,19 @@ def test_carries_that_end_before_the_result_are_refused():
         kernel.scan([np.zeros((4, 2)), np.zeros((3, 2))], np.zeros((4, 2)))
 
 
+def test_rows_that_are_not_contiguous_are_refused():
+    """Machine code reads a row as neighbouring numbers, whatever its strides are."""
+    kernel = batch_kernel('sum', lambda x, y: x + y, [('x', (2,)), ('y', (2,))], (2,))
+    x, columns = np.zeros((4, 2)), np.zeros((2, 4)).T
+    words = 'strides .*; expected C-contiguous rows'
+    with pytest.raises(InputError, match=f'input 1 has rows with {words}'):
+        kernel.scan([x, columns], np.zeros((4, 2)))
+    with pytest.raises(InputError, match=f'y has rows with {words}'):
+        kernel.run([x, columns], np.zeros((4, 2)), 4)
+    with pytest.raises(InputError, match=words):
+        kernel.rollout([x[None], columns[None]], np.zeros((1, 4, 2)), 4)
+
+
 def test_too_many_arguments_name_those_that_are_expected():
     kernel = batch_kernel('sum', lambda x, y: x + y, [('x', (2,)), ('y', (2,))], (2,))
     with pytest.raises(InputError, match='sum: 3 arguments; expected at most 2: x, y'):

@@ -9,6 +9,7 @@ from kane_dynamics.native.runtime import loops, threads
 from kane_dynamics.simulation import limit_events, simulate as simulation, stepping
 from kane_dynamics.simulation.simulate import compile_simulation
 from kinds_of_mechanism import case, KINDS
+from linkages import four_bar
 from mechanisms import random_model
 import numpy as np
 import pytest
@@ -224,3 +225,21 @@ def test_events_of_initial_states_and_errors_have_the_time_of_the_simulation():
     assert [event.t for event in run.limit_events] == [2.5]
     with pytest.raises(InputError, match=r'diverged .* at 2\.[5-9]\d* s'):
         simulate(robot, [0.1, 0.2], [1e9, -1e9], 1.0, t0=2.5, step=0.05)
+
+
+def test_joints_of_a_loop_follow_a_motion_of_all_joints():
+    """Columns of a motion, which numpy stores one after the other, are read as rows."""
+    robot = four_bar('table', 'crank', turntable=True)
+    driving = [robot.joint_names.index(name) for name in ('table', 'crank')]
+    q = robot.closed_configuration(np.full(4, 0.3))
+    times, rows = np.linspace(0.0, 0.2, 21), [q]
+    for t in times[1:]:
+        near = rows[-1].copy()
+        near[driving] = q[driving] + 10.0 * t * t * np.array([0.5, 0.6])
+        rows.append(robot.closed_configuration(near, fixed=('table', 'crank'), start=rows[-1]))
+    motion = Motion.from_points(times, rows, joint_names=robot.joint_names)
+    law = ComputedTorque(robot, motion, 100.0, 20.0, followed=('table', 'crank'))
+    for starts in (q, np.array([q, q])):
+        run = simulate(robot, starts, 0.0 * starts[..., :2], 0.2, torque=law)
+        error = run.q[..., driving] - motion.sample(run.t)[0][:, driving]
+        assert np.abs(error).max() < 1e-6
