@@ -1,4 +1,4 @@
-"""Identification chooses the law of friction that an arm has, and the simplest within noise."""
+"""Identification chooses the friction law of an arm, the simplest within noise."""
 
 from dataclasses import replace
 from functools import cache
@@ -6,9 +6,9 @@ from pathlib import Path
 
 from kane_dynamics import InputError, load_urdf, Robot
 from kane_dynamics.identification import identify, Recording
-from kane_dynamics.identification.friction_laws import (chosen_laws, clearly_smaller, LAW_NAMES,
-                                                        law_rows, LAWS, LENGTHS, period, phases,
-                                                        without_harm)
+from kane_dynamics.identification.friction_laws import (
+    chosen_laws, clearly_smaller, LAW_NAMES, law_rows, LAWS, LENGTHS, period, phases,
+    without_harm)
 from kane_dynamics.identification.presliding import dahl_friction
 from kane_dynamics.identification.regression import rows, SPEEDS
 import numpy as np
@@ -46,36 +46,38 @@ SLOW = ('quadratic', 'load and quadratic')
     name, marks=pytest.mark.slow if name in SLOW else ()) for name in LAW_NAMES])
 def test_the_law_of_the_arm_is_chosen_and_predicts_other_motion(law):
     _, recording = recording_of(law)
-    found = identify(load_urdf(URDF), recording, diagnosed=True)
-    assert found.laws == (law, law)
-    assert (found.held_out < 1.25 * NOISE).all()
-    assert set(found.candidates) == set(LAW_NAMES)
-    chosen = found.candidates[law].every
-    for errors in found.candidates.values():
+    identified = identify(load_urdf(URDF), recording, diagnosed=True)
+    assert identified.laws == (law, law)
+    assert (identified.held_out < 1.25 * NOISE).all()
+    assert set(identified.candidates) == set(LAW_NAMES)
+    chosen = identified.candidates[law].every
+    for errors in identified.candidates.values():
         assert (chosen < 1.02 * errors.every).all()
-    np.testing.assert_allclose(found.losses[:, 1], 2.0, rtol=0.15)
+    np.testing.assert_allclose(identified.losses[:, 1], 2.0, rtol=0.15)
     if 'load' in law:
-        np.testing.assert_allclose(found.load_friction, 0.15, rtol=0.15)
+        np.testing.assert_allclose(identified.load_friction, 0.15, rtol=0.15)
     if 'quadratic' in law:
-        np.testing.assert_allclose(found.quadratic_damping, 1.2, rtol=0.15)
+        np.testing.assert_allclose(identified.quadratic_damping, 1.2, rtol=0.15)
     if law == 'presliding':
-        np.testing.assert_allclose(found.presliding, TRAVEL, rtol=0.4)
+        np.testing.assert_allclose(identified.presliding, TRAVEL, rtol=0.4)
         # Bristles slide at the same friction after the same travel.
-        for j, joint in enumerate(found.model.coordinate_joints):
+        for j, joint in enumerate(identified.model.coordinate_joints):
             travel = joint.friction / joint.presliding_stiffness
-            assert travel == pytest.approx(found.presliding[j])
+            assert travel == pytest.approx(identified.presliding[j])
     else:
-        assert not found.presliding.any()
+        assert not identified.presliding.any()
         # The model has the law, and its torque is that of the fit.
-        tau = Robot(found.model).inverse_dynamics(recording.q, recording.u, recording.udot)
-        np.testing.assert_allclose(tau, found.torque(recording), atol=1e-9)
+        tau = Robot(identified.model).inverse_dynamics(recording.q, recording.u,
+                                                       recording.udot)
+        np.testing.assert_allclose(tau, identified.torque(recording), atol=1e-9)
 
 
 def errors_of(**laws):
-    """Return errors of all laws on 6 blocks, the given ones of joints; else those of Coulomb."""
+    """Return errors of all laws on 6 blocks: those given, else those of Coulomb."""
     blocks = 1.0 + 0.2 * np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0])[:, None]
     plain = laws.get('coulomb', np.ones_like(next(iter(laws.values()))))
-    return [blocks * np.atleast_2d(laws.get(name.replace(' ', '_'), plain)) for name in LAW_NAMES]
+    return [blocks * np.atleast_2d(laws.get(name.replace(' ', '_'), plain))
+            for name in LAW_NAMES]
 
 
 def test_a_joint_has_the_law_of_the_arm_only_where_it_helps():
@@ -89,7 +91,7 @@ def test_a_joint_has_the_law_of_the_arm_only_where_it_helps():
         assert [law.name == name for law in found] == expected
 
 
-def test_presliding_of_a_joint_needs_a_gain_beyond_its_noise_unless_alike_drives_have_it():
+def test_presliding_of_a_joint_needs_a_gain_beyond_its_noise_or_that_of_alike_drives():
     alternating = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
     laws = [LAWS[LAW_NAMES.index('presliding')]] * 4
     noisy = -0.1 + 0.2 * alternating  # 1.1 standard errors
@@ -102,7 +104,8 @@ def test_presliding_of_a_joint_needs_a_gain_beyond_its_noise_unless_alike_drives
 
 def test_a_joint_has_another_law_than_the_arm_only_beyond_chance():
     noise = 0.05 * np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
-    for gain, name in ((0.95, 'coulomb'), (0.75, 'quadratic')):  # 2.3 and 13 standard errors
+    # 2.3 and 13 standard errors.
+    for gain, name in ((0.95, 'coulomb'), (0.75, 'quadratic')):
         of_joints = np.exp(noise[:, None] * np.array([1.0, -1.0, 1.0, -1.0]))
         quadratic = of_joints * np.array([1.1, 1.1, 1.1, gain])
         laws = chosen_laws(errors_of(quadratic=quadratic), np.ones(4, dtype=bool))
@@ -123,21 +126,24 @@ def test_friction_speeds_of_laws_are_fitted_between_the_candidates():
     model = load_urdf(URDF)
     for speed in (0.0274, 0.0431):
         losses = {**LOSSES, 'friction_speed': speed, 'load_friction': 0.15}
-        arm = load_urdf(URDF, supplement={'joints': {'joint1': losses, 'joint2': losses}})
+        arm = load_urdf(URDF,
+                        supplement={'joints': {'joint1': losses, 'joint2': losses}})
         tau = Robot(arm).inverse_dynamics(recording.q, recording.u, recording.udot)
         exact = replace(recording, tau=tau)
-        found = identify(model, exact, friction='load', diagnosed=True)
-        np.testing.assert_allclose(found.friction_speed, speed, rtol=0.005)
+        identified = identify(model, exact, friction='load', diagnosed=True)
+        np.testing.assert_allclose(identified.friction_speed, speed, rtol=0.005)
 
 
-def test_a_friction_speed_below_that_of_all_moving_rows_is_not_smaller_than_the_candidates():
+def test_a_friction_speed_below_all_moving_rows_stays_between_the_candidates():
     # Rows in motion are faster than 0.02 rad/s, where friction is then constant.
     _, recording = recording_of('load')
     losses = {**LOSSES, 'friction_speed': 1e-3, 'load_friction': 0.15}
     arm = load_urdf(URDF, supplement={'joints': {'joint1': losses, 'joint2': losses}})
     tau = Robot(arm).inverse_dynamics(recording.q, recording.u, recording.udot)
-    found = identify(load_urdf(URDF), replace(recording, tau=tau), friction='load', diagnosed=True)
-    assert (found.friction_speed >= SPEEDS[0]).all() and (found.friction_speed < 0.01).all()
+    identified = identify(load_urdf(URDF), replace(recording, tau=tau),
+                          friction='load', diagnosed=True)
+    assert (identified.friction_speed >= SPEEDS[0]).all()
+    assert (identified.friction_speed < 0.01).all()
 
 
 def test_a_stated_law_is_that_of_all_joints_and_its_error_is_larger_where_it_is_wrong():
@@ -152,19 +158,22 @@ def test_bodies_and_offsets_follow_only_a_law_that_predicts_clearly_better():
     model = load_urdf(URDF)
     for law, follow in (('coulomb', False), ('quadratic', True)):
         _, recording = recording_of(law)
-        plain = identify(model, recording, friction='coulomb', weight=1e3, diagnosed=True)
-        other = identify(model, recording, friction='quadratic', weight=1e3, diagnosed=True)
+        plain = identify(model, recording, friction='coulomb', weight=1e3,
+                         diagnosed=True)
+        richer = identify(model, recording, friction='quadratic', weight=1e3,
+                          diagnosed=True)
         size = 10 * len(model.bodies)
-        kept = np.array_equal(other.unknowns[:size], plain.unknowns[:size])
-        kept_offsets = np.array_equal(other.losses[:, 3], plain.losses[:, 3])
-        assert kept == kept_offsets == (not follow)
-        assert (other.held_out < 1.25 * NOISE).all()
+        unchanged = np.array_equal(richer.unknowns[:size], plain.unknowns[:size])
+        kept_offsets = np.array_equal(richer.losses[:, 3], plain.losses[:, 3])
+        assert unchanged == kept_offsets == (not follow)
+        assert (richer.held_out < 1.25 * NOISE).all()
 
 
 def test_a_law_that_gains_nothing_is_not_chosen_for_its_noise():
     # The load explains 4 %. The square of the rate explains nothing, with larger noise.
     noise = np.array([0.9, 1.1, 0.9, 1.1, 0.9, 1.1])[:, None] * np.ones((6, 3))
-    errors = {'coulomb': np.ones((6, 3)), 'quadratic': noise, 'load': np.full((6, 3), 0.96),
+    errors = {'coulomb': np.ones((6, 3)), 'quadratic': noise,
+              'load': np.full((6, 3), 0.96),
               'presliding': 2.0 * noise, 'load and quadratic': np.full((6, 3), 0.96)}
     laws = chosen_laws([errors[name] for name in LAW_NAMES], np.ones(3, dtype=bool))
     assert [law.name for law in laws] == ['load'] * 3
@@ -188,8 +197,8 @@ def test_a_gain_is_clear_beyond_a_tenth_and_two_standard_errors():
 
 def test_masses_that_are_not_fitted_are_not_taken_for_friction_of_the_load():
     model, recording = recording_of('load')
-    found = identify(model, recording, friction_only=True, diagnosed=True)
-    assert found.laws == ('coulomb', 'coulomb')
+    identified = identify(model, recording, friction_only=True, diagnosed=True)
+    assert identified.laws == ('coulomb', 'coulomb')
 
 
 @pytest.mark.parametrize('rate', [100.0, 1000.0])
@@ -232,14 +241,16 @@ def test_bristles_remember_nothing_of_another_motion_in_the_same_recording():
     whole = law_rows(rows(model, Recording(times, *both, np.zeros_like(both[0]))))
     np.testing.assert_array_equal(whole.dahl[:len(t)], law_rows(rows(model, alone)).dahl)
     second = Recording(*other, np.zeros_like(q))
-    np.testing.assert_array_equal(whole.dahl[len(t):], law_rows(rows(model, second)).dahl)
+    np.testing.assert_array_equal(whole.dahl[len(t):],
+                                  law_rows(rows(model, second)).dahl)
 
 
 def test_repeated_motion_is_no_test_of_a_fit():
     t = np.arange(0.0, 20.0, 0.01)
     w = 2.0 * np.pi / 5.0
     q = np.column_stack([np.sin(w * t), np.cos(2.0 * w * t) + 0.3 * np.sin(w * t)])
-    u, udot = np.gradient(q, t, axis=0), np.zeros_like(q)
+    u = np.gradient(q, t, axis=0)
+    udot = np.zeros_like(q)
     periodic = Recording(t, q, u, udot, np.zeros_like(q))
     assert period(periodic) == pytest.approx(5.0, abs=0.015)
     place = phases(periodic)
@@ -254,20 +265,22 @@ def test_repeated_motion_is_no_test_of_a_fit():
 
 def test_an_identified_model_has_no_term_of_the_given_model_that_was_not_fitted():
     _, recording = recording_of('coulomb')
-    given = load_urdf(URDF, supplement={'joints': {'joint1': {
+    model = load_urdf(URDF, supplement={'joints': {'joint1': {
         'friction': 1.0, 'breakaway_friction': 3.0, 'stribeck_speed': 0.1,
         'load_friction': 0.2, 'quadratic_damping': 0.5,
         'presliding_stiffness': 50.0, 'presliding_damping': 0.1}}})
-    found = identify(given, recording, friction='coulomb', diagnosed=True)
-    for joint in found.model.coordinate_joints:
+    identified = identify(model, recording, friction='coulomb', diagnosed=True)
+    for joint in identified.model.coordinate_joints:
         assert joint.presliding_stiffness == joint.presliding_damping == 0.0
-    assert (found.held_out < 1.25 * NOISE).all()
-    tau = Robot(found.model).inverse_dynamics(recording.q, recording.u, recording.udot)
-    np.testing.assert_allclose(tau, found.torque(recording), atol=1e-9)
+    assert (identified.held_out < 1.25 * NOISE).all()
+    tau = Robot(identified.model).inverse_dynamics(recording.q, recording.u,
+                                                   recording.udot)
+    np.testing.assert_allclose(tau, identified.torque(recording), atol=1e-9)
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [
-    ({'friction': 'glue'}, "friction: 'glue'; expected one of select, coulomb, quadratic"),
+    ({'friction': 'glue'},
+     "friction: 'glue'; expected one of select, coulomb, quadratic"),
     ({'friction': 'load', 'friction_only': True, 'bounded': False},
      "friction: 'load' with bounded=False; expected 'coulomb'")])
 def test_unknown_laws_are_refused(arguments, words):

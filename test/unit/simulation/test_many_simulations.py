@@ -232,11 +232,13 @@ def test_joints_of_a_loop_follow_a_motion_of_all_joints():
     robot = four_bar('table', 'crank', turntable=True)
     driving = [robot.joint_names.index(name) for name in ('table', 'crank')]
     q = robot.closed_configuration(np.full(4, 0.3))
-    times, rows = np.linspace(0.0, 0.2, 21), [q]
+    times = np.linspace(0.0, 0.2, 21)
+    rows = [q]
     for t in times[1:]:
         near = rows[-1].copy()
         near[driving] = q[driving] + 10.0 * t * t * np.array([0.5, 0.6])
-        rows.append(robot.closed_configuration(near, fixed=('table', 'crank'), start=rows[-1]))
+        rows.append(
+            robot.closed_configuration(near, fixed=('table', 'crank'), start=rows[-1]))
     motion = Motion.from_points(times, rows, joint_names=robot.joint_names)
     law = ComputedTorque(robot, motion, 100.0, 20.0, followed=('table', 'crank'))
     for starts in (q, np.array([q, q])):

@@ -72,7 +72,8 @@ def test_computed_torque_follows_its_motion(robot):
 
 
 @pytest.mark.parametrize('options', [{}, {'sticking': True}, {'stops': True}])
-def test_computed_torque_keeps_the_order_where_the_desired_acceleration_jumps(robot, options):
+def test_computed_torque_keeps_the_order_where_the_desired_acceleration_jumps(
+        robot, options):
     """The points of the motion are at multiples of the step, whose times are rounded."""
     velocities = [0 * Q0, 0 * Q0 + 0.4, 0 * Q0]
     motion = Motion.from_points([0.1, 0.3, 0.6], [Q0, Q0 + 0.2, Q0 - 0.1], velocities,
@@ -80,7 +81,8 @@ def test_computed_torque_keeps_the_order_where_the_desired_acceleration_jumps(ro
     law = ComputedTorque(robot, motion, 50.0, 10.0)
     errors = []
     for step in (8e-3, 4e-3, 2e-3):
-        run = simulate(robot, Q0, 0 * U0, 0.6 if step < 5e-3 else 0.592, step=step, torque=law,
+        run = simulate(robot, Q0, 0 * U0, 0.6 if step < 5e-3 else 0.592,
+                       step=step, torque=law,
                        **options)
         errors.append(np.abs(run.q - motion.sample(run.t)[0]).max())
     assert errors[1] / errors[2] > 8.0 and errors[2] < 1e-8
