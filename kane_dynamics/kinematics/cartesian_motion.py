@@ -372,7 +372,11 @@ class _Follower:
         # No limit is in the way: the pose is singular or out of reach.
         state = self._state(solution.q, np.zeros(6), np.zeros(6))
         distance = float(np.linalg.norm(solution.error[:3]))
-        return f'{distance:.3g} m remain{self._singular(state) or ", out of reach"}'
+        remaining = f'{distance:.3g} m'
+        if self.rows == 6:
+            angle = float(np.linalg.norm(solution.error[3:]))
+            remaining += f' and {angle:.3g} rad'
+        return f'{remaining} remain{self._singular(state) or ", out of reach"}'
 
     def _singular(self, state: _State) -> str:
         """Return a singular configuration in words, or nothing if it is none."""

@@ -30,7 +30,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
-LONGEST = 0.5  # longest step, rad or m
+LONGEST = 0.5  # longest step, rad, and m or lengths of the mechanism
 LARGEST_DAMPING = 1e-2  # squared, so that unreachable targets do not slow the search
 BIAS = 1e-12  # squared damping at zero error
 PATIENCE = 15  # iterations without progress before the next start
@@ -192,6 +192,11 @@ class _Search:
         self.upper = np.full(model.n, np.inf)
         self.lower[angles(model)] = robot.limits.lower[angle_places(model)]
         self.upper[angles(model)] = robot.limits.upper[angle_places(model)]
+        # A slide of a crane may take steps of its size.
+        self.unit = np.ones(model.n)
+        for k, name in enumerate(model.joint_names):
+            if name in model.sliding:
+                self.unit[k] = max(1.0, robot.mechanism.length)
         self.start = np.zeros(robot.n_q)
         self.fixed = self._fixed(joints)
 
@@ -313,7 +318,7 @@ class _Search:
             if not beyond.any():
                 break
             held |= beyond
-        longest = float(np.abs(step).max(initial=0.0))
+        longest = float(np.abs(step / self.unit).max(initial=0.0))
         if longest == 0.0:
             return None
         # No joint passes its limit, and no angle changes so much that the Jacobian is

@@ -3,7 +3,7 @@
 from functools import cache
 from pathlib import Path
 
-from kane_dynamics import (Inertial, InputError, inverse_kinematics, load_urdf,
+from kane_dynamics import (box, Inertial, InputError, inverse_kinematics, load_urdf,
                            ModelBuilder, pose_error, pose_exp, pose_from, pose_log,
                            Robot, rod, rotation_exp, rotation_log, rotation_quaternion,
                            rotation_rpy)
@@ -437,3 +437,17 @@ def test_half_a_turn_is_positive_and_zero_has_no_sign(axes, angles):
 def test_an_invalid_orientation_is_refused(options, words):
     with pytest.raises(InputError, match=words):
         pose_from(**options)
+
+
+def test_a_slide_of_a_crane_takes_steps_of_its_size():
+    """The way is 140 m, in a mechanism of 12 m; from the first start alone."""
+    b = ModelBuilder('gantry')
+    b.body('bridge', 'world', 'prismatic', axis=(1, 0, 0),
+           inertial=box(5000.0, (1, 20, 1)))
+    b.body('trolley', 'bridge', 'prismatic', axis=(0, 1, 0), at=(0, 0, 12),
+           inertial=box(500.0, (1, 1, 1)))
+    b.body('slewing', 'trolley', axis=(0, 0, 1), inertial=box(500.0, (1, 1, 1)))
+    b.frame('hook', 'slewing', at=(4, 0, 0))
+    robot = Robot(b.model())
+    solution = inverse_kinematics(robot, 'hook', [140.0, 5.0, 12.0], starts=1)
+    assert solution.converged and solution.iterations < 40
