@@ -51,6 +51,8 @@ class Spec:
         if self.choices:
             words_of_kind = 'a list of some of' if self.kind == 'names' else 'one of'
             return f'{words_of_kind} {", ".join(self.choices)}'
+        if self.kind == 'vector' and self.high < math.inf:
+            return f'three numbers, each {self._range}'
         # Words for each kind, which appear in the description and in errors.
         words = {'text': 'a string',
                  'flag': 'true or false',
@@ -137,7 +139,8 @@ SPECS = (
          'prefix of the names of joints and frames in messages, for two '
          'arms with the same URDF; parameters and the supplement use the names of the '
          'URDF'),
-    live('gravity', 'vector', [0.0, 0.0, -9.81], 'gravity in world axes, m/s^2'),
+    live('gravity', 'vector', [0.0, 0.0, -9.81], 'gravity in world axes, m/s^2',
+         low=-100.0, high=100.0),
     Spec('payload.frame', 'text', '',
          'frame in which the payload is given, fixed to the link '
          'that carries it; empty: no payload'),

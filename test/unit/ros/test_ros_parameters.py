@@ -90,6 +90,7 @@ def test_a_shipped_file_describes_every_parameter_as_its_table_does(path):
     ('state_timeout', math.nan), ('state_timeout', math.inf), ('state_timeout', True),
     ('state_timeout', '1'), ('state_timeout', None), ('autostart', 1), ('urdf', 5),
     ('gravity', [0.0, 0.0]), ('gravity', [0.0, 0.0, math.nan]), ('gravity', 9.81),
+    ('gravity', [0.0, 0.0, 981.0]),
     ('gains.kp', -1.0), ('gains.kp', [1.0, -1.0]), ('gains.kp', math.inf),
     ('gains.kp', 'high'),
     ('limits.effort', 0.0), ('limits.effort', [math.nan]), ('joints', 'a'),
