@@ -66,18 +66,19 @@ def test_commands_services_and_observer_use_the_deflection_or_say_what_they_assu
         time.sleep(0.01)
     assert wait_until(lambda: len(estimates) > 5)
     assert np.abs(estimates[-1]).max() < 0.1 * np.abs(held - straight).max()
-    assert wait_until(lambda: any('quasi-static deflection' in values.get(
-        'observer: flexible links', '') for _, _, values in client.diagnostics))
+
+    def observer_says():
+        return [values.get('observer: flexible links', '')
+                for _, _, values in client.diagnostics]
+    assert wait_until(lambda: 'quasi-static deflection' in ' '.join(observer_says()))
 
     u = np.array([0.2, -0.1, 0.3, 0.4])
     udot = np.array([1.0, 0.5, -1.0, 2.0])
-    arguments = {'joint_names': rigid.joint_names, 'position': q.tolist(),
-                 'velocity': u.tolist()}
     speeds = [DRIVEN.index(name) for name in rigid.joint_names if name in DRIVEN]
-    arguments['velocity'] = u[speeds].tolist()
+    arguments = {'joint_names': rigid.joint_names, 'position': q.tolist(),
+                 'velocity': u[speeds].tolist()}
     answer = client.call(InverseDynamics, 'inverse_dynamics',
-                         acceleration=udot[speeds].tolist(),
-                         **arguments)
+                         acceleration=udot[speeds].tolist(), **arguments)
     assert answer.success and answer.message == QUASI_STATIC
     np.testing.assert_allclose(
         answer.effort, rigid.joint_torques(bent.inverse_dynamics(q, u, udot), q),

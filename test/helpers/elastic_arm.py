@@ -151,21 +151,22 @@ def simulated(torque, duration, truth=None, start=(0.0, 0.0), links=None):
         u = x[4:6]
         speed = x[6:]
         motor = torque(t, theta, speed)
-        gear = [springs[k](theta[k] - q[k])
-                + truth.damping[k] * (speed[k] - u[k]) for k in range(2)]
         on_link = []
         of_motor = []
         for k in range(2):
-            on_link.append(gear[k] - truth.link_damping[k] * u[k]
+            # Between them the gear: a spring and a damper. Each side has its losses.
+            gear = (springs[k](theta[k] - q[k])
+                    + truth.damping[k] * (speed[k] - u[k]))
+            on_link.append(gear - truth.link_damping[k] * u[k]
                            - truth.link_friction[k] * math.tanh(u[k] / SLIP))
             losses = (truth.motor_damping[k] * speed[k]
                       + truth.motor_friction[k] * math.tanh(speed[k] / SLIP))
-            of_motor.append((motor[k] - gear[k] - losses) / truth.rotor_inertia[k])
+            of_motor.append((motor[k] - gear - losses) / truth.rotor_inertia[k])
         return [*u, *speed, *links.accelerations(q, u, on_link), *of_motor]
 
     t = np.arange(round(duration * RATE)) / RATE
-    sag = [_deflection(spring, weight)
-           for spring, weight in zip(springs, links.gravity(*start))]
+    # At the start the springs hold the weight.
+    sag = list(map(_deflection, springs, links.gravity(*start)))
     solution = solve_ivp(rates, (0.0, t[-1]), [*start, *np.add(start, sag), 0, 0, 0, 0],
                          t_eval=t, rtol=1e-8, atol=1e-10, method='RK45', max_step=2e-3)
     q, theta, u, speed = solution.y.reshape(4, 2, -1).transpose(0, 2, 1)

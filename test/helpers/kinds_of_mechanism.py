@@ -165,15 +165,12 @@ def state(robot, seed=0):
     guess = {'crank': 0.8, 'rocker': -1.5, 'upper': 0.4, 'fore': -0.7, 'cart/rz': 0.5,
              'cart/x': 0.2, 'craft/qw': 1.0, 'hand/qw': 1.0, 'upper_motor': 0.41,
              'fore_motor': -0.69}
-    rows = []
-    for name in robot.coordinate_names:
-        rows.append(0.02 if 'mode' in name else 1.0)
-    small = np.array(rows)
+    modes = [name for name in robot.coordinate_names if 'mode' in name]
+    small = np.array([0.02 if name in modes else 1.0 for name in robot.coordinate_names])
     q = np.array([guess.get(name, 0.0) for name in robot.coordinate_names])
     q = q + 0.1 * small * rng.uniform(-1.0, 1.0, robot.n_q)
     q = on_unit_quaternions(robot.model, q)
     if robot.constraint_names:
-        modes = [name for name in robot.coordinate_names if 'mode' in name]
         q = robot.closed_configuration(q, fixed=modes or None, t=T)
     scale = np.array([0.05 if 'mode' in name else 1.0 for name in robot.speed_names])
     return q, *(scale * rng.uniform(-1.0, 1.0, (2, robot.n)))

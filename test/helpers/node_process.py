@@ -284,8 +284,9 @@ class Client(Node):
         """Publish a joint state; return its stamp."""
         stamp = time.time_ns() if stamp is None else stamp
         message = JointState(name=list(self.joints if names is None else names))
-        message.position = [float(x) for x in q]
-        message.velocity = [] if u is None else [float(x) for x in u]
+        message.position = list(map(float, q))
+        if u is not None:
+            message.velocity = list(map(float, u))
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
         self.states.publish(message)
         return stamp

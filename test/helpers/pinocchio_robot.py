@@ -69,8 +69,8 @@ class Peer:
     def _some_frames(self, rng):
         """Return the names of two links: the one behind most joints, and another."""
         frames = self.model.frames
-        deepest = max(frames,
-                      key=lambda frame: sum(1 for _ in self.model.path(frame.body)))
+        depths = [len(list(self.model.path(frame.body))) for frame in frames]
+        deepest = frames[depths.index(max(depths))]
         moving = [frame.name for frame in frames if frame.body != WORLD]
         return dict.fromkeys([deepest.name, str(rng.choice(moving))])
 

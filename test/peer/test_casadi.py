@@ -128,18 +128,20 @@ def test_a_batch_by_map_has_the_values_and_derivatives_of_its_states(compiled):
     q, u, udot = np.random.default_rng(5).normal(size=(3, 4, 2))
     expected = robot.inverse_dynamics(q, u, udot)
     for parallelization in ('serial', 'thread'):
-        batch = (function.map(4, parallelization) if parallelization == 'serial'
-                 else function.map(4, parallelization, 2))
-        np.testing.assert_allclose(np.array(batch(q.T, u.T, udot.T)).T, expected,
-                                   rtol=1e-12, atol=1e-12)
+        threads = (2,) if parallelization == 'thread' else ()
+        batch = function.map(4, parallelization, *threads)
+        values = np.array(batch(q.T, u.T, udot.T)).T
+        np.testing.assert_allclose(values, expected, rtol=1e-12, atol=1e-12)
     slopes = robot.inverse_dynamics_derivatives(q, u, udot)
-    for jacobian, blocks in zip(function.map(4).jacobian()(q.T, u.T, udot.T, 0), slopes):
+    jacobians = function.map(4).jacobian()(q.T, u.T, udot.T, 0)
+    # A state moves no torque of another: its block is on the diagonal.
+    for jacobian, blocks in zip(jacobians, slopes):
         for k, block in enumerate(blocks):
             place = slice(2 * k, 2 * k + 2)
             np.testing.assert_allclose(np.array(jacobian)[place, place], block,
                                        rtol=1e-9, atol=1e-9)
-    assert np.isfinite(np.array(hessian(function.map(4))(np.concatenate(
-        [q.ravel(), u.ravel(), udot.ravel()])))).all()
+    everything = np.concatenate([q.ravel(), u.ravel(), udot.ravel()])
+    assert np.isfinite(np.array(hessian(function.map(4))(everything))).all()
 
 
 def swing(robot, compiled):

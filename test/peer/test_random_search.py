@@ -26,7 +26,7 @@ from kane_dynamics.mechanics.recursive.regressor import parameters_of
 from kane_dynamics.model.ball_coordinates import is_ball_part
 from kane_dynamics.model.model import with_payload
 from kinds_of_mechanism import case, KINDS, PAIRS
-from mechanisms import random_inertial, random_model, with_joints
+from mechanisms import random_inertial, random_model, with_inertials, with_joints
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -204,8 +204,9 @@ def with_random_drives(robot, near, rng):
     drives = {}
     for k, body in enumerate(model.bodies):
         joint = body.joint
-        if (joint.name not in model.joint_names or joint.deflection is not None
-                or is_ball_part(k, model.balls) or rng.random() < 0.5):
+        follows = joint.name not in model.joint_names
+        has_spring = joint.deflection is not None
+        if follows or has_spring or is_ball_part(k, model.balls) or rng.random() < 0.5:
             continue
         place = joint.coordinate
         drive = random_drive(joint, inertias[place], mechanism.units[place], rng)
@@ -215,10 +216,10 @@ def with_random_drives(robot, near, rng):
     elastic = with_drives(model, drives)
     if near is None:
         return Robot(elastic, **robot.options), None
-    places = {name: k for k, name in enumerate(model.coordinate_names)}
-    near = np.array(
-        [near[places[name if name in places else name.removesuffix('_motor')]]
-         for name in elastic.coordinate_names])
+    # Motors are where their joints are: no spring is deflected.
+    by_name = dict(zip(model.coordinate_names, near))
+    near = np.array([by_name.get(name, by_name.get(name.removesuffix('_motor')))
+                     for name in elastic.coordinate_names])
     options = robot.options | {'configuration': near}
     return Robot(elastic, **options), near
 
@@ -228,8 +229,8 @@ def random_state(robot, near, rng):
     model = robot.model
     t = 0.4 if robot.equations.timed else 0.0
     units = Mechanism(model).units
-    modes = set(model.modal_coordinates)
-    size = np.array([0.02 if k in modes else 1.0 for k in range(model.n)]) * units
+    size = np.array(units, dtype=float)
+    size[list(model.modal_coordinates)] *= 0.02
     spread = 0.1 if near is not None else 1.0
     start = neutral(model) if near is None else near
     q = moved(model, start, spread * size * rng.uniform(-1.0, 1.0, model.n))
@@ -327,11 +328,10 @@ def matrices_of_trees(robot, q, u, udot, rng):
 
     def regressor(compute):
         # With other inertias than the model's: all columns count.
-        inertials = [random_inertial(rng) for _ in model.bodies]
-        without_springs = without_passive_forces(replace(model, bodies=tuple(
-            replace(body, inertial=inertial)
-            for body, inertial in zip(model.bodies, inertials))))
-        parameters = np.concatenate([parameters_of(x.pseudo_inertia) for x in inertials])
+        changed = with_inertials(model, lambda inertial: random_inertial(rng))
+        without_springs = without_passive_forces(changed)
+        parameters = np.concatenate([parameters_of(body.inertial.pseudo_inertia)
+                                     for body in changed.bodies])
         near_to(compute(q, u, udot) @ parameters,
                 kane.inverse_dynamics(without_springs, q, u, udot), 1e-10)
 

@@ -99,10 +99,14 @@ def test_reactions_balance_newtons_and_eulers_equations_of_each_body(drawn):
     at = kinematics.frame_pose(model, pushed, q)[1]
     size = size_of(*reactions)
     for k, (body, placed, motion) in enumerate(zip(model.bodies, bodies, motions)):
+        # Forces and moments on the body, and where they act: its joint, those of the
+        # bodies that it carries, the push.
         loads = [(reactions[k], placed.p_wb)]
-        loads += [(-reactions[c], bodies[c].p_wb) for c, child in enumerate(model.bodies)
-                  if child.parent == k]
-        loads += [(PUSH[0], at)] if pushed.body == k else []
+        for c, child in enumerate(model.bodies):
+            if child.parent == k:
+                loads.append((-reactions[c], bodies[c].p_wb))
+        if pushed.body == k:
+            loads.append((PUSH[0], at))
         force = sum(load[:3] for load, _ in loads) + body.inertial.mass * model.gravity
         moment = sum(load[3:] + np.cross(p - placed.p_com, load[:3])
                      for load, p in loads)

@@ -22,7 +22,7 @@ from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.native.tracing.wide import WideLanes
 from kane_dynamics.robot import kernel_set
 from kane_dynamics.robot.kernel_set import COMPARED, method_in_lanes
-from mechanisms import random_model, random_state
+from mechanisms import random_model, random_state, with_bodies
 import numpy as np
 import pytest
 
@@ -37,10 +37,12 @@ INVERSE = ('inverse_mass_matrix', 'forward_dynamics_derivatives')  # as accurate
 def shuffled(model, seed):
     """Return a model with its coordinates in another order than its bodies."""
     order = np.random.default_rng(seed).permutation(model.n)
-    bodies = tuple(replace(body, joint=replace(body.joint, coordinate=int(
-        order[body.joint.coordinate]))) for body in model.bodies)
+
+    def renumbered(body):
+        coordinate = int(order[body.joint.coordinate])
+        return replace(body, joint=replace(body.joint, coordinate=coordinate))
     names = [model.coordinate_names[k] for k in np.argsort(order)]
-    return replace(model, bodies=bodies, coordinate_names=tuple(names))
+    return replace(with_bodies(model, renumbered), coordinate_names=tuple(names))
 
 
 @settings(max_examples=6, deadline=None)

@@ -99,11 +99,12 @@ def as_rclpy_reads(data):
         message = deserialize_message(data, JointState)
     except Exception:
         return None
-    if any(list(message.name).count(joint) != 1 for joint in (A, B)):
+    names = list(message.name)
+    if names.count(A) != 1 or names.count(B) != 1:
         return None
-    if not len(message.name) == len(message.position) == len(message.velocity):
+    if not len(names) == len(message.position) == len(message.velocity):
         return None
-    order = [list(message.name).index(joint) for joint in (A, B)]
+    order = [names.index(A), names.index(B)]
     q = [message.position[k] for k in order]
     u = [message.velocity[k] for k in order]
     if not all(map(math.isfinite, q + u)):

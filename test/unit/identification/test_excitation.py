@@ -14,6 +14,7 @@ from kane_dynamics.identification.excitation.design_criterion import DesignCrite
 from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
 from kane_dynamics.identification.excitation.optimal_excitation import (largest_motion,
                                                                         random_motion)
+from mechanisms import with_bodies
 import numpy as np
 import pytest
 import threadpoolctl
@@ -165,9 +166,10 @@ def test_an_invalid_search_for_an_exciting_motion_is_refused(change, words):
 
 
 def test_arm_that_cannot_hold_itself_is_refused_by_joint():
-    weak = replace(small(),
-                   bodies=tuple(replace(body, joint=replace(body.joint, limits=replace(
-                       body.joint.limits, effort=1e-3))) for body in small().bodies))
+    def weakened(body):
+        limits = replace(body.joint.limits, effort=1e-3)
+        return replace(body, joint=replace(body.joint, limits=limits))
+    weak = with_bodies(small(), weakened)
     with pytest.raises(InputError,
                        match="motion: none satisfies the effort limit of joint '"):
         excite(weak, starts=1, velocity=1.0, distance=None)

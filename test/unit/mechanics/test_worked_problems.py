@@ -106,14 +106,17 @@ def rods_by_sympy():
         spin = R.diff(t) * R.T
         omega = sp.Matrix([spin[2, 1], spin[0, 2], spin[1, 0]])
         rods.append((mass, r, r.diff(t), R * inertia * R.T, omega))
-    kinetic = sum((mass * v.dot(v) + omega.dot(inertia * omega)) / 2
-                  for mass, _, v, inertia, omega in rods)
-    potential = sum(mass * g * r[2] for mass, r, *_ in rods)
     down = sp.Matrix([0, 0, -g])
-    momentum = sum(
-        (mass * r.cross(v) + inertia * omega for mass, r, v, inertia, omega in rods),
-        sp.zeros(3, 1))
-    weight = sum((r.cross(mass * down) for mass, r, *_ in rods), sp.zeros(3, 1))
+    kinetic = 0
+    potential = 0
+    # About O: the moment of momentum, and the moment of the weights.
+    momentum = sp.zeros(3, 1)
+    weight = sp.zeros(3, 1)
+    for mass, r, v, inertia, omega in rods:
+        kinetic += (mass * v.dot(v) + omega.dot(inertia * omega)) / 2
+        potential += mass * g * r[2]
+        momentum += mass * r.cross(v) + inertia * omega
+        weight += r.cross(mass * down)
     equations = [(kinetic - potential).diff(x.diff(t)).diff(t)
                  - (kinetic - potential).diff(x) for x in (q1, q2)]
     equations.append((momentum.diff(t) - weight).dot(R_A[:, 0]))

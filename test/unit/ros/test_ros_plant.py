@@ -36,10 +36,11 @@ def peer():
 
 def arm(step=1e-3, frames=(), **limits):
     robot = Robot(MODEL, wrench_frames=frames)
-    robot.__dict__['limits'] = JointLimits(**{
-        name: np.broadcast_to(limits.get(name,
-                                         getattr(robot.limits, name)), 2).astype(float)
-        for name in ('lower', 'upper', 'velocity', 'effort')})
+    stated = {}
+    for name in ('lower', 'upper', 'velocity', 'effort'):
+        limit = limits.get(name, getattr(robot.limits, name))
+        stated[name] = np.broadcast_to(limit, 2).astype(float)
+    robot.__dict__['limits'] = JointLimits(**stated)
     return SimulatedArm(robot, step)
 
 
@@ -562,10 +563,9 @@ def holding_torques(arm):
     at_rest = np.zeros(robot.n)
     bias = robot.bias_force(arm._q, at_rest)
     motors = {elastic.name: elastic.drive.motor for elastic in robot.drives}
-    names = [motors.get(name, name) for name in arm.joint_names]
-    speeds = list(robot.speed_names)
-    return np.array(
-        [bias[speeds.index(name)] if name in speeds else 0.0 for name in names])
+    by_speed = dict(zip(robot.speed_names, bias))
+    return np.array([by_speed.get(motors.get(name, name), 0.0)
+                     for name in arm.joint_names])
 
 
 def test_the_implicit_integrator_stops_an_arm_with_stiff_friction():
