@@ -149,8 +149,8 @@ def test_fastest_timing_has_all_joints_and_is_that_of_the_library(motion, tmp_pa
     again = read_motion(out, DRIVEN)
     assert again.duration == pytest.approx(result['duration'], rel=1e-9)
     at = again.times[::101][:-1]
-    for one, another in zip(again.sample(at), expected_timing.motion.sample(at)):
-        np.testing.assert_allclose(one, another, rtol=1e-6, atol=1e-4)
+    for one, reference in zip(again.sample(at), expected_timing.motion.sample(at)):
+        np.testing.assert_allclose(one, reference, rtol=1e-6, atol=1e-4)
     done = command('feasible', *ARM, '--motion', motion, '--time-optimal', '--jerk', '9')
     assert done.returncode != 0 and 'with a limit of jerk or torque rate' in done.stderr
 

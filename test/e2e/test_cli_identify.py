@@ -87,9 +87,9 @@ def test_negative_friction_is_reported_and_written_to_no_file(tmp_path, capsys):
     np.savez(path, t=recording.t, q=recording.q, u=recording.u, tau=tau)
     arguments = ['identify', str(URDF), str(path), '--friction-only', '--unbounded']
     assert main(arguments) == 0
-    told = capsys.readouterr().out
-    assert 'negative: ' in told and 'expected values >= 0' in told
-    assert all(f'{name} damping' in told for name in model.joint_names)
+    printed = capsys.readouterr().out
+    assert 'negative: ' in printed and 'expected values >= 0' in printed
+    assert all(f'{name} damping' in printed for name in model.joint_names)
     assert main([*arguments, '--out', str(out)]) == 2
     assert 'expected a nonnegative number' in capsys.readouterr().err
     assert not out.exists()

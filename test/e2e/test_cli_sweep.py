@@ -115,9 +115,10 @@ def test_a_killed_command_is_carried_on_and_leaves_no_worker_behind(
     assert 0 < parts_before < 20
     assert main(['sweep', str(path), '--out', str(tmp_path / 'out'), '--workers', '1',
                  '--json']) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told['found'], told['made']) == (25 * parts_before, 500 - 25 * parts_before)
-    assert (told['samples'], told['ok'], told['failed']) == (500, 500, 0)
+    printed = json.loads(capsys.readouterr().out)
+    assert (printed['found'], printed['made']) == (25 * parts_before,
+                                                   500 - 25 * parts_before)
+    assert (printed['samples'], printed['ok'], printed['failed']) == (500, 500, 0)
     assert read_table(tmp_path / 'out').equals(expected)
 
 
@@ -167,8 +168,8 @@ def test_a_bad_file_is_exit_code_2_and_says_what_and_where(
     path = tmp_path / 'sweep.yaml'
     path.write_text(change)
     assert main(['sweep', str(path), '--out', str(tmp_path / 'out')]) == 2
-    told = capsys.readouterr().err
-    assert words in told and str(tmp_path) in told
+    printed = capsys.readouterr().err
+    assert words in printed and str(tmp_path) in printed
     assert not (tmp_path / 'out').exists()
 
 

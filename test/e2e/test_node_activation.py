@@ -50,31 +50,31 @@ def test_a_node_that_commands_the_plant_by_itself_stops_when_a_controller_subscr
     time.sleep(0.6)
     assert robot.state() == 'active' and 'deactivated' not in node.log
     hidden.destroy_node()
-    heard = []
+    received = []
     controller = robot.create_subscription(
-        Float64MultiArray, 'commands', lambda message: heard.append(list(message.data)),
-        10)
+        Float64MultiArray, 'commands',
+        lambda message: received.append(list(message.data)), 10)
     subscribed = time.monotonic()
     node.wait_for(
         'deactivated: /client subscribes to /commands and is no simulated robot; '
         'expected simulated robots alone', 5.0)
     assert time.monotonic() - subscribed < 2.0
     assert wait_until(lambda: robot.state() == 'inactive')
-    assert not any(heard[-1])
-    count = len(heard)
+    assert not any(received[-1])
+    count = len(received)
     assert wait_until(
         lambda: any(message.startswith('inactive: deactivated: /client subscribes')
                     and level == b'\1' for level, message, _ in robot.diagnostics))
     robot.destroy_subscription(controller)
     time.sleep(0.5)
-    assert robot.state() == 'inactive' and len(heard) == count
+    assert robot.state() == 'inactive' and len(received) == count
     # On request the node commands any robot.
     controller = robot.create_subscription(
-        Float64MultiArray, 'commands', lambda message: heard.append(list(message.data)),
-        10)
+        Float64MultiArray, 'commands',
+        lambda message: received.append(list(message.data)), 10)
     assert robot.transition(Transition.TRANSITION_ACTIVATE)
     time.sleep(1.0)
-    assert robot.state() == 'active' and any(heard[-1])
+    assert robot.state() == 'active' and any(received[-1])
     node.wait_for('active without torque_guard: if this process died', 5.0)
     robot.destroy_subscription(controller)
 

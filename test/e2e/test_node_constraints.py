@@ -133,12 +133,12 @@ def test_get_dynamics_and_explain_use_the_independent_joints(
     close(answer.mass_matrix, linkage.mass_matrix(configuration).ravel())
     close(answer.bias_force, linkage.bias_force(configuration, [5.0]))
     assert answer.friction_force[0] != 0.0
-    told = node.call(Explain, 'explain', position=configuration.tolist(), velocity=[5.0],
-                     acceleration=[1.0])
-    assert told.success, told.message
-    close(sum(told.explanation.by_source),
+    explanation = node.call(Explain, 'explain', position=configuration.tolist(),
+                            velocity=[5.0], acceleration=[1.0])
+    assert explanation.success, explanation.message
+    close(sum(explanation.explanation.by_source),
           linkage.inverse_dynamics(configuration, [5.0], [1.0])[0])
-    assert abs(told.explanation.power_residual) < 1e-9
+    assert abs(explanation.explanation.power_residual) < 1e-9
 
 
 def test_simulations_return_constraint_forces(node, linkage, configuration):

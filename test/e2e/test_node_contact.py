@@ -47,8 +47,8 @@ class Ear:
         self.payloads = []
         self.client = client
         self.open = [
-            client.create_subscription(kind, f'{NAME}/{topic}', heard.append, qos)
-            for kind, topic, heard, qos in (
+            client.create_subscription(kind, f'{NAME}/{topic}', received_by.append, qos)
+            for kind, topic, received_by, qos in (
                 (Bool, 'collision', self.flags, LATCHED),
                 (JointState, 'external_torques', self.efforts, DEEP),
                 (WrenchStamped, 'external_wrench', self.pushes, DEEP),

@@ -26,9 +26,9 @@ def manager(client):
     """Return the other side of the bond: what it has heard."""
     with imported_package('bond', {'msg/Status.msg': STATUS}):
         from bond.msg import Status
-        heard = []
-        subscription = client.create_subscription(Status, 'bond', heard.append, 100)
-        yield SimpleNamespace(heard=heard)
+        received = []
+        subscription = client.create_subscription(Status, 'bond', received.append, 100)
+        yield SimpleNamespace(heard=received)
         client.destroy_subscription(subscription)
 
 
@@ -36,34 +36,34 @@ def test_a_manager_hears_the_node_while_it_is_active_and_not_when_it_hangs(
         client, start, manager):
     node = start(bond='true')
     node.wait_for('active, mode', 120.0)
-    heard = manager.heard
-    assert wait_until(lambda: len(heard) > 5, 10.0)
-    first = heard[-1]
+    received = manager.heard
+    assert wait_until(lambda: len(received) > 5, 10.0)
+    first = received[-1]
     assert (first.id, first.active) == ('kane_dynamics', True)
     assert first.heartbeat_timeout == 4.0
     assert first.heartbeat_period == pytest.approx(0.1)
-    assert {message.instance_id for message in heard} == {first.instance_id}
+    assert {message.instance_id for message in received} == {first.instance_id}
     # It says so when it is deactivated, and another bond begins when it is active again.
     assert client.transition(Transition.TRANSITION_DEACTIVATE)
-    assert wait_until(lambda: not heard[-1].active)
-    count = len(heard)
-    assert not wait_until(lambda: len(heard) > count, 0.5)
+    assert wait_until(lambda: not received[-1].active)
+    count = len(received)
+    assert not wait_until(lambda: len(received) > count, 0.5)
     assert client.transition(Transition.TRANSITION_ACTIVATE)
-    assert wait_until(lambda: heard[-1].active)
-    assert heard[-1].instance_id != first.instance_id
+    assert wait_until(lambda: received[-1].active)
+    assert received[-1].instance_id != first.instance_id
     # A node that hangs is silent.
     os.kill(node.pid, signal.SIGSTOP)
     try:
         def is_silent():  # once what was sent before has arrived
-            count = len(heard)
-            return not wait_until(lambda: len(heard) > count, 0.5)
+            count = len(received)
+            return not wait_until(lambda: len(received) > count, 0.5)
         assert wait_until(is_silent)
-        count = len(heard)
+        count = len(received)
     finally:
         os.kill(node.pid, signal.SIGCONT)
-    assert wait_until(lambda: len(heard) > count)
+    assert wait_until(lambda: len(received) > count)
     assert node.end()[0] == 0
-    assert wait_until(lambda: not heard[-1].active)
+    assert wait_until(lambda: not received[-1].active)
 
 
 def test_without_the_package_the_node_warns_and_works(start):

@@ -32,12 +32,12 @@ class Side:
         self.commands = []
         self.torques = {}
         self.states = {}
-        for topic, kind, heard in (
+        for topic, kind, callback in (
                 ('commands', Float64MultiArray,
                  lambda m: self.commands.append(list(m.data))),
                 ('kane_dynamics/joint_torques', JointState, self._on_torques),
                 ('joint_states', JointState, self._on_state)):
-            client.create_subscription(kind, f'/{side}/{topic}', heard, DEEP)
+            client.create_subscription(kind, f'/{side}/{topic}', callback, DEEP)
 
     def _on_torques(self, message):
         self.names = tuple(message.name)

@@ -150,8 +150,8 @@ def test_derivatives_and_regressors_are_pinocchios(peer, compiled, quantity, arg
         state = [getattr(peer, name)[k] for name in arguments]
         value = derived(compiled, quantity, state)
         expected = getattr(peer, quantity)(*state)
-        for one, another in zip(value, expected):  # matrix by matrix, or row by row
-            assert np.abs(one - another).max() <= 1e-11 * size_of(expected), k
+        for one, reference in zip(value, expected):  # matrix by matrix, or row by row
+            assert np.abs(one - reference).max() <= 1e-11 * size_of(expected), k
 
 
 def test_forward_dynamics_derivatives_are_pinocchios(peer, compiled):
@@ -164,10 +164,11 @@ def test_forward_dynamics_derivatives_are_pinocchios(peer, compiled):
             pytest.skip('the mass matrix is close to singular')
         expected = peer.forward_dynamics_derivatives(*state)
         tolerance = 1e-11 + 100.0 * EPS * condition
-        for one, another in zip(compiled.forward_dynamics_derivatives(*state), expected):
+        for one, reference in zip(compiled.forward_dynamics_derivatives(*state),
+                                  expected):
             # Both are products with M^-1, of the size of its entries at least.
-            size = max(size_of(another), 1e-6 * size_of(expected[2]))
-            assert np.abs(one - another).max() <= tolerance * size, k
+            size = max(size_of(reference), 1e-6 * size_of(expected[2]))
+            assert np.abs(one - reference).max() <= tolerance * size, k
 
 
 @pytest.mark.parametrize(('quantity', 'third'), [('inverse_dynamics', 'udot'),

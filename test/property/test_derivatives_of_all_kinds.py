@@ -96,8 +96,8 @@ def test_inverse_dynamics_derivatives_are_the_definitions(kind):
     robot = robot_of(kind)
     state = state_of(kind)
     expected = expected_slopes(robot, state)
-    for one, another in zip(robot.inverse_dynamics_derivatives(*state, t=T), expected):
-        assert_close(one, another)
+    for one, reference in zip(robot.inverse_dynamics_derivatives(*state, t=T), expected):
+        assert_close(one, reference)
     if robot.equations.timed:
         assert_close(robot.derivative('inverse_dynamics', *state, by='t', t=T),
                      expected[3][:, 0])
@@ -110,8 +110,8 @@ def test_forward_dynamics_derivatives_are_the_definitions(kind):
     by_q, by_u, M, _ = expected_slopes(robot, (q, u, udot))
     tau = robot.inverse_dynamics(q, u, udot, t=T)
     derivatives = robot.forward_dynamics_derivatives(q, u, tau, t=T)
-    for one, another in zip(derivatives, (-by_q, -by_u, np.eye(robot.n))):
-        assert_close(M @ one, another, 1e-15 * np.linalg.cond(M) + 1e-10)
+    for one, counterpart in zip(derivatives, (-by_q, -by_u, np.eye(robot.n))):
+        assert_close(M @ one, counterpart, 1e-15 * np.linalg.cond(M) + 1e-10)
 
 
 @pytest.mark.parametrize('seed', range(8))

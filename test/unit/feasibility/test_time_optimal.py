@@ -821,12 +821,12 @@ def test_motion_with_a_profile_that_differs_somewhere_is_that_computed_at_once(c
     def motion():
         return SectionMotion(robot, section, SegmentPeaks(robot, limits))
     x = np.random.default_rng(1).uniform(0.5, 1.0, 61) * 1e-3
-    another = x.copy()
-    another[changed] *= 0.9
+    counterpart = x.copy()
+    counterpart[changed] *= 0.9
     updated, whole = motion(), motion()
     updated.follow(x)
-    updated.follow(another)
-    whole.follow(another)
+    updated.follow(counterpart)
+    whole.follow(counterpart)
     for a, b in zip(updated.checked().points, whole.checked().points):
         assert np.array_equal(a, b)
     assert np.array_equal(updated.shares, whole.shares)

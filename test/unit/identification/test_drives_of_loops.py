@@ -134,7 +134,7 @@ def test_more_drives_than_degrees_of_freedom_need_torque_sensors(large):
         identify_drives(robot, motors)
 
 
-def test_what_does_not_determine_a_loop_is_refused(robot, large):
+def test_recordings_that_do_not_determine_a_loop_are_refused(robot, large):
     good = large.measured(0)
     with pytest.raises(InputError, match='2 joints; expected 4'):
         identify_drives(robot.model, good)  # the open tree has four

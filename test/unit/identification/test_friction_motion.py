@@ -115,7 +115,7 @@ def test_the_command_refuses_options_that_it_would_not_use(tmp_path, options, wo
     ({'reach': -1.0}, 'reach'), ({'share': 2.0}, 'share'), ({'strokes': 0}, 'strokes'),
     ({'floor': 0.0}, 'floor: 0 without shapes'),
     ({'share': 1e-3}, "at most 0.*effort of 'joint1'")])
-def test_what_is_not_possible_is_refused(options, words):
+def test_impossible_options_are_refused(options, words):
     with pytest.raises(InputError, match=words):
         friction_motion(load_urdf(TWO_LINK), **{'distance': None, **options})
 

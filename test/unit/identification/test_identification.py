@@ -177,18 +177,19 @@ def test_identified_arm_predicts_what_it_has_not_seen():
 
 def test_single_parameters_that_torques_determine_are_within_three_deviations():
     identified = identified_arm()
-    told = np.isfinite(identified.inertial_deviations)
+    determined = np.isfinite(identified.inertial_deviations)
     base = base_parameters(arm(), np.full(6, 0.05))
     names = []
     for body in arm().bodies:
         for name in PARAMETERS:
             names.append(f'{body.name}.{name}')
     alone = [name for name in names if name in base.names]
-    assert [name for name, yes in zip(names, told.ravel()) if yes] == alone
+    assert [name for name, yes in zip(names, determined.ravel()) if yes] == alone
     assert 'wrist_3_link.mx' in alone and 'wrist_3_link.m' not in alone
     off = (inertial_parameters(identified.model) - inertial_parameters(arm())).reshape(
         -1, 10)
-    assert np.abs(off[told] / identified.inertial_deviations[told]).max() < 3.0
+    assert np.abs(
+        off[determined] / identified.inertial_deviations[determined]).max() < 3.0
 
 
 def heavier(model, factor):
@@ -209,11 +210,11 @@ def test_stated_deviations_hold_although_the_urdf_is_wrong(seed, weight):
     assert np.allclose(identified.friction_speed, 0.05, rtol=0.15)
     off = (identified.losses - [[1.5, 2.0, 0.0, 0.0],
                                 [0.8, 1.0, 0.0, 0.0]]) / identified.deviations
-    told = np.isfinite(identified.inertial_deviations)
+    determined = np.isfinite(identified.inertial_deviations)
     off = np.append(
         off,
         ((inertial_parameters(identified.model) - inertial_parameters(truth)).reshape(
-            -1, 10) / identified.inertial_deviations)[told])
+            -1, 10) / identified.inertial_deviations)[determined])
     assert off.std() > 0.3 and np.abs(off).max() < 4.0
     assert (identified.held_out < 0.1).all()  # of which 0.05 is noise
 

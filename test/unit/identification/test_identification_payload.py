@@ -73,13 +73,13 @@ def test_deviations_of_the_inertia_are_the_spread_over_noises():
         noise = 0.05 * np.random.default_rng(seed).normal(size=clean.tau.shape)
         inertias.append(
             identify_payload(bare(), replace(clean, tau=clean.tau + noise), 'tool0'))
-    for spread, told in ((np.std([f.inertial.mass for f in inertias]),
-                          inertias[0].mass_deviation),
-                         (np.std([f.inertial.com for f in inertias], axis=0),
-                          inertias[0].com_deviation),
-                         (np.std([f.inertial.inertia for f in inertias], axis=0),
-                          inertias[0].inertia_deviation)):
-        assert 0.6 < np.median(spread / told) < 1.4
+    for spread, deviation in ((np.std([f.inertial.mass for f in inertias]),
+                               inertias[0].mass_deviation),
+                              (np.std([f.inertial.com for f in inertias], axis=0),
+                               inertias[0].com_deviation),
+                              (np.std([f.inertial.inertia for f in inertias], axis=0),
+                               inertias[0].inertia_deviation)):
+        assert 0.6 < np.median(spread / deviation) < 1.4
 
 
 def test_motion_that_cannot_tell_the_payload_does_not_look_sure_of_it():
@@ -161,7 +161,7 @@ def pendulum_recording(load, noise, seed):
 
 @pytest.mark.parametrize('noise', [0.0, 1e-5, 1e-3])
 @pytest.mark.parametrize('seed', [0, 1, 2, 3, 7, 10])
-def test_what_one_joint_does_not_tell_is_left_to_the_belief_without_noise_too(
+def test_parameters_that_one_joint_does_not_show_keep_their_prior(
         noise, seed):
     load = random_inertial(np.random.default_rng(seed))
     model, motion = pendulum_recording(load, noise, seed)

@@ -121,8 +121,8 @@ def test_chosen_speeds_of_a_tree_give_the_same_motion(robot):
     motions = [cartesian_motion(one_robot, 'tool0', HOME, target, LIMITS).motion
                for one_robot in (robot, other_robot)]
     t = random_times(motions[0], 50)
-    for one, another in zip(motions[0].sample(t), motions[1].sample(t)):
-        assert_allclose(one, another, atol=1e-6)
+    for one, counterpart in zip(motions[0].sample(t), motions[1].sample(t)):
+        assert_allclose(one, counterpart, atol=1e-6)
 
 
 def test_time_optimal_keeps_to_the_path_and_uses_a_limit(robot):

@@ -170,11 +170,11 @@ def rounded(kind, tolerance=1e-9, digits=4, tilt=0.0, configuration=None):
 
 def test_a_rounded_loop_that_does_not_close_at_the_configuration_gets_the_advice():
     near = 0.8, 1.9, 2.1
-    with pytest.raises(ConstraintError, match='no configuration found') as told:
+    with pytest.raises(ConstraintError, match='no configuration found') as error:
         rounded('revolute', tilt=1e-4, configuration=near)
-    assert "'pin' as kind 'inline' would leave 1" in str(told.value)
+    assert "'pin' as kind 'inline' would leave 1" in str(error.value)
     tolerance = float(
-        re.search(r'rank_tolerance=(\S+) treats them as zero', str(told.value))[1])
+        re.search(r'rank_tolerance=(\S+) treats them as zero', str(error.value))[1])
     assert rounded('revolute', tolerance, tilt=1e-4, configuration=near).n == 1
 
 
@@ -191,12 +191,12 @@ def motion_of_a_rounded_loop(kind, tolerance, digits):
 @pytest.mark.parametrize(('digits', 'off'), [(4, 1e-7), (2, 5e-5)])
 def test_a_rounded_loop_moves_with_the_tolerance_and_with_the_kind_that_are_advised(
         kind, digits, off):
-    with pytest.raises(ConstraintError, match='singular values') as told:
+    with pytest.raises(ConstraintError, match='singular values') as error:
         rounded(kind, digits=digits)
     tolerance = float(
-        re.search(r'rank_tolerance=(\S+) treats them as zero', str(told.value))[1])
+        re.search(r'rank_tolerance=(\S+) treats them as zero', str(error.value))[1])
     assert tolerance < 10.0**-digits
-    assert "'pin' as kind 'inline' would leave 1" in str(told.value)
+    assert "'pin' as kind 'inline' would leave 1" in str(error.value)
     np.testing.assert_allclose(motion_of_a_rounded_loop(kind, tolerance, digits),
                                motion_of_a_rounded_loop('inline', 1e-9, digits),
                                rtol=off)

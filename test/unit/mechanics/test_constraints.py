@@ -144,9 +144,9 @@ def test_inverses_of_numbers_and_of_traced_blocks(n):
 
 
 def test_inverting_a_singular_matrix_raises_with_the_row():
-    with pytest.raises(ZeroDivisionError) as told:
+    with pytest.raises(ZeroDivisionError) as error:
         inverse(np.array([[1.0, 2.0], [2.0, 4.0]]))
-    assert told.value.args[0] in (0, 1)
+    assert error.value.args[0] in (0, 1)
 
 
 def test_rates_follow_the_rules_of_differentiation():

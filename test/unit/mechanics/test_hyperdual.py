@@ -41,5 +41,5 @@ def test_parts_are_the_derivatives(name):
 
 def test_parts_joined_are_the_same_numbers():
     numbers = np.sin(seeded([X, Y], [X_RATE, Y_RATE], 0, 2))[:, None]
-    for one, another in zip(parts(joined(parts(numbers, 2)), 2), parts(numbers, 2)):
-        np.testing.assert_array_equal(one, another)
+    for one, counterpart in zip(parts(joined(parts(numbers, 2)), 2), parts(numbers, 2)):
+        np.testing.assert_array_equal(one, counterpart)

@@ -123,8 +123,8 @@ def test_subroutines_are_differentiated_as_subroutines():
     plain = modes(nested(lambda name, function, *given: function(*given)), x,
                   DX[[0, 1, 0]], w)
     shared = modes(nested(Subroutines()), x, DX[[0, 1, 0]], w)
-    for one, another in zip(plain, shared):
-        np.testing.assert_allclose(one, another, rtol=1e-13)
+    for one, counterpart in zip(plain, shared):
+        np.testing.assert_allclose(one, counterpart, rtol=1e-13)
 
     def gradient(x, w):
         return np.array(reverse(nested(Subroutines())(*x), w, [*x], Subroutines()))

@@ -106,9 +106,9 @@ class Sent:
 
 def run(sides, seconds, exchange=True):
     for _ in range(round(seconds * NANO / STEP)):
-        for side, another in zip(sides, reversed(sides)):
-            if exchange and another.sent:
-                side.topics.on_message(another.sent)
+        for side, partner in zip(sides, reversed(sides)):
+            if exchange and partner.sent:
+                side.topics.on_message(partner.sent)
         for side in sides:
             side.state()
 

@@ -631,15 +631,16 @@ def test_a_guard_that_was_stopped_listens_before_it_commands_from_its_old_torque
 def test_a_subscription_with_events_is_used_again_and_never_destroyed():
     """Where it is destroyed while an event waits, rclpy ends the process."""
     created = []
-    heard = []
+    received = []
 
     def subscribe(*arguments, **options):
         created.append(arguments)
     torques = NodeTorques(SimpleNamespace(create_subscription=subscribe), 'node')
 
     def listener(name):
-        return SimpleNamespace(on_torques=lambda data: heard.append((name, data)),
-                               on_liveliness=lambda alive: heard.append((name, alive)))
+        return SimpleNamespace(
+            on_torques=lambda data: received.append((name, data)),
+            on_liveliness=lambda alive: received.append((name, alive)))
     forget = torques.hear(0.02, 0.1, listener('first'))
     (_, topic, on_torques, _), = created
     assert topic == 'node/joint_torques'
@@ -651,8 +652,8 @@ def test_a_subscription_with_events_is_used_again_and_never_destroyed():
     on_torques(b'3')
     torques.hear(0.03, 0.1, listener('third'))
     assert len(created) == 2
-    assert heard == [('first', b'1'), ('first', True), ('second', True),
-                     ('second', b'3')]
+    assert received == [('first', b'1'), ('first', True), ('second', True),
+                        ('second', b'3')]
 
 
 def test_a_message_of_loads_is_a_float64_multi_array():

@@ -155,7 +155,7 @@ def test_a_motion_after_the_first_command_waits_for_its_report(patient):
     np.testing.assert_allclose(q, pair.driven)
 
 
-def test_what_refuses_a_motion_after_a_timeout_waits_for_the_reports_of_new_states(
+def test_refusals_after_a_timeout_wait_for_the_reports_of_new_states(
         patient):
     pair = Pair('computed_torque', 3)
     path = pair.sides[1].path

@@ -214,9 +214,9 @@ def test_exceeded_limits_are_reported():
     rows = columns(sweep())
     effort = Robot(MODEL).limits.effort
     for joint, limit in zip(JOINTS, effort):
-        told = [f'{joint} effort' in text.split('; ') for text in rows['limits']]
-        assert told == (rows[f'peak_torque.{joint}'] > limit).tolist()
-        assert any(told) and not all(told)
+        exceeded = [f'{joint} effort' in text.split('; ') for text in rows['limits']]
+        assert exceeded == (rows[f'peak_torque.{joint}'] > limit).tolist()
+        assert any(exceeded) and not all(exceeded)
 
 
 def parts(folder):
@@ -368,9 +368,9 @@ def test_folder_contains_the_description_of_its_rows(tmp_path):
     trials = sweep()
     with SweepTable(trials, tmp_path).opened() as finished:
         assert finished == set()
-    told = json.loads((tmp_path / '_sweep.json').read_text())
-    assert told['digest'] == trials.digest and told['seed'] == 7
-    assert told['values']['friction'] == ['uniform', 0.5, 2.0]
+    report = json.loads((tmp_path / '_sweep.json').read_text())
+    assert report['digest'] == trials.digest and report['seed'] == 7
+    assert report['values']['friction'] == ['uniform', 0.5, 2.0]
 
 
 def test_the_first_chunk_is_short_and_every_trial_is_in_one_chunk(tmp_path):
