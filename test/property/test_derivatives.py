@@ -100,7 +100,7 @@ def test_reactions_balance_newtons_and_eulers_equations_of_each_body(drawn):
     size = size_of(*reactions)
     for k, (body, placed, motion) in enumerate(zip(model.bodies, bodies, motions)):
         # Forces and moments on the body, and where they act: its joint, those of the
-        # bodies that it carries, the push.
+        # bodies that it carries, the external wrench.
         loads = [(reactions[k], placed.p_wb)]
         for c, child in enumerate(model.bodies):
             if child.parent == k:
