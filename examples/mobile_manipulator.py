@@ -34,7 +34,7 @@ rolling = [Rolling(name, radius, axis=(0, 1, 0)) for name in ('left', 'right')]
 arm = [f'fr3_joint{k}' for k in range(1, 8)]
 robot = Robot(b.model(), constraints=rolling, independent=['left', 'right', *arm])
 
-rest = np.array([0, -0.6, 0, -2.2, 0, 1.6, 0.8])
+arm_at_rest = np.array([0, -0.6, 0, -2.2, 0, 1.6, 0.8])
 # rad, rad/s, s
 swing = np.array([0.5, 0.4, 0.3, 0.4, 0.5, 0.3, 0.6])
 rate = 2.0
@@ -58,7 +58,7 @@ def computed_torque(t, q, u):
     return robot.inverse_dynamics(q, u, udot_d + 20.0 * (u_d - u))
 
 
-q0 = np.concatenate([np.zeros(5), rest])
+q0 = np.concatenate([np.zeros(5), arm_at_rest])
 run = simulate(robot, q0, wanted(0.0)[0], 6.0, step=step, torque=computed_torque,
                sample=0.01)
 error = run.u - np.array([wanted(t)[0] for t in run.t])

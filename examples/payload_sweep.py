@@ -30,7 +30,7 @@ with TemporaryDirectory() as folder:
              for name, column in read_table(folder).to_pydict().items()}
 error = np.max([table[f'rms_error.{joint}'] for joint in joints], axis=0)
 load = np.max(
-    [table[f'peak_torque.{joint}'] / most for joint, most in zip(joints, limits)],
+    [table[f'peak_torque.{joint}'] / limit for joint, limit in zip(joints, limits)],
     axis=0)
 
 
@@ -45,8 +45,8 @@ def carried(known, kp):
 for known, kp, words in ((0.0, 100.0, 'ignored, kp 100'),
                          (0.0, 400.0, 'ignored, kp 400'),
                          (1.0, 100.0, 'known, kp 100')):
-    rows, most = carried(known, kp)
-    print(f'payload {words}: up to {most:.1f} kg; at 3 kg off by '
+    rows, heaviest_carried = carried(known, kp)
+    print(f'payload {words}: up to {heaviest_carried:.1f} kg; at 3 kg off by '
           f'{np.interp(3.0, masses, error[rows]):.4f} rad, torques at '
           f'{np.interp(3.0, masses, load[rows]):.0%} of their limits')
 
@@ -56,11 +56,11 @@ if len(sys.argv) > 1:  # where to draw the picture
                                           layout='constrained')
     for known, kp, style in ((0.0, 100.0, 'C0-'), (0.0, 400.0, 'C1-'),
                              (1.0, 100.0, 'C2--')):
-        rows, most = carried(known, kp)
+        rows, heaviest_carried = carried(known, kp)
         name = f'{"known" if known else "ignored"}, kp {kp:.0f}'
         above.plot(masses, error[rows], style, label=name)
         below.plot(masses, 100.0 * load[rows], style, label=name)
-        above.axvline(most, color=style[:2], linewidth=0.7)
+        above.axvline(heaviest_carried, color=style[:2], linewidth=0.7)
     above.axhline(allowed, color='grey', linewidth=0.7)
     below.axhline(100.0, color='grey', linewidth=0.7)
     above.set(ylabel='worst RMS error [rad]', title='Payload that a Research 3 tracks')

@@ -52,9 +52,9 @@ def stepped(target, wrench, q, u, h=2e-3):
     return x + h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
 
 
-rest = np.zeros(robot.n)
+no_speed = np.zeros(robot.n)
 push = np.array([[0.0, 0.0, -20.0, 0.0, 0.0, 0.0]])
-state, pushed = held(home, push, START, rest, 2.0)
+state, pushed = held(home, push, START, no_speed, 2.0)
 state, released = held(home, None, *state, 1.0)
 expected = push[0, :3] / STIFFNESS[:3]
 print(f'deflection under 20 N: {1e3 * pushed[-1, 2]:.6f} mm, force over stiffness: '
