@@ -73,7 +73,11 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
     if os.fspath(source).endswith(SUFFIX):
         return expand_xacro(source)
     try:
-        return _decode(Path(source).read_bytes())
+        text = _decode(Path(source).read_bytes())
+        if not text.strip():
+            raise UrdfError(f'source: {_short_path(os.fspath(source))}: an empty file; '
+                            'expected a URDF')
+        return text
     except (OSError, TypeError, ValueError) as error:
         if isinstance(error, UrdfError):
             raise

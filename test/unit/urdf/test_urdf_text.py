@@ -68,6 +68,14 @@ def test_source_of_another_type_is_refused(source):
         load_urdf(source)
 
 
+def test_an_empty_file_is_named(tmp_path):
+    path = tmp_path / 'empty.urdf'
+    path.write_text(' \n')
+    with pytest.raises(UrdfError,
+                       match=r"source: '.*empty\.urdf': an empty file; expected a URDF"):
+        load_urdf(path)
+
+
 BOMB = ('<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>'
         '<robot name="&b;"><link name="a"/></robot>')
 DECLARATIONS = {
