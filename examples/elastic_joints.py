@@ -65,9 +65,9 @@ def vibration(t, tip):
 t, with_rigid = moved(*of_rigid)
 _, with_elastic = moved(*of_elastic)
 by_rigid = vibration(t, with_rigid)
-now = vibration(t, with_elastic)
+by_elastic = vibration(t, with_elastic)
 print(f'the tip vibrates by {1e3 * by_rigid:.2f} mm with the rigid feedforward, '
-      f'{1e3 * now:.3f} mm with the elastic one')
+      f'{1e3 * by_elastic:.3f} mm with the elastic one')
 
 if len(sys.argv) > 1:
     import matplotlib

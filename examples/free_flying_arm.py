@@ -74,12 +74,11 @@ q[7:] = 0.3, -0.5, 0.8, 0.2, 0.4, -0.3
 u = np.array([0.01, -0.02, 0.005, 0.02, -0.03, 0.01, 0.05, 0.08, -0.06, 0.1, 0.05, -0.1])
 run = simulate(robot, q, u, 60.0, step=2e-3, sample=1.0)
 
-momenta_of_rows = np.array([momenta(*state) for state in zip(run.q, run.u)])
+both = np.array([momenta(*state) for state in zip(run.q, run.u)])
 turned = robot.difference(run.q[0], run.q[-1])[3:6]
 print(
     f'after 60 s the bus has turned by {np.degrees(np.linalg.norm(turned)):.3f} degrees')
-for name, rows in (('momentum', momenta_of_rows[:, :3]),
-                   ('angular momentum', found[:, 3:])):
+for name, rows in (('momentum', both[:, :3]), ('angular momentum', both[:, 3:])):
     change = np.abs(rows - rows[0]).max() / np.linalg.norm(rows[0])
     print(f'{name} {np.linalg.norm(rows[0]):.6f}, constant to 1e-12 of it: '
           f'{change < 1e-12}')
