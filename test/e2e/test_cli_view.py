@@ -126,7 +126,7 @@ def test_an_exported_motion_plays_with_its_table_and_a_still_configuration_does_
     shown = tmp_path / 'page.html'
     player = "document.querySelector('[aria-valuemax^=\"1\"]')"
     cells = ("[...document.querySelectorAll('#joints tr:nth-child(2) span')].map(s => "
-             "s.innerText)")
+             's.innerText)')
     assert main(['view', str(URDF), '--export', str(shown)]) == 0
     with browser(shown.as_uri()) as page:
         page.wait("document.querySelector('canvas')")

@@ -66,7 +66,7 @@ def test_a_weak_arm_and_an_invalid_configuration_are_reported_by_name(tmp_path):
         '/**: {ros__parameters: {gravity: [0, 0, 9.81], joints: [turn, elbow]}}')
     code, findings = doctor(path, '--config', str(wrong))
     assert ("joints: 'elbow' is no joint of one degree of freedom; expected some of "
-            "turn, lift" in findings['problem'])
+            'turn, lift' in findings['problem'])
     assert 'gravity: [0.0, 0.0, 9.81]' in findings['warning']
 
 

@@ -22,7 +22,7 @@ COLUMNS = (*KINDS, ELASTIC)
 # today.
 NO_CONSTRAINT = 'There is no constraint that could exert a force.'
 NO_TEN = ("A beam's inertia is a set of modal integrals, not the ten inertial "
-          "parameters of a body, in which the regressor is linear.")
+          'parameters of a body, in which the regressor is linear.')
 NO_SHAPE = ('The positions of some joints do not determine those of a nonholonomic '
             'mechanism, which depend on the path.')
 BENDS = ('The deflections of beams follow from the load, and the motion of the joints '

@@ -254,7 +254,7 @@ def test_a_linker_that_fails_says_why(monkeypatch, tmp_path):
     (3, {}, 'name: a int; expected the name of a quantity'),
     ('gravity_force', {'parameters': ['q']},
      ("parameters: 'q'; expected for "
-      "gravity_force of this robot some of gravity, payload")),
+      'gravity_force of this robot some of gravity, payload')),
     ('frame_pose:tip', {'parameters': 'gravity'},
      "parameters: 'gravity'; expected for frame_pose of this robot some of none")])
 def test_wrong_names_are_refused_with_the_valid_ones(name, options, message):

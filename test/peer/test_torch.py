@@ -381,7 +381,7 @@ def test_wrong_names_and_counts_are_refused():
             (3, {}, 'name: a int'),
             ('friction_force', {'parameters': ['payload']},
              ("parameters: 'payload'; "
-              "expected for friction_force of this robot some of none")),
+              'expected for friction_force of this robot some of none')),
             ('gravity_force', {'parameters': ['payload'] * 2}, 'each once')):
         with pytest.raises(InputError, match=message):
             arm().torch(name, **options)

@@ -241,7 +241,7 @@ def overshooting():
     ((TIMES, POINTS + np.array([[0.0], [0.0], [9.0], [0.0], [0.0]])),
      r"joint 'fr3_joint\d': position .* at point 2 \(0.9 s\); expected at most "),
     (([0.0, 1.0], *overshooting()), (r"joint 'fr3_joint4': position \S+ after point 0 "
-                                     r"\(at 0.5 s\); expected at most -0.1")),
+                                     r'\(at 0.5 s\); expected at most -0.1')),
     ((0.1 * TIMES, POINTS),
      r"joint 'fr3_joint\d': velocity .*; expected at (most|least) ")])
 def test_a_limit_that_is_exceeded_is_named_with_joint_point_value_and_bound(

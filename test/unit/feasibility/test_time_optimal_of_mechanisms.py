@@ -387,7 +387,7 @@ def test_path_that_ends_next_to_a_dead_point_keeps_the_limits(distance):
 
 @pytest.mark.parametrize(('robot', 'path', 'given', 'error', 'words'), [
     (palletizer, [[0, 0, 0, 0], [0, -1.3, 0, 0]], {}, LoopError,
-     (f"{SINGULAR}: path: "
+     (f'{SINGULAR}: path: '
       rf"0\.\d+ of it, {{'swivel': 0.0, 'shoulder': -1.1\d*, .*: conditioning")),
     (linkage, Motion.from_points([0.0, 1.0], [[-2.09], [-0.1]], joint_names=['rocker']),
      {}, LoopError, r"path: 0\.\d+ of it, {'rocker': -\S+}: "),
@@ -413,7 +413,7 @@ def test_path_that_ends_next_to_a_dead_point_keeps_the_limits(distance):
     (linkage, CRANK, {'power': 0.0}, InputError, "power of joint 'crank': limit 0"),
     (lambda: linkage(effort=2.0), CRANK, {}, InputError,
      ("path: joint 'crank': torque "
-      r"\S+ at rest at \S+ of the path, .*; expected at most its ef")),
+      r'\S+ at rest at \S+ of the path, .*; expected at most its ef')),
     (lambda: linkage(effort=math.inf, velocity=math.inf), CRANK, {}, InputError,
      'robot: no limit bounds the motion'),
 ])

@@ -110,10 +110,10 @@ FAULTS = {
     'reversed efforts': (lambda r: turned(r, ['tau']), 'wrong',
                          "efforts of joint 'wrist_1_joint' have the opposite sign"),
     'reversed positions': (lambda r: turned(r, STATE, 1), 'wrong',
-                           ("positions of joint "
+                           ('positions of joint '
                             "'shoulder_lift_joint' have the opposite sign")),
     'reversed joint': (lambda r: turned(r, [*STATE, 'tau'], 2), 'wrong',
-                       ("positions and "
+                       ('positions and '
                         "efforts of joint 'elbow_joint' have the opposite sign")),
     'all reversed': (lambda r: replace(r, tau=-r.tau), 'wrong',
                      'efforts of all joints have the opposite sign'),
@@ -126,10 +126,10 @@ FAULTS = {
     'without gravity': (lambda r: replace(r, tau=r.tau - gravity(r)), 'wrong',
                         'efforts of all joints fit the torques without gravity'),
     'reversed last joint': (lambda r: turned(r, STATE, 5), 'wrong',
-                            ("efforts of joint "
+                            ('efforts of joint '
                              "'wrist_3_joint' have .*; or the positions of that")),
     'exchanged efforts': (lambda r: exchanged(r, ['tau']), 'wrong',
-                          ("efforts of joints "
+                          ('efforts of joints '
                            "'shoulder_lift_joint', 'elbow_joint' are exchanged")),
     'exchanged joints': (lambda r: exchanged(r, [*STATE, 'tau']), 'wrong',
                          "^joints 'shoulder_lift_joint', 'elbow_joint' are exchanged"),
@@ -146,7 +146,7 @@ FAULTS = {
     'reversed speed': (lambda r: turned(r, ['u']), 'impossible',
                        "speeds of joint 'wrist_1_joint' are the negative derivative"),
     'exchanged speeds': (lambda r: exchanged(r, ['u'], 4, 5),
-                         'impossible', ("speeds of "
+                         'impossible', ('speeds of '
                                         "joint 'wrist_2_joint' are the derivative .* "
                                         "'wrist_3_joint'")),
     'delay': (lambda r: replace(r.rows(slice(10, None)), tau=r.tau[:-10]), 'remark',

@@ -143,7 +143,7 @@ def test_all_problems_are_reported_at_once(examine):
     for words in (
             "'urdf': no file '/no/such.urdf'", "'supplement': no file '/no/such.yaml'",
             ("'gains.kp': a list of one, [1.0]; "
-             "expected one number without brackets, or "),
+             'expected one number without brackets, or '),
             "'limits.effort': 3 entries", "'wrench.frames': claw; expected frames of ",
             "'observer.frame': paw", "'observer.threshold': a list of one, [1.0]",
             "'payload.frame': empty; expected the frame of the payload, as estimator",

@@ -48,7 +48,7 @@ def home_moved(joint, by):
 IMPOSSIBLE = {  # times, positions, reason
     'beyond a limit': ([0.0, 9.0], [HOME, home_moved(0, 3.0)],
                        ("joint 'fr3_joint1': "
-                        r"position 3 at point 1 \(9 s\); expected at most")),
+                        r'position 3 at point 1 \(9 s\); expected at most')),
     'degrees': ([0.0, 9.0], [HOME, np.degrees(NEAR)],
                 (r'position -120\.\d* at point 1 '
                  r'.* at least .*\(-2\.1 rad, if these are deg')),
@@ -57,10 +57,10 @@ IMPOSSIBLE = {  # times, positions, reason
                                       r"joint 'fr3_joint1': position .* after point 1"),
     'far from the arm': ([0.0, 9.0], [home_moved(1, 0.5), HOME],
                          ("'fr3_joint2': the "
-                          r"motion sets out at -0\.2, the arm is at -0\.7 rad")),
+                          r'motion sets out at -0\.2, the arm is at -0\.7 rad')),
     'too fast': ([0.0, 0.02], [HOME, NEAR],
                  (r"joint 'fr3_joint\d': speed .* expected at "
-                  r"most .*, 1\.2 times its limit")),
+                  r'most .*, 1\.2 times its limit')),
     'far and at once': ([0.01], [home_moved(1, 0.5)], r"joint 'fr3_joint2': speed"),
     'too strong': (
         [0.0, 0.03, 0.06, 0.09], [HOME, home_moved(1, 0.03), HOME, home_moved(1, 0.03)],

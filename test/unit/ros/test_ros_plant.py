@@ -372,7 +372,7 @@ def test_the_default_initial_position_is_zero_or_the_middle_of_limits_that_exclu
         (r"'initial.position' of joint 'joint2': 4; expected -2.8 to 2.8",
          {'initial__position': [0.0, 4.0]}),
         (("'noise.position': 3 entries; expected one number, or one for each of the "
-          "2 joints"),
+          '2 joints'),
          {'noise__position': [0.1] * 3}),
         (r"'rate_factor': 2; expected 1 unless publish_clock", {'rate_factor': 2.0}),
         (r"'dropout.states': 1.5; expected a number, at least 0, at most 1",

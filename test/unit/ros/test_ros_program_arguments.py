@@ -191,7 +191,7 @@ from {NODES['dynamics_node']} import main
 sys.exit(main(['dynamics_node', '--ros-args']))""")
     assert code == 2
     assert text == ("dynamics_node: 'rclpy' is not installed; expected ROS 2 with this "
-                    "package, from a sourced workspace or pip install "
+                    'package, from a sourced workspace or pip install '
                     "'kane_dynamics[ros]'\n")
 
 

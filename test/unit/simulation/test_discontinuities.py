@@ -59,7 +59,7 @@ def test_a_jump_of_a_prescribed_motion_is_an_error_that_names_function_time_and_
     position, t, what, size = JUMPS[name]
     with pytest.raises(ConstraintError,
                        match=(f"simulation, t = {t:.9g} s: constraint 'shaker': {what} "
-                              f"jumps by {size:.3g} ")):
+                              f'jumps by {size:.3g} ')):
         (shaken if name == 'position on a step' else watched)(position)
 
 

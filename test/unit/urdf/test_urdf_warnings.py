@@ -69,7 +69,7 @@ WARNINGS = {
     'effort of a mimic joint': (robot(A, B, link('c'), joint('j', 'a', 'b'), joint(
         'f', 'a', 'c', limit='<limit lower="-1" upper="1" velocity="2" effort="0.1"/>',
         more='<mimic joint="j"/>')),
-                                ('not used', ("<limit> effort of a mimic joint, whose "
+                                ('not used', ('<limit> effort of a mimic joint, whose '
                                               "torque is its master's: f"))),
     'bounds of a mimic joint beyond its master': (
         robot(A, B, link('c'), joint('j', 'a', 'b'), joint(
