@@ -15,7 +15,7 @@ from kane_dynamics.ros.services.motion_check import check_positions
 from kane_dynamics.ros.services.request_kernels import TIMINGS
 from kane_dynamics.ros.services.served_robot import RIGID, ServedRobot
 from kane_dynamics.ros.services.trajectory_filling import (FIELDS, resting_configuration,
-                                                            table)
+                                                           table)
 import numpy as np
 
 LIMITED = ('acceleration', 'power', 'jerk', 'torque_rate')  # quantities with a limit
