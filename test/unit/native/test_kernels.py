@@ -346,9 +346,9 @@ def test_entry_points_are_shared_by_kernels_of_one_signature_as_long_as_one_live
 
 def test_results_are_freed_with_their_entry():
     robot = Robot(MODEL)
-    ghosts = []
-    for tau in [robot.inverse_dynamics(*STATE) for _ in range(4)]:
-        ghosts.append(weakref.ref(tau))
+    # No name may keep the last result alive.
+    ghosts = [weakref.ref(tau) for tau in
+              [robot.inverse_dynamics(*STATE) for _ in range(4)]]
     del robot
     gc.collect()
     assert [ghost() for ghost in ghosts] == [None] * 4
