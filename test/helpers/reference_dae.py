@@ -82,7 +82,7 @@ class Reference:
         none = np.zeros(q.shape)
         frames = constraint.first, constraint.second
         (T1, T2), (J1, J2) = ([of(frame, q) for frame in frames]
-                              for of in (tree.frame_pose, tree.partial_velocities))
+                              for of in (tree.frame_pose, tree.jacobian))
         c1, c2 = (tree.frame_acceleration(frame, q, v, none) for frame in frames)
         moment1 = J1[..., 3:, :]
         moment2 = J2[..., 3:, :]
@@ -121,7 +121,7 @@ class Reference:
                 row[..., self.names.index(name)] -= ratio
             return row[..., None, :], [np.sum(row * q, axis=-1) - constraint.offset]
         T = tree.frame_pose(constraint.frame, q)
-        J = tree.partial_velocities(constraint.frame, q)
+        J = tree.jacobian(constraint.frame, q)
         if isinstance(constraint, PointVelocity):
             direction = T[..., :3, :3] @ constraint.direction
             return direction[..., None, :] @ J[..., :3, :], [None]
