@@ -1,4 +1,4 @@
-"""Long machine code is loaded twice, the faster copy kept; results are the same."""
+"""Long machine code is loaded several times, the fastest copy kept."""
 
 import time
 
@@ -35,11 +35,21 @@ def trial_with_slow_copies(slow, seen):
 
 @pytest.mark.parametrize(('slow', 'kept'), [((0,), 1), ((1,), 0)])
 def test_the_faster_of_two_copies_is_kept(objects, monkeypatch, slow, kept):
-    monkeypatch.setattr(llvm, 'LONG_CODE', 0)
+    monkeypatch.setattr(llvm, 'LONG_CODE', len(objects))
     tried = []
     code = faster_copy(objects, 'kernel', trial_with_slow_copies(slow, tried))
     assert len(tried) == 2
     assert code.address('kernel') == tried[kept]
+
+
+def test_longer_code_has_more_copies_and_a_bounded_number(objects, monkeypatch):
+    for size, copies in ((len(objects) // 2, 3), (1, llvm.MOST_COPIES)):
+        monkeypatch.setattr(llvm, 'LONG_CODE', size)
+        tried = []
+        slow = range(copies - 1)
+        code = faster_copy(objects, 'kernel', trial_with_slow_copies(slow, tried))
+        assert len(tried) == copies
+        assert code.address('kernel') == tried[-1]
 
 
 def test_short_code_is_loaded_once_and_not_timed(objects):
