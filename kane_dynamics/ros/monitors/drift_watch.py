@@ -1,11 +1,13 @@
 """Warn of an arm that leaves its motion, or its place without one."""
 
 from collections.abc import Callable, Sequence
+import math
 from typing import Any
 
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.services.services import Services
+from kane_dynamics.ros.torque_path.state_check import turning_joints, WHOLE_TURN
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from rclpy.clock import Clock, ClockType
 
@@ -53,9 +55,10 @@ class DriftWatch:
         self._now = now
         self._has_listeners = has_listeners
         self._log = log
-        model = path.controller.robot.model
-        self._places = {name: model.coordinate_names.index(name) for name in names}
-        self._sliding = model.sliding
+        robot = path.controller.robot
+        self._places = {name: robot.coordinate_names.index(name) for name in names}
+        self._sliding = robot.model.sliding
+        self._turning = dict(zip(names, turning_joints(robot, names), strict=True))
         self._generation = -1  # of the motions, which every activation changes
         self._place: Array | None = None  # of all joints, since there is no motion
         self.warning = ''
@@ -101,14 +104,19 @@ class DriftWatch:
                     reference[self._places[name]] = position
             deviation = 'from its motion'
         # The joint with the largest share of what is too far for its kind.
+        distances = {}
         shares = {}
         for name, place in self._places.items():
+            distance = float(q[place] - reference[place])
+            # A driver may publish the angle of such a joint between -pi and pi.
+            if self._turning[name]:
+                distance = math.remainder(distance, WHOLE_TURN)
             bound = LENGTH if name in self._sliding else ANGLE
-            shares[name] = abs(q[place] - reference[place]) / bound
+            distances[name] = distance
+            shares[name] = abs(distance) / bound
         worst = max(shares, key=shares.__getitem__)
         if shares[worst] <= 1.0:
             return ''
-        place = self._places[worst]
         unit = 'm' if worst in self._sliding else 'rad'
-        return (f"{mode}: joint '{worst}' is {q[place] - reference[place]:.2g} {unit} "
-                f'{deviation}: {EXPECTED[mode]}')
+        return (f"{mode}: joint '{worst}' is {distances[worst]:.2g} {unit} {deviation}: "
+                f'{EXPECTED[mode]}')

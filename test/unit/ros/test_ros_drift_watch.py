@@ -20,14 +20,19 @@ NAMES = ('cart/x', 'lift', 'elbow')  # the base has no motor, the second joint s
 class Rig:
     """A watch beside a torque path of three joints, whose positions a test sets."""
 
-    def __init__(self, mode=Mode.INVERSE_DYNAMICS):
+    def __init__(self, mode=Mode.INVERSE_DYNAMICS, continuous=False):
         self.q = np.array([0.0, 0.1, -0.4])
         self.now = 100 * NANO
         self.listeners = True
         self.log = []
         self.motions = ActiveMotion()
-        model = SimpleNamespace(coordinate_names=NAMES, sliding=frozenset(NAMES[:2]))
-        self.controller = SimpleNamespace(mode=mode, robot=SimpleNamespace(model=model))
+        limits = SimpleNamespace(lower=np.full(3, -3.0), upper=np.full(3, 3.0))
+        if continuous:
+            limits.lower[2] = -np.inf
+            limits.upper[2] = np.inf
+        robot = SimpleNamespace(model=SimpleNamespace(sliding=frozenset(NAMES[:2])),
+                                coordinate_names=NAMES, limits=limits)
+        self.controller = SimpleNamespace(mode=mode, robot=robot)
         path = SimpleNamespace(
             controller=self.controller, active_motion=self.motions,
             measured=lambda: None if self.q is None else self.q.copy())
@@ -105,3 +110,18 @@ def test_without_valid_states_and_after_an_activation_the_place_is_a_new_one():
     rig.motions.clear('the node was activated')
     assert rig.after(1.0, 0.0, 1.0, 1.0) == ''
     assert rig.log == []
+
+
+def test_whole_turns_of_a_continuous_joint_are_no_distance():
+    """Drivers publish angles between -pi and pi; a motion goes on beyond pi."""
+    turn = 2.0 * np.pi
+    rig = Rig(continuous=True)
+    rig.after(1.0)
+    assert rig.after(1.0, 0.0, 0.0, -turn) == ''
+    motion = Motion.from_points([0.0, 2.0], [[-0.4, 0.1], [3.6, 0.1]],
+                                joint_names=['elbow', 'lift'])
+    assert rig.motions.follow(motion, rig.now, rig.now, rig.motions.generation)
+    rig.q = np.array([0.0, 0.1, 3.6 - turn])
+    assert rig.after(2.0) == ''
+    assert "joint 'elbow' is 0.3 rad from its motion" in rig.after(1.0, 0.0, 0.0, 0.3)
+    assert rig.log == [rig.watch.warning]
