@@ -279,16 +279,19 @@ REFUSED = {  # fields of the goal or changes of its trajectory, code, reason
                           'rows': [[2.0, 2.0, 1.0], [0.0, 0.0, 0.0]]}, -1,
                          r'the motion sets out at 2, the arm is at'),
     'too fast': ({'times': [0.01], 'rows': [[1.5, 1.5, 1.5]]}, -1,
-                 r'speed .* expected at most .*, 1\.2 times its limit'), 'tolerance of '
-    'an unknown joint': ({'path': {'name': 'y', 'position': 1.0}}, -2,
-                         r"path_tolerance: 'y'; expected joints of"), 'negative '
-    'tolerance': ({'path': {'name': 'lift', 'velocity': -2.0}}, -1,
-                  r"path_tolerance of 'lift': velocity -2; expected a positive"),
+                 r'speed .* expected at most .*, 1\.2 times its limit'),
+    'tolerance of an unknown joint': (
+        {'path': {'name': 'y', 'position': 1.0}}, -2,
+        r"path_tolerance: 'y'; expected joints of"),
+    'negative tolerance': (
+        {'path': {'name': 'lift', 'velocity': -2.0}}, -1,
+        r"path_tolerance of 'lift': velocity -2; expected a positive"),
     'tolerance that is no number': ({'path': {'name': 'lift', 'position': math.nan}}, -1,
                                     r"path_tolerance of 'lift': position nan; expected"),
     'multi-dof trajectory': ({'multi': True}, -1,
-                             r'multi_dof_trajectory: 1 joints, 0 points'), 'component '
-    'tolerance': ({'component': True}, -1, r'component_path_tolerance: 1 entries'),
+                             r'multi_dof_trajectory: 1 joints, 0 points'),
+    'component tolerance': ({'component': True}, -1,
+                            r'component_path_tolerance: 1 entries'),
 }
 
 

@@ -37,8 +37,9 @@ def tree_constraints(frame, base):
     return {
         'a point in the world': PointVelocity(frame, (1, 2, 3)),
         'a point in time': PointVelocity(frame, (1, 0, 1),
-                                         value=lambda t: np.sin(2.0 * t)), 'a point '
-        'seen from a body': PointVelocity(frame, (0, 1, 1), axes=base, relative_to=base),
+                                         value=lambda t: np.sin(2.0 * t)),
+        'a point seen from a body': PointVelocity(frame, (0, 1, 1), axes=base,
+                                                  relative_to=base),
         'an angular velocity': PointVelocity(frame, (0, 0, 1), angular=True, value=0.3),
         'a knife edge': knife_edge(frame, (0, 1, 0)),
         'a coupling': Coupling('joint0', {'joint1': -2.0}, 0.1),

@@ -115,10 +115,11 @@ FAULTS = {
                             ("joint 'j'", '<mimic>', "'joint'", 'expected joint')),
     'mimics a fixed joint': (robot(A, B, C, joint('j', 'a', 'b', 'fixed'), joint(
         'k', 'b', 'c', more=mimic('j'))), UrdfError,
-                             ("joint 'k'", "'j'", 'is fixed', 'expected')), 'mimics a '
-    'floating joint': (robot(A, B, C, joint('j', 'a', 'b', 'floating', limit=''), joint(
-        'k', 'b', 'c', more=mimic('j'))), UrdfError,
-                       ("joint 'k'", "'j'", 'is floating')),
+                             ("joint 'k'", "'j'", 'is fixed', 'expected')),
+    'mimics a floating joint': (
+        robot(A, B, C, joint('j', 'a', 'b', 'floating', limit=''),
+              joint('k', 'b', 'c', more=mimic('j'))), UrdfError,
+        ("joint 'k'", "'j'", 'is floating')),
     'floating mimic': (robot(A, B, C, J, joint('k', 'b', 'c', 'floating',
                                                more=mimic('j'))), UrdfError,
                        ("joint 'k'", 'floating', '<mimic>', 'revolute, continuous')),
@@ -135,9 +136,10 @@ FAULTS = {
     'negative mass': (robot(A, link('b', -1), J), ModelError,
                       ("link 'b'", '<mass>', '-1.0', 'negative')),
     'negative moment': (robot(A, link('b', 1, (-1, 1, 1)), J), ModelError,
-                        ("link 'b'", '<inertia>', '-1', 'strict=False')), 'indefinite '
-    'products': (robot(A, link('b', 1, (1, 1, 1), products=(2, 0, 0)), J), ModelError,
-                 ("link 'b'", '<inertia>', '-1', 'strict=False')),
+                        ("link 'b'", '<inertia>', '-1', 'strict=False')),
+    'indefinite products': (
+        robot(A, link('b', 1, (1, 1, 1), products=(2, 0, 0)), J), ModelError,
+        ("link 'b'", '<inertia>', '-1', 'strict=False')),
     'negative damping': (robot(A, B,
                                joint('j', 'a', 'b', more='<dynamics damping="-1"/>')),
                          ModelError, ("joint 'j'", 'damping', '-1.0', 'negative')),
@@ -149,10 +151,11 @@ FAULTS = {
                         ("joint 'j'", 'effort', '-3.0', 'negative')),
     'negative velocity': (robot(A, B, joint('j', 'a', 'b', limit=limit(velocity=-3))),
                           ModelError,
-                          ("joint 'j'", 'velocity', '-3.0', 'negative')), 'expanded '
-    'name taken': (robot(A, B, C, joint('j', 'a', 'b', 'planar', limit=''), joint(
-        'j/x', 'b', 'c')), UrdfError,
-                   ("joint 'j'", "'j/x'", 'planar', 'expected a unique name')),
+                          ("joint 'j'", 'velocity', '-3.0', 'negative')),
+    'expanded name taken': (
+        robot(A, B, C, joint('j', 'a', 'b', 'planar', limit=''),
+              joint('j/x', 'b', 'c')), UrdfError,
+        ("joint 'j'", "'j/x'", 'planar', 'expected a unique name')),
     'SDF': ('<sdf version="1.6"><model name="m"/></sdf>', UrdfError,
             ('<sdf>', 'expected <robot>')),
     'unclosed': ('<robot name="r"><link name="a">', UrdfError,
