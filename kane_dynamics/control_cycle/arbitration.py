@@ -6,8 +6,8 @@ one. Until a part of that time has passed, the node may command without asking; 
 and after each activation, it sends a request and is silent until the guard answers that
 it is silent too. Without a living guard it commands after a short wait.
 
-Times are nanoseconds of a steady
-clock, flags 1 or 0; 0 stands for a time that has not come yet.
+Times are nanoseconds of a steady clock, flags 1 or 0; 0 stands for a time that has not
+come yet.
 """
 
 from typing import NamedTuple
