@@ -15,9 +15,9 @@ from kane_dynamics.simulation.observers import Extremes, Power
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
 import numpy as np
 
-# Beginning, middle and end of a step, in its inside by more than the rounding of times:
-# what both ends are off by cancels.
-STAGES = np.array([1e-9, 0.5, 1.0 - 1e-9])
+# How far inside a step its ends are: relative to the step, and at least in roundings of
+# times.
+INSET, ROUNDINGS = 1e-9, 4.0
 # Torques as a user gives them as a function of t, q and u.
 TorqueFunction = Callable[[float, Array, Array], Any]
 
@@ -223,7 +223,12 @@ def stage_times(begins: Array, length: float) -> Array:
     The ends are in the inside of the step. Where the desired acceleration jumps between
     two steps, each has its own value, which keeps the integrator's order.
     """
-    return np.asarray(begins[:, None] + length * STAGES)
+    ends = begins + length
+    rounding = np.spacing(np.maximum(np.abs(begins), np.abs(ends)))
+    # By as much at the beginning as at the end: what both are off by cancels.
+    inset = np.maximum(INSET * length, ROUNDINGS * rounding)
+    stages = [begins + inset, begins + 0.5 * length, ends - inset]
+    return np.stack(stages, axis=1)
 
 
 def torque_input(robot: Robot, step: float, count: int, torque: Any,

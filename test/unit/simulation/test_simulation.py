@@ -71,12 +71,15 @@ def test_computed_torque_follows_its_motion(robot):
         rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize('options', [{}, {'sticking': True}, {'stops': True}])
+@pytest.mark.parametrize('options', [
+    {}, {'sticking': True}, {'stops': True}, {'t0': 1e4}])
 def test_computed_torque_keeps_the_order_where_the_desired_acceleration_jumps(
         robot, options):
     """The points of the motion are at multiples of the step, whose times are rounded."""
+    begin = options.get('t0', 0.0)
     velocities = [0 * Q0, 0 * Q0 + 0.4, 0 * Q0]
-    motion = Motion.from_points([0.1, 0.3, 0.6], [Q0, Q0 + 0.2, Q0 - 0.1], velocities,
+    motion = Motion.from_points(begin + np.array([0.1, 0.3, 0.6]),
+                                [Q0, Q0 + 0.2, Q0 - 0.1], velocities,
                                 joint_names=robot.joint_names)
     law = ComputedTorque(robot, motion, 50.0, 10.0)
     errors = []
