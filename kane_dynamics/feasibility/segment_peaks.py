@@ -245,8 +245,8 @@ class SegmentPeaks:
         near, u, udot = quintic(begin, end, states.h[segments, None], x[:, None])
         inside = states_of(near, u[:, self.driving], udot[:, self.driving])
         # Columns that were chosen are contiguous, rows are asked for.
-        inside = list(map(np.ascontiguousarray, inside))
-        inputs = [*begin, *end, *inside, self._factors]
+        rows_inside = map(np.ascontiguousarray, inside)
+        inputs = [*begin, *end, *rows_inside, self._factors]
         require_finite_flags(self._kernel.run(inputs, table, len(table)))
 
 
