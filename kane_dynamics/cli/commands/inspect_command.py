@@ -15,6 +15,7 @@ from kane_dynamics.cli.robot_options import load_robot, selection, source_of
 from kane_dynamics.errors import InputError, ModelError, ModelWarning
 from kane_dynamics.kinematics.poses import rotation_rpy
 from kane_dynamics.model.model import Body, Joint, Model, WORLD
+from kane_dynamics.model.plausible_sizes import upward_gravity
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import load_urdf
 import numpy as np
@@ -28,6 +29,9 @@ def inspect(options: Namespace) -> int:
     """Print the properties of a robot; on request compare it with Pinocchio."""
     model_texts: list[str] = []
     model, robot = load_robot(options, model_texts)
+    upward = upward_gravity(model.gravity)
+    if upward:
+        model_texts.append(upward)
     if not options.verbose:
         model_texts = [brief(text) for text in model_texts]
     facts = describe(model, robot, model_texts,

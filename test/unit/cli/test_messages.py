@@ -91,3 +91,6 @@ def test_gravity_upwards_is_one_warning(away, capsys):
     assert main(['torque', away, '--q', '0', '-1', '-0.3', '--gravity', '0', '0',
                  '-1.62']) == 0
     assert not capsys.readouterr().err
+    # `inspect` prints the warnings of the model itself.
+    main(['inspect', away, '--gravity', '0', '0', '9.81'])
+    assert capsys.readouterr().out.count('points upwards in the axes of the base') == 1
