@@ -22,7 +22,7 @@ from kane_dynamics.native.backends.llvm_math import (constant_vector, DOUBLE,
                                                      literal, Real, transpose, Vector,
                                                      vector_type)
 from kane_dynamics.native.tracing.expression import Expr, operands
-from kane_dynamics.native.tracing.program import PLACING, Program, ROWS
+from kane_dynamics.native.tracing.program import CALLS, PLACING, Program, ROWS
 from kane_dynamics.native.tracing.side_by_side import SideBySide
 from kane_dynamics.native.tracing.subroutine import is_first
 import numpy as np
@@ -37,7 +37,6 @@ TOGETHER = (('sc', ('sin', 'cos')), ('th', ('tanh',)), ('ex', ('exp',)),
 ELEMENTARY = frozenset(op for _, ops in TOGETHER for op in ops)
 ROW_TYPE = vector_type(LANES)
 CHUNK = 256 * LANES  # numbers of a loop's results that one pointer reaches in few bytes
-CALLS = ('call', 'side_by_side', 'loop')  # nodes whose results stay in memory
 ROW_ARITHMETIC = {'wide_add': 'fadd', 'wide_sub': 'fsub', 'wide_mul': 'fmul',
                   'wide_div': 'fdiv'}
 

@@ -15,8 +15,8 @@ from kane_dynamics.native.tracing.expression import Expr, operands, Scalar, Trac
 import numpy as np
 
 Shape = tuple[int, ...]
-# Nodes that are not operations.
-STRUCTURE = ('input', 'output', 'call', 'loop', 'side_by_side')
+CALLS = ('call', 'loop', 'side_by_side')  # nodes that call other functions
+STRUCTURE = ('input', 'output', *CALLS)  # nodes that are not operations
 ROWS = {'wide_mul': 'multiplications', 'wide_add': 'additions', 'wide_sub': 'additions',
         'wide_div': 'divisions', 'wide_less': 'functions', 'wide_select': 'functions',
         'wide_neg': 'negations'}  # operations on the rows of `wide`

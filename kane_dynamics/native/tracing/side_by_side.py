@@ -14,7 +14,7 @@ import math
 from typing import Any
 
 from kane_dynamics.native.tracing.expression import Expr, operands, Trace
-from kane_dynamics.native.tracing.program import OperationCount, Program, Shape
+from kane_dynamics.native.tracing.program import CALLS, OperationCount, Program, Shape
 import numpy as np
 
 KNOWN = 'known'  # input of the second part: the results of the first
@@ -70,6 +70,8 @@ def divided(program: Program, early: Container[str],
     """
     Return the part of a program that depends on some inputs alone, and the rest.
 
+    Calls of subroutines are part of the rest.
+
     Parameters
     ----------
     program : Program
@@ -92,6 +94,10 @@ def divided(program: Program, early: Container[str],
     for node in nodes:
         if node.op == 'input':
             is_early[node.index] = node.args[0] in early
+        elif node.op in CALLS:
+            # The called function computes one state; a module has no second one of its
+            # name.
+            is_early[node.index] = False
         else:
             is_early[node.index] = all(is_early[x.index] for x in operands(node))
 

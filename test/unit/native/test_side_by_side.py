@@ -85,3 +85,23 @@ def test_the_rest_is_refused_without_the_results_of_one_state():
         return np.concatenate([call(second, mixed, row) for row in y])
     with pytest.raises(ValueError, match='expected the results of one state'):
         compiled(of_other_values)
+
+
+def test_a_subroutine_that_both_parts_call_is_that_of_one_state():
+    """A module has one function of each name, and a subroutine only one name."""
+    inner = trace_program('inner', lambda z: np.array([np.exp(z[0]) + z[0]]),
+                          [('z', (1,))])
+
+    def calling(x, y, scale):
+        of_x, = call(inner, x[:1] * scale)
+        of_y, = call(inner, y[:1])
+        return np.array([of_x * y[0], of_y + np.sin(x[1]), of_x, x[2] * scale[0], of_y])
+    program = trace_program('calling', calling,
+                            [('x', (3,)), ('y', (2,)), ('scale', (1,))])
+    first, second = divided(program, ('x', 'scale'), STATES)
+
+    def of_states(x, y, scale):
+        known = call_side_by_side(first, [[row, scale] for row in x])
+        return np.concatenate([call(second, at_x, row) for at_x, row in zip(known, y)])
+    expected = [evaluate(program, [x, y, SCALE]) for x, y in zip(X, Y)]
+    np.testing.assert_allclose(compiled(of_states), expected, rtol=1e-14)
