@@ -60,6 +60,7 @@ class DriftWatch:
         self._sliding = robot.model.sliding
         self._turning = dict(zip(names, turning_joints(robot, names), strict=True))
         self._generation = -1  # of the motions, which every activation changes
+        self._mode: Mode | None = None
         self._place: Array | None = None  # of all joints, since there is no motion
         self.warning = ''
         # In steady time: a simulated clock that stands must not stop the watch.
@@ -73,12 +74,13 @@ class DriftWatch:
     def _examine(self) -> None:
         """Warn of the joint that is farthest off, if one is too far."""
         generation = self._path.active_motion.generation
-        if generation != self._generation:
+        mode = self._path.controller.mode
+        if generation != self._generation or mode != self._mode:
             self._generation = generation
+            self._mode = mode
             self._place = None
         warning = ''
         q = self._path.measured()
-        mode = self._path.controller.mode
         if q is None or mode not in EXPECTED or not self._has_listeners():
             self._place = None
         else:

@@ -323,6 +323,7 @@ class TorquePath:
         self._counts = dict.fromkeys(COUNTS, 0.0)
         self._memory.path = self._initial()
         self._stop = NEVER, None
+        self._waiting = b''
         self.controller.stop()
         if self.loops is not None:
             self.loops.restart()

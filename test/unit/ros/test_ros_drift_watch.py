@@ -97,6 +97,9 @@ def test_a_base_without_motors_other_modes_and_arms_that_nothing_commands_may_mo
     assert rig.after(1.0, 0.0, 0.0, 1.0) == ''
     rig.controller.mode = Mode.INVERSE_DYNAMICS
     assert rig.after(1.0) == '' and rig.after(1.0, 0.0, 0.0, 1.0) != ''
+    # A mode that began since the last look has a place of its own.
+    rig.controller.mode = Mode.COMPUTED_TORQUE
+    assert rig.after(1.0, 0.0, 0.0, 1.0) == ''
 
 
 def test_without_valid_states_and_after_an_activation_the_place_is_a_new_one():
