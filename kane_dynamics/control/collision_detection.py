@@ -241,7 +241,7 @@ class FrameWrench(NamedTuple):
 
 
 @hinting
-def frame_wrench(partial_velocities: Array, torque: Array, *, length: float = 0.3,
+def frame_wrench(jacobian: Array, torque: Array, *, length: float = 0.3,
                  damping: float | None = None) -> FrameWrench:
     """
     Return the least-squares wrench at a frame: ``J^T w`` fits the external torques.
@@ -253,7 +253,7 @@ def frame_wrench(partial_velocities: Array, torque: Array, *, length: float = 0.
 
     Parameters
     ----------
-    partial_velocities : (6, n) array
+    jacobian : (6, n) array
         `Robot.jacobian` of the frame, linear then angular, world axes.
     torque : (n,) array
         The estimate of `MomentumObserver`, N m or N.
@@ -281,14 +281,13 @@ def frame_wrench(partial_velocities: Array, torque: Array, *, length: float = 0.
                     lambda x: 0.0 < x < math.inf)
     shape: tuple[int, ...] = ()
     with suppress(ValueError):  # rows of several lengths, which are refused below
-        shape = np.shape(partial_velocities)
+        shape = np.shape(jacobian)
     columns_of_joints = shape[1] if len(shape) == 2 else 0
-    partial_velocities = constant(partial_velocities, (6, columns_of_joints),
-                                  'partial_velocities', InputError)
+    jacobian = constant(jacobian, (6, columns_of_joints), 'jacobian', InputError)
     torque = constant(torque, (columns_of_joints,), 'torque', InputError)
     # (n, 6): torques of unit forces and of moments of 1 N times the length.
     scale = np.array([1.0, 1.0, 1.0, length, length, length])
-    columns = partial_velocities.T * scale
+    columns = jacobian.T * scale
     # The damped pseudoinverse: exact for singular values that are large enough.
     left, s, right = np.linalg.svd(columns, full_matrices=False)
     undamped = s >= smallest

@@ -224,7 +224,7 @@ def stated():
     return {
         'rod': {'start': (0, 0, 0), 'end': (0.3, 0.1, 0)},
         'box': {'at': (0.1, 0.2, 0.3)},
-        'frame_wrench': {'partial_velocities': robot.jacobian('tip', Q)},
+        'frame_wrench': {'jacobian': robot.jacobian('tip', Q)},
         'with_beam': {'model': model, 'link': 'link1', 'beam': FlexibleLink(
             0.5, 2.0, 80.0, (1, 0), up=(0, 0, 1))},
         'with_drives': {'drives': {'joint1': Drive(100.0, rotor_inertia=0.1)}},
