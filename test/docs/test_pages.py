@@ -1,4 +1,4 @@
-"""What README and docs show works as it is written, and what they name exists."""
+"""Blocks of README and docs work as written, and names in them exist."""
 
 import pkgutil
 import re

@@ -21,7 +21,7 @@ NANO = 10**9
 
 
 class Watch:
-    """What a client sees and asks of one simulated robot."""
+    """A client of one simulated robot."""
 
     def __init__(self, client):
         self.client = client

@@ -53,7 +53,7 @@ def motion_of(robot, arm, what):
 
 
 class Record:
-    """What a run keeps of its cycles."""
+    """Records of the cycles of one run."""
 
     def __init__(self, robot):
         self._limits = robot.limits

@@ -24,7 +24,7 @@ def urdf(side):
 
 
 class Side:
-    """What a client sees of one arm."""
+    """A client of one arm."""
 
     def __init__(self, client, side):
         self.robot = Robot(load_urdf(urdf(side)))

@@ -33,7 +33,7 @@ MARK = '@@ command '
 
 @dataclass(frozen=True)
 class Block:
-    """What stands between two fences."""
+    """A block of code between two fences."""
 
     language: str
     text: str

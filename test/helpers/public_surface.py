@@ -1,4 +1,4 @@
-"""What users of the library may call, by introspection, so that none is left out."""
+"""All calls of the public interface, found by introspection so that none is missed."""
 
 from enum import Enum
 from importlib import import_module

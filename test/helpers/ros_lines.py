@@ -1,4 +1,4 @@
-"""What can be checked of a page's ROS commands and files without an installation."""
+"""Checks of a page's ROS commands and files that need no installation."""
 
 import ast
 import importlib

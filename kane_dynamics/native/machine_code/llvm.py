@@ -354,7 +354,7 @@ def faster_copy(objects: bytes, symbol: str, run: Callable[[Address], object]) -
     allocations of 25 to 45 kB, and 1.1 to 1.3 times in one of three of 80 kB. It depends on
     the physical pages of the code alone (the same pages take the same time at any virtual
     address, with any data, on any core; reading them as data takes no longer), on which a
-    program has no influence. Copies in different pages are rarely slow all.
+    program has no influence. Copies in different pages are rarely all slow.
 
     Parameters
     ----------
