@@ -349,7 +349,7 @@ class SingleRobotMotion(RobotMotion):
 def steps_in_pairs(robot: Robot, choice: StepChoice) -> bool:
     """Return whether the step of one state computes its configurations in pairs."""
     equations = robot.equations
-    if choice.integrator != 'rk4' or choice.dual_to is not None:
+    if choice.integrator != 'rk4' or choice.dual_to is not None or choice.feedback:
         return False
     # The state is q and u alone, with q' = u.
     if not equations.in_joint_rates or robot.model.balls:
@@ -386,10 +386,9 @@ class MotionInPairs(RobotMotion):
 def traced_step_in_pairs(robot: Robot, choice: StepChoice, state: Vector, inputs: Matrix,
                          constants: Vector) -> Vector:
     """Return the state after a Runge-Kutta step, as `traced_step`; see `steps_in_pairs`."""
-    gain_count = 2 * robot.n if choice.feedback else 0
-    gains, h, parameters = np.split(constants, [gain_count, gain_count + 1])
-    motion = MotionInPairs(robot, inputs, gains if choice.feedback else None, parameters,
-                           None, False, choice.followed, np.zeros(0), h[0])
+    h, parameters = np.split(constants, [1])
+    motion = MotionInPairs(robot, inputs, None, parameters, None, False, choice.followed,
+                           np.zeros(0), h[0])
     q, u = np.split(state, 2)
     return runge_kutta_4_in_pairs(motion.at_pair, q, u, h[0])
 
