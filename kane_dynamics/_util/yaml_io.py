@@ -57,9 +57,13 @@ def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any
         reason = ' '.join(str(fault).split()) or 'too deeply nested'
         raise error(f"{what} '{source}': not valid YAML: {reason}; expected a YAML "
                     'mapping') from None
+    # A file that was cut to nothing must not mean that nothing is stated.
+    if not documents:
+        raise error(f"{what} '{source}': an empty file; expected a YAML mapping, or "
+                    '{} for one without entries')
     if len(documents) > 1:
         raise error(f"{what} '{source}': {len(documents)} YAML documents; expected one")
-    return documents[0] if documents else {}
+    return documents[0]
 
 
 def mapping(data: Any, what: str, valid: tuple[str, ...] | None = None,

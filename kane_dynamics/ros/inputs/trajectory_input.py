@@ -23,6 +23,11 @@ from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
 
 
+# S by which a motion begins before or after its reception, beyond which that is said:
+# more than a message takes, or a client plans ahead.
+NOTED = 0.5
+
+
 class PastMotionError(InputError):
     """A motion ended in the past."""
 
@@ -128,7 +133,7 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int,
     Returns
     -------
     str
-        What the message does, where it is no motion; else empty.
+        What the message does, where it is no motion that begins now; else empty.
 
     Raises
     ------
@@ -149,7 +154,29 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int,
     if not message.points:
         active_motion.clear('a trajectory without points on ~/joint_trajectory')
         return 'no points; the desired motion ends'
-    schedule_motion(path, message, now, generation, values, refuse)
+    _, start = schedule_motion(path, message, now, generation, values, refuse)
+    return start_in_words(start, now)
+
+
+def start_in_words(start: int, now: int) -> str:
+    """
+    Return when a motion begins, in words; empty if it is about now.
+
+    A stamp far from now is valid, but mostly one of another clock.
+
+    Parameters
+    ----------
+    start, now : int
+        Start of the motion and time of its reception, ns.
+
+    """
+    ahead = (start - now) / NANO
+    if ahead > NOTED:
+        return (f'begins in {ahead:.1f} s, by its stamp; what is followed now goes on '
+                'until then')
+    if ahead < -NOTED:
+        return (f'began {-ahead:.1f} s ago, by its stamp; followed from that time of the '
+                'motion on')
     return ''
 
 

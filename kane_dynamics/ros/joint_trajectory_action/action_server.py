@@ -19,7 +19,8 @@ from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import (Array, doubles, duration,
                                                  JointNamesError, NANO)
-from kane_dynamics.ros.inputs.trajectory_input import PastMotionError, schedule_motion
+from kane_dynamics.ros.inputs.trajectory_input import (PastMotionError,
+                                                         schedule_motion, start_in_words)
 from kane_dynamics.ros.joint_trajectory_action.goal_message import (GoalReader,
                                                                     TrajectoryGoal)
 from kane_dynamics.ros.joint_trajectory_action.goal_monitor import (GoalMonitor,
@@ -109,7 +110,8 @@ class FollowedGoal:
         """Return how much of the motion is done, as text."""
         moment = (self.path.now - self.start) / NANO
         if moment <= 0.0:
-            return f'before its motion of {self.motion.duration:.3f} s began'
+            return (f'{-moment:.3f} s before its motion of {self.motion.duration:.3f} s '
+                    'began')
         if moment > self.motion.duration:
             late = moment - self.motion.duration
             return f'{late:.3f} s after the end of its motion'
@@ -197,8 +199,12 @@ class JointTrajectoryAction:
         served.apply_loads()
         # The generation shows whether a stop comes between the check and the start.
         generation = path.active_motion.generation
-        motion, start = schedule_motion(path, message.trajectory, path.now, generation,
+        now = path.now
+        motion, start = schedule_motion(path, message.trajectory, now, generation,
                                         values, partial(refuse_impossible, served))
+        remark = start_in_words(start, now)
+        if remark:
+            self._log.warning(f'{NAME}: {remark}')
         # The new motion is scheduled, so that the former goal ends.
         if self._goal is not None:
             self._end(self._goal, self._interrupted(self._goal, 'replaced by a new goal'))

@@ -78,7 +78,7 @@ def test_constraints_of_a_mapping_act_on_the_robot():
 
 @pytest.mark.parametrize(('text', 'words'), [
     ('constraints: {}', "slip.yaml': no constraint; expected at least one"),
-    ('', "slip.yaml': no constraint; expected at least one"),
+    ('', "slip.yaml': an empty file; expected a YAML mapping"),
     ('[pin]', "slip.yaml': ['pin']; expected a mapping"),
     ('constraints: [pin]', "slip.yaml': constraints: ['pin']; expected a mapping"),
     ('loops: {}', "unknown key 'loops'; expected one of constraints, independent"),

@@ -340,6 +340,18 @@ def test_a_scheduled_motion_starts_from_the_active_one_which_continues_until_the
                                   ROBOT.inverse_dynamics(*second.sample(0.2)))
 
 
+@pytest.mark.parametrize(('ahead', 'words'), [
+    (0, ''), (NANO // 4, ''), (-NANO // 4, ''), (3600 * NANO, 'begins in 3600.0 s'),
+    (-NANO, 'began 1.0 s ago, by its stamp')])
+def test_a_motion_says_when_it_begins_if_that_is_not_now(ahead, words):
+    rig = Rig()
+    rig.state()
+    rest = (0.3, -0.2)
+    message = trajectory((0.0, rest), (2.0, rest), stamp=rig.time + ahead)
+    assert follow_trajectory(rig.path, message, 0, VALUES, JUDGE).startswith(words)
+    assert bool(follow_trajectory(rig.path, message, 0, VALUES, JUDGE)) == bool(words)
+
+
 def test_a_motion_with_a_later_first_point_starts_from_the_held_pose():
     rig = Rig(mode='computed_torque')
     rig.state()

@@ -57,7 +57,17 @@ def test_values_without_override_are_unchanged():
     assert (joint_.damping, joint_.friction, joint_.friction_speed) == (0.7, 0.3, 0.05)
 
 
-@pytest.mark.parametrize('text', ['', 'joints: {}', '{}', '# nothing'])
+@pytest.mark.parametrize('text', ['', '# nothing', '---\n'])
+def test_a_supplement_that_was_cut_to_nothing_is_named(text, tmp_path):
+    path = tmp_path / 'arm.yaml'
+    path.write_text(text)
+    with pytest.raises(UrdfError,
+                       match=r"supplement '.*arm\.yaml': an empty file; expected a YAML "
+                       'mapping'):
+        load(ARM, supplement=path)
+
+
+@pytest.mark.parametrize('text', ['joints: {}', '{}'])
 def test_empty_supplement_changes_nothing(text, tmp_path):
     path = tmp_path / 'arm.yaml'
     path.write_text(text)
