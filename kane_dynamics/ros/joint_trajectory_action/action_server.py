@@ -19,8 +19,8 @@ from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import (Array, doubles, duration,
                                                  JointNamesError, NANO)
-from kane_dynamics.ros.inputs.trajectory_input import (PastMotionError,
-                                                         schedule_motion, start_in_words)
+from kane_dynamics.ros.inputs.trajectory_input import (
+    PastMotionError, schedule_motion, start_in_words)
 from kane_dynamics.ros.joint_trajectory_action.goal_message import (GoalReader,
                                                                     TrajectoryGoal)
 from kane_dynamics.ros.joint_trajectory_action.goal_monitor import (GoalMonitor,

@@ -553,6 +553,31 @@ def test_a_command_whose_computation_was_interrupted_waits_for_the_guard(
     assert both.largest_step(began) <= 1.0 + 1e-9
 
 
+def test_a_state_that_waited_before_an_activation_is_not_answered_after_it(pair):
+    both = pair()
+
+    def activate_without_a_guard():
+        both.path.stop()
+        both.link._known = both.link._known._replace(seen=0.0)
+        both.path.start()
+    both.guard_process.running = False
+    activate_without_a_guard()
+    began = both.machine.now
+    both.step()
+    assert not any(now > began for now, _, _ in both.machine.commands), 'the state waits'
+    activate_without_a_guard()
+    # The guard is found, hands the topic over, and no new state comes.
+    sent = len(both.machine.commands)
+    both.guard_process.resume()
+    both.guard.send_heartbeat()
+    both.run(0.02, states=False)
+    assert not both.path.arbitration.asked, 'the guard has answered'
+    assert len(both.machine.commands) == sent
+    both.run(0.1)
+    assert both.machine.commands[-1][1] == 'node'
+    assert both.machine.commands[-1][2].any()
+
+
 def test_loads_arrive_as_they_were_sent():
     payload = Inertial(1.5, np.array([0.1, 0.2, 0.3]),
                        np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.3], [0.2, 0.3, 5.0]]))
