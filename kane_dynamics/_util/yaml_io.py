@@ -59,8 +59,8 @@ def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any
                     'mapping') from None
     # A file that was cut to nothing must not mean that nothing is stated.
     if not documents:
-        raise error(f"{what} '{source}': an empty file; expected a YAML mapping, or "
-                    '{} for one without entries')
+        raise error(f"{what} '{source}': an empty file; expected a YAML mapping "
+                    '({} states nothing)')
     if len(documents) > 1:
         raise error(f"{what} '{source}': {len(documents)} YAML documents; expected one")
     return documents[0]

@@ -24,6 +24,7 @@ from kane_dynamics.urdf import expand_xacro, load_urdf
 from kane_dynamics.urdf.xacro_file import arguments_of
 import numpy as np
 
+CLOSED = 1e-9  # rad or m, to which loops are closed
 UNCERTAIN = ('mass', 'com', 'inertia', 'friction', 'offset')  # of `Uncertainty.of`
 
 
@@ -181,15 +182,30 @@ def warn_outside(robot: Robot, q: Array, what: str) -> None:
 
 
 def say_start(robot: Robot, q: Array, what: str) -> None:
-    """Print the coordinates that do not start at 0 because their limits exclude it."""
+    """Print the coordinates that do not start at 0, because limits or loops exclude it."""
+    # A stated configuration is no surprise.
+    if robot.configuration is not None:
+        return
     lower, upper = robot.limits.lower, robot.limits.upper
     zero = neutral(robot.model)
-    excluded = np.flatnonzero((zero < lower) | (zero > upper))
-    # A stated configuration is no surprise.
-    if len(excluded) and robot.configuration is None:
-        values = [f'{robot.coordinate_names[k]} {q[k]:.4g}' for k in excluded]
-        print(f'kane-dynamics: {what}: 0 is outside the limits of these joints; they '
-              f'start in the middle of their limits: {short(values)}', file=sys.stderr)
+    places = np.flatnonzero((zero < lower) | (zero > upper))
+    reason = ('0 is outside the limits of these joints; they start in the middle of '
+              'their limits')
+    # Loops that are open at 0, or closed outside the limits, are closed elsewhere: near
+    # it, or anywhere.
+    starts = np.flatnonzero(np.abs(q - zero) > CLOSED)
+    if len(starts) > 0 and closes_loops(robot):
+        places = starts
+        reason = ('0 is no closed configuration within the limits; these joints start '
+                  'elsewhere')
+    if len(places) > 0:
+        values = [f'{robot.coordinate_names[k]} {q[k]:.4g}' for k in places]
+        print(f'kane-dynamics: {what}: {reason}: {short(values)}', file=sys.stderr)
+
+
+def closes_loops(robot: Robot) -> bool:
+    """Return whether constraints determine positions of some joints."""
+    return len(velocity_rows(robot)) < len(robot.mechanism.labels)
 
 
 def speed_vector(options: Namespace, name: str, robot: Robot) -> Array:

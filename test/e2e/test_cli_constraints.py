@@ -15,6 +15,7 @@ from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 from palletizer import DRIVEN, LOOPS, palletizer, positions, URDF
 import pytest
+from urdf_writer import chain
 import yaml
 
 ARM = [str(URDF), '--constraints', str(LOOPS)]
@@ -48,6 +49,26 @@ def expected(q, u, udot):
          for name in DRIVEN]] = nonholonomic.inverse_dynamics(
              robot.mechanism, q, np.array(u), np.array(udot))
     return tau
+
+
+def test_a_loop_that_is_open_at_zero_says_where_it_starts(tmp_path):
+    urdf = tmp_path / 'arm.urdf'
+    urdf.write_text(chain(2))
+    loops = tmp_path / 'loops.yaml'
+    files = str(urdf), '--constraints', str(loops)
+    gear = {'joint': 'j2', 'ratios': {'j1': 2.0}, 'offset': 0.7}
+    content = {'constraints': {'gear': {'coupling': gear}}}
+    loops.write_text(yaml.safe_dump(content))
+    done = command('torque', *files)
+    assert done.returncode == 0
+    said, _, values = done.stderr.partition(' elsewhere: ')
+    assert said == ('kane-dynamics: --q: 0 is no closed configuration within the '
+                    'limits; these joints start')
+    start = dict(re.findall(r'(\w+) (\S+?),?\s', values))
+    assert float(start['j2']) - 2.0 * float(start['j1']) == pytest.approx(0.7, abs=1e-3)
+    gear['offset'] = 0.0
+    loops.write_text(yaml.safe_dump(content))
+    assert not command('torque', *files).stderr
 
 
 @pytest.fixture
@@ -307,7 +328,7 @@ def test_an_empty_constraints_file_is_named(tmp_path):
     empty.touch()
     done = command('inspect', str(URDF), '--constraints', str(empty))
     assert done.returncode == 2
-    assert f"file '{empty}': no constraint; expected at least one" in done.stderr
+    assert f"--constraints '{empty}': an empty file; expected" in done.stderr
 
 
 def test_drives_of_loops_are_identified(tmp_path):
