@@ -210,6 +210,8 @@ class GuardPath(TorquePath):
     def check_timeout(self) -> None:
         """Command if states are stale or impossible and the node does not react."""
         now = time.perf_counter()
+        # After a stall of its own, states and torques may be in the queue.
+        self.watch.tick(now)
         if self.watch.acting:
             super().check_timeout()
             # The loss of liveliness began a takeover, and no valid state came since.

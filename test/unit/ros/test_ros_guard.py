@@ -553,6 +553,21 @@ def test_a_command_whose_computation_was_interrupted_waits_for_the_guard(
     assert both.largest_step(began) <= 1.0 + 1e-9
 
 
+@pytest.mark.parametrize('seconds', [0.05, 0.2, 1.0])
+def test_a_guard_that_was_stopped_leaves_the_command_to_the_node(pair, seconds):
+    both = pair()
+    stopped = both.machine.now
+    both.guard_process.running = False
+    both.run(seconds)
+    # Its timers may be ready before its messages: states and torques of the node.
+    both.guard.path.check_timeout()
+    both.machine.deliver()
+    both.guard_process.resume()
+    both.run(0.5)
+    assert both.voices(stopped) == ['node']
+    assert not both.guard.path.watch.takeovers
+
+
 def test_a_state_that_waited_before_an_activation_is_not_answered_after_it(pair):
     both = pair()
 
