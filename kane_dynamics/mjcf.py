@@ -473,7 +473,9 @@ class _Reader:
                 turns = [IDENTITY, IDENTITY]
         for frame, body, point, turn in zip(frames, bodies, points, turns):
             self.builder.frame(frame, self.bodies[body], at=point, quaternion=turn)
-        return Closure(*frames, 'weld' if weld else 'spherical', name=name)
+        # The last number of a weld scales its rotations; with 0 they are free.
+        turns_too = weld and float(compiled.eq_data[k, 10]) != 0.0
+        return Closure(*frames, 'weld' if turns_too else 'spherical', name=name)
 
     def _reference(self, model: Model) -> dict[str, float]:
         """Return the positions in which the XML draws the mechanism, by coordinate."""

@@ -191,6 +191,26 @@ def test_residuals_of_loops_are_those_of_mujoco():
     assert j4 - 2.0 * j3 - 0.1 == pytest.approx(data.efc_pos[3], abs=1e-12)
 
 
+WELDED = """
+<mujoco><option jacobian="dense"/><worldbody>
+  <body name="a"><freejoint/><geom type="box" size=".1 .2 .05"/>
+    <site name="on_a" pos=".1 .2 .3"/></body>
+  <body name="b" pos=".3 .1 .2"><freejoint/><geom type="box" size=".2 .1 .05"/>
+    <site name="on_b" pos="-.2 .1 .1"/></body></worldbody>
+<equality><weld {ends} torquescale="{scale}"/></equality></mujoco>
+"""
+
+
+@pytest.mark.parametrize('ends', ['body1="a" body2="b"', 'site1="on_a" site2="on_b"'])
+@pytest.mark.parametrize(('scale', 'rows'), [('0', 3), ('0.3', 6)])
+def test_a_weld_whose_rotations_have_no_force_leaves_them_free(ends, scale, rows):
+    model, mechanism = loaded(WELDED.format(ends=ends, scale=scale))
+    data, _, _ = random_state(model, np.random.default_rng(0))
+    J = data.efc_J.reshape(-1, model.nv)[:data.ne]
+    assert np.linalg.matrix_rank(J) == rows
+    assert Robot(mechanism.model, **mechanism.options).n == model.nv - rows
+
+
 FOUR_BAR = """
 <mujoco model="four bar"><compiler angle="radian"/><worldbody>
   <body name="crank"><joint name="crank" axis="0 1 0"/>
