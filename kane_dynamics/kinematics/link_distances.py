@@ -56,9 +56,9 @@ class LinkDistances:
     those of what they contain are not smaller. A link without a shape is a rod between
     its joints.
 
-    Links that a joint connects are not compared, nor are shapes that overlap in the rest
-    configuration, such as boxes around the meshes of neighbors: `left_out` names these
-    pairs.
+    Links that a joint connects are not compared, nor are shapes of links that overlap in
+    the rest configuration, such as boxes around the meshes of neighbors: `left_out` names
+    these pairs. Obstacles are compared with all moving links.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class LinkDistances:
     pairs : tuple of (str, str)
         Compared pairs: two links, or a link and an obstacle.
     left_out : tuple of (str, str)
-        Pairs whose shapes overlap in the rest configuration.
+        Pairs of links whose shapes overlap in the rest configuration.
 
     Warns
     -----
@@ -108,9 +108,11 @@ class LinkDistances:
         self._place(model, shapes, obstacles, q_rest)
         self._shape_pairs = self._pairs_to_compare(model, ignored)
 
-        # Shapes that overlap at rest are neighbors, of which no distance says anything.
+        # Links that overlap at rest are neighbors, of which no distance says anything. An
+        # obstacle that overlaps a link at rest can be entered from other configurations.
         distances, _, _ = self._shape_distances(q_rest[None])
-        overlapping = distances[0] == 0.0
+        is_link = self._shape_pairs[:, 1] < self._links
+        overlapping = is_link & (distances[0] == 0.0)
         self.left_out = self._named(self._shape_pairs[overlapping])
         self._shape_pairs = self._shape_pairs[~overlapping]
         self.pairs = self._named(self._shape_pairs)

@@ -172,6 +172,22 @@ def test_shapes_that_overlap_at_rest_are_left_out_by_name():
     assert not set(distances.left_out) & set(distances.pairs)
 
 
+def test_an_obstacle_that_an_arm_at_rest_overlaps_is_compared_all_the_same():
+    """An arm that comes from another configuration could enter the obstacle."""
+    robot, shapes = two_links()
+    wall = LinkShape('wall', 'box', np.array([0.2, 1.0, 1.0]),
+                     pose_from((1.2, 0.0, 0.5)))
+    distances = LinkDistances(robot, shapes, [wall])
+    assert distances.left_out == ()
+    hand = distances.pairs.index(('hand', 'wall'))
+    assert distances(np.zeros(3))[hand] == 0.0
+    assert distances.nearest(np.zeros(3)).links == ('hand', 'wall')
+    folded = distances([0.0, np.pi, 0.0])[hand]  # the hand at x = -0.25
+    assert folded == pytest.approx(1.1 + 0.25 - 0.1, abs=1e-9)
+    fewer = LinkDistances(robot, shapes, [wall], ignored=[('hand', 'wall')])
+    assert ('hand', 'wall') not in fewer.pairs
+
+
 @pytest.mark.parametrize(('change', 'words'), [
     ({'shapes': LinkShape('a', 'box', np.ones(3), np.eye(4))},
      'shapes: a LinkShape; expected'),

@@ -376,7 +376,8 @@ def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None,
     if not finite or np.abs(u).max(initial=0.0) >= AT_REST:
         return []
     # What efforts mean is stated, guessed from gravity, or cannot be seen.
-    if effort.any() and efforts is not None:
+    expects_zero = efforts is not None and not efforts.gravity
+    if efforts is not None and (expects_zero or effort.any()):
         words = efforts.contradiction(robot, q, effort)
         return [Finding('problem', words)] if words else [
             Finding('fine', f'efforts at rest fit {efforts}')]
@@ -385,9 +386,10 @@ def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None,
     if np.abs(robot.gravity_force(q)).max(initial=0.0) < WEIGHTLESS:
         return []
     return [Finding('warning',
-                    'efforts at rest: all zero, with brakes or without measurement; '
-                    'expected observer.torque: command if the driver does not measure '
-                    'efforts, because auto uses them')]
+                    'efforts at rest: all zero, with brakes, without measurement, or of an '
+                    'arm that reports them without gravity; expected observer.torque: '
+                    'command if the driver does not measure efforts, because auto uses '
+                    'them, or efforts.gravity: false if they lack gravity')]
 
 
 def _not_finite(names: tuple[str, ...], values: Array) -> list[str]:

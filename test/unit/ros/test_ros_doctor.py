@@ -240,6 +240,8 @@ def test_the_stated_kind_of_efforts_is_checked_at_rest():
     for stated, effort, level, words in (
             (efforts, without, 'fine',
              'efforts at rest fit motor torques without gravity'),
+            (efforts, [0.0, 0.0], 'fine',
+             'efforts at rest fit motor torques without gravity'),
             (efforts, weight()[::-1], 'problem', 'do they contain gravity'),
             (Efforts(), without, 'problem', 'do they lack gravity'),
             (Efforts(), weight()[::-1], 'fine',
@@ -303,6 +305,7 @@ def test_zero_efforts_under_gravity_give_a_warning():
     levels, words = findings(*states(effort=[0.0, 0.0]))
     assert 'warning' in levels
     assert 'observer.torque: command' in words
+    assert 'efforts.gravity: false if they lack gravity' in words
     upright = states(effort=[0.0, 0.0], position=[0.0, math.pi / 2])  # no gravity torque
     assert findings(*upright)[0] == ['fine']
 
