@@ -47,11 +47,11 @@ def shape_of(value: ArrayLike, what: str) -> tuple[int, ...]:
 
 
 def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
-              finite: bool = True, part: str = 'joint') -> Array:
+              finite: bool = True, part: str = 'joint', signed: bool = False) -> Array:
     """
     Return one number, or one per joint, as a read-only (n,) array of numbers >= 0.
 
-    Messages call an entry that of a `part`.
+    `signed` allows numbers < 0 too. Messages call an entry that of a `part`.
 
     Raises
     ------
@@ -72,9 +72,12 @@ def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
         raise InputError(f'{what}: {value!r}; expected one number, or {len(names)} '
                          f'({", ".join(names)})')
     array = np.full(len(names), array)
-    expected = 'a finite number >= 0' if finite else 'a number >= 0'
+    lowest = -math.inf if signed else 0.0
+    expected = 'a finite number' if finite else 'a number'
+    if not signed:
+        expected += ' >= 0'
     for name, number in zip(names, array.tolist(), strict=True):
-        if not number >= 0.0 or (finite and math.isinf(number)):
+        if not number >= lowest or (finite and math.isinf(number)):
             raise InputError(f"{what} of {part} '{name}': {number}; expected {expected}")
     array.flags.writeable = False
     return array

@@ -215,7 +215,8 @@ def _add_efforts(sub: ArgumentParser) -> None:
                      help='the weight of the arm is no part of the efforts')
     sub.add_argument('--torque-constants', type=float, nargs='+', metavar='C',
                      help='torque on the joint per current, one or one per joint, N '
-                     'm/A, with --efforts motor_current')
+                     'm/A, negative where the motor turns the other way; with --efforts '
+                     'motor_current')
 
 
 def _identify(sub: ArgumentParser) -> None:

@@ -45,8 +45,8 @@ class Efforts:
         Whether the weight of the arm and of its payload is part of the efforts; without
         effect on external torques. If not, the gravity of the model is added.
     constants : (n,) array, optional
-        Torque on the joint per current, N m/A or N/A, gears included; needed for
-        currents only.
+        Torque on the joint per current, N m/A or N/A, gears included; negative where the
+        motor turns the other way. Needed for currents only.
 
     Raises
     ------
@@ -127,13 +127,8 @@ class Efforts:
         if self.plain:
             return tau.copy()
         if self.constants is not None:
-            constants = per_joint(self.constants, 'constants', names)
-            if not constants.all():
-                joint = names[int(np.argmin(constants))]
-                raise InputError(f"constants of joint '{joint}': 0; expected a positive "
-                                 'number, N m/A or N/A')
             # Currents times constants; then what each kind of effort lacks.
-            tau = tau * constants
+            tau = tau * _torque_constants(self.constants, names)
 
         # The efforts lack all that moves the arm by itself.
         if self.kind is EffortKind.EXTERNAL_TORQUE:
@@ -234,7 +229,7 @@ class Efforts:
         # weight.
         held = finite_row(effort, 'effort', actuated_joints(robot))
         if self.constants is not None:
-            held = held * per_joint(self.constants, 'constants', actuated_joints(robot))
+            held = held * _torque_constants(self.constants, actuated_joints(robot))
         if not robot.equations.in_joint_rates:
             held = generalized_force(robot, held, q)
         return float(held @ weight / (weight @ weight))
@@ -245,6 +240,16 @@ class Efforts:
         if self.kind is EffortKind.EXTERNAL_TORQUE:
             return name
         return f'{name} {"with" if self.gravity else "without"} gravity'
+
+
+def _torque_constants(stated: ArrayLike, names: tuple[str, ...]) -> Array:
+    """Return the torque on each joint per current, (n,), N m/A or N/A."""
+    constants = per_joint(stated, 'constants', names, signed=True)
+    if not constants.all():
+        joint = names[int(np.flatnonzero(constants == 0.0)[0])]
+        raise InputError(f"constants of joint '{joint}': 0; expected another number, N m/A "
+                         'or N/A')
+    return constants
 
 
 def generalized_force(robot: Robot, torque: Array, q: ArrayLike) -> Array:

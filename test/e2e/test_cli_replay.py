@@ -102,7 +102,7 @@ def test_replay_takes_the_stated_kind_of_efforts_and_remarks_on_a_wrong_one(
         tmp_path, recording):
     weight = Robot(load_urdf(URDF)).gravity_force(recording.q)
     path = tmp_path / 'run.npz'
-    constants = np.array([4.0, 0.5])
+    constants = np.array([4.0, -0.5])
 
     def replayed(effort, *options):
         np.savez(path, t=recording.t, q=recording.q, u=recording.u, udot=recording.udot,
@@ -112,7 +112,7 @@ def test_replay_takes_the_stated_kind_of_efforts_and_remarks_on_a_wrong_one(
         return json.loads(done.stdout)
     without = replayed(recording.tau - weight, '--efforts-without-gravity')
     currents = replayed(recording.tau / constants, '--efforts', 'motor_current',
-                        '--torque-constants', '4', '0.5')
+                        '--torque-constants', '4', '-0.5')
     for data in (without, currents):
         assert max(data['rms_error']) < 0.05
         assert data['remarks'] == []

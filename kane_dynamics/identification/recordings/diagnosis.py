@@ -20,6 +20,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.recordings.signal_faults import (beyond_limits,
                                                                    frozen_rows,
+                                                                   idle_efforts,
                                                                    interruptions,
                                                                    longest_stretch,
                                                                    without_outliers)
@@ -57,6 +58,9 @@ LONG_STEP = 0.5  # s between rows: seconds would be milliseconds
 MOVES = 0.02  # rad or m: a joint that moves less is at rest
 LIKE = 0.8  # smallest cosine between speeds and derivatives of positions that are alike
 WINDOWS = 200  # number of windows in which positions and speeds are compared
+SPEED_WINDOW = 0.3  # s, of displacements that are compared with integrals of speeds
+LONGEST_SPEED_DELAY = 0.3  # s
+SPEED_ERROR = 0.05  # relative error of displacements for which a delay of speeds counts
 EXPECTED = 'expected it, in rad/s or m/s'
 UNITS = ((math.degrees(1.0), 'are they in degrees a second?'),
          (math.radians(1.0), 'are the positions in degrees?'),
@@ -128,6 +132,7 @@ def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
         sound, signals = _signals(model, recording)
         faults += signals
         faults += _torques(model, sound, gravity_added, has_signal_faults=bool(signals))
+        faults += _late_speeds(model, recording)
     faults += _interruptions(recording)
 
     # Remarks do not refuse a recording.
@@ -246,6 +251,60 @@ def _speed_fault(model: Model, j: int, cosines: Array, factor: float) -> str | N
     return f'not the derivative of the positions; {EXPECTED}'
 
 
+def _late_speeds(model: Model, recording: Recording) -> Iterator[RecordingFault]:
+    """Yield the joints whose speeds come later or earlier than the positions change."""
+    if 'u' in recording.derived:
+        return
+    stretch = longest_stretch(recording)
+    delays = np.zeros(model.n)
+    for j in range(model.n):
+        if np.abs(recording.q[:, j] - recording.q[0, j]).max() > MOVES:
+            delays[j] = _speed_delay(stretch, j)
+    for late, side in ((delays > 0.0, 'after'), (delays < 0.0, 'before')):
+        if not late.any():
+            continue
+        low, high = np.sort(np.abs(delays[late]))[[0, -1]]
+        span = f'{low:.2g} s' if high - low < 0.005 else f'{low:.2g} to {high:.2g} s'
+        yield RecordingFault(
+            'remark', f'speeds of {_named(model, np.flatnonzero(late))} come {span} {side} '
+            'the changes of the positions, as those of a filter do; expected none of this '
+            'delay: without columns of speeds they are derived from the positions')
+
+
+def _speed_delay(recording: Recording, j: int) -> float:
+    """
+    Return by how much the speeds of a joint come after its positions, s; 0 if they do not.
+
+    Displacements over windows of rows are compared with integrals of the speeds over
+    windows that begin later.
+    """
+    t = recording.t
+    q, u = recording.q[:, j], recording.u[:, j]
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (u[1:] + u[:-1]) * np.diff(t))])
+    step = float(np.median(np.diff(t)))
+    width = max(1, round(SPEED_WINDOW / step))
+    most = round(LONGEST_SPEED_DELAY / step)
+    if len(t) <= 2 * (most + width):
+        return 0.0
+    begins = np.arange(most, len(t) - most - width, max(1, len(t) // MOST_ROWS))
+    displacement = q[begins + width] - q[begins]
+    size = float(np.linalg.norm(displacement))
+
+    def missed(delay: float) -> float:
+        """Return the difference of displacements to those of speeds that come later."""
+        later = np.interp(t[begins + width] + delay, t, integral)
+        earlier = np.interp(t[begins] + delay, t, integral)
+        return float(np.linalg.norm(displacement - (later - earlier)))
+    delays = step * np.arange(-most, most + 1)
+    errors = [missed(delay) for delay in delays]
+    best = int(np.argmin(errors))
+    # The error of the speeds must be large, and the delay explain most of it.
+    at_once = errors[most]
+    if at_once < SPEED_ERROR * size or errors[best] > CLEARLY * at_once:
+        return 0.0
+    return float(delays[best])
+
+
 def _is_interruption(recording: Recording) -> Array:
     """Return for each step of time whether it is an interruption, 0 or 1, (N - 1,)."""
     steps = np.zeros(len(recording) - 1)
@@ -284,7 +343,14 @@ def _signals(model: Model,
         fault = (f'efforts of {{}} have {outliers[:, j].sum()} outliers, the first at '
                  f'{sound.t[first_row]:.4g} s: a spike or a lost message')
         joints_by_fault.setdefault(fault, []).append(int(j))
+    # A channel that measures nothing is a fault of all rows, which includes that of some.
+    idle = idle_efforts(sound)
+    if idle.any():
+        joints_by_fault['efforts of {} stay near one value while the joint moves both ways; '
+                        'expected efforts that follow the motion: are they measured?'
+                        ] = np.flatnonzero(idle).tolist()
     frozen = frozen_rows(sound)
+    frozen[:, idle] = False
     for j in np.flatnonzero(frozen.any(axis=0)):
         frozen_times = sound.t[frozen[:, j]]
         fault = (f'efforts of {{}} are constant from {frozen_times[0]:.4g} s to '
@@ -293,7 +359,7 @@ def _signals(model: Model,
 
     # A joint without any sound row gets the model's torque, in which nothing is to be
     # corrected.
-    dead = frozen.all(axis=0)
+    dead: Flags = np.asarray(frozen.all(axis=0) | idle)
     sound_rows: Flags = ~np.asarray((frozen & ~dead).any(axis=1))
     sound = sound.rows(sound_rows)
     if dead.any():
@@ -318,9 +384,8 @@ def _torques(model: Model, recording: Recording, gravity_added: bool, *,
     # A part of the rows shows faults as well as all of them.
     step = max(1, len(smooth) // MOST_ROWS)
     corrected, scaled = _within_limits(robot, smooth.rows(slice(None, None, step)))
-    joints_by_fault: dict[str, list[int]] = {}
-    for fault, joint in scaled:
-        joints_by_fault.setdefault(fault, []).append(joint)
+    joints_by_fault: dict[str, set[int]] = {}
+    factors = scaled.copy()
 
     # The most effective correction is applied, and the search starts again from there.
     errors = _errors(robot, corrected)
@@ -330,10 +395,25 @@ def _torques(model: Model, recording: Recording, gravity_added: bool, *,
             break
         repair, errors = best
         corrected = repair.recording
-        joints_by_fault.setdefault(repair.kind, []).extend(repair.joints)
-    for fault, joints in joints_by_fault.items():
-        yield RecordingFault('wrong', fault.format(_named(model, sorted(set(joints)))))
-    if not joints_by_fault and not has_signal_faults:
+        # A second factor of a joint multiplies the first; a second change of a sign undoes
+        # the first.
+        joints = set(repair.joints)
+        if repair.factor != 1.0:
+            factors[list(joints)] *= repair.factor
+            continue
+        of_kind = joints_by_fault.setdefault(repair.kind, set())
+        if repair.kind == REVERSED_EFFORTS:
+            of_kind ^= joints
+        else:
+            of_kind |= joints
+    for factor in np.unique(factors[factors != 1.0]):
+        fault = _scale_words(float(factor))
+        joints_by_fault.setdefault(fault, set()).update(
+            np.flatnonzero(factors == factor).tolist())
+    for fault, faulty in joints_by_fault.items():
+        if faulty:
+            yield RecordingFault('wrong', fault.format(_named(model, sorted(faulty))))
+    if not any(joints_by_fault.values()) and not has_signal_faults:
         yield from _delays(model, torque_delays(model, smooth))
 
 
@@ -348,7 +428,7 @@ def _best_repair(robot: Robot, recording: Recording, errors: Array, gravity_adde
         remaining = _errors(robot, repair.recording)
         # Torques in another unit would shrink the error by that unit alone.
         comparable = remaining.copy()
-        comparable[joints] *= repair.factor
+        comparable[joints] *= abs(repair.factor)
         fall = float(np.log(errors / comparable).sum())
         reduces_all = (comparable[joints] <= 1.01 * errors[joints]).all()
         # More joints need more evidence, and no joint may become worse.
@@ -378,28 +458,26 @@ def _with_reversed_positions(robot: Robot, recording: Recording, repair: _Repair
 
 
 def _within_limits(robot: Robot,
-                   r: Recording) -> tuple[Recording, list[tuple[str, int]]]:
-    """Return the efforts in N m where they exceed the limits by far, with fault and joint."""
+                   r: Recording) -> tuple[Recording, Array]:
+    """Return the efforts in N m where they exceed the limits by far, and units, (n,)."""
     rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
-    tau = r.tau.copy()
-    faults = []
+    tau = r.tau
+    units = np.ones(robot.n)
     # An effort beyond all limits is in other units, such as N mm: the nearest power of
     # ten.
     for j in np.flatnonzero(beyond_limits(r, np.asarray(robot.limits.effort))):
         measured = float(np.linalg.norm(tau[:, j]))
         computed = max(float(np.linalg.norm(rigid[:, j])), 1e-12)
         distances = np.abs(np.log(measured / computed / np.array(LARGE_UNITS)))
-        unit = LARGE_UNITS[int(np.argmin(distances))]
-        tau[:, j] /= unit
-        faults.append((_scale_words(unit), int(j)))
-    return replace(r, tau=tau), faults
+        units[j] = LARGE_UNITS[int(np.argmin(distances))]
+    return replace(r, tau=tau / units), units
 
 
 def _scale_words(factor: float) -> str:
     """Return the description of efforts of another unit."""
     unit = 'another unit, a current, or torque before the gearbox?'
     for value, name in EFFORT_UNITS:
-        if 0.6 < factor / value < 1.6:
+        if 0.6 < abs(factor) / value < 1.6:
             unit = f'{name}?'
     return f'efforts of {{}} are about {factor:.3g} times the torques: {unit}'
 
@@ -490,25 +568,33 @@ def _sign_and_gravity_repairs(robot: Robot, r: Recording,
 
 def _scale_repairs(robot: Robot, r: Recording, rigid: Array, errors: Array,
                    joint_sets: Sequence[tuple[int, ...]]) -> Iterator[_Repair]:
-    """Yield recordings with torques in another unit."""
-    residuals = np.zeros(robot.n)
-    factors = np.zeros(robot.n)
-    for j in range(robot.n):
-        residuals[j], factors[j] = _fitted(r, j, r.tau[:, j], rigid[:, j])
-    # The factor is known where rigid bodies cause most of the torque, or where it
-    # matters.
-    from_bodies = factors * np.abs(rigid).max(axis=0) > 0.5 * np.abs(r.tau).max(axis=0)
-    matters = (residuals < CLEARLY * errors) & (factors > 0.0)
-    is_known = from_bodies | matters
-    for joints in joint_sets:
-        known = [j for j in joints if is_known[j]]
-        if not known:
-            continue
-        factor = float(np.median(factors[known]))
-        if not 0.4 < factor < 2.5:
-            yield _Repair(_scale_words(factor), joints,
-                          _with_torque(r, joints, r.tau / factor),
-                          ONCE * len(known), factor)
+    """Yield recordings with torques in another unit, of the same sign or the other."""
+    for sign in (1.0, -1.0):
+        residuals = np.zeros(robot.n)
+        factors = np.zeros(robot.n)
+        of_sign = np.zeros(robot.n)  # errors with this sign alone
+        for j in range(robot.n):
+            tau = sign * r.tau[:, j]
+            residuals[j], factors[j] = _fitted(r, j, tau, rigid[:, j])
+            of_sign[j], _ = _fitted(r, j, tau - rigid[:, j])
+        # The factor is known where rigid bodies cause most of the torque, or where it
+        # matters.
+        from_bodies = (factors * np.abs(rigid).max(axis=0)
+                       > 0.5 * np.abs(r.tau).max(axis=0))
+        matters = (residuals < CLEARLY * of_sign) & (factors > 0.0)
+        is_known = from_bodies | matters
+        for joints in joint_sets:
+            known = [j for j in joints if is_known[j]]
+            if not known:
+                continue
+            # Beyond what the sign alone explains, the unit needs evidence of its own.
+            needed = ONCE * len(known)
+            needed += float(np.log(errors[known] / of_sign[known]).sum())
+            size = float(np.median(factors[known]))
+            if not 0.4 < size < 2.5:
+                factor = sign * size
+                yield _Repair(_scale_words(factor), joints,
+                              _with_torque(r, joints, r.tau / factor), needed, factor)
 
 
 def _reversed_encoders(robot: Robot, r: Recording) -> Iterator[_Repair]:

@@ -1,4 +1,4 @@
-"""Faults of signals: interruptions, outliers, constant efforts, efforts beyond limits."""
+"""Faults of signals: interruptions, outliers, constant or idle efforts, beyond limits."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -17,6 +17,9 @@ USUAL = 0.002, 0.998  # quantiles of the usual range
 FROZEN, FROZEN_ROWS = 0.25, 8  # s, and rows, of the shortest constant stretch
 FROZEN_RUNS = 10.0  # times the 95th percentile of the lengths of other constant stretches
 FROZEN_MOTION = 0.02  # rad or m, by which the joint moves meanwhile
+IDLE = 0.05  # of the range of efforts: largest range of the middle half of idle ones
+IDLE_MOTION = 0.02  # rad/s or m/s, of a joint that moves
+IDLE_ROWS, IDLE_SHARE = 100, 0.1  # least rows in motion, and share in each direction
 BEYOND = 1.5  # effort limits that a tenth of the efforts exceeds
 
 
@@ -91,6 +94,26 @@ def frozen_rows(recording: Recording) -> Flags:
                                                            FROZEN_RUNS * usual)
                 and np.ptp(recording.q[stretch, j]) > FROZEN_MOTION):
             flags[stretch, j] = True
+    return flags
+
+
+def idle_efforts(recording: Recording) -> Flags:
+    """
+    Return whose efforts stay near one value while the joint moves both ways, (n,).
+
+    Friction changes its sign with the motion, so that efforts of a moving joint do not.
+    A channel that nothing is connected to has little but crosstalk of other joints.
+    """
+    flags = np.zeros(recording.tau.shape[1], dtype=bool)
+    for j, tau in enumerate(recording.tau.T):
+        u = recording.u[:, j]
+        forward = u > IDLE_MOTION
+        moving = forward | (u < -IDLE_MOTION)
+        share = float(np.mean(forward[moving])) if moving.any() else 0.0
+        if moving.sum() < IDLE_ROWS or not IDLE_SHARE < share < 1.0 - IDLE_SHARE:
+            continue
+        low, high = np.quantile(tau[moving], [0.25, 0.75])
+        flags[j] = high - low < IDLE * np.ptp(tau)
     return flags
 
 

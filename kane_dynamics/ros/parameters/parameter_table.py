@@ -393,8 +393,8 @@ SPECS = (
          'whether the weight of the arm is part of the efforts '
          'of joint states; if not, observer and estimator add the gravity of the model'),
     Spec('efforts.constants', 'per_joint', [],
-         'torque on the joint per motor current, N m/A or '
-         'N/A, gears included; for motor_current only', positive=True, low=0.0),
+         'torque on the joint per motor current, N m/A or N/A, gears included, negative '
+         'where the motor turns the other way; for motor_current only'),
     Spec('observer.enabled', 'flag', False,
          'estimate external torques with a momentum observer '
          'and publish them and a collision flag'),

@@ -75,6 +75,23 @@ def frozen(r, joint):
     return replace(r, tau=tau)
 
 
+def idle(r, joint):
+    """Return the recording with nothing but crosstalk in the efforts of a joint."""
+    tau = r.tau.copy()
+    crosstalk = 1e-3 * tau[:, joint - 1]
+    tau[:, joint] = np.where(np.arange(len(r)) % 10, 0.0, crosstalk)
+    return replace(r, tau=tau)
+
+
+def late(r, joint):
+    """Return the recording with speeds of joints behind a filter of the first order."""
+    share = 1.0 - np.exp(-np.median(np.diff(r.t)) / 0.15)
+    u = r.u.copy()
+    for k in range(1, len(u)):
+        u[k, joint] = u[k - 1, joint] + share * (r.u[k, joint] - u[k - 1, joint])
+    return replace(r, u=u)
+
+
 def interruption(r, start=4.0):
     """Return the recording without one second."""
     rows = (r.t < start) | (r.t >= start + 1.0)
@@ -92,6 +109,8 @@ JOINT_FAULTS = {
     'torque offset': (lambda r, j: changed(r, 'tau', j, lambda tau: tau + 5.0),
                       'efforts of .* offset'), 'spike': (spike, 'have 1 outliers'),
     'frozen': (frozen, 'are constant from'),
+    'idle': (idle, 'stay near one value while'),
+    'late speeds': (late, 'speeds of .* after the changes of the positions'),
     'zero': (lambda r, j: changed(r, 'tau', j, lambda tau: 0.0 * tau),
              'are constant from'),
     'reversed positions': (lambda r, j: turned(r, STATE, j), 'positions of .* opposite'),
@@ -149,6 +168,8 @@ FAULTS = {
                          'impossible', ('speeds of '
                                         "joint 'wrist_2_joint' are the derivative .* "
                                         "'wrist_3_joint'")),
+    'late speeds': (lambda r: late(r, slice(None)), 'remark',
+                    r'^speeds of all joints come 0\.1\d*( to 0\.1\d*)? s after'),
     'delay': (lambda r: replace(r.rows(slice(10, None)), tau=r.tau[:-10]), 'remark',
               r'come 0\.[01]\d* .*after the motion'),
     'noise': (lambda r: replace(r, udot=r.udot + 30.0 * np.random.default_rng(0).normal(
@@ -182,7 +203,8 @@ def names_joint_alone(model, r, joint, words):
 @pytest.mark.parametrize(('fault', 'joint'), [
     ('reversed', 5), ('tenth', 4), ('mN m', 5), ('encoder offset', 2),
     ('torque offset', 4),
-    ('spike', 1), ('frozen', 3), ('zero', 2), ('degrees', 1)])
+    ('spike', 1), ('frozen', 3), ('idle', 2), ('late speeds', 1), ('zero', 2),
+    ('degrees', 1)])
 def test_fault_of_a_joint_is_named_with_that_joint_only(fault, joint):
     change, words = JOINT_FAULTS[fault]
     assert names_joint_alone(model(), change(good_recording(), joint), joint, words)
@@ -294,3 +316,30 @@ def test_identify_refuses_what_replay_remarks_on_and_both_what_cannot_be(
     for command in ('replay', 'identify'):
         assert main([command, str(URDF), impossible]) == 2
         assert 'milliseconds' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('factor', [4.0, -4.0, 10.0, -10.0])
+def test_units_of_all_joints_and_of_one_are_named_as_their_product(factor):
+    efforts = good_recording().tau / 20.0
+    efforts[:, 2] *= factor
+    findings = diagnose(model(), replace(good_recording(), tau=efforts))
+    words = [finding.words for finding in findings]
+    named = {}
+    for finding in words:
+        about = float(re.search(r'are about (\S+) times', finding)[1])
+        for joint in re.findall(r"'(\w+)'", finding):
+            assert joint not in named, words
+            named[joint] = about
+    expected = dict.fromkeys(model().joint_names, 0.05)
+    expected['elbow_joint'] *= factor
+    assert named == pytest.approx(expected, rel=0.3)
+
+
+def test_a_sign_that_all_joints_have_and_one_has_twice_is_that_of_the_others():
+    efforts = -good_recording().tau
+    efforts[:, 1] *= -1.0
+    findings = diagnose(model(), replace(good_recording(), tau=efforts))
+    words = [finding.words for finding in findings]
+    reversed_joints = set(re.findall(r"'(\w+)'", ' '.join(words)))
+    assert reversed_joints == set(model().joint_names) - {'shoulder_lift_joint'}
+    assert all('have the opposite sign' in finding for finding in words)

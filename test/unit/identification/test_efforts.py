@@ -16,7 +16,7 @@ JOINTS = load_urdf(URDF).joint_names
 LOSSES = {'joints': {name: {'damping': 2.0, 'friction': 3.0, 'armature': 0.4}
                      for name in JOINTS}}
 ARM = load_urdf(URDF, supplement=LOSSES)
-CONSTANTS = np.array([12.0, 12.0, 10.0, 8.0, 8.0, 8.0])
+CONSTANTS = np.array([12.0, 12.0, -10.0, 8.0, -8.0, 8.0])  # two turn the other way
 
 
 @pytest.fixture(scope='module')
@@ -122,5 +122,7 @@ def test_external_torques_need_accelerations_and_constants_fit_the_joints(
     with pytest.raises(InputError, match='constants: '):
         Efforts('motor_current', constants=[1.0, 2.0]).torque(robot, q, u, tau)
     with pytest.raises(InputError,
-                       match=r'constants of joint .*: 0; expected a positive'):
+                       match=r'constants of joint .*_pan_joint.*: 0; expected another'):
         Efforts('motor_current', constants=0.0).torque(robot, q, u, tau)
+    with pytest.raises(InputError, match=r'nan; expected a finite number'):
+        Efforts('motor_current', constants=np.nan).torque(robot, q, u, tau)
