@@ -188,7 +188,7 @@ def law_rows(data: RegressionRows) -> LawRows:
     dahl = np.zeros((len(q), len(LENGTHS), q.shape[1]))
     # A recording may begin in motion, and join motions that did not follow each other.
     # Dahl friction remembers one motion only.
-    begins = first_rows(recording.t, q, u, float(LENGTHS[0]))
+    begins = first_rows(recording.t, q, float(LENGTHS[0]))
     for motion in np.split(np.arange(len(q)), begins[1:]):
         row = motion[0]
         moving = np.where(data.moving[row], u[row], 0.0)

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from kane_dynamics._util.typing import Array
 import numpy as np
 
+ROUNDING = 1e-9  # of the largest change of a position: smaller ones are none
+
 
 def dahl_friction(q: Array, lengths: Sequence[float] | Array,
                   first: Array | None = None) -> Array:
@@ -41,13 +43,34 @@ def friction_in_motion(u: Array, udot: Array, lengths: Sequence[float] | Array) 
     return np.asarray(np.sign(u) * (1.0 - np.exp(-slid / scale)))
 
 
-def first_rows(t: Array, q: Array, u: Array, least: float) -> Array:
+def first_rows(t: Array, q: Array, least: float) -> Array:
     """
     Return the first row of each motion that a recording joins to the one before, (motions,).
 
-    Between two rows of one motion no joint moves farther than at twice its highest rate.
-    Jumps below `least`, rad or m, do not count.
+    Between two rows of one motion no joint moves farther than at twice its highest speed,
+    beside a step of its encoder. Jumps below `least`, rad or m, do not count.
     """
-    farthest = least + 2.0 * np.abs(u).max(axis=0) * np.diff(t)[:, None]
-    jumps = (np.abs(np.diff(q, axis=0)) > farthest).any(axis=1)
+    steps = np.abs(np.diff(q, axis=0))
+    dt = np.diff(t)[:, None]
+    farthest = least + _resolution(steps) + 2.0 * _highest_speed(steps / dt) * dt
+    jumps = (steps > farthest).any(axis=1)
     return np.concatenate([[0], np.flatnonzero(jumps) + 1])
+
+
+def _highest_speed(speeds: Array) -> Array:
+    """Return the highest speed of each joint between rows, (n,), single jumps left out."""
+    if len(speeds) < 3:
+        return np.asarray(speeds.max(axis=0))
+    # The median of three neighbors leaves out one that is far from both others.
+    medians = np.median([speeds[:-2], speeds[1:-1], speeds[2:]], axis=0)
+    return np.asarray(medians.max(axis=0))
+
+
+def _resolution(steps: Array) -> Array:
+    """Return the least change of positions, but for rounding errors and outliers, (n,)."""
+    resolution = np.zeros(steps.shape[1])
+    for j, of_joint in enumerate(steps.T):
+        changes = of_joint[of_joint > ROUNDING * of_joint.max(initial=0.0)]
+        if len(changes):
+            resolution[j] = np.quantile(changes, 0.05)
+    return resolution

@@ -9,7 +9,7 @@ from kane_dynamics.identification import identify, Recording
 from kane_dynamics.identification.friction_laws import (
     chosen_laws, clearly_smaller, LAW_NAMES, law_rows, LAWS, LENGTHS, period, phases,
     without_harm)
-from kane_dynamics.identification.presliding import dahl_friction
+from kane_dynamics.identification.presliding import dahl_friction, first_rows
 from kane_dynamics.identification.regression import rows, SPEEDS
 import numpy as np
 import pytest
@@ -243,6 +243,36 @@ def test_bristles_remember_nothing_of_another_motion_in_the_same_recording():
     second = Recording(*other, np.zeros_like(q))
     np.testing.assert_array_equal(whole.dahl[len(t):],
                                   law_rows(rows(model, second)).dahl)
+
+
+@pytest.mark.parametrize('rate', [100.0, 1000.0])
+def test_steps_of_a_coarse_encoder_begin_no_motion(rate):
+    # 12 bits a turn, 1.5 mrad: in slow motion most rows are equal.
+    resolution = 2.0 * np.pi / 2**12
+    for speed in (0.02, 0.1, 1.0):
+        t, q, _, _ = exciting(2, 3, duration=8.0, rate=rate, speed=speed)
+        measured = resolution * np.round(q / resolution)
+        assert np.abs(np.diff(measured, axis=0)).max() > LENGTHS[0]
+        np.testing.assert_array_equal(first_rows(t, measured, LENGTHS[0]), [0])
+        # A motion that is joined to it begins again.
+        joined = np.concatenate([measured, measured[::-1] + 0.1])
+        times = np.arange(len(joined)) / rate
+        begins = first_rows(times, joined, LENGTHS[0])
+        np.testing.assert_array_equal(begins, [0, len(t)])
+
+
+def test_motions_without_speeds_begin_again_where_they_are_joined():
+    # Differences of positions are as fast as the jump itself.
+    model = load_urdf(URDF)
+    parts = [exciting(2, seed, duration=4.0) for seed in (3, 4)]
+    q = np.concatenate([part[1] for part in parts])
+    t = np.arange(len(q)) * 0.01
+    u = np.gradient(q, t, axis=0)
+    udot = np.gradient(u, t, axis=0)
+    joined = Recording(t, q, u, udot, np.zeros_like(q), derived=('u', 'udot'))
+    half = len(parts[0][1])
+    later = law_rows(rows(model, joined.rows(slice(half, None))))
+    np.testing.assert_array_equal(law_rows(rows(model, joined)).dahl[half:], later.dahl)
 
 
 def test_repeated_motion_is_no_test_of_a_fit():
