@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import hinting
@@ -9,6 +10,7 @@ from kane_dynamics._util.checks import instance
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import joint_speeds, moved
+from kane_dynamics.robot.methods.dispatch import of_one_frame
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
 
@@ -39,7 +41,7 @@ class PowerBalance(NamedTuple):
 
 @hinting
 def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
-                  wrench: Array | None = None, t: Any = 0.0) -> PowerBalance:
+                  wrench: Any = None, t: Any = 0.0) -> PowerBalance:
     """
     Return the power balance of a motion.
 
@@ -56,7 +58,7 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
         Of any kind.
     q, u, udot : (n_q,), (n,), (n,) or (N, ...) arrays
         rad or m, and s.
-    wrench : (k, 6) or (N, k, 6) array, optional
+    wrench : array or mapping, optional
         As in `Robot.inverse_dynamics`.
     t : float or (N,) array
         Time, s.
@@ -70,6 +72,8 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
     """
     instance(robot, Robot, 'robot')
     tau = robot.inverse_dynamics(q, u, udot, wrench=wrench, t=t)
+    if not robot.equations.timed:  # the time is ignored
+        t = 0.0
     with np.errstate(over='ignore', invalid='ignore'):  # an error below
         energy_rate = _energy_rate(robot, q, u, udot, t)
         if not robot.equations.in_joint_rates:
@@ -103,14 +107,23 @@ def _constrained_balance(robot: Robot, q: Any, u: Any, tau: Any, wrench: Any, t:
     friction = np.reshape(lost, np.shape(joints))[()]
     external = 0.0 * joints
     # Power of external wrenches at their frames.
-    if wrench is not None:
-        for k, frame in enumerate(equations.wrench_frames):
-            velocity = robot.frame_velocity(frame.name, q, u, t=t)
-            external = external + _product(np.asarray(wrench)[..., k, :], velocity)
+    for frame, row in _by_frame(robot, q, wrench).items():
+        external = external + _product(row, robot.frame_velocity(frame, q, u, t=t))
     # Constraints that move with time do work: their forces times the prescribed rates.
     forces = robot.constraint_forces(q, u, tau, wrench=wrench, t=t)
     constraints = _product(forces, _prescribed(robot, q, t))
     return PowerBalance(joints, external, friction, energy_rate, constraints)
+
+
+def _by_frame(robot: Robot, q: Any, wrench: Any) -> Mapping[str, Any]:
+    """Return the wrenches, (6,) or (N, 6), by frame."""
+    if wrench is None:
+        return {}
+    if isinstance(wrench, Mapping):
+        return wrench
+    names = [frame.name for frame in robot.equations.wrench_frames]
+    rows = np.asarray(of_one_frame(wrench, np.shape(q)[:-1], len(names)))
+    return {name: rows[..., k, :] for k, name in enumerate(names)}
 
 
 def _prescribed(robot: Robot, q: Any, t: Any) -> Any:

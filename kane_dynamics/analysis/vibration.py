@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics._util.checks import finite_row, instance
+from kane_dynamics._util.checks import finite_row, instance, names_of_joints
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.hyperdual import lifted, seeded
@@ -85,7 +85,7 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
     instance(robot, Robot, 'robot')
     names = robot.joint_names
     robot.equations.require_timeless('vibrations', 'so that the robot has an equilibrium')
-    for name in held:
+    for name in names_of_joints(held, 'held'):
         if name not in names:
             raise InputError(f"held: no joint '{name}'; expected one of "
                              f"{', '.join(names)}")

@@ -272,7 +272,8 @@ def require_unit(model: Model, q: Array, what: str) -> Array:
     """Return q, (..., n_q), with unit quaternions; InputError if one is far off."""
     result = q.copy()
     for ball in balls(model):
-        length = np.linalg.norm(ball.quaternion(q), axis=-1, keepdims=True)
+        with np.errstate(over='ignore'):  # an infinite length is refused
+            length = np.linalg.norm(ball.quaternion(q), axis=-1, keepdims=True)
         off = np.abs(length - 1.0)
         if off.max(initial=0.0) > UNIT:
             worst = float(length.ravel()[np.argmax(off)])

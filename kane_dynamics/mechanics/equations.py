@@ -15,6 +15,7 @@ products with T there, so that its traced programs are those of the tree alone.
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
@@ -168,7 +169,9 @@ class Equations:
         """
         if not self.timed:
             return ()
-        batch = np.shape(states)[:-1]
+        batch: tuple[int, ...] = ()
+        with suppress(ValueError):  # rows of several lengths, which the kernel refuses
+            batch = np.shape(states)[:-1]
         if batch and np.ndim(t) == 0:
             return (np.full(batch, t),)
         return (t,)

@@ -33,7 +33,7 @@ from functools import wraps
 from typing import Any, NoReturn
 
 from kane_dynamics._util.attribute_hints import hinting, hinting_method
-from kane_dynamics._util.checks import instance, number
+from kane_dynamics._util.checks import instance, number, shape_of
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
@@ -354,7 +354,7 @@ def _of_box(robot: Any, place: tuple[str, str], state: tuple[ArrayLike, ...],
     kernel = robot._entries.get(place) or _compiled(robot, place)
     box: Array = uncertainty.box
     # The box is the same for all states of a batch, and so may be the time.
-    count = np.shape(state[0])[:-1]
+    count = shape_of(state[0], 'q')[:-1]
     if len(count) == 1:
         box = np.broadcast_to(box, (*count, len(box)))
     return np.asarray(kernel(*state, box, *equations.time_inputs(t, state[0])))

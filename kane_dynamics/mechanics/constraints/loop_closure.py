@@ -99,8 +99,11 @@ def closed_configuration(mechanism: Mechanism, q: Any, *, t: float = 0.0,
     # Directions of quaternions are unknown at zero; elsewhere only their length is
     # corrected.
     for ball in balls(model):
-        if not ball.quaternion(start).any():
+        quaternion = ball.quaternion(start)
+        largest = np.abs(quaternion).max()
+        if not largest:
             raise InputError(f'q: {start.tolist()}; expected nonzero quaternions')
+        quaternion /= largest  # the square of any length is finite, and not zero
     start = np.asarray(on_unit_quaternions(model, start), dtype=np.float64)
     fixed_joints = _joints(mechanism, checked_names(fixed, 'fixed') or ())
     moves = np.ones(model.n, dtype=bool)

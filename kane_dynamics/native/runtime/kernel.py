@@ -147,6 +147,17 @@ def require_finite(argument: Argument, array: Array) -> None:
     raise InputError(f'{entry}: {number}; expected {expected}')
 
 
+def require_writable(name: str, out: Any, shape: Shape) -> None:
+    """Raise InputError unless a result of a shape can be written to `out`."""
+    if not (isinstance(out, np.ndarray) and out.dtype == np.float64
+            and out.shape == shape and out.flags.writeable):
+        described = type(out).__name__
+        if isinstance(out, np.ndarray):
+            described = f'{out.dtype} array of shape {out.shape}'
+        raise InputError(f'{name}: out: {described}; expected a writeable '
+                         f'float64 array of shape {shape}')
+
+
 def _same_rows(a: Array, b: Array) -> bool:
     """Return whether the rows of two arrays share the same memory."""
     return address(a) == address(b) and a.strides[:1] == b.strides[:1]
@@ -771,13 +782,7 @@ class Kernel:
 
     def _result(self, out: Any, shape: Shape) -> Array:
         """Check `out`; return the array to write to, `out` itself if possible."""
-        if not (isinstance(out, np.ndarray) and out.dtype == np.float64
-                and out.shape == shape and out.flags.writeable):
-            described = type(out).__name__
-            if isinstance(out, np.ndarray):
-                described = f'{out.dtype} array of shape {out.shape}'
-            raise InputError(f'{self.name}: out: {described}; expected a writeable '
-                             f'float64 array of shape {shape}')
+        require_writable(self.name, out, shape)
         # Only such memory can be written by machine code; else the result is copied
         # there.
         direct = out.flags.c_contiguous and out.flags.aligned and out.dtype.isnative

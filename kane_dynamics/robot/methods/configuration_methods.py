@@ -23,7 +23,7 @@ from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.model.elastic_model import with_motors_at_links
 from kane_dynamics.model.model import Model
 from kane_dynamics.native.backends.llvm_math import POSITION_LIMIT
-from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
+from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel, require_writable
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.methods.dispatch import Dispatch, of_constraints
 from kane_dynamics.robot.parameters import JointLimits
@@ -187,7 +187,7 @@ class Configurations(Dispatch):
                     out: Array | None = None) -> Array:
         """Return q', (n_q,), of the independent speeds."""
         if self.equations.in_joint_rates:
-            return self._same('u', u, out)
+            return self._same('joint_rates', 'u', u, out)
         return self._special('joint_rates', (q, u), t, out)
 
     @of_constraints
@@ -211,7 +211,7 @@ class Configurations(Dispatch):
         # Joint rates: the force is that of the joints. Otherwise it depends on the
         # configuration.
         if self.equations.in_joint_rates:
-            return self._same('tau', tau, out)
+            return self._same('joint_torques', 'tau', tau, out)
         if q is None:
             raise InputError('q: missing; expected the configuration, on which the '
                              'joint torques of a robot with chosen speeds or '
@@ -230,7 +230,7 @@ class Configurations(Dispatch):
         equations = self.equations
         if equations.in_joint_rates:
             # Speeds are joint rates: both forces are the same.
-            return self._same('joint_torques', joint_torques, None)
+            return self._same('generalized_force', 'joint_torques', joint_torques, None)
         model = equations.model
         torques = Argument('joint_torques', (model.n,), model.joint_names)
         kernel = self._kernel('generalized_force', {'q': (equations.n_q,),
@@ -278,7 +278,7 @@ class Configurations(Dispatch):
         order is `joint_names`.
         """
         if self.equations.in_joint_rates:
-            return self._same('udot', udot, out)
+            return self._same('joint_accelerations', 'udot', udot, out)
         return self._special('joint_accelerations', (q, u, udot), t, out)
 
     @hinting_method
@@ -352,12 +352,14 @@ class Configurations(Dispatch):
         """Return the kernel of a method of the equations that is no quantity."""
         return self.kernels.compiled(getattr(self.equations, name), name, inputs, shape)
 
-    def _same(self, name: str, value: Any, out: Array | None) -> Array:
+    def _same(self, quantity: str, name: str, value: Any, out: Array | None) -> Array:
         """Return a checked copy, for a robot in joint rates without constraints."""
         same = checked(Argument(name, (self.equations.n,), self.speed_names), value)
-        result: Array = np.empty_like(same) if out is None else out
-        result[...] = same
-        return result
+        if out is None:
+            return same.copy()
+        require_writable(quantity, out, same.shape)
+        out[...] = same
+        return out
 
     def _special(self, name: str, arguments: tuple[Any, ...], t: ArrayLike,
                  out: Array | None) -> Array:
@@ -521,11 +523,15 @@ class Configurations(Dispatch):
         model = self.equations.model
         dt = float(constant(dt, (), 'dt (s)', InputError))
         start = self._configuration('q', q)
-        t = finite_times(t)
+        times = self._times(t, start.shape[:-1])
         # Quaternions by the exponential map, then all loops closed at the new time.
-        rates = joint_speeds(model, start, self.joint_rates(start, u, t=t))
-        end = moved(model, start, dt * rates)
-        return self._closed_all(end, np.asarray(t) + dt)
+        rates = joint_speeds(model, start, self.joint_rates(start, u, t=times))
+        with np.errstate(over='ignore', invalid='ignore'):  # an error below
+            end = moved(model, start, dt * rates)
+        if not np.isfinite(end).all():
+            raise InputError(f'u, dt: too large, {SHORT.repr(u)} for {dt:g} s; expected a '
+                             'motion to a configuration of finite numbers')
+        return self._closed_all(end, times + dt)
 
     @hinting_method
     def difference(self, q0: ArrayLike, q1: ArrayLike, *, t: ArrayLike = 0.0) -> Array:
@@ -552,17 +558,30 @@ class Configurations(Dispatch):
         """
         model = self.equations.model
         start, end = self._configuration('q0', q0), self._configuration('q1', q1)
+        if start.ndim == end.ndim and start.shape != end.shape:
+            raise InputError(f'q0, q1: shapes {start.shape} and {end.shape}; expected '
+                             'batches of one length')
         step = difference(model, start, end)
         if self.equations.in_joint_rates:
             return step
         # Speeds depend on the configuration and the time, so that each row is converted
         # by itself.
         batch = step.shape[:-1]
-        times = np.broadcast_to(t, batch).ravel()
+        times = np.broadcast_to(self._times(t, batch), batch).ravel()
         starts = np.broadcast_to(start, (*batch, self.n_q)).reshape(-1, self.n_q)
         steps = step.reshape(-1, model.n)
         speeds = [self._speeds_of(q, v, s) for q, v, s in zip(starts, steps, times)]
         return np.array(speeds).reshape(*batch, self.n)
+
+    def _times(self, t: ArrayLike, batch: tuple[int, ...]) -> Array:
+        """Return a checked time, () or as many as there are states; 0 if none matters."""
+        times = finite_times(t)
+        if not self.equations.timed:
+            return np.zeros(())
+        if times.shape not in ((), batch):
+            raise InputError(f't: shape {times.shape}; expected one time, or one for each '
+                             f'state, {batch}')
+        return times
 
     def _configuration(self, name: str, q: ArrayLike) -> Array:
         """Return a checked configuration, (n_q,) or (N, n_q), with unit quaternions."""

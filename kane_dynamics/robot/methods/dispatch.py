@@ -99,7 +99,7 @@ def _positional(method: Callable[..., Any]) -> int:
     return len(positional) - 1
 
 
-def _of_one_frame(wrench: Any, batch: tuple[int, ...], frames: int) -> Any:
+def of_one_frame(wrench: Any, batch: tuple[int, ...], frames: int) -> Any:
     """Return wrenches (6,) or (N, 6) as (1, 6) or (N, 1, 6) of a single frame."""
     if frames == 1 and np.ndim(wrench) == 1 + len(batch) and np.shape(wrench) == (*batch,
                                                                                   6):
@@ -136,10 +136,10 @@ class Dispatch:
         frames = len(self.equations.wrench_frames)
         if frames:
             # A single wrench stands for all states and for the one frame.
-            batch: tuple[int, ...] = ()
             with suppress(ValueError):  # rows of several lengths, which the kernel refuses
                 batch = np.shape(arguments[0])[:-1]
-            given = (*arguments, _of_one_frame(wrench, batch, frames))
+                wrench = of_one_frame(wrench, batch, frames)
+            given = (*arguments, wrench)
         elif wrench is None:
             given = arguments
         else:

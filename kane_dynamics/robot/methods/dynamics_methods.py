@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 import math
 from typing import Any
 
@@ -14,7 +15,8 @@ from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
 from kane_dynamics.native.runtime.kernel import Argument, converted
 from kane_dynamics.robot.derivative_kernels import Derivative, require_known
-from kane_dynamics.robot.methods.dispatch import compiled, Dispatch, of_frame
+from kane_dynamics.robot.methods.dispatch import (compiled, Dispatch, of_frame,
+                                                  of_one_frame)
 from kane_dynamics.robot.torque_bounds import (OfSameBox, torque_bounds, TorqueBounds,
                                                Uncertainty)
 from kane_dynamics.robot.torque_breakdown import SOURCES, TorqueBreakdown
@@ -514,7 +516,10 @@ class DynamicsMethods(Dispatch):
         names = self.kernels.arguments(quantity)
         # Without a choice, all arguments of the kernel.
         if by is not None:
-            names = (by,) if isinstance(by, str) else tuple(by)
+            if not isinstance(by, Iterable):
+                raise InputError(f'by: {by!r}; expected for {name} some of '
+                                 f'{", ".join(shapes)}')
+            names = (by,) if isinstance(by, str) else tuple(map(str, by))
         require_known(name, names, shapes)
         return names, isinstance(by, str)
 
@@ -535,6 +540,9 @@ class DynamicsMethods(Dispatch):
         # them.
         inputs = self._at_time(arguments, t)
         if any(argument.name == 'wrench' for argument in kernel.arguments):
+            with suppress(ValueError):  # rows of several lengths, which the kernel refuses
+                wrench = of_one_frame(wrench, np.shape(arguments[0])[:-1],
+                                      len(self.equations.wrench_frames))
             inputs = (*arguments, wrench, *inputs[len(arguments):])
         elif wrench is not None:
             raise InputError(f'wrench: given to {name} of this robot; expected a '

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.typing import Array
@@ -131,8 +131,8 @@ class FrameMethods(DynamicsMethods):
         """
         mobility, J, inverse, rows = self._mobility(frame, q, directions, t)
         # mu = Lambda (J M^-1 h - J' u), and J' u is the acceleration at udot = 0.
+        bias = self.bias_force(q, u, t=t)[..., None]  # checks u
         rest = np.zeros_like(np.asarray(u, dtype=np.float64))
-        bias = self.bias_force(q, u, t=t)[..., None]
         drift = self.frame_acceleration(frame, q, u, rest, t=t)[..., rows, None]
         force = np.linalg.solve(mobility, J @ (inverse @ bias) - drift)
         return np.asarray(force[..., 0], np.float64)
@@ -140,7 +140,11 @@ class FrameMethods(DynamicsMethods):
     def _mobility(self, frame: str, q: ArrayLike, directions: Sequence[str],
                   t: ArrayLike) -> tuple[Array, Array, Array, list[int]]:
         """Return J M^-1 J^T, J, M^-1, and the indices of the chosen rows of J."""
-        wrong = [name for name in directions if name not in DIRECTIONS]
+        if not isinstance(directions, Iterable):
+            raise InputError(f'directions: {directions!r}; expected some of '
+                             f'{", ".join(DIRECTIONS)}')
+        wrong = [name for name in directions
+                 if not isinstance(name, str) or name not in DIRECTIONS]
         if wrong or not len(directions) or len(set(directions)) < len(directions):
             raise InputError(f'directions: {list(directions)}; expected some of '
                              f'{", ".join(DIRECTIONS)}, each once')

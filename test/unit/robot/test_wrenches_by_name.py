@@ -4,9 +4,10 @@ from functools import cache
 import pickle
 
 from kane_dynamics import (Inertial, InputError, load_urdf, ModelError, ModelWarning,
-                           point_mass, pose_from, Robot)
+                           point_mass, pose_from, power_balance, Robot)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.model.model import with_payload
+from kinds_of_mechanism import case
 from linkages import four_bar
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
@@ -43,6 +44,36 @@ def test_a_wrench_by_name_acts_as_the_jacobian_says(count):
     forearm = (np.swapaxes(robot.jacobian('forearm_link',
                                           q), -1, -2) @ wrench[..., None])[..., 0]
     assert_allclose(robot.external_force(q, wrench=both), force + forearm, atol=1e-12)
+
+
+@pytest.mark.parametrize('kind', ['tree', 'chosen speeds', 'closed loop', 'nonholonomic',
+                                  'time-dependent'])
+@pytest.mark.parametrize('count', [None, 1, 3])
+def test_the_power_of_a_wrench_is_the_same_in_every_form(kind, count):
+    one = case(kind)
+    robot = one.robot
+    batch = () if count is None else (count,)
+    state = [np.broadcast_to(x, (*batch, len(x))) for x in (one.q, one.u, one.udot)]
+    wrench = np.random.default_rng(4).normal(size=(*batch, 6))
+    velocity = robot.frame_velocity('tool', *state[:2], **one.t)
+    expected = (wrench * velocity).sum(axis=-1)
+    for form in (wrench, wrench[..., None, :], {'tool': wrench}):
+        balance = power_balance(robot, *state, wrench=form, **one.t)
+        assert_allclose(balance.external, expected, rtol=1e-12)
+        assert_allclose(balance.residual, 0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize('count', [None, 3])
+def test_derivatives_accept_a_wrench_of_a_single_frame(count):
+    robot = arm(wrench_frames=('tool0',))
+    q, u, udot, wrench = states(count)
+    for form in (wrench, {'tool0': wrench}):
+        slope = robot.derivative('inverse_dynamics', q, u, udot, by='q', wrench=form)
+        by_rows = robot.derivative('inverse_dynamics', q, u, udot, by='q',
+                                   wrench=wrench[..., None, :])
+        assert_allclose(slope, by_rows, atol=1e-12)
+        analytic = robot.inverse_dynamics_derivatives(q, u, udot, wrench=form)[0]
+        assert_allclose(slope, analytic, atol=1e-9)
 
 
 def test_a_wrench_by_name_equals_a_wrench_by_row():
