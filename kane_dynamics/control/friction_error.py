@@ -139,4 +139,4 @@ def _signed(value: ArrayLike, what: str, names: Sequence[str]) -> Array:
     """Return one finite number, or one per joint, of either sign, as (n,)."""
     if np.ndim(value) == 0:
         value = np.full(len(names), value)
-    return finite_row(value, what, names)
+    return finite_row(value, what, names).copy()  # callers may change their array

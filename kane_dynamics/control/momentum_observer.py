@@ -95,7 +95,7 @@ class MomentumObserver:
     ----------
     torque : (n,) array
         The estimate at the last sample, N m or N, with ``M udot + bias = tau + torque``.
-        Zero after a reset.
+        Zero after a reset. Changes of the array change no later estimate.
 
     Raises
     ------
@@ -132,6 +132,11 @@ class MomentumObserver:
         self.reset()
         self.tune(gain, max_gap)
 
+    @property
+    def torque(self) -> Array:
+        """Return the estimate at the last sample, (n,), an array of the caller's."""
+        return self._residual.copy()
+
     def tune(self, gain: ArrayLike, max_gap: float) -> None:
         """Change the gain, 1/s, and `max_gap`, s; the estimate continues."""
         gains = per_joint(gain, 'gain', self.robot.speed_names)
@@ -146,7 +151,7 @@ class MomentumObserver:
     def reset(self) -> None:
         """Reset; the estimate starts at zero with the next sample."""
         self._t = None
-        self.torque = np.zeros(self.robot.n)
+        self._residual = np.zeros(self.robot.n)
         self._deflections = np.zeros_like(self._deflections)
         if self.friction_error is not None:
             self.friction_error.forget_motion()
@@ -209,10 +214,10 @@ class MomentumObserver:
             mean_torque = self._tau if self.held else 0.5 * (self._tau + torques)
             mean_torque = mean_torque - 0.5 * (self._friction + friction)
             mean_beta = 0.5 * (self._beta + beta)
-            self.torque = residual_step(self.torque, self._momentum, momentum,
-                                        mean_torque, mean_beta, elapsed, forgotten)
+            self._residual = residual_step(self._residual, self._momentum, momentum,
+                                           mean_torque, mean_beta, elapsed, forgotten)
             if self.friction_error is not None:
-                self.friction_error.adapt(elapsed, forgotten, self._u, self.torque)
+                self.friction_error.adapt(elapsed, forgotten, self._u, self._residual)
         self._t = t
         self._tau = torques
         self._friction = friction
@@ -231,7 +236,7 @@ class MomentumObserver:
         if not self.held:
             raise InputError('hold: called with held=False; expected an observer made '
                              'with held=True')
-        self._tau = torques
+        self._tau = torques.copy()  # callers may reuse their array
 
     def _checked(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike) -> Array:
         """Store a checked state and return the checked torques, (n,)."""

@@ -138,7 +138,7 @@ class PredictiveController:
             optimizer.start(solution.tau)
             self._forget_disturbance()
         self.solution = solution
-        tau: Array = solution.tau[0]
+        tau: Array = solution.tau[0].copy()
         if self._observer is not None:
             self._observer.hold(self._generalized(tau, q))
         return tau

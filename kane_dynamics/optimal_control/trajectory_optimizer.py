@@ -255,7 +255,8 @@ class TrajectoryOptimizer:
         """
         m = len(self.actuator_names)
         # The kernels know the sum of both torques, and bound that.
-        self._disturbance = finite_row(tau, 'disturbance', self.actuator_names)
+        torques = finite_row(tau, 'disturbance', self.actuator_names)
+        self._disturbance = torques.copy()  # callers may change their array
         bounds = self._arrays.constants[NUMBERS:NUMBERS + 2 * m]
         bounds[:m] = self._disturbance - self.torque_limits
         bounds[m:] = self._disturbance + self.torque_limits

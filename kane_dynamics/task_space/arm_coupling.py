@@ -503,4 +503,4 @@ def _scales(scale: ArrayLike, names: Sequence[str]) -> Array:
     if not scales.all():
         joint = names[int(np.flatnonzero(scales == 0.0)[0])]
         raise InputError(f"scale of joint '{joint}': 0; expected a nonzero number")
-    return scales
+    return scales.copy()  # callers may change their array

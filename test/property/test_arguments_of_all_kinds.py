@@ -93,7 +93,7 @@ def test_results_are_written_to_arrays_of_their_shape_and_type_alone(kind):
             words = refusal(method, **arguments, out=out)
             if not EXPECTED.search(words):
                 wrong.append(f'{name}: {form}: {words}')
-        # A view with gaps, of the right shape, is written to.
+        # A view of the right shape that is not contiguous is written to.
         spread = np.zeros((*result.shape, 2))[..., 0]
         method(**arguments, out=spread)
         np.testing.assert_array_equal(spread, result)
