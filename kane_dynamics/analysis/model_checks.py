@@ -7,7 +7,7 @@ from typing import Literal
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.friction import resists
+from kane_dynamics.mechanics.friction import has_friction
 from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.model.plausible_sizes import upward_gravity
@@ -174,7 +174,7 @@ def _examine_drives(model: Model, robot: Robot) -> list[Finding]:
     driven = _driven_joints(model, robot)
     rotors = {elastic.drive.motor for elastic in model.drives}  # whose inertia is stated
     # The friction of an elastic joint is that of either side.
-    resisting = {joint.name for joint in model.coordinate_joints if resists(joint)}
+    resisting = {joint.name for joint in model.coordinate_joints if has_friction(joint)}
     for elastic in model.drives:
         if elastic.drive.motor in resisting:
             resisting.add(elastic.name)

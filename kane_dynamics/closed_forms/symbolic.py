@@ -9,7 +9,7 @@ from typing import Any
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
-from kane_dynamics.mechanics.friction import slides
+from kane_dynamics.mechanics.friction import has_dry_friction
 from kane_dynamics.model.drive import ElasticJoint, StiffnessCurve
 from kane_dynamics.model.model import Body, Joint, Model
 import numpy as np
@@ -294,7 +294,7 @@ def _joint(table: ParameterSymbols, number: int, joint: Joint) -> Any:
         properties[name] = table.scalar(f'{letter}{number}', value, unit,
                                         f'{meaning} {joint.name}')
     speed: Any = 1.0
-    if slides(joint):
+    if has_dry_friction(joint):
         speed = table.scalar(f'w{number}', joint.friction_speed, f'{length}/s',
                              f'friction speed at {joint.name}')
     place = table.vector(f'l{number}', joint.translation, 'm',

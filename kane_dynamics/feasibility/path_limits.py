@@ -29,7 +29,7 @@ from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.feasibility.torque_demand import at_actuators, unit_torques
 from kane_dynamics.loop_tracking.driven_mechanism import motion_of_closed
 from kane_dynamics.mechanics.algebra.dual import largest
-from kane_dynamics.mechanics.friction import friction_slope, friction_torque, resists
+from kane_dynamics.mechanics.friction import friction_slope, friction_torque, has_friction
 from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 from kane_dynamics.native.runtime.loops import BAD_RESULT
@@ -414,7 +414,7 @@ def rough_coordinates(robot: Robot) -> list[int]:
         return []
     rough = set()
     for body in robot.model.bodies:
-        if resists(body.joint):
+        if has_friction(body.joint):
             rough.add(body.joint.coordinate)
     return sorted(rough)
 

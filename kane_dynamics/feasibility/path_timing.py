@@ -10,7 +10,7 @@ from kane_dynamics.feasibility.segment_peaks import (ACTIVE, DENSE, MIDDLE, Moti
                                                      QUANTITIES, require_finite_flags,
                                                      SegmentPeaks)
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.friction import slides
+from kane_dynamics.mechanics.friction import has_dry_friction
 from kane_dynamics.model.model import Joint
 from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
@@ -290,7 +290,7 @@ def coulomb_joints(robot: Robot) -> list[Joint]:
     """Return the joints with Coulomb friction."""
     if not robot.friction:
         return []
-    return [body.joint for body in robot.model.bodies if slides(body.joint)]
+    return [body.joint for body in robot.model.bodies if has_dry_friction(body.joint)]
 
 
 def _turning(coulomb: Sequence[Joint], u: Array, segments: Segments | None) -> Flags:

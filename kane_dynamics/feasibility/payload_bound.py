@@ -11,12 +11,12 @@ from kane_dynamics._util.checks import constant, instance
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
+from kane_dynamics.feasibility.fixed_point import upper_fixed_point
 from kane_dynamics.feasibility.samples import NONE, ROUNDS, STEP
 from kane_dynamics.feasibility.torque_demand import (Demand, demand, demand_at, DrivesAlong,
                                                      motion_of_rigid_joints,
                                                      refined_demand,
                                                      refuse_with_drives, torque_of)
-from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
 from kane_dynamics.mechanics.friction import refuse_load_friction
 from kane_dynamics.model.inertial import check_moments, Inertial
 from kane_dynamics.model.placement import point

@@ -36,6 +36,8 @@ from kane_dynamics._util.checks import instance, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
+from kane_dynamics.feasibility.fixed_point import upper_fixed_point
+from kane_dynamics.feasibility.intervals import highest_free, positive_intervals
 from kane_dynamics.feasibility.samples import NONE, ROUNDING, ROUNDS, sampled, STEP
 from kane_dynamics.feasibility.torque_demand import (at_actuators, Demand, demand_at,
                                                      DrivesAlong,
@@ -44,8 +46,6 @@ from kane_dynamics.feasibility.torque_demand import (at_actuators, Demand, deman
                                                      require_scalable, torque_of,
                                                      unit_torques, whole_motion)
 from kane_dynamics.loop_tracking.driven_mechanism import MechanismMotion
-from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
-from kane_dynamics.mechanics.algebra.intervals import highest_free, positive_intervals
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.friction import (is_nonlinear, refuse_load_friction,
                                               stribeck_excess)

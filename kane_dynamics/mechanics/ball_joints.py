@@ -146,8 +146,8 @@ def coordinate_rates(model: Model, q: Vector, v: Vector) -> Vector:
     if not model.balls:
         return v
     rates: list[Scalar] = [0.0] * len(model.coordinate_names)
-    # A quaternion turns by p' = 1/2 p (omega, 0); all other coordinates have the joints'
-    # rates.
+    # A quaternion turns by p' = 1/2 p (omega, 0);
+    # all other coordinates have the joints' rates.
     quaternion_rates = [quaternion_rate(ball.quaternion(q), ball.omega(v))
                         for ball in balls(model)]
     for r, place in enumerate(model.places):

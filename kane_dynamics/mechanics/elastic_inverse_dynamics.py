@@ -135,8 +135,7 @@ class ElasticLinks:
         """Return the torques of actuators for the joint forces of a motion, (n,)."""
         if self.actuated is None:
             return joint_forces
-        # The torques with the generalized forces T^T f and the least weighted sum of
-        # squares.
+        # The torques with the generalized force T^T f and the least weighted squares.
         torques = np.zeros(self.tree.n).astype(object)
         torques[self.actuated] = least_torques(
             motion.T[self.actuated], self.inverse_weights,
@@ -199,8 +198,8 @@ def elastic_inverse_dynamics(links: ElasticLinks, q: Vector, rates: Matrix,
     friction = tree.feedforward_friction(motion.qdot, motion.qddot, loads)
     torques = links.actuator_torques(motion, rigid + friction)
 
-    # Rigid joints: the motor moves with the link and has its torque.
-    # The entries of ball joints, which have no position, are zero.
+    # Rigid joints: the motor moves with the link and has its torque. The positions of
+    # ball joints, which are quaternions, are zero here.
     positions: list[Scalar] = [0.0] * tree.n
     for k, place in enumerate(tree.model.places):
         if place is not None:

@@ -96,8 +96,8 @@ def spring_deflection(drive: Drive, torque: Scalar) -> Scalar:
     curve = drive.stiffness
     if not isinstance(curve, StiffnessCurve):
         return torque * (1.0 / curve)
-    # Where the curve has no unique or no well-conditioned inverse, there is no
-    # deflection.
+    # Where the curve has no unique or no well-conditioned inverse,
+    # there is no deflection.
     if curve.dead_zone:
         raise InputError(f"drive of motor '{drive.motor}': a dead zone of "
                          f'{curve.dead_zone:g} in its stiffness curve; expected a curve '

@@ -326,8 +326,8 @@ class Equations:
             return self.tree.friction_force(rates, None, directions, deflections)
         torques = self.drive_torques(q, tau, t)
         loads = self.tree.drive_loads(rates, torques, None, directions, deflections)
-        # tau = L + friction. With bristles, the friction of given loads is a sum of its
-        # parts.
+        # tau = L + friction. With bristles, the friction under given loads is the sum of
+        # its parts.
         if deflections is None:
             return torques - loads
         return self.tree.friction_force(rates, loads, directions, deflections)
@@ -605,8 +605,8 @@ class Equations:
     def actual_joint_forces(self, q: Vector, u: Vector, tau: Vector, parameters: Vector,
                             t: Scalar = 0.0) -> Vector:
         """Return the joint forces, (n_q,), of actuators and constraints together."""
-        # T = 1: nothing to project. Without rows, the joints have only the dual forces
-        # of tau.
+        # T = 1: nothing to project. Without rows, the joints have only the forces dual to
+        # the speeds.
         if self.mechanism.in_joint_speeds:
             return tau
         if self.n == self.tree.n:
@@ -695,8 +695,8 @@ class Equations:
         if self.carries_loads:
             others[1] = self._loaded_friction(q, motion, udot, parameters, t)
 
-        # The accelerations at udot = 0 are quadratic in the speeds: their inertia is
-        # Coriolis.
+        # The accelerations at udot = 0 are quadratic in the speeds:
+        # their inertia is Coriolis.
         M = motion.congruent(self.tree.mass_matrix(q, parameters))
         result = [M @ udot]
         for joint_force in (inertia_at_zero + coriolis, *others):

@@ -70,17 +70,17 @@ BREAKAWAY_ACCELERATION = 1.0  # rad/s^2 or m/s^2: 'ahead' has most of its y at r
 
 AT_BOUND = 2.0  # direction of a joint that others hold at the bound of its friction
 
-HOLDS = 1e30  # N m or N: friction of a self-locking drive against its load
+UNLIMITED = 1e30  # N m or N: friction of a self-locking drive, force of a stop
 ROUNDING = 1e-12  # relative, of forces and accelerations
-SETS = 2**12  # of held joints that are tried at most
+MOST_SETS = 2**12  # of held joints that are tried
 
 
-def coulomb(rate: Scalar, onset: Scalar) -> Scalar:
-    """Return smoothed Coulomb friction of coefficient 1: tanh(rate / onset), -1 to 1."""
-    return np.tanh(rate * (1.0 / onset))
+def coulomb(rate: Scalar, friction_speed: Scalar) -> Scalar:
+    """Return smoothed Coulomb friction of 1 N m or N: tanh(rate / friction_speed)."""
+    return np.tanh(rate * (1.0 / friction_speed))
 
 
-def slides(joint: Joint) -> bool:
+def has_dry_friction(joint: Joint) -> bool:
     """Return whether a joint has friction that depends on the direction of motion."""
     return bool(joint.friction or joint.friction_backward or joint.breakaway_friction
                 or carries_load(joint))
@@ -88,7 +88,7 @@ def slides(joint: Joint) -> bool:
 
 def is_nonlinear(joint: Joint) -> bool:
     """Return whether the friction of a joint is more than damping times its rate."""
-    return bool(slides(joint) or joint.quadratic_damping)
+    return bool(has_dry_friction(joint) or joint.quadratic_damping)
 
 
 def has_linear_damping(joint: Joint) -> bool:
@@ -97,9 +97,9 @@ def has_linear_damping(joint: Joint) -> bool:
     return not (joint.quadratic_damping or stribeck)
 
 
-def resists(joint: Joint) -> bool:
+def has_friction(joint: Joint) -> bool:
     """Return whether a joint has friction of any kind."""
-    return bool(joint.damping or joint.quadratic_damping or slides(joint))
+    return bool(joint.damping or joint.quadratic_damping or has_dry_friction(joint))
 
 
 def carries_load(joint: Joint) -> bool:
@@ -131,14 +131,14 @@ def load_fractions(joint: Joint) -> tuple[Any, Any]:
     return joint.load_friction, joint.load_friction if backdriven is None else backdriven
 
 
-def drops(joint: Joint) -> bool:
+def has_breakaway_drop(joint: Joint) -> bool:
     """Return whether friction falls at once where a joint begins to slide."""
     return bool(stribeck_excess(joint) and not joint.stribeck_speed)
 
 
 def _of_sliding(joint: Joint, direction: Scalar) -> Scalar:
     """Return the direction of sliding, -1 to 1, of a joint that may be at its bound."""
-    return direction_of_sliding(direction) if drops(joint) else direction
+    return direction_of_sliding(direction) if has_breakaway_drop(joint) else direction
 
 
 def direction_of_sliding(direction: Scalar) -> Scalar:
@@ -165,20 +165,20 @@ def friction_torque(joint: Joint, rate: Scalar, load: Scalar = 0.0,
         ``tanh(rate / friction_speed)``.
 
     """
-    # The terms of the law in the module's text: viscous, then even and odd in y, then
-    # offset.
+    # The terms of the law in the module's text: viscous, then those with y and y^2,
+    # then the offset.
     torque = _viscous(joint, rate)
-    if slides(joint):
+    if has_dry_friction(joint):
         if direction is None:
             y = coulomb(rate, joint.friction_speed)
         else:
             y = _of_sliding(joint, direction)
-            if drops(joint):
+            if has_breakaway_drop(joint):
                 torque = torque + stribeck_excess(joint) * (direction - y)
-        even, odd = _sliding_levels(joint, rate, load)
-        torque = torque + even * y
-        if odd is not None:
-            torque = torque + odd * (y * y)
+        level, half_difference = _sliding_levels(joint, rate, load)
+        torque = torque + level * y
+        if half_difference is not None:
+            torque = torque + half_difference * (y * y)
     return torque + joint.friction_offset
 
 
@@ -229,13 +229,14 @@ def friction_slope(joint: Joint, rate: Scalar, load: Scalar = 0.0) -> Scalar:
     slope: Scalar = joint.damping
     if joint.quadratic_damping:
         slope = slope + (2.0 * joint.quadratic_damping) * magnitude(rate)
-    if slides(joint):
+    if has_dry_friction(joint):
         # d tanh(x) / dx = 1 - tanh(x)^2
         y = coulomb(rate, joint.friction_speed)
-        even, odd = _sliding_levels(joint, rate, load)
-        change = even / joint.friction_speed * (1.0 - y * y)
-        if odd is not None:
-            change = change + (2.0 / joint.friction_speed) * odd * y * (1.0 - y * y)
+        level, half_difference = _sliding_levels(joint, rate, load)
+        change = level / joint.friction_speed * (1.0 - y * y)
+        if half_difference is not None:
+            twice = (2.0 / joint.friction_speed) * half_difference
+            change = change + twice * y * (1.0 - y * y)
         slope = slope + change
         if _has_stribeck(joint):
             # d level / dv = -2 v / v_s^2 times the excess at this rate
@@ -248,9 +249,10 @@ def load_slope(joint: Joint, rate: Scalar, load: Scalar) -> Scalar:
     """Return the derivative of `friction_torque` by the load."""
     if not carries_load(joint):
         return 0.0
-    mean, half_difference = _load_parts(joint)
+    # The derivative of mu |L| y + k L y^2.
+    mu, k = _load_parts(joint)
     y = coulomb(rate, joint.friction_speed)
-    return mean * y * select(load < 0.0, -1.0, 1.0) + half_difference * (y * y)
+    return mu * y * select(load < 0.0, -1.0, 1.0) + k * (y * y)
 
 
 def load_of_drive(joint: Joint, rate: Scalar, torque: Scalar, direction: Scalar = None,
@@ -279,13 +281,13 @@ def load_of_drive(joint: Joint, rate: Scalar, torque: Scalar, direction: Scalar 
     x = torque - factor * friction_torque(joint, rate, 0.0, direction)
     if not carries_load(joint):
         return x
-    mean, half_difference = _load_parts(joint)
+    mu, k = _load_parts(joint)
     if direction is None:
         y = coulomb(rate, joint.friction_speed)
     else:
         y = _of_sliding(joint, direction)
     # L has the sign of x, so that |L| = sign(x) L makes the equation linear.
-    by_load = half_difference * (y * y) + mean * y * select(x < 0.0, -1.0, 1.0)
+    by_load = k * (y * y) + mu * y * select(x < 0.0, -1.0, 1.0)
     return x / (1.0 + factor * by_load)
 
 
@@ -297,12 +299,12 @@ def friction_over_rate(joint: Joint, rate: Scalar, load: Scalar = 0.0) -> Scalar
     u_s^2), within 8 % of mu tanh(rate / u_s) / rate and regular at rest.
     """
     ratio = viscous_over_rate(joint, rate)
-    if slides(joint):
+    if has_dry_friction(joint):
         smoothed = np.sqrt(rate * rate + joint.friction_speed**2)
-        even, odd = _sliding_levels(joint, rate, load)
-        ratio = ratio + even / smoothed
-        if odd is not None:
-            ratio = ratio + odd * rate / (smoothed * smoothed)
+        level, half_difference = _sliding_levels(joint, rate, load)
+        ratio = ratio + level / smoothed
+        if half_difference is not None:
+            ratio = ratio + half_difference * rate / (smoothed * smoothed)
     return ratio
 
 
@@ -407,8 +409,8 @@ def holding_interval(joint: Joint, load: Any) -> tuple[Any, Any]:
     carries the load. `load` may be an array.
     """
     forward, backward = breakaway_levels(joint)
-    # Forward of a lifting load the motor drives, backward the load drives; else the
-    # reverse.
+    # Under a positive load the motor drives forward motions and the load backward ones;
+    # under a negative load it is the reverse.
     driving, backdriven = load_fractions(joint)
     lifts = np.asarray(load) >= 0.0
     up = np.where(lifts, driving, backdriven)
@@ -452,7 +454,7 @@ def _resistance_ahead(joint: Joint, level: float, x: Scalar) -> Scalar:
     """Return the largest friction against a motion ahead, for a torque x along it."""
     driving, backdriven = load_fractions(joint)
     driven = (level + driving * x) / (1.0 + driving)
-    overrun: Scalar = HOLDS
+    overrun: Scalar = UNLIMITED
     if backdriven < 1.0:
         overrun = (level - backdriven * x) / (1.0 - backdriven)
     return select(level < x, driven, overrun)
@@ -484,7 +486,7 @@ def held_forces(a: Array, A: Array, least: Array, largest: Array) -> Array:
     at_largest = np.zeros(k, dtype=bool)  # of the others; both bounds may be zero
     f = np.zeros(k)
     size = np.abs(a).max(initial=0.0)
-    for _ in range(min(3**(k + 2), SETS)):
+    for _ in range(min(3**(k + 2), MOST_SETS)):
         # Held joints do not accelerate; the forces of others are at their bounds.
         f[held] = 0.0
         rows = np.ix_(held, held)
@@ -499,8 +501,7 @@ def held_forces(a: Array, A: Array, least: Array, largest: Array) -> Array:
         if not wrong.any():
             return f
         first = int(np.argmax(wrong))
-        # A joint that leaves `held` slides with the force at the bound that it
-        # exceeded.
+        # A joint that leaves `held` slides: its force is at the bound that it exceeded.
         if held[first]:
             at_largest[first] = f[first] > largest[first]
             f[first] = largest[first] if at_largest[first] else least[first]
@@ -572,25 +573,29 @@ def _viscous(joint: Joint, rate: Scalar) -> Scalar:
 
 
 def _sliding_levels(joint: Joint, rate: Scalar, load: Scalar) -> tuple[Scalar, Scalar]:
-    """Return the factors of y and of y^2, N m or N; None for a factor that is zero."""
+    """
+    Return the factors of y and y^2 in the module, N m or N; None for a factor of 0.
+
+    level(v) + mu |L| is the mean of the friction in both directions, h + k L half the
+    difference between these.
+    """
     forward, backward = coulomb_levels(joint)
-    # y is the direction of sliding, -1 to 1: the even part has the mean level of both
-    # directions, the odd part half their difference.
-    even: Scalar = forward
-    odd: Scalar = None
+    level: Scalar = forward
+    half_difference: Scalar = None
     if joint.friction_backward is not None:
-        even = 0.5 * (forward + backward)
-        odd = 0.5 * (forward - backward)
+        level = 0.5 * (forward + backward)
+        half_difference = 0.5 * (forward - backward)
     if _has_stribeck(joint):
-        even = even + _stribeck(joint, rate)
+        level = level + _stribeck(joint, rate)
     # Load friction is a share of the transmitted torque; a drive that is driven back by
     # the load has another share.
     if carries_load(joint):
-        mean, half_difference = _load_parts(joint)
-        even = even + mean * magnitude(load)
+        mu, k = _load_parts(joint)
+        level = level + mu * magnitude(load)
         if joint.load_friction_backdriven is not None:
-            odd = half_difference * load + (0.0 if odd is None else odd)
-    return even, odd
+            of_coulomb = 0.0 if half_difference is None else half_difference
+            half_difference = k * load + of_coulomb
+    return level, half_difference
 
 
 def _has_stribeck(joint: Joint) -> bool:
@@ -605,6 +610,6 @@ def _stribeck(joint: Joint, rate: Scalar) -> Scalar:
 
 
 def _load_parts(joint: Joint) -> tuple[Any, Any]:
-    """Return mean and half difference of the load fractions in both directions of power."""
+    """Return mu and k: mean and half difference of the `load_fractions`."""
     driving, backdriven = load_fractions(joint)
     return 0.5 * (driving + backdriven), 0.5 * (driving - backdriven)

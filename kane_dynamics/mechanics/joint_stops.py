@@ -4,7 +4,7 @@ from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import ConstraintError
 import numpy as np
 
-SETS = 2**12  # of active stops that are tried at most
+MOST_SETS = 2**12  # of active stops that are tried
 
 
 def stop_impulses(into: Array, A: Array) -> tuple[Array, Flags]:
@@ -29,7 +29,7 @@ def stop_impulses(into: Array, A: Array) -> tuple[Array, Flags]:
 
     """
     active = into > 0.0
-    for _ in range(min(2**(len(into) + 2), SETS)):
+    for _ in range(min(2**(len(into) + 2), MOST_SETS)):
         # Active stops end the motion into them; the others have no impulse.
         p = np.zeros(len(into))
         p[active] = np.linalg.solve(A[np.ix_(active, active)], into[active])

@@ -14,7 +14,7 @@ from kane_dynamics._util.checks import constant, instance
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.elastic_joints import steepest_slope
-from kane_dynamics.mechanics.friction import bristle_decay, has_bristles, resists
+from kane_dynamics.mechanics.friction import bristle_decay, has_bristles, has_friction
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.model import Joint, Model
@@ -329,7 +329,7 @@ def _may_limit_step(model: Model, friction: bool) -> bool:
         joint = body.joint
         if body.beam is not None or joint.stiffness or joint.drive:
             return True
-        if friction and resists(joint):
+        if friction and has_friction(joint):
             return True
     return False
 

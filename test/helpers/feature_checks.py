@@ -321,7 +321,7 @@ def joint_reactions(case):
         last = model.bodies[-1].inertial
 
         def speed(q, v):
-            return kane.partial_velocities(model, q)[-1][:3] @ v
+            return v @ kinematics.configurations(model, q)[-1].partial_velocity
         acceleration = slope(lambda s: speed(case.q + s * case.q_rate, qdot + s * qddot))
         assert_close(reactions[-1][:3], last.mass * (acceleration - model.gravity),
                      CLOSED)

@@ -234,8 +234,8 @@ def _product(a: Series, b: Series) -> list[Scalar]:
     result = []
     for k in range(len(a)):
         if a is b:
-            # c_k = 2 sum_(i < k / 2) a_i a_(k - i), plus the square of the middle term
-            # for even k.
+            # c_k = 2 sum_(i < k / 2) a_i a_(k - i),
+            # plus the square of the middle term for even k.
             total: Scalar = 0.0
             for i in range((k + 1) // 2):
                 total = total + _times(a[i], a[k - i])
@@ -266,8 +266,8 @@ def _sine_and_cosine(x: Series) -> tuple[list[Scalar], list[Scalar]]:
     """Return the series of sine and cosine: s' = c x', c' = -s x'."""
     s = [np.sin(x[0])]
     c = [np.cos(x[0])]
-    # k s_k = sum_i i x_i c_(k - i), the coefficient of s^(k - 1) of s' = c x'; likewise
-    # c.
+    # k s_k = sum_i i x_i c_(k - i),
+    # the coefficient of s^(k - 1) of s' = c x'; likewise c.
     for k in range(1, len(x)):
         sine: Scalar = 0.0
         cosine: Scalar = 0.0

@@ -19,8 +19,8 @@ import numpy as np
 def product(A: Matrix, B: Matrix, lanes: Any) -> Matrix:
     """Return A B; A is a matrix (k, m), or a vector (m,) that stands for a row."""
     size = np.shape(B)[1]
-    # Blocks of `LANES` columns of B: a row of A B is a sum of its rows, whole blocks at
-    # once.
+    # Blocks of `LANES` columns of B:
+    # a row of A B is a sum of its rows, whole blocks at once.
     columns = _blocks(B, lanes)
     rows = []
     # Zeros of A, which are known when the program is traced, cost nothing.

@@ -188,8 +188,7 @@ def _triangular_blocks(A: Matrix, pivot_rows: dict[int, int]
             if not (c in pivot_rows or is_zero(A[r][c])):
                 columns[r].append(c)
 
-    # A permutation with a full diagonal: each row gets a column in which it has an
-    # entry.
+    # A permutation with a full diagonal: each row owns a column in which it has an entry.
     owner: dict[int, int] = {}  # of a column: its row
     for r in columns:
         if not _match(r, columns, owner, set()):
@@ -215,7 +214,6 @@ def _match(row: int, columns: dict[int, list[int]], owner: dict[int, int],
 
     The rows that own its columns move to others if they can (augmenting path).
     """
-    # Augmenting path: a column is free, or its owner finds another one.
     for c in columns[row]:
         if c in visited:
             continue
@@ -233,8 +231,7 @@ def _components(needs: dict[int, list[int]]) -> list[list[int]]:
     Tarjan's algorithm: `lowest` is the smallest number of an open node that a node
     reaches.
     """
-    # Tarjan's algorithm: `number` counts nodes in the order of the visit, `lowest` is
-    # the earliest open node that a node reaches.
+    # `number` counts nodes in the order of the visit.
     number: dict[int, int] = {}
     lowest: dict[int, int] = {}
     open_nodes: list[int] = []
@@ -317,8 +314,8 @@ def _block_solution(A: Matrix, B: Matrix) -> Matrix:
         for r in range(n):
             for c in range(n):
                 adjugate[c, r] = _cofactor(A, r, c)
-    # Cramer's rule: A^-1 is the adjugate over the determinant, here expanded by the
-    # first row.
+    # Cramer's rule: A^-1 is the adjugate over the determinant,
+    # here expanded by the first row.
     scale = 1.0 / dot(A[0], adjugate[:, 0])
     X = []
     for row in adjugate.tolist():

@@ -107,8 +107,8 @@ def inverse(factors: Factors, order: Sequence[int]) -> Matrix:
     for unit in np.eye(n):
         columns.append(solve(factors, order, unit))
 
-    # Both triangles get the entries of one, in which a descendant's column is solved for
-    # its ancestors.
+    # Both triangles get the entries of one,
+    # in which a descendant's column is solved for its ancestors.
     rank = {r: k for k, r in enumerate(order)}
     rows: list[list[Scalar]] = [[None] * n for _ in range(n)]
     for r in range(n):

@@ -14,8 +14,8 @@ MOST_PIECES = 5000
 
 FEW = 16  # unknowns of a tridiagonal system that is solved as a full matrix
 
-# Coefficients in x = (t - t0) / h of the quintic with given q, h u, h^2 udot at x = 0
-# and x = 1.
+# Coefficients in x = (t - t0) / h of the quintic with given q, h u and h^2 udot, all at
+# x = 0, then at x = 1.
 _QUINTIC = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
                      [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
                      [0.0, 0.0, 0.5, 0.0, 0.0, 0.0],
@@ -58,10 +58,10 @@ def tridiagonal_solution(a: Array, b: Array, c: Array, d: Array) -> Array:
     """
     Return x, (m, n), with ``a[i] x[i-1] + b[i] x[i] + c[i] x[i+1] = d[i]``.
 
-    The system is diagonally dominant.
-    Cyclic reduction: the equations with even numbers eliminate their unknowns from the
-    others, which are half as many, until few are left. It needs a few operations on
-    arrays where Thomas' elimination needs one for each row.
+    The system is diagonally dominant. By cyclic reduction: the equations with even
+    numbers eliminate their unknowns from the others, which are half as many, until few
+    are left. It needs a few operations on arrays where Thomas' elimination needs one for
+    each row.
 
     Parameters
     ----------
@@ -126,8 +126,8 @@ def segment_ends(t: Array, q: Array, u: Array, udot: Array | None) -> Array:
 
 def segment_coefficients(t: Array, q: Array, u: Array, udot: Array | None) -> Array:
     """Return the coefficients of all segments in x from 0 to 1, (K - 1, 6, n)."""
-    # Positions, scaled velocities and accelerations at both ends, then their
-    # polynomial.
+    # Positions, scaled velocities and accelerations at both ends,
+    # then their polynomial.
     ends = segment_ends(t, q, u, udot)
     basis = _CUBIC if udot is None else _QUINTIC
     size = len(basis)

@@ -19,7 +19,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Scalar
 from kane_dynamics.errors import ConstraintError, KaneError
-from kane_dynamics.mechanics.algebra.dual import derivatives, select
+from kane_dynamics.mechanics.algebra.dual import derivatives, magnitude, select
 import numpy as np
 
 
@@ -43,7 +43,7 @@ def _arctan2(y: Scalar, x: Scalar) -> Scalar:
     """Return the angle of (x, y): by y / x near the x axis, by x / y elsewhere."""
     # With y / x near the x axis, where |x| > |y|, and x / y near the y axis, both
     # arguments are at most 1.
-    steep = operator.lt(_absolute(x), _absolute(y))
+    steep = operator.lt(magnitude(x), magnitude(y))
     half_turn = select(operator.lt(y, 0.0), -math.pi, math.pi)
 
     # The divisor of the branch that is not taken is 1, so that it has no infinite slope.
@@ -51,10 +51,6 @@ def _arctan2(y: Scalar, x: Scalar) -> Scalar:
     flat = flat + select(operator.lt(x, 0.0), half_turn, 0.0)
     upright = 0.5 * half_turn - np.arctan(x / select(steep, y, 1.0))
     return select(steep, upright, flat)
-
-
-def _absolute(x: Scalar) -> Scalar:
-    return select(operator.lt(x, 0.0), -x, x)
 
 
 def _minimum(x: Scalar, y: Scalar) -> Scalar:
@@ -155,8 +151,8 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     # Choices by a comparison.
     'where': select,
     'clip': _clip,
-    'absolute': _absolute,
-    'fabs': _absolute,
+    'absolute': magnitude,
+    'fabs': magnitude,
     'sign': _sign,
     'heaviside': _heaviside,
     'minimum': _minimum,
@@ -201,7 +197,7 @@ class Unknown:
         return self
 
     def __abs__(self) -> Any:
-        return Unknown(_absolute(self.inner))
+        return Unknown(magnitude(self.inner))
 
     def __invert__(self) -> Any:
         return Unknown(1.0 - self.inner)

@@ -7,12 +7,12 @@ from typing import get_args
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.ball_joints import moved
-from kane_dynamics.mechanics.constraints import Constraint
+from kane_dynamics.mechanics.constraints import Closure, Constraint
 from kane_dynamics.mechanics.constraints.conditioning import (described, RANK, rank_of,
                                                               rows_in_speeds,
                                                               scaled_rows, Stack,
                                                               stacked)
-from kane_dynamics.mechanics.constraints.constraint_types.closure import Closure, Kind
+from kane_dynamics.mechanics.constraints.constraint_types.closure import Kind
 from kane_dynamics.mechanics.constraints.loop_closure import closing_iterations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
@@ -44,8 +44,8 @@ def advice(mechanism: Mechanism, q: Array) -> str:
             f'if singular values and residuals up to {rounding:.3g} are rounding of the '
             f'description, rank_tolerance={2.0 * rounding:.1g} treats them as zero')
 
-    # A remedy for a joint stated too strictly: kinds that leave freedom at the same
-    # place.
+    # A remedy for a joint stated too strictly:
+    # kinds that leave freedom at the same place.
     kinds = _kinds(mechanism, nearly_closed[0] if nearly_closed else q)
     if kinds:
         sentences.append(kinds)
@@ -103,8 +103,7 @@ def _kinds(mechanism: Mechanism, q: Array) -> str:
         for kind in get_args(Kind):
             if kind in ('distance', closure.kind):
                 continue
-            # The same closure with fewer rows: what it leaves free tells whether it was
-            # too strict.
+            # The same closure with fewer rows: was it too strict?
             constraints = list(mechanism.constraints)
             constraints[k] = replace(closure, kind=kind, second_axis=None, length=None)
             freedom = _freedom_near(mechanism, constraints, q)

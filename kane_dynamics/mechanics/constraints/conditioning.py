@@ -20,9 +20,7 @@ from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import dot, is_zero
-from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (
-                                                                                  ConstraintRows)
-from kane_dynamics.mechanics.constraints.constraint_types.rolling import Rolling
+from kane_dynamics.mechanics.constraints import ConstraintRows, Rolling
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.recursive.link import Link
 import numpy as np
@@ -383,8 +381,8 @@ def singular_error(mechanism: Mechanism, stack: Stack, q: Array, t: float,
             f'{where}constraints: the rows {rows} are not finite at {at}; expected a '
             f'configuration at which they are defined{advice}')
 
-    # A dead point if even the best choice of speeds is singular; otherwise another
-    # choice helps.
+    # A dead point if even the best choice of speeds is singular;
+    # otherwise another choice helps.
     singular = f'{where}speeds and constraints are singular at {at}'
     loop = constraints_at_fault(mechanism, stack, mechanism.free, mechanism.kept)
     if best_choice(mechanism, stack).figure >= SINGULAR:

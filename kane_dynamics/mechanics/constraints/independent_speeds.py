@@ -90,8 +90,8 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     if not mechanism.labels and independent is None:
         return mechanism
 
-    # The number of independent rows is the largest rank: singular configurations have
-    # less.
+    # The number of independent rows is the largest rank: the rank falls at singular
+    # configurations.
     sizes = _row_sizes(mechanism, places)
     ranks = [rank_of(C, tolerance) for C, _ in samples]
     m = max(ranks)
@@ -260,8 +260,8 @@ def _starts(mechanism: Mechanism) -> list[Array]:
 def _closed_configurations(mechanism: Mechanism) -> list[Array]:
     """Return up to `SAMPLES` closed configurations within the joint limits."""
     starts = _starts(mechanism)
-    # Random starts often end at different assemblies, and ranks must hold for all of
-    # them.
+    # Random starts often end at different assemblies,
+    # and ranks must hold for all of them.
     closed: list[Array] = []
     failures: list[ConstraintError] = []
     # A start that does not close is no error as long as another one does.
@@ -376,8 +376,7 @@ def _velocity_rows(mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
 def _check_consistent(mechanism: Mechanism, samples: list[tuple[Array, Array]],
                       independent_rows: list[int]) -> None:
     """Raise ConstraintError if a redundant row contradicts the independent rows."""
-    # Every sample counts: rows that agree at one configuration may contradict at
-    # another.
+    # At every sample: rows that agree at one configuration may contradict at another.
     for C, d in samples:
         # C = W^T C_K, with the independent rows C_K: consistent if d = W^T d_K.
         W = np.linalg.lstsq(C[independent_rows].T, C.T, rcond=None)[0]
@@ -393,8 +392,8 @@ def _check_consistent(mechanism: Mechanism, samples: list[tuple[Array, Array]],
 
 def _conditioning(rows: list[Array], dependent: Sequence[int]) -> float:
     """Return the least singular value of the dependent speeds' columns."""
-    # Relative to the largest entry, so that the scale of all rows together does not
-    # count.
+    # Relative to the largest entry,
+    # so that the scale of all rows together does not count.
     smallest = np.inf
     for C in rows:
         largest_entry = max(np.abs(C).max(initial=0.0), 1e-300)

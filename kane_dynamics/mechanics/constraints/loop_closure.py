@@ -96,8 +96,8 @@ def closed_configuration(mechanism: Mechanism, q: Any, *, t: float = 0.0,
     """
     model = mechanism.model
     start = _checked(mechanism, q, t)
-    # Directions of quaternions are unknown at zero; elsewhere only their length is
-    # corrected.
+    # Directions of quaternions are unknown at zero;
+    # elsewhere only their length is corrected.
     for ball in balls(model):
         quaternion = ball.quaternion(start)
         largest = np.abs(quaternion).max()
@@ -115,7 +115,7 @@ def closed_configuration(mechanism: Mechanism, q: Any, *, t: float = 0.0,
         return result.q
     # The worst row, each relative to its unit: rad, or lengths of its loop.
     unit_of_label = dict(zip(mechanism.labels, mechanism.closure_units))
-    units = list(map(unit_of_label.__getitem__, result.labels))
+    units = [unit_of_label[label] for label in result.labels]
     worst = int(np.argmax(np.abs(result.residual / units)))
     raise ConstraintError(
         f"loop closure: no configuration found for '{result.labels[worst]}', its "
@@ -250,13 +250,13 @@ def followed_configuration(mechanism: Mechanism, start: Any, q: Any, *, t: float
             'of the mechanism')
     count = int(np.ceil(farthest / SMALL)) or 1
 
-    # On one branch the determinant of [fixed coordinates; J] keeps its sign, if it is
-    # square.
+    # On one branch the determinant of [fixed coordinates; J] keeps its sign,
+    # if it is square.
     fixed_rows = np.eye(model.n)[joints]
     last_sign = 0.0
     for share in np.arange(1, count + 1) / count:
-        # The fixed coordinates move on, all others start from the last closed
-        # configuration.
+        # The fixed coordinates move on,
+        # all others start from the last closed configuration.
         guess = closed.copy()
         guess[places] = first + share * (last - first)
         next_closed = closed_configuration(mechanism, guess, t=t, fixed=fixed, rows=rows)

@@ -59,8 +59,8 @@ class MechanismState:
         self._speeds = speeds
         self._positions = q
         self._links = links
-        # The rotation of a ball joint goes into the poses; its joints are at position
-        # zero there.
+        # The rotation of a ball joint goes into the poses;
+        # its joints are at position zero there.
         if model.balls:
             self._positions = joint_positions(model, q)
             self._links = None if links is None else posed(links, model, q)
@@ -370,18 +370,18 @@ class Mechanism:
         self.row_units = np.where(self.turning, 1.0, self.length)
         lengths: list[float] = []
         for constraint in self.constraints:
-            own = self.length
+            length = self.length
             if isinstance(constraint, Closure):
-                own = closure_length(model, constraint, self.length)
-            lengths += [own] * len(constraint.labels)
+                length = closure_length(model, constraint, self.length)
+            lengths += [length] * len(constraint.labels)
         self.closure_units = np.where(self.turning, 1.0, lengths)
         translations = self.closure_units[~np.array(self.turning, dtype=bool)]
         self.closure_length = float(translations.max(initial=0.0)) or self.length
 
     def _wheels_with_surface_rows(self) -> list[Rolling]:
         """Return the wheels whose `surface_rows` can stand for their rows: all kept."""
-        # A wheel has three rows; the rotation B between both kinds of rows needs all of
-        # them.
+        # A wheel has three rows;
+        # the rotation B between both kinds of rows needs all of them.
         wheels = []
         for constraint in self.constraints:
             if not (isinstance(constraint, Rolling) and constraint.has_surface_rows):
@@ -451,8 +451,8 @@ class Mechanism:
             functions['speeds: Y(q, t)', ''] = Y
             functions['speeds: Z(q, t)', ''] = Z
         for constraint in self.constraints:
-            # Dependent speeds are functions of q and t, prescribed motions functions of
-            # t alone.
+            # Dependent speeds are functions of q and t,
+            # prescribed motions functions of t alone.
             if isinstance(constraint, DependentSpeeds):
                 depends_on_state = True
             elif isinstance(constraint, Prescribed | PointVelocity):
@@ -473,8 +473,8 @@ class Mechanism:
         constraints. Rows of wheels with all rows kept are `Rolling.surface_rows`.
         """
         Y, Z = state.speed_rows(self.speed_names)
-        # The surface rows are an orthogonal combination of a wheel's rows, with shorter
-        # expressions.
+        # The surface rows are an orthogonal combination of a wheel's rows,
+        # with shorter expressions.
         parts = []
         for constraint in self.constraints:
             if constraint in self._rolling:
@@ -586,8 +586,8 @@ class Mechanism:
         S_inverse = np.eye(n)
         no_speeds = np.zeros(len(self.kept)).astype(object)
         for order in range(count):
-            # The coefficients of S and s of this order need those of q up to it, which
-            # are known.
+            # The coefficients of S and s of this order need those of q up to it,
+            # which are known.
             moving_q = series_array(coordinates)
             if self.in_joint_speeds:
                 joint_rates.append(speeds[order])
@@ -597,13 +597,12 @@ class Mechanism:
                 if order == 0:
                     S_inverse = self.solved(S, np.eye(len(S)))
                 S_terms.append(term(S, order))
-                # S q' = [u; 0] + s: S_0 v_k = [u_k; 0] + s_k - sum over i >= 1 of S_i
-                # v_(k-i).
+                # S_0 q'_k = [u_k; 0] + s_k - sum over i >= 1 of S_i q'_(k-i)
                 right = np.concatenate([speeds[order], no_speeds]) + term(s, order)
                 for i in range(1, order + 1):
                     right = right - S_terms[i] @ joint_rates[order - i]
                 joint_rates.append(S_inverse @ right)
-            # q' = G(q) v with the quaternions of ball joints.
+            # The rates of quaternions follow from the angular velocities of ball joints.
             change = coordinate_rates(self.model, moving_q, series_array(joint_rates))
             coordinates.append(term(change, order) * (1.0 / (order + 1)))
 
@@ -611,8 +610,7 @@ class Mechanism:
         T_terms = [S_inverse[:, :n]]
         if not self.in_joint_speeds:
             for order in range(1, count - 1):
-                # S T = [1; 0], of which only the constant term is not zero: S_0 T_k =
-                # -sum of S_i T_(k-i).
+                # S T = [1; 0], which is constant: S_0 T_k = -sum over i >= 1 of S_i T_(k-i)
                 change = np.zeros((self.model.n, n)).astype(object)
                 for i in range(1, order + 1):
                     change = change + S_terms[i] @ T_terms[order - i]
@@ -652,8 +650,7 @@ class Mechanism:
 
     def solved(self, S: Matrix, right: Matrix) -> Matrix:
         """Return S^-1 times a vector or a matrix; ConstraintError if always singular."""
-        columns = right.reshape(len(S), -1)
-        # A vector is solved as a matrix with one column.
+        columns = right.reshape(len(S), -1)  # of a vector: one column
         try:
             solution = linear_solve.solution(S, columns)
         except ZeroDivisionError as error:

@@ -87,8 +87,8 @@ class Twist:
 
     def _moment(self, spin_inertia: float, omega: Vector) -> Vector:
         """Return the angular momentum J omega of a disc."""
-        # A round disc has half of its polar moment about each diameter: J = spin / 2 (1
-        # + e e^T).
+        # A round disc has half of its polar moment about each diameter:
+        # J = spin / 2 (1 + e e^T).
         return 0.5 * spin_inertia * (omega + (omega @ self.e) * self.e)
 
     def _disc_torque(self, spin_inertia: float, omega: Vector, alpha: Vector) -> Vector:
@@ -100,8 +100,8 @@ class Twist:
         """Return the contribution of torsion to -F_r*, (n,)."""
         result: Vector = np.zeros(len(self.omega_partials))
         for spin_inertia, psi in self.discs:
-            # The section turns relative to the body, about an axis that the body carries
-            # along.
+            # The section turns relative to the body,
+            # about an axis that the body carries along.
             twist_rate = (psi @ u) * self.e
             twist_acceleration = (psi @ udot) * self.e
             omega = motion.omega + twist_rate
@@ -132,8 +132,7 @@ class Twist:
 
 def inertia_force(beam: Beam, configuration: Configuration, motion: BodyMotion,
                   q: Vector, u: Vector, udot: Vector) -> Vector:
-    """Return the contribution of bending to F_r*, (n,), N m or N."""
-    # F_r* of the bent beam less that of the straight one, which the rigid body has.
+    """Return the contribution of bending and torsion to F_r*, (n,), N m or N."""
     points = BeamPoints(beam, configuration, q)
     modes = list(beam.coordinates)
     eta_rate = u[modes]
@@ -155,13 +154,13 @@ def inertia_force(beam: Beam, configuration: Configuration, motion: BodyMotion,
         bent = rigid_acceleration(points.bent[g]) + coriolis + relative
         return bent, rigid_acceleration(points.straight[g])
 
+    # The twist of the sections is a motion about the beam's axis, not of its points.
     torsion = Twist(beam, configuration, len(q))
-    # The shafts' torsion is a motion of its own, about the beam.
     return -points.total(accelerations) - torsion.torques(motion, u, udot)
 
 
 def mass_matrix(beam: Beam, configuration: Configuration, q: Vector) -> Matrix:
-    """Return the contribution of bending to the mass matrix, (n, n)."""
+    """Return the contribution of bending and torsion to the mass matrix, (n, n)."""
     points = BeamPoints(beam, configuration, q)
 
     def partial_velocities(g: int) -> tuple[Matrix, Matrix]:

@@ -37,32 +37,14 @@ import numpy as np
 Wrenches = Mapping[str, tuple[Any, Any]]
 
 
-def partial_velocities(model: Model, q: Vector, frame: str | None = None) -> Any:
+def partial_velocities(model: Model, q: Vector, frame: str) -> Matrix:
     """
-    Return the Jacobian (partial velocities), (6, n): column r is v^r, then omega^r.
+    Return the Jacobian (partial velocities) of a frame, (6, n), in world axes.
 
-    Parameters
-    ----------
-    model, q
-        The mechanism and its coordinates.
-    frame : str, optional
-        Frame whose origin is the reference point. Default: a tuple with one Jacobian per
-        body, at its center of mass.
-
-    Raises
-    ------
-    InputError
-        If the frame does not exist; the message lists the valid ones.
-
+    Column r is v^r of the frame's origin, then omega^r; m or rad per unit of the speed.
+    InputError if the frame does not exist.
     """
-    if frame is not None:
-        return frame_partial_velocities(model, model.frame(frame), q)
-    jacobians = []
-    for body in configurations(model, q):
-        v = body.partial_velocity
-        omega = body.partial_angular_velocity
-        jacobians.append(np.concatenate([v.T, omega.T]))
-    return tuple(jacobians)
+    return frame_partial_velocities(model, model.frame(frame), q)
 
 
 def generalized_inertia_force(model: Model, q: Vector, u: Vector,
@@ -119,8 +101,8 @@ def generalized_active_force(model: Model, q: Vector, u: Vector, *,
     x = joint_positions(model, q)
     for body, configuration in zip(model.bodies, configurations(model, q)):
         joint = body.joint
-        # Gravity m g acts at the center of mass; springs and friction act along the
-        # joint.
+        # Gravity m g acts at the center of mass;
+        # springs and friction act along the joint.
         force = force + configuration.partial_velocity @ (body.inertial.mass * g)
         force = force - on_coordinate(model, joint, joint_spring_torque(joint, x))
         if friction:
@@ -187,8 +169,8 @@ def mass_matrix(model: Model, q: Vector) -> Matrix:
     M: Matrix = np.zeros((model.n, model.n))
     x = joint_positions(model, q)
     for body, configuration in zip(model.bodies, configurations(model, q)):
-        # Row r of `v` and `omega` is a partial velocity, so that the sums are matrix
-        # products.
+        # Row r of `v` and `omega` is a partial velocity,
+        # so that the sums are matrix products.
         v = configuration.partial_velocity
         omega = configuration.partial_angular_velocity
         inertia = central_inertia(body, configuration)
@@ -206,15 +188,15 @@ def forward_dynamics(model: Model, q: Array, u: Array, tau: Array, *,
                      gravity: Array | None = None, friction: bool = True,
                      wrenches: Wrenches | None = None) -> Array:
     """Return udot, (n,), from M udot = F_r + F_r* at udot = 0; numbers only."""
-    loads = np.array(tau, dtype=np.float64)
+    loads = None
     if friction:
-        loads = loads_of_drives(model, u, loads)
-    force = generalized_active_force(model, q, u, tau=tau, gravity=gravity,
-                                     # At udot = 0, F_r + F_r* is what is left for M
-                                     # udot.
-                                     friction=friction, wrenches=wrenches, loads=loads)
-    force = force + generalized_inertia_force(model, q, u, np.zeros(model.n))
-    return np.linalg.solve(mass_matrix(model, q), force)
+        loads = loads_of_drives(model, u, tau)
+    # F_r + F_r* = 0, and F_r* is -M udot plus its value at udot = 0.
+    active_force = generalized_active_force(model, q, u, tau=tau, gravity=gravity,
+                                            friction=friction, wrenches=wrenches,
+                                            loads=loads)
+    inertia_force_at_zero = generalized_inertia_force(model, q, u, np.zeros(model.n))
+    return np.linalg.solve(mass_matrix(model, q), active_force + inertia_force_at_zero)
 
 
 def loads_of_drives(model: Model, u: Array, tau: Array) -> Array:
@@ -224,7 +206,7 @@ def loads_of_drives(model: Model, u: Array, tau: Array) -> Array:
         joint = body.joint
         if carries_load(joint):
             k = joint.coordinate
-            # Joints that mimic this one rub too, and their friction carries no load.
+            # Joints that mimic this one have friction, too, which depends on no load.
             unloaded: Scalar = 0.0
             for mimic in model.bodies:
                 if mimic is not body and mimic.joint.coordinate == k:

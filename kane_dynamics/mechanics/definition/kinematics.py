@@ -213,11 +213,10 @@ def motions(model: Model, bodies: Sequence[Configuration], q: Vector, u: Vector,
             a = _point_acceleration(parent.a, omega_parent, alpha, r)
 
         # The joint adds its acceleration along the axis, and the axis turns with the
-        # parent.
+        # parent; the axes of a ball joint turn with its body (see the notes).
         relative_velocity = (partials(joint, q) @ u) * configuration.axis
         acceleration = joint_acceleration(joint, q, u, udot)
         relative_acceleration = acceleration * configuration.axis
-        # The axes of a ball joint turn with its body; see the notes.
         omega_axis = omega_parent
         if k in ball_parents:
             ball_parent = ball_parents[k]

@@ -143,13 +143,12 @@ def _twisting(beam: Beam, R: Matrix, R_rate: Matrix, eta_rate: Vector) -> Scalar
     """
     Return twice the contribution of torsion to the kinetic energy, J.
 
-    The second moment S of a round section does not change in a rotation E(theta) about
-    the beam. So tr((R E)' S (R E)'^T) equals the same expression with R' + theta' R K, K
-    = E'(0).
+    A section turns by theta = psi . eta about the beam's direction e. Its second moment S
+    is that of a disc, which does not change in this rotation E(theta). So
+    tr((R E)' S (R E)'^T) is the same with R' + theta' R K in place of (R E)', where
+    K = E'(0) = [e]x.
     """
     e = beam.direction
-    # A section twists about the beam's direction e: R' = R (1 + psi [e]x), with the
-    # moment of its spread across e.
     K = np.cross(np.eye(3), e)
     total: Scalar = 0.0
     for spin, psi in zip(beam.spins, beam.twists):

@@ -116,8 +116,8 @@ class FiniteMechanismState(MechanismState):
         n = self.model.n
         axes = parts(R, self.count)
         point = parts(p, self.count)
-        # Gradients with respect to the speeds are the coefficients of the variation: dR =
-        # [theta]x R.
+        # Gradients with respect to the speeds are the coefficients of the variation:
+        # dR = [theta]x R.
         dR = np.moveaxis(axes.gradient, -1, 0)[:n]
         dR_rate = np.moveaxis(axes.gradient_rate, -1, 0)[:n]
         return PossibleMotion(

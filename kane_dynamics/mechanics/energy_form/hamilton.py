@@ -69,8 +69,8 @@ class HamiltonByVariations:
             force = force + body.inertial.mass * translating_force(
                 motion, com, possible[k], turns)
 
-            # With constant variations of the coordinates, the rotor's rate is not
-            # varied.
+            # With constant variations of the coordinates,
+            # the rotor's rate is not varied.
             joint = body.joint
             rotor_acceleration = joint.multiplier * motion.qddot[joint.coordinate]
             rotor_torque = joint.armature * rotor_acceleration * joint.multiplier
@@ -82,8 +82,8 @@ class HamiltonByVariations:
         model = motion.state.model
         force = np.zeros(variations.shape[1])
         for k, body in enumerate(model.bodies):
-            # The virtual work of the weight is m g . (virtual displacement of the center
-            # of mass).
+            # The virtual work of the weight: m g . p, with the virtual displacement p of
+            # the center of mass.
             com = motion.state.center_of_mass(k).along(variations)
             joint = body.joint
             position = joint.multiplier * motion.q[joint.coordinate] + joint.offset
@@ -153,8 +153,8 @@ def translating_force(motion: AdmissibleMotion, com: PossibleMotion,
     In the world, the variation of a point's velocity is the rate of its displacement.
     Arguments as in `turning_force`.
     """
-    # v = sum of p_s q_s', with the possible displacements p_s of the center of mass,
-    # and v'.
+    # v = sum of p_s q_s', with the possible displacements p_s of the center of mass; then
+    # its rate.
     v = com.displacement.T @ motion.qdot
     a = com.displacement_rate.T @ motion.qdot + com.displacement.T @ motion.qddot
     force = []

@@ -172,8 +172,8 @@ class EnergyForm:
     def _residual_force(self, motion: AdmissibleMotion, variations: Array,
                         wrenches: Wrenches | None, loads: Array | None = None) -> Array:
         """Return -(F + F*), (k,), for variations of the coordinates, (n_q, k)."""
-        # Inertia and conservative forces from the energies; friction and wrenches by
-        # their work.
+        # Inertia and conservative forces from the energies;
+        # friction and wrenches by their work.
         force = (self.form.inertia_force(motion, variations)
                  + self.form.conservative_force(motion, variations))
         if self.friction:

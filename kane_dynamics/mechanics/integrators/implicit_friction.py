@@ -115,9 +115,8 @@ def resisted_speed(M: Matrix, momentum: Vector, u: Vector, h: Scalar, order: lis
         excess_of_start = M @ start - momentum
         momentum_of_step = M @ newton_step
 
-        # Keep the length at which the slope along the step is smallest: 0 at the
-        # minimum. Without branches: all lengths are evaluated, and conditions select the
-        # best.
+        # Keep the length with the smallest slope along the step, which is 0 at the
+        # minimum. Programs do not branch: all lengths are evaluated.
         smallest: Scalar = None
         for length in LENGTHS:
             trial = start + length * newton_step

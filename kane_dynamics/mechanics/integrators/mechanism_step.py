@@ -62,8 +62,8 @@ class MechanismStep:
         # Rows of the system: those of the speeds, then those of the constraints, some of
         # which hold positions, others only velocities.
         residual = mechanism.rows(mechanism.state(neutral(model))).residual
-        self._positions = list[int]()  # constraint rows that hold positions
-        self._closing = list[int]()  # their rows in the system
+        self._positions: list[int] = []  # constraint rows that hold positions
+        self._closing: list[int] = []  # their rows in the system
         self._moving = list(range(mechanism.n))  # all other rows of the system
         for place, row in enumerate(mechanism.kept, mechanism.n):
             if residual[row] is None:
@@ -129,8 +129,8 @@ class MechanismStep:
                h: Scalar, parameters: Vector) -> Vector:
         """Return the residual force of a step's equation, (n,): 0 where w is u+."""
         equations = self.equations
-        # u' = (u+ - u) / h: the forces of the step's begin, with friction at the rates
-        # u+ of its end.
+        # u' = (u+ - u) / h, the forces at the beginning, friction at the rates u+ of the
+        # end.
         motion = equations.joint_motion(q, u, (1.0 / h) * (w - u), t)
         tree = equations.tree
         rigid = tree.rigid_dynamics(q, motion.qdot, motion.qddot, None, parameters)

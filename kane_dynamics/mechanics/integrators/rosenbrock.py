@@ -93,8 +93,8 @@ class ImplicitStep:
         if self._tree.friction:
             self._C += drive_matrix(equations.model, damping_slope).astype(float)
 
-        # Joints whose rates are implicit. Those of a loop remain compatible: all, or
-        # none.
+        # Joints whose rates are implicit.
+        # Those of a loop remain compatible: all, or none.
         sprung = np.array([column.any() for column in self._K.T], dtype=bool)
         for elastic in equations.model.drives:
             sprung[[elastic.link, elastic.motor]] = True
@@ -152,8 +152,8 @@ class ImplicitStep:
             decay = bristle_decay(joint, rate, load)
             slope = bristle_slope(joint, rate, z, load)
             z_rate = bristle_rate(joint, rate, z, load)
-            # The implicit stage solves z' for its own change: the factor 1 / (1 + g
-            # decay).
+            # The implicit stage solves z' for its own change:
+            # the factor 1 / (1 + g decay).
             stiffness, s_d = joint.presliding_stiffness, joint.presliding_damping
             implicit = 1.0 / (1.0 + g * decay)
             damping[r] = damping[r] + m * m * slope * (s_d + g * stiffness) * implicit
@@ -217,8 +217,8 @@ class ImplicitStep:
         first_v, first_udot, _ = first
         K = self._stiffness(q)
 
-        # Each stage evaluates its own friction over speed; otherwise stopping joints
-        # reverse.
+        # Each stage evaluates its own friction over speed;
+        # otherwise stopping joints reverse.
         loads = None
         if self.equations.carries_loads and directions is None:
             torques = self.equations.drive_torques(q, tau, t)

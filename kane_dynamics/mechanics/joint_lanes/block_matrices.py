@@ -131,8 +131,8 @@ class BlockMatrices:
         """Place the links."""
         self.blocks = blocks
         self.lanes = blocks.lanes_of
-        # From the root outward: a branch begins with the rotation that its parent ends
-        # with.
+        # From the root outward:
+        # a branch begins with the rotation that its parent ends with.
         self.placements: list[Matrix] = []
         for branch, table in zip(blocks.branches, blocks.constants.tables):
             carry = np.eye(3).ravel()
@@ -140,8 +140,8 @@ class BlockMatrices:
                 carry = self.placements[branch.parent][-1, :ROTATION]
             self.placements.append(blocks.repeat('place', self._place, carry,
                                                  blocks.by_blocks(branch, q), table))
-        # A row has the rotation, then D with its filling, then the rows of twists and
-        # moments.
+        # A row has the rotation, then D with its filling,
+        # then the rows of twists and moments.
         self.steps = [x[:, ROTATION:BEGIN] for x in self.placements]
         self.bodies = [x[:, BEGIN:] for x in self.placements]
 
@@ -149,8 +149,8 @@ class BlockMatrices:
         """Return the last rotation of a block, D, then twists and moments."""
         lanes = self.lanes(carry[0])
         pose = self.blocks.pose(carry, lanes.pack(list(q)), table, lanes)
-        # Only first and second moments are needed: at rest, all momenta and forces
-        # vanish.
+        # Only first and second moments are needed:
+        # at rest, all momenta and forces vanish.
         mass, first, second = pose.link_moments()
         at_rest = (np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
         link = link_momenta(pose.R, pose.p, mass, first, second, at_rest)
@@ -187,8 +187,8 @@ class BlockMatrices:
         D = step[:3]
         bodies = self.blocks.bodies(entries, table, lanes)
         S = bodies.S
-        # Composite body of each joint: the links from it to the end of the block, and
-        # all beyond.
+        # Composite body of each joint:
+        # the links from it to the end of the block, and all beyond.
         mass = bodies.mass + carry[0]
         moments = bodies.moments + carry[1:]
         # Wrenches F = I S that accelerate it, and M_jk = S_j . F_k with the rotors.
@@ -260,8 +260,8 @@ class BlockMatrices:
         bodies = self.blocks.bodies(entries, table, lanes)
         S = bodies.S
         inertia = inertia_rows(bodies.mass, bodies.moments)
-        # Wrenches F = K S for unit accelerations, K being the inertia of links and of
-        # all beyond.
+        # Wrenches F = K S for unit accelerations,
+        # K being the inertia of links and of all beyond.
         F = np.array(inertia, dtype=object) @ S + beyond @ S
         M = block_mass_matrix(F, S, lanes)
 
@@ -392,8 +392,8 @@ class BlockMatrices:
             for block, carry in enumerate(of_blocks):
                 columns = self._joints(branch, block)
                 last = branch
-                # P is carried from branch to branch: each gets the tiles of all its
-                # blocks.
+                # P is carried from branch to branch:
+                # each gets the tiles of all its blocks.
                 for carrier, count in self._toward_root(branch, block):
                     if beside is not None and carrier != branch:
                         self._place_beside(result, columns, carry, carrier, last, beside)
@@ -418,8 +418,8 @@ class BlockMatrices:
         if not earlier:
             return
         repeat = self.blocks.repeat
-        # The wrenches accelerate the last link by C P; the branches beside follow it
-        # outward.
+        # The wrenches accelerate the last link by C P;
+        # the branches beside follow it outward.
         compliance = beside.compliances[carrier]
         a = repeat('compliant', self._compliant, wrenches, compliance[None])[0]
         accelerations = dict.fromkeys(earlier, a)

@@ -212,8 +212,8 @@ class ForwardDynamics:
         # About the origin of the block, the link before it has alpha x D in addition.
         linear = carry[:3] + cross(carry[3:], step[:3])
         a = np.array([*linear, *carry[3:]], dtype=object)
-        # u'_j = -(G a + bias)_j from the first joint on; each one accelerates those
-        # after it.
+        # u'_j = -(G a + bias)_j from the first joint on;
+        # each one accelerates those after it.
         forced = V[TWIST] + V[:TWIST] @ a
         udot = []
         for joint in range(LANES):

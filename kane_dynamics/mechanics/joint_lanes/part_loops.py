@@ -72,8 +72,8 @@ class _SplitTable:
         table = np.array(entries, dtype=object).reshape(len(parts), -1, LANES)
         self._constants: list[float | None] = []
         self._is_computed: list[bool] = []
-        # Rows of three kinds: one number for all parts, other numbers, and computed
-        # entries.
+        # Rows of three kinds: one number for all parts,
+        # other numbers, and computed entries.
         for k in range(table.shape[1]):
             row = table[:, k].ravel().tolist()
             computed = not all(isinstance(x, (int, float)) for x in row)

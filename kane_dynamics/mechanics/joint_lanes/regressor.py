@@ -8,8 +8,9 @@ from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
 from kane_dynamics.mechanics.recursive.inverse_dynamics import (
     JointStep, link_motion, LinkMotion)
 from kane_dynamics.mechanics.recursive.link import Link
-from kane_dynamics.mechanics.recursive.regressor import (link_state, on_joint, outward,
-                                                         own_partial, PARAMETERS)
+from kane_dynamics.mechanics.recursive.regressor import (joint_partial_velocity,
+                                                         link_state, outward_partial,
+                                                         PARAMETERS, regressor_entries)
 from kane_dynamics.model.model import WORLD
 import numpy as np
 
@@ -38,8 +39,9 @@ def regressor(links: Sequence[Link], q: Vector, u: Vector, udot: Vector, gravity
         moved: list[Vector] = []
         if link.parent != WORLD:
             path = list(paths[link.parent])
-            moved = [outward(step, rows) for rows in partials[link.parent]]
-        partials.append(_appended(moved, own_partial(link), len(path), lanes))
+            moved = [outward_partial(step, rows) for rows in partials[link.parent]]
+        of_joint = joint_partial_velocity(link)
+        partials.append(_appended(moved, of_joint, len(path), lanes))
         paths.append([*path, link])
 
         # Their dot products with the link's wrench for a unit of each parameter.
@@ -50,7 +52,7 @@ def regressor(links: Sequence[Link], q: Vector, u: Vector, udot: Vector, gravity
             factors = [joint.multiplier for joint in joints]
             factors += factors[:1] * (LANES - len(factors))
             factor = lanes.pack(factors)
-            entries = factor * on_joint(link, rows, state)
+            entries = factor * regressor_entries(link, rows, state)
             _place(Y[:, n_parameters * k:n_parameters * (k + 1)], entries, joints, lanes)
     return Y
 

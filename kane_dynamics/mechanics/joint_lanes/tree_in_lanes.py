@@ -150,8 +150,8 @@ class TreeInLanes:
         # Blocks of lanes of each joint's row.
         blocks = {path[0]: len({k // LANES for k in path}) for path in paths}
 
-        # Eliminating a joint changes the rows of all that carry it: these entries, in
-        # these lanes.
+        # Eliminating a joint changes the rows of all that carry it:
+        # these entries, in these lanes.
         entries = 0
         lanes = 0
         for path in paths:
@@ -205,8 +205,8 @@ class TreeInLanes:
         repeat = self._repeat if loops and self._has_loops() else None
         rows = inverse_dynamics_derivatives(links, q, u, udot, parameters[:3],
                                             self._lanes, repeat)
-        # Springs, friction and armature are added by blocks of lanes; blocks of zeros
-        # add nothing.
+        # Springs, friction and armature are added by blocks of lanes;
+        # blocks of zeros add nothing.
         for m, slopes in enumerate(self.equations.joint_slopes(q, u)):
             for r, row in enumerate(slopes):
                 for block in range(rows.shape[2]):

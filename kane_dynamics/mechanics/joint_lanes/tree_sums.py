@@ -68,8 +68,8 @@ class TreeSums:
 
     def at(self, parts: Sequence[Vector], sources: Sequence[int]) -> list[Vector]:
         """Return the values of joint sources[r] at each joint r; 0 if negative."""
-        # The lanes after a single part's last joint are 0: a permutation needs no other
-        # zeros.
+        # The lanes after a single part's last joint are 0:
+        # a permutation needs no other zeros.
         zero = (0, LANES - 1) if self.n < LANES else None
         places = [zero] * (len(parts) * LANES)
         for r, source in enumerate(sources):

@@ -14,8 +14,8 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import is_zero, symmetric
 from kane_dynamics.mechanics.recursive.flexible_modes import Modes
-from kane_dynamics.mechanics.recursive.inverse_dynamics import JointStep, Z
-from kane_dynamics.mechanics.recursive.link import Link
+from kane_dynamics.mechanics.recursive.inverse_dynamics import JointStep
+from kane_dynamics.mechanics.recursive.link import Link, Z
 from kane_dynamics.model.model import WORLD
 import numpy as np
 
@@ -57,8 +57,7 @@ def mass_matrix(links: Sequence[Link], q: Vector) -> Matrix:
         for modal in accelerations:
             components[i].append((modal.weights, _axis_component(step, modal)))
         joint = _joint_acceleration(step, mass, h, S)
-        # Half, since `_project` adds each component with r and s and with both
-        # exchanged.
+        # Half: `_project` adds each component with r, s and with s, r.
         components[i].append((joint.weights, 0.5 * _axis_component(step, joint)))
 
         # The same forces on the joints toward the root, up to the root of the next beam.

@@ -31,13 +31,12 @@ from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import cross, symmetric
 from kane_dynamics.mechanics.recursive.inverse_dynamics import (inertia_wrench,
                                                                 JointStep, link_motion,
-                                                                LinkMotion, Z)
-from kane_dynamics.mechanics.recursive.link import Link
+                                                                LinkMotion, ZERO)
+from kane_dynamics.mechanics.recursive.link import Link, Z
 from kane_dynamics.mechanics.recursive.subroutines import directly, Share
 from kane_dynamics.model.model import WORLD
 import numpy as np
 
-NONE = np.array([0.0, 0.0, 0.0])
 Rows = list[list[Scalar]]
 
 
@@ -147,8 +146,8 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Vector, u: Vector,
         bodies.append(single_link(state.link, state.motion))
 
     # Inward pass: with the composite body of its subtree, joint i has a row of the
-    # results (its torque, by the joints toward the root) and a column (their torques, by
-    # q_i, u_i).
+    # results (its torque by q, u of the joints toward the root) and a column (their
+    # torques by q_i, u_i).
     n = len(q)
     by_q: Rows = [[0.0] * n for _ in range(n)]
     by_u: Rows = [[0.0] * n for _ in range(n)]
@@ -170,7 +169,7 @@ def link_states(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
         motions.append(link_motion(link, step, motions, q, u, udot, gravity))
         # The velocity of the link's origin relative to its parent's, from joint to
         # joint: omega x offset, and the rate of a sliding joint.
-        velocity = NONE
+        velocity = ZERO
         if link.parent != WORLD:
             parent_omega = motions[link.parent][0]
             velocity = cross(parent_omega, step.offset)
@@ -220,8 +219,8 @@ def _add_row(states: Sequence[LinkState], body: CompositeBody, i: int,
 
 def row_vectors(kind: str, body: CompositeBody) -> Vector:
     """Return f, n and e (see the module) of a link's joint in link axes, (9,)."""
-    # f = s x h and n = I s with s = z, and e with the velocities; or the same for a
-    # slide along z.
+    # f = s x h, n = I s and e, with the velocities, for a rotation about s = z; then
+    # the same for a slide along z.
     h, S, S_rate, L = body.h, body.S, body.S_rate, body.L
     if kind == 'revolute':
         return np.array([-h[1], h[0], 0.0,
@@ -262,11 +261,11 @@ def column_wrenches(kind: str, motion: LinkMotion, body: CompositeBody) -> Vecto
         # The force and moment themselves turn with the joint.
         force = force + turned_force
         moment = moment + np.array([-body.moment[1], body.moment[0], 0.0])
-        by_u = _wrench_change(body, Z, across + across, NONE)
+        by_u = _wrench_change(body, Z, across + across, ZERO)
         return np.concatenate([force, moment, *by_u])
-    force, moment = _wrench_change(body, NONE, NONE, U[:, 2])
+    force, moment = _wrench_change(body, ZERO, ZERO, U[:, 2])
     moment = moment + turned_force  # the force is applied at another place
-    by_u = _wrench_change(body, NONE, NONE, across + across)
+    by_u = _wrench_change(body, ZERO, ZERO, across + across)
     return np.concatenate([force, moment, *by_u])
 
 

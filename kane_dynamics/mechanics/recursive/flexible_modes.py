@@ -245,9 +245,8 @@ class Modes:
                   + cross(D[0], g_along[0]) + cross(D[1], g_along[1])
                   + self._moment_across(omega, eta_rate, eta_acceleration))
 
-        # Modal forces. First the accelerations of the beam's line and of the motion
-        # along it, weighted by b_a; then their part along e, with that of the
-        # deflection.
+        # Modal forces. `line` are the accelerations of the beam's line, weighted by b_a;
+        # `along` is their part along e, with that of the deflection.
         line = [g_along[k] + f[k] * (U @ e) for k in BASIS]
         line[0] = line[0] + self._root_of_mass * (a + U @ t)
         along = [e @ line[k] + (e @ U) @ D[k] - twice_e_rate @ D_rate[k] for k in BASIS]
@@ -352,8 +351,8 @@ class BeamsInLanes:
     def inertia_forces(self, motions: Sequence[Motion], u: Vector,
                        udot: Vector) -> list[BeamForces]:
         """Return `Modes.inertia_force` of each beam."""
-        # In the axes of the beams' bodies, where the constants of similar beams are
-        # equal.
+        # In the axes of the beams' bodies,
+        # where the constants of similar beams are equal.
         own_axes = []
         for R, (omega, alpha, a, _) in zip(self.turns, motions):
             own_axes.append([R.T @ omega, R.T @ alpha, R.T @ a])

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array, Matrix, Vector
 from kane_dynamics.mechanics.algebra.vector import cross, rate_tensor
 from kane_dynamics.mechanics.recursive.inverse_dynamics import JointStep
-from kane_dynamics.mechanics.recursive.link import Link, Z
+from kane_dynamics.mechanics.recursive.link import homogeneous, Link, Z
 from kane_dynamics.model.model import Frame, WORLD
 import numpy as np
 
@@ -40,8 +40,8 @@ class LinkPoses:
         self.q = q
         self.axes = axes
         self._poses: dict[int, Pose] = {axes: (np.eye(3), np.zeros(3))}
-        # From the world and the links between it and `axes`: the next link toward
-        # `axes`.
+        # From the world and the links between it and `axes`:
+        # the next link toward `axes`.
         self.inward: dict[int, int] = {}
         k = axes
         while k != WORLD:
@@ -90,9 +90,7 @@ class LinkPoses:
 
 def frame_in_link(links: Sequence[Link], frame: Frame) -> tuple[Array, Array]:
     """Return the constant axes and origin of a frame in its link, or in the world."""
-    T = np.eye(4)
-    T[:3, :3] = frame.rotation
-    T[:3, 3] = frame.translation
+    T = homogeneous(frame.rotation, frame.translation)
     if frame.body != WORLD:
         T = links[frame.body].body @ T
     return T[:3, :3], T[:3, 3]
@@ -136,7 +134,7 @@ def partial_velocities(links: Sequence[Link], frame: Frame, q: Vector,
     while k != WORLD:
         link = links[k]
         R, p = poses[k]
-        # The axis s of the joint: v^r = s x (p_f - p), omega^r = s; sliding: v^r = s,
+        # Joint axis s. Revolute: v^r = s x (p_f - p), omega^r = s. Prismatic: v^r = s,
         # omega^r = 0.
         s = R @ Z
         if link.kind == 'revolute':
@@ -174,18 +172,16 @@ def partial_velocity_rates(links: Sequence[Link], frame: Frame, q: Vector,
         s = R @ Z
         s_rate = cross(motion.omega, s)
         if link.kind == 'revolute':
+            column = np.concatenate([cross(s, p_f - p), s])
             linear = cross(s_rate, p_f - p) + cross(s, v_f - motion.v)
             column_rate = np.concatenate([linear, s_rate])
         else:
+            column = np.concatenate([s, np.zeros(3)])
             column_rate = np.concatenate([s_rate, np.zeros(3)])
         for r, weight in link.partials(q):
             columns[r] = columns[r] + weight * column_rate
         # The weights of a beam's modes change with its shape.
         for r, weight_rate in link.partial_rates(u):
-            if link.kind == 'revolute':
-                column = np.concatenate([cross(s, p_f - p), s])
-            else:
-                column = np.concatenate([s, np.zeros(3)])
             columns[r] = columns[r] + weight_rate * column
         k = link.parent
     return np.reshape(columns, (len(q), 6)).T  # also without joints
@@ -262,8 +258,8 @@ class LinkMotions:
         rate, acceleration = self._of_joint(k)
         # The parent's point at the link's origin, then the motion of the joint.
         v, a = parent.of_point(self._origin(k) - self._origin(link.parent))
-        # The axis s turns with the parent: (rate s)' = acceleration s + omega x (rate
-        # s).
+        # The axis s turns with the parent:
+        # (rate s)' = acceleration s + omega x (rate s).
         across = cross(parent.omega, rate)
         if link.kind == 'revolute':
             omega = parent.omega + rate

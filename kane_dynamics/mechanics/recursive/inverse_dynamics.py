@@ -22,14 +22,13 @@ from kane_dynamics.mechanics.algebra.vector import (cross, inertia_moment, is_ze
                                                     sin_cos, symmetric)
 from kane_dynamics.mechanics.recursive.flexible_modes import (forces_in_lanes,
                                                               ModesInLane)
-from kane_dynamics.mechanics.recursive.link import Link
+from kane_dynamics.mechanics.recursive.link import Link, Z
 from kane_dynamics.model.model import WORLD
 import numpy as np
 
-Z = np.array([0.0, 0.0, 1.0])
-REST = np.array([0.0, 0.0, 0.0])
-AT_REST = np.zeros((3, 3))
-# In link axes: omega, alpha, acceleration of the origin minus gravity, U =
+ZERO = np.array([0.0, 0.0, 0.0])
+ZERO_TENSOR = np.zeros((3, 3))
+# In link axes: omega, alpha, acceleration of the origin minus gravity, and U, the
 # `rate_tensor`.
 LinkMotion = tuple[Vector, Vector, Vector, Matrix]
 
@@ -44,8 +43,8 @@ class JointStep:
         self.rotation = link.rotation
         self.axis = link.rotation @ Z
         self.turns = link.kind == 'revolute'
-        # A revolute joint turns by the angle and keeps its offset; a prismatic one moves
-        # it.
+        # A revolute joint turns by the angle and keeps its offset;
+        # a prismatic one moves it.
         if self.turns:
             self.s, self.c = sin_cos(position, link.offset)
             self.offset: Vector = link.translation
@@ -90,7 +89,7 @@ def link_motion(link: Link, step: JointStep, motions: Sequence[LinkMotion], q: V
     rate = link.rate(q, u)
     acceleration = link.acceleration(q, u, udot)
     if link.parent == WORLD:
-        omega, alpha, a, U = REST, REST, -gravity, AT_REST
+        omega, alpha, a, U = ZERO, ZERO, -gravity, ZERO_TENSOR
     else:
         omega, alpha, a, U = motions[link.parent]
 
@@ -133,16 +132,16 @@ def link_forces(link: Link, motion: LinkMotion, u: Vector,
     """
     Return `inertia_wrench` of a link or beam, and modal forces with indices in q.
 
-    Those of beams in lanes are computed together (`forces_in_lanes`).
+    Bending of beams in lanes is left to `forces_in_lanes`, which computes it together.
     """
     force, moment = inertia_wrench(link, motion)
     modes = link.modes
-    # Beams in lanes are added all at once, by `forces_in_lanes`.
     if modes is None or isinstance(modes, ModesInLane):
         return force, moment, []
-    own = list(modes.coordinates)
-    bending_force, bending_moment, modal = modes.inertia_force(motion, u[own], udot[own])
-    return force + bending_force, moment + bending_moment, list(zip(own, modal))
+    indices = list(modes.coordinates)
+    bending_force, bending_moment, modal = modes.inertia_force(
+        motion, u[indices], udot[indices])
+    return force + bending_force, moment + bending_moment, list(zip(indices, modal))
 
 
 def inverse_dynamics(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
@@ -218,7 +217,7 @@ def velocities(links: Sequence[Link], q: Vector,
         step = JointStep(link, q)
         rate = link.rate(q, u)
         # The velocity of the parent's point at the link's origin, then the joint's.
-        omega, v = REST, REST
+        omega, v = ZERO, ZERO
         if link.parent != WORLD:
             omega, v = result[link.parent]
             v = v + cross(omega, step.offset)
@@ -258,7 +257,7 @@ def first_moment(links: Sequence[Link], q: Vector) -> tuple[Scalar, Vector]:
     for link in links:
         moments.append((link.mass, link.first_moment))
     total_mass: Scalar = 0.0
-    total_moment: Vector = REST
+    total_moment: Vector = ZERO
     # Inward pass: masses and first moments of subtrees.
     for i in reversed(range(len(links))):
         mass, h = moments[i]

@@ -77,8 +77,7 @@ def body_torques(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
     for row, k, (force, moment, modal_forces) in zip(result, range(len(links)), forces):
         for coordinate, modal_force in modal_forces:
             row[coordinate] = row[coordinate] + modal_force
-        # Project the wrench of this body alone on the axes of all joints toward the
-        # base.
+        # The wrench of this body alone, on the axes of all joints toward the base.
         j = k
         while True:
             joint_torque = moment[2] if steps[j].turns else force[2]
@@ -94,7 +93,7 @@ def body_torques(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
 def _forces(links: Sequence[Link], steps: Sequence[JointStep], q: Vector, u: Vector,
             udot: Vector, gravity: Vector
             ) -> list[tuple[Vector, Vector, list[tuple[int, Scalar]]]]:
-    """Return `link_forces` of inertia and weight of all links, which are bent."""
+    """Return `link_forces` of all links, whose beams are bent."""
     motions: list[LinkMotion] = []
     for link, step in zip(links, steps):
         motions.append(link_motion(link, step, motions, q, u, udot, gravity))

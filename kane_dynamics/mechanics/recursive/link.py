@@ -203,8 +203,8 @@ def merged(links: Sequence[Link]) -> tuple[Link, ...]:
         if bending is None or not _turns_about_axis_of(link, section):
             continue
         sense = link.rotation[2, 2]
-        # The slope of the section at its end, and the angle of the joint, about one
-        # axis.
+        # The slope of the section at its end,
+        # and the angle of the joint, about one axis.
         deflection = Deflection((*bending.coordinates, link.coordinate),
                                 np.append(sense * bending.slope, link.multiplier),
                                 np.pad(sense * bending.curvature, (0, 1)))
@@ -386,8 +386,8 @@ def _untwisted(link: Link) -> Link:
     if (link.kind != 'revolute' or link.turned or abs(R[0, 2]) > 1e-9
             or math.hypot(R[0, 0], R[0, 1]) < 1e-6):
         return link
-    # R = R_0 R_z(angle), where the first row of R_0 is x: R_z moves through the joint's
-    # own rotation.
+    # R = R_0 R_z(angle), where the first row of R_0 is x:
+    # R_z moves through the joint's own rotation.
     angle = math.atan2(-R[0, 1], R[0, 0])
     return replace(link, pose=_clean(link.pose @ about_z(-angle)),
                    offset=math.remainder(link.offset + angle, 2.0 * math.pi))
@@ -426,8 +426,8 @@ def _align_with_com(link: Link) -> Link:
     P = _without_rounding(link.pseudo_inertia)
     if link.kind != 'revolute' or P.dtype == object:
         return link
-    # x and y of the center of mass, and the product of inertia, vanish by a turn about
-    # z.
+    # x and y of the center of mass,
+    # and the product of inertia, vanish by a turn about z.
     x, y, xy = P[0, 3], P[1, 3], P[0, 1]
     angle = 0.0
     if x != 0.0 and y != 0.0:

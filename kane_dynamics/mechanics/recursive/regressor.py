@@ -17,8 +17,8 @@ from collections.abc import Sequence
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.recursive.inverse_dynamics import (JointStep, link_motion,
-                                                                LinkMotion, REST, Z)
-from kane_dynamics.mechanics.recursive.link import Link
+                                                                LinkMotion, ZERO)
+from kane_dynamics.mechanics.recursive.link import Link, Z
 from kane_dynamics.mechanics.recursive.subroutines import directly, Share
 from kane_dynamics.model.model import Model, WORLD
 import numpy as np
@@ -60,8 +60,7 @@ def regressor(links: Sequence[Link], q: Vector, u: Vector, udot: Vector, gravity
     (see `subroutines`).
     """
     motions: list[LinkMotion] = []
-    # Per link, by the joint that moves it: its partial velocities, angular, linear,
-    # (6,).
+    # Of each link, by the joint that moves it: partial velocities, (6,).
     partials: list[dict[int, Vector]] = []
     Y: list[list[Scalar]] = [[0.0] * (10 * len(links)) for _ in range(len(q))]
     for k, link in enumerate(links):
@@ -69,17 +68,16 @@ def regressor(links: Sequence[Link], q: Vector, u: Vector, udot: Vector, gravity
         motions.append(link_motion(link, step, motions, q, u, udot, gravity))
         state = link_state(step, motions[k])
 
-        # Outward pass: partial velocities, then entries of Y, for this joint and for
-        # those toward the root, whose partial velocities are transformed from the
-        # parent.
-        joint_partial = own_partial(link)
-        entries = on_joint(link, joint_partial, state)
+        # Outward pass: the partial velocities for this joint, and for those toward the
+        # root, which are transformed from the parent; then their entries of Y.
+        joint_partial = joint_partial_velocity(link)
+        entries = regressor_entries(link, joint_partial, state)
         columns = {k: np.concatenate([joint_partial, entries])}
         if link.parent != WORLD:
             def from_parent(partial: Vector, state: Vector, link: Link = link,
                             step: JointStep = step) -> Vector:
-                moved = outward(step.at(state[0], state[1], state[2:5]), partial)
-                return np.concatenate([moved, on_joint(link, moved, state)])
+                moved = outward_partial(step.at(state[0], state[1], state[2:5]), partial)
+                return np.concatenate([moved, regressor_entries(link, moved, state)])
 
             for j, partial in partials[link.parent].items():
                 columns[j] = share(f'body_{k}', from_parent, partial, state)
@@ -98,12 +96,12 @@ def link_state(step: JointStep, motion: LinkMotion) -> Vector:
     return np.concatenate([[step.s, step.c], step.offset, omega, alpha, a, U.ravel()])
 
 
-def own_partial(link: Link) -> Vector:
+def joint_partial_velocity(link: Link) -> Vector:
     """Return the partial velocities of a link for its joint, (6,): angular, linear."""
-    return np.concatenate([Z, REST] if link.kind == 'revolute' else [REST, Z])
+    return np.concatenate([Z, ZERO] if link.kind == 'revolute' else [ZERO, Z])
 
 
-def outward(step: JointStep, partial: Vector) -> Vector:
+def outward_partial(step: JointStep, partial: Vector) -> Vector:
     """Return partial velocities, (6,), of a link from those of its parent."""
     s, v = partial[:3], partial[3:]
     angular = step.outward(s)
@@ -111,7 +109,7 @@ def outward(step: JointStep, partial: Vector) -> Vector:
     return np.concatenate([angular, linear])
 
 
-def on_joint(link: Link, partial: Vector, state: Vector) -> Vector:
+def regressor_entries(link: Link, partial: Vector, state: Vector) -> Vector:
     """
     Return the regressor entries of one joint and one body, (10,).
 
@@ -134,10 +132,9 @@ def on_joint(link: Link, partial: Vector, state: Vector) -> Vector:
     a = C @ state[11:14]
     U = C @ state[14:].reshape(3, 3) @ C.T
 
-    # Coefficients of h = m c: v . U h + s . (h x a)
+    # Coefficients of the first moment h = m c: v . U h + s . (h x a)
     first = U.T @ v + cross(a, s)
-    # Coefficients of I: s . I alpha + s . (omega x I omega), the latter (s x omega) . I
-    # omega
+    # Coefficients of I: s . I alpha + s . (omega x I omega) = s . I alpha + b . I omega
     b = cross(s, omega)
     second = np.outer(s, alpha) + np.outer(b, omega)
     inertia = []

@@ -30,9 +30,9 @@ from kane_dynamics.mechanics.friction import (bristle_energy, bristle_rate,
                                               bristle_torque, carries_load,
                                               carries_loads, deflection_after,
                                               DESIRED_SPEED, direction_of_sliding,
-                                              drops, elastic_bristle_torque,
+                                              elastic_bristle_torque,
                                               feedforward_direction, friction_slope,
-                                              friction_torque,
+                                              friction_torque, has_breakaway_drop,
                                               has_bristles, load_of_drive, load_slope,
                                               require_solvable)
 from kane_dynamics.mechanics.recursive import (center_of_mass as masses,
@@ -49,7 +49,7 @@ from kane_dynamics.model.beam import Beam
 from kane_dynamics.model.model import Body, Frame, Joint, Model, WORLD
 import numpy as np
 
-RESISTS = 1e-9  # of the trace of an inertia: a smaller moment is zero
+RESISTS = 1e-9  # of the trace of an inertia: a smaller moment of inertia is zero
 RIGID_ONLY = ('inverse_dynamics_derivatives', 'forward_dynamics_derivatives',
               'regressor')
 TORQUE_TERMS = ('inertia', 'coriolis', 'gravity', 'friction', 'spring')
@@ -157,8 +157,9 @@ class TreeEquations:
         pose = homogeneous(frame.rotation, frame.translation)
         return carrying(links, frame.body, pose, P)
 
-    def _at(self, q: Vector, links: Sequence[Link]) -> tuple[Sequence[Link], Vector]:
-        """Return links with balls rotated and beams bent as in q, and positions, (n,)."""
+    def _links_at(self, q: Vector,
+                  links: Sequence[Link]) -> tuple[Sequence[Link], Vector]:
+        """Return links with balls rotated and beams bent as at q, and positions, (n,)."""
         x = q
         if self.model.balls:
             links = posed(links, self.model, q)
@@ -195,7 +196,7 @@ class TreeEquations:
     def body_forces(self, q: Vector, u: Vector, udot: Vector, wrench: Any,
                     parameters: Vector) -> Vector:
         """Return inverse dynamics without friction and springs, (n,)."""
-        links, x = self._at(q, self.base_links(parameters))
+        links, x = self._links_at(q, self.base_links(parameters))
         # RNEA of the bodies and rotors. External wrenches relieve the actuators.
         acceleration = self._angle_accelerations(u, udot)
         rigid = inverse_dynamics.inverse_dynamics(links, x, u, acceleration,
@@ -212,7 +213,7 @@ class TreeEquations:
         times a reference does no work on the difference u - reference. C(q, u) u is
         quadratic in u, so that C(q, u) w is its rate of change along w / 2.
         """
-        links, x = self._at(q, self.base_links(parameters))
+        links, x = self._links_at(q, self.base_links(parameters))
         acceleration = udot
         if self.model.balls:
             acceleration = udot - axis_rates(self.model, u) @ reference
@@ -231,7 +232,7 @@ class TreeEquations:
 
     def gravity_force(self, q: Vector, parameters: Vector) -> Vector:
         """Return the gravity compensation torque, (n,)."""
-        links, x = self._at(q, self.base_links(parameters))
+        links, x = self._links_at(q, self.base_links(parameters))
         return inverse_dynamics.inverse_dynamics(links, x, self.zeros, self.zeros,
                                                  parameters[:3])
 
@@ -246,14 +247,15 @@ class TreeEquations:
     def torque_terms(self, q: Vector, u: Vector, udot: Vector,
                      parameters: Vector) -> Matrix:
         """Return the terms of inverse dynamics, (5, n), rows as `TORQUE_TERMS`."""
-        links, x = self._at(q, self.base_links(parameters))
-        rest = self.zeros
+        links, x = self._links_at(q, self.base_links(parameters))
+        at_rest = self.zeros
+        inertia = inverse_dynamics.inverse_dynamics(links, x, at_rest, udot, NO_GRAVITY)
+        inertia = inertia + self.rotor_inertia * udot
         # At u' = 0 the local angles of ball joints accelerate: a part of the Coriolis
         # forces.
-        at_rest = self._angle_accelerations(u, rest)
-        inertia = inverse_dynamics.inverse_dynamics(links, x, rest, udot, NO_GRAVITY)
-        inertia = inertia + self.rotor_inertia * udot
-        coriolis = inverse_dynamics.inverse_dynamics(links, x, u, at_rest, NO_GRAVITY)
+        acceleration = self._angle_accelerations(u, self.zeros)
+        coriolis = inverse_dynamics.inverse_dynamics(links, x, u, acceleration,
+                                                     NO_GRAVITY)
         gravity = self.gravity_force(q, parameters)
         spring = self.spring_force(x)
         load = inertia + coriolis + gravity + spring if self.carries_loads else None
@@ -262,7 +264,7 @@ class TreeEquations:
     def body_torques(self, q: Vector, u: Vector, udot: Vector,
                      parameters: Vector) -> Matrix:
         """Return torques due to each body, its payload, elasticity, (n_bodies, n)."""
-        links, x = self._at(q, self._loaded(self.geometry, parameters))
+        links, x = self._links_at(q, self._loaded(self.geometry, parameters))
         torques = joint_reactions.body_torques(links, x, u,
                                                self._angle_accelerations(u, udot),
                                                parameters[:3])
@@ -277,7 +279,7 @@ class TreeEquations:
                         parameters: Vector) -> Matrix:
         """Return reactions of parents on children, (n_bodies, 6), world axes."""
         wrenches = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
-        links, x = self._at(q, self._loaded(self.joint_links, parameters))
+        links, x = self._links_at(q, self._loaded(self.joint_links, parameters))
         reactions = joint_reactions.joint_reactions(
             links, x, u, self._angle_accelerations(u, udot), parameters[:3], wrenches)
         return np.array(reactions).reshape(len(reactions), 6)
@@ -285,7 +287,7 @@ class TreeEquations:
     def regressor(self, q: Vector, u: Vector, udot: Vector, parameters: Vector,
                   share: Share = directly) -> Matrix:
         """Return the joint torque regressor of the rigid bodies, (n, 10 n_bodies)."""
-        links, x = self._at(q, self.joint_links)
+        links, x = self._links_at(q, self.joint_links)
         return regressor.regressor(links, x, u, self._angle_accelerations(u, udot),
                                    parameters[:3], share)
 
@@ -293,7 +295,7 @@ class TreeEquations:
 
     def mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the mass matrix with armature, (n, n), by CRBA."""
-        links, x = self._at(q, self.base_links(parameters))
+        links, x = self._links_at(q, self.base_links(parameters))
         return composite_inertia.mass_matrix(links, x) + np.diag(self.rotor_inertia)
 
     def inverse_mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
@@ -320,16 +322,17 @@ class TreeEquations:
         """Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL, no ABA."""
         if self._free_balls:
             return self._forward_dynamics_of_free_bodies(q, u, tau, wrench, parameters)
+        # M udot = tau - bias, with the bias less the external forces.
         if self.carries_loads:
-            # The loads L that pass the drives satisfy tau = L + friction(u, L), so M
-            # udot = L - held.
-            held = self.rigid_dynamics(q, u, self.zeros, wrench, parameters)
+            # The loads L that pass the drives satisfy tau = L + friction(u, L): in
+            # M udot = L - bias, the bias has no friction.
+            bias = self.rigid_dynamics(q, u, self.zeros, wrench, parameters)
             load = self.drive_loads(u, tau)
             M = self.mass_matrix(q, parameters)
-            return solve(self.factors(M), self.order, load - held)
-        held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
+            return solve(self.factors(M), self.order, load - bias)
+        bias = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
         M = self.mass_matrix(q, parameters)
-        return solve(self.factors(M), self.order, tau - held)
+        return solve(self.factors(M), self.order, tau - bias)
 
     def _forward_dynamics_of_free_bodies(self, q: Vector, u: Vector, tau: Vector,
                                          wrench: Any,
@@ -337,11 +340,11 @@ class TreeEquations:
         """
         Return udot of a tree with free bodies, (n,).
 
-        The speeds of a free body are in this function the velocity of its origin along
-        its own axes, as they are at this instant. The rows of M that belong to them are
-        the mass and first moment of all that moves with it. They are eliminated first,
-        which leaves M of motions about the center of mass; not if the body carries
-        several branches, whose common entries of M are zero but would not be then.
+        In this function, the speeds of a free body are the velocity of its origin along
+        its own axes at this instant. Their rows of M are the mass and the first moment of
+        all that moves with the body. Eliminated first, they leave the M of motions about
+        the center of mass. A body with several branches is the exception: elimination
+        would fill the entries of M that are zero between its branches.
         """
         slides: dict[int, slice] = {}
         for ball in self._free_balls:
@@ -359,18 +362,18 @@ class TreeEquations:
             x[slide] = 0.0
             applied[slide] = R[body].T @ applied[slide]
 
-        # Forces that udot = 0 needs, in the slides' own axes: M udot = applied - held.
+        # M udot = applied - bias, along the body's axes.
         acceleration = self._angle_accelerations(u, self.zeros)
-        held = (inverse_dynamics.inverse_dynamics(links, x, u, acceleration,
+        bias = (inverse_dynamics.inverse_dynamics(links, x, u, acceleration,
                                                   parameters[:3])
                 + self.rotor_inertia * acceleration + self.spring_force(x))
         if wrench is not None:
             for frame, w in zip(self.wrench_frames, wrench):
                 J = frame_kinematics.partial_velocities(geometry, frame, x)
-                held = held - J.T @ w
+                bias = bias - J.T @ w
         M = composite_inertia.mass_matrix(links, x) + np.diag(self.rotor_inertia)
         order = self._free_order
-        udot = solve(self.factors(M, order), order, applied - held)
+        udot = solve(self.factors(M, order), order, applied - bias)
         for body, slide in slides.items():  # back to world axes
             udot[slide] = R[body] @ udot[slide]
         return udot
@@ -414,7 +417,7 @@ class TreeEquations:
         With ball joints, C = C_theta - M A with gamma = A u: C_theta are the Christoffel
         symbols in the local angles, and u = (1 + A dt) theta'.
         """
-        links, x = self._at(q, self.base_links(parameters))
+        links, x = self._links_at(q, self.base_links(parameters))
         if not self.model.balls:
             return self._christoffel(links, x, u, share)
         M = composite_inertia.mass_matrix(links, x)
@@ -472,8 +475,8 @@ class TreeEquations:
                                      parameters: Vector) -> Matrix:
         """Return dudot/dq, dudot/du and dudot/dtau, (3, n, n), no external wrenches."""
         udot = self.forward_dynamics(q, u, tau, None, parameters)
-        # Differentiated, M udot + bias = tau is M dudot = dtau - (dtau/dq) dq -
-        # (dtau/du) du.
+        # The differential of tau = M udot + bias, of inverse dynamics, gives
+        # M dudot = dtau - (dtau/dq) dq - (dtau/du) du.
         by_q, by_u, _ = self.inverse_dynamics_derivatives(q, u, udot, parameters)
         W = self.inverse_mass_matrix(q, parameters)
         if self.carries_loads:
@@ -524,8 +527,8 @@ class TreeEquations:
         # A joint with a negative multiplier slides against its coordinate.
         direction = math.copysign(1.0, joint.multiplier) * directions[joint.coordinate]
         # Of the joints of one coordinate at its bound, some may have no drop.
-        if not drops(joint) and any(drops(other) for other in self.joints
-                                    if other.coordinate == joint.coordinate):
+        beside = [other for other in self.joints if other.coordinate == joint.coordinate]
+        if not has_breakaway_drop(joint) and any(map(has_breakaway_drop, beside)):
             direction = direction_of_sliding(direction)
         return direction
 
@@ -560,8 +563,7 @@ class TreeEquations:
             return self.friction_force(u, load)
         loads = self.zeros if load is None else load
 
-        # By joint: the direction comes from the desired motion instead of the speed
-        # alone.
+        # Of each joint, the direction is that of the desired motion, not of the speed.
         forces = []
         for joint in self.joints:
             k = joint.coordinate
@@ -724,13 +726,13 @@ class TreeEquations:
 
     def kinetic_energy(self, q: Vector, u: Vector, parameters: Vector) -> Scalar:
         """Return the kinetic energy including the rotors (armature), J."""
-        links, x = self._at(q, self._loaded(self.geometry, parameters))
+        links, x = self._links_at(q, self._loaded(self.geometry, parameters))
         of_rotors = 0.5 * (u @ (self.rotor_inertia * u))
         return inverse_dynamics.kinetic_energy(links, x, u) + of_rotors
 
     def potential_energy(self, q: Vector, parameters: Vector) -> Scalar:
         """Return the potential energy of gravity and springs, J."""
-        links, x = self._at(q, self._loaded(self.geometry, parameters))
+        links, x = self._links_at(q, self._loaded(self.geometry, parameters))
         springs: Scalar = 0.0
         # Springs of joints, of beams, and between motors and links.
         for body in self.model.bodies:
@@ -745,17 +747,17 @@ class TreeEquations:
 
     def center_of_mass(self, q: Vector, parameters: Vector) -> Vector:
         """Return the center of mass of the moving bodies and the payload, (3,), m."""
-        links, x = self._at(q, self._loaded(self.geometry, parameters))
+        links, x = self._links_at(q, self._loaded(self.geometry, parameters))
         return masses.center_of_mass(links, x)
 
     def center_of_mass_jacobian(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the velocity of the center of mass per unit of each speed, (3, n)."""
-        links, x = self._at(q, self._loaded(self.geometry, parameters))
+        links, x = self._links_at(q, self._loaded(self.geometry, parameters))
         return masses.center_of_mass_jacobian(links, x)
 
     def frame_pose(self, frame: Frame, q: Vector) -> Matrix:
         """Return the homogeneous transformation from the frame to the world, (4, 4)."""
-        links, x = self._at(q, self.geometry)
+        links, x = self._links_at(q, self.geometry)
         return frame_kinematics.frame_pose(links, frame, x)
 
     def frame_velocity(self, frame: Frame, q: Vector, u: Vector) -> Vector:
@@ -770,17 +772,17 @@ class TreeEquations:
     def _frame_motion(self, frame: Frame, q: Vector, u: Vector,
                       acceleration: Vector) -> Matrix:
         """Return velocity and acceleration of a frame, (2, 6), for local angles."""
-        poses = frame_kinematics.LinkPoses(*self._at(q, self.geometry))
+        poses = frame_kinematics.LinkPoses(*self._links_at(q, self.geometry))
         return frame_kinematics.frame_motion(frame, poses, u, acceleration)
 
     def partial_velocities(self, frame: Frame, q: Vector) -> Matrix:
         """Return the Jacobian (partial velocities), (6, n): linear, then angular."""
-        links, x = self._at(q, self.geometry)
+        links, x = self._links_at(q, self.geometry)
         return frame_kinematics.partial_velocities(links, frame, x)
 
     def partial_velocity_rates(self, frame: Frame, q: Vector, u: Vector) -> Matrix:
         """Return the time derivative of the Jacobian (partial velocities), (6, n)."""
-        links, x = self._at(q, self.geometry)
+        links, x = self._links_at(q, self.geometry)
         J_rate = frame_kinematics.partial_velocity_rates(links, frame, x, u)
         if not self.model.balls:
             return J_rate
@@ -789,7 +791,7 @@ class TreeEquations:
 
     def joint_origins(self, q: Vector) -> list[Vector]:
         """Return the joint origins of all bodies, (3,) each, m, world axes."""
-        poses = frame_kinematics.link_poses(*self._at(q, self.joint_links))
+        poses = frame_kinematics.link_poses(*self._links_at(q, self.joint_links))
         return [origin for _, origin in poses]
 
 
@@ -807,15 +809,15 @@ def _parents_first(model: Model) -> list[int]:
 
 def _without_own_inertia(model: Model, free_balls: Sequence[Ball]) -> frozenset[int]:
     """
-    Return the coordinates that may move without kinetic energy somewhere.
+    Return the coordinates that may move without kinetic energy in some configuration.
 
-    With the joints before it at rest, the body of a joint moves along the joint alone.
-    Where its own inertia resists that, as does no thin rod about itself and no body
-    without mass, the pivot of the coordinate is positive. Only at others may the mass
-    matrix be singular.
+    The factorization of M has a pivot for each coordinate. It is positive if the inertia
+    of the coordinate's own body, or its rotor, resists a motion of this joint alone. A
+    body without mass, or a thin rod that turns about itself, has no such inertia: M may
+    be singular at these coordinates, and nowhere else.
     """
     # The slides of a free body are eliminated first, which leaves motions about its
-    # center.
+    # center of mass.
     central = [ball.body + 2 for ball in free_balls]
     resisted: dict[int, bool] = {}  # by the first body of each coordinate
     for k, body in enumerate(model.bodies):

@@ -21,9 +21,10 @@ from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units, rate_of
 from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.mechanics.friction import (AT_BOUND, driving_torque, drops,
-                                              held_forces, holding_friction, HOLDS,
-                                              is_self_locking, slides, stribeck_excess)
+from kane_dynamics.mechanics.friction import (AT_BOUND, driving_torque,
+                                              has_breakaway_drop, has_dry_friction,
+                                              held_forces, holding_friction,
+                                              is_self_locking, stribeck_excess, UNLIMITED)
 from kane_dynamics.mechanics.integrators.held_joints import linear_system, REGULAR
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
@@ -210,7 +211,7 @@ class FrictionState:
         with_friction = set()
         if robot.friction:
             for body in model.bodies:
-                if slides(body.joint):
+                if has_dry_friction(body.joint):
                     with_friction.add(body.joint.coordinate)
         limits = robot.limits
         place_of: dict[int, int] = {}  # in q, of joints that have a position
@@ -250,7 +251,7 @@ class FrictionState:
         # A joint alone with friction has no other that could hold it at its bound.
         if self.constrained and robot.friction and len(self.joints) > 1:
             for body in model.bodies:
-                if drops(body.joint):
+                if has_breakaway_drop(body.joint):
                     size = abs(body.joint.multiplier)
                     drop[body.joint.coordinate] += size * stribeck_excess(body.joint)
         self.drop = drop[self.joints]
@@ -536,8 +537,8 @@ def traced_forces(equations: Any, joints: list[int], q: Vector, u: Vector, tau: 
 
 def bounds(forces: Forces, sides: Array) -> tuple[Array, Array]:
     """Return the bounds of the forces on joints at rest, with those of stops, (k,) each."""
-    least = np.where(sides > 0.0, -HOLDS, forces.least)
-    largest = np.where(sides < 0.0, HOLDS, forces.largest)
+    least = np.where(sides > 0.0, -UNLIMITED, forces.least)
+    largest = np.where(sides < 0.0, UNLIMITED, forces.largest)
     return least, largest
 
 

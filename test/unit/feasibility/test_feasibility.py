@@ -7,8 +7,8 @@ import math
 from kane_dynamics import (Inertial, InputError, Limits, ModelBuilder, ModelError,
                            Motion, point_mass, Robot, simulate)
 from kane_dynamics.feasibility import demand, Excess, fastest, largest_payload
+from kane_dynamics.feasibility.intervals import highest_free, positive_intervals
 from kane_dynamics.feasibility.samples import sampled, STEP
-from kane_dynamics.mechanics.algebra.intervals import highest_free, positive_intervals
 from kane_dynamics.robot.parameters import JointLimits
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
 from mechanisms import random_model, with_joints

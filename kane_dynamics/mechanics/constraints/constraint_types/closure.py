@@ -19,9 +19,8 @@ import numpy as np
 FLOOR = 1e-16  # smallest 1 + cos(angle), its rounding; the angle is then a half turn
 NUDGE = 1e-15  # rad: keeps the residual of an exact half turn, 0 / 0, far from zero
 
-# For each kind: directions without relative translation of the origins, and directions
-# without relative rotation. 'side', 'up' and 'axis' are a right-handed triad of the
-# second frame.
+# Of each kind: directions without relative translation of the origins, then directions
+# without relative rotation. 'side', 'up', 'axis' are a triad of the second frame.
 CARRIED = ('x', 'y', 'z')
 ACROSS = ('side', 'up')
 ROWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -114,8 +113,8 @@ class Closure:
                 raise ConstraintError(f'{what}: {key}, given with kind {self.kind!r}; '
                                       f'expected it with kind {kind!r} only')
 
-        # Axes of a universal joint: any normal of the first axis if the second is not
-        # stated.
+        # Axes of a universal joint:
+        # any normal of the first axis if the second is not stated.
         if self.kind == 'universal':
             second_axis = self.second_axis
             if second_axis is None:

@@ -216,8 +216,8 @@ class Rolling:
         R_surface, origin = geometry.pose(self._surface)
         axle = None if self.axis is None else R @ self.axis
         c = center - origin
-        # r leads from the center to the point of contact, along the normal of the
-        # surface.
+        # r leads from the center to the point of contact,
+        # along the normal of the surface.
         if self.surface == 'plane':
             r, normal, residual = self._contact_on_plane(c, R_surface, axle)
         else:

@@ -65,8 +65,8 @@ class PointVelocity:
     def rows(self, geometry: Geometry) -> ConstraintRows:
         """Return the row: the component of the partial velocities."""
         direction = self.direction
-        # A direction in the axes of a frame turns with it; J and it are then in one set
-        # of axes.
+        # A direction in the axes of a frame turns with it;
+        # J and it are then in one set of axes.
         if self.axes is not None:
             geometry = geometry.in_axes_of(self.axes)
             R, _ = geometry.pose(self.axes)

@@ -3,7 +3,7 @@
 import math
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
+from kane_dynamics.feasibility.fixed_point import upper_fixed_point
 import pytest
 
 LOW = 1e-3

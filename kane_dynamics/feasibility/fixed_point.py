@@ -5,8 +5,8 @@ import math
 
 from kane_dynamics.errors import InputError
 
-MOST = 100  # evaluations
-LESS = 0.5  # of the residual before: with a larger one, the bracket is bisected
+EVALUATIONS = 100  # at most
+REDUCTION = 0.5  # of the residual in a step; beyond it, the bracket is bisected
 
 
 def upper_fixed_point(value: Callable[[float], float | None], low: float,
@@ -28,7 +28,7 @@ def upper_fixed_point(value: Callable[[float], float | None], low: float,
     x_last = math.nan
     residual_last = math.nan
     cause = InputError(missing)
-    for _ in range(MOST):
+    for _ in range(EVALUATIONS):
         y: float | None
         try:
             y = value(x)
@@ -54,10 +54,9 @@ def upper_fixed_point(value: Callable[[float], float | None], low: float,
         if residual != residual_last:
             secant = x - residual * (x - x_last) / (residual - residual_last)
 
-        # Take the secant's zero, else the value itself, if it is within the bracket.
-        # Else, or where the last step has reduced the residual too little, bisect the
-        # bracket.
-        slow = high < math.inf and abs(residual) > LESS * abs(residual_last)
+        # The next x: the zero of the secant, else the value itself, if it is within the
+        # bracket. Bisect if neither is, or if the residual decreases too slowly.
+        slow = high < math.inf and abs(residual) > REDUCTION * abs(residual_last)
         x_last = x
         residual_last = residual
         if low < secant < high and not slow:
