@@ -74,6 +74,8 @@ setup(
                     'docs': docs},
     data_files=[('share/ament_index/resource_index/packages', [f'resource/{name}']),
                 (share, ['package.xml']),
+                # Named by colcon.pkg: a workspace puts the commands on the PATH.
+                (f'{share}/hook', ['resource/path.dsv']),
                 *[(f'{share}/{folder}', sorted(glob(f'{folder}/*.*')))
                   for folder in ('config', 'config/diagnostics', 'launch', 'urdf')]],
     entry_points={'console_scripts': [

@@ -1,6 +1,8 @@
 """Files of the package are found in a checkout and in any installation prefix."""
 
+from configparser import ConfigParser
 from importlib import metadata
+import json
 from pathlib import Path
 import sys
 from xml.etree import ElementTree
@@ -68,6 +70,19 @@ def test_environment_of_make_install_has_every_file():
     for path in [ROOT / 'package.xml',
                  *(p for f in FOLDERS for p in (ROOT / f).glob('*.*'))]:
         assert (share / 'kane_dynamics' / path.relative_to(ROOT)).exists(), path
+
+
+def test_a_workspace_of_colcon_has_the_commands_on_its_path():
+    """Colcon installs them in lib/kane_dynamics, which it does not put there itself."""
+    setup = ConfigParser()
+    setup.read(ROOT / 'setup.cfg')
+    folder = setup['install']['install_scripts'].removeprefix('$base/')
+    hook, = json.loads((ROOT / 'colcon.pkg').read_text())['hooks']
+    assert hook == 'share/kane_dynamics/hook/path.dsv'
+    lines = (ROOT / 'resource' / Path(hook).name).read_text()
+    assert lines == f'prepend-non-duplicate;PATH;{folder}\n'
+    if (Path(sys.prefix) / '.project').exists():
+        assert (Path(sys.prefix) / hook).read_text() == lines
 
 
 def test_the_version_is_that_of_the_checkout_or_of_the_installation(
