@@ -46,5 +46,8 @@ def test_filled_efforts_divide_the_tracking_error_of_the_loop_alone(
         tolerance, factor, ahead):
     alone = error(None, False, 0.0)
     helped = error(tolerance, True, ahead)
+    points = 'inserted points' if tolerance else 'the points of the motion'
+    print(f'{points}, effort sampled {1e3 * ahead:.0f} ms ahead: the error is divided '
+          f'by {alone / helped:.0f}')
     assert 0.02 < alone < 0.2
     assert helped < alone / factor, (alone, helped)
