@@ -53,8 +53,14 @@ class TrackingLog(SavedRecord):
 
 
 def tracking_errors(motion: Motion, run: TrackingLog) -> Array:
-    """Return the RMS tracking error of every joint during the motion, (n,), rad."""
+    """
+    Return the RMS tracking error of every joint during the motion, (n,), rad.
+
+    NaN if no state came during the motion.
+    """
     run = run.within(0.0, motion.duration)
+    if not len(run.t):
+        return np.full(run.q.shape[1], np.nan)
     error: Array = run.q - motion.sample(run.t)[0]
     return np.asarray(np.sqrt(np.mean(error * error, axis=0)))
 
@@ -73,6 +79,8 @@ def lateness(motion: Motion, run: TrackingLog) -> str | None:
     Return None if it ran in real time.
     """
     run = run.within(0.0, motion.duration)
+    if not len(run.t):
+        return 'no state of the arm came during the motion'
     longest = float(run.late.max(initial=0.0))
     if longest < STATE_TIMEOUT and len(run.latency) >= MIN_ANSWERED * len(run.t):
         return None
@@ -121,7 +129,10 @@ def report(robot: DemoRobot, motion: Motion, alone: TrackingLog, helped: Trackin
     _print_latency(helped)
     _print_fall(robot, prediction, fall)
     _draw(robot, motion, alone, helped, folder)
-    return verdict(ratio, lateness(motion, helped))
+    late = lateness(motion, helped)
+    if late is None and not len(alone.t):
+        late = 'no state of the arm came during the motion of the servo alone'
+    return verdict(ratio, late)
 
 
 def verdict(ratio: float, late: str | None) -> int:
@@ -167,6 +178,9 @@ def _print_fall(robot: DemoRobot, prediction: Any, fall: TrackingLog) -> None:
     predicted = np.array(positions)[:, columns]
     # Both are sampled at the same times, of which the record may have fewer.
     actual = fall.q[:len(t)]
+    if not len(actual):
+        print('Free fall: no state of the arm came.')
+        return
     predicted = predicted[:len(actual)]
     moved = np.abs(actual - actual[0]).max(axis=0)
     error = np.abs(predicted - actual).max(axis=0)

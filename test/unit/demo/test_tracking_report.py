@@ -18,8 +18,13 @@ def log(error, late=1e-4, answered=1.0):
         np.stack([answered_times, np.full(len(answered_times), 1e-3)], axis=1))
 
 
+def without_states():
+    """Return a run of which no state came during the motion."""
+    return log(0.02).within(2.0 * DURATION, 3.0 * DURATION)
+
+
 @pytest.mark.parametrize('spoiled', [log(0.02, late=2.0 * STATE_TIMEOUT),
-                                     log(0.02, answered=0.4)])
+                                     log(0.02, answered=0.4), without_states()])
 def test_a_run_with_late_states_is_repeated_once(spoiled, capsys):
     runs = [spoiled, good := log(0.001)]
     assert demo.repeated_if_late(MOTION, log(0.1), lambda: runs.pop(0)) is good
@@ -33,6 +38,17 @@ def test_a_run_with_late_states_is_repeated_once(spoiled, capsys):
 def test_a_run_in_time_or_good_enough_is_not_repeated(run):
     runs = [run]
     assert demo.repeated_if_late(MOTION, log(0.1), lambda: runs.pop(0)) is run
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('alone', [log(0.1), without_states()])
+def test_runs_without_states_are_named_as_such(alone, capsys):
+    """The ratio was nan without a reason, and warnings of NumPy came before it."""
+    ratio = demo.improvement(MOTION, alone, without_states())
+    assert demo.verdict(ratio, demo.lateness(MOTION, without_states())) == 1
+    printed = capsys.readouterr().out
+    for words in ('too busy', 'no state of the arm came during the motion', 'not valid'):
+        assert words in printed
 
 
 def test_the_demonstration_succeeds_only_with_good_feedforward(capsys):
