@@ -275,6 +275,39 @@ def test_motions_without_speeds_begin_again_where_they_are_joined():
     np.testing.assert_array_equal(law_rows(rows(model, joined)).dahl[half:], later.dahl)
 
 
+@pytest.mark.parametrize('n', [2, 7])
+def test_noise_alone_gives_one_of_seven_arms_a_joint_with_another_law(n):
+    # Errors of left-out blocks that differ by noise, of laws with a load alike.
+    rng = np.random.default_rng(8)
+    count = 2000
+    chosen = 0
+    logarithms = np.zeros((len(LAWS), 6, n))
+    loaded = np.ones(n, dtype=bool)
+    load = LAW_NAMES.index('load')
+    for _ in range(count):
+        logarithms = 0.1 * rng.normal(size=logarithms.shape)
+        logarithms[LAW_NAMES.index('load and quadratic')] += logarithms[load]
+        laws = chosen_laws(list(np.exp(logarithms)), loaded)
+        chosen += any(law.name != 'coulomb' for law in laws)
+    assert chosen < count / 7.0
+    # A gain in all blocks is that of the law.
+    logarithms[load] -= 0.6
+    laws = chosen_laws(list(np.exp(logarithms)), loaded)
+    assert {law.name for law in laws} == {'load'}
+
+
+def test_the_law_of_an_arm_gains_in_most_blocks():
+    # The same mean gain over six blocks, of one block alone or of all.
+    plain = np.ones((6, 3))
+    lucky = np.array([0.4, 1.0, 1.02, 0.98, 1.01, 1.0])[:, None] * plain
+    steady = np.array([0.86, 0.85, 0.87, 0.84, 0.86, 0.85])[:, None] * plain
+    for errors, name in ((lucky, 'coulomb'), (steady, 'load')):
+        candidates = dict.fromkeys(LAW_NAMES, 1.2 * plain)
+        candidates.update({'coulomb': plain, 'load': errors})
+        laws = chosen_laws(list(candidates.values()), np.ones(3, dtype=bool))
+        assert [law.name for law in laws] == [name] * 3
+
+
 def test_repeated_motion_is_no_test_of_a_fit():
     t = np.arange(0.0, 20.0, 0.01)
     w = 2.0 * np.pi / 5.0
