@@ -136,3 +136,22 @@ def test_replay_refuses_bags_that_cannot_be_compared(tmp_path, recording):
     done = process(str(URDF), str(tmp_path / 'alone.mcap'))
     assert done.returncode == 2
     assert 'ROS 2 bag' in done.stderr
+
+
+def test_joints_that_are_locked_and_move_in_the_recording_are_named(tmp_path, recording):
+    path = tmp_path / 'run.npz'
+    np.savez(path, t=recording.t, q=recording.q, tau=recording.tau,
+             joint_names=np.array(['joint1', 'joint2']))
+    done = command('replay', str(URDF), str(path), '--joints', 'joint1', '--cutoff', '8')
+    low, high = recording.q[:, 1].min(), recording.q[:, 1].max()
+    assert (f"joints that are computed at 0 are elsewhere: 'joint2' ({low:.3g} to "
+            f'{high:.3g})') in done.stderr
+    table = np.column_stack([recording.t, recording.q, recording.tau])
+    for scale, warned in ((1.0, True), (1e-3, False)):
+        table[:, 2] = scale * recording.q[:, 1]
+        np.savetxt(tmp_path / 'run.csv', table, delimiter=',', comments='',
+                   header='t,q.joint1,q.joint2,tau.joint1,tau.joint2')
+        done = command('replay', str(URDF), str(tmp_path / 'run.csv'), '--joints',
+                       'joint1', '--cutoff', '8')
+        assert ('are elsewhere' in done.stderr) == warned
+        assert done.returncode == 0, done.stderr

@@ -27,7 +27,8 @@ from kane_dynamics.identification.payload.payload_fit import identify_payload, P
 from kane_dynamics.identification.payload.recorded_motion import (recorded_joints,
                                                                   recorded_motion)
 from kane_dynamics.identification.recordings.diagnosis import refuse_faulty
-from kane_dynamics.identification.recordings.reader import read_recording
+from kane_dynamics.identification.recordings.reader import (positions_by_name,
+                                                            read_recording)
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import FRICTION, LOWEST, rms, rows
 from kane_dynamics.identification.result_files import (six, written, written_drives,
@@ -40,6 +41,7 @@ import numpy as np
 
 AXES = 'xyz'
 DRIVE_NUMBERS = ('stiffness', 'damping', 'rotor_inertia', 'skew', 'torque_delay')
+NEAR = 0.1  # rad or m, of locked joints: computed at 0 in place of their positions
 FURTHER = ('quadratic_damping', 'load_friction', 'presliding')  # terms of friction laws
 
 
@@ -116,6 +118,9 @@ def recorded(options: Namespace, model: Model,
         numbered = model.joint_names
     recording = read_recording(options.recording, joints or model.joint_names,
                                options.topic, numbered=numbered)
+    if numbered is not None:
+        locked = [joint for joint in numbered if joint not in model.joint_names]
+        _warn_locked(options.recording, locked)
     if options.resample is not None:
         recording = recording.resampled(options.resample)
     # Filters need equal times; the user learns what was done.
@@ -124,6 +129,17 @@ def recorded(options: Namespace, model: Model,
         print(f'kane-dynamics: note: rows are {step.min():g} to {step.max():g} s apart; '
               f'resampled at {1.0 / step.mean():.4g} Hz (--resample)', file=sys.stderr)
     return recording if options.cutoff is None else recording.filtered(options.cutoff)
+
+
+def _warn_locked(path: str, locked: Sequence[str]) -> None:
+    """Warn of locked joints that are elsewhere in a recording."""
+    elsewhere = []
+    for joint, q in positions_by_name(path, locked).items():
+        if np.abs(q).max() > NEAR:
+            elsewhere.append(f"'{joint}' ({q.min():.3g} to {q.max():.3g})")
+    if elsewhere:
+        warn(f'{path}: joints that are computed at 0 are elsewhere: {", ".join(elsewhere)}; '
+             'expected all joints that are not at 0 among --joints')
 
 
 def stated_efforts(options: Namespace) -> Efforts:

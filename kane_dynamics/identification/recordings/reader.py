@@ -115,6 +115,23 @@ def recorded_columns(path: str | os.PathLike[str], joint_names: Sequence[str],
     return result
 
 
+def positions_by_name(path: str | os.PathLike[str],
+                      joint_names: Sequence[str]) -> dict[str, Array]:
+    """Return the positions, (N,), of the joints that a CSV or npz file has by name."""
+    if is_bag(Path(path)):
+        return {}
+    columns = _read(Path(path))
+    labels: list[str] = columns.get('joint_names', [])
+    whole: Array = columns.get('q', np.zeros(0))
+    positions = {}
+    for joint in joint_names:
+        if f'q.{joint}' in columns:
+            positions[joint] = columns[f'q.{joint}']
+        elif joint in labels and whole.ndim == 2:
+            positions[joint] = whole[:, labels.index(joint)]
+    return positions
+
+
 def no_header(path: Any, names: Sequence[str], example: str) -> None:
     """Raise InputError if the header is missing, or has no commas between the names."""
     for separator, words in SEPARATORS.items():
