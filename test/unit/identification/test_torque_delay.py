@@ -4,14 +4,16 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from kane_dynamics import load_urdf
+from kane_dynamics import load_urdf, Robot
 from kane_dynamics.cli import main
-from kane_dynamics.identification import diagnose, read_recording, torque_delays
+from kane_dynamics.identification import (diagnose, read_recording, Recording,
+                                          torque_delays)
 from kane_dynamics.identification.presliding import dahl_friction
+from kane_dynamics.identification.recordings.torque_delay import _common
 from mechanisms import with_inertials
 import numpy as np
 import pytest
-from recordings import present, quiet, real, simulated
+from recordings import exciting, present, quiet, real, simulated
 
 URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'ur10e.urdf'
 LOSSES = {'damping': 3.0, 'friction': 4.0, 'armature': 0.2, 'friction_offset': 1.0}
@@ -95,9 +97,50 @@ def test_presliding_friction_of_a_small_joint_is_no_delay_of_its_own(length):
                         - np.tanh(r.u[:, 5] / 0.05))
     sound = replace(r, tau=tau)
     delays = torque_delays(model, sound)
-    assert delays.delay[5] > 0.003  # as it seems where friction follows the speed
+    # Without this friction among the terms, the torque would seem to be late.
+    assert abs(delays.delay[5]) < 3.0 * delays.deviation[5]
     assert delays.friction_memory[5] and not delays.different.any()
     assert diagnose(model, sound) == []
+
+
+def with_gear_friction(model, seed):
+    """Return a recording of gears with Stribeck and load friction, 6 ms late."""
+    delay = 0.006
+    t, q, u, udot = exciting(model.n, seed, rate=1000.0, duration=12.0, speed=1.0)
+    rigid = Robot(model, friction=False).inverse_dynamics(q, u, udot)
+    size = 0.3 * np.sqrt(np.mean(rigid**2, axis=0)) + 0.5
+    level = size * (1.0 + 0.4 * np.exp(-(u / 0.03)**2)) + 0.06 * np.abs(rigid)
+    tau = rigid + level * np.tanh(u / 0.004) + size * u
+    rng = np.random.default_rng(seed)
+    tau = tau + 0.02 * size * rng.normal(size=tau.shape)
+    # One row in five; the torques are those of some rows before.
+    rows = np.arange(200, len(t), 5)
+    late_rows = rows - round(1000.0 * delay)
+    sound = Recording(t[rows], q[rows], u[rows], udot[rows], tau[rows])
+    return sound, replace(sound, tau=tau[late_rows]), delay
+
+
+@pytest.mark.parametrize('seed', [0, pytest.param(1, marks=pytest.mark.slow),
+                                  pytest.param(2, marks=pytest.mark.slow)])
+def test_friction_of_gears_is_no_delay_and_hides_none(seed):
+    # With fewer terms of friction the torque seemed early.
+    model, _ = recorded('exact')
+    sound, late_by_six, delay = with_gear_friction(model, seed)
+    delays = torque_delays(model, sound)
+    assert not (delays.delayed or delays.different.any())
+    assert abs(delays.common) < max(2.0 * delays.common_deviation, 0.0005)
+    delays = torque_delays(model, late_by_six)
+    assert delays.delayed
+    assert abs(delays.common - delay) < max(2.0 * delays.common_deviation, 0.0005)
+
+
+def test_joints_that_contradict_each_other_widen_the_deviation_of_their_delay():
+    alike = _common(np.array([0.01, 0.01, 0.01]), np.full(3, 0.002))
+    different = _common(np.array([0.006, 0.01, 0.014]), np.full(3, 0.002))
+    assert alike[0] == pytest.approx(0.01) and different[0] == pytest.approx(0.01)
+    # The variance of one joint's delay, of which a quarter does not average out.
+    assert alike[1] == pytest.approx(0.002 * np.sqrt(0.75 / 3.0 + 0.25))
+    assert different[1] == pytest.approx(2.0 * alike[1])
 
 
 def test_joint_without_motion_or_torque_of_its_own_cannot_be_judged(tmp_path, capsys):
