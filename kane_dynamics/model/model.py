@@ -200,12 +200,7 @@ class Joint:
         if abs(length - 1.0) > 1e-15:  # a unit vector keeps its digits
             axis = constant(axis / length, (3,), f'{what}: axis')
         freeze(self, 'axis', axis)
-        R = constant(self.rotation, (3, 3), f'{what}: rotation')
-        # Orthonormal to rounding of a file's digits, and no reflection.
-        if np.abs(R @ R.T - np.eye(3)).max() > 1e-9 or np.linalg.det(R) < 0.0:
-            raise ModelError(f'{what}: rotation {R.tolist()}; expected a rotation '
-                             'matrix')
-        freeze(self, 'rotation', R)
+        freeze(self, 'rotation', _checked_rotation(self.rotation, what))
         freeze(self, 'translation',
                      constant(self.translation, (3,), f'{what}: translation'))
         for name in ('multiplier', 'offset', 'rest', 'friction_offset'):
@@ -343,6 +338,7 @@ class Model:
         """Check the consistency of bodies, joints, coordinates and frames."""
         for name in ('bodies', 'coordinate_names', 'frames', 'balls'):
             freeze(self, name, tuple(getattr(self, name)))
+        freeze(self, 'frames', tuple(map(self._checked_frame, self.frames)))
         freeze(self, 'gravity', constant(self.gravity, (3,), 'gravity'))
 
         # The topology first: all else relies on parents that come before children.
@@ -355,6 +351,18 @@ class Model:
         _check_unique('joint', [body.joint.name for body in self.bodies])
         _check_unique('coordinate', self.coordinate_names)
         _check_unique('frame', [frame.name for frame in self.frames])
+
+    def _checked_frame(self, frame: Frame) -> Frame:
+        """Return a frame with read-only arrays; raise ModelError for a wrong one."""
+        what = f"frame '{frame.name}'"
+        bodies = len(self.bodies)
+        is_index = isinstance(frame.body, int | np.integer)
+        if not is_index or not WORLD <= frame.body < bodies:
+            raise ModelError(f'{what}: body {frame.body!r}; expected the index of one of '
+                             f'{bodies} bodies, or {WORLD} for the base')
+        rotation = _checked_rotation(frame.rotation, what)
+        translation = constant(frame.translation, (3,), f'{what}: translation')
+        return replace(frame, rotation=rotation, translation=translation)
 
     def _check_topology(self) -> None:
         """Raise ModelError unless parents and coordinates of all bodies exist."""
@@ -582,6 +590,15 @@ def with_payload(model: Model, frame: str, payload: Inertial) -> Model:
     carrier = bodies[at.body]
     bodies[at.body] = replace(carrier, inertial=carrier.inertial + moved)
     return replace(model, bodies=tuple(bodies))
+
+
+def _checked_rotation(value: Array, what: str) -> Array:
+    """Return a read-only rotation matrix, (3, 3); raise ModelError for anything else."""
+    R = constant(value, (3, 3), f'{what}: rotation')
+    # Orthonormal to rounding of a file's digits, and no reflection.
+    if np.abs(R @ R.T - np.eye(3)).max() > 1e-9 or np.linalg.det(R) < 0.0:
+        raise ModelError(f'{what}: rotation {R.tolist()}; expected a rotation matrix')
+    return R
 
 
 def _check_unique(what: str, names: Sequence[str]) -> None:

@@ -1,9 +1,10 @@
 """`ModelBuilder` builds the same models as a URDF or a manual `Model`."""
 
+from dataclasses import replace
 from time import process_time
 
 from definition import Definition
-from kane_dynamics import (ball, box, disc, FlexibleLink, Inertial, load_urdf,
+from kane_dynamics import (ball, box, disc, FlexibleLink, Frame, Inertial, load_urdf,
                            ModelBuilder, ModelError, ModelWarning, point_mass, Robot,
                            rod)
 from kane_dynamics._util.resources import resource_path
@@ -272,3 +273,32 @@ def test_a_beam_of_sixteen_modes_is_prepared_within_a_second():
     b.beam('beam', 'world', FlexibleLink(1.0, 2.0, 50.0, modes=(16, 0)))
     b.model()
     assert process_time() - start < 1.0
+
+
+def model_with(frame):
+    """Return a model of one body with another frame."""
+    b = ModelBuilder('arm')
+    b.body('link', inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
+    return replace(b.model(), frames=(*b.model().frames, frame))
+
+
+@pytest.mark.parametrize(('frame', 'words'), [
+    (Frame('f', 0, 2.0 * np.eye(3)), r"frame 'f': rotation \[\[2.0, .*rotation matrix"),
+    (Frame('f', 0, -np.eye(3)), "frame 'f': rotation .*expected a rotation matrix"),
+    (Frame('f', 0, np.eye(2)), r"frame 'f': rotation: (.|\n)*shape \(3, 3\)"),
+    (Frame('f', 0, np.eye(3), np.full(3, np.nan)), "frame 'f': translation.*finite"),
+    (Frame('f', 1), "frame 'f': body 1; expected the index of one of 1 bodies"),
+    (Frame('f', 0.5), "frame 'f': body 0.5; expected the index of one of 1 bodies")])
+def test_frames_that_no_body_can_have_are_refused(frame, words):
+    with pytest.raises(ModelError, match=words):
+        model_with(frame)
+
+
+def test_arrays_of_frames_are_those_of_the_model_alone():
+    translation = np.array([1.0, 2.0, 3.0])
+    model = model_with(Frame('f', 0, np.eye(3), translation))
+    translation[:] = 0.0
+    assert model.frame('f').translation.tolist() == [1.0, 2.0, 3.0]
+    for frame in model.frames:
+        assert not frame.rotation.flags.writeable
+        assert not frame.translation.flags.writeable
