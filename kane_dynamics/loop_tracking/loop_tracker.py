@@ -42,7 +42,7 @@ from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTION, LoopE
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.flags import branch, either, finite, flag, packed
 from kane_dynamics.mechanics.algebra.vector import is_zero
-from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.mechanics.ball_joints import neutral, require_angles
 from kane_dynamics.mechanics.constraints.conditioning import ROUNDED, squared_figure
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -1069,7 +1069,7 @@ def path_rows(robot: Robot) -> tuple[str, ...]:
 
 def _velocity_rows(mechanism: Mechanism, rows: Iterable[int]) -> tuple[str, ...]:
     """Return which of some rows belong to constraints without a residual of positions."""
-    at_zero = mechanism.rows(mechanism.state(np.zeros(len(mechanism.units))))
+    at_zero = mechanism.rows(mechanism.state(neutral(mechanism.model)))
     return tuple(mechanism.labels[k] for k in rows if at_zero.residual[k] is None)
 
 
