@@ -37,7 +37,9 @@ import numpy as np
 
 NO_REQUEST = -1.0  # to torque_guard
 # Why a motion was dropped last.
-NOT_DROPPED, BY_CLOCK, BY_TIMEOUT, BY_REFUSAL, BY_GUARD, BY_LOOPS = range(6)
+NOT_DROPPED, BY_CLOCK, BY_TIMEOUT, BY_REFUSAL, BY_GUARD, BY_LOOPS, BY_STALL = range(7)
+# Of state_timeout, without a look at the clock: longer than any period of these looks.
+STALL = 0.5
 
 
 class PathState(NamedTuple):
@@ -63,6 +65,11 @@ class PathState(NamedTuple):
     last_now, last_heard, last_stamp : Scalar
         The clock of the last cycle; time and stamp of the last state in time, and of
         the last accepted one.
+    looked_at : Scalar
+        Steady time of the last look at the clock, `elapse`; 0: none yet.
+    excused : Scalar
+        Whether the silence since the last state in time has begun anew after a stop of the
+        process: it does so once.
     refusing, refused_since, fault : Scalar
         Whether and since when states are refused; whether for longer than the grace.
     timed_out, commanding : Scalar
@@ -118,6 +125,8 @@ class PathState(NamedTuple):
     last_now: Scalar
     last_heard: Scalar
     last_stamp: Scalar
+    looked_at: Scalar
+    excused: Scalar
     refusing: Scalar
     refused_since: Scalar
     fault: Scalar
@@ -450,12 +459,18 @@ def elapse(path: PathState, event: Event, settings: CycleSettings,
     """
     Command zeros, once, if the last state in time has timed out, or if asked to.
 
+    States may wait in the queue of a process that was stopped: the time begins anew then.
     `decide` says whether the node may command zeros at a steady time.
     """
     now = event.now
     path = at_time(path, now, settings)
-    late = flag(settings.timeout < now - path.last_heard) * (1.0 - path.timed_out)
+    stall = _stall(path, event, settings)
+    silence = now - path.last_heard
+    late = flag(settings.timeout < silence - stall) * (1.0 - path.timed_out)
     late = select(path.silences < settings.silences, 1.0, late)
+    stalled = _stalled(path, event, settings) * (1.0 - late)
+    path = changed_if(stalled, path, partial(_after_stall, now=now))
+    path = path._replace(looked_at=event.steady)
 
     # torque_guard may hold the arm by now; after its answer, the next look decides.
     def asked(path: PathState) -> PathState:
@@ -471,6 +486,26 @@ def _silent(path: PathState, now: Scalar, settings: CycleSettings) -> PathState:
     silent = forgotten(dropped(path, BY_TIMEOUT))._replace(
         timed_out=1.0, silences=settings.silences)
     return changed_if(path.commanding, silent, partial(with_zeros, now=now))
+
+
+def _stall(path: PathState, event: Event, settings: CycleSettings) -> Scalar:
+    """Return for how long a process that commands was stopped until now, ns; mostly 0."""
+    gap = event.steady - path.looked_at
+    is_long = flag(STALL * settings.timeout < gap) * flag(path.looked_at > 0.0)
+    counts = is_long * path.commanding * (1.0 - path.excused)
+    return either(counts, gap, 0.0)
+
+
+def _stalled(path: PathState, event: Event, settings: CycleSettings) -> Scalar:
+    """Return whether the last state is older than the timeout, after a stop of the process."""
+    silent = flag(settings.timeout < event.now - path.last_heard) * (1.0 - path.timed_out)
+    return silent * flag(_stall(path, event, settings) > 0.0)
+
+
+def _after_stall(path: PathState, now: Scalar) -> PathState:
+    """Return the path of a process that was stopped: the torque acts, the motion is over."""
+    path = forgotten(resumed(dropped(path, BY_STALL), 1.0, now))
+    return path._replace(last_heard=now, excused=1.0)
 
 
 # Who commands.
@@ -550,18 +585,22 @@ def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings,
     stamp = event.stamp
     # The clock first: what it drops must not be judged.
     path = at_time(path, now, settings)
-    moment = select(now < stamp, now, stamp)
-    # Judged at its stamp, but not in the future.
-    turned = np.where(turning, settings.turned, 0.0)
-    check = CheckSettings(settings.timeout, settings.compares, turned, settings.bounds)
-    result, states = judged(path.states, moment, state, check)
-    heard = path.with_states(states)._replace(last_heard=moment, reason=result)
     # Faults of the stamp say nothing about the arm, not even that it is heard.
     reason = select(stamp < path.last_stamp, float(OUT_OF_ORDER), float(ACCEPTED))
     reason = select(settings.timeout < stamp - now, float(FUTURE), reason)
     reason = select(settings.timeout < now - stamp, float(STALE), reason)
     reason = either(event.ticking, reason, float(NO_CLOCK))
     in_time = flag(reason < 0.5)
+    # The state may be read before the clock is looked at.
+    stalled = in_time * _stalled(path, event, settings)
+    path = changed_if(stalled, path, partial(_after_stall, now=now))
+    moment = select(now < stamp, now, stamp)
+    # Judged at its stamp, but not in the future.
+    turned = np.where(turning, settings.turned, 0.0)
+    check = CheckSettings(settings.timeout, settings.compares, turned, settings.bounds)
+    result, states = judged(path.states, moment, state, check)
+    heard = path.with_states(states)._replace(last_heard=moment, excused=0.0,
+                                              reason=result)
     return branch(in_time, heard, path._replace(reason=reason))
 
 

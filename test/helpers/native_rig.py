@@ -9,6 +9,7 @@ import math
 import time
 from types import SimpleNamespace
 from typing import NamedTuple
+from unittest.mock import patch
 
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
@@ -131,6 +132,7 @@ class BothPaths:
         self.choices = choices
         self.rng = np.random.default_rng(seed)
         self.time = EPOCH
+        self.steady = 1.0  # s
         action = self.rng.choice(['zero', 'hold'])
         self.values = node_values(
             {'mode': mode, 'state_check.grace': 0.02,
@@ -146,7 +148,9 @@ class BothPaths:
     def step(self):
         steps = self.choices.steps
         kind = self.rng.choice(list(steps), p=list(steps.values()))
-        getattr(self, f'do_{kind}', self.do_state)(kind)
+        # How long a step takes on this machine is no stop of the paths.
+        with patch.object(time, 'perf_counter', lambda: self.steady):
+            getattr(self, f'do_{kind}', self.do_state)(kind)
         self.compare(kind)
 
     def send(self, data):
@@ -154,9 +158,13 @@ class BothPaths:
             side.path.on_state(data)
 
     def do_pause(self, kind):
-        self.time += 200_000_000
-        for side in self.sides:
-            side.path.check_timeout()
+        """Let no states come for 0.2 s: the paths run, stop, or stop in between."""
+        looks = [10 * [20], [200], [80, 120]][self.rng.integers(3)]
+        for milliseconds in looks:
+            self.time += milliseconds * 1_000_000
+            self.steady += 1e-3 * milliseconds
+            for side in self.sides:
+                side.path.check_timeout()
 
     def do_back(self, kind):
         self.time -= 5_000_000_000

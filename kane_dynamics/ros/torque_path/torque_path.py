@@ -790,6 +790,12 @@ class TorquePath:
             dropped |= self._clear_motion('torque_guard held the arm', path)
         elif path.dropped_by == cycle_rules.BY_REFUSAL:  # the report of the fault was lost
             dropped |= self._clear_motion('joint states were refused', path)
+        elif path.dropped_by == cycle_rules.BY_STALL:
+            silence = (now - self._epoch - float(before.last_heard)) / NANO
+            reason = f'none for {silence:.3f} s, while this process did not run'
+            dropped |= self._clear_motion(f'joint states: {reason}', path)
+            self._warn('no joint state', f'{reason}; going on from the torque that acts'
+                       + ', desired motion dropped' * dropped)
         elif path.dropped_by == cycle_rules.BY_TIMEOUT:
             reason = f'none for {(now - self._last_heard) / NANO:.3f} s'
             if path.silences > before.silences:

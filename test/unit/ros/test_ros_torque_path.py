@@ -27,6 +27,7 @@ from kane_dynamics.ros.torque_path.drop_reasons import (  # noqa: E402
     MISSING, NO_CLOCK, STALE)
 from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from native_rig import native_path  # noqa: E402
 from node_values import node_values, served_robot, UNCHECKED  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -56,13 +57,13 @@ class Publisher:
 class Rig:
     """A torque path with a manual clock."""
 
-    def __init__(self, **settings):
+    def __init__(self, make=TorquePath, **settings):
         self.time = 100 * NANO
         self.commands = Publisher(Float64MultiArray, 'data')
         self.torques = Publisher(JointState, 'effort')
         self.warnings = []
         self.statistics = Statistics()
-        self.path = TorquePath(
+        self.path = make(
             Controller(ROBOT, **settings), self.commands, self.torques,
             lambda: self.time, node_values(UNCHECKED), self.statistics,
             lambda reason, detail: self.warnings.append(reason))
@@ -180,7 +181,7 @@ def test_a_clock_that_jumped_while_the_guard_commanded_is_reported(monkeypatch):
     rig.follow(rig.time)
     later = time.perf_counter() + 1.0
     monkeypatch.setattr(time, 'perf_counter', lambda: later)
-    assert rig.state(after=0.5) is None
+    assert rig.state(after=0.05) is None
     rig.time -= 20 * NANO
     rig.path.hear(guard.numbers(1.0, gravity()))
     assert guard.returns == [True], 'the motion was dropped'
@@ -302,6 +303,47 @@ def test_a_timeout_drops_the_motion_and_rejects_others_until_the_next_state():
     np.testing.assert_allclose(rig.state(after=0.01), gravity(), rtol=1e-12)
     follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES, JUDGE)
     assert np.abs(rig.state(after=0.05) - gravity()).max() > 1e-3
+
+
+@pytest.mark.parametrize('make', [TorquePath, native_path])
+@pytest.mark.parametrize('looks_first', [False, True])
+def test_a_path_that_was_stopped_drops_its_motion_and_goes_on_without_zeros(
+        make, looks_first, monkeypatch):
+    rig = Rig(make, mode='computed_torque', kp=100.0, kd=20.0)
+    monkeypatch.setattr(time, 'perf_counter', lambda: rig.time / NANO)
+    pose = np.array([0.3, -0.2])
+
+    def run(q, cycles=20):
+        for _ in range(cycles):
+            rig.state(q, after=0.002)
+            rig.path.check_timeout()
+    run(pose)
+    rig.follow(rig.time, Motion.from_points([0.0, 4.0], [pose, pose + 1.0],
+                                            joint_names=ROBOT.joint_names))
+    run(pose)
+    acting = rig.commands.sent[-1]
+    # The process stops; its messages wait.
+    rig.time += NANO
+    sent = len(rig.commands.sent)
+    if looks_first:
+        rig.path.check_timeout()
+    # A stale state, then one of now, which is held.
+    assert rig.state(pose + 0.1, age=0.5) is None
+    np.testing.assert_allclose(rig.state(pose + 0.2), gravity(pose + 0.2), rtol=1e-12)
+    assert rig.path.active_motion.scheduled == (None, None)
+    assert 'no joint state' in rig.warnings
+    run(pose + 0.2)
+    assert np.all(np.any(rig.commands.sent[sent:], axis=1))
+    assert acting.any()
+    # Where no state comes after another stop, the time-out begins anew, and only once.
+    began = rig.time
+    sent = len(rig.commands.sent)
+    for pause in (1.0, 1e-4, 0.08, 0.08):
+        assert len(rig.commands.sent) == sent, (rig.time - began) / NANO
+        rig.time += round(pause * NANO)
+        rig.path.check_timeout()
+    assert len(rig.commands.sent) == sent + 1
+    assert not rig.commands.sent[-1].any()
 
 
 def test_a_motion_received_or_read_before_the_motions_were_cleared_is_rejected(
