@@ -597,7 +597,8 @@ def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings,
     moment = select(now < stamp, now, stamp)
     # Judged at its stamp, but not in the future.
     turned = np.where(turning, settings.turned, 0.0)
-    check = CheckSettings(settings.timeout, settings.compares, turned, settings.bounds)
+    check = CheckSettings(settings.timeout, settings.grace, settings.compares, turned,
+                          settings.bounds)
     result, states = judged(path.states, moment, state, check)
     heard = path.with_states(states)._replace(last_heard=moment, excused=0.0,
                                               reason=result)

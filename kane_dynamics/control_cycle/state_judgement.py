@@ -105,6 +105,9 @@ class CheckSettings(NamedTuple):
     ----------
     timeout : Scalar
         Age, ns, above which a first state confirms no other.
+    grace : Scalar
+        Time without states, ns, after which a position needs speeds that explain it, or a
+        second state.
     compares : Scalar
         Whether a first state needs a second one that agrees.
     turned : (n,) array
@@ -116,6 +119,7 @@ class CheckSettings(NamedTuple):
     """
 
     timeout: Scalar
+    grace: Scalar
     compares: Scalar
     turned: Vector
     bounds: Vector
@@ -187,14 +191,33 @@ def jumped_joints(memory: StateMemory, moment: Scalar, state: Vector, last: Vect
         moved = q[j] - q_last[j]
         is_near = within(moved, step[j] + slope[j] * elapsed, turned)
         continues = within(q[j] - memory.refused[j], step[j] + slope[j] * since, turned)
-        # The trapezoidal rule: the torque is constant while states are refused, so the
-        # acceleration nearly is.
-        predicted = 0.5 * (u_last[j] + u[j]) * elapsed
-        late = LATE_SHARE * select(predicted < 0.0, -predicted, predicted)
-        is_explained = within(moved - predicted, step[j] + late, turned)
+        is_explained = explained(moved, u_last[j] + u[j], elapsed, step[j], turned)
         stays = memory.jumped[j] * continues * (1.0 - in_grace * is_explained)
         jumped.append(either(is_near, stays, 1.0))
     return np.array(jumped)
+
+
+def explained(moved: Scalar, speeds: Scalar, elapsed: Scalar, step: Scalar,
+              turned: Scalar) -> Scalar:
+    """Return whether two measured speeds, by their sum, explain how far a joint moved."""
+    # The trapezoidal rule: the torque is constant while no state is answered, so the
+    # acceleration nearly is.
+    predicted = 0.5 * speeds * elapsed
+    late = LATE_SHARE * select(predicted < 0.0, -predicted, predicted)
+    return within(moved - predicted, step + late, turned)
+
+
+def all_explained(state: Vector, last: Vector, elapsed: Scalar, settings: CheckSettings
+                  ) -> Scalar:
+    """Return whether measured speeds explain how far each joint moved between two states."""
+    q, u = np.split(state, 2)
+    q_last, u_last = np.split(last, 2)
+    _, _, _, _, step = np.split(settings.bounds, 5)
+    every: Scalar = 1.0
+    for j, turned in enumerate(settings.turned):
+        every = every * explained(q[j] - q_last[j], u_last[j] + u[j], elapsed, step[j],
+                                  turned)
+    return every
 
 
 def within(moved: Scalar, distance: Scalar, turned: Scalar) -> Scalar:
@@ -222,6 +245,9 @@ def judged(memory: StateMemory, moment: Scalar, state: Vector, settings: CheckSe
     that agree, so that a false first state is not answered. A first state older than the
     timeout confirms no other: meanwhile the arm can have moved anywhere. `kept` makes a
     possible state the last accepted one, after its command.
+
+    After a pause, a joint may be anywhere within its speed limit. A position that the
+    measured speeds do not explain is then compared with the next one, as a first state is.
 
     Parameters
     ----------
@@ -267,6 +293,12 @@ def judged(memory: StateMemory, moment: Scalar, state: Vector, settings: CheckSe
     begun = with_state._replace(confirmed=1.0 - settings.compares)
     first = branch(is_possible, begun, judged_memory)
 
-    waits = settings.compares * (1.0 - has_earlier)
+    # After a pause, the memory begins with a state whose speeds do not explain it.
+    after_pause = memory.confirmed * flag(settings.grace < NANO * elapsed)
+    doubtful = after_pause * (1.0 - all_explained(measured, last, elapsed, settings))
+    doubtful = doubtful * settings.compares * is_possible * has_earlier
+    compared = branch(doubtful, begun, compared)
+
+    waits = settings.compares * either(doubtful, 1.0, 1.0 - has_earlier)
     possible = either(waits, float(FIRST), float(ACCEPTED))
     return either(is_possible, possible, fault), branch(has_earlier, compared, first)
