@@ -29,10 +29,11 @@ from kane_dynamics.control.trajectory_feedforward import (FilledTrajectory, MOST
                                                           PROBES)
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.jet import Jet, moving_jets, series_of, value_of
-from kane_dynamics.mechanics.elastic_inverse_dynamics import (drive_sides, driven_by,
+from kane_dynamics.mechanics.elastic_inverse_dynamics import (drive_sides,
                                                               DriveSide,
                                                               elastic_inverse_dynamics,
-                                                              ElasticLinks)
+                                                              ElasticLinks,
+                                                              torque_of_motor)
 from kane_dynamics.mechanics.elastic_joints import spring_deflection
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.drive import StiffnessCurve
@@ -186,7 +187,7 @@ class ElasticArm:
         theta = [link[0] + position, link[1] + speed, link[2] + 2.0 * half_acceleration]
         gear_torque = value_of(torque)
         load = drive.rotor_inertia * theta[2] + gear_torque
-        motor = driven_by(self.tree, side.motor, (theta[1], theta[2]), load)
+        motor = torque_of_motor(self.tree, side.motor, (theta[1], theta[2]), load)
         return np.array([*theta, motor, gear_torque])
 
     def motor_side_torque(self, q: Vector, u: Vector, desired: Matrix, kp: Vector,

@@ -23,9 +23,10 @@ from kane_dynamics.mechanics.constraints.speeds import JOINT_RATES
 from kane_dynamics.mechanics.constraints.transmission import require_transmission
 from kane_dynamics.mechanics.elastic_inverse_dynamics import (damped_step,
                                                               deflection_rates,
-                                                              drive_sides, driven_by,
+                                                              drive_sides,
                                                               elastic_inverse_dynamics,
-                                                              ElasticLinks)
+                                                              ElasticLinks,
+                                                              torque_of_motor)
 from kane_dynamics.mechanics.elastic_joints import spring_deflection
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.drive import Drive, StiffnessCurve
@@ -359,7 +360,7 @@ class ElasticFeedforward:
             _, rate, acceleration, _ = deflection_rates(drive, delta, row[:3, k])
             row[3:6, k] = link[:, k] + [delta, rate, acceleration]
             load = drive.rotor_inertia * row[5, k] + row[0, k]
-            row[6, k] = driven_by(self._tree, joint, (row[4, k], row[5, k]), load)
+            row[6, k] = torque_of_motor(self._tree, joint, (row[4, k], row[5, k]), load)
 
     @property
     def damped(self) -> bool:

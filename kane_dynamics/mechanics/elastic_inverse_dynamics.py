@@ -215,7 +215,7 @@ def elastic_inverse_dynamics(links: ElasticLinks, q: Vector, rates: Matrix,
         gear = series_of(torques[link], ORDER + 1)[0]
         acceleration = 2.0 * half_acceleration
         load = drive.rotor_inertia * acceleration + gear
-        motor_torque[link] = driven_by(tree, joint, (speed, acceleration), load)
+        motor_torque[link] = torque_of_motor(tree, joint, (speed, acceleration), load)
     theta = np.array(motor, dtype=object)
     torque_rows = [derivative(torques, order) for order in range(ORDER + 1)]
     motor_rows = [derivative(theta, order) for order in range(ORDER + 1)]
@@ -264,7 +264,7 @@ def damped_step(tree: TreeEquations, sides: Sequence[DriveSide], before: Matrix,
         _, rate, acceleration, _ = deflection_rates(drive, delta, torque)
         result[3:6, k] = link[:, k] + np.array([delta, rate, acceleration], dtype=object)
         load = drive.rotor_inertia * result[5, k] + result[0, k]
-        result[6, k] = driven_by(tree, joint, (result[4, k], result[5, k]), load)
+        result[6, k] = torque_of_motor(tree, joint, (result[4, k], result[5, k]), load)
     return result
 
 
@@ -285,8 +285,8 @@ def deflection_rates(drive: Drive, delta: Scalar, torque: Vector) -> list[Scalar
     return [x * float(math.factorial(k)) for k, x in enumerate(series)]
 
 
-def driven_by(tree: TreeEquations, joint: Joint, motion: tuple[Scalar, Scalar],
-              load: Scalar) -> Scalar:
+def torque_of_motor(tree: TreeEquations, joint: Joint, motion: tuple[Scalar, Scalar],
+                    load: Scalar) -> Scalar:
     """
     Return the torque of a motor for a load B theta'' + tau_J: with its friction, N m.
 

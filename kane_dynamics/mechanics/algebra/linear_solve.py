@@ -98,7 +98,7 @@ def _solve_blocks(left: Matrix, right: Matrix,
     X: dict[int, Row] = {}
     for rows, columns in _triangular_blocks(left, pivot_rows):
         diagonal = _part(left, rows, columns)
-        right_of_block = list(map(right.__getitem__, rows))
+        right_of_block = [right[r] for r in rows]
 
         # Unknowns of earlier blocks that the rows of this block contain.
         earlier = []
@@ -119,7 +119,7 @@ def _part(A: Matrix, rows: list[int], columns: list[int]) -> Matrix:
     """Return the submatrix of some rows and columns."""
     part = []
     for r in rows:
-        part.append(list(map(A[r].__getitem__, columns)))
+        part.append([A[r][c] for c in columns])
     return part
 
 
@@ -198,11 +198,11 @@ def _triangular_blocks(A: Matrix, pivot_rows: dict[int, int]
     # need one another are a block.
     needs: dict[int, list[int]] = {}
     for r, entries in columns.items():
-        needs[r] = list(map(owner.__getitem__, entries))
+        needs[r] = [owner[c] for c in entries]
     column_of = dict(zip(owner.values(), owner))
     blocks = []
     for rows in _components(needs):
-        own_columns = map(column_of.__getitem__, rows)
+        own_columns = [column_of[r] for r in rows]
         blocks.append((sorted(rows), sorted(own_columns)))
     return blocks
 

@@ -351,7 +351,7 @@ class Mechanism:
         self.sizes = tuple(sizes)
         self.n = len(self.free)
         self.left_out = sorted(set(range(len(labels))).difference(self.kept))
-        self.speed_names = tuple(map(self.speeds.names.__getitem__, self.free))
+        self.speed_names = tuple(self.speeds.names[r] for r in self.free)
         self._rolling = self._wheels_with_surface_rows()
         self.in_joint_speeds = (not self.labels and self.speeds.key == JOINT_RATES
                                 and self.free == list(range(model.n)))

@@ -111,7 +111,8 @@ def joint_motion(mechanism: 'Mechanism', q: Array, u: Array, udot: Array,
     return qdot, W @ (u_rate - Y_rate @ qdot - Z_rate)
 
 
-def reduced(mechanism: 'Mechanism', q: Array, force: Array, t: float = 0.0) -> Array:
+def nonholonomic_force(mechanism: 'Mechanism', q: Array, force: Array,
+                       t: float = 0.0) -> Array:
     """
     Return the nonholonomic generalized forces F~_r, (n,), from joint forces, (n_q,).
 
@@ -148,11 +149,11 @@ def inverse_dynamics(mechanism: 'Mechanism', q: Array, u: Array, udot: Array,
     if friction and carries_loads(model):
         # The loads of the drives are the torques of the motion without friction.
         active = kane.generalized_active_force(model, q, qdot, friction=False, **forces)
-        needed = -reduced(mechanism, q, active + inertia, t)
+        needed = -nonholonomic_force(mechanism, q, active + inertia, t)
         loads = motor_torques(mechanism, q, needed, t, motors)
     active = kane.generalized_active_force(model, q, qdot, friction=friction,
                                            loads=loads, **forces)
-    return -reduced(mechanism, q, active + inertia, t)
+    return -nonholonomic_force(mechanism, q, active + inertia, t)
 
 
 def motor_torques(mechanism: 'Mechanism', q: Array, tau: Array, t: float = 0.0,

@@ -63,7 +63,7 @@ class Link:
         Modal integrals of a flexible link, in the axes of the body frame.
     modes : Modes, optional
         Modes of a flexible link at one configuration; set by `flexible_modes.bent`.
-    turned : bool
+    is_ball : bool
         Whether the link is the first of a ball joint, whose rotation `posed` adds to its
         pose: its frame stays at the joint.
     rotation, translation : (3, 3), (3,) arrays
@@ -84,7 +84,7 @@ class Link:
     deflection: Deflection | None = None
     beam: Beam | None = None
     modes: Any = None
-    turned: bool = False
+    is_ball: bool = False
     rotation: Array = field(init=False)
     translation: Array = field(init=False)
     mass: Scalar = field(init=False)
@@ -176,11 +176,11 @@ def linkage(model: Model) -> tuple[Link, ...]:
         parent_turn = np.eye(4) if body.parent == WORLD else turns[body.parent]
         pose = parent_turn.T @ homogeneous(joint.rotation, joint.translation) @ C
         links.append(Link(
-            parent=body.parent, kind=joint.kind, pose=_clean(pose),
+            parent=body.parent, kind=joint.kind, pose=_snapped_pose(pose),
             coordinate=joint.coordinate, multiplier=joint.multiplier,
             offset=joint.offset, body=C.T,
             pseudo_inertia=C.T @ body.inertial.pseudo_inertia @ C,
-            deflection=joint.deflection, beam=body.beam, turned=k in model.balls))
+            deflection=joint.deflection, beam=body.beam, is_ball=k in model.balls))
     return tuple(links)
 
 
@@ -209,7 +209,7 @@ def merged(links: Sequence[Link]) -> tuple[Link, ...]:
                                 np.append(sense * bending.slope, link.multiplier),
                                 np.pad(sense * bending.curvature, (0, 1)))
         result[i] = replace(link, parent=section.parent,
-                            pose=_clean(section.pose @ link.pose),
+                            pose=_snapped_pose(section.pose @ link.pose),
                             offset=sense * section.offset + link.offset,
                             deflection=deflection)
     return tuple(result)
@@ -219,7 +219,7 @@ def _turns_about_axis_of(link: Link, section: Link) -> bool:
     """Return whether a link's joint rotates about the joint axis of its section."""
     if link.kind != 'revolute' or section.kind != 'revolute':
         return False
-    if link.turned or link.deflection is not None:
+    if link.is_ball or link.deflection is not None:
         return False
     parallel = abs(link.rotation[2, 2]) == 1.0
     return bool(parallel and not link.translation[:2].any())
@@ -250,8 +250,9 @@ def posed(links: Sequence[Link], model: Model, q: Vector,
         # The constant pose is inner @ outer, with the joint's frame after `inner`: there
         # the rotation of q is put between both.
         parent_body = np.eye(4) if link.parent == WORLD else links[link.parent].body
-        inner = _clean(parent_body @ homogeneous(joint.rotation, joint.translation))
-        outer = _clean(inverse_pose(inner) @ link.pose)
+        joint_pose = homogeneous(joint.rotation, joint.translation)
+        inner = _snapped_pose(parent_body @ joint_pose)
+        outer = _snapped_pose(inverse_pose(inner) @ link.pose)
         turned = inner[:3, :3] @ R
         rotation = turned @ outer[:3, :3]
         translation = inner[:3, 3] + turned @ outer[:3, 3]
@@ -280,7 +281,7 @@ def _moved(link: Link, G: Array) -> Link:
     """Return a link with its frame moved by the pose G, a screw about z."""
     back = inverse_pose(G)
     angle = math.atan2(G[1, 0], G[0, 0])
-    return replace(link, pose=_clean(link.pose @ homogeneous(None, G[:3, 3])),
+    return replace(link, pose=_snapped_pose(link.pose @ homogeneous(None, G[:3, 3])),
                    offset=math.remainder(link.offset + angle, 2.0 * math.pi),
                    pseudo_inertia=back @ link.pseudo_inertia @ back.T,
                    body=back @ link.body)
@@ -307,20 +308,22 @@ def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
     # Outward, so that the frame of the parent is final when a link's is chosen.
     result = list(links)
     for i, link in enumerate(links):
-        if link.kind != 'revolute' or link.turned:
+        if link.kind != 'revolute' or link.is_ball:
             continue
+        # To the common normals: with the parent's axis along z, with the child's about z.
         shift = 0.0
         angle = 0.0
         if link.parent != WORLD:
-            shift = _slide(result[i])
+            shift = _shift_to_normal(result[i])
         if i in largest:
             child = result[largest[i]]
-            angle = _turn_to_normal(child)
+            angle = _angle_to_normal(child)
             if link.parent == WORLD and child.kind == 'revolute':
-                on_normal = child.translation + _slide(child) * child.rotation[:, 2]
+                along_axis = _shift_to_normal(child) * child.rotation[:, 2]
+                on_normal = child.translation + along_axis
                 shift = float(on_normal[2])
         family = (i, *children.get(i, ()))
-        nearby = list(map(result.__getitem__, family))
+        nearby = [result[k] for k in family]
         choices = []
         for turn in (angle, 0.0):
             for rise in (shift, 0.0):
@@ -337,7 +340,7 @@ def _with_frame_moved(family: Sequence[Link], angle: float, shift: float) -> lis
     G[2, 3] = shift
     result = [_moved(family[0], G)]
     for child in family[1:]:
-        result.append(replace(child, pose=_clean(inverse_pose(G) @ child.pose)))
+        result.append(replace(child, pose=_snapped_pose(inverse_pose(G) @ child.pose)))
     return result
 
 
@@ -351,7 +354,7 @@ def _number_of_constants(links: Sequence[Link]) -> int:
     return count
 
 
-def _turn_to_normal(child: Link) -> float:
+def _angle_to_normal(child: Link) -> float:
     """Return the angle about z to the common normal with a child's joint axis."""
     # The common normal of both axes; of parallel ones, the line to the child's origin.
     z, p = child.rotation[:, 2], child.translation
@@ -370,7 +373,7 @@ def _turn_to_normal(child: Link) -> float:
     return angle
 
 
-def _slide(child: Link) -> float:
+def _shift_to_normal(child: Link) -> float:
     """Return the distance along a child's axis from its origin to the normal with z."""
     z, p = child.rotation[:, 2], child.translation
     x = np.cross(Z, z)
@@ -383,13 +386,13 @@ def _slide(child: Link) -> float:
 def _untwisted(link: Link) -> Link:
     """Move a rotation about z from a revolute link's constant pose to its offset."""
     R = link.rotation
-    if (link.kind != 'revolute' or link.turned or abs(R[0, 2]) > 1e-9
+    if (link.kind != 'revolute' or link.is_ball or abs(R[0, 2]) > 1e-9
             or math.hypot(R[0, 0], R[0, 1]) < 1e-6):
         return link
     # R = R_0 R_z(angle), where the first row of R_0 is x:
     # R_z moves through the joint's own rotation.
     angle = math.atan2(-R[0, 1], R[0, 0])
-    return replace(link, pose=_clean(link.pose @ about_z(-angle)),
+    return replace(link, pose=_snapped_pose(link.pose @ about_z(-angle)),
                    offset=math.remainder(link.offset + angle, 2.0 * math.pi))
 
 
@@ -437,7 +440,7 @@ def _align_with_com(link: Link) -> Link:
     return _moved(link, about_z(angle))
 
 
-def _clean(pose: Array) -> Array:
+def _snapped_pose(pose: Array) -> Array:
     """Return a pose with rounding errors of zeros and ones removed."""
     translation = np.where(np.abs(pose[:3, 3]) < SNAP, 0.0, pose[:3, 3])
     return homogeneous(snapped(pose[:3, :3]), translation)
