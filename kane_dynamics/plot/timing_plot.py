@@ -29,7 +29,7 @@ def plot_timing(timing: TimeOptimal, path: Path | None = None, *,
     t = timing.motion.times
     names = timing.joint_names
     limits = list(timing.uses)
-    with styled(12.0, 1.3 + 1.2 * len(names), title, path) as figure:
+    with styled(12.0, 1.3 + 1.55 * len(names), title, path) as figure:
         panels = figure.subplots(len(names), len(limits), sharex=True, sharey=True,
                                  squeeze=False)
         # A panel for each limit of each joint, in percent of the limit.

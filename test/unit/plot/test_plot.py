@@ -2,6 +2,7 @@
 
 import copy
 from functools import cache
+from itertools import pairwise
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -227,6 +228,33 @@ def test_titles_name_the_robot_unless_another_is_given():
     for what in ('sources', 'energy', 'reactions', 'phase'):
         assert DRAWINGS[what]().get_suptitle().startswith(f'{name}: ')
     assert plot_torque_by_source(arm(), pushed_arm(), title='x').get_suptitle() == 'x'
+
+
+@pytest.mark.parametrize('plot', ['timing', 'demand', 'tracking', 'replay'])
+def test_joint_names_beside_the_rows_do_not_touch(plot):
+    """Those of Universal Robots' arms are long."""
+    names = ('shoulder_pan_joint', 'shoulder_lift_joint', 'elbow_joint', 'wrist_1_joint',
+             'wrist_2_joint', 'wrist_3_joint')
+    rows = np.tile(Q, 2)
+    limits = SimpleNamespace(effort=np.full(6, 5.0), velocity=np.full(6, 2.0))
+    named = {
+        'timing': lambda: plot_timing(SimpleNamespace(
+            motion=TIMING.motion, joint_names=names, active=(),
+            uses={'effort': np.abs(rows), 'velocity': np.abs(rows)})),
+        'demand': lambda: plot_demand(SimpleNamespace(
+            t=T, u=rows, tau=rows, power=rows, joint_names=names, limits=limits,
+            power_limit=np.full(6, np.inf))),
+        'tracking': lambda: plot_tracking({'PD': (T, rows, 0.9 * rows)}, names),
+        'replay': lambda: plot_replay(T, rows, 0.9 * rows, names)}
+    figure = named[plot]()
+    figure.draw_without_rendering()
+    places = []
+    for axes in figure.axes:
+        if axes.get_ylabel().startswith(names):
+            places.append(axes.yaxis.label.get_window_extent())
+    assert len(places) == len(names)
+    for above, below in pairwise(places):
+        assert above.y0 > below.y1 + 5.0  # pixels
 
 
 def test_limits_of_torque_and_speed_are_drawn_where_a_joint_comes_near():
