@@ -14,6 +14,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 FOLLOWED = 0.5  # of its travel: a joint with a larger error did not follow
+ROUNDING = 1e-12  # rad or m
 STILL = 1e-3  # rad or m: travel of a joint that rests, and the error with which it does
 
 
@@ -64,9 +65,10 @@ def did_not_follow(travel: Array, largest_error: Array) -> Array:
 def print_tracking(tracking: Any) -> None:
     """Print how far the arm was from the motion."""
     print(f'{tracking.states} joint states during the motion; rad or m')
+    # The polynomial of a joint that rests is constant to rounding.
+    travel = np.where(tracking.travel < ROUNDING, 0.0, tracking.travel)
     print_table(['joint', 'travel', 'largest error'],
-                zip(tracking.joint_names, tracking.travel, tracking.largest_error,
-                    strict=True))
+                zip(tracking.joint_names, travel, tracking.largest_error, strict=True))
     print(f'largest error: {1e3 * tracking.largest_error.max():.2g} mrad or mm')
 
 

@@ -1,6 +1,8 @@
 """`kane-dynamics send` says which joints did not follow the motion."""
 
-from kane_dynamics.cli.commands.send_command import did_not_follow
+from types import SimpleNamespace
+
+from kane_dynamics.cli.commands.send_command import did_not_follow, print_tracking
 import numpy as np
 
 
@@ -11,3 +13,12 @@ def test_a_joint_that_rests_follows_unless_it_moves():
     largest_error = np.array([1e-4, 0.2, 0.0, 4e-5, 0.05])
     lost = did_not_follow(travel, largest_error)
     assert lost.tolist() == [False, True, False, False, True]
+
+
+def test_the_travel_of_a_joint_that_rests_is_zero(capsys):
+    print_tracking(SimpleNamespace(states=100, joint_names=('a', 'b'),
+                                   travel=np.array([0.3, 9e-16]),
+                                   largest_error=np.array([1e-4, 2e-5])))
+    _, _, moved, rests, _ = capsys.readouterr().out.splitlines()
+    assert moved.split() == ['a', '0.3', '0.0001']
+    assert rests.split() == ['b', '0', '2e-05']
