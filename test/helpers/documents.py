@@ -142,6 +142,9 @@ def run_console(text, folder):
             with suppress(ProcessLookupError):  # what a command left in the background
                 os.killpg(shell.pid, signal.SIGKILL)
     assert shell.returncode == 0, f'{text}\ngave {shell.returncode}:\n{output}'
+    # Progress that only a slow machine reports.
+    output = re.sub(r'^kane-dynamics: compil(?:ing|ed) .*\n', '', output,
+                    flags=re.MULTILINE)
     answers = output.split(f'{MARK}\n')[1:]
     for (command, shown), answer in zip(commands, answers, strict=True):
         if shown.strip():
