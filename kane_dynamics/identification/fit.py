@@ -14,12 +14,14 @@ from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.friction_laws import (block_flags, Blocks,
                                                         CandidateErrors, chosen_laws,
                                                         clearly_smaller, COLUMNS,
-                                                        COULOMB, fit_laws, fit_sliding,
-                                                        FrictionLaw, largest_supported,
+                                                        costs_others, COULOMB, fit_laws,
+                                                        fit_sliding, FrictionLaw,
+                                                        largest_supported,
                                                         law_equations, law_error,
-                                                        LAW_NAMES, law_rows, LawFit,
-                                                        LawRows, LAWS, moving_rms,
-                                                        phases, Prior, without_harm)
+                                                        LAW_NAMES, law_of_arm, law_rows,
+                                                        LawFit, LawRows, LAWS,
+                                                        moving_rms, phases, Prior,
+                                                        without_harm)
 from kane_dynamics.identification.physical_consistency import physical
 from kane_dynamics.identification.recordings.diagnosis import diagnose
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
@@ -540,8 +542,14 @@ def _selected(rows_of_fit: LawRows, blocks: list[Flags], start: LawFit, prior: P
         errors.append(every)
         candidates[law.name] = CandidateErrors(_root_mean_square(every),
                                                _root_mean_square(moving))
-    laws = chosen_laws(errors, _loaded(rows_of_fit, prior.model))
-    return without_harm(laws, errors), candidates
+    loaded = _loaded(rows_of_fit, prior.model)
+    laws = without_harm(chosen_laws(errors, loaded), errors)
+    # Loads of single joints are judged as they are fitted: their bodies are those of all.
+    if any(law.load for law in laws) and not law_of_arm(errors).load:
+        mixed = Blocks(rows_of_fit, blocks, fit_laws(rows_of_fit, laws, start, prior))
+        if costs_others(laws, mixed.errors(prior)[0], errors[0]):
+            laws = without_harm(chosen_laws(errors, np.zeros_like(loaded)), errors)
+    return laws, candidates
 
 
 def _left_out_errors(rows_of_fit: LawRows, blocks: list[Flags], law: FrictionLaw,
