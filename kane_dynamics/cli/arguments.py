@@ -357,7 +357,7 @@ def _collision_thresholds(sub: ArgumentParser) -> None:
     sub.add_argument('-o', '--out', metavar='YAML',
                      help='write a parameter file for the node')
     # The calibration needs unfiltered torques, so that the recording is read as it is.
-    sub.set_defaults(cutoff=None, resample=None)
+    sub.set_defaults(derive_speeds=False, cutoff=None, resample=None)
 
 
 def _feasible(sub: ArgumentParser) -> None:
@@ -510,6 +510,9 @@ def _add_recording(parser: ArgumentParser) -> None:
                         help='CSV or npz file, or a ROS 2 bag')
     parser.add_argument('--topic',
                         help='topic of joint states in a bag (default: the only one)')
+    parser.add_argument('--derive-speeds', action='store_true',
+                        help='derive speeds and accelerations from q, also where they '
+                             'are recorded')
     parser.add_argument('--cutoff', type=float, metavar='HZ',
                         help='filter q, tau and measured u without delay; differentiate '
                              'the rest')

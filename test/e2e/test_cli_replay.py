@@ -155,3 +155,19 @@ def test_joints_that_are_locked_and_move_in_the_recording_are_named(tmp_path, re
                        'joint1', '--cutoff', '8')
         assert ('are elsewhere' in done.stderr) == warned
         assert done.returncode == 0, done.stderr
+
+
+def test_speeds_are_derived_from_the_positions_on_request(tmp_path, recording):
+    path = tmp_path / 'run.npz'
+    late = np.roll(recording.u, 15, axis=0)
+    np.savez(path, t=recording.t, q=recording.q, u=late, tau=recording.tau)
+    errors = {}
+    for option in ((), ('--derive-speeds',)):
+        done = command('replay', str(URDF), str(path), '--json', '--cutoff', '10',
+                       *option)
+        data = json.loads(done.stdout)
+        named = any('after the changes of the positions' in remark
+                    for remark in data['remarks'])
+        assert named == (not option)
+        errors[option] = max(data['rms_error'])
+    assert errors['--derive-speeds',] < 0.2 * errors[()]

@@ -121,6 +121,8 @@ def recorded(options: Namespace, model: Model,
     if numbered is not None:
         locked = [joint for joint in numbered if joint not in model.joint_names]
         _warn_locked(options.recording, locked)
+    if options.derive_speeds:
+        recording = recording.with_derived_speeds()
     if options.resample is not None:
         recording = recording.resampled(options.resample)
     # Filters need equal times; the user learns what was done.
@@ -387,6 +389,7 @@ def _identify_drives(options: Namespace) -> None:
     _refuse_unused(options, '--drives')
     # Options of other fits would be ignored, so that they are refused.
     others = {'--payload': options.payload, '--base-parameters': options.base_parameters,
+              '--derive-speeds': options.derive_speeds,
               '--cutoff': options.cutoff, '--resample': options.resample,
               '--topic': options.topic, '--plot': options.plot,
               '--efforts': options.efforts}

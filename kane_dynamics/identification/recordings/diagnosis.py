@@ -268,7 +268,8 @@ def _late_speeds(model: Model, recording: Recording) -> Iterator[RecordingFault]
         yield RecordingFault(
             'remark', f'speeds of {_named(model, np.flatnonzero(late))} come {span} {side} '
             'the changes of the positions, as those of a filter do; expected none of this '
-            'delay: without columns of speeds they are derived from the positions')
+            'delay, or speeds that are derived from the positions (--derive-speeds, '
+            'Recording.with_derived_speeds)')
 
 
 def _speed_delay(recording: Recording, j: int) -> float:

@@ -82,6 +82,12 @@ class Recording:
             columns[name] = getattr(self, name)[chosen]
         return replace(self, **columns)
 
+    def with_derived_speeds(self) -> 'Recording':
+        """Return the recording with differences of q in place of measured u and udot."""
+        u = np.gradient(self.q, self.t, axis=0)
+        udot = np.gradient(u, self.t, axis=0)
+        return replace(self, u=u, udot=udot, derived=('u', 'udot'))
+
     @property
     def uneven(self) -> bool:
         """Return whether the steps of time differ by more than 2 % from their mean."""

@@ -343,3 +343,11 @@ def test_a_sign_that_all_joints_have_and_one_has_twice_is_that_of_the_others():
     reversed_joints = set(re.findall(r"'(\w+)'", ' '.join(words)))
     assert reversed_joints == set(model().joint_names) - {'shoulder_lift_joint'}
     assert all('have the opposite sign' in finding for finding in words)
+
+
+def test_speeds_that_are_derived_from_the_positions_are_not_late():
+    behind = late(good_recording(), slice(None))
+    derived = behind.with_derived_speeds()
+    assert derived.derived == ('u', 'udot')
+    np.testing.assert_allclose(derived.u[5:-5], good_recording().u[5:-5], atol=5e-3)
+    assert diagnose(model(), derived.filtered(10.0)) == []
