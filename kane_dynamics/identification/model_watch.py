@@ -10,21 +10,25 @@ known direction to it:
     torque constant   the torque of a joint
     delay             the rate of the torque, of one joint or of all
 
-times a size, which is fitted by least squares, one cause at a time. The model's own
-errors have sizes too: those of a sound recording, the reference, are subtracted; or the
-residuals themselves, if the motion is the same, so that the errors of the model cancel.
-The standard error is that of the sizes of blocks of rows (jackknife), since residuals of
+times a size, which is fitted by least squares, one cause at a time. Friction that reverses
+is a step, so that delays of up to 50 ms are tried: the squares have their minimum at the
+delay. The model's own errors have sizes too: those of a sound recording, the reference,
+are subtracted; or the residuals themselves, if the motion is the same, so that the errors
+of the model cancel. The standard error is that of the sizes of blocks of rows (jackknife), since residuals of
 neighboring rows are alike. Rows in which a joint rests say nothing of it, because static
-friction is unknown.
+friction is unknown. Noise of the motion is in the residual and in the directions: in the
+same motion, the directions are those of the mean of both recordings, whose noise has no
+correlation with the difference of the residuals.
 
 A cause is an alarm if its size is beyond the quantile of Student's distribution for the
 stated rate of false alarms, divided among all causes (Bonferroni). Of several, the one
 that explains most of the residuals, relative to those of the reference, is named first;
-the others are judged on what it leaves.
+the others are judged on what it leaves. What is small beside a torque that has been named
+(5 %) is an error of its law, and no cause.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from kane_dynamics._util.attribute_hints import hinting
@@ -35,6 +39,7 @@ from kane_dynamics.identification.friction_laws import moving_rms
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.regression import rms, STANDSTILL
 from kane_dynamics.identification.solvers import on_one_processor, scientific
+from kane_dynamics.mechanics.friction import load_slope
 from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
@@ -45,7 +50,10 @@ FEWEST_ROWS = 10 * BLOCKS
 SAME_MOTION = 0.01  # RMS distance of positions, relative to the range of each joint
 MOST_ALARMS = 3  # that are named, one after the other
 ROUNDING = 1e-9  # of the torque: a smaller residual has no cause
+UNCERTAIN = 0.05  # of the torque of a cause: its law is not exact
 LEAST_SIZE = 1e-4  # relative, of a change of friction or of a torque constant
+LONGEST_DELAY = 0.05  # s, but two rows at least
+MOST_DELAYS = 20  # that are tried, either way
 ALL_JOINTS = 'all joints'
 
 
@@ -131,6 +139,42 @@ class _Cause(NamedTuple):
     directions: Array
 
 
+class _DelayScores(NamedTuple):
+    """
+    Derivatives of squared residuals by delays of the torques, which vanish at the delay.
+
+    Residuals are not linear in a delay, because friction reverses. Noise of the torques
+    would make them look shorter in a linear fit; it has no correlation with its own rate.
+
+    delays : (k,) array
+        s.
+    of_blocks, squares : (blocks, k, n) and (k, n) arrays
+        Derivatives of each block of rows, and squared residuals.
+    """
+
+    delays: Array
+    of_blocks: Array
+    squares: Array
+
+    def delay(self, joints: Flags) -> CauseSizes:
+        """Return the delay of some joints; without any its jackknifed sizes are infinite."""
+        of_blocks = self.of_blocks[..., joints].sum(axis=-1)
+        total = of_blocks.sum(axis=0)
+        squares = self.squares[:, joints].sum(axis=-1)
+        # Minima of the squares: their derivative crosses zero. Several: the least.
+        crossings = np.flatnonzero((total[:-1] <= 0.0) & (total[1:] > 0.0))
+        if not len(crossings):
+            return CauseSizes(np.zeros(1), np.full((BLOCKS, 1), np.nan))
+        near = squares[crossings] + squares[crossings + 1]
+        k = int(crossings[np.argmin(near)])
+        # A straight line between two delays, of all blocks and of all but one.
+        before = np.append(total[k], total[k] - of_blocks[:, k])
+        after = np.append(total[k + 1], total[k + 1] - of_blocks[:, k + 1])
+        slope = (after - before) / (self.delays[k + 1] - self.delays[k])
+        delays = self.delays[k] - before / np.where(slope > 0.0, slope, np.nan)
+        return CauseSizes(delays[:1], delays[1:, None])
+
+
 @hinting
 class ModelWatch:
     """
@@ -167,10 +211,11 @@ class ModelWatch:
         # Of each cause: its sizes in the reference, or None if the reference lacks the
         # motion that would show it.
         self._sound: list[CauseSizes | None] = []
+        residual = self._residual * moving
+        scores = self._delay_scores(reference, residual)
         for cause in _causes(self._robot, reference):
             shown = cause.directions.any()
-            self._sound.append(self._sizes(cause.directions, self._residual * moving)
-                               if shown else None)
+            self._sound.append(self._sizes(cause, residual, scores) if shown else None)
         self._quantile = self._largest_ratio(len(self._sound))
 
     @on_one_processor
@@ -187,23 +232,29 @@ class ModelWatch:
         robot = self._robot
         _require_rows(robot.model, recording)
         residual = _residual(robot, recording)
-        causes = _causes(robot, recording)
         sound: list[CauseSizes | None] | None = self._sound
         remaining = residual
+        motion = recording
         if _same_motion(recording, self._reference):
-            # The errors of the model cancel.
+            # The errors of the model cancel. Noise of the motion is in the residual, too:
+            # it has no correlation with that of the mean motion.
             remaining = residual - self._residual
+            motion = _mean_motion(recording, self._reference)
             sound = None
+        causes = _causes(robot, motion)
         remaining = remaining * _moving(recording)
 
         # The largest cause is taken away, and the others are judged again.
         alarms: list[ModelChange] = []
+        named = np.zeros_like(remaining)
         for _ in range(MOST_ALARMS):
-            change, torque = self._largest(causes, sound, remaining)
+            change, torque = self._largest(recording, causes, sound, remaining, named,
+                                           alarms)
             if change is None:
                 break
             alarms.append(change)
             remaining = remaining - torque
+            named = named + torque
         return WatchReport(robot.joint_names, rms(residual), rms(self._residual),
                            tuple(alarms))
 
@@ -215,16 +266,24 @@ class ModelWatch:
         share = self._rate / (2.0 * causes)
         return float(scientific('scipy.stats').t.ppf(1.0 - share, freedom))
 
-    def _largest(self, causes: Sequence[_Cause], sound: Sequence[CauseSizes | None] | None,
-                 residual: Array) -> tuple[ModelChange | None, Array]:
-        """Return the significant cause that explains most, and its torque."""
+    def _largest(self, recording: Recording, causes: Sequence[_Cause],
+                 sound: Sequence[CauseSizes | None] | None, residual: Array, named: Array,
+                 alarms: Sequence[ModelChange]) -> tuple[ModelChange | None, Array]:
+        """
+        Return the significant cause that explains most, and its torque.
+
+        It is none of the alarms, and more than what `named`, their torque, may be wrong by.
+        """
         largest: ModelChange | None = None
         torque = np.zeros_like(residual)
         most_explained = -np.inf
         # A cause counts if its size is beyond its own error, and that of the sound arm.
         whole = max(float(np.sum((residual / self._sigma)**2)), 1e-300)
+        scores = self._delay_scores(recording, residual)
         for k, cause in enumerate(causes):
-            change, jackknifed = self._sizes(cause.directions, residual)
+            if any(_repeats(cause, alarm) for alarm in alarms):
+                continue
+            change, jackknifed = self._sizes(cause, residual, scores)
             deviation = _spread(jackknifed)
             if sound is not None:
                 of_sound = sound[k]
@@ -233,9 +292,11 @@ class ModelWatch:
                 change = change - of_sound.all_rows
                 deviation = np.hypot(deviation, _spread(of_sound.without_blocks))
             least = max(self._quantile * float(deviation[0]), _floor(cause.name, self._sigma))
-            if abs(change[0]) <= least:
+            if not abs(change[0]) > least:  # NaN: no delay fits
                 continue
-            of_cause = cause.directions @ change
+            of_cause = _added_torque(recording, cause, change)
+            if (rms(of_cause) <= UNCERTAIN * rms(named)).all():
+                continue
             # Causes of like directions all have a size. That which explains more of the
             # residual goes first; the sound arm's own error may even make it less than 0.
             left = float(np.sum(((residual - of_cause) / self._sigma)**2))
@@ -247,8 +308,33 @@ class ModelWatch:
                                       float(deviation[0]), max(explained / whole, 0.0))
         return largest, torque
 
-    def _sizes(self, directions: Array, residual: Array) -> CauseSizes:
+    def _delay_scores(self, recording: Recording, residual: Array) -> '_DelayScores':
+        """Return the derivatives of squared residuals by delays of the torques."""
+        t = recording.t
+        step = float(np.median(np.diff(t)))
+        # Whole rows, so that noise is not averaged.
+        distance = step * max(1, round(LONGEST_DELAY / (step * MOST_DELAYS)))
+        count = max(round(LONGEST_DELAY / distance), 2)
+        delays = np.linspace(-count * distance, count * distance, 2 * count + 1)
+        moving = _moving(recording)
+        of_blocks = np.zeros((BLOCKS, len(delays), residual.shape[1]))
+        squares = np.zeros(of_blocks.shape[1:])
+        for k, delay in enumerate(delays):
+            # The rate of the torque that belongs to the motion, if it is so late.
+            on_time = _on_time(recording, delay)
+            rate = np.where(moving, np.gradient(on_time, t, axis=0), 0.0)
+            left = residual + np.where(moving, on_time - recording.tau, 0.0)
+            squares[k] = np.sum(left**2, axis=0) / self._sigma**2
+            products = rate * left / self._sigma**2
+            for block, rows in enumerate(np.array_split(products, BLOCKS)):
+                of_blocks[block, k] = rows.sum(axis=0)
+        return _DelayScores(delays, of_blocks, squares)
+
+    def _sizes(self, cause: _Cause, residual: Array, scores: '_DelayScores') -> CauseSizes:
         """Return the sizes of a cause that fit a residual best."""
+        directions = cause.directions
+        if cause.name == 'delay':
+            return scores.delay(np.asarray(directions.any(axis=(0, 2))))
         weighted = directions / self._sigma[:, None]
         target = residual / self._sigma
         count = directions.shape[2]
@@ -280,6 +366,14 @@ def _residual(robot: Robot, recording: Recording) -> Array:
     return np.asarray(recording.tau - computed)
 
 
+def _mean_motion(recording: Recording, other: Recording) -> Recording:
+    """Return the mean of two recordings of the same motion, with the torques of the first."""
+    columns = {}
+    for name in ('q', 'u', 'udot'):
+        columns[name] = 0.5 * (getattr(recording, name) + getattr(other, name))
+    return replace(recording, **columns)
+
+
 def _moving(recording: Recording) -> Flags:
     """Return where a joint moves, (N, n)."""
     return np.asarray(np.abs(recording.u) > STANDSTILL)
@@ -302,10 +396,13 @@ def _causes(robot: Robot, recording: Recording) -> list[_Cause]:
     offsets = np.array([joint.friction_offset for joint in robot.model.coordinate_joints])
     terms = robot.torque_terms(q, u, udot)
     friction = terms[:, TORQUE_TERMS.index('friction')] - offsets
-    rate = np.gradient(torque, recording.t, axis=0)
+    rate = np.gradient(recording.tau, recording.t, axis=0)
     moving = _moving(recording)
     causes = []
-    Y = robot.regressor(q, u, udot) * moving[..., None]
+    # A payload is a load on the drives, too, and increases their friction.
+    load = torque - terms[:, TORQUE_TERMS.index('friction')]
+    drives = 1.0 + _load_slopes(robot, u, load)
+    Y = robot.regressor(q, u, udot) * (drives * moving)[..., None]
     parents = {body.parent for body in robot.model.bodies}
     for k, body in enumerate(robot.model.bodies):
         if k not in parents - {WORLD}:
@@ -321,6 +418,37 @@ def _causes(robot: Robot, recording: Recording) -> list[_Cause]:
             directions[:, j, 0] = column * moving[:, j]
             causes.append(_Cause(cause, name, directions))
     return causes
+
+
+def _load_slopes(robot: Robot, u: Array, load: Array) -> Array:
+    """Return the derivative of friction by the loads on the drives, (N, n)."""
+    slopes = np.zeros_like(load)
+    for j, joint in enumerate(robot.model.coordinate_joints):
+        slopes[:, j] = load_slope(joint, u[:, j], load[:, j])
+    return slopes
+
+
+def _repeats(cause: _Cause, alarm: ModelChange) -> bool:
+    """Return whether an alarm has named a cause; a common delay is one of each joint."""
+    if cause.name != alarm.cause:
+        return False
+    common = cause.name == 'delay' and ALL_JOINTS in (cause.joint, alarm.joint)
+    return common or cause.joint == alarm.joint
+
+
+def _added_torque(recording: Recording, cause: _Cause, size: Array) -> Array:
+    """Return the torque that a cause of a size adds, (N, n)."""
+    if cause.name != 'delay':
+        return np.asarray(cause.directions @ size)
+    late = recording.tau - _on_time(recording, float(size[0]))
+    delayed = cause.directions.any(axis=(0, 2))
+    return np.where(_moving(recording) & delayed, late, 0.0)
+
+
+def _on_time(recording: Recording, delay: float) -> Array:
+    """Return the measured torques that belong to the motion if they are late, (N, n)."""
+    t = recording.t
+    return np.column_stack([np.interp(t + delay, t, tau) for tau in recording.tau.T])
 
 
 def _floor(cause: str, sigma: Array) -> float:

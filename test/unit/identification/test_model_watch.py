@@ -6,9 +6,10 @@ from pathlib import Path
 
 from kane_dynamics import InputError, load_urdf, Robot
 from kane_dynamics.identification import ModelWatch, read_recording, Recording
+from kane_dynamics.model.model import Inertial, with_payload
 import numpy as np
 import pytest
-from recordings import present, quiet, real, simulated
+from recordings import exciting, present, quiet, real, simulated
 
 URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'ur10e.urdf'
 REAL = {'panda': ('panda_unisa.csv', 'fer_hand.urdf', 7),
@@ -137,6 +138,56 @@ def test_false_alarms_of_other_motions_are_at_most_the_stated_rate():
         other_recording = drifting(model, 1.3, rng)
         alarms += bool(ModelWatch(model, sound).report(other_recording).alarms)
     assert alarms <= 8  # 3 are expected at most; 9 or more have a probability of 0.4 %
+
+
+def with_gears(model):
+    """Return the model with friction that grows with the load, as gears have it."""
+    bodies = []
+    for body in model.bodies:
+        joint = replace(body.joint, damping=8.0, friction=6.0, friction_speed=0.005,
+                        load_friction=0.06, load_friction_backdriven=0.06)
+        bodies.append(replace(body, joint=joint))
+    return replace(model, bodies=tuple(bodies))
+
+
+def measured(model, noise_seed, delay=0.0, motion_seed=3):
+    """Return a motion measured 200 times a second, with noise of speeds and torques."""
+    t, q, u, udot = exciting(model.n, motion_seed, duration=12.0, rate=1000.0)
+    tau = Robot(model).inverse_dynamics(q, u, udot)
+    rows = np.arange(100, len(t) - 100, 5)
+    rng = np.random.default_rng(noise_seed)
+    q_rows = q[rows]
+    u_rows = u[rows] + 1e-3 * rng.normal(size=q_rows.shape)
+    tau_rows = tau[rows - round(1000.0 * delay)] + 0.2 * rng.normal(size=q_rows.shape)
+    udot_rows = np.gradient(u_rows, t[rows], axis=0)
+    return Recording(t[rows], q_rows, u_rows, udot_rows, tau_rows)
+
+
+@pytest.mark.parametrize('delay', [0.006, pytest.param(0.01, marks=pytest.mark.slow),
+                                   pytest.param(-0.004, marks=pytest.mark.slow)])
+def test_a_common_delay_is_one_alarm_with_its_size(delay):
+    model = with_gears(load_urdf(URDF))
+    watch = ModelWatch(model, measured(model, 1))
+    alarm, = watch.report(measured(model, 2, delay)).alarms
+    assert (alarm.cause, alarm.joint) == ('delay', 'all joints')
+    assert abs(alarm.size - delay) < 3.0 * alarm.deviation < 0.001
+
+
+def test_a_payload_is_one_alarm_though_it_increases_load_friction():
+    model = with_gears(load_urdf(URDF))
+    watch = ModelWatch(model, measured(model, 1))
+    payload = Inertial(2.0, (0.0, 0.0, 0.05), np.zeros((3, 3)))
+    loaded = with_payload(model, model.bodies[-1].name, payload)
+    alarm, = watch.report(measured(loaded, 2)).alarms
+    assert (alarm.cause, alarm.joint) == ('payload', model.bodies[-1].name)
+    assert alarm.size == pytest.approx(2.0, abs=3.0 * alarm.deviation)
+
+
+def test_noise_of_the_motion_is_no_alarm_in_a_motion_that_is_repeated():
+    model = with_gears(load_urdf(URDF))
+    watch = ModelWatch(model, measured(model, 1))
+    for noise_seed in (2, 3, 4):
+        assert watch.report(measured(model, noise_seed)).alarms == ()
 
 
 def test_other_motion_shows_a_large_change_and_no_false_one():
