@@ -504,7 +504,7 @@ class ModelBuilder:
         masters = {body.joint.name: body.joint for index, body in enumerate(self._bodies)
                    if body.joint.deflection is None and body.joint.multiplier
                    and not is_ball_part(index, self._balls)}
-        if mimic not in masters:
+        if not isinstance(mimic, str) or mimic not in masters:
             raise ModelError(f'{what}: mimic: {mimic!r}; expected one of '
                              f'{listing(masters)}')
         ratio = float(constant(multiplier, (), f'{what}: multiplier'))

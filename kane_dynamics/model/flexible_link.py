@@ -8,12 +8,12 @@ import math
 from typing import Any, Literal
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics._util.checks import constant
+from kane_dynamics._util.checks import constant, real_numbers
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 from kane_dynamics.model.beam import Beam, Deflection
 from kane_dynamics.model.inertial import Inertial
-from kane_dynamics.model.mode_shapes import Bending, gauss, Shapes, Torsion
+from kane_dynamics.model.mode_shapes import Bending, gauss, MOST_MODES, Shapes, Torsion
 import numpy as np
 
 Kind = Literal['revolute', 'prismatic']
@@ -112,15 +112,14 @@ class FlexibleLink:
             if value < 0.0 or (value == 0.0 and not may_be_zero):
                 sign = 'nonnegative' if may_be_zero else 'positive'
                 raise ModelError(f'{what}: {key} {value:g}; expected a {sign} number')
-        # One number stands for both planes.
-        stiffness = np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), (2,))
-        modes = np.broadcast_to(np.asarray(self.modes), (2,))
-        if modes.dtype.kind not in 'iu' or modes.min() < 0:
+        modes = _of_both_planes(self.modes)
+        is_integer = np.asarray(modes).dtype.kind in 'iu'
+        if not is_integer or modes.min() < 0 or modes.max() > MOST_MODES:
             raise ModelError(f'{what}: modes {self.modes!r}; expected one or two '
-                             'numbers of modes, 0 or more')
+                             f'numbers of modes, 0 to {MOST_MODES}')
         # A plane without modes needs no stiffness.
-        used = stiffness[modes > 0]
-        if not (np.isfinite(stiffness).all() and used.min(initial=1.0) > 0.0):
+        stiffness = _of_both_planes(self.stiffness)
+        if stiffness is None or stiffness[modes > 0].min(initial=1.0) <= 0.0:
             raise ModelError(f'{what}: stiffness {self.stiffness!r}; expected positive '
                              'EI')
         torsion = self.torsion or Torsion(1.0, 0.0, 0)
@@ -140,6 +139,17 @@ class FlexibleLink:
         e = e / np.linalg.norm(e)
         side = side / np.linalg.norm(side)
         return np.array([e, np.cross(side, e), side])
+
+
+def _of_both_planes(value: Any) -> Any:
+    """Return one or two finite numbers as (2,), None for anything else."""
+    try:
+        real_numbers(value)
+        pair = np.broadcast_to(np.asarray(value), (2,))
+    except (TypeError, ValueError):
+        return None
+    is_number = pair.dtype.kind in 'iuf' and np.isfinite(pair).all()
+    return pair if is_number else None
 
 
 class AssumedModes:

@@ -14,6 +14,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 import numpy as np
 
+MOST_MODES = 32  # in a direction, or of torsion: more take minutes to prepare
 Shapes = tuple[Array, Array, Array]  # phi, phi' and phi'', (k, len(x)) each
 Function = Callable[[Array], Shapes]
 
@@ -128,9 +129,9 @@ class Torsion:
         # bool is an int in Python, but no count.
         count = self.modes
         is_integer = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
-        if not is_integer or count < 0:
+        if not is_integer or not 0 <= count <= MOST_MODES:
             raise ModelError(f'{what}: torsion: modes {count!r}; expected an integer, 0 '
-                             'or more')
+                             f'to {MOST_MODES}')
         for key, value in numbers.items():
             may_be_zero = key == 'tip_inertia'
             # A body at the tip is optional; without modes, stiffness and inertia have no

@@ -90,6 +90,8 @@ def test_constraints_of_a_mapping_act_on_the_robot():
      'second: 3; expected a name'),
     ('constraints: {pin: {closure: {first: a, second: b, kind: glued}}}',
      "kind: 'glued'"),
+    ('constraints: {pin: {closure: {first: a, second: b, kind: [weld]}}}',
+     "kind: ['weld']; expected one of weld"),
     ('constraints: {pin: {closure: {first: a, second: b, axis: [0, 0]}}}', 'axis'),
     ('constraints: {g: {coupling: {joint: a, ratios: {b: true}}}}',
      "ratio of 'b': True"),
@@ -108,6 +110,11 @@ def test_an_invalid_entry_of_a_constraint_file_is_named(tmp_path, text, words):
     with pytest.raises(ConstraintError) as caught:
         load_constraints(path)
     assert words in str(caught.value)
+
+
+def test_frames_of_a_closure_are_names():
+    with pytest.raises(ConstraintError, match=r"second: \['b'\]; expected the name"):
+        Closure('a', ['b'])
 
 
 def test_a_file_that_is_not_there_is_named():

@@ -164,6 +164,7 @@ def built_model(*steps):
     ('body', ('b', 'a', 'glued'), {}, "kind 'glued'; expected one of revolute, .*fixed"),
     ('body', ('b', 'a', 'fixed'), {'damping': 1.0}, 'damping of a fixed joint'),
     ('body', ('b', 'a'), {'mimic': 'c'}, "mimic: 'c'; expected one of a"),
+    ('body', ('b', 'a'), {'mimic': ['a']}, r"mimic: \['a'\]; expected one of a"),
     ('body', ('b', 'a', 'floating'), {'mimic': 'a'}, "a floating joint mimics 'a'"),
     ('body', ('b', 'a'), {'mimic': 'a', 'multiplier': 0.0}, 'multiplier: 0'),
     ('body', ('b', 'a'), {'multiplier': 2.0}, 'without mimic'),

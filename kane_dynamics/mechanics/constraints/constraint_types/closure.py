@@ -102,7 +102,11 @@ class Closure:
         """Check the arguments and normalise the axes."""
         freeze(self, 'name', self.name or f'closure of {self.first} and {self.second}')
         what = f"constraint '{self.name}'"
-        if self.kind not in ROWS:
+        for key in ('first', 'second'):
+            if not isinstance(getattr(self, key), str):
+                raise ConstraintError(f'{what}: {key}: {getattr(self, key)!r}; expected '
+                                      'the name of a frame')
+        if not isinstance(self.kind, str) or self.kind not in ROWS:
             raise ConstraintError(f'{what}: kind: {self.kind!r}; expected one of '
                                   f'{", ".join(ROWS)}')
         freeze(self, 'axis', unit(self.axis, f'{what}: axis'))
