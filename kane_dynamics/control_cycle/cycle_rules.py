@@ -38,8 +38,9 @@ import numpy as np
 NO_REQUEST = -1.0  # to torque_guard
 # Why a motion was dropped last.
 NOT_DROPPED, BY_CLOCK, BY_TIMEOUT, BY_REFUSAL, BY_GUARD, BY_LOOPS, BY_STALL = range(7)
-# Of state_timeout, without a look at the clock: longer than any period of these looks.
+# Of state_timeout, without a look at the clock: longer than the period of these looks.
 STALL = 0.5
+SHORTEST_STALL = 0.02 * NANO  # whatever the timeout is; longer than ordinary delays
 
 
 class PathState(NamedTuple):
@@ -68,8 +69,8 @@ class PathState(NamedTuple):
     looked_at : Scalar
         Steady time of the last look at the clock, `elapse`; 0: none yet.
     excused : Scalar
-        Whether the silence since the last state in time has begun anew after a stop of the
-        process: it does so once.
+        Whether the silence has begun anew after a stop of the process, since the last
+        command: it does so once.
     refusing, refused_since, fault : Scalar
         Whether and since when states are refused; whether for longer than the grace.
     timed_out, commanding : Scalar
@@ -491,7 +492,8 @@ def _silent(path: PathState, now: Scalar, settings: CycleSettings) -> PathState:
 def _stall(path: PathState, event: Event, settings: CycleSettings) -> Scalar:
     """Return for how long a process that commands was stopped until now, ns; mostly 0."""
     gap = event.steady - path.looked_at
-    is_long = flag(STALL * settings.timeout < gap) * flag(path.looked_at > 0.0)
+    is_long = flag(STALL * settings.timeout < gap) * flag(SHORTEST_STALL < gap)
+    is_long = is_long * flag(path.looked_at > 0.0)
     counts = is_long * path.commanding * (1.0 - path.excused)
     return either(counts, gap, 0.0)
 
@@ -600,8 +602,7 @@ def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings,
     check = CheckSettings(settings.timeout, settings.grace, settings.compares, turned,
                           settings.bounds)
     result, states = judged(path.states, moment, state, check)
-    heard = path.with_states(states)._replace(last_heard=moment, excused=0.0,
-                                              reason=result)
+    heard = path.with_states(states)._replace(last_heard=moment, reason=result)
     return branch(in_time, heard, path._replace(reason=reason))
 
 
@@ -662,8 +663,8 @@ def answered(path: PathState, event: Event, state: Vector, torque: Vector,
     # Faults end with a command, and its stamp is that of the last one.
     return _kept(path_then, stamp_kept, state)._replace(
         reason=float(ACCEPTED), publish=1.0, sent_at=stamp, last_stamp=stamp_kept,
-        refusing=0.0, fault=0.0, stop_began=NEVER, timed_out=0.0, commanding=1.0,
-        commanded_at=event.steady, limit_known=1.0,
+        refusing=0.0, fault=0.0, stop_began=NEVER, timed_out=0.0, excused=0.0,
+        commanding=1.0, commanded_at=event.steady, limit_known=1.0,
         limit_stamp=stamp, tau=tau, last=tau, clamped=_differ(clamped, blended),
         rate_limited=_differ(tau, clamped), law_known=1.0)
 
