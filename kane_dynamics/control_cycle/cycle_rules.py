@@ -69,7 +69,7 @@ class PathState(NamedTuple):
     looked_at : Scalar
         Steady time of the last look at the clock, `elapse`; 0: none yet.
     excused : Scalar
-        Whether the silence has begun anew after a stop of the process, since the last
+        Whether the silence has begun again after a stop of the process, since the last
         command: it does so once.
     refusing, refused_since, fault : Scalar
         Whether and since when states are refused; whether for longer than the grace.
@@ -460,7 +460,7 @@ def elapse(path: PathState, event: Event, settings: CycleSettings,
     """
     Command zeros, once, if the last state in time has timed out, or if asked to.
 
-    States may wait in the queue of a process that was stopped: the time begins anew then.
+    States may wait in the queue of a process that was stopped: the time begins again then.
     `decide` says whether the node may command zeros at a steady time.
     """
     now = event.now
@@ -492,7 +492,7 @@ def _silent(path: PathState, now: Scalar, settings: CycleSettings) -> PathState:
 def _stall(path: PathState, event: Event, settings: CycleSettings) -> Scalar:
     """Return for how long a process that commands was stopped until now, ns; mostly 0."""
     gap = event.steady - path.looked_at
-    is_long = flag(STALL * settings.timeout < gap) * flag(SHORTEST_STALL < gap)
+    is_long = flag(STALL * settings.timeout < gap) * flag(gap > SHORTEST_STALL)
     is_long = is_long * flag(path.looked_at > 0.0)
     counts = is_long * path.commanding * (1.0 - path.excused)
     return either(counts, gap, 0.0)

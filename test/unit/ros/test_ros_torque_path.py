@@ -335,7 +335,7 @@ def test_a_path_that_was_stopped_drops_its_motion_and_goes_on_without_zeros(
     run(pose + 0.2)
     assert np.all(np.any(rig.commands.sent[sent:], axis=1))
     assert acting.any()
-    # Where no state comes after another stop, the time-out begins anew, and only once.
+    # Where no state comes after another stop, the time-out begins again, and only once.
     began = rig.time
     sent = len(rig.commands.sent)
     for pause in (1.0, 1e-4, 0.08, 0.08):
