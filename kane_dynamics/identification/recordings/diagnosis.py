@@ -47,6 +47,8 @@ EFFORT_UNITS = ((1e3, 'mN m'), (1e2, 'N cm'), (1e-3, 'kN m'))
 LARGE_UNITS = 1e3, 1e2, 10.0  # of efforts beyond limits
 OFFSET = math.log(1.0 / 0.6)  # needed fall of the logarithm of errors, of a torque offset
 ENCODER_OFFSET = 1.0  # needed fall, of all joints; wrong masses cause up to 0.7
+BESIDE_BODIES = 0.3  # fall beside fitted bodies that no wrong inertials cause
+OF_BODIES = 0.5  # smallest fall relative to that of fitted bodies, of an encoder offset
 LEAST_OFFSET = 0.05  # rad, of an encoder
 LEAST_TORQUE_OFFSET = 0.02  # of the effort limit
 ASYMMETRY = 0.5  # of the Coulomb friction, that is no offset of the sensor
@@ -682,9 +684,53 @@ def _encoder_offsets(robot: Robot, r: Recording, errors: Array) -> Iterator[_Rep
             q = shifted.q.copy()
             q[:, j] += step
             shifted = replace(shifted, q=q)
-        if LEAST_OFFSET < abs(total) < 1.0:
+        if not LEAST_OFFSET < abs(total) < 1.0:
+            continue
+        fall = float(np.log(errors / _errors(robot, shifted)).sum())
+        if fall > ENCODER_OFFSET and not _bodies_explain(robot, r, shifted, errors, fall):
             yield _Repair(f'positions of {{}} have an offset of about {-total:.2g} rad or m', (j,),
                           shifted, ENCODER_OFFSET)
+
+
+def _bodies_explain(robot: Robot, r: Recording, shifted: Recording, errors: Array,
+                    fall: float) -> bool:
+    """
+    Return whether wrong inertial parameters explain residuals better than an offset does.
+
+    Torques of a tool that is not mounted, or of wrong centers of mass, look like those of
+    an arm whose wrist has an offset. Fitted bodies are many unknowns and explain offsets
+    too, if joints move little. So they are the better explanation only where the offset
+    explains nothing beside them, and less than half of what they do.
+    """
+    if robot.model.flexible:  # beams have no regressor
+        return False
+    of_bodies = _errors_with_bodies(robot, r, errors)
+    beside = np.log(of_bodies / _errors_with_bodies(robot, shifted, errors)).sum()
+    by_bodies = np.log(errors / of_bodies).sum()
+    return bool(beside < BESIDE_BODIES and fall < OF_BODIES * by_bodies)
+
+
+def _errors_with_bodies(robot: Robot, r: Recording, errors: Array) -> Array:
+    """Return the RMS of each joint's residual with fitted bodies and friction, (n,)."""
+    Y = robot.regressor(r.q, r.u, r.udot)
+    rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
+    count, n, inertial = Y.shape
+    equations = []
+    for j in range(n):
+        friction = _friction_columns(r, j)
+        width = friction.shape[1]
+        of_joint = np.zeros((count, inertial + width * n + 1))
+        of_joint[:, :inertial] = Y[:, j]
+        of_joint[:, inertial + width * j:inertial + width * (j + 1)] = friction
+        of_joint[:, -1] = r.tau[:, j] - rigid[:, j]
+        equations.append(of_joint / errors[j])
+    columns = np.vstack(equations)
+    size = np.linalg.norm(columns[:, :-1], axis=0)
+    size[size == 0.0] = 1.0
+    solution = scientific('scipy.linalg').lstsq(columns[:, :-1] / size, columns[:, -1],
+                                                cond=RANK, lapack_driver='gelsy')
+    residual = columns[:, -1] - columns[:, :-1] @ (solution[0] / size)
+    return np.asarray(errors * np.sqrt(np.mean(residual.reshape(n, count)**2, axis=1)))
 
 
 def _encoder_step(robot: Robot, r: Recording, errors: Array, j: int) -> float:

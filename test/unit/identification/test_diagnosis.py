@@ -297,6 +297,21 @@ def test_good_recording_of_an_arm_with_friction_and_other_masses_is_not_remarked
     assert diagnose(model(), simulated(truth, seed, 0.5, duration=10.0)) == []
 
 
+@pytest.mark.parametrize('seed', [2, 7, 8, 10])
+def test_wrong_centers_of_mass_are_no_offset_of_positions(seed):
+    # Wrists with them have torques like those of an offset of 0.06 to 0.4 rad.
+    truth = load_urdf(FR3, joints=list(FR3_FRICTION),
+                      supplement={'joints': FR3_FRICTION})
+    rng = np.random.default_rng(seed)
+
+    def wrong(inertial):
+        mass = inertial.mass * rng.uniform(0.7, 1.4)
+        com = inertial.com + rng.uniform(-0.03, 0.03, 3)
+        return replace(inertial, mass=mass, com=com)
+    r = simulated(with_inertials(truth, wrong), seed, 0.05, duration=20.0, speed=1.5)
+    assert diagnose(load_urdf(FR3, joints=list(FR3_FRICTION)), r) == []
+
+
 def test_identify_refuses_what_replay_remarks_on_and_both_what_cannot_be(
         tmp_path, capsys):
     def saved(name, r):
