@@ -73,10 +73,10 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
     if os.fspath(source).endswith(SUFFIX):
         return expand_xacro(source)
     try:
-        text = _decode(Path(source).read_bytes())
+        path = f'source: {_short_path(os.fspath(source))}'
+        text = _decode(Path(source).read_bytes(), path)
         if not text.strip():
-            raise UrdfError(f'source: {_short_path(os.fspath(source))}: an empty file; '
-                            'expected a URDF')
+            raise UrdfError(f'{path}: an empty file; expected a URDF')
         return text
     except (OSError, TypeError, ValueError) as error:
         if isinstance(error, UrdfError):
@@ -159,17 +159,17 @@ def rebuilt(root: Element, tags: dict[str, tuple[str, ...]]) -> bytes:
     return text
 
 
-def _decode(data: bytes) -> str:
-    """Decode XML bytes by byte order mark, declared encoding, or UTF-8."""
+def _decode(data: bytes, what: str = 'XML') -> str:
+    """Decode XML bytes by byte order mark, declared encoding, or UTF-8; `what` names them."""
     name = _encoding(data)
     of_a_mark = name == 'utf-8-sig' or re.fullmatch(r'utf-(16|32)-[bl]e', name)
     if not of_a_mark and not ENCODINGS.fullmatch(name):
-        raise UrdfError(f"XML: encoding '{name}'; expected UTF-8, UTF-16, UTF-32, "
+        raise UrdfError(f"{what}: encoding '{name}'; expected UTF-8, UTF-16, UTF-32, "
                         'US-ASCII, ISO-8859-x or windows-125x')
     try:
         return data.decode(name)
     except (UnicodeError, LookupError) as error:
-        raise UrdfError(f'XML: not {name} text: {error}; expected XML in its declared '
+        raise UrdfError(f'{what}: not {name} text: {error}; expected XML in its declared '
                         'encoding, or UTF-8') from None
 
 

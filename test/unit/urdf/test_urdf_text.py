@@ -76,6 +76,13 @@ def test_an_empty_file_is_named(tmp_path):
         load_urdf(path)
 
 
+def test_a_file_that_is_no_text_is_named(tmp_path):
+    path = tmp_path / 'arm.urdf'
+    path.write_bytes(b'<robot name="\xff"/>')
+    with pytest.raises(UrdfError, match=r"source: '.*arm\.urdf': not utf-8 text: "):
+        load_urdf(path)
+
+
 BOMB = ('<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>'
         '<robot name="&b;"><link name="a"/></robot>')
 DECLARATIONS = {
