@@ -66,8 +66,9 @@ class PathState(NamedTuple):
     last_now, last_heard, last_stamp : Scalar
         The clock of the last cycle; time and stamp of the last state in time, and of
         the last accepted one.
-    looked_at : Scalar
-        Steady time of the last look at the clock, `elapse`; 0: none yet.
+    looked_at, last_look : Scalar
+        Steady time of the last look at the clock, `elapse`, 0: none yet; and the clock then,
+        which may be simulated.
     excused : Scalar
         Whether the silence has begun again after a stop of the process, since the last
         command: it does so once.
@@ -127,6 +128,7 @@ class PathState(NamedTuple):
     last_heard: Scalar
     last_stamp: Scalar
     looked_at: Scalar
+    last_look: Scalar
     excused: Scalar
     refusing: Scalar
     refused_since: Scalar
@@ -471,7 +473,7 @@ def elapse(path: PathState, event: Event, settings: CycleSettings,
     late = select(path.silences < settings.silences, 1.0, late)
     stalled = _stalled(path, event, settings) * (1.0 - late)
     path = changed_if(stalled, path, partial(_after_stall, now=now))
-    path = path._replace(looked_at=event.steady)
+    path = path._replace(looked_at=event.steady, last_look=now)
 
     # torque_guard may hold the arm by now; after its answer, the next look decides.
     def asked(path: PathState) -> PathState:
@@ -491,7 +493,10 @@ def _silent(path: PathState, now: Scalar, settings: CycleSettings) -> PathState:
 
 def _stall(path: PathState, event: Event, settings: CycleSettings) -> Scalar:
     """Return for how long a process that commands was stopped until now, ns; mostly 0."""
-    gap = event.steady - path.looked_at
+    # A simulated clock may be slow, and with it the looks.
+    steady_gap = event.steady - path.looked_at
+    gap = event.now - path.last_look
+    gap = select(gap < steady_gap, gap, steady_gap)
     is_long = flag(STALL * settings.timeout < gap) * flag(gap > SHORTEST_STALL)
     is_long = is_long * flag(path.looked_at > 0.0)
     counts = is_long * path.commanding * (1.0 - path.excused)

@@ -19,7 +19,7 @@ from kane_dynamics.ros.guard.node_watch import NodeWatch
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings, per_joint
 from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader
 from kane_dynamics.ros.torque_path.path_controller import rate_limit
-from kane_dynamics.ros.torque_path.path_memory import LOOKED_AT
+from kane_dynamics.ros.torque_path.path_memory import LAST_LOOK, LOOKED_AT
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
 from rclpy.publisher import Publisher
@@ -214,6 +214,7 @@ class GuardPath(TorquePath):
         # After a stall of its own, states and torques may be in the queue.
         self.watch.tick(now)
         self._memory.array[LOOKED_AT] = now * NANO
+        self._memory.array[LAST_LOOK] = self._now() - self._epoch
         if self.watch.acting:
             super().check_timeout()
             # The loss of liveliness began a takeover, and no valid state came since.

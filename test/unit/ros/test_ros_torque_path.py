@@ -335,6 +335,17 @@ def test_a_path_that_was_stopped_drops_its_motion_and_goes_on_without_zeros(
     run(pose + 0.2)
     assert np.all(np.any(rig.commands.sent[sent:], axis=1))
     assert acting.any()
+    # A slow simulated clock is no stop: looks are as far apart as it says.
+    real = [1e9]
+    with monkeypatch.context() as slow:
+        slow.setattr(time, 'perf_counter', lambda: real[0])
+        rig.path.check_timeout()
+        for _ in range(8):
+            real[0] += 0.4
+            rig.time += NANO // 50
+            rig.path.check_timeout()
+        assert not rig.commands.sent[-1].any()
+    run(pose + 0.2)
     # Where no state comes after another stop, the time-out begins again, and only once.
     began = rig.time
     sent = len(rig.commands.sent)
