@@ -41,6 +41,7 @@ NOISE = 0.3  # largest fraction of accelerations that are used unfiltered
 LONGEST = 0.2  # s, either way
 MOST_LAGS = 81
 MOST_ROWS = 1500  # used rows, evenly distributed
+INTERRUPTION = 5.0  # steps of time
 NEAR, WIDE = 0.01, 0.03  # s, of the minimum: where sums of squares are fitted by parabolas
 BLOCKS = 8  # of consecutive rows, for the jackknife
 FRICTION_SPEEDS = (0.005, 0.02, 0.1)  # rad/s or m/s
@@ -104,6 +105,7 @@ class TorqueDelays:
 def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
     """Return the delays of the torques of a recording; noisy accelerations are filtered first."""
     check_recording(model, recording)
+    measured = recording.t
     recording = smoothed(recording)
     if recording.uneven:
         recording = recording.resampled()
@@ -119,6 +121,10 @@ def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
         # Rows whose torques exist for every lag.
         inner = np.arange(longest, len(recording) - longest,
                           max(1, len(recording) // MOST_ROWS))
+        # Rows that were interpolated over an interruption are no measurement.
+        uninterrupted = ~_interrupted(recording.t[inner], measured)
+        if 2 * np.count_nonzero(uninterrupted) >= len(inner):
+            inner = inner[uninterrupted]
         robot = Robot(model, friction=False)
         q, u, udot = recording.q[inner], recording.u[inner], recording.udot[inner]
         Y = robot.regressor(q, u, udot)
@@ -200,6 +206,16 @@ def _fits(lags: Array, torques: Array, driven: Array, rigid: Array, u: Array,
     load_friction = [load * coulomb(u, speed) for speed in LOAD_FRICTION_SPEEDS]
     A = np.column_stack([A, u * np.abs(u), *load_friction, presliding])
     return plain, _minimum(lags, _residuals(A, torques))
+
+
+def _interrupted(t: Array, measured: Array) -> Flags:
+    """Return where torques of some lag are at an interruption of the measured times, (N,)."""
+    steps = np.diff(measured)
+    after = np.flatnonzero(steps > INTERRUPTION * np.median(steps))
+    interrupted = np.zeros(len(t), dtype=bool)
+    for k in after:
+        interrupted |= (t > measured[k] - LONGEST) & (t < measured[k + 1] + LONGEST)
+    return interrupted
 
 
 def smoothed(recording: Recording) -> Recording:

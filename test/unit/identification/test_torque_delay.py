@@ -134,6 +134,18 @@ def test_friction_of_gears_is_no_delay_and_hides_none(seed):
     assert abs(delays.common - delay) < max(2.0 * delays.common_deviation, 0.0005)
 
 
+def test_interruptions_do_not_hide_a_delay():
+    model, r = recorded('noisy')
+    with_delay = late(r, 0.01)
+    # Messages of 0.3 s are lost, three times.
+    lost = np.zeros(len(with_delay), dtype=bool)
+    for begin in (200, 450, 700):
+        lost[begin:begin + 30] = True
+    delays = torque_delays(model, with_delay.rows(~lost))
+    assert delays.delayed and not delays.different.any()
+    assert abs(delays.common - 0.01) < 3.0 * delays.common_deviation < 0.003
+
+
 def test_joints_that_contradict_each_other_widen_the_deviation_of_their_delay():
     alike = _common(np.array([0.01, 0.01, 0.01]), np.full(3, 0.002))
     different = _common(np.array([0.006, 0.01, 0.014]), np.full(3, 0.002))
