@@ -10,21 +10,21 @@ known direction to it:
     torque constant   the torque of a joint
     delay             the rate of the torque, of one joint or of all
 
-times a size, which is fitted by least squares, one cause at a time. Friction that reverses
-is a step, so that delays of up to 50 ms are tried: the squares have their minimum at the
-delay. The model's own errors have sizes too: those of a sound recording, the reference,
-are subtracted; or the residuals themselves, if the motion is the same, so that the errors
-of the model cancel. The standard error is that of the sizes of blocks of rows (jackknife), since residuals of
-neighboring rows are alike. Rows in which a joint rests say nothing of it, because static
-friction is unknown. Noise of the motion is in the residual and in the directions: in the
-same motion, the directions are those of the mean of both recordings, whose noise has no
-correlation with the difference of the residuals.
+times a size, which is fitted by least squares, one cause at a time. Friction that
+reverses is a step, so that delays of up to 50 ms are tried: the squares have their
+minimum at the delay. The model's own errors have sizes too: those of a sound recording,
+the reference, are subtracted; or the residuals themselves, if the motion is the same, so
+that the errors of the model cancel. The standard error is that of the sizes of blocks of
+rows (jackknife), since residuals of neighboring rows are alike. Rows in which a joint
+rests say nothing of it, because static friction is unknown. Noise of the motion is in the
+residual and in the directions: in the same motion, the directions are those of the mean
+of both recordings, whose noise has no correlation with the difference of the residuals.
 
 A cause is an alarm if its size is beyond the quantile of Student's distribution for the
 stated rate of false alarms, divided among all causes (Bonferroni). Of several, the one
 that explains most of the residuals, relative to those of the reference, is named first;
-the others are judged on what it leaves. What is small beside a torque that has been named
-(5 %) is an error of its law, and no cause.
+the others are judged on what it leaves. What is small beside the torque of an alarm at the
+same joints (5 %) is an error of its law, and no cause.
 """
 
 from collections.abc import Sequence
@@ -52,8 +52,10 @@ MOST_ALARMS = 3  # that are named, one after the other
 ROUNDING = 1e-9  # of the torque: a smaller residual has no cause
 UNCERTAIN = 0.05  # of the torque of a cause: its law is not exact
 LEAST_SIZE = 1e-4  # relative, of a change of friction or of a torque constant
+INFORMED = 2.0  # standard errors of the correlation of measured and computed rates
 LONGEST_DELAY = 0.05  # s, but two rows at least
 MOST_DELAYS = 20  # that are tried, either way
+SMOOTHED = 0.05  # s, of accelerations in the rate of the model's torque
 ALL_JOINTS = 'all joints'
 
 
@@ -148,31 +150,45 @@ class _DelayScores(NamedTuple):
 
     delays : (k,) array
         s.
-    of_blocks, squares : (blocks, k, n) and (k, n) arrays
-        Derivatives of each block of rows, and squared residuals.
+    of_blocks, information : (blocks, k, n) arrays
+        Derivatives of each block of rows, and products of the rates of the measured and
+        the model's torques, to which noise does not contribute.
+    squares : (k, n) array
+        Squared residuals.
     """
 
     delays: Array
     of_blocks: Array
+    information: Array
     squares: Array
 
     def delay(self, joints: Flags) -> CauseSizes:
-        """Return the delay of some joints; without any its jackknifed sizes are infinite."""
+        """Return the delay of some joints; without any its jackknifed sizes are NaN."""
         of_blocks = self.of_blocks[..., joints].sum(axis=-1)
         total = of_blocks.sum(axis=0)
         squares = self.squares[:, joints].sum(axis=-1)
         # Minima of the squares: their derivative crosses zero. Several: the least.
         crossings = np.flatnonzero((total[:-1] <= 0.0) & (total[1:] > 0.0))
+        unknown = CauseSizes(np.zeros(1), np.full((BLOCKS, 1), np.nan))
         if not len(crossings):
-            return CauseSizes(np.zeros(1), np.full((BLOCKS, 1), np.nan))
+            return unknown
         near = squares[crossings] + squares[crossings + 1]
         k = int(crossings[np.argmin(near)])
-        # A straight line between two delays, of all blocks and of all but one.
-        before = np.append(total[k], total[k] - of_blocks[:, k])
-        after = np.append(total[k + 1], total[k + 1] - of_blocks[:, k + 1])
-        slope = (after - before) / (self.delays[k + 1] - self.delays[k])
-        delays = self.delays[k] - before / np.where(slope > 0.0, slope, np.nan)
-        return CauseSizes(delays[:1], delays[1:, None])
+        # A straight line between two delays.
+        share = -total[k] / (total[k + 1] - total[k])
+        distance = self.delays[k + 1] - self.delays[k]
+        delay = self.delays[k] + share * distance
+        # Noise has minima anywhere: torques that move together show a delay.
+        of_rates = self.information[..., joints].sum(axis=-1)
+        products = (1.0 - share) * of_rates[:, k] + share * of_rates[:, k + 1]
+        information = float(products.sum())
+        if information <= INFORMED * np.sqrt(BLOCKS) * products.std(ddof=1):
+            return unknown
+        # Without a block, the derivative changes by that of the block.
+        changes = (1.0 - share) * of_blocks[:, k] + share * of_blocks[:, k + 1]
+        slope = min((total[k + 1] - total[k]) / distance, information)
+        without_blocks = delay + changes[:, None] / slope
+        return CauseSizes(np.array([delay]), without_blocks)
 
 
 @hinting
@@ -212,8 +228,9 @@ class ModelWatch:
         # motion that would show it.
         self._sound: list[CauseSizes | None] = []
         residual = self._residual * moving
-        scores = self._delay_scores(reference, residual)
-        for cause in _causes(self._robot, reference):
+        causes = _causes(self._robot, reference)
+        scores = self._delay_scores(reference, causes, residual)
+        for cause in causes:
             shown = cause.directions.any()
             self._sound.append(self._sizes(cause, residual, scores) if shown else None)
         self._quantile = self._largest_ratio(len(self._sound))
@@ -279,7 +296,7 @@ class ModelWatch:
         most_explained = -np.inf
         # A cause counts if its size is beyond its own error, and that of the sound arm.
         whole = max(float(np.sum((residual / self._sigma)**2)), 1e-300)
-        scores = self._delay_scores(recording, residual)
+        scores = self._delay_scores(recording, causes, residual)
         for k, cause in enumerate(causes):
             if any(_repeats(cause, alarm) for alarm in alarms):
                 continue
@@ -295,7 +312,8 @@ class ModelWatch:
             if not abs(change[0]) > least:  # NaN: no delay fits
                 continue
             of_cause = _added_torque(recording, cause, change)
-            if (rms(of_cause) <= UNCERTAIN * rms(named)).all():
+            joints = of_cause.any(axis=0) / self._sigma
+            if np.linalg.norm(of_cause * joints) <= UNCERTAIN * np.linalg.norm(named * joints):
                 continue
             # Causes of like directions all have a size. That which explains more of the
             # residual goes first; the sound arm's own error may even make it less than 0.
@@ -308,7 +326,8 @@ class ModelWatch:
                                       float(deviation[0]), max(explained / whole, 0.0))
         return largest, torque
 
-    def _delay_scores(self, recording: Recording, residual: Array) -> '_DelayScores':
+    def _delay_scores(self, recording: Recording, causes: Sequence[_Cause],
+                      residual: Array) -> '_DelayScores':
         """Return the derivatives of squared residuals by delays of the torques."""
         t = recording.t
         step = float(np.median(np.diff(t)))
@@ -317,18 +336,24 @@ class ModelWatch:
         count = max(round(LONGEST_DELAY / distance), 2)
         delays = np.linspace(-count * distance, count * distance, 2 * count + 1)
         moving = _moving(recording)
-        of_blocks = np.zeros((BLOCKS, len(delays), residual.shape[1]))
-        squares = np.zeros(of_blocks.shape[1:])
+        rate_of_model = np.zeros_like(residual)
+        for cause in causes:
+            if (cause.name, cause.joint) == ('delay', ALL_JOINTS):
+                rate_of_model = -cause.directions[..., 0]
+        of_blocks: Array = np.zeros((BLOCKS, len(delays), residual.shape[1]))
+        information: Array = np.zeros_like(of_blocks)
+        squares = np.zeros((len(delays), residual.shape[1]))
         for k, delay in enumerate(delays):
             # The rate of the torque that belongs to the motion, if it is so late.
             on_time = _on_time(recording, delay)
             rate = np.where(moving, np.gradient(on_time, t, axis=0), 0.0)
             left = residual + np.where(moving, on_time - recording.tau, 0.0)
             squares[k] = np.sum(left**2, axis=0) / self._sigma**2
-            products = rate * left / self._sigma**2
-            for block, rows in enumerate(np.array_split(products, BLOCKS)):
-                of_blocks[block, k] = rows.sum(axis=0)
-        return _DelayScores(delays, of_blocks, squares)
+            weighted = rate / self._sigma**2
+            for block, rows in enumerate(np.array_split(np.arange(len(t)), BLOCKS)):
+                of_blocks[block, k] = np.sum(weighted[rows] * left[rows], axis=0)
+                information[block, k] = np.sum(weighted[rows] * rate_of_model[rows], axis=0)
+        return _DelayScores(delays, of_blocks, information, squares)
 
     def _sizes(self, cause: _Cause, residual: Array, scores: '_DelayScores') -> CauseSizes:
         """Return the sizes of a cause that fit a residual best."""
@@ -338,7 +363,7 @@ class ModelWatch:
         weighted = directions / self._sigma[:, None]
         target = residual / self._sigma
         count = directions.shape[2]
-        information = np.zeros((BLOCKS, count, count))
+        information: Array = np.zeros((BLOCKS, count, count))
         products = np.zeros((BLOCKS, count))
         for k, rows in enumerate(np.array_split(np.arange(len(residual)), BLOCKS)):
             # All rows and joints of a block below each other.
@@ -396,7 +421,8 @@ def _causes(robot: Robot, recording: Recording) -> list[_Cause]:
     offsets = np.array([joint.friction_offset for joint in robot.model.coordinate_joints])
     terms = robot.torque_terms(q, u, udot)
     friction = terms[:, TORQUE_TERMS.index('friction')] - offsets
-    rate = np.gradient(recording.tau, recording.t, axis=0)
+    smooth = robot.inverse_dynamics(q, u, _without_noise(udot, recording.t))
+    rate = np.gradient(smooth, recording.t, axis=0)
     moving = _moving(recording)
     causes = []
     # A payload is a load on the drives, too, and increases their friction.
@@ -418,6 +444,13 @@ def _causes(robot: Robot, recording: Recording) -> list[_Cause]:
             directions[:, j, 0] = column * moving[:, j]
             causes.append(_Cause(cause, name, directions))
     return causes
+
+
+def _without_noise(udot: Array, t: Array) -> Array:
+    """Return the means of accelerations over a short time, (N, n)."""
+    width = 2 * round(0.5 * SMOOTHED / float(np.median(np.diff(t)))) + 1
+    mean = scientific('scipy.ndimage').uniform_filter1d
+    return np.asarray(mean(udot, width, axis=0, mode='nearest'))
 
 
 def _load_slopes(robot: Robot, u: Array, load: Array) -> Array:
