@@ -303,7 +303,7 @@ def _speed_delay(recording: Recording, j: int) -> float:
     best = int(np.argmin(errors))
     # The error of the speeds must be large, and the delay explain most of it.
     at_once = errors[most]
-    if at_once < SPEED_ERROR * size or errors[best] > CLEARLY * at_once:
+    if at_once <= SPEED_ERROR * size or errors[best] > CLEARLY * at_once:
         return 0.0
     return float(delays[best])
 
@@ -347,7 +347,9 @@ def _signals(model: Model,
                  f'{sound.t[first_row]:.4g} s: a spike or a lost message')
         joints_by_fault.setdefault(fault, []).append(int(j))
     # A channel that measures nothing is a fault of all rows, which includes that of some.
-    idle = idle_efforts(sound)
+    # At constant speed, without friction and weight, a sound one has little to measure.
+    rigid = Robot(model, friction=False).inverse_dynamics(sound.q, sound.u, sound.udot)
+    idle: Flags = idle_efforts(sound) & ~idle_efforts(replace(sound, tau=rigid))
     if idle.any():
         joints_by_fault['efforts of {} stay near one value while the joint moves both ways; '
                         'expected efforts that follow the motion: are they measured?'
@@ -365,10 +367,7 @@ def _signals(model: Model,
     dead: Flags = np.asarray(frozen.all(axis=0) | idle)
     sound_rows: Flags = ~np.asarray((frozen & ~dead).any(axis=1))
     sound = sound.rows(sound_rows)
-    if dead.any():
-        rigid = Robot(model, friction=False).inverse_dynamics(sound.q, sound.u,
-                                                              sound.udot)
-        sound = replace(sound, tau=np.where(dead, rigid, sound.tau))
+    sound = replace(sound, tau=np.where(dead, rigid[sound_rows], sound.tau))
     faults = []
     for fault, joints in joints_by_fault.items():
         faults.append(RecordingFault('wrong', fault.format(_named(model, joints))))

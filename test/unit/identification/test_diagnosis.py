@@ -8,7 +8,7 @@ import re
 
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics.cli import main
-from kane_dynamics.identification import diagnose, read_recording
+from kane_dynamics.identification import diagnose, read_recording, Recording
 from mechanisms import with_inertials
 import numpy as np
 import pytest
@@ -118,6 +118,7 @@ JOINT_FAULTS = {
     'reversed speeds': (lambda r, j: changed(r, 'u', j, lambda u: -u),
                         'negative derivative')}
 FR3 = URDF.with_name('fr3.urdf')
+TWO_LINK = URDF.with_name('two_link.urdf')
 FR3_FRICTION = dict(zip([f'fr3_joint{k}' for k in range(1, 8)], [
     {'damping': d, 'friction': mu, 'armature': 0.1, 'friction_offset': offset}
     for d, mu, offset in ((.5, .6, .2), (.5, .7, -.2), (.4, .5, .2), (.4, .6, .1),
@@ -366,3 +367,31 @@ def test_speeds_that_are_derived_from_the_positions_are_not_late():
     assert derived.derived == ('u', 'udot')
     np.testing.assert_allclose(derived.u[5:-5], good_recording().u[5:-5], atol=5e-3)
     assert diagnose(model(), derived.filtered(10.0)) == []
+
+
+def test_speeds_of_a_joint_that_rests_in_the_longest_stretch_are_not_late():
+    r = interruption(good_recording(), start=1.0)
+    later = r.t > 1.5
+    rests = replace(
+        r, q=np.where(later[:, None], r.q[later][0], r.q),
+        u=np.where(later[:, None], 0.0, r.u))
+    words = [finding.words for finding in diagnose(model(), rests)]
+    assert not any(finding.startswith('speeds of') for finding in words), words
+
+
+def test_efforts_of_short_accelerations_alone_are_not_idle():
+    # Without gravity and friction, a joint at constant speed needs no torque.
+    weightless = replace(load_urdf(TWO_LINK), gravity=np.zeros(3))
+    t = np.arange(0.0, 20.0, 0.01)
+    phase = np.outer(t, [0.9, 1.3])
+    u = 0.5 * np.tanh(30.0 * np.sin(phase))
+    q = 0.01 * np.cumsum(u, axis=0)
+    udot = np.gradient(u, t, axis=0)
+    tau = Robot(weightless).inverse_dynamics(q, u, udot)
+    assert diagnose(weightless, Recording(t, q, u, udot, tau)) == []
+    tau[:, 1] = np.where(np.arange(len(t)) % 10, 0.0, 1e-3 * tau[:, 0])
+    with_weight = load_urdf(TWO_LINK)
+    tau[:, 0] = Robot(with_weight).inverse_dynamics(q, u, udot)[:, 0]
+    findings = diagnose(with_weight, Recording(t, q, u, udot, tau))
+    words = [finding.words for finding in findings]
+    assert any("'joint2' stay near one value" in finding for finding in words), words
