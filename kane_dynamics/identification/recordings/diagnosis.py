@@ -132,9 +132,12 @@ def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
     # Faults of single signals first; the torques are judged without them.
     elif not faults:
         sound, signals = _signals(model, recording)
+        # Beside late speeds, torques seem to come early.
+        late_speeds = list(_late_speeds(model, recording))
         faults += signals
-        faults += _torques(model, sound, gravity_added, has_signal_faults=bool(signals))
-        faults += _late_speeds(model, recording)
+        faults += _torques(model, sound, gravity_added,
+                           has_signal_faults=bool(signals or late_speeds))
+        faults += late_speeds
     faults += _interruptions(recording)
 
     # Remarks do not refuse a recording.

@@ -395,3 +395,9 @@ def test_efforts_of_short_accelerations_alone_are_not_idle():
     findings = diagnose(with_weight, Recording(t, q, u, udot, tau))
     words = [finding.words for finding in findings]
     assert any("'joint2' stay near one value" in finding for finding in words), words
+
+
+def test_late_speeds_are_not_torques_that_come_early():
+    findings = diagnose(model(), late(good_recording(), slice(None)))
+    words = [finding.words for finding in findings]
+    assert not any('motion that they belong to' in finding for finding in words), words
