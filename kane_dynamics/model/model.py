@@ -58,6 +58,19 @@ class Limits:
     velocity: float = math.inf
     effort: float = math.inf
 
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name in ('lower', 'upper', 'velocity', 'effort'):
+            value = getattr(self, name)
+            is_number = isinstance(value, int | float | np.integer | np.floating)
+            least = -math.inf if name in ('lower', 'upper') else 0.0
+            if not is_number or not value >= least:  # NaN passes no comparison
+                expected = 'a number' if least else 'a number >= 0'
+                raise ModelError(f'limits: {name}: {value!r}; expected {expected}')
+        if self.lower > self.upper:
+            raise ModelError(f'limits: lower {self.lower:g}, upper {self.upper:g}; '
+                             'expected lower <= upper')
+
     def with_follower(self, other: Limits, multiplier: float,
                       offset: float) -> Limits | None:
         """

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
 
 from kane_dynamics._util.attribute_hints import fixed, missing, refused
-from kane_dynamics._util.checks import constant
+from kane_dynamics._util.checks import constant, real_numbers
+from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.conditioning import EXCESS
@@ -29,6 +31,31 @@ class JointLimits:
     upper: Array
     velocity: Array
     effort: Array
+
+
+def checked_limits(limits: JointLimits, coordinates: Sequence[str],
+                   joints: Sequence[str]) -> JointLimits:
+    """Return the limits in arrays of their own; InputError names a wrong one."""
+    arrays = {}
+    for name in ('lower', 'upper', 'velocity', 'effort'):
+        value = getattr(limits, name)
+        names = coordinates if name in ('lower', 'upper') else joints
+        try:
+            array = np.array(real_numbers(value))
+        except (TypeError, ValueError):
+            raise InputError(f'limits.{name}: {SHORT.repr(value)}; expected '
+                             f'{len(names)} numbers') from None
+        if array.shape != (len(names),):
+            raise InputError(f'limits.{name}: shape {array.shape}; expected '
+                             f'{(len(names),)}, of {", ".join(names)}')
+        least = -np.inf if name in ('lower', 'upper') else 0.0
+        wrong = np.flatnonzero(~(array >= least))  # NaN passes no comparison
+        if len(wrong) > 0:
+            expected = 'a number' if least else 'a number >= 0'
+            raise InputError(f"limits.{name} of joint '{names[wrong[0]]}': "
+                             f'{array[wrong[0]]}; expected {expected}')
+        arrays[name] = array
+    return JointLimits(**arrays)
 
 
 class Parameters:

@@ -32,7 +32,7 @@ from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.methods.configuration_methods import Configurations
 from kane_dynamics.robot.methods.framework_methods import FrameworkMethods
-from kane_dynamics.robot.parameters import JointLimits, Parameters
+from kane_dynamics.robot.parameters import checked_limits, JointLimits, Parameters
 from kane_dynamics.robot.speed_sets import SpeedSets
 from kane_dynamics.robot.workspace import Workspace
 import numpy as np
@@ -150,6 +150,10 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
                          checked_names(actuated, 'actuated')),
             'configuration': coordinates_by_name(model, configuration),
             'redundant': redundant, 'rank_tolerance': rank_tolerance}
+        start = self._choices['configuration']
+        if isinstance(start, np.ndarray):  # callers may change their array
+            start = self._choices['configuration'] = start.copy()
+            start.flags.writeable = False
         self.model, self.friction = model, bool(friction)
         # The model without the payloads of `with_payload` at other frames, and those.
         self._bare = model
@@ -190,9 +194,12 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         """Raise AttributeError for all attributes but `limits`."""
         if '_entries' in self.__dict__ and name != 'limits':
             raise AttributeError(refused(self, name, (*self._choices, *self._options)))
-        if name == 'limits' and not isinstance(value, JointLimits):
-            raise InputError(f'limits: {SHORT.repr(value)}; expected JointLimits, such '
-                             'as dataclasses.replace(robot.limits, velocity=...)')
+        if name == 'limits':
+            if not isinstance(value, JointLimits):
+                raise InputError(f'limits: {SHORT.repr(value)}; expected JointLimits, '
+                                 'such as dataclasses.replace(robot.limits, '
+                                 'velocity=...)')
+            value = checked_limits(value, self.coordinate_names, self.joint_names)
         super().__setattr__(name, value)
 
     if not TYPE_CHECKING:  # type checkers report missing attributes themselves
@@ -249,7 +256,8 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         other.equations = other.kernels.equations
         # What belongs to one robot: entries of calls, robots with other frames, limits.
         other._others = {}
-        other.limits, other._entries = self.limits, {}
+        other.limits = self.limits  # a copy
+        other._entries = {}
         return other
 
     @hinting_method
@@ -455,7 +463,7 @@ def in_choice(robot: Robot, free: Sequence[int], kept: Sequence[int]) -> Robot:
     other.kernels = kernels
     other.equations = kernels.equations
     other._others = {}
-    other.limits = robot.limits
+    other.__dict__['limits'] = robot.limits  # the same arrays
     other._entries = {}
     return other
 

@@ -10,9 +10,10 @@ from kane_dynamics import (ArmCoupling, CartesianImpedance, ComputedTorque, Cont
                            FrictionError, HandGuiding, HybridForce, JointImpedance,
                            LinkDistances, LinkShape, MomentumObserver, Motion,
                            OperationalSpace, PartnerState, pose_from, PoseFilter,
-                           simulate)
+                           Robot, simulate)
 from kane_dynamics.identification import PayloadEstimator
 from kane_dynamics.optimal_control import PredictiveController, TrajectoryOptimizer
+from kinds_of_mechanism import case
 import numpy as np
 import pytest
 
@@ -200,3 +201,12 @@ def test_later_results_do_not_depend_on_arrays_of_earlier_calls(scenario):
     expected = results_of(scenario, overwritten=False)
     assert np.isfinite(expected).all()
     np.testing.assert_array_equal(results_of(scenario, overwritten=True), expected)
+
+
+def test_the_configuration_of_a_robot_stays():
+    one = case('closed loop')
+    q = one.q.copy()
+    robot = Robot(one.robot.model, **one.robot.options | {'configuration': q})
+    q[:] = 0.0
+    np.testing.assert_array_equal(robot.configuration, one.q)
+    assert not robot.configuration.flags.writeable

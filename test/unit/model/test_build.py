@@ -1,12 +1,13 @@
 """`ModelBuilder` builds the same models as a URDF or a manual `Model`."""
 
 from dataclasses import replace
+import math
 from time import process_time
 
 from definition import Definition
-from kane_dynamics import (ball, box, disc, FlexibleLink, Frame, Inertial, load_urdf,
-                           ModelBuilder, ModelError, ModelWarning, point_mass, Robot,
-                           rod)
+from kane_dynamics import (ball, box, disc, FlexibleLink, Frame, Inertial, Limits,
+                           load_urdf, ModelBuilder, ModelError, ModelWarning, point_mass,
+                           Robot, rod)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.mechanics.definition import kane, kinematics
 from mechanisms import random_inertial, random_state
@@ -303,3 +304,13 @@ def test_arrays_of_frames_are_those_of_the_model_alone():
     for frame in model.frames:
         assert not frame.rotation.flags.writeable
         assert not frame.translation.flags.writeable
+
+
+@pytest.mark.parametrize(('stated', 'words'), [
+    ({'effort': -1.0}, 'limits: effort: -1.0; expected a number >= 0'),
+    ({'velocity': math.nan}, 'limits: velocity: nan; expected a number >= 0'),
+    ({'lower': 'low'}, "limits: lower: 'low'; expected a number"),
+    ({'lower': 1.0, 'upper': -1.0}, 'limits: lower 1, upper -1; expected lower <= up')])
+def test_limits_that_no_joint_can_have_are_refused(stated, words):
+    with pytest.raises(ModelError, match=words):
+        Limits(**stated)

@@ -4,7 +4,7 @@ from copy import copy
 from dataclasses import replace
 import pickle
 
-from kane_dynamics import Coupling, Inertial, Robot
+from kane_dynamics import Coupling, Inertial, InputError, Robot
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.robot import kernel_set
 from kane_dynamics.simulation.simulate import compile_simulation
@@ -89,3 +89,28 @@ def test_copies_and_pickles_keep_assigned_limits():
     robot.limits = replace(robot.limits, effort=np.array([1.0, 2.0, 3.0]))
     for duplicate in (robot.copy(), copy(robot), pickle.loads(pickle.dumps(robot))):
         np.testing.assert_array_equal(duplicate.limits.effort, [1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize('duplicated', [
+    Robot.copy, copy, lambda robot: pickle.loads(pickle.dumps(robot)),
+    lambda robot: robot.with_payload('frame2', None),
+    lambda robot: robot.with_payload('frame1', None)])
+def test_limits_of_a_copy_are_its_own(duplicated):
+    robot = Robot(MODEL, payload_frame='frame2')
+    robot.limits.effort[:] = 3.0
+    other = duplicated(robot)
+    other.limits.effort[:] = 5.0
+    assert (robot.limits.effort == 3.0).all()
+    robot.limits.effort[:] = 7.0
+    assert (other.limits.effort == 5.0).all()
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    ({'effort': [1.0, np.nan, 1.0]}, r"limits.effort of joint 'joint1': nan; expected"),
+    ({'velocity': [1.0, 1.0, -2.0]}, r"limits.velocity of joint 'joint2': -2.0; expec"),
+    ({'lower': np.zeros(2)}, r'limits.lower: shape \(2,\); expected \(3,\), of joint0'),
+    ({'upper': 'abc'}, "limits.upper: 'abc'; expected 3 numbers")])
+def test_assigned_limits_are_checked(change, words):
+    robot = Robot(random_model(3, 3))
+    with pytest.raises(InputError, match=words):
+        robot.limits = replace(robot.limits, **change)
