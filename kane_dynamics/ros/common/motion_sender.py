@@ -24,6 +24,10 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 WAIT = 120.0  # s, for joint states and torques: kernels of many joints take a while to compile
 LEAD = 0.5  # s between sending a motion and its start
+LATER_LEAD = 5.0  # s, for a node that compiled kernels while it checked the motion
+# How the node's log begins when it rejects a motion, and when it joins one.
+REJECTED = 'joint_trajectory rejected'
+JOINED = 'joint_trajectory: began'
 RATE = 50.0  # points of a trajectory per second
 SETTLING = 0.2  # s after the end, in which the arm is still observed
 
@@ -127,17 +131,27 @@ class _Sender:
             raise InputError(f"node '{self._node_name}': no torques and no trajectory "
                              f'topic within {WAIT:g} s; expected a dynamics node that '
                              'is active')
-        # From where the arm is, a moment later, so that the node knows it before it
-        # begins.
+        motion, start = self._sent(make, LEAD)
+        # The start was ahead of the message: a node that rejects the motion after it, or
+        # follows it from a later time on, has checked it too late.
+        rejected = any(error.startswith(REJECTED) for error in self._errors)
+        joined = any(warning.startswith(JOINED) for warning in self._warnings)
+        is_late = (rejected and self._now() > start) or (joined and not self._errors)
+        if is_late and self._states:
+            motion, start = self._sent(make, LATER_LEAD)
+        return self._compared(motion, start)
+
+    def _sent(self, make: Callable[[Array], Motion], lead: float) -> tuple[Motion, int]:
+        """Send the motion from where the arm is, and wait; return it and its start, ns."""
         motion = make(self._states[-1][1])
-        start = self._now() + round(1e9 * LEAD)
+        start = self._now() + round(1e9 * lead)
         self._states.clear()
         self._errors.clear()
         self._warnings.clear()
         self._publisher.publish(_trajectory(motion, start))
         end = start + round(1e9 * (motion.duration + SETTLING))
         self._spin(2.0 * WAIT + motion.duration, lambda: self._now() > end or bool(self._errors))
-        return self._compared(motion, start)
+        return motion, start
 
     def _compared(self, motion: Motion, start: int) -> Tracking:
         """Return the largest differences of the joint states from the motion."""

@@ -26,6 +26,7 @@ import numpy as np
 # S by which a motion begins before or after its reception, beyond which that is said:
 # more than a message takes, or a client plans ahead.
 NOTED = 0.5
+JUDGED = NANO // 20  # ns: a check of a motion that takes longer is repeated
 
 
 class PastMotionError(InputError):
@@ -155,7 +156,7 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int,
         active_motion.clear('a trajectory without points on ~/joint_trajectory')
         return 'no points; the desired motion ends'
     _, start = schedule_motion(path, message, now, generation, values, refuse)
-    return start_in_words(start, now)
+    return start_in_words(start, path.now)
 
 
 def start_in_words(start: int, now: int) -> str:
@@ -225,6 +226,35 @@ def schedule_motion(path: TorquePath, message: ReceivedTrajectory, now: int,
     if not now:
         raise InputError('use_sim_time: true without a message on /clock; expected '
                          'simulated time')
+    judged = _judged(path, message, now, values, refuse)
+    if path.now > judged.entry + JUDGED:
+        # The check took long, as while kernels are compiled: the arm would jump to where
+        # the motion is by now.
+        now = path.now
+        judged = _judged(path, message, now, values, refuse)
+    motion, start, entry = judged
+    if path.controller.mode == Mode.MOTOR_SIDE:
+        moment = (entry - start) / NANO
+        _require_smooth_entry(path, motion, moment, entry)
+    if not path.active_motion.follow(motion, start, now, generation):
+        raise InputError('joint_trajectory: received while the node was stopped, ended '
+                         'its motion, timed out, or changed clock or mode; expected a '
+                         'later one')
+    return motion, start
+
+
+class _JudgedMotion(NamedTuple):
+    """A motion that the arm can make, its start, and when it is followed first, both ns."""
+
+    motion: Motion
+    start: int
+    entry: int
+
+
+def _judged(path: TorquePath, message: ReceivedTrajectory, now: int,
+            values: Mapping[str, Any],
+            refuse: Callable[[Motion, Array | None, float], None]) -> _JudgedMotion:
+    """Return the motion of a message for a time `now`, ns; raise as `schedule_motion`."""
     # A stamp of zero begins on receipt; later ones are in the future or in progress.
     start = nanoseconds(message.header.stamp) or now
     entry = max(now, start)
@@ -239,15 +269,8 @@ def schedule_motion(path: TorquePath, message: ReceivedTrajectory, now: int,
     if place is None and values['trajectory.start_tolerance'] < math.inf:
         raise InputError('joint states: none yet; expected one, from which the motion '
                          'sets out')
-    moment = (entry - start) / NANO
-    refuse(motion, None if place is None else place[0], moment)
-    if path.controller.mode == Mode.MOTOR_SIDE:
-        _require_smooth_entry(path, motion, moment, entry)
-    if not path.active_motion.follow(motion, start, now, generation):
-        raise InputError('joint_trajectory: received while the node was stopped, ended '
-                         'its motion, timed out, or changed clock or mode; expected a '
-                         'later one')
-    return motion, start
+    refuse(motion, None if place is None else place[0], (entry - start) / NANO)
+    return _JudgedMotion(motion, start, entry)
 
 
 def _require_smooth_entry(path: TorquePath, motion: Motion, moment: float,

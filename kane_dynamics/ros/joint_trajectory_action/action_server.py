@@ -202,7 +202,7 @@ class JointTrajectoryAction:
         now = path.now
         motion, start = schedule_motion(path, message.trajectory, now, generation,
                                         values, partial(refuse_impossible, served))
-        remark = start_in_words(start, now)
+        remark = start_in_words(start, path.now)
         if remark:
             self._log.warning(f'{NAME}: {remark}')
         # The new motion is scheduled, so that the former goal ends.

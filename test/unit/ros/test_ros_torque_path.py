@@ -375,6 +375,43 @@ def test_a_motion_received_or_read_before_the_motions_were_cleared_is_rejected(
     np.testing.assert_array_equal(rig.state(after=0.01), gravity())
 
 
+def slow(judge, rig, seconds):
+    """Return a check of motions that takes some time at first, as to compile."""
+    pauses = [seconds]
+
+    def judge_slowly(motion, place, moment):
+        judge(motion, place, moment)
+        if pauses:
+            rig.time += round(pauses.pop() * NANO)
+    return judge_slowly
+
+
+def test_a_motion_whose_check_takes_long_begins_at_its_end():
+    rig = Rig(mode='computed_torque')
+    rig.state()
+    warning = follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES,
+                                slow(JUDGE, rig, 1.0))
+    assert warning == ''
+    assert rig.path.active_motion.at(rig.time)[1] == 0.0
+
+
+def test_a_motion_that_began_during_a_long_check_is_compared_where_it_is_by_then():
+    """It passed at its start; the arm jumped to where it was after the check."""
+    checked = {**UNCHECKED, 'trajectory.start_tolerance': 0.1}
+    judge = partial(refuse_impossible, served_robot(ROBOT, checked))
+    rig = Rig(mode='computed_torque')
+    rig.state()
+    message = trajectory(*POINTS, stamp=rig.time + NANO // 2)
+    with pytest.raises(InputError,
+                       match=r'the motion sets out at -0\.6, the arm is at -0\.2'):
+        follow_trajectory(rig.path, message, 0, node_values(checked),
+                          slow(judge, rig, 1.5))
+    message = trajectory(*POINTS, stamp=rig.time + NANO // 2)
+    with pytest.raises(InputError, match=r'end of the motion: 0\.500 s ago'):
+        follow_trajectory(rig.path, message, 0, node_values(checked),
+                          slow(judge, rig, 3.0))
+
+
 def test_a_scheduled_motion_starts_from_the_active_one_which_continues_until_then():
     rig = Rig()
     rig.state()
