@@ -36,7 +36,7 @@ class FlexibleLink:
     stiffness : float or pair of float
         EI for bending along `up`, and along e x up, N m^2; one number applies to both.
     modes : int or pair of int
-        Number of modes in these two directions.
+        Number of modes in these two directions, at most 32 each.
     direction, up : (3,) arrays
         Directions of the beam and of the first bending, in the body's axes.
     bending : Bending or pair of Bending

@@ -109,7 +109,7 @@ class Torsion:
     inertia : float
         rho I_p: moment of inertia about the beam per length, kg m.
     modes : int
-        Number of modes.
+        Number of modes, at most 32.
     tip_inertia : float
         Tip inertia assumed by the shapes only, kg m^2; it is not added to the beam.
 
