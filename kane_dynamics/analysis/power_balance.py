@@ -72,7 +72,7 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
     """
     instance(robot, Robot, 'robot')
     tau = robot.inverse_dynamics(q, u, udot, wrench=wrench, t=t)
-    if not robot.equations.timed:  # the time is ignored
+    if not robot.equations.time_inputs(t):  # the time is ignored
         t = 0.0
     with np.errstate(over='ignore', invalid='ignore'):  # an error below
         energy_rate = _energy_rate(robot, q, u, udot, t)

@@ -576,7 +576,7 @@ class Configurations(Dispatch):
     def _times(self, t: ArrayLike, batch: tuple[int, ...]) -> Array:
         """Return a checked time, () or as many as there are states; 0 if none matters."""
         times = finite_times(t)
-        if not self.equations.timed:
+        if not self.equations.time_inputs(times):
             return np.zeros(())
         if times.shape not in ((), batch):
             raise InputError(f't: shape {times.shape}; expected one time, or one for each '
