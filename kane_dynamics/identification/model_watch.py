@@ -380,6 +380,8 @@ class ModelWatch:
 def _require_rows(model: Model, recording: Recording) -> None:
     """Raise InputError unless a recording is of the model and long enough."""
     check_recording(model, recording, FEWEST_ROWS)
+    if not recording.tau.any():
+        raise InputError('recording: the efforts are all 0; expected measured ones')
     if model.flexible:
         raise InputError('model: with beams; expected rigid bodies, whose torque is linear '
                          'in their parameters')

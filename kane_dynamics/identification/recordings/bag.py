@@ -10,12 +10,13 @@ from kane_dynamics.errors import InputError
 import numpy as np
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
+MOST_RETURNS = 3  # of a clock
 MOST_OUT_OF_ORDER = 0.01  # fraction of messages with a repeated or an earlier stamp
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path is a bag: a folder with metadata, or the file in it."""
-    return path.suffix in ('.mcap', '.db3') or (path / 'metadata.yaml').exists()
+    """Return whether a path is that of a bag: a folder, or the file in it."""
+    return path.suffix in ('.mcap', '.db3') or path.is_dir()
 
 
 def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
@@ -28,7 +29,8 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
     path : Path
         Folder of a bag, or its .mcap or .db3 file.
     joint_names : sequence of str
-        Joints, in the order of the result; other joints in the messages are ignored.
+        Joints, in the order of the result; other joints in the messages are ignored, and
+        messages without any of them.
     topic : str, optional
         Default: the only topic of joint states in the bag.
 
@@ -40,14 +42,20 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
     Raises
     ------
     InputError
-        If the bag, the topic, a joint or the efforts are missing, or messages are out of
-        order.
+        If the bag, the topic, a joint or the efforts are missing, messages are out of
+        order, or the clock was set back.
 
     """
     stamps: list[int] = []
     states: list[list[Any]] = []
     dropped = 0
+    returns: list[str] = []
+    previous = 0
     for stamp, state in _messages(path, joint_names, topic):
+        if stamp < previous:
+            after = (previous - stamps[0]) * 1e-9
+            returns.append(f'{(previous - stamp) * 1e-9:.3g} s after {after:.3g} s')
+        previous = stamp
         # A stamp that repeats or goes back is dropped; too many mean two publishers.
         if stamps and stamp <= stamps[-1]:
             dropped += 1
@@ -56,6 +64,11 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
         states.append(state)
     total = len(states) + dropped
     if dropped > MOST_OUT_OF_ORDER * total:
+        # Two publishers alternate; a clock goes back now and then.
+        if 0 < len(returns) <= MOST_RETURNS:
+            raise InputError(f'{path}: stamps of joint states go back by '
+                             f'{", ".join(returns)}; expected a clock that is not set '
+                             'back while the bag is recorded')
         raise InputError(f'{path}: {dropped} of {total} joint states repeat a stamp or '
                          'come out of order; expected a single publisher on the topic')
 
@@ -70,18 +83,29 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
             columns[name] = np.array(values).reshape(len(states), len(joint_names))
         # Speeds may be missing, since they follow from positions.
         elif name != 'u':
-            raise InputError(f'{path}: joint states without {what}; expected positions '
-                             'and efforts')
+            lacking = sum(value is None for value in values)
+            raise InputError(f'{path}: {lacking} of {len(values)} joint states without '
+                             f'{what}; expected positions and efforts in each')
     return columns
 
 
 def _messages(path: Path, joint_names: Sequence[str],
               topic: str | None) -> Iterator[tuple[int, list[Any]]]:
     """Yield stamp, ns, and position, velocity and effort (or None) of each message."""
+    other_joints: set[str] = set()
+    is_found = False
     for _, logged, message in bag_messages(path, JOINT_STATE, topic):
+        # Other devices, such as grippers, publish on the same topic.
+        if joint_names and set(joint_names).isdisjoint(message.name):
+            other_joints.update(message.name)
+            continue
+        is_found = True
         stamp = message.header.stamp
         yield (stamp.sec * 10**9 + stamp.nanosec or logged,
                _of_joints(message, joint_names, path))
+    if other_joints and not is_found:
+        raise InputError(f'{path}: joint states of {sorted(other_joints)}; expected also '
+                         f'{list(joint_names)}')
 
 
 def typestore() -> Any:

@@ -218,3 +218,6 @@ def test_invalid_arguments_of_a_watch_are_refused():
         ModelWatch(model, sound, false_alarms=0.7)
     with pytest.raises(InputError, match='recording: 20 rows; expected at least 160'):
         ModelWatch(model, sound.rows(slice(0, 20)))
+    without_efforts = replace(sound, tau=np.zeros_like(sound.tau))
+    with pytest.raises(InputError, match='the efforts are all 0; expected measured'):
+        ModelWatch(model, sound).report(without_efforts)
