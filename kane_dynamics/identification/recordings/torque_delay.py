@@ -91,7 +91,13 @@ class TorqueDelays:
 
     @property
     def delayed(self) -> bool:
-        """Return whether the common delay differs from zero, by two standard deviations."""
+        """
+        Return whether the common delay differs from zero, by two standard deviations.
+
+        It is that of the arm only if at least half of the joints can be judged.
+        """
+        if 2 * np.count_nonzero(self.judged) < len(self.delay):
+            return False
         return abs(self.common) > max(SURE * self.common_deviation, SHORTEST)
 
     @property

@@ -9,7 +9,7 @@ from kane_dynamics.cli import main
 from kane_dynamics.identification import (diagnose, read_recording, Recording,
                                           torque_delays)
 from kane_dynamics.identification.presliding import dahl_friction
-from kane_dynamics.identification.recordings.torque_delay import _common
+from kane_dynamics.identification.recordings.torque_delay import _common, TorqueDelays
 from mechanisms import with_inertials
 import numpy as np
 import pytest
@@ -144,6 +144,15 @@ def test_interruptions_do_not_hide_a_delay():
     delays = torque_delays(model, with_delay.rows(~lost))
     assert delays.delayed and not delays.different.any()
     assert abs(delays.common - 0.01) < 3.0 * delays.common_deviation < 0.003
+
+
+def test_a_delay_of_few_joints_is_not_that_of_the_arm():
+    delay = np.array([0.03, 0.03, 0.03, 0.03])
+    few = np.array([0.005, np.inf, np.inf, np.inf])
+    half = np.array([0.005, 0.005, np.inf, np.inf])
+    memory = np.ones(4, dtype=bool)
+    assert not TorqueDelays(delay, few, 0.03, 0.005, memory).delayed
+    assert TorqueDelays(delay, half, 0.03, 0.004, memory).delayed
 
 
 def test_joints_that_contradict_each_other_widen_the_deviation_of_their_delay():
