@@ -24,7 +24,8 @@ A cause is an alarm if its size is beyond the quantile of Student's distribution
 stated rate of false alarms, divided among all causes (Bonferroni). Of several, the one
 that explains most of the residuals, relative to those of the reference, is named first;
 the others are judged on what it leaves. What is small beside the torque of an alarm at the
-same joints (5 %) is an error of its law, and no cause.
+same joints (5 %) is an error of its law, and no cause. A residual that is several times
+that of the reference and that no cause explains is an alarm too, of an unknown cause.
 """
 
 from collections.abc import Sequence
@@ -56,7 +57,9 @@ INFORMED = 2.0  # standard errors of the correlation of measured and computed ra
 LONGEST_DELAY = 0.05  # s, but two rows at least
 MOST_DELAYS = 20  # that are tried, either way
 SMOOTHED = 0.05  # s, of accelerations in the rate of the model's torque
+UNEXPLAINED = 3.0  # times the residual of the reference
 ALL_JOINTS = 'all joints'
+UNKNOWN = 'unknown'
 
 
 class ModelChange(NamedTuple):
@@ -68,9 +71,10 @@ class ModelChange(NamedTuple):
     joint : str
         The joint, or 'all joints' for a delay of all; the body for a payload.
     cause : str
-        'payload', 'friction', 'offset', 'torque constant' or 'delay'.
+        'payload', 'friction', 'offset', 'torque constant', 'delay' or 'unknown'.
     size, deviation : float
-        How large it is, and its standard deviation: kg; relative; N m or N; relative; s.
+        How large it is, and its standard deviation: kg; relative; N m or N; relative; s;
+        the residual that no cause explains, relative to that of the reference.
     explained : float
         Share of the squared residual that it explains, joints weighted by the residuals of
         the reference.
@@ -91,10 +95,13 @@ class ModelChange(NamedTuple):
             return f"body '{self.joint}': {self.size:+.3g} kg ({deviation} kg) of payload"
         of = self.joint if self.joint == ALL_JOINTS else f"joint '{self.joint}'"
         if self.cause == 'offset':
-            return f'{of}: offset of the torque {self.size:+.3g} N m or N ({deviation})'
+            return f'{of}: offset of the torque {self.size:+.3g} ({deviation}) N m or N'
         if self.cause == 'delay':
             return f'{of}: torque {self.size:+.3g} s late ({deviation} s)'
-        percent = f'{100.0 * self.size:+.0f} % ({deviation})'
+        if self.cause == UNKNOWN:
+            return (f'{of}: a change of unknown cause, with a residual {self.size:.3g} times '
+                    f'that of the reference ({deviation})')
+        percent = f'{100.0 * self.size:+.3g} % (+- {100.0 * self.deviation:.1g} %)'
         if self.cause == 'torque constant':
             return f'{of}: torque constant {percent}'
         return f'{of}: friction {"up" if self.size > 0.0 else "down"}, {percent}'
@@ -224,6 +231,7 @@ class ModelWatch:
         moving = _moving(reference)
         deviation = np.nan_to_num(moving_rms(self._residual, moving))
         self._sigma = np.maximum(deviation, np.maximum(scale, 1e-12))
+        self._moved = moving.sum(axis=0) >= FEWEST_ROWS
         # Of each cause: its sizes in the reference, or None if the reference lacks the
         # motion that would show it.
         self._sound: list[CauseSizes | None] = []
@@ -272,6 +280,7 @@ class ModelWatch:
             alarms.append(change)
             remaining = remaining - torque
             named = named + torque
+        alarms += self._unexplained(recording, remaining, named)
         return WatchReport(robot.joint_names, rms(residual), rms(self._residual),
                            tuple(alarms))
 
@@ -325,6 +334,29 @@ class ModelWatch:
                 largest = ModelChange(cause.joint, cause.name, float(change[0]),
                                       float(deviation[0]), max(explained / whole, 0.0))
         return largest, torque
+
+    def _unexplained(self, recording: Recording, remaining: Array,
+                     named: Array) -> list[ModelChange]:
+        """Return an alarm of each joint whose residual is large without a known cause."""
+        moving = _moving(recording)
+        ratios = moving_rms(remaining, moving) / self._sigma
+        # Where named causes explain most, the remainder is an error of their laws.
+        of_causes = moving_rms(named, moving) / self._sigma
+        judged = self._moved & (moving.sum(axis=0) >= FEWEST_ROWS)
+        alarms = []
+        for j in np.flatnonzero(judged & (ratios > np.maximum(UNEXPLAINED, of_causes))):
+            squares = np.where(moving[:, j], (remaining[:, j] / self._sigma[j])**2, 0.0)
+            without_blocks = []
+            for rows in np.array_split(np.arange(len(squares)), BLOCKS):
+                others = np.delete(np.arange(len(squares)), rows)
+                count = np.count_nonzero(moving[others, j])
+                without_blocks.append([np.sqrt(squares[others].sum() / max(count, 1))])
+            deviation = float(_spread(np.array(without_blocks))[0])
+            # A few large residuals, such as those of a contact, are no change of the arm.
+            if ratios[j] - 1.0 > self._quantile * deviation:
+                alarms.append(ModelChange(self._robot.joint_names[j], UNKNOWN,
+                                          float(ratios[j]), deviation, 0.0))
+        return alarms
 
     def _delay_scores(self, recording: Recording, causes: Sequence[_Cause],
                       residual: Array) -> '_DelayScores':

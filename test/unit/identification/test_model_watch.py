@@ -5,7 +5,8 @@ from functools import cache
 from pathlib import Path
 
 from kane_dynamics import InputError, load_urdf, Robot
-from kane_dynamics.identification import ModelWatch, read_recording, Recording
+from kane_dynamics.identification import (ModelChange, ModelWatch, read_recording,
+                                          Recording)
 from kane_dynamics.model.model import Inertial, with_payload
 import numpy as np
 import pytest
@@ -172,6 +173,33 @@ def test_a_common_delay_is_one_alarm_with_its_size(delay):
     alarm, = watch.report(measured(model, 2, delay)).alarms
     assert (alarm.cause, alarm.joint) == ('delay', 'all joints')
     assert abs(alarm.size - delay) < 3.0 * alarm.deviation < 0.001
+
+
+@pytest.mark.parametrize('motion_seed', [3, 4])
+def test_a_delay_beyond_those_that_are_tried_is_a_change_of_unknown_cause(motion_seed):
+    model = with_gears(load_urdf(URDF))
+    watch = ModelWatch(model, measured(model, 1))
+    late = measured(model, 2, 0.1, motion_seed)
+    alarms = watch.report(late).alarms
+    assert {alarm.cause for alarm in alarms} == {'unknown'}
+    assert 'unknown cause' in str(alarms[0])
+    assert all(alarm.size > 3.0 for alarm in alarms)
+
+
+def test_a_short_contact_is_no_change_of_the_arm():
+    model = with_gears(load_urdf(URDF))
+    watch = ModelWatch(model, measured(model, 1))
+    recording = measured(model, 2)
+    tau = recording.tau.copy()
+    tau[1000:1040] += 60.0
+    assert watch.report(replace(recording, tau=tau)).alarms == ()
+
+
+def test_numbers_of_a_change_have_units():
+    for cause, words in (('torque constant', '+10 % (+- 2 %)'),
+                         ('friction', 'up, +10 % (+- 2 %)'),
+                         ('offset', '+0.1 (+- 0.02) N m or N')):
+        assert words in str(ModelChange('joint1', cause, 0.1, 0.02, 1.0))
 
 
 def test_a_payload_is_one_alarm_though_it_increases_load_friction():
