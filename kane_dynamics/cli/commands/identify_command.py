@@ -252,7 +252,7 @@ def _identifiable(result: Identification) -> dict[str, dict[str, dict[str, float
 def print_model(data: dict[str, Any]) -> None:
     """Print the result of `model_data`."""
     print(f'{data["rows"]} rows: fitted to the first half, validated on the second; RMS '
-          'of torque error, of all rows and of those in motion')
+          'of torque error, N m or N, of all rows and of those in motion')
     errors = ('rms_before', 'rms_fitted', 'rms_held_out', 'rms_fitted_moving',
               'rms_held_out_moving')
     print_table(['joint', 'before', 'fitted', 'held out', 'fitted, moving',
@@ -278,8 +278,8 @@ def print_model(data: dict[str, Any]) -> None:
 def _print_laws(data: dict[str, Any]) -> None:
     """Print the errors of all laws of friction, and what the chosen ones add."""
     if data['candidates']:
-        print('laws of friction: RMS of torque error on blocks that the fit left out, of '
-              'all rows / in motion')
+        print('laws of friction: RMS of torque error, N m or N, on blocks that the fit left '
+              'out, of all rows / in motion')
         table = []
         for k, joint in enumerate(data['joint_names']):
             errors = []
@@ -295,6 +295,8 @@ def _print_laws(data: dict[str, Any]) -> None:
             values = [data['friction'][name][k] for name in FURTHER]
             further.append([joint, law, *values])
     if further:
+        print('further terms; revolute: N m s^2/rad^2, 1, and the travel of presliding in '
+              'rad; prismatic: N s^2/m^2, 1, m')
         print_table(['joint', 'law of friction', *FURTHER], further)
         print()
 
@@ -314,6 +316,8 @@ def _print_friction(data: dict[str, Any]) -> None:
             if value < lowest:
                 negative.append(f'{joint} {name}')
         table.append([*row, data['friction']['friction_speed'][k]])
+    print('friction and armature; revolute: N m s/rad, N m, kg m^2, N m, rad/s; prismatic: '
+          'N s/m, N, kg, N, m/s')
     print_table([*header, 'friction speed'], table)
     if negative:
         print(f'\nnegative: {", ".join(negative)}; expected values >= 0\n'

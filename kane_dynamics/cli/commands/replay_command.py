@@ -72,6 +72,7 @@ def compared(robot: Robot, recording: Recording, *, gravity_added: bool = False
                                                np.nan).tolist(),
             'common_torque_delay': delays.common,
             'common_torque_delay_deviation': delays.common_deviation,
+            'contradicts_model': any(fault.level == 'wrong' for fault in faults),
             'remarks': [fault.words for fault in faults]}
 
 
@@ -101,4 +102,6 @@ def _delay_in_words(data: dict[str, Any]) -> str:
             unknown.append(name)
     if unknown:
         text += f'; cannot be judged: {", ".join(unknown)}'
+    if data['contradicts_model']:
+        text += '; unreliable, because torques contradict the model (below)'
     return text

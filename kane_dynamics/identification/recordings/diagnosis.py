@@ -37,6 +37,7 @@ from numpy.typing import NDArray
 CLEARLY = 0.5  # largest ratio of errors, with and without a correction, of a fault
 ONCE = math.log(1.0 / CLEARLY)  # the fall of one joint's logarithm of errors that is needed
 MOST_ROWS = 1500  # used rows, evenly distributed
+FEWEST_ROWS = 30  # of which torques are judged
 MOST_FAULTS = 8
 REVERSED_EFFORTS = ('efforts of {} have the opposite sign of torques on the joints: '
                     'multiply them by -1')
@@ -49,7 +50,7 @@ OFFSET = math.log(1.0 / 0.6)  # needed fall of the logarithm of errors, of a tor
 ENCODER_OFFSET = 1.0  # needed fall, of all joints; wrong masses cause up to 0.7
 BESIDE_BODIES = 0.3  # fall beside fitted bodies that no wrong inertials cause
 OF_BODIES = 0.5  # smallest fall relative to that of fitted bodies, of an encoder offset
-LEAST_OFFSET = 0.05  # rad, of an encoder
+LEAST_OFFSET, MOST_OFFSET = 0.05, 1.0  # rad or m, of an encoder
 LEAST_TORQUE_OFFSET = 0.02  # of the effort limit
 ASYMMETRY = 0.5  # of the Coulomb friction, that is no offset of the sensor
 RANK = 1e-3  # relative size of what is regarded as zero in the fit of inertial parameters
@@ -265,16 +266,18 @@ def _late_speeds(model: Model, recording: Recording) -> Iterator[RecordingFault]
     for j in range(model.n):
         if np.abs(recording.q[:, j] - recording.q[0, j]).max() > MOVES:
             delays[j] = _speed_delay(stretch, j)
-    for late, side in ((delays > 0.0, 'after'), (delays < 0.0, 'before')):
+    for late, side, cause in (
+            (delays > 0.0, 'after', 'as those of a filter do'),
+            (delays < 0.0, 'before', 'as if the positions were filtered')):
         if not late.any():
             continue
         low, high = np.sort(np.abs(delays[late]))[[0, -1]]
         span = f'{low:.2g} s' if high - low < 0.005 else f'{low:.2g} to {high:.2g} s'
         yield RecordingFault(
             'remark', f'speeds of {_named(model, np.flatnonzero(late))} come {span} {side} '
-            'the changes of the positions, as those of a filter do; expected none of this '
-            'delay, or speeds that are derived from the positions (--derive-speeds, '
-            'Recording.with_derived_speeds)')
+            f'the changes of the positions, {cause}, beside which torques seem to have a '
+            'delay; expected none of this delay, or speeds that are derived from the '
+            'positions (--derive-speeds, Recording.with_derived_speeds)')
 
 
 def _speed_delay(recording: Recording, j: int) -> float:
@@ -385,6 +388,9 @@ def _torques(model: Model, recording: Recording, gravity_added: bool, *,
     Delays are judged only if there is no other error.
     """
     robot = Robot(model, friction=False)
+    # Fitted friction and corrections explain any few rows.
+    if len(recording) < FEWEST_ROWS:
+        return
     smooth = smoothed(recording)
     # A part of the rows shows faults as well as all of them.
     step = max(1, len(smooth) // MOST_ROWS)
@@ -680,13 +686,15 @@ def _encoder_offsets(robot: Robot, r: Recording, errors: Array) -> Iterator[_Rep
         shifted = r
         total = 0.0
         # Gauss-Newton steps: the torque is not linear in the position.
-        for _ in range(2):  # steps
+        for _ in range(2):
             step = _encoder_step(robot, shifted, errors, j)
             total += step
             q = shifted.q.copy()
             q[:, j] += step
             shifted = replace(shifted, q=q)
-        if not LEAST_OFFSET < abs(total) < 1.0:
+            if not abs(total) < MOST_OFFSET:  # the motion does not show the offset
+                break
+        if not LEAST_OFFSET < abs(total) < MOST_OFFSET:
             continue
         fall = float(np.log(errors / _errors(robot, shifted)).sum())
         if fall > ENCODER_OFFSET and not _bodies_explain(robot, r, shifted, errors, fall):

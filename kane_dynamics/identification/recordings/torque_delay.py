@@ -44,6 +44,8 @@ MOST_ROWS = 1500  # used rows, evenly distributed
 INTERRUPTION = 5.0  # steps of time
 NEAR, WIDE = 0.01, 0.03  # s, of the minimum: where sums of squares are fitted by parabolas
 BLOCKS = 8  # of consecutive rows, for the jackknife
+FEWEST_REVERSALS = 4  # of a joint: bodies and friction explain any torque of a shorter motion
+REVERSED = 0.05  # of the highest speed: lower ones are no motion in a direction
 FRICTION_SPEEDS = (0.005, 0.02, 0.1)  # rad/s or m/s
 LOAD_FRICTION_SPEEDS = (0.005, 0.05)
 DAHL_LENGTHS = (0.002, 0.007, 0.02, 0.06)  # rad or m, over which friction reverses
@@ -109,7 +111,11 @@ class TorqueDelays:
 
 @hinting
 def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
-    """Return the delays of the torques of a recording; noisy accelerations are filtered first."""
+    """
+    Return the delays of the torques of a recording; noisy accelerations are filtered first.
+
+    The delay of a joint that reverses less than four times is unknown.
+    """
     check_recording(model, recording)
     measured = recording.t
     recording = smoothed(recording)
@@ -136,7 +142,9 @@ def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
         Y = robot.regressor(q, u, udot)
         rigid = robot.inverse_dynamics(q, u, udot)
         presliding = dahl_friction(recording.q, DAHL_LENGTHS)[inner]
-        for j in map(int, np.flatnonzero(np.ptp(u, axis=0) > 0.0)):
+        for j in range(n):
+            if _reversals(u[:, j]) < FEWEST_REVERSALS:
+                continue
             # Bodies and rotor are what the motor drives; friction and offset are not.
             driven = np.column_stack([Y[:, j], udot[:, j]])
             torques = recording.tau[inner[:, None] + lags, j] - rigid[:, j, None]
@@ -212,6 +220,13 @@ def _fits(lags: Array, torques: Array, driven: Array, rigid: Array, u: Array,
     load_friction = [load * coulomb(u, speed) for speed in LOAD_FRICTION_SPEEDS]
     A = np.column_stack([A, u * np.abs(u), *load_friction, presliding])
     return plain, _minimum(lags, _residuals(A, torques))
+
+
+def _reversals(u: Array) -> int:
+    """Return how often a joint changes its direction."""
+    speed = np.abs(u)
+    directions = np.sign(u[speed > REVERSED * speed.max()])
+    return int(np.count_nonzero(np.diff(directions)))
 
 
 def _interrupted(t: Array, measured: Array) -> Flags:

@@ -379,6 +379,21 @@ def test_speeds_of_a_joint_that_rests_in_the_longest_stretch_are_not_late():
     assert not any(finding.startswith('speeds of') for finding in words), words
 
 
+@pytest.mark.parametrize('rows', [3, 5, 12, 29])
+def test_torques_of_a_few_rows_show_no_fault(rows):
+    arm = load_urdf(TWO_LINK)
+    r = simulated(arm, 1, 0.05, duration=10.0, speed=0.5).rows(slice(0, rows))
+    assert not [f.words for f in diagnose(arm, r) if f.level == 'wrong']
+
+
+def test_speeds_that_come_before_the_positions_are_those_of_filtered_positions():
+    r = good_recording()
+    late_positions = np.column_stack([np.interp(r.t - 0.1, r.t, q) for q in r.q.T])
+    words = [f.words for f in diagnose(model(), replace(r, q=late_positions))]
+    early = [w for w in words if 'before the changes of the positions' in w]
+    assert early and 'as if the positions were filtered' in early[0]
+
+
 def test_efforts_of_short_accelerations_alone_are_not_idle():
     # Without gravity and friction, a joint at constant speed needs no torque.
     weightless = replace(load_urdf(TWO_LINK), gravity=np.zeros(3))

@@ -155,6 +155,15 @@ def test_a_delay_of_few_joints_is_not_that_of_the_arm():
     assert TorqueDelays(delay, half, 0.03, 0.004, memory).delayed
 
 
+@pytest.mark.parametrize('duration', [1.0, 2.0, 3.0])
+@pytest.mark.parametrize('seed', range(3))
+def test_delay_of_a_short_motion_is_unknown(duration, seed):
+    model = load_urdf(URDF, supplement={'joints': dict.fromkeys(
+        load_urdf(URDF).joint_names, LOSSES)})
+    r = simulated(model, seed, 0.5, duration=duration, speed=0.8)
+    assert not torque_delays(model, r).judged.any()
+
+
 def test_joints_that_contradict_each_other_widen_the_deviation_of_their_delay():
     alike = _common(np.array([0.01, 0.01, 0.01]), np.full(3, 0.002))
     different = _common(np.array([0.006, 0.01, 0.014]), np.full(3, 0.002))
