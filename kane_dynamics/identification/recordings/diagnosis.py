@@ -45,7 +45,7 @@ REVERSED = (f'{REVERSED_EFFORTS}; or the positions of that joint have the opposi
             'which explains the torques as well')
 MOST_PAUSES = 3  # of which the times are named
 EFFORT_UNITS = ((1e3, 'mN m'), (1e2, 'N cm'), (1e-3, 'kN m'))
-LARGE_UNITS = 1e3, 1e2, 10.0  # of efforts beyond limits
+LARGE_UNITS = 1e3, 1e2, 10.0, 1.0  # of efforts beyond limits; 1 if limits are too low
 OFFSET = math.log(1.0 / 0.6)  # needed fall of the logarithm of errors, of a torque offset
 ENCODER_OFFSET = 1.0  # needed fall, of all joints; wrong masses cause up to 0.7
 BESIDE_BODIES = 0.3  # fall beside fitted bodies that no wrong inertials cause

@@ -379,6 +379,18 @@ def test_speeds_of_a_joint_that_rests_in_the_longest_stretch_are_not_late():
     assert not any(finding.startswith('speeds of') for finding in words), words
 
 
+def test_limits_that_are_too_low_are_no_fault_of_the_efforts():
+    # URDFs often have placeholders as limits, such as 10 N m.
+    bodies = []
+    for body in model().bodies:
+        limits = replace(body.joint.limits, effort=10.0)
+        bodies.append(replace(body, joint=replace(body.joint, limits=limits)))
+    low = replace(model(), bodies=tuple(bodies))
+    assert diagnose(low, good_recording()) == []
+    thousand = replace(good_recording(), tau=1e3 * good_recording().tau)
+    assert 'mN m' in diagnose(low, thousand)[0].words
+
+
 @pytest.mark.parametrize('rows', [3, 5, 12, 29])
 def test_torques_of_a_few_rows_show_no_fault(rows):
     arm = load_urdf(TWO_LINK)
