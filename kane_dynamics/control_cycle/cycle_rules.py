@@ -820,12 +820,13 @@ def stopping(path: PathState, stop: StopRules, settings: CycleSettings, paramete
 def _commanded(path: PathState, stop: StopRules, now: Scalar, settings: CycleSettings,
                parameters: Vector) -> PathState:
     """Return the path with the command at a refused state."""
-    # The last one within the grace period, then that of the stop or zeros.
+    # The last one within the grace period, then that of the stop or zeros. The model
+    # holds the arm only from a state that is accepted.
     repeated = _repeated(path, settings)
-    holds = path.fault * settings.holds * path.states.confirmed
-    held = changed_if(holds, repeated, partial(stop.begin_hold, settings=settings,
-                                               parameters=parameters))
-    ends = path.fault * (1.0 - settings.holds)
+    can_hold = settings.holds * path.states.confirmed
+    held = changed_if(path.fault * can_hold, repeated, partial(
+        stop.begin_hold, settings=settings, parameters=parameters))
+    ends = path.fault * (1.0 - can_hold)
     return changed_if(ends, held, lambda _: with_zeros(path, now))
 
 

@@ -442,7 +442,7 @@ class TorquePath:
     def reaction(self) -> str:
         """Return the command while states are refused, and its end."""
         action = 'commanding zeros'
-        if self.states.holds:
+        if self.states.holds and self.known:
             action = 'stopping by the model and holding'
         return (f'{action} until states are valid again; deactivate and activate the '
                 'node to begin from others')

@@ -24,6 +24,7 @@ from kane_dynamics.ros.torque_path.drop_reasons import (  # noqa: E402
     JUMP, OUTSIDE, REASONS, STALE, TOO_FAST)
 from kane_dynamics.ros.torque_path.state_check import StateCheck  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from native_rig import native_path  # noqa: E402
 from node_values import node_values  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -42,7 +43,8 @@ FIRST = 'first state'
 class Rig:
     """The torque path of an arm with its defaults and a manual clock."""
 
-    def __init__(self, mode='computed_torque', rate_limit=math.inf, **checks):
+    def __init__(self, mode='computed_torque', rate_limit=math.inf, make=TorquePath,
+                 **checks):
         self.time = 100 * NANO
         self.commands = []
         self.warnings = []
@@ -50,10 +52,10 @@ class Rig:
         self.statistics = Statistics()
         values = node_values({f'state_check.{name}': x for name, x in checks.items()}
                              | {'mode': mode})
-        self.path = TorquePath(Controller(ARM, mode=mode, rate_limit=rate_limit), self,
-                               Unread(), lambda: self.time, values, self.statistics,
-                               lambda *words: self.warnings.append(words),
-                               report_fault=lambda *words: self.faults.append(words))
+        self.path = make(Controller(ARM, mode=mode, rate_limit=rate_limit), self,
+                         Unread(), lambda: self.time, values, self.statistics,
+                         lambda *words: self.warnings.append(words),
+                         report_fault=lambda *words: self.faults.append(words))
         self.path.start()
 
     def publish(self, data):
@@ -359,6 +361,38 @@ def test_a_stop_that_begins_at_the_time_of_one_before_a_jump_of_the_clock_is_ano
         assert rig.path.fault == JUMP
         np.testing.assert_allclose(commands, [ARM.gravity_force(q)], rtol=1e-12,
                                    atol=1e-12)
+
+
+@pytest.mark.parametrize('make', [TorquePath, native_path])
+@pytest.mark.parametrize('before', ['pause', 'stop of the process', 'jump of the clock'])
+def test_the_arm_is_not_held_by_the_model_where_nothing_says_where_it_is(
+        before, make, monkeypatch):
+    """The torque that acted before went on for as long as states were refused."""
+    rig = Rig(make=make, action='hold')
+    monkeypatch.setattr(time, 'perf_counter', lambda: rig.time / NANO)
+    rig.begin()
+    rig.path.check_timeout()
+    if before == 'pause':
+        # A position that no speed explains.
+        assert rig.state(home_moved(1, 0.3), after=9 * NANO // 100) == []
+    elif before == 'stop of the process':
+        rig.time += NANO
+        rig.path.check_timeout()
+    else:
+        rig.time -= NANO
+        rig.path.on_clock_jump()
+        rig.path.check_timeout()
+    # Its encoder fails for good.
+    rig.commands.clear()
+    for _ in range(40):
+        rig.state(home_moved(2, math.nan))
+    assert rig.commands[0].any() and not rig.commands[-1].any()
+    (_, words), = rig.faults
+    assert 'commanding zeros until states are valid again' in words
+    # The arm is back.
+    assert rig.state() == []
+    command, = rig.state()
+    assert command.any() and rig.path.fault == ''
 
 
 @pytest.mark.parametrize('action', ['zero', 'hold'])
