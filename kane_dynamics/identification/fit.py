@@ -24,7 +24,9 @@ from kane_dynamics.identification.friction_laws import (block_flags, Blocks,
                                                         without_harm)
 from kane_dynamics.identification.physical_consistency import physical
 from kane_dynamics.identification.recordings.diagnosis import diagnose
-from kane_dynamics.identification.recordings.recording import check_recording, Recording
+from kane_dynamics.identification.recordings.recording import (check_recording,
+                                                               Recording,
+                                                               require_rigid_links)
 from kane_dynamics.identification.regression import (compressed, fit_friction, FRICTION,
                                                      friction_speeds, LOWEST,
                                                      RegressionRows, rms, rows,
@@ -237,6 +239,7 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     _check_options(weight, bounded, friction_only, standstill, friction)
     check_recording(model, recording)
     require_rigid_joints(model)
+    require_rigid_links(model)
     if not diagnosed:
         for finding in diagnose(model, recording):
             if finding.level != 'remark':

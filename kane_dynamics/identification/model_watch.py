@@ -37,7 +37,9 @@ from kane_dynamics._util.checks import number
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.friction_laws import moving_rms
-from kane_dynamics.identification.recordings.recording import check_recording, Recording
+from kane_dynamics.identification.recordings.recording import (check_recording,
+                                                               Recording,
+                                                               require_rigid_links)
 from kane_dynamics.identification.regression import rms, STANDSTILL
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.friction import load_slope
@@ -414,9 +416,7 @@ def _require_rows(model: Model, recording: Recording) -> None:
     check_recording(model, recording, FEWEST_ROWS)
     if not recording.tau.any():
         raise InputError('recording: the efforts are all 0; expected measured ones')
-    if model.flexible:
-        raise InputError('model: with beams; expected rigid bodies, whose torque is linear '
-                         'in their parameters')
+    require_rigid_links(model)
 
 
 def _residual(robot: Robot, recording: Recording) -> Array:

@@ -24,7 +24,9 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.qr_factor import Factor
-from kane_dynamics.identification.recordings.recording import check_recording, Recording
+from kane_dynamics.identification.recordings.recording import (check_recording,
+                                                               Recording,
+                                                               require_rigid_links)
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import FRICTION as LAW_FIELDS, Joint, Model
@@ -132,6 +134,7 @@ def rows(model: Model, recording: Recording,
          standstill: float = STANDSTILL) -> RegressionRows:
     """Return the regression data of a recording; raise InputError for other joints."""
     check_recording(model, recording)
+    require_rigid_links(model)
     standstill = number(standstill, 'standstill', 'a nonnegative speed, rad/s or m/s',
                         lambda x: x >= 0.0)
     # The regressor is of bodies alone; springs and armature are known, friction is

@@ -22,6 +22,7 @@ from kane_dynamics._util.checks import instance, integer, number, real_numbers
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.excitation.clearance import AIM, Clearance, DISTANCE
+from kane_dynamics.identification.recordings.recording import require_rigid_links
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.model.elastic_model import require_rigid_joints
 from kane_dynamics.model.link_shapes import LinkShape
@@ -136,6 +137,7 @@ def friction_motion(model: Model, *, loads: int = 3, strokes: int = 2,
     instance(model, Model, 'model')
     require_angles(model, 'friction_motion')
     require_rigid_joints(model)
+    require_rigid_links(model)
     loads = integer(loads, 'loads', 1, MOST_LOADS)
     strokes = integer(strokes, 'strokes', 1, MOST_STROKES)
     shares = _speeds(speeds)

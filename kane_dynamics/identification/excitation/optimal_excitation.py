@@ -12,6 +12,7 @@ from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.excitation.clearance import Clearance, DISTANCE
 from kane_dynamics.identification.excitation.design_criterion import DesignCriterion
 from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
+from kane_dynamics.identification.recordings.recording import require_rigid_links
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.model.link_shapes import LinkShape
 from kane_dynamics.model.model import Model
@@ -152,6 +153,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     """
     # Arguments, and what keeps the links above the floor and apart.
     instance(model, Model, 'model')
+    require_rigid_links(model)
     duration = number(duration, 'duration', f'from {SHORTEST:g} to {LONGEST:g} s',
                       lambda x: SHORTEST <= x <= LONGEST)
     harmonics = integer(harmonics, 'harmonics', 2, MOST_HARMONICS)

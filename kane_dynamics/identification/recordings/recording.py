@@ -203,6 +203,13 @@ def check_recording(model: Model, recording: Recording, least: int = 3,
         raise InputError(f'recording: {len(recording)} rows; expected at least {least}')
 
 
+def require_rigid_links(model: Model) -> None:
+    """Raise InputError for a model with beams, which has no regressor."""
+    if model.flexible:
+        raise InputError('model: with beams; expected rigid links, whose torque is linear '
+                         'in their parameters')
+
+
 def real(value: Any, what: str) -> Array:
     """Return real numbers as an array of float64; raise InputError for others."""
     try:

@@ -7,7 +7,8 @@ from pathlib import Path
 from kane_dynamics import InputError, load_urdf, Robot, simulate, Trajectory
 from kane_dynamics.cli import main
 from kane_dynamics.cli.tables import read_states
-from kane_dynamics.identification import read_recording, Recording
+from kane_dynamics.identification import (excite, friction_motion, identify, ModelWatch,
+                                          read_recording, Recording, rows)
 import numpy as np
 import pytest
 from recordings import simulated
@@ -172,3 +173,17 @@ def test_recording_takes_lists_and_refuses_what_is_no_real_number():
                         ([0.0] * 3, r'shapes \(3,\) and \(3,\)')):
         with pytest.raises(InputError, match=words):
             Recording([0, 1, 2], zeros, zeros, zeros, part)
+
+
+def test_arms_with_beams_are_refused_where_torques_must_be_linear_in_parameters():
+    arm = load_urdf(URDF, supplement=URDF.with_name('two_link.bending.yaml'))
+    t = np.arange(300) * 0.01
+    q = 0.1 * np.sin(np.outer(t, np.arange(1, arm.n + 1)))
+    u = np.gradient(q, t, axis=0)
+    recording = Recording(t, q, u, np.gradient(u, t, axis=0), q)
+    calls = (lambda: identify(arm, recording), lambda: rows(arm, recording),
+             lambda: excite(arm), lambda: friction_motion(arm),
+             lambda: ModelWatch(arm, recording))
+    for call in calls:
+        with pytest.raises(InputError, match='model: with beams; expected rigid links'):
+            call()
