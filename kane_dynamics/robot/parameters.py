@@ -55,6 +55,12 @@ def checked_limits(limits: JointLimits, coordinates: Sequence[str],
             raise InputError(f"limits.{name} of joint '{names[wrong[0]]}': "
                              f'{array[wrong[0]]}; expected {expected}')
         arrays[name] = array
+    crossed = np.flatnonzero(arrays['lower'] > arrays['upper'])
+    if len(crossed) > 0:
+        j = crossed[0]
+        raise InputError(f"limits of joint '{coordinates[j]}': lower "
+                         f'{arrays["lower"][j]:g}, upper {arrays["upper"][j]:g}; expected '
+                         'lower <= upper')
     return JointLimits(**arrays)
 
 

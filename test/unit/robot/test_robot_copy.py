@@ -109,7 +109,9 @@ def test_limits_of_a_copy_are_its_own(duplicated):
     ({'effort': [1.0, np.nan, 1.0]}, r"limits.effort of joint 'joint1': nan; expected"),
     ({'velocity': [1.0, 1.0, -2.0]}, r"limits.velocity of joint 'joint2': -2.0; expec"),
     ({'lower': np.zeros(2)}, r'limits.lower: shape \(2,\); expected \(3,\), of joint0'),
-    ({'upper': 'abc'}, "limits.upper: 'abc'; expected 3 numbers")])
+    ({'upper': 'abc'}, "limits.upper: 'abc'; expected 3 numbers"),
+    ({'lower': [0.0, 2.0, 0.0], 'upper': np.ones(3)},
+     "limits of joint 'joint1': lower 2, upper 1; expected lower <= upper")])
 def test_assigned_limits_are_checked(change, words):
     robot = Robot(random_model(3, 3))
     with pytest.raises(InputError, match=words):
