@@ -99,7 +99,8 @@ class ModelChange(NamedTuple):
         if self.cause == 'offset':
             return f'{of}: offset of the torque {self.size:+.3g} ({deviation}) N m or N'
         if self.cause == 'delay':
-            return f'{of}: torque {self.size:+.3g} s late ({deviation} s)'
+            side = 'late' if self.size > 0.0 else 'early'
+            return f'{of}: torque {abs(self.size):.3g} s {side} ({deviation} s)'
         if self.cause == UNKNOWN:
             return (f'{of}: a change of unknown cause, with a residual {self.size:.3g} times '
                     f'that of the reference ({deviation})')

@@ -198,8 +198,11 @@ def test_a_short_contact_is_no_change_of_the_arm():
 def test_numbers_of_a_change_have_units():
     for cause, words in (('torque constant', '+10 % (+- 2 %)'),
                          ('friction', 'up, +10 % (+- 2 %)'),
-                         ('offset', '+0.1 (+- 0.02) N m or N')):
+                         ('offset', '+0.1 (+- 0.02) N m or N'),
+                         ('delay', 'torque 0.1 s late (+- 0.02 s)')):
         assert words in str(ModelChange('joint1', cause, 0.1, 0.02, 1.0))
+    early = str(ModelChange('joint1', 'delay', -0.1, 0.02, 1.0))
+    assert 'torque 0.1 s early (+- 0.02 s)' in early
 
 
 def test_a_payload_is_one_alarm_though_it_increases_load_friction():
