@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control_cycle.cycle_results import (ACCEPTED, FIRST, JUMP, NANO, NEVER,
-                                                       NOT_FINITE, OUTSIDE, TOO_FAST)
+                                                       NOT_FINITE, OUTSIDE, TOO_FAST,
+                                                       UNEXPLAINED)
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.flags import branch, either, finite, flag
 from kane_dynamics.mechanics.algebra.vector import is_zero
@@ -299,6 +300,7 @@ def judged(memory: StateMemory, moment: Scalar, state: Vector, settings: CheckSe
     doubtful = doubtful * settings.compares * is_possible * has_earlier
     compared = branch(doubtful, begun, compared)
 
-    waits = settings.compares * either(doubtful, 1.0, 1.0 - has_earlier)
+    waits = settings.compares * (1.0 - has_earlier)
     possible = either(waits, float(FIRST), float(ACCEPTED))
+    possible = either(doubtful, float(UNEXPLAINED), possible)
     return either(is_possible, possible, fault), branch(has_earlier, compared, first)

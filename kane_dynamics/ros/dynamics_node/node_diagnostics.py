@@ -13,7 +13,7 @@ from kane_dynamics.ros.common.stamped_numbers import FUTURE
 from kane_dynamics.ros.dynamics_node.configured_robot import ConfiguredRobot
 from kane_dynamics.ros.torque_path.drop_reasons import (JUMP, MISSING, NO_CLOCK,
                                                         NO_VELOCITY, OUTSIDE, REFUSED,
-                                                        STALE, TOO_FAST)
+                                                        STALE, TOO_FAST, UNEXPLAINED)
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 REMINDER = 10.0  # s between two log lines that say what the node waits for
@@ -42,6 +42,8 @@ DROP_REMEDIES = {
           'state_check.*',
     TOO_FAST: 'check the encoders, the speed limits of the URDF and '
     'state_check.speed_factor',
+    UNEXPLAINED: 'publish states more often than every state_check.grace, with speeds that '
+    'fit the positions',
     OUTSIDE: 'check units (rad), encoders and the position limits of the URDF',
     REFUSED: 'keep motions away from singular configurations'}
 

@@ -13,11 +13,13 @@ STALE, NO_CLOCK = 'stale (older than state_timeout)', 'no message on /clock'
 OUTSIDE, TOO_FAST, JUMP = (
     'position beyond its limits', 'velocity beyond its limit', 'position jumped')
 NO_TORQUE, REFUSED = 'no finite torque', 'closed loop without a torque'
+UNEXPLAINED = 'position unexplained after a pause'
 LEARNED = 'layout learned after newer states'
 
 REASONS = {
     cycle_results.NO_CLOCK: NO_CLOCK, cycle_results.STALE: STALE,
     cycle_results.FUTURE: FUTURE, cycle_results.OUT_OF_ORDER: OUT_OF_ORDER,
+    cycle_results.UNEXPLAINED: UNEXPLAINED,
     cycle_results.NOT_FINITE: NOT_FINITE, cycle_results.OUTSIDE: OUTSIDE,
     cycle_results.TOO_FAST: TOO_FAST, cycle_results.JUMP: JUMP,
     cycle_results.CONTRADICTORY: CONTRADICTION, cycle_results.OFF_BRANCH: BRANCH,

@@ -743,13 +743,16 @@ class TorquePath:
             self._drop(MISSING if fault is FOREIGN else fault, self._reader.detail)
 
     def _drop_stamp(self, code: int, stamp: int, now: int) -> None:
-        """Count a state whose stamp says nothing about the arm, and explain it."""
+        """Count a state that is not answered because of its stamp, and explain it."""
         last = round(self._memory.entries[LAST_STAMP]) + self._epoch
         details = {
             cycle_results.NO_CLOCK: 'use_sim_time is true and no time was received',
             cycle_results.STALE: f'{(now - stamp) / NANO:.3f} s old',
             cycle_results.FUTURE: f'{(stamp - now) / NANO:.3f} s ahead of the clock',
-            cycle_results.OUT_OF_ORDER: f'{(last - stamp) / NANO:.6f} s before it'}
+            cycle_results.OUT_OF_ORDER: f'{(last - stamp) / NANO:.6f} s before it',
+            cycle_results.UNEXPLAINED: f'{(stamp - last) / NANO:.3f} s after the last '
+            'accepted state; expected speeds that explain the positions, or another '
+            'state there'}
         self._drop(REASONS[code], details[code])
 
     def _note_fault(self, was_commanding: bool, path: PathState, code: int, now: int
