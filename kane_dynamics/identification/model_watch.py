@@ -10,15 +10,21 @@ known direction to it:
     torque constant   the torque of a joint
     delay             the rate of the torque, of one joint or of all
 
-times a size, which is fitted by least squares, one cause at a time. Friction that
+times a size, which is fitted, one cause at a time. Friction that
 reverses is a step, so that delays of up to 50 ms are tried: the squares have their
 minimum at the delay. The model's own errors have sizes too: those of a sound recording,
 the reference, are subtracted; or the residuals themselves, if the motion is the same, so
 that the errors of the model cancel. The standard error is that of the sizes of blocks of
 rows (jackknife), since residuals of neighboring rows are alike. Rows in which a joint
-rests say nothing of it, because static friction is unknown. Noise of the motion is in the
-residual and in the directions: in the same motion, the directions are those of the mean
-of both recordings, whose noise has no correlation with the difference of the residuals.
+rests say nothing of it, because static friction is unknown.
+
+Noise of the motion is in the residual and in the directions, so that least squares would
+make sizes less than they are, the more rows a second the more (errors in variables).
+Instead the residual is correlated with instruments: the directions along the motion of the
+rows before and after each row, whose noise is another one. A direction that is only noise
+has no correlation with its instrument, and is not judged. In the same motion, the
+directions are those of the mean of both recordings, whose noise has no correlation with
+the difference of the residuals.
 
 A cause is an alarm if its size is beyond the quantile of Student's distribution for the
 stated rate of false alarms, divided among all causes (Bonferroni). Of several, the one
@@ -56,10 +62,14 @@ ROUNDING = 1e-9  # of the torque: a smaller residual has no cause
 UNCERTAIN = 0.05  # of the torque of a cause: its law is not exact
 LEAST_SIZE = 1e-4  # relative, of a change of friction or of a torque constant
 INFORMED = 2.0  # standard errors of the correlation of measured and computed rates
+STRONG = 10.0  # F of the first stage, of an instrument (Staiger and Stock 1997)
 LONGEST_DELAY = 0.05  # s, but two rows at least
 MOST_DELAYS = 20  # that are tried, either way
 SMOOTHED = 0.05  # s, of accelerations in the rate of the model's torque
 UNEXPLAINED = 3.0  # times the residual of the reference
+RATE_SPAN = 0.02  # s, of speeds and accelerations in the model's torque
+NEIGHBORS_OF_SPEEDS = 2  # rows, either way, whose accelerations share noise of speeds
+NEIGHBORS_OF_POSITIONS = 4
 ALL_JOINTS = 'all joints'
 UNKNOWN = 'unknown'
 
@@ -141,14 +151,21 @@ class CauseSizes(NamedTuple):
 
 class _Cause(NamedTuple):
     """
-    A possible change: name, joint, and its directions of the torque, (N, n, k).
+    A possible change of the arm, and what it adds to the torques.
 
-    The directions are zero where joints rest.
+    Attributes
+    ----------
+    name, joint : str
+    directions, instruments : (N, n, k) arrays
+        Torques of a size of 1, computed from the motion of the same rows, and from that of
+        the rows around them. They are zero where joints rest.
+
     """
 
     name: str
     joint: str
     directions: Array
+    instruments: Array
 
 
 class _DelayScores(NamedTuple):
@@ -228,6 +245,7 @@ class ModelWatch:
                             lambda x: 0.0 < x < 0.5)
         _require_rows(model, reference)
         self._robot = Robot(model)
+        reference = _with_mean_rates(reference)
         self._reference = reference
         self._residual = _residual(self._robot, reference)
         scale = ROUNDING * rms(reference.tau)
@@ -259,6 +277,7 @@ class ModelWatch:
         """
         robot = self._robot
         _require_rows(robot.model, recording)
+        recording = _with_mean_rates(recording)
         residual = _residual(robot, recording)
         sound: list[CauseSizes | None] | None = self._sound
         remaining = residual
@@ -391,11 +410,20 @@ class ModelWatch:
         return _DelayScores(delays, of_blocks, information, squares)
 
     def _sizes(self, cause: _Cause, residual: Array, scores: '_DelayScores') -> CauseSizes:
-        """Return the sizes of a cause that fit a residual best."""
+        """
+        Return the sizes of a cause with which its instruments leave no correlation.
+
+        Those of a direction that is only noise are 0, without blocks NaN.
+        """
         directions = cause.directions
         if cause.name == 'delay':
             return scores.delay(np.asarray(directions.any(axis=(0, 2))))
         weighted = directions / self._sigma[:, None]
+        # Columns of length 1: kg and N m have no common measure.
+        length = np.sqrt(np.sum(weighted**2, axis=(0, 1)))
+        length[length == 0.0] = 1.0
+        weighted = weighted / length
+        instruments = cause.instruments / (self._sigma[:, None] * length)
         target = residual / self._sigma
         count = directions.shape[2]
         information: Array = np.zeros((BLOCKS, count, count))
@@ -403,12 +431,22 @@ class ModelWatch:
         for k, rows in enumerate(np.array_split(np.arange(len(residual)), BLOCKS)):
             # All rows and joints of a block below each other.
             A = weighted[rows].reshape(-1, count)
-            information[k] = A.T @ A
-            products[k] = A.T @ target[rows].ravel()
+            Z = instruments[rows].reshape(-1, count)
+            information[k] = Z.T @ A
+            products[k] = Z.T @ target[rows].ravel()
+        # Rows far enough apart have no noise in common: a direction that is noise has no
+        # size. Its instrument is strong if F of the first stage is above 10.
+        correlation = np.sum(instruments[..., 0] * weighted[..., 0], axis=1)
+        if correlation.sum() <= np.sqrt(STRONG * np.sum(correlation**2)):
+            return CauseSizes(np.zeros(count), np.full((BLOCKS, count), np.nan))
         # Of all blocks, then of all but one.
         without = information.sum(axis=0) - information, products.sum(axis=0) - products
-        sizes = _solutions(np.concatenate([[information.sum(axis=0)], without[0]]),
-                           np.concatenate([[products.sum(axis=0)], without[1]]))
+        information = np.concatenate([[information.sum(axis=0)], without[0]])
+        products = np.concatenate([[products.sum(axis=0)], without[1]])
+        # A direction that vanishes has no size. The matrix of instruments and directions
+        # is not symmetric.
+        inverse = np.linalg.pinv(information, rcond=1e-8)
+        sizes = (inverse @ products[..., None])[..., 0] / length
         return CauseSizes(sizes[0], sizes[1:])
 
 
@@ -434,6 +472,18 @@ def _mean_motion(recording: Recording, other: Recording) -> Recording:
     return replace(recording, **columns)
 
 
+def _with_mean_rates(recording: Recording) -> Recording:
+    """
+    Return the recording with means of speeds and accelerations over a short time.
+
+    Noise of differences grows with the rate of the rows. Where the model is not linear,
+    as in friction that grows with the load, noise changes the mean torque: it has to be
+    alike in all recordings.
+    """
+    rows = _rows_of(RATE_SPAN, recording.t)
+    return replace(recording, u=_mean(recording.u, rows), udot=_mean(recording.udot, rows))
+
+
 def _moving(recording: Recording) -> Flags:
     """Return where a joint moves, (N, n)."""
     return np.asarray(np.abs(recording.u) > STANDSTILL)
@@ -449,16 +499,45 @@ def _same_motion(recording: Recording, other: Recording) -> bool:
 
 
 def _causes(robot: Robot, recording: Recording) -> list[_Cause]:
-    """Return the possible causes with their directions along a recording."""
+    """Return the possible causes with their directions and instruments."""
+    moving = _moving(recording)
+    causes = []
+    around = _motion_around(recording)
+    for (name, joint, directions), (_, _, instruments) in zip(
+            _directions(robot, recording, moving), _directions(robot, around, moving),
+            strict=True):
+        causes.append(_Cause(name, joint, directions, instruments))
+    return causes
+
+
+def _motion_around(recording: Recording) -> Recording:
+    """
+    Return the motion of the rows before and after each row, without the row.
+
+    Accelerations are differences of the speeds of two rows, which may be differences of
+    positions: rows as near as these have noise in common, and are left out, too.
+    """
+    neighbors = NEIGHBORS_OF_SPEEDS
+    if 'u' in recording.derived:
+        neighbors = NEIGHBORS_OF_POSITIONS
+    left_out = neighbors + _rows_of(RATE_SPAN, recording.t)
+    reach = left_out + max(neighbors, _rows_of(SMOOTHED, recording.t))
+    return replace(recording, q=_mean_around(recording.q, left_out, reach),
+                   u=_mean_around(recording.u, left_out, reach),
+                   udot=_mean_around(recording.udot, left_out, reach))
+
+
+def _directions(robot: Robot, recording: Recording,
+                moving: Flags) -> list[tuple[str, str, Array]]:
+    """Return name, joint and directions of the torque, (N, n, k), of each cause."""
     # Each cause changes the torque in a direction that follows from the recording.
     q, u, udot = recording.q, recording.u, recording.udot
     torque = robot.inverse_dynamics(q, u, udot)
     offsets = np.array([joint.friction_offset for joint in robot.model.coordinate_joints])
     terms = robot.torque_terms(q, u, udot)
     friction = terms[:, TORQUE_TERMS.index('friction')] - offsets
-    smooth = robot.inverse_dynamics(q, u, _without_noise(udot, recording.t))
+    smooth = robot.inverse_dynamics(q, u, _mean(udot, _rows_of(SMOOTHED, recording.t)))
     rate = np.gradient(smooth, recording.t, axis=0)
-    moving = _moving(recording)
     causes = []
     # A payload is a load on the drives, too, and increases their friction.
     load = torque - terms[:, TORQUE_TERMS.index('friction')]
@@ -468,8 +547,8 @@ def _causes(robot: Robot, recording: Recording) -> list[_Cause]:
     for k, body in enumerate(robot.model.bodies):
         if k not in parents - {WORLD}:
             # Mass, and mass times its center: the inertia of a payload is small.
-            causes.append(_Cause('payload', body.name, Y[:, :, 10 * k:10 * k + 4]))
-    causes.append(_Cause('delay', ALL_JOINTS, -(rate * moving)[..., None]))
+            causes.append(('payload', body.name, Y[:, :, 10 * k:10 * k + 4]))
+    causes.append(('delay', ALL_JOINTS, -(rate * moving)[..., None]))
     # Causes of one joint: a column of it alone, where it moves.
     for j, name in enumerate(robot.joint_names):
         of_joint = {'friction': friction[:, j], 'offset': np.ones(len(q)),
@@ -477,15 +556,26 @@ def _causes(robot: Robot, recording: Recording) -> list[_Cause]:
         for cause, column in of_joint.items():
             directions = np.zeros((*torque.shape, 1))
             directions[:, j, 0] = column * moving[:, j]
-            causes.append(_Cause(cause, name, directions))
+            causes.append((cause, name, directions))
     return causes
 
 
-def _without_noise(udot: Array, t: Array) -> Array:
-    """Return the means of accelerations over a short time, (N, n)."""
-    width = 2 * round(0.5 * SMOOTHED / float(np.median(np.diff(t)))) + 1
+def _rows_of(span: float, t: Array) -> int:
+    """Return how many rows either way make up a time."""
+    return round(0.5 * span / float(np.median(np.diff(t))))
+
+
+def _mean(values: Array, rows: int) -> Array:
+    """Return the mean of each row and some rows before and after it, (N, n)."""
     mean = scientific('scipy.ndimage').uniform_filter1d
-    return np.asarray(mean(udot, width, axis=0, mode='nearest'))
+    return np.asarray(mean(values, 2 * rows + 1, axis=0, mode='nearest'))
+
+
+def _mean_around(values: Array, left_out: int, reach: int) -> Array:
+    """Return the mean of the rows up to a reach, without the nearest ones, (N, n)."""
+    near = (2 * left_out + 1) * _mean(values, left_out)
+    total = (2 * reach + 1) * _mean(values, reach)
+    return (total - near) / (2.0 * (reach - left_out))
 
 
 def _load_slopes(robot: Robot, u: Array, load: Array) -> Array:
@@ -524,15 +614,6 @@ def _floor(cause: str, sigma: Array) -> float:
     if cause == 'offset':
         return LEAST_SIZE * float(sigma.min())
     return LEAST_SIZE
-
-
-def _solutions(information: Array, products: Array) -> Array:
-    """Return least squares solutions, (m, k); zeros for directions that vanish."""
-    diagonal = np.diagonal(information, axis1=1, axis2=2)
-    scale = np.sqrt(np.maximum(diagonal, 1e-300))
-    scaled = information / (scale[:, :, None] * scale[:, None, :])
-    inverse = np.linalg.pinv(scaled, rcond=1e-8, hermitian=True)
-    return np.asarray((inverse @ (products / scale)[..., None])[..., 0] / scale)
 
 
 def _spread(jackknifed: Array) -> Array:

@@ -151,15 +151,16 @@ def with_gears(model):
     return replace(model, bodies=tuple(bodies))
 
 
-def measured(model, noise_seed, delay=0.0, motion_seed=3, speed=2.0, noise=0.2):
-    """Return a motion measured 200 times a second, with noise of speeds and torques."""
+def measured(model, noise_seed, delay=0.0, motion_seed=3, speed=2.0, noise=0.2,
+             rate=200.0, speed_noise=1e-3):
+    """Return a motion measured at a rate, with noise of speeds and torques."""
     t, q, u, udot = exciting(model.n, motion_seed, duration=12.0, rate=1000.0,
                              speed=speed)
     tau = Robot(model).inverse_dynamics(q, u, udot)
-    rows = np.arange(100, len(t) - 100, 5)
+    rows = np.arange(100, len(t) - 100, round(1000.0 / rate))
     rng = np.random.default_rng(noise_seed)
     q_rows = q[rows]
-    u_rows = u[rows] + 1e-3 * rng.normal(size=q_rows.shape)
+    u_rows = u[rows] + speed_noise * rng.normal(size=q_rows.shape)
     tau_rows = tau[rows - round(1000.0 * delay)] + noise * rng.normal(size=q_rows.shape)
     udot_rows = np.gradient(u_rows, t[rows], axis=0)
     return Recording(t[rows], q_rows, u_rows, udot_rows, tau_rows)
@@ -229,6 +230,57 @@ def test_noise_of_joints_without_load_is_no_delay(motion_seed):
     watch = ModelWatch(model, measured(model, 1, speed=0.3, noise=0.5))
     sound = measured(model, 2, motion_seed=motion_seed, speed=0.3, noise=0.5)
     assert watch.report(sound).alarms == ()
+
+
+def slow_motion(model, seed, rate, amount):
+    """Return a slow motion with an amount of noise, in which wrists have little load."""
+    return measured(model, seed, motion_seed=seed, speed=0.56, noise=0.3 * amount,
+                    rate=rate, speed_noise=1e-3 * amount)
+
+
+@pytest.mark.parametrize('drives', ['ideal', 'with gears'])
+@pytest.mark.parametrize(('rate', 'other_rate', 'amount'), [
+    (1000.0, 100.0, 1.0), (200.0, 100.0, 2.0), (100.0, 200.0, 2.0)])
+def test_noise_of_accelerations_is_no_change_at_another_rate(drives, rate, other_rate,
+                                                             amount):
+    # Accelerations are differences of speeds: their noise grows with the rate.
+    model = load_urdf(URDF)
+    if drives == 'with gears':
+        model = with_gears(model)
+    watch = ModelWatch(model, slow_motion(model, 1, rate, amount), false_alarms=0.01)
+    for seed in range(10, 16):
+        sound = slow_motion(model, seed, other_rate, amount)
+        assert watch.report(sound).alarms == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('amount', [0.5, 1.0, 2.0])
+@pytest.mark.parametrize(('rate', 'other_rate'), [
+    (200.0, 100.0), (100.0, 200.0), (1000.0, 100.0), (100.0, 100.0)])
+def test_false_alarms_at_another_rate_are_at_most_the_stated_rate(rate, other_rate,
+                                                                  amount):
+    model = load_urdf(URDF)
+    alarms = 0
+    for seed in range(200):
+        if seed % 20 == 0:
+            sound = slow_motion(model, 1000 + seed, rate, amount)
+            watch = ModelWatch(model, sound, false_alarms=0.01)
+        alarms += bool(watch.report(slow_motion(model, seed, other_rate, amount)).alarms)
+    assert alarms <= 2
+
+
+def test_faults_are_named_at_another_rate():
+    model = with_gears(load_urdf(URDF))
+    watch = ModelWatch(model, measured(model, 1, rate=1000.0))
+    sound = measured(model, 2, motion_seed=5, rate=100.0)
+    assert watch.report(sound).alarms == ()
+    misses = []
+    faults = list(spoilt(model, sound))
+    for cause, joint, recording in faults:
+        alarms = watch.report(recording).alarms
+        if not alarms or (alarms[0].cause, alarms[0].joint) != (cause, joint):
+            misses.append((cause, joint))
+    assert len(misses) <= 0.1 * len(faults), misses
 
 
 def test_other_motion_shows_a_large_change_and_no_false_one():
