@@ -172,7 +172,8 @@ def test_after_a_backward_jump_the_node_follows_later_motions(pair):
     time.sleep(0.1)
     pair.adjust(dropout__states=0.0, rate_factor=0.1)
     there = Robot(model()).gravity_force(np.array([0.5, 0.6, 0.1]))
-    np.testing.assert_allclose(pair.answered(3), there, rtol=1e-9)
+    # The motion is followed after its check, which takes longer on a busy machine.
+    assert wait_until(lambda: np.allclose(pair.answered(3), there, rtol=1e-9, atol=0.0))
     assert pair.node.log.count('jumped backward or replaced') == count_before + 1
     pair.reset()
     assert wait_until(lambda: np.abs(pair.answered(1) - hold).max() < 0.5), (
