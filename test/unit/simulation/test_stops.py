@@ -388,7 +388,7 @@ def test_stops_are_on_or_off(bad):
 
 @pytest.mark.parametrize(('limits', 'words'), [
     ((0.1, 0.1), "limits: of joint 'joint0' .*expected a range"),
-    ((0.4, -0.4), "limits of joint 'joint0': lower 0.4, upper -0.4; expected lower <= upper")])
+    ((0.4, -0.4), "joint 'joint0': lower 0.4, upper -0.4; expected lower <= upper")])
 def test_limits_that_leave_no_range_are_refused(limits, words):
     with pytest.raises(InputError, match=words):
         simulate(stopped(tree(), joint0=limits), [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], 0.01,
