@@ -39,7 +39,10 @@ def checked_limits(limits: JointLimits, coordinates: Sequence[str],
     arrays = {}
     for name in ('lower', 'upper', 'velocity', 'effort'):
         value = getattr(limits, name)
-        names = coordinates if name in ('lower', 'upper') else joints
+        if name in ('lower', 'upper'):
+            names, least, expected = coordinates, -np.inf, 'a number'
+        else:
+            names, least, expected = joints, 0.0, 'a number >= 0'
         try:
             array = np.array(real_numbers(value))
         except (TypeError, ValueError):
@@ -48,10 +51,8 @@ def checked_limits(limits: JointLimits, coordinates: Sequence[str],
         if array.shape != (len(names),):
             raise InputError(f'limits.{name}: shape {array.shape}; expected '
                              f'{(len(names),)}, of {", ".join(names)}')
-        least = -np.inf if name in ('lower', 'upper') else 0.0
         wrong = np.flatnonzero(~(array >= least))  # NaN passes no comparison
         if len(wrong) > 0:
-            expected = 'a number' if least else 'a number >= 0'
             raise InputError(f"limits.{name} of joint '{names[wrong[0]]}': "
                              f'{array[wrong[0]]}; expected {expected}')
         arrays[name] = array
