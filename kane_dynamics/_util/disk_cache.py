@@ -13,6 +13,7 @@ from contextlib import suppress
 import hashlib
 import os
 from pathlib import Path
+import re
 import stat
 import tempfile
 
@@ -25,10 +26,22 @@ LOOKS = 64
 OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
-def source_digest(folder: str | os.PathLike[str]) -> str:
-    """Return a hash of the content of all Python code in a folder, at any depth."""
+# Rooms whose code reaches an entry only if a part of its key names one of their modules.
+# The second group imports the first; neither is imported by any other room.
+APPLICATIONS = frozenset({
+    'control', 'control_cycle', 'task_space', 'simulation', 'analysis', 'closed_forms',
+    'feasibility', 'gpu', 'identification', 'optimal_control', 'sweep'})
+PROGRAMS = frozenset({'plot', 'view', 'ros', 'cli', 'demo'})
+MODULE_NAME = re.compile(r'\bkane_dynamics\.(\w+)')
+
+
+def source_digest(folder: str | os.PathLike[str],
+                  left_out: frozenset[str] = frozenset()) -> str:
+    """Return a hash of all Python code in a folder, except in subfolders left out."""
     digest = hashlib.sha256()
     for name, path in sorted(_sources(os.fspath(folder), '')):
+        if name.split('/')[0].removesuffix('.py') in left_out:
+            continue
         content = Path(path).read_bytes()
         digest.update(f'{len(name)}:{name}{len(content)}:'.encode())
         digest.update(content)
@@ -46,15 +59,33 @@ def _sources(folder: str, prefix: str) -> Iterator[tuple[str, str]]:
                 yield prefix + entry.name, entry.path
 
 
-# Hash of the whole package, so that no folder is missed. It is computed at import,
-# because files edited later are not the code that runs. It takes 5 ms.
-VERSION = source_digest(Path(__file__).resolve().parent.parent)
+# Computed at import, because files edited later are not the code that runs. Each takes
+# some milliseconds.
+PACKAGE = Path(__file__).resolve().parent.parent
+CORE_VERSION = source_digest(PACKAGE, APPLICATIONS | PROGRAMS)
+APPLICATIONS_VERSION = source_digest(PACKAGE, PROGRAMS)
+PACKAGE_VERSION = source_digest(PACKAGE)
+
+
+def _version(parts: tuple[str, ...]) -> str:
+    """Return the hash of the code that the entry with these parts may depend on."""
+    rooms = set(MODULE_NAME.findall(' '.join(parts)))
+    if rooms & PROGRAMS:
+        return PACKAGE_VERSION
+    if rooms & APPLICATIONS:
+        return APPLICATIONS_VERSION
+    return CORE_VERSION
 
 
 def key(*parts: str) -> str:
-    """Return the cache key of these parts and this version of the code."""
+    """
+    Return the cache key of these parts and of the code that shapes the entry.
+
+    The key of a traced function names the modules of the function (`origin`). An edit of
+    a command or of a picture therefore compiles no kernel of a robot again.
+    """
     digest = hashlib.sha256()
-    for part in (*parts, VERSION):
+    for part in (*parts, _version(parts)):
         content = part.encode('utf-8', 'surrogatepass')
         digest.update(f'{len(content)}:'.encode())
         digest.update(content)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from typing import NamedTuple
 
+from kane_dynamics._util import disk_cache
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[2] / 'kane_dynamics'
@@ -274,3 +275,12 @@ def test_importing_the_library_imports_no_peer_and_no_ros():
     done = subprocess.run([sys.executable, '-c', code], cwd=PACKAGE.parent, check=True,
                           capture_output=True, text=True)
     assert set(ast.literal_eval(done.stdout)) <= {'llvmlite', 'yourdfpy', 'scipy'}
+
+
+def test_cache_keys_know_the_rooms_of_the_table():
+    # A room that a key takes for one of the core would not count in the keys of laws.
+    rooms = CORE.split()
+    first_law = rooms.index('control')
+    applications = {*rooms[first_law:], *APPLICATIONS.split('\nplot')[0].split()}
+    assert applications == disk_cache.APPLICATIONS
+    assert {'plot', 'view', *PROGRAMS.split()} == disk_cache.PROGRAMS

@@ -1,6 +1,7 @@
 """Traced programs: inputs, outputs and the live operations between them, in order."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 import hashlib
@@ -198,8 +199,8 @@ def origin(program: Callable[..., Any]) -> str:
 
     These are the values of `functools.partial` and of enclosing functions that are
     functions, texts, numbers, arrays of numbers, slices, or tuples, lists and dicts of
-    these. Other objects do not count: a key names what they are. The text is the same in
-    each process.
+    these. Of other objects only the class counts: a key names their values. The text is
+    the same in each process.
     """
     parts: list[str] = []
     _describe(program, parts, set())
@@ -228,18 +229,25 @@ def _describe(value: Any, parts: list[str], seen: set[int]) -> None:
     elif isinstance(value, partial):
         for x in (value.func, *value.args, *value.keywords.values()):
             _describe(x, parts, seen)
-    else:
-        function = value.__func__ if isinstance(value, MethodType) else value
-        if isinstance(function, FunctionType) and id(function) not in seen:
-            seen.add(id(function))
-            name = f'{function.__module__}.{function.__qualname__}'
-            parts.append(f'{name}:{function.__code__.co_firstlineno}')
-            for cell in function.__closure__ or ():
-                try:
-                    content = cell.cell_contents
-                except ValueError:  # not assigned yet
-                    continue
-                _describe(content, parts, seen)
+    elif isinstance(value, MethodType):
+        _describe(value.__self__, parts, seen)
+        _describe(value.__func__, parts, seen)
+    elif not isinstance(value, FunctionType):
+        kind = type(value)
+        parts.append(f'{kind.__module__}.{kind.__qualname__}')
+    elif id(value) not in seen:
+        seen.add(id(value))
+        name = f'{value.__module__}.{value.__qualname__}'
+        parts.append(f'{name}:{value.__code__.co_firstlineno}')
+        for content in _enclosed(value):
+            _describe(content, parts, seen)
+
+
+def _enclosed(function: FunctionType) -> Iterator[Any]:
+    """Yield the values of the variables that a function encloses."""
+    for cell in function.__closure__ or ():
+        with suppress(ValueError):  # not assigned yet
+            yield cell.cell_contents
 
 
 def factored(program: Program) -> Program:

@@ -1,5 +1,6 @@
 """Cache of machine code: safe for concurrent use, rebuilt when damaged or untrusted."""
 
+from functools import partial
 import multiprocessing
 import os
 from pathlib import Path
@@ -10,6 +11,7 @@ import sys
 import kane_dynamics
 from kane_dynamics import Robot
 from kane_dynamics._util import disk_cache
+from kane_dynamics.native.tracing.program import origin
 from kane_dynamics.robot import kernel_set
 import mechanisms
 from mechanisms import random_model, random_state
@@ -158,6 +160,7 @@ def test_concurrent_interpreters_with_an_empty_cache_agree_and_leave_complete_fi
 import sys
 from kane_dynamics import Robot
 from kane_dynamics._util import disk_cache
+from kane_dynamics.native.tracing.program import origin
 from mechanisms import random_model, random_state
 disk_cache.MOST_BYTES = int(sys.argv[1])
 model = random_model(8, 3)
@@ -206,3 +209,59 @@ Robot(random_model(8, 3), constraints=[coupling]).mass_matrix(np.zeros(3))
         files_after = kept()
         assert len(files_after - files_before) >= len(first), name
         files_before = files_after
+
+
+def test_a_key_depends_on_the_code_of_the_rooms_that_it_names(monkeypatch):
+    versions = ['CORE_VERSION', 'APPLICATIONS_VERSION', 'PACKAGE_VERSION']
+
+    def changes(part):
+        """Return the versions on which the key of a part depends."""
+        depends = []
+        for version in versions:
+            with monkeypatch.context() as patch:
+                before = disk_cache.key(part)
+                patch.setattr(disk_cache, version, 'changed')
+                if disk_cache.key(part) != before:
+                    depends.append(version)
+        return depends
+    assert changes('kane_dynamics.mechanics.equations.Equations.bias') == versions[:1]
+    assert changes('kane_dynamics.control_cycle.cycle_rules.judge:7') == versions[1:2]
+    assert changes('kane_dynamics.simulation.x kane_dynamics.ros.y') == versions[2:]
+
+
+def test_an_edit_of_a_command_compiles_no_kernel_again(tmp_path):
+    for name in ('mechanics', 'control', 'cli'):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / 'module.py').write_text('')
+
+    def digests():
+        return [disk_cache.source_digest(tmp_path, left_out) for left_out in (
+            disk_cache.APPLICATIONS | disk_cache.PROGRAMS, disk_cache.PROGRAMS,
+            frozenset())]
+    before = digests()
+    (tmp_path / 'cli' / 'module.py').write_text('changed = 1')
+    assert [new == old for new, old in zip(digests(), before)] == [True, True, False]
+    before = digests()
+    (tmp_path / 'control' / 'module.py').write_text('changed = 1')
+    assert [new == old for new, old in zip(digests(), before)] == [True, False, False]
+    before = digests()
+    (tmp_path / 'mechanics' / 'module.py').write_text('changed = 1')
+    assert [new == old for new, old in zip(digests(), before)] == [False, False, False]
+
+
+def test_functions_of_objects_name_the_class_in_the_key():
+    # A subclass may override what the function calls.
+    class Law:
+
+        def torque(self, q):
+            return self.gain() * q
+
+        def gain(self):
+            return 1.0
+
+    class Stiffer(Law):
+
+        def gain(self):
+            return 2.0
+    assert origin(Law().torque) != origin(Stiffer().torque)
+    assert origin(partial(Law.torque, Law())) != origin(partial(Law.torque, Stiffer()))
