@@ -41,6 +41,12 @@ NOT_DROPPED, BY_CLOCK, BY_TIMEOUT, BY_REFUSAL, BY_GUARD, BY_LOOPS, BY_STALL = ra
 # Of state_timeout, without a look at the clock: longer than the period of these looks.
 STALL = 0.5
 SHORTEST_STALL = 0.02 * NANO  # whatever the timeout is; longer than ordinary delays
+# The measured period of the states follows the latest one by this share, and one state lets
+# it grow by at most as much.
+PERIOD_GAIN = 0.125
+# The limit of the rate acts over at most two periods, as they were measured before the
+# state: after a silence, one state alone must not change the torque by more.
+MOST_PERIODS = 2.0 / (1.0 + PERIOD_GAIN)
 
 
 class PathState(NamedTuple):
@@ -66,6 +72,8 @@ class PathState(NamedTuple):
     last_now, last_heard, last_stamp : Scalar
         The clock of the last cycle; time and stamp of the last state in time, and of
         the last accepted one.
+    period : Scalar
+        Mean time between two states in time, ns; 0: not measured yet.
     looked_at, last_look : Scalar
         Steady time of the last look at the clock, `elapse`, 0: none yet; and the clock then,
         which may be simulated.
@@ -127,6 +135,7 @@ class PathState(NamedTuple):
     last_now: Scalar
     last_heard: Scalar
     last_stamp: Scalar
+    period: Scalar
     looked_at: Scalar
     last_look: Scalar
     excused: Scalar
@@ -284,7 +293,7 @@ class Event(NamedTuple):
     now, stamp : Scalar
         The clock, and the stamp of the state.
     moving : Scalar
-        Whether a motion is scheduled at the stamp.
+        Whether a motion is scheduled at the time of the state, `moment_of`.
     x : Scalar
         Fraction of the time of the segment, 0 to 1.
     ticking : Scalar
@@ -300,6 +309,11 @@ class Event(NamedTuple):
     x: Scalar
     ticking: Scalar
     steady: Scalar
+
+
+def moment_of(event: Event) -> Scalar:
+    """Return the time of a state: its stamp, but not later than now."""
+    return select(event.now < event.stamp, event.now, event.stamp)
 
 
 class StopRules(Protocol):
@@ -572,9 +586,9 @@ def _decided(path: PathState, decided: Arbitration) -> PathState:
 
 def waiting(path: PathState, event: Event, state: Vector) -> PathState:
     """Return the path whose accepted state waits for torque_guard."""
-    stamp = select(event.now < event.stamp, event.now, event.stamp)
-    path = _kept(path, stamp, state)
-    return path._replace(reason=float(WAITING), last_stamp=stamp, refusing=0.0, fault=0.0,
+    moment = moment_of(event)
+    path = _kept(path, moment, state)
+    return path._replace(reason=float(WAITING), last_stamp=moment, refusing=0.0, fault=0.0,
                          stop_began=NEVER)
 
 
@@ -601,14 +615,26 @@ def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings,
     # The state may be read before the clock is looked at.
     stalled = in_time * _stalled(path, event, settings)
     path = changed_if(stalled, path, partial(_after_stall, now=now))
-    moment = select(now < stamp, now, stamp)
-    # Judged at its stamp, but not in the future.
+    moment = moment_of(event)
     turned = np.where(turning, settings.turned, 0.0)
     check = CheckSettings(settings.timeout, settings.grace, settings.compares, turned,
                           settings.bounds)
     result, states = judged(path.states, moment, state, check)
-    heard = path.with_states(states)._replace(last_heard=moment, reason=result)
+    heard = path.with_states(states)._replace(last_heard=moment, reason=result,
+                                              period=_period(path, moment))
     return branch(in_time, heard, path._replace(reason=reason))
+
+
+def _period(path: PathState, moment: Scalar) -> Scalar:
+    """Return the mean time between two states, with one that comes now, ns."""
+    gap = moment - path.last_heard
+    longest = 2.0 * path.period
+    counted = select(gap < longest, gap, longest)
+    followed = path.period + PERIOD_GAIN * (counted - path.period)
+    period = either(flag(path.period > 0.0), followed, gap)
+    # Two states of one time, as of a clock that stands still, say nothing.
+    follows = path.states.known * flag(gap > 0.0)
+    return either(follows, period, path.period)
 
 
 def _measured(path: PathState, state: Vector) -> Vector:
@@ -634,14 +660,13 @@ def answer(robot: Robot, law: TracedLaw, path: PathState, event: Event, state: V
     closed loops do not determine it.
     """
     # The measured state; with closed loops that of the whole mechanism.
-    stamp = event.stamp
     q, u = np.split(_measured(path, state), 2)
     desired = desired_motion(path, event, row, settings, q, law.holds)
     if loops is not None:
         q, u = loops.measured(path)
         desired = loops.whole(path, desired)
     torque, memory = law.torque(LawInput(
-        q, u, stamp, desired, 1.0 - path.law_known, path.memory[:law.memory],
+        q, u, moment_of(event), desired, 1.0 - path.law_known, path.memory[:law.memory],
         settings.law[:law.settings], parameters, limits,
         _external(robot, q, event.now, settings)))
     commanded = answered(path, event, state, torque, settings)
@@ -660,17 +685,16 @@ def answer(robot: Robot, law: TracedLaw, path: PathState, event: Event, state: V
 def answered(path: PathState, event: Event, state: Vector, torque: Vector,
              settings: CycleSettings) -> PathState:
     """Command a finite torque of the law at an accepted state."""
-    stamp = event.stamp
+    moment = moment_of(event)
     # Blended from the last command after a change, then limited in effort and in rate.
-    blended, path_then = _blended(path, stamp, torque, settings)
-    clamped, tau = _limited(path_then, stamp, blended, settings)
-    stamp_kept = select(event.now < stamp, event.now, stamp)
+    blended, path_then = _blended(path, moment, torque, settings)
+    clamped, tau = _limited(path_then, moment, blended, settings)
     # Faults end with a command, and its stamp is that of the last one.
-    return _kept(path_then, stamp_kept, state)._replace(
-        reason=float(ACCEPTED), publish=1.0, sent_at=stamp, last_stamp=stamp_kept,
+    return _kept(path_then, moment, state)._replace(
+        reason=float(ACCEPTED), publish=1.0, sent_at=event.stamp, last_stamp=moment,
         refusing=0.0, fault=0.0, stop_began=NEVER, timed_out=0.0, excused=0.0,
         commanding=1.0, commanded_at=event.steady, limit_known=1.0,
-        limit_stamp=stamp, tau=tau, last=tau, clamped=_differ(clamped, blended),
+        limit_stamp=moment, tau=tau, last=tau, clamped=_differ(clamped, blended),
         rate_limited=_differ(tau, clamped), law_known=1.0)
 
 
@@ -729,10 +753,12 @@ def _blended(path: PathState, t: Scalar, tau: Vector, settings: CycleSettings
 def _limited(path: PathState, t: Scalar, tau: Vector, settings: CycleSettings
              ) -> tuple[Vector, Vector]:
     """Return the torque within the effort, then also within the rate."""
-    # The rate counts since the last command; a stamp that does not increase allows no
-    # change.
-    elapsed = select(path.limit_stamp < t, (t - path.limit_stamp) / NANO, 0.0)
-    elapsed = either(path.limit_known, elapsed, 0.0)
+    # The rate counts since the last command, but not over a silence; a stamp that does not
+    # increase allows no change.
+    elapsed = select(path.limit_stamp < t, t - path.limit_stamp, 0.0)
+    longest = MOST_PERIODS * path.period
+    elapsed = select(elapsed < longest, elapsed, longest)
+    elapsed = either(path.limit_known, elapsed / NANO, 0.0)
     change = settings.slope * elapsed + settings.free
     # An effort limit that became smaller holds for the last command too, as in
     # `TorqueLimiter`.

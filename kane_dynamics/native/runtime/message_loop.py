@@ -369,7 +369,7 @@ done:
   ret void
 }
 
-; Pass the segment of the motion at a stamp to the answer.
+; Pass the segment of the motion at a time to the answer.
 define void @find_segment(ptr %block, ptr %plan, i64 %stamp) {
 start:
   %current = pointer %plan.MOTION
@@ -510,7 +510,9 @@ judged:
   %possible = fcmp olt double %reason.judged, 0.5
   br i1 %possible, label %command, label %impossible
 command:
-  call void @find_segment(ptr %block, ptr %plan, i64 %stamp)
+  %ahead = icmp slt i64 %now, %stamp
+  %moment = select i1 %ahead, i64 %now, i64 %stamp
+  call void @find_segment(ptr %block, ptr %plan, i64 %moment)
   %aim = pointer %plan.AIM
   %aiming = pointer %plan.AIMING
   %aiming.table = pointer %plan.AIMING_TABLE

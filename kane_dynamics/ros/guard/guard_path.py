@@ -136,7 +136,8 @@ class GuardPath(TorquePath):
         continues = self._takeovers == self.watch.takeovers
         if not continues:
             self._takeovers = self.watch.takeovers
-            self._took_over = stamp
+            # The node's torques are compared with it, which have the stamps of states.
+            self._took_over = self._reader.stamp or stamp
         elapsed = max(stamp - self._took_over, 0) / NANO
         tau = controller.torque(reader.q, reader.u, None, 0.0)
         faded = min(elapsed / values['guard.fade'], 1.0)

@@ -498,13 +498,14 @@ class NativeTorquePath(TorquePath):
         path = report.path
         stamp = round(float(report.event[STAMP])) + self._epoch
         is_limited = bool((path.clamped > 0.5).any() or (path.rate_limited > 0.5).any())
-        self._last_good = min(stamp, now)
+        at = min(stamp, now)
+        self._last_good = at
         self.statistics.command((report.end - report.begin) / NANO,
                                 (now - stamp) / NANO, is_limited)
         self.statistics.full_parses = self._reader.full_parses
         motion = None
         if report.event[MOVING]:
-            motion, _ = self.active_motion.at(stamp)
+            motion, _ = self.active_motion.at(at)
         law = self._laws.get(self.controller.mode)
         # A report from before a change of the mode has the memory of another law.
         if law is not None and path.restarts == self._counts['restarts']:
@@ -512,7 +513,7 @@ class NativeTorquePath(TorquePath):
         external = None
         if self.wrenches is not None:
             external = self.wrenches.torques(self._reader.q, now)
-        self._observe(path, stamp, motion, float(report.event[MOMENT]), external)
+        self._observe(path, at, motion, float(report.event[MOMENT]), external)
 
     def _call(self, observer: CycleObserver, cycle: Cycle) -> None:
         """Call an observer, on which the torques do not depend."""

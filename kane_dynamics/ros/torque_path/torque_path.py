@@ -477,11 +477,13 @@ class TorquePath:
         # command is computed with consistent ones.
         if self._loads is not self._applied_loads:
             self._apply_loads()
-        motion, moment = self.active_motion.at(stamp)
+        # What comes next never runs ahead of the clock, whatever the message says.
+        at = min(stamp, now)
+        motion, moment = self.active_motion.at(at)
         try:
             external = None if self.wrenches is None else self.wrenches.torques(reader.q,
                                                                                 now)
-            torque = self._torque(stamp, motion, moment, external)
+            torque = self._torque(at, motion, moment, external)
         except InputError as error:  # the torques of a finite state overflowed
             self._refuse(cycle_results.NO_TORQUE, str(error), now)
             return
@@ -502,7 +504,7 @@ class TorquePath:
         rules.keep()
         self._waiting = b''
         self._send(stamp)
-        self._last_good = min(stamp, now)
+        self._last_good = at
         clamped, rate_limited = self._memory.limited
         is_limited = any(clamped.tolist()) or any(rate_limited.tolist())
         self.statistics.command(time.perf_counter() - began, (now - stamp) / NANO,
@@ -510,7 +512,7 @@ class TorquePath:
         self.statistics.full_parses = reader.full_parses
         # After the command, which must not wait for them
         if self._observers:
-            self._observe(self._memory.path, stamp, motion, moment, external)
+            self._observe(self._memory.path, at, motion, moment, external)
 
     def _observe(self, path: PathState, stamp: int, motion: Motion | None, moment: float,
                  external: Array | None) -> None:

@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from false_states import (  # noqa: E402, I100
-    arm, FALSE, FAULT, LONG, MOST, NANO, PERIOD, SHORT, simulated_arm)
+    arm, changed, FALSE, FAULT, LONG, MOST, NANO, PERIOD, SHORT, simulated_arm)
 from kane_dynamics import Controller  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
@@ -24,12 +24,15 @@ from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
 from kane_dynamics.ros.torque_path.closed_loop_reader import (  # noqa: E402
     closed_loop_reader)
+from kane_dynamics.ros.torque_path.path_controller import rate_limit  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from native_rig import native_path  # noqa: E402
 from node_values import node_values  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 
+BEGIN = 40  # states at rest, in which the torque grows to that of gravity
 SETTINGS = {'inverse_dynamics': {}, 'computed_torque': {'kp': 100.0, 'kd': 20.0},
             'gravity_compensation': {}}
 
@@ -37,23 +40,25 @@ SETTINGS = {'inverse_dynamics': {}, 'computed_torque': {'kp': 100.0, 'kd': 20.0}
 class Run:
     """The arm under the torque path, tick by tick."""
 
-    def __init__(self, name, mode, moving, torques=None, **checks):
+    def __init__(self, name, mode, moving, torques=None, make=TorquePath, limited=False,
+                 **checks):
         self.robot, _, motion = arm(name)
         self.arm = simulated_arm(name)
-        controller = Controller(self.robot, mode=mode, **SETTINGS[mode])
         values = node_values({f'state_check.{key}': x for key, x in checks.items()}
                              | {'mode': mode})
+        limits = {'rate_limit': rate_limit(values, self.robot)} if limited else {}
+        controller = Controller(self.robot, mode=mode, **SETTINGS[mode], **limits)
         self.time = 100 * NANO
         self.torque = None
         self.commands = 0
         self.statistics = Statistics()
         self.warnings = []
-        self.path = TorquePath(
+        self.path = make(
             controller, self, torques or Unread(), lambda: self.time, values,
             self.statistics, lambda *words: self.warnings.append(words),
             loops=closed_loop_reader(controller, values))
         self.path.start()
-        for _ in range(3):
+        for _ in range(BEGIN):
             self.state()
         if moving:
             active = self.path.active_motion
@@ -163,6 +168,25 @@ def check_false_state(name, fault, mode, moving, length):
 @pytest.mark.parametrize(('name', 'fault'), EACH)
 def test_a_false_state_moves_the_arm_by_less_than_2_mrad(name, fault, mode, moving):
     check_false_state(name, fault, mode, moving, SHORT)
+
+
+@pytest.mark.parametrize('make', [TorquePath, native_path])
+@pytest.mark.parametrize(('ahead', 'silent'), [
+    pytest.param(95 * NANO // 1000, 0, id='95 ms ahead'),
+    pytest.param(0, 20, id='after 40 ms')])
+@pytest.mark.parametrize(('name', 'joint'), [('fr3', 1), ('palletizer', 'shoulder')])
+def test_one_message_changes_the_torque_by_at_most_two_periods_of_its_rate(
+        name, joint, ahead, silent, make):
+    run = Run(name, 'computed_torque', True, make=make, limited=True)
+    run.positions(length=FAULT)
+    run.time += silent * PERIOD
+    before = run.torque.copy()
+    run.state(changed(joint, 0.0, 3.0, -ahead, run.robot.joint_names))
+    assert run.statistics.dropped == {}
+    joints = run.path._follow
+    change = np.abs(run.torque - before)[joints]
+    allowed = run.path.controller.rate_limit[joints] * PERIOD / NANO
+    assert (change < 2.01 * allowed).all() and (change > 0.5 * allowed).any()
 
 
 @pytest.mark.slow
