@@ -585,6 +585,12 @@ class ConfiguredRobot:
 
     def update(self, values: Mapping[str, Any], changed: Collection[str]) -> None:
         """Use checked parameters, of which `changed` are set, from the next cycle on."""
+        # In one change: no cycle has the old law without its motion, or half of the rest.
+        with self.path.one_change():
+            self._update(values, changed)
+
+    def _update(self, values: Mapping[str, Any], changed: Collection[str]) -> None:
+        """Use checked parameters, part by part."""
         previous = self.values
         self.values = values
         # The order: motion, closed loops, laws, then limits and loads.
@@ -593,13 +599,12 @@ class ConfiguredRobot:
         if previous['mode'] != values['mode'] and self.path.active_motion.clear(
                 'the mode changed'):
             self._warn('mode', 'changed; desired motion dropped')
-        with self.path.one_change():
-            if self.path.loops is not None:
-                self.path.loops.update(values)
-            if self.modes.update(values):
-                self.path.blend()
-            self.path.controller.update(**path_settings(values, self.robot))
-            self.path.set_limits(values)
+        if self.path.loops is not None:
+            self.path.loops.update(values)
+        if self.modes.update(values):
+            self.path.blend()
+        self.path.controller.update(**path_settings(values, self.robot))
+        self.path.set_limits(values)
         # Inputs and monitors that have settings of their own.
         if self._targets is not None:
             self._targets.update(values)
@@ -689,7 +694,8 @@ class ConfiguredRobot:
 
     def _change(self, **changes: Any) -> None:
         """Replace some of the loads and pass loads and parameters to all threads."""
-        with self._lock:
+        # Both locks in the order of `update`, which changes loads among other things.
+        with self.path.one_change(), self._lock:
             self.loads = replace(self.loads, **changes)
             self._distribute()
 

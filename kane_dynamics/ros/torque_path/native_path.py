@@ -250,11 +250,12 @@ class NativeTorquePath(TorquePath):
     def one_change(self) -> Iterator[None]:
         """Make the changes in a `with` block effective together, in any thread."""
         with self._lock:
+            is_part = self._changes_last
             self._changes_last = True
             try:
                 yield
             finally:
-                self._changes_last = False
+                self._changes_last = is_part
                 self._replan()
 
     def _plan(self) -> CyclePlan:

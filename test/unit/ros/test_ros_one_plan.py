@@ -1,0 +1,54 @@
+"""A request of parameters changes the torque path at once, with one plan."""
+
+from pathlib import Path
+import subprocess
+import sys
+
+from kane_dynamics._util.resources import resource_path
+
+PROGRAM = """
+import sys
+import rclpy
+from kane_dynamics import Motion
+from kane_dynamics.ros.dynamics_node.node import DynamicsNode
+from rclpy.parameter import Parameter
+
+given = ('urdf:=URDF', 'arm_compensates:=none', 'activation:=on_request',
+         'torque_path:=native', 'mode:=computed_torque', 'payload.frame:=tip')
+rclpy.init(args=['--ros-args', *[x for one in given for x in ('-p', one)]])
+node = DynamicsNode()
+node.trigger_configure()
+node.trigger_activate()
+arm = node.arm
+path = arm.path
+active = path.active_motion
+joints = path.controller.followed
+motion = Motion.from_points([0.0, 9.0], [[0.0, 0.0], [1.0, 1.0]], joint_names=joints)
+now = path.now
+assert active.follow(motion, now, now, active.generation)
+
+plans = []
+plan = path._plan
+
+def seen():
+    plans.append((str(path.controller.mode), active.scheduled[0] is not None
+                  or active.scheduled[1] is not None, path._loads.payload is not None))
+    return plan()
+
+path._plan = seen
+results = node.set_parameters_atomically([
+    Parameter('mode', value='gravity_compensation'), Parameter('gains.kp', value=9.0),
+    Parameter('limits.rate', value=50.0), Parameter('payload.mass', value=0.5)])
+print(results.successful, results.reason, plans)
+node.halt()
+rclpy.shutdown()
+"""
+
+
+def test_a_change_of_mode_during_a_motion_is_one_plan():
+    """The old law without its motion held the measured pose for a millisecond."""
+    program = PROGRAM.replace('URDF', str(resource_path('urdf', 'two_link.urdf')))
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True,
+                          text=True, timeout=100, cwd=Path(__file__).parents[3])
+    assert done.stdout.strip() == "True  [('gravity_compensation', False, True)]", (
+        done.stdout + done.stderr)
