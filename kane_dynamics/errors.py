@@ -2,7 +2,17 @@
 
 
 class KaneError(Exception):
-    """Base of all errors of this package: catch this to catch them all."""
+    """
+    Base of all errors of this package: catch this to catch them all.
+
+    Attributes
+    ----------
+    faults : tuple of str
+        The single faults, where one error states several (of a robot description).
+
+    """
+
+    faults: tuple[str, ...] = ()
 
 
 class UrdfError(KaneError, ValueError):

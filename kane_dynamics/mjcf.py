@@ -32,6 +32,7 @@ from kane_dynamics.model.builder import ModelBuilder
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.model import Limits, Model
 import numpy as np
+from numpy.polynomial import Polynomial
 
 __all__ = ['is_mjcf', 'load_mjcf', 'MjcfMechanism']
 
@@ -69,8 +70,8 @@ def load_mjcf(source: str | os.PathLike[str], *, strict: bool = True) -> MjcfMec
     computes them), armature and damping of joints and of actuators on them, friction
     loss, joint springs, position limits, force limits of joints and of actuators on
     joints (also by the limits of their controls), sites, gravity; equality
-    constraints `connect`, `weld` and linear `joint` as rigid constraints, where MuJoCo's
-    are soft. Everything else that exerts forces is named by a warning: contacts,
+    constraints `connect`, `weld` and `joint` as rigid constraints, where MuJoCo's are
+    soft. Everything else that exerts forces is named by a warning: contacts,
     tendons, muscles, fluid, gravity compensation, and so on.
 
     The order of the joints is MuJoCo's. A ball joint has x, y, z, w in q, MuJoCo has w,
@@ -82,8 +83,8 @@ def load_mjcf(source: str | os.PathLike[str], *, strict: bool = True) -> MjcfMec
         Assets such as meshes are read from beside the file, since they may define
         inertias.
     strict : bool
-        Whether moments of inertia that no rigid body has are an error instead of a
-        warning.
+        Whether moments of inertia that no rigid body has, and equality constraints of
+        other kinds, are an error instead of a warning.
 
     Returns
     -------
@@ -164,13 +165,15 @@ class _Reader:
             self._add_body(body)
         for site in range(self.compiled.nsite):
             self._add_site(site)
-        constraints = self._constraints()  # adds frames
+        constraints = self._constraints(strict)  # adds frames
         model = self.builder.model()
         options: dict[str, Any] = {}
         if constraints:
             options['constraints'] = tuple(constraints)
             options['configuration'] = self._reference(model)
         unused = self._unused()
+        if self.left_out:
+            unused.append(f'equality constraints: {listing(self.left_out)}')
         actuated = self._actuated_joints()
         speeds = model.n
         # Fewer actuators than independent speeds cannot determine tau.
@@ -409,45 +412,54 @@ class _Reader:
 
     # ------------------------------------------------------------------ constraints
 
-    def _constraints(self) -> list[Closure | Coupling]:
-        """Return the active equality constraints that have a counterpart."""
+    def _constraints(self, strict: bool) -> list[Closure | Coupling]:
+        """Return the active equality constraints; refuse those of tendons and flexes."""
         constraints: list[Closure | Coupling] = []
+        self.left_out: list[str] = []
         if self._disabled('mjDSBL_EQUALITY') or self._disabled('mjDSBL_CONSTRAINT'):
             return constraints
-        for k in range(self.compiled.neq):
-            if self.compiled.eq_active0[k]:
-                constraint = self._constraint(k)
-                if constraint is not None:
-                    constraints.append(constraint)
+        names = self._names(self.mujoco.mjtObj.mjOBJ_EQUALITY, self.compiled.neq,
+                            'equality')
+        for k in np.flatnonzero(self.compiled.eq_active0).tolist():
+            constraint = self._constraint(k, names[k])
+            if constraint is None:
+                self.left_out.append(names[k])
+            else:
+                constraints.append(constraint)
+        if self.left_out and strict:
+            raise ModelError(f'{self._title()}: equality constraints of tendons or '
+                             f'flexes: {listing(self.left_out)}; expected connect, weld or '
+                             'joint, or strict=False to leave them out')
         return constraints
 
-    def _constraint(self, k: int) -> Closure | Coupling | None:
+    def _constraint(self, k: int, name: str) -> Closure | Coupling | None:
         """Return an equality constraint, or None without a counterpart."""
-        compiled = self.compiled
         types = self.mujoco.mjtEq
-        kind = int(compiled.eq_type[k])
-        name = self.mujoco.mj_id2name(compiled, self.mujoco.mjtObj.mjOBJ_EQUALITY, k)
-        name = name or f'equality_{k}'
+        kind = int(self.compiled.eq_type[k])
         if kind == types.mjEQ_JOINT:
             return self._coupling(k, name)
         if kind in (types.mjEQ_CONNECT, types.mjEQ_WELD):
             return self._closure(k, name, kind == types.mjEQ_WELD)
         return None
 
-    def _coupling(self, k: int, name: str) -> Coupling | None:
-        """Return y - y0 = a0 + a1 (x - x0) for joints y, x; None for a higher order."""
+    def _coupling(self, k: int, name: str) -> Coupling:
+        """Return y - y0 = a0 + a1 (x - x0) + ... + a4 (x - x0)^4 for joints y, x."""
         compiled = self.compiled
         a = np.array(compiled.eq_data[k, :5])
-        if a[2:].any():
-            return None
         first = int(compiled.eq_obj1id[k])
         second = int(compiled.eq_obj2id[k])
         y0 = float(compiled.qpos0[compiled.jnt_qposadr[first]])
         if second < 0:
             return Coupling(self.joints[first], {}, y0 + float(a[0]), name)
         x0 = float(compiled.qpos0[compiled.jnt_qposadr[second]])
-        return Coupling(self.joints[first], {self.joints[second]: float(a[1])},
-                        y0 + float(a[0]) - float(a[1]) * x0, name)
+        # The same polynomial in powers of x.
+        powers = np.zeros(5)
+        expanded = Polynomial(a)(Polynomial([-x0, 1.0])).coef
+        powers[:len(expanded)] = expanded
+        highest = max(1, int(np.flatnonzero(powers).max(initial=1)))
+        coefficients = powers[1:highest + 1].tolist()
+        return Coupling(self.joints[first], {self.joints[second]: coefficients},
+                        y0 + float(powers[0]), name)
 
     def _closure(self, k: int, name: str, weld: bool) -> Closure:
         """Return the loop closure of a connect or weld; its frames are added to the model."""
@@ -509,17 +521,10 @@ class _Reader:
         contacts = np.count_nonzero(compiled.geom_contype | compiled.geom_conaffinity)
         if contacts and not self._disabled('mjDSBL_CONTACT'):
             unused.append(f'contacts of {contacts} geoms')
-        # Contacts, tendons, and equality constraints without a counterpart.
+        # Contacts and tendons.
         if compiled.ntendon:
             tendons = self._names(mujoco.mjtObj.mjOBJ_TENDON, compiled.ntendon, 'tendon')
             unused.append(f'tendons: {listing(tendons)}')
-        # Connects, welds and linear couplings of joints become constraints; others do not.
-        left_out = [k for k in range(compiled.neq)
-                    if compiled.eq_active0[k] and not self._has_counterpart(k)]
-        if left_out:
-            names = self._names(mujoco.mjtObj.mjOBJ_EQUALITY, compiled.neq, 'equality')
-            unused.append('equality constraints: '
-                          f'{listing([names[k] for k in left_out])}')
         # Of actuators, only effort limits, damping and armature are read.
         elsewhere = self._actuators_elsewhere()
         if elsewhere:
@@ -548,14 +553,6 @@ class _Reader:
             if getattr(compiled, count, 0):
                 unused.append(what)
         return unused
-
-    def _has_counterpart(self, k: int) -> bool:
-        """Return whether an equality constraint can be stated as one of this library."""
-        types = self.mujoco.mjtEq
-        kind = int(self.compiled.eq_type[k])
-        if kind == types.mjEQ_JOINT:
-            return not self.compiled.eq_data[k, 2:5].any()
-        return kind in (types.mjEQ_CONNECT, types.mjEQ_WELD)
 
     def _actuators_elsewhere(self) -> list[str]:
         """Return the actuators on tendons, sites or bodies."""

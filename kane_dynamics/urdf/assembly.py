@@ -32,12 +32,11 @@ DEGREES = 12.6  # rad, two turns: a bound beyond it, up to 720, looks like degre
 
 
 def assemble_model(tree: UrdfTree, selection: Selection, supplement: Supplement,
-                   gravity: ArrayLike, notices: Notices, *, strict: bool) -> Model:
+                   gravity: ArrayLike, notices: Notices) -> Model:
     """Assemble the Model of a URDF's selection; ModelError names an impossible body."""
     placements, moving = _placements(selection)
     links = [name for name in placements if name in tree.links]
-    riders = _riders(tree, selection, supplement, placements, len(moving), notices,
-                     strict)
+    riders = _riders(tree, selection, supplement, placements, len(moving), notices)
     _note_masses(tree, moving, riders, notices)
     _note_locked(selection, notices)
     _note_payload(supplement, moving, notices)
@@ -145,8 +144,8 @@ def _displacement(single: StatedJoint, position: float) -> tuple[Array, Array]:
 # ---------------------------------------------------------------- inertias
 
 def _riders(tree: UrdfTree, selection: Selection, supplement: Supplement,
-            placements: dict[str, Placement], moving: int, notices: Notices,
-            strict: bool) -> list[list[Inertial]]:
+            placements: dict[str, Placement], moving: int,
+            notices: Notices) -> list[list[Inertial]]:
     """Return the inertials of each moving body, in its axes; last, of the base."""
     riders: list[list[Inertial]] = [[] for _ in range(moving + 1)]
 
@@ -160,7 +159,7 @@ def _riders(tree: UrdfTree, selection: Selection, supplement: Supplement,
     for name in links:
         inertial = tree.links[name]
         if inertial is not None and name not in selection.drop:
-            _check_inertia(name, inertial, notices, strict)
+            _check_inertia(name, inertial, notices)
             load(inertial, placements[name])
     if supplement.payload is not None:
         name, inertial = supplement.payload
@@ -171,17 +170,16 @@ def _riders(tree: UrdfTree, selection: Selection, supplement: Supplement,
     return riders
 
 
-def _check_inertia(link: str, inertial: Inertial, notices: Notices,
-                   strict: bool) -> None:
-    """Note an impossible or singular inertia; ModelError for an indefinite one."""
+def _check_inertia(link: str, inertial: Inertial, notices: Notices) -> None:
+    """Note an impossible or singular inertia; an indefinite one is a fault."""
     # Indefinite inertias are errors; singular and impossible ones are listed in a
     # warning.
     moments = principal_moments(inertial.inertia, mass=inertial.mass)
     if moments.indefinite:
-        if strict:
-            raise ModelError(f"link '{link}': <inertia> has principal moments "
-                             f'{moments}; expected no negative moment, or strict=False '
-                             'to load it')
+        if notices.strict:
+            notices.fault(ModelError(
+                f"link '{link}': <inertia> has principal moments {moments}; expected no "
+                'negative moment, or strict=False to load it'))
         notices.indefinite.append(link)
         return
     if inertial.mass > 0.0 and moments.singular:

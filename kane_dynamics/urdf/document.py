@@ -133,8 +133,11 @@ def parse(text: str, *, depth: int = DEPTH, unread: Sequence[str] = UNREAD) -> E
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
+        expected = 'well-formed XML'
+        if error.code == expat.errors.codes[expat.errors.XML_ERROR_MISPLACED_XML_PI]:
+            expected = '<?xml ...?> before all else, also before comments'
         raise UrdfError(f'XML: {error}, near {_near(data, parser.ErrorByteIndex)}; '
-                        'expected well-formed XML') from None
+                        f'expected {expected}') from None
     return top.children[0]
 
 

@@ -14,7 +14,7 @@ from kane_dynamics._util.deferred_import import forks_wait
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.model.link_shapes import LinkShape
-from kane_dynamics.urdf.document import parse, read_source
+from kane_dynamics.urdf.document import Element, parse, read_source
 from kane_dynamics.urdf.schema import CHILDREN
 import numpy as np
 
@@ -102,6 +102,7 @@ def _load(source: Source, tag: str) -> tuple[LinkShape, ...]:
     """Return the shapes in all elements of a tag."""
     unread = 'visual' if tag == 'collision' else 'collision'
     root = parse(read_source(source), depth=_DEPTH, unread=(unread,))
+    capsules = _as_cylinders(root, tag)
     with forks_wait():
         from kane_dynamics.urdf.model_reader import read_robot  # slow imports
     robot = read_robot(root, {**_CHILDREN, 'link': (tag,)})
@@ -109,11 +110,12 @@ def _load(source: Source, tag: str) -> tuple[LinkShape, ...]:
     folders = list(_mesh_folders(source))
     shapes = []
     missing = set()
-    for link in robot.links:
-        for element in getattr(link, f'{tag}s') or ():
+    for link, stated in zip(robot.links, root.find_all('link'), strict=True):
+        records = getattr(link, f'{tag}s') or ()
+        for element, owner in zip(records, stated.find_all(tag), strict=True):
             # A mesh is a file beside the URDF or in a package; without it the link is a
             # rod.
-            shape = _shape(link.name, element, colors)
+            shape = _shape(link.name, element, owner, colors)
             if shape is not None and shape.kind == 'mesh':
                 name = element.geometry.mesh.filename
                 shape = replace(shape, file=_mesh_file(name, folders))
@@ -122,6 +124,8 @@ def _load(source: Source, tag: str) -> tuple[LinkShape, ...]:
                     continue
             if shape is not None:
                 shapes.append(shape)
+                if id(owner) in capsules:
+                    shapes += _ends(shape)
     if missing:
         warnings.warn(f'{len(missing)} meshes not found: links without another shape '
                       'are drawn as rods; expected the URDF inside its package or the '
@@ -131,7 +135,40 @@ def _load(source: Source, tag: str) -> tuple[LinkShape, ...]:
     return tuple(shapes)
 
 
-def _shape(link: str, element: Any, colors: Mapping[str, Any]) -> LinkShape | None:
+def _pose(element: Any, owner: Element) -> Array:
+    """Return the pose of a shape in the link's axes, (4, 4)."""
+    from kane_dynamics.urdf.model_reader import origin_pose  # slow imports
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = origin_pose(element.origin, owner)
+    return pose
+
+
+def _as_cylinders(root: Element, tag: str) -> set[int]:
+    """Make capsules cylinders, as yourdfpy knows none; return the ids of their owners."""
+    capsules = set()
+    for link in root.find_all('link'):
+        for owner in link.find_all(tag):
+            geometry = owner.first('geometry')
+            capsule = None if geometry is None else geometry.first('capsule')
+            if capsule is not None:
+                capsule.tag = 'cylinder'
+                capsules.add(id(owner))
+    return capsules
+
+
+def _ends(cylinder: LinkShape) -> list[LinkShape]:
+    """Return the spheres at both ends of a cylinder, with which it is a capsule."""
+    radius, length = cylinder.size
+    ends = []
+    for z in (-0.5 * length, 0.5 * length):
+        pose = cylinder.pose.copy()
+        pose[:3, 3] += z * pose[:3, 2]
+        ends.append(replace(cylinder, kind='sphere', size=np.array([radius]), pose=pose))
+    return ends
+
+
+def _shape(link: str, element: Any, owner: Element,
+           colors: Mapping[str, Any]) -> LinkShape | None:
     """Convert yourdfpy's record, without the file of a mesh; None without shape."""
     stated = [kind for kind in _SIZES if getattr(element.geometry, kind, None)]
     if not stated:
@@ -147,8 +184,7 @@ def _shape(link: str, element: Any, colors: Mapping[str, Any]) -> LinkShape | No
     size = np.hstack(numbers)
     if kind == 'mesh':
         size = np.broadcast_to(size, 3)
-    pose = np.eye(4) if element.origin is None else element.origin
-    return LinkShape(link, kind, size, pose,  # type: ignore[arg-type]
+    return LinkShape(link, kind, size, _pose(element, owner),  # type: ignore[arg-type]
                      _color(getattr(element, 'material', None), colors))
 
 

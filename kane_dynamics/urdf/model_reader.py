@@ -6,8 +6,9 @@ import io
 from typing import Any
 
 from kane_dynamics._util.deferred_import import import_deferring
+from kane_dynamics._util.orientation import stated_rotation
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError, ModelError, UrdfError
+from kane_dynamics.errors import InputError, KaneError, ModelError, UrdfError
 from kane_dynamics.model.elastic_model import with_drives
 from kane_dynamics.model.flexible_model import with_beam
 from kane_dynamics.model.joint_expansion import Mimic, StatedJoint, StatedLimits
@@ -32,9 +33,26 @@ def read_model(text: str, supplement: Any, *, base: str | None, tip: str | None,
     """Return the model of a URDF text and the warnings; arguments as in `load_urdf`."""
     if floating not in ('angles', 'quaternion'):
         raise InputError(f"floating: {floating!r}; expected 'angles' or 'quaternion'")
+    notices = Notices(strict)
+    try:
+        model = _model(parse(text), supplement, notices, base=base, tip=tip,
+                       joints=joints, locked=locked, drop=drop, gravity=gravity,
+                       floating=floating, root_joint=root_joint)
+    except KaneError as error:
+        # It may be a consequence of the faults before it, which are stated first.
+        if not notices.faults or error in notices.faults or error.faults:
+            raise
+        notices.fault(error)
+    notices.refuse_faults()
+    return model, notices.messages()
+
+
+def _model(root: Element, supplement: Any, notices: Notices, *, base: str | None,
+           tip: str | None, joints: Sequence[str] | None,
+           locked: Mapping[str, float] | None, drop: Sequence[str], gravity: ArrayLike,
+           floating: str, root_joint: str) -> Model:
+    """Return the model of an XML tree; faults are collected in the notices."""
     # The file: elements, checked, as a tree of links and joints.
-    root = parse(text)
-    notices = Notices()
     check_schema(root, notices)
     tree = _tree(root, notices)
     if floating == 'quaternion':
@@ -52,7 +70,9 @@ def read_model(text: str, supplement: Any, *, base: str | None, tip: str | None,
     extra = read_supplement(supplement)
     singles = selection.singles.values()
     check_joints(extra, [single.name for single in singles if single.kind != 'fixed'])
-    model = assemble_model(tree, selection, extra, gravity, notices, strict=strict)
+    model = assemble_model(tree, selection, extra, gravity, notices)
+    if notices.faults:
+        return model
     # Beams and drives come last: they change bodies that exist, and add coordinates
     # behind all.
     for link, beam in extra.beams.items():
@@ -60,7 +80,7 @@ def read_model(text: str, supplement: Any, *, base: str | None, tip: str | None,
                           _riders(model, link, tree, selection, extra))
     moving = {name: drive for name, drive in extra.drives.items()
               if name in selection.free or name in selection.followers}
-    return with_drives(model, moving), notices.messages()
+    return with_drives(model, moving)
 
 
 def _with_quaternions(tree: UrdfTree) -> UrdfTree:
@@ -97,8 +117,8 @@ def _tree(root: Element, notices: Notices) -> UrdfTree:
     robot = read_robot(root, CHILDREN)
     stated = {joint.attributes['name']: joint for joint in root.find_all('joint')}
     links = []
-    for link in robot.links:
-        links.append((link.name, _inertial(link)))
+    for link, element in zip(robot.links, root.find_all('link'), strict=True):
+        links.append((link.name, _inertial(link, element, notices)))
     joints = []
     for joint in robot.joints:
         joints.append(_joint(joint, stated[joint.name], notices))
@@ -119,22 +139,43 @@ def read_robot(root: Element, children: dict[str, tuple[str, ...]]) -> Any:
                         'read') from error
 
 
-def _pose(origin: Any) -> tuple[Array, Array]:
-    """Convert yourdfpy's origin, (4, 4) or None, to rotation and translation."""
+def origin_pose(origin: Any, owner: Element | None) -> tuple[Array, Array]:
+    """
+    Return the rotation, (3, 3), and translation, (3,) m, of an <origin>.
+
+    Parameters
+    ----------
+    origin : (4, 4) array or None
+        As yourdfpy reads it, which does not know `quat_xyzw`.
+    owner : Element or None
+        The element that has the <origin>.
+
+    """
     if origin is None:
         return np.eye(3), np.zeros(3)
-    return snapped(origin[:3, :3]), origin[:3, 3] + 0.0
+    R = origin[:3, :3]
+    stated = None if owner is None else owner.first('origin')
+    if stated is not None and 'quat_xyzw' in stated.attributes:
+        text = stated.attributes['quat_xyzw']
+        try:
+            parts = np.array(text.split(), dtype=np.float64).reshape(4)
+        except ValueError:
+            raise UrdfError(f"<origin> quat_xyzw: '{text}' (line {stated.line}); "
+                            'expected 4 finite numbers') from None
+        R = stated_rotation(None, parts, '', UrdfError, stacklevel=1)
+    return snapped(R), origin[:3, 3] + 0.0
 
 
-def _inertial(link: Any) -> Inertial | None:
+def _inertial(link: Any, stated: Element, notices: Notices) -> Inertial | None:
     """Convert the inertial of a link to link axes."""
     if link.inertial is None:
         return None
-    R, com = _pose(link.inertial.origin)
+    R, com = origin_pose(link.inertial.origin, stated.first('inertial'))
     what = f"link '{link.name}'"
     if link.inertial.mass < 0.0:
-        raise ModelError(f'{what}: <mass> value {link.inertial.mass} kg; expected a '
-                         'nonnegative number')
+        notices.fault(ModelError(f'{what}: <mass> value {link.inertial.mass} kg; '
+                                 'expected a nonnegative number'))
+        return None
     inertia = R @ link.inertial.inertia @ R.T
     return Inertial(link.inertial.mass, com, inertia)
 
@@ -150,13 +191,14 @@ def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:
         axis = snapped(joint.axis)
         length = float(np.sqrt(axis @ axis))
         if length < 1e-12:
-            raise ModelError(f'{what}: <axis> xyz {axis.tolist()}; expected a nonzero '
-                             'vector')
-        if stated.first('axis') is None:
+            notices.fault(ModelError(f'{what}: <axis> xyz {axis.tolist()}; expected a '
+                                     'nonzero vector'))
+            axis = np.array([1.0, 0.0, 0.0])
+        elif stated.first('axis') is None:
             notices.no_axis.append(joint.name)
         elif abs(length - 1.0) > 1e-4:
             notices.long_axis.append(f'{joint.name} ({length:g})')
-    R, p = _pose(joint.origin)
+    R, p = origin_pose(joint.origin, stated)
     # What the joint's type makes no use of is reported.
     if not single:
         unused_tags = ('mimic',) if joint.type == 'fixed' else ('limit', 'dynamics')
@@ -165,9 +207,10 @@ def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:
                 notices.not_used(f'<{tag}> of a {joint.type} joint', joint.name)
         return StatedJoint(joint.name, joint.type, joint.parent, joint.child, R, p, axis)
     # Limits, losses and mimic of a joint with one degree of freedom.
-    damping = _nonnegative(joint.dynamics, 'damping', f'{what}: <dynamics>') or 0.0
-    friction = _nonnegative(joint.dynamics, 'friction', f'{what}: <dynamics>') or 0.0
-    limits = _limits(joint, what)
+    losses = f'{what}: <dynamics>'
+    damping = _nonnegative(joint.dynamics, 'damping', losses, notices) or 0.0
+    friction = _nonnegative(joint.dynamics, 'friction', losses, notices) or 0.0
+    limits = _limits(joint, what, notices)
     mimic = joint.mimic
     if mimic is not None:
         mimic = Mimic(mimic.joint, mimic.multiplier, mimic.offset)
@@ -175,22 +218,24 @@ def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:
                        limits, damping, friction, mimic)
 
 
-def _limits(joint: Any, what: str) -> StatedLimits | None:
+def _limits(joint: Any, what: str, notices: Notices) -> StatedLimits | None:
     """Return the stated limits of a joint, or None without <limit>."""
     limit = joint.limit
     if limit is None:
         return None
-    velocity = _nonnegative(limit, 'velocity', f'{what}: <limit>')
-    effort = _nonnegative(limit, 'effort', f'{what}: <limit>')
+    velocity = _nonnegative(limit, 'velocity', f'{what}: <limit>', notices)
+    effort = _nonnegative(limit, 'effort', f'{what}: <limit>', notices)
     return StatedLimits(limit.lower, limit.upper, velocity, effort)
 
 
-def _nonnegative(record: Any, name: str, what: str) -> float | None:
-    """Return a number of yourdfpy's record, or None; ModelError if negative."""
+def _nonnegative(record: Any, name: str, what: str, notices: Notices) -> float | None:
+    """Return a number of yourdfpy's record, or None; a negative one is a fault."""
     stated = getattr(record, name, None)
     if stated is None:
         return None
     value = float(stated)
     if value < 0.0:
-        raise ModelError(f'{what} {name} {value}; expected a nonnegative number')
+        notices.fault(ModelError(f'{what} {name} {value}; expected a nonnegative '
+                                 'number'))
+        return None
     return value

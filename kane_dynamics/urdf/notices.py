@@ -1,6 +1,8 @@
-"""Warnings about a model, collected while it is loaded, one per kind."""
+"""Faults of a description and warnings about it, collected while it is loaded."""
 
 from dataclasses import dataclass, field, fields
+
+from kane_dynamics.errors import KaneError, UrdfError
 
 Names = list[str]
 NOT_USED = 'the URDF states these, but they are not used'
@@ -21,8 +23,15 @@ def _kind(text: str) -> Names:
 
 @dataclass
 class Notices:
-    """Names of links and joints by kind of warning; `messages` returns the texts."""
+    """
+    Names of links and joints by kind of warning, and faults.
 
+    `messages` returns the texts of the warnings, `refuse_faults` raises the faults. With
+    `strict` false, what is not understood is a warning.
+    """
+
+    strict: bool = True
+    faults: list[KaneError] = field(default_factory=list)
     unused: dict[str, Names] = field(default_factory=dict)
     no_axis: Names = _kind('joints without <axis>; using the default "1 0 0"')
     long_axis: Names = _kind('joints whose <axis> is not a unit vector (its length); '
@@ -53,6 +62,29 @@ class Notices:
         """Note that `what` of the link or joint `name` is not used."""
         self.unused.setdefault(what, []).append(name)
 
+    def not_understood(self, given: str, what: str, line: int, expected: str) -> None:
+        """Refuse what may change a number; with `strict` false note that it is not used."""
+        if self.strict:
+            self.fault(UrdfError(f'{what}: {given} (line {line}); expected {expected}'))
+        else:
+            self.not_used(given, what)
+
+    def fault(self, error: KaneError) -> None:
+        """Keep an error, so that all faults of a file are found in one run."""
+        self.faults.append(error)
+
+    def refuse_faults(self) -> None:
+        """Raise the only fault, or one error that lists all."""
+        if not self.faults:
+            return
+        first = self.faults[0]
+        if len(self.faults) == 1:
+            raise first
+        texts = tuple(str(fault) for fault in self.faults)
+        error = type(first)('\n- '.join([f'{len(texts)} faults:', *texts]))
+        error.faults = texts
+        raise error
+
     def messages(self) -> list[str]:
         """Return a warning text for each kind of notice that names something."""
         of_mechanism = []
@@ -70,7 +102,7 @@ class Notices:
         if of_actuators:
             messages.append(f'{NOT_OURS}: {"; ".join(of_actuators)}')
         # The further kinds have names alone, and their text in the field.
-        for kind in fields(self)[1:]:
+        for kind in fields(self)[3:]:
             names = getattr(self, kind.name)
             if names:
                 messages.append(f'{kind.metadata["text"]}: {", ".join(names)}')

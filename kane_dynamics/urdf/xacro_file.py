@@ -37,7 +37,8 @@ def expand_xacro(path: str | os.PathLike[str],
     path : path
         The file. `$(find package)` is the share folder of an installed ROS package, or
         else the folder of a `package.xml` with this name: one that contains the file, or
-        one beside it.
+        one next to it. Without `package.xml`, it is a folder of this name: one that
+        contains the file, or one in a folder of the variable ROS_PACKAGE_PATH.
     arguments : mapping of str to str, number or bool, optional
         Values of the file's `<xacro:arg>`.
 
@@ -111,8 +112,10 @@ def _packages_found_beside(file: Path, substitution: Any) -> Iterator[None]:
         except (LookupError, ImportError, OSError):  # not installed, or no ROS at all
             folder = _package_folder(file, package)
             if folder is None:
-                raise UrdfError(f"package '{package}' is not installed, and no "
-                                'package.xml around the file has this name') from None
+                raise UrdfError(f"package '{package}': not installed, and no "
+                                'package.xml or folder around the file has this name; '
+                                'expected the folder that contains it in '
+                                'ROS_PACKAGE_PATH') from None
             share = str(folder)
         return share
 
@@ -124,7 +127,7 @@ def _packages_found_beside(file: Path, substitution: Any) -> Iterator[None]:
 
 
 def _package_folder(file: Path, package: str) -> Path | None:
-    """Return the folder of a source package that contains a file or is beside one."""
+    """Return the folder of a source package: around a file, next to one, or named."""
     for folder in file.resolve().parents:
         if _package_name(folder) is None:
             continue
@@ -133,6 +136,13 @@ def _package_folder(file: Path, package: str) -> Path | None:
         for neighbour in sorted(folder.parent.iterdir()):
             if neighbour.is_dir() and _package_name(neighbour) == package:
                 return neighbour
+    # Without package.xml the names of folders count.
+    for folder in file.resolve().parents:
+        if folder.name == package:
+            return folder
+    for root in os.environ.get('ROS_PACKAGE_PATH', '').split(os.pathsep):
+        if root and (Path(root) / package).is_dir():
+            return Path(root) / package
     return None
 
 

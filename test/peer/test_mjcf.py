@@ -316,6 +316,44 @@ def test_the_effort_of_a_joint_is_what_all_its_actuators_reach_together(
     assert model.bodies[1].joint.limits.effort == effort
 
 
+CUBIC = """<mujoco><compiler angle="radian"/><option gravity="1 -2 -9.81"/><worldbody>
+<body><joint name="driver" axis="0 1 0" ref="0.2" pos="0 0 0"/><geom type="capsule" fromto="0 0 0 .2 0 0" size=".01"/>
+<body pos=".2 0 0"><joint name="follower" axis="0 1 0" ref="-0.1"/>
+<geom type="capsule" fromto="0 0 0 .2 0 .1" size=".02"/></body></body></worldbody>
+<equality><joint joint1="follower" joint2="driver" polycoef="0.05 .8 -.2 .3 .1"/></equality>
+<actuator><motor joint="driver"/></actuator></mujoco>"""  # noqa: E501
+
+
+def test_a_polynomial_coupling_moves_both_joints_as_one_degree_of_freedom():
+    with pytest.warns(ModelWarning, match='contacts'):
+        mechanism = load_mjcf(CUBIC)
+    robot = Robot(mechanism.model, **mechanism.options)
+    assert robot.n == 1
+    compiled = mujoco.MjModel.from_xml_string(CUBIC)
+    data = mujoco.MjData(compiled)
+    a = compiled.eq_data[0, :5]
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        x, rate, acceleration = rng.normal(size=3)
+        # The polynomial and its derivatives, with MuJoCo's reference positions.
+        p = np.polynomial.Polynomial(a)(np.polynomial.Polynomial([-0.2, 1.0])) - 0.1
+        slope, curvature = p.deriv(), p.deriv(2)
+        q = np.array([x, p(x)])
+        ratio = np.array([1.0, slope(x)])
+        data.qpos[:] = q
+        data.qvel[:] = ratio * rate
+        data.qacc[:] = ratio * acceleration + [0.0, curvature(x) * rate**2]
+        tau = np.zeros(2)
+        mujoco.mj_kinematics(compiled, data)
+        mujoco.mj_comPos(compiled, data)
+        mujoco.mj_comVel(compiled, data)
+        mujoco.mj_rne(compiled, data, 1, tau)
+        expected = ratio @ tau
+        assert robot.speed_names == ('driver',)
+        torque = robot.inverse_dynamics(q, [rate], [acceleration])
+        assert torque == pytest.approx([expected], abs=1e-12)
+
+
 @pytest.mark.parametrize('limits', ['forcerange="-2 5"', 'ctrlrange="-2 1"'])
 def test_unequal_limits_of_force_are_named(limits):
     with pytest.warns(ModelWarning,
@@ -340,6 +378,19 @@ def test_unused_elements_of_mjcf_are_named_in_one_warning():
                       'actuator_1') as warned:
         load_mjcf(EVERYTHING)
     assert len(warned) == 1
+
+
+TENDON = """<mujoco><worldbody><body><joint name="a"/><geom size=".1" pos="1 0 0"/>
+<body pos="1 0 0"><joint name="b"/><geom size=".1" pos="0 1 0"/></body></body></worldbody>
+<tendon><fixed name="both"><joint joint="a" coef="1"/><joint joint="b" coef="1"/></fixed>
+</tendon><equality><tendon name="taut" tendon1="both"/></equality></mujoco>"""  # noqa: E501
+
+
+def test_a_constraint_that_is_not_read_is_refused_unless_not_strict():
+    with pytest.raises(ModelError, match='taut; expected connect, weld or joint'):
+        load_mjcf(TENDON)
+    with pytest.warns(ModelWarning, match='equality constraints: taut'):
+        assert load_mjcf(TENDON, strict=False).model.n == 2
 
 
 @pytest.mark.parametrize(('source', 'error', 'message'), [

@@ -4,7 +4,6 @@ from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import asdict
 import math
-from pathlib import Path
 from typing import Any
 import warnings
 
@@ -18,6 +17,7 @@ from kane_dynamics.model.model import Body, Joint, Model, WORLD
 from kane_dynamics.model.plausible_sizes import upward_gravity
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import load_urdf
+from kane_dynamics.urdf.document import read_source
 import numpy as np
 
 STATES = 100  # random states of the comparison
@@ -296,13 +296,7 @@ def pinocchio_model(source: str | bytes, model: Model) -> Any:
         import pinocchio as pin
     except ImportError:
         raise InputError('Pinocchio: not installed; expected pip install pin') from None
-    # The file, its text, or its bytes from standard input.
-    if isinstance(source, bytes):
-        peer = pin.buildModelFromXML(source.decode())
-    elif source.lstrip().startswith('<'):
-        peer = pin.buildModelFromXML(source)
-    else:
-        peer = pin.buildModelFromUrdf(str(Path(source)))
+    peer = pin.buildModelFromXML(read_source(source))
     peer.gravity.linear = np.array(model.gravity)
     return peer
 

@@ -32,7 +32,14 @@ def advice(mechanism: Mechanism, q: Array) -> str:
     rounding, and other kinds of closures that are closed at q and leave a degree of
     freedom.
     """
-    singular_values = _singular_values(mechanism, stacked(mechanism, q))
+    stack = stacked(mechanism, q)
+    C, _ = rows_in_speeds(mechanism, stack)
+    finite = np.asarray(np.isfinite(C).all(axis=1))
+    if not finite.all():
+        undefined = [mechanism.labels[k] for k in np.flatnonzero(~finite)]
+        return (f'rows {", ".join(undefined)}: undefined at {described(mechanism, q)}; '
+                'expected configuration= at which they have a direction')
+    singular_values = _singular_values(mechanism, stack)
     shown = ', '.join(f'{x:.3g}' for x in singular_values if x > ROUNDING)
     sentences = [f'singular values of the rows, relative to the largest: {shown}']
 

@@ -155,9 +155,13 @@ def _constraint(name: str, data: Any, prefix: str) -> Constraint:
             values[key] = _number(values[key], f'{what}: {key}')
     if 'ratios' in values:
         entries = mapping(values['ratios'], f'{what}: ratios', None, ConstraintError)
-        ratios = {}
+        ratios: dict[str, float | list[float]] = {}
         for joint, ratio in entries.items():
-            ratios[prefix + joint] = _number(ratio, f"{what}: ratio of '{joint}'")
+            quantity = f"{what}: ratio of '{joint}'"
+            if isinstance(ratio, list):  # of a polynomial
+                ratios[prefix + joint] = [_number(c, quantity) for c in ratio]
+            else:
+                ratios[prefix + joint] = _number(ratio, quantity)
         values['ratios'] = ratios
     # Flags are checked here, since Python would accept any value as one.
     for key in ('angular', 'inside'):

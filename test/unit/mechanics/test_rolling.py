@@ -168,3 +168,14 @@ def test_wheels_on_an_axle_hold_the_same_force_for_every_heading():
 def test_surfaces_that_nothing_rolls_on_are_refused(options, words):
     with pytest.raises(ConstraintError, match=words):
         Rolling('hub', 0.1, **options)
+
+
+def test_a_ball_in_the_center_of_its_bowl_is_refused_by_the_row_without_direction():
+    builder = ModelBuilder('bowl')
+    builder.body('ball', 'world', joint='free', at=(0, 0, 0),
+                 inertial=Inertial(2.0, (0, 0, 0), np.eye(3) * 0.008))
+    builder.frame('bowl', 'world', at=(0, 0, 0))
+    rolling = Rolling('ball', radius=0.1, surface='sphere', surface_frame='bowl',
+                      surface_radius=1.0, inside=True)
+    with pytest.raises(ConstraintError, match=r'normal: undefined at .*expected'):
+        Robot(builder.model(), constraints=[rolling])

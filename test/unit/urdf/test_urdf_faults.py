@@ -12,6 +12,7 @@ J = joint('j', 'a', 'b')
 K = joint('k', 'b', 'c')
 NUMBERS = ('one finite number',)
 THREE = ('3 finite numbers',)
+HALF_TURN = 'quat_xyzw="0 0 1 0" '
 
 
 def limit(**values):
@@ -36,6 +37,20 @@ FAULTS = {
     'four numbers of three': (robot(A, B, joint('j', 'a', 'b', rpy='1 0 0 0')),
                               UrdfError,
                               ("joint 'j'", 'rpy', "'1 0 0 0'", *THREE)),
+    'unknown attribute of <dynamics>': (
+        robot(A, B, joint('j', 'a', 'b', more='<dynamics armature="1"/>')), UrdfError,
+        ("joint 'j'", '<dynamics>', "'armature' = '1'", 'expected damping, friction')),
+    'misspelt attribute': (
+        robot(A, B, joint('j', 'a', 'b', more='<dynamics dampping="1"/>')), UrdfError,
+        ("joint 'j'", "'dampping'", 'expected damping, friction')),
+    'unknown attribute of <axis>': (
+        robot(A, B, joint('j', 'a', 'b').replace('<axis ', '<axis rpy="0 0 1" ')),
+        UrdfError, ("joint 'j'", '<axis>', "'rpy' = '0 0 1'", 'expected xyz')),
+    'version unknown': (robot(A, B, J).replace('<robot ', '<robot version="2.0" '),
+                        UrdfError, ('<robot>', "version '2.0'", '1.0, 1.1, 1.2')),
+    'quaternion in a file of version 1.0': (
+        robot(A, B, joint('j', 'a', 'b')).replace('<origin ', '<origin ' + HALF_TURN, 1),
+        UrdfError, ('<origin>', "'quat_xyzw'", 'version="1.1"')),
     'no number': (robot(A, B, joint('j', 'a', 'b', axis=' ')), UrdfError,
                   ("joint 'j'", '<axis>', "'xyz'", 'expected xyz')),
     'nan': (robot(A, link('b', 'nan'), J), UrdfError, ("link 'b'", "'nan'", 'finite')),
@@ -64,7 +79,8 @@ FAULTS = {
                      ("link 'a'", '<inertial>', '<mass>', 'exactly one')),
     'inertia missing': (robot('<link name="a"><inertial><mass '
                               'value="1"/></inertial></link>'), UrdfError,
-                        ("link 'a'", '<inertial>', '<inertia>', 'exactly one')),
+                        ("link 'a'", '<inertial>', 'no <inertia>',
+                         'expected <inertia>, or strict=False for a point mass')),
     'moment missing': (robot('<link name="a"><inertial><mass value="1"/><inertia '
                              'ixx="1"/></inertial></link>'), UrdfError,
                        ("link 'a'", '<inertia>', "'ixy'", 'ixx, ixy, ixz')),
@@ -160,6 +176,9 @@ FAULTS = {
             ('<sdf>', 'expected <robot>')),
     'unclosed': ('<robot name="r"><link name="a">', UrdfError,
                  ('expected well-formed XML', 'line 1')),
+    'comment before the declaration': (
+        f'<!-- arm --><?xml version="1.0"?>{robot(A)}', UrdfError,
+        ('expected <?xml ...?> before all else',)),
     'empty bytes': (b'', UrdfError, ('expected well-formed XML', 'no element')),
     'two documents': (robot(A) + robot(A), UrdfError,
                       ('expected well-formed XML', 'junk')),

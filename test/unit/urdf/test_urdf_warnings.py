@@ -54,12 +54,16 @@ WARNINGS = {
                             '<gazebo reference="j"><springStiffness>1'
                             '</springStiffness></gazebo>'),
                       ('not used', '<gazebo> <springStiffness>: j')),
-    'unknown dynamics': (robot(A, B,
-                               joint('j', 'a', 'b', more='<dynamics armature="1"/>')),
-                         ('not used', "<dynamics> attribute 'armature': joint 'j'")),
-    'misspelt attribute': (robot(A, B,
-                                 joint('j', 'a', 'b', more='<dynamics dampping="1"/>')),
-                           ('not used', "'dampping': joint 'j'")),
+    'unknown attribute that states zero': (
+        robot(A, B, joint('j', 'a', 'b', more='<dynamics armature="0.0"/>')),
+        ('not used', "<dynamics> attribute 'armature': joint 'j'")),
+    'lower triangle of an inertia that differs': (
+        robot(A, link('b').replace('ixy="0"', 'ixy="0" iyx="0.1"'),
+              joint('j', 'a', 'b')),
+        ('not used', "<inertia> attribute 'iyx': link 'b'")),
+    'limit of another quantity': (
+        limit('lower="-1" upper="1" velocity="1" effort="1" jerk="9"'),
+        ('not used', "<limit> attribute 'jerk': joint 'j'")),
     'misspelt element': (robot(A, '<link name="b"><inertail/></link>',
                                joint('f', 'a', 'b', 'fixed')),
                          ('not used', "<inertail>: link 'b'")),

@@ -62,7 +62,7 @@ def test_arguments_of_the_command_line_are_name_and_value():
 
 @pytest.mark.parametrize(('old', 'new', 'message'), [
     ('tool_description', 'no_such_package',
-     "package 'no_such_package' is not installed"),
+     "package 'no_such_package': not installed"),
     ('<xacro:arg name="mass" default="2.0"/>', '', 'mass'),
     ('${0.1 * 2}', '${0.1 *}', '0.1'),
     ('</robot>', '', 'expected a file that xacro expands'),
@@ -72,6 +72,22 @@ def test_an_error_of_xacro_is_raised_with_its_reason(arm, old, new, message):
     with pytest.raises(UrdfError, match=message) as refused:
         load_urdf(arm)
     assert str(arm) in str(refused.value)
+
+
+def test_a_package_without_package_xml_is_found_by_the_name_of_its_folder(
+        arm, monkeypatch):
+    arm.write_text(ARM.replace('tool_description', 'my_tools'))
+    folder = arm.parent / 'elsewhere' / 'my_tools'
+    folder.mkdir(parents=True)
+    (folder / 'tool.xacro').write_text(TOOL)
+    with pytest.raises(UrdfError, match='ROS_PACKAGE_PATH'):
+        load_urdf(arm)
+    monkeypatch.setenv('ROS_PACKAGE_PATH', str(folder.parent))
+    by_path = load_urdf(arm)
+    monkeypatch.delenv('ROS_PACKAGE_PATH')
+    inside = folder / 'arm.urdf.xacro'
+    inside.write_text(arm.read_text())
+    assert load_urdf(inside).digest() == by_path.digest()
 
 
 def test_a_missing_file_and_an_argument_of_another_type_are_named(arm):

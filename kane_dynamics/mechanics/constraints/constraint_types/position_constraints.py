@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,14 +21,15 @@ import numpy as np
 @dataclass(frozen=True, eq=False)
 class Coupling:
     """
-    A coordinate depends linearly on others: q_joint = sum(ratio_k q_k) + offset.
+    A coordinate follows others: q_joint = offset + sum_k p_k(q_k), p_k(0) = 0.
 
     Parameters
     ----------
     joint : str
         The dependent joint.
-    ratios : mapping of joint name to float
-        The coefficients of the other coordinates (a gear: one, its ratio with sign).
+    ratios : mapping of joint name to float, or to a sequence of floats
+        For each other joint its ratio c (a gear's, with sign), p(x) = c x; or the
+        coefficients of a polynomial, p(x) = c_1 x + c_2 x^2 + ..., as of a cam.
     offset : float
         rad or m.
     name : str
@@ -36,7 +37,7 @@ class Coupling:
     """
 
     joint: str
-    ratios: Mapping[str, float]
+    ratios: Mapping[str, float | Sequence[float]]
     offset: float = 0.0
     name: str = ''
 
@@ -49,10 +50,13 @@ class Coupling:
         if not isinstance(self.ratios, Mapping) or self.joint in self.ratios:
             raise ConstraintError(f'{what}: ratios: {self.ratios!r}; expected a mapping '
                                   'of other joints to their ratios')
-        # q_joint = offset + sum of ratio times q_other.
-        ratios = {}
+        ratios: dict[str, float | tuple[float, ...]] = {}
         for joint, ratio in self.ratios.items():
-            ratios[joint] = finite_number(ratio, f"{what}: ratio of '{joint}'")
+            quantity = f"{what}: ratio of '{joint}'"
+            if isinstance(ratio, list | tuple):
+                ratios[joint] = tuple(finite_number(c, quantity) for c in ratio)
+            else:
+                ratios[joint] = finite_number(ratio, quantity)
         freeze(self, 'ratios', ratios)
         freeze(self, 'offset', finite_number(self.offset, f'{what}: offset'))
 
@@ -62,12 +66,19 @@ class Coupling:
         return (self.name,)
 
     def rows(self, geometry: Geometry) -> ConstraintRows:
-        """Return the row of q_joint' - sum(ratio_k q_k') = 0, with its residual."""
+        """Return the row of q_joint' - sum(p_k'(q_k) q_k') = 0, with its residual."""
         row, residual = geometry.coordinate(self.joint, self.name)
         for joint, ratio in self.ratios.items():
-            joint_row, position = geometry.coordinate(joint, self.name)
-            row = row - ratio * joint_row
-            residual = residual - ratio * position
+            joint_row, x = geometry.coordinate(joint, self.name)
+            coefficients = ratio if isinstance(ratio, tuple) else (ratio,)
+            # Horner's rule for p(x) and its slope.
+            value: Any = 0.0
+            slope: Any = 0.0
+            for c in reversed((0.0, *coefficients)):
+                slope = value + x * slope
+                value = c + x * value
+            row = row - slope * joint_row
+            residual = residual - value
         return ConstraintRows(row[None, :], np.zeros(1), (residual - self.offset,))
 
 
