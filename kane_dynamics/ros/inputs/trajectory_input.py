@@ -26,6 +26,7 @@ import numpy as np
 # S by which a motion begins before or after its reception, beyond which that is said:
 # more than a message takes, or a client plans ahead.
 NOTED = 0.5
+Refusal = Callable[[Motion, Array | None, float, Array | None], None]
 JUDGED = NANO // 20  # ns: a check of a motion that takes longer is repeated
 
 
@@ -106,8 +107,7 @@ def next_trajectory(reader: Reader, max_points: int) -> ReceivedTrajectory:
 
 
 def follow_trajectory(path: TorquePath, data: bytes, received: int,
-                      values: Mapping[str, Any],
-                      refuse: Callable[[Motion, Array | None, float], None]) -> str:
+                      values: Mapping[str, Any], refuse: Refusal) -> str:
     """
     Make the torque path follow a serialized JointTrajectory.
 
@@ -128,8 +128,8 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int,
         The node's parameters.
     refuse : callable
         Called with the motion, the place of its joints when it begins, (n,) rad or m or
-        None, and the time of the motion then, s; raises KaneError if the arm cannot move
-        like that.
+        None, the time of the motion then, s, and the desired speeds until then, (n,) or
+        None; raises KaneError if the arm cannot move like that.
 
     Returns
     -------
@@ -183,8 +183,7 @@ def start_in_words(start: int, now: int) -> str:
 
 def schedule_motion(path: TorquePath, message: ReceivedTrajectory, now: int,
                     generation: int, values: Mapping[str, Any],
-                    refuse: Callable[[Motion, Array | None, float], None]
-                    ) -> tuple[Motion, int]:
+                    refuse: Refusal) -> tuple[Motion, int]:
     """
     Make the torque path follow a trajectory; return the motion and its start, ns.
 
@@ -252,8 +251,7 @@ class _JudgedMotion(NamedTuple):
 
 
 def _judged(path: TorquePath, message: ReceivedTrajectory, now: int,
-            values: Mapping[str, Any],
-            refuse: Callable[[Motion, Array | None, float], None]) -> _JudgedMotion:
+            values: Mapping[str, Any], refuse: Refusal) -> _JudgedMotion:
     """Return the motion of a message for a time `now`, ns; raise as `schedule_motion`."""
     # A stamp of zero begins on receipt; later ones are in the future or in progress.
     start = nanoseconds(message.header.stamp) or now
@@ -269,7 +267,8 @@ def _judged(path: TorquePath, message: ReceivedTrajectory, now: int,
     if place is None and values['trajectory.start_tolerance'] < math.inf:
         raise InputError('joint states: none yet; expected one, from which the motion '
                          'sets out')
-    refuse(motion, None if place is None else place[0], (entry - start) / NANO)
+    departure = (None, None) if place is None else place[:2]
+    refuse(motion, departure[0], (entry - start) / NANO, departure[1])
     return _JudgedMotion(motion, start, entry)
 
 

@@ -2,8 +2,9 @@
 Refuse motions that cannot be: one set of rules for every motion that the node receives.
 
 A motion is refused if it leaves the position limits, sets out far from where the arm is,
-or needs speeds or efforts beyond the limits by more than a factor. It is judged at its
-points and at some times between them.
+begins or ends with a jump of the speed, or needs speeds or efforts beyond the limits by
+more than a factor. It is judged at its points, on both sides of them, and at some times
+between them.
 """
 
 from collections.abc import Sequence
@@ -23,14 +24,20 @@ from kane_dynamics.ros.torque_path.state_check import looks_like_degrees, speed_
 import numpy as np
 import numpy.ma  # noqa: F401  # else the first motion imports it, for 0.1 s
 
-INSIDE = np.arange(1.0, 8.0) / 8.0  # fractions of a segment at which it is judged
+# Fractions of a segment at which it is judged; the last one is its end, before a jump of the
+# acceleration.
+INSIDE = np.append(np.arange(1.0, 8.0) / 8.0, 1.0 - 1e-9)
 MOST_TIMES = 20_000  # at which a motion is judged: a few milliseconds of native code
 MOST_CLOSURES = 400  # of closed loops, in Python
 ROUNDING = 1e-6  # rad or m
+# Jumps of the desired speed that are accepted, as shares of the joint's limit: at the end
+# what rounding leaves; where a motion sets out also what it gains while its message is on
+# the way and is judged.
+JUMP_AT_END, JUMP_AT_START = 0.01, 0.05
 
 
 def refuse_impossible(served: ServedRobot, motion: Motion, place: Array | None = None,
-                      moment: float = 0.0) -> None:
+                      moment: float = 0.0, speeds: Array | None = None) -> None:
     """
     Raise InputError unless an arm can move like that.
 
@@ -46,6 +53,8 @@ def refuse_impossible(served: ServedRobot, motion: Motion, place: Array | None =
         near.
     moment : float
         Time of the motion, s, from which on it is executed.
+    speeds : (n,) array, optional
+        Desired speeds until `moment`, rad/s or m/s; the motion must begin with them.
 
     Raises
     ------
@@ -60,6 +69,7 @@ def refuse_impossible(served: ServedRobot, motion: Motion, place: Array | None =
     check_positions(served, names, motion.positions, motion.times, place=place)
     if place is not None:
         _check_start(served, motion, place, moment)
+    _check_ends(served, motion, moment, speeds)
     times = _times(motion, MOST_TIMES)
     state = motion.sample(times)
     check_positions(served, names, state[0], motion.times, times, place)
@@ -136,6 +146,37 @@ def _check_start(served: ServedRobot, motion: Motion, place: Array,
                      f'{place[j]:.6g} rad or m; expected at most {tolerance:g} away '
                      '(parameter trajectory.start_tolerance), or a first point after 0 '
                      f's{hint}')
+
+
+def _check_ends(served: ServedRobot, motion: Motion, moment: float,
+                speeds: Array | None) -> None:
+    """Raise InputError if the desired speed jumps where a motion begins or ends."""
+    still = np.zeros(motion.n)
+    last = still
+    fastest = still
+    if len(motion.times) > 1:
+        inside = motion.velocities_inside(np.array([0.0, 0.5, 1.0]))
+        last = inside[-1, -1]
+        fastest = np.abs(inside).max(axis=(0, 1))
+    limit = speed_limits(served.robot, served.values)[_indices(served,
+                                                               motion.joint_names)]
+    scale = np.where(np.isfinite(limit), limit, fastest)
+    jumps = [(last, still, JUMP_AT_END, f'at the last point ({motion.duration:g} s)', '')]
+    begin = float(motion.times[0])
+    if speeds is not None:
+        jumps.append((motion.sample(max(moment, 0.0))[1], speeds, JUMP_AT_START,
+                      f'where the motion sets out ({max(moment, 0.0):g} s)',
+                      ', the desired speed until then, or a first point after 0 s'))
+    if begin > max(moment, 0.0):
+        jumps.append((motion.sample(begin)[1], still, JUMP_AT_END,
+                      f'at the first point ({begin:g} s)', ''))
+    for after, before, share, where, remedy in jumps:
+        excess = np.abs(after - before) - share * scale - ROUNDING
+        if (excess > 0.0).any():
+            j = int(np.argmax(excess))
+            raise InputError(f"joint '{motion.joint_names[j]}': velocity {after[j]:.4g} "
+                             f'rad/s or m/s {where}; expected {before[j] + 0.0:.4g}'
+                             f'{remedy}')
 
 
 def _check_speeds(served: ServedRobot, motion: Motion, times: Array, u: Array) -> None:

@@ -68,6 +68,23 @@ IMPOSSIBLE = {  # times, positions, reason
 }
 
 
+def with_speeds(first, last):
+    """Return times, positions and velocities of a motion, with two speeds of a joint."""
+    speeds = np.zeros((3, 7))
+    speeds[0, 1], speeds[2, 1] = first, last
+    return [0.0, 1.0, 2.0], [HOME, home_moved(1, 0.3), home_moved(1, 0.6)], speeds
+
+
+ENDS = {  # speeds at the first and the last point, reason
+    'a speed at the end': (0.0, 2.4, (
+        r"joint 'fr3_joint2': velocity 2\.4 rad/s or m/s at the last point \(2 s\); "
+        'expected 0')),
+    'a speed at the begin': (-0.5, 0.0, (
+        r'velocity -0\.5 rad/s or m/s where the motion sets out \(0 s\); expected 0, '
+        'the desired speed until then, or a first point after 0 s')),
+}
+
+
 def trajectory(times, rows, joints=ARM.joint_names, stamp=0):
     message = JointTrajectory(joint_names=list(joints))
     message.header.stamp.sec = stamp
@@ -165,6 +182,58 @@ def test_a_motion_within_the_factor_is_accepted_and_one_beyond_it_refused(
         elif factor > 1.2 or efforts.max() > 1.3:
             with pytest.raises(KaneError, match=r'1\.2 times its limit'):
                 refuse_impossible(arm, faster)
+
+
+@pytest.mark.parametrize('fault', ENDS)
+def test_a_motion_sets_out_at_the_speed_of_the_arm_and_ends_at_rest(fault):
+    first, last, reason = ENDS[fault]
+    times, rows, speeds = with_speeds(first, last)
+    jumps = Motion.from_points(times, rows, speeds, joint_names=ARM.joint_names)
+    still = np.zeros(7)
+    with pytest.raises(KaneError, match=reason):
+        refuse_impossible(served(), jumps, HOME, 0.0, still)
+    # The arm may move already, and what it does not execute may begin at any speed.
+    moving = still.copy()
+    moving[1] = first
+    if last:
+        request = FillTrajectory.Request(time_from_start=times,
+                                         positions=np.ravel(rows).tolist(),
+                                         velocities=speeds.ravel().tolist())
+        with pytest.raises(KaneError, match=reason):
+            fill_trajectory_tables(served(), request, FillTrajectory.Response())
+    else:
+        refuse_impossible(served(), jumps, HOME, 0.0, moving)
+        refuse_impossible(served(), jumps)
+    # A motion with a first speed that waits for its first point jumps there.
+    late = Motion.from_points([1.0, 2.0, 3.0], rows, with_speeds(0.5, 0.0)[2],
+                              joint_names=ARM.joint_names)
+    with pytest.raises(KaneError, match=r'at the first point \(1 s\); expected 0'):
+        refuse_impossible(served(), late, HOME, 0.0, still)
+
+
+speeds_of_ends = st.sampled_from([0.0, 0.0, 1e-9, 0.02, -0.1, 0.4, 2.0])
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(speeds_of_ends, min_size=2, max_size=2),
+       st.lists(st.floats(-0.5, 0.5), min_size=2, max_size=2), st.floats(0.0, 1.5),
+       speeds_of_ends)
+def test_the_desired_speed_of_accepted_motions_never_jumps(ends, inner, moment, moving):
+    times, rows, speeds = with_speeds(*ends)
+    speeds[1, :2] = inner
+    arm = served({'trajectory.start_tolerance': 9.0})
+    before = np.zeros(7)
+    before[1] = moving
+    drawn = Motion.from_points(times, rows, speeds, joint_names=ARM.joint_names)
+    try:
+        refuse_impossible(arm, drawn, HOME, moment, before)
+    except KaneError:
+        return
+    # What the law sees: the speed before, then that of the motion, until it rests.
+    at = np.arange(moment, 2.2, 1e-4)
+    desired = np.vstack([before, drawn.sample(at)[1]])
+    most = 1e-4 * np.abs(drawn.sample(at)[2]).max() + 0.0501 * LIMITS.velocity
+    assert (np.abs(np.diff(desired, axis=0)) <= most).all()
 
 
 def test_motions_of_closed_loops_are_judged_in_the_assembly_mode_of_the_arm():

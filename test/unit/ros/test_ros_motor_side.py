@@ -123,16 +123,16 @@ def test_a_motion_is_compared_with_the_one_that_it_replaces():
     # The rest of the same motion, half a second later, goes on with its derivatives.
     later_points = DENSE[25:]
     rig.follow(later_points - later_points[0], rows(later_points), stamp=later_points[0])
-    with pytest.raises(InputError, match=r'the speed of joint .* where it begins, 0 s'):
+    with pytest.raises(InputError, match=r'velocity .* where the motion sets out'):
         rig.follow(DENSE, rows(DENSE), stamp=later_points[0] + 0.2)
     # A point of its own would stop the arm at once; after the motion it rests there.
     hold = np.stack([MOVE.sample(0.7)[0], REST[0], REST[0]])
-    with pytest.raises(InputError, match=r'the speed of joint .* where it begins, 0 s'):
+    with pytest.raises(InputError, match=r'velocity .* where the motion sets out'):
         rig.follow([0.0], [hold], stamp=0.7)
     rig.follow([0.0], [[ENDS[1], REST[0], REST[0]]], stamp=DENSE[-1])
     # Of a motion that has begun already, what is past does not count.
     other_rig = Rig('motor_side')
-    with pytest.raises(InputError, match=r'where it begins, 0\.3 s'):
+    with pytest.raises(InputError, match=r'where the motion sets out \(0\.3 s\)'):
         other_rig.follow(DENSE, rows(DENSE), stamp=-0.3)
 
 

@@ -379,8 +379,8 @@ def slow(judge, rig, seconds):
     """Return a check of motions that takes some time at first, as to compile."""
     pauses = [seconds]
 
-    def judge_slowly(motion, place, moment):
-        judge(motion, place, moment)
+    def judge_slowly(*arguments):
+        judge(*arguments)
         if pauses:
             rig.time += round(pauses.pop() * NANO)
     return judge_slowly
