@@ -464,19 +464,31 @@ def loaded_bounds(equations: Equations, q: Vector, u: Vector, udot: Vector,
     of_force = deviation_law(equations, q, u, udot, of_loads * box, parameters, t)
     of_friction = deviation_law(equations, q, u, udot, (1.0 - of_loads) * box, parameters, t)
 
-    # The torque as a function of the force without friction has a kink at zero: the force in
-    # the interval that is nearest to zero is a place of an extreme, beside both ends.
+    # The torque as a function of the force without friction has a kink where the drive
+    # transmits nothing. The force in the interval that is nearest to the kink is a place of
+    # an extreme, in addition to both ends.
     least = force - of_force
     largest = force + of_force
-    nearest = np.array([select(low > 0.0, low, select(high < 0.0, high, 0.0))
-                        for low, high in zip(least, largest)])
     motion = equations.joint_motion(q, u, udot, t)
+    kink = -motion.projected(_transmitted_damping(equations, motion))
+    nearest = np.array([select(low > at, low, select(high < at, high, at))
+                        for low, high, at in zip(least, largest, kink)])
     lower = upper = _with_friction(equations, q, motion, least, t)
     for at in (nearest, largest):
         torque = _with_friction(equations, q, motion, at, t)
         lower = np.array([select(x < y, x, y) for x, y in zip(torque, lower)])
         upper = np.array([select(x < y, y, x) for x, y in zip(torque, upper)])
     return np.stack([lower - of_friction, upper + of_friction])
+
+
+def _transmitted_damping(equations: Equations, motion: JointMotion) -> Vector:
+    """Return the damping of drives in the loads of joints with load friction, (n_j,)."""
+    tree = equations.tree
+    damping = np.array(tree.transmitted(motion.qdot, tree.zeros), dtype=object)
+    for joint in equations.model.coordinate_joints:
+        if not carries_load(joint):
+            damping[joint.coordinate] = 0.0
+    return damping
 
 
 def _with_friction(equations: Equations, q: Vector, motion: JointMotion, force: Vector,

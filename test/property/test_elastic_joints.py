@@ -5,6 +5,7 @@ from dataclasses import replace
 from kane_dynamics import box, Drive, ModelBuilder, Robot, StiffnessCurve, with_drives
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.mechanics.elastic_joints import spring_torque
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
 from mechanisms import random_model
@@ -13,15 +14,16 @@ from numpy.testing import assert_allclose
 import pytest
 
 LAW = {'damping': 0.4, 'friction': 1.5, 'friction_offset': 0.2}
+LOADED = {**LAW, 'load_friction': 0.2, 'load_friction_backdriven': 0.35}
 
 
-def elastic_model(seed):
+def elastic_model(seed, law=LAW):
     """Return a random tree with drives of all kinds and a slightly bent state."""
     rng = np.random.default_rng(seed)
     model = random_model(seed, 5)
-    kinds = (Drive(900.0, damping=2.0, rotor_inertia=0.3, friction=LAW),
+    kinds = (Drive(900.0, damping=20.0, rotor_inertia=0.3, friction=law),
              Drive(StiffnessCurve([0.01, 0.03], [5.0, 30.0]),
-                   damping=1.0, rotor_inertia=0.2, friction=LAW),
+                   damping=1.0, rotor_inertia=0.2, friction=law),
              Drive(StiffnessCurve([0.01, 0.03], [0.0, 30.0]), rotor_inertia=0.1),
              Drive(700.0, ratio=-50.0, damping=1.5, rotor_inertia=1e-3, friction=LAW,
                    full_coupling=True))
@@ -38,9 +40,19 @@ def elastic_model(seed):
     return model, q, u, udot, tau
 
 
+def transmitted_torques(model, q, u, udot):
+    """Return B theta'' + k(delta) + D delta' of each motor, (n,), 0 of other joints."""
+    loads = np.zeros(model.n)
+    for _, drive, link, motor in model.drives:
+        gear = spring_torque(drive, q[motor] - q[link]) + drive.damping * (u[motor] - u[link])
+        loads[motor] = drive.rotor_inertia * udot[motor] + gear
+    return loads
+
+
+@pytest.mark.parametrize('law', [LAW, LOADED], ids=['plain', 'load friction'])
 @pytest.mark.parametrize('seed', range(2))
-def test_formulations_of_elastic_joints_agree(seed):
-    model, q, u, udot, tau = elastic_model(seed)
+def test_formulations_of_elastic_joints_agree(seed, law):
+    model, q, u, udot, tau = elastic_model(seed, law)
     robot = Robot(model)
     expected = kane.inverse_dynamics(model, q, u, udot)
     size = 1e-11 * np.abs(robot.torque_terms(q, u, udot)).max()
@@ -49,7 +61,8 @@ def test_formulations_of_elastic_joints_agree(seed):
                     rtol=0, atol=size)
     by_energy = (energies.generalized_inertia_force(model, q, u, udot)
                  + energies.conservative_force(model, q)
-                 + energies.friction_force(model, u))
+                 + energies.friction_force(model, u,
+                                           transmitted_torques(model, q, u, udot)))
     assert_allclose(-by_energy, expected, rtol=0, atol=size)
     assert_allclose(robot.potential_energy(q), energies.potential_energy(model, q),
                     rtol=1e-12, atol=1e-12)
@@ -58,9 +71,10 @@ def test_formulations_of_elastic_joints_agree(seed):
                     atol=1e-9 * (1.0 + np.abs(acceleration).max()))
 
 
+@pytest.mark.parametrize('law', [LAW, LOADED], ids=['plain', 'load friction'])
 @pytest.mark.parametrize('seed', range(2))
-def test_derivatives_of_elastic_joints_are_exact(seed):
-    model, q, u, udot, _ = elastic_model(seed)
+def test_derivatives_of_elastic_joints_are_exact(seed, law):
+    model, q, u, udot, tau = elastic_model(seed, law)
     robot = Robot(model)
     equations = robot.equations.tree
     parameters = robot.parameters.block
@@ -83,6 +97,13 @@ def test_derivatives_of_elastic_joints_are_exact(seed):
         in_lanes = TreeInLanes(equations).inverse_dynamics_derivatives(
             q, u, udot, parameters)
         assert_allclose(in_lanes.astype(float), expected, rtol=0, atol=size)
+
+    # Those of the acceleration invert those of the torque.
+    udot = robot.forward_dynamics(q, u, tau)
+    by_q, by_u, M = robot.inverse_dynamics_derivatives(q, u, udot)
+    solved = robot.forward_dynamics_derivatives(q, u, tau)
+    assert_allclose(M @ solved[0], -by_q, rtol=0, atol=1e-9 * np.abs(by_q).max())
+    assert_allclose(M @ solved[1], -by_u, rtol=0, atol=1e-9 * np.abs(by_u).max())
 
 
 def test_a_free_body_with_a_drive_at_a_slide_accelerates_by_the_definition():

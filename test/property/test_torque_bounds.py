@@ -4,8 +4,8 @@ from dataclasses import replace
 from statistics import median
 from time import perf_counter
 
-from kane_dynamics import (absolute_rates, Inertial, InputError, load_urdf, Robot,
-                           Speeds, Uncertainty)
+from kane_dynamics import (absolute_rates, Drive, Inertial, InputError, load_urdf, Robot,
+                           Speeds, Uncertainty, with_drives)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.mechanics.recursive.regressor import (
     inertial_parameters, parameters_of, pseudo_inertia_of)
@@ -411,6 +411,28 @@ def test_bounds_with_load_friction_are_reached_with_motors_speeds_and_wrenches(
                            **pushed)
         assert (bounds.lower - 1e-10 * scale < inside).all()
         assert (inside < bounds.upper + 1e-10 * scale).all()
+
+
+def test_bounds_of_a_damped_drive_have_the_kink_where_its_gear_transmits_nothing():
+    law = {'load_friction': 0.2, 'load_friction_backdriven': 1.5, 'friction_speed': 1e-3}
+    model = with_drives(random_model(2, 1), {'joint0': Drive(
+        90.0, rotor_inertia=0.5, damping=8.0, friction=law)})
+    robot = Robot(model)
+    motor = robot.joint_names.index('joint0_motor')
+    q, u, udot = np.zeros(2), np.zeros(2), np.zeros(2)
+    u[motor], udot[motor] = 0.4, -8.0 * 0.4 / 0.5  # B theta'' + D delta' = 0
+    width = 0.1
+    bodies = [body.joint.name for body in model.bodies]
+    armature = np.where(np.array(bodies) == 'joint0_motor', width, 0.0)
+    box = Uncertainty(np.zeros((2, 10)), *np.zeros((3, 2)), armature)
+    bounds = robot.torque_bounds(q, u, udot, box)
+
+    # Torque = L + friction of the load L, with the least B at the largest L.
+    loads = [(0.5 + change) * udot[motor] + 8.0 * u[motor] for change in (-width, width)]
+    torques = [load + (0.2 if load > 0.0 else 1.5) * abs(load) for load in (*loads, 0.0)]
+    assert min(torques) == pytest.approx(0.0, abs=1e-12)  # at the kink
+    assert bounds.upper[motor] == pytest.approx(max(torques), rel=1e-9)
+    assert bounds.lower[motor] == pytest.approx(min(torques), abs=1e-9)
 
 
 def test_bounds_know_the_whole_law_of_friction_and_refuse_friction_of_the_load():

@@ -93,7 +93,7 @@ def generalized_active_force(model: Model, q: Vector, u: Vector, *,
     wrenches : mapping of frame name to (force, moment), optional
         External wrenches at the frame's origin, world axes, N and N m.
     loads : (n,) array of scalars, optional
-        Loads of the drives, on which friction may depend. Default: none.
+        Loads that the drives transmit, on which friction may depend. Default: none.
 
     """
     g = model.gravity if gravity is None else gravity
@@ -134,10 +134,11 @@ def inverse_dynamics(model: Model, q: Vector, u: Vector, udot: Vector, *,
     inertia_force = generalized_inertia_force(model, q, u, udot)
     loads = None
     if friction and any(carries_load(body.joint) for body in model.bodies):
-        # The load of a drive is the torque of the motion without friction.
+        # The load of a drive is the torque of the motion without friction, and the damping
+        # of the drive.
         force = generalized_active_force(model, q, u, gravity=gravity, friction=False,
                                          wrenches=wrenches)
-        loads = -(force + inertia_force)
+        loads = drive_forces(model, u, damping_torque) - (force + inertia_force)
     active_force = generalized_active_force(model, q, u, gravity=gravity,
                                             friction=friction, wrenches=wrenches,
                                             loads=loads)
@@ -200,7 +201,7 @@ def forward_dynamics(model: Model, q: Array, u: Array, tau: Array, *,
 
 
 def loads_of_drives(model: Model, u: Array, tau: Array) -> Array:
-    """Return the loads of the drives, (n,), under torques of the motors; numbers only."""
+    """Return the loads that drives transmit, (n,), under motor torques; numbers only."""
     loads = np.array(tau, dtype=np.float64)
     for body in model.bodies:
         joint = body.joint

@@ -147,10 +147,12 @@ def inverse_dynamics(mechanism: 'Mechanism', q: Array, u: Array, udot: Array,
     inertia = kane.generalized_inertia_force(model, q, qdot, qddot)
     loads = None
     if friction and carries_loads(model):
-        # The loads of the drives are the torques of the motion without friction.
+        # The loads of the drives are the torques of the motion without friction, and the
+        # damping of the drives.
         active = kane.generalized_active_force(model, q, qdot, friction=False, **forces)
         needed = -nonholonomic_force(mechanism, q, active + inertia, t)
-        loads = motor_torques(mechanism, q, needed, t, motors)
+        damping = kane.drive_forces(model, qdot, kane.damping_torque)
+        loads = motor_torques(mechanism, q, needed, t, motors) + damping
     active = kane.generalized_active_force(model, q, qdot, friction=friction,
                                            loads=loads, **forces)
     return -nonholonomic_force(mechanism, q, active + inertia, t)

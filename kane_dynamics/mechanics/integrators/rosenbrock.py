@@ -222,7 +222,8 @@ class ImplicitStep:
         loads = None
         if self.equations.carries_loads and directions is None:
             torques = self.equations.drive_torques(q, tau, t)
-            loads = self._tree.drive_loads(v, torques, None, None, deflections)
+            unloaded = self._tree.drive_loads(v, torques, None, None, deflections)
+            loads = self._tree.transmitted(v, unloaded)
         D = factors * self.resistance(v, loads, viscous=directions is not None,
                                       presliding=deflections is not None)
         first_qddot = T @ first_udot

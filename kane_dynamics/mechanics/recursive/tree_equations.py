@@ -450,10 +450,13 @@ class TreeEquations:
         load = self.rigid_dynamics(q, u, udot, None, parameters)
         stiffness, friction, armature = self.joint_slopes(q, u, load)
         # What depends on the load first; then the rows are scaled by 1 + dfriction/dL.
+        # The damping of drives, a part of the load, is in the slopes of friction once.
         of_load = rigid + np.stack([stiffness, np.diag(self.zeros), armature])
-        by_load = 1.0 + self.load_slope(u, load)
-        by_q, by_u, by_udot = by_load[:, None] * of_load
-        return np.stack([by_q, by_u + friction, by_udot])
+        by_load = self.load_slope(u, load)
+        by_q, by_u, by_udot = (1.0 + by_load)[:, None] * of_load
+        damping = drive_matrix(self.model, damping_slope)
+        by_u = by_u + friction + by_load[:, None] * damping
+        return np.stack([by_q, by_u, by_udot])
 
     def joint_slopes(self, q: Vector, u: Vector,
                      load: Vector | None = None) -> tuple[Matrix, Matrix, Matrix]:
@@ -487,20 +490,36 @@ class TreeEquations:
 
     # Forces along the joints: rotor inertia, friction and springs.
 
+    def transmitted(self, u: Vector, load: Vector | None) -> Vector:
+        """
+        Return the loads L that the drives transmit, (n,), on which friction depends.
+
+        `load`, (n,), is the torque of the motion without friction and damping; None for
+        drives without load. The gear of an elastic joint also transmits the torque D
+        delta' of its damping, which acts behind the gear, in parallel with its spring.
+        """
+        if load is None:
+            return self.zeros
+        return load + self._drive_damping(u) if self.drives else load
+
+    def _drive_damping(self, u: Vector) -> Vector:
+        """Return the torque of the damping of all drives, (n,)."""
+        return drive_forces(self.model, u, damping_torque)
+
     def friction_force(self, u: Vector, load: Vector | None = None,
                        directions: Vector | None = None,
                        deflections: Vector | None = None) -> Vector:
         """
         Return the torque that overcomes friction, (n,), by `friction.friction_torque`.
 
-        `load`, (n,), are the loads of the drives; None for drives without load.
-        `directions`, (n,), are those of sliding in the set-valued law, -1, 1, or 0 of a
-        joint at rest; None for the smooth law. `deflections` are those of `bristles`;
-        None for the law without presliding.
+        `load`, (n,), is as of `transmitted`; None for drives without load. `directions`,
+        (n,), are those of sliding in the set-valued law, -1, 1, or 0 of a joint at rest;
+        None for the smooth law. `deflections` are those of `bristles`; None for the law
+        without presliding.
         """
         if not self.friction:
             return self.zeros
-        loads = self.zeros if load is None else load
+        loads = self.transmitted(u, load)
         deflection_of = {} if deflections is None else self._by_bristle(deflections)
 
         # The law of each joint, at the rate of the joint itself (a mimic joint:
@@ -546,8 +565,7 @@ class TreeEquations:
         scaled: Vector = factors * friction
         # The factors are on the joints' friction, not on the dampers of drives.
         if self.model.drives and self.friction:
-            damping = drive_forces(self.model, u, damping_torque)
-            scaled = scaled + (1.0 - factors) * damping
+            scaled = scaled + (1.0 - factors) * self._drive_damping(u)
         return scaled
 
     def feedforward_friction(self, u: Vector, udot: Vector,
@@ -561,7 +579,7 @@ class TreeEquations:
         choice = self.feedforward_choice
         if not self.friction or choice == DESIRED_SPEED:
             return self.friction_force(u, load)
-        loads = self.zeros if load is None else load
+        loads = self.transmitted(u, load)
 
         # Of each joint, the direction is that of the desired motion, not of the speed.
         forces = []
@@ -578,7 +596,7 @@ class TreeEquations:
     def _with_damping(self, friction: Vector, u: Vector) -> Vector:
         """Return the friction of the joints plus the damping of drives and beams, (n,)."""
         if self.drives:
-            friction = friction + drive_forces(self.model, u, damping_torque)
+            friction = friction + self._drive_damping(u)
         if self.flexible:
             friction = self._with_beams(
                 friction, lambda beam: beam.damping @ u[list(beam.coordinates)])
@@ -587,7 +605,7 @@ class TreeEquations:
     def deflection_rates(self, u: Vector, deflections: Vector,
                          load: Vector | None = None) -> Vector:
         """Return the rates of the deflections of `bristles`, (n_b,), rad/s or m/s."""
-        loads = self.zeros if load is None else load
+        loads = self.transmitted(u, load)
         rates = []
         for joint, deflection in zip(self.bristles, deflections):
             k = joint.coordinate
@@ -602,7 +620,7 @@ class TreeEquations:
 
         `u` are the rates of the motion, of which the sizes count.
         """
-        loads = self.zeros if load is None else load
+        loads = self.transmitted(u, load)
         later = []
         for joint, deflection in zip(self.bristles, deflections):
             k = joint.coordinate
@@ -629,7 +647,7 @@ class TreeEquations:
         """Return d friction_force / du, (n,)."""
         if not self.friction:
             return self.zeros
-        loads = self.zeros if load is None else load
+        loads = self.transmitted(u, load)
 
         slopes = []
         for joint in self.joints:
@@ -641,10 +659,11 @@ class TreeEquations:
     def load_slope(self, u: Vector, load: Vector) -> Vector:
         """Return d friction_force / d load, (n,)."""
         # No joint that mimics another has load friction.
+        loads = self.transmitted(u, load)
         slopes = []
         for joint in self.joints:
             k = joint.coordinate
-            slopes.append(load_slope(joint, u[k], load[k]))
+            slopes.append(load_slope(joint, u[k], loads[k]))
         return self._by_coordinate(slopes)
 
     def drive_loads(self, u: Vector, tau: Vector,
@@ -652,8 +671,9 @@ class TreeEquations:
                     directions: Vector | None = None,
                     deflections: Vector | None = None) -> Vector:
         """
-        Return the loads of the drives, (n,): L with tau = L + factors friction(u, L).
+        Return the torque of the motion without friction, (n,), the `load` of `transmitted`.
 
+        With tau = L + factors friction(u, L) it is L less the damping of drives.
         `factors`, (n,), are 1 by default; `directions` and `deflections` are as of
         `friction_force`.
         """
@@ -663,6 +683,8 @@ class TreeEquations:
         if directions is None:
             require_solvable(self.model)
         deflection_of = {} if deflections is None else self._by_bristle(deflections)
+        # `loads` have neither damping nor friction: the drives transmit damping, too.
+        damping = self._drive_damping(u)
         for joint in self.model.coordinate_joints:
             k = joint.coordinate
             if joint.name in deflection_of:
@@ -677,8 +699,9 @@ class TreeEquations:
                 if directions is not None:
                     direction = self._direction(directions, joint)
                 unloaded = friction_torque(joint, u[k], 0.0, direction)
-                torque = loads[k] + factor * unloaded
-                loads[k] = load_of_drive(joint, u[k], torque, direction, factor)
+                torque = loads[k] + damping[k] + factor * unloaded
+                transmitted = load_of_drive(joint, u[k], torque, direction, factor)
+                loads[k] = transmitted - damping[k]
         return loads
 
     def spring_force(self, x: Vector) -> Vector:

@@ -5,7 +5,8 @@ import math
 
 from differentiated import taylor_motion, time_derivatives
 from kane_dynamics import (Drive, Inertial, InputError, ModelBuilder, Motion, point_mass,
-                           Robot, rod, SmoothMotion, StiffnessCurve, with_drives)
+                           Robot, rod, simulate, SmoothMotion, StiffnessCurve,
+                           with_drives)
 from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.model.elastic_model import link_side
@@ -13,6 +14,7 @@ from mechanisms import random_model
 import numpy as np
 from numpy.testing import assert_allclose
 import pytest
+from scipy.integrate import solve_ivp
 
 SMOOTH = {'damping': 0.7, 'friction': 1.2, 'friction_speed': 2.0, 'friction_offset': 0.1}
 CURVE = StiffnessCurve([0.01, 0.03], [6.0, 40.0], rounding=0.01)
@@ -277,11 +279,14 @@ def test_along_a_motion_without_damping_each_row_is_a_call():
                     rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize('law', [
+    SMOOTH, SMOOTH | {'load_friction': 0.2, 'load_friction_backdriven': 0.3}],
+                         ids=['plain', 'load friction'])
 @pytest.mark.parametrize('stiffness',
                          [400.0, StiffnessCurve([0.02, 0.05], [6.0, 40.0], 0.03)])
-def test_damped_deflections_satisfy_the_equations_of_the_elastic_robot(stiffness):
+def test_damped_deflections_satisfy_the_equations_of_the_elastic_robot(stiffness, law):
     """Also D delta' = tau_J - k(delta): the links' equations, no torque on links."""
-    robot = two_links(stiffness=stiffness, damping=3.0)
+    robot = two_links(stiffness=stiffness, damping=3.0, friction=law)
     motion = smooth_motion(2)
     step = 2.5e-4
     result = ElasticFeedforward(robot).along(motion, step)
@@ -299,6 +304,41 @@ def test_damped_deflections_satisfy_the_equations_of_the_elastic_robot(stiffness
         change = (speed[:-2:2] + 4 * speed[1:-1:2] + speed[2::2]) * step / 3
         assert_allclose(position[2::2] - position[:-2:2], change,
                         atol=1e-6 * np.abs(speed).max())
+
+
+@pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
+def test_a_damped_drive_with_load_friction_moves_by_its_equations_written_by_hand(
+        integrator):
+    # A wheel of 1.5 kg m^2 behind a drive; the teeth carry spring, damping and rotor.
+    B, k, D, inertia = 0.3, 90.0, 6.0, 1.5
+    mu_driving, mu_backdriven, coulomb, speed = 0.2, 0.35, 0.4, 0.2
+    b = ModelBuilder('wheel')
+    b.body('wheel', axis=(0, 0, 1), inertial=Inertial(0.0, (0, 0, 0), np.eye(3) * inertia),
+           drive=Drive(k, rotor_inertia=B, damping=D, friction={
+               'friction': coulomb, 'friction_speed': speed, 'load_friction': mu_driving,
+               'load_friction_backdriven': mu_backdriven}))
+    robot = Robot(b.model())
+
+    motor_torque = 4.0
+    start = [0.2, 0.1, -2.0, -1.0]  # against the motor, so that the load drives it
+
+    def rates(_, state):
+        q, theta, u, rate = state
+        gear = k * (theta - q) + D * (rate - u)
+        y = np.tanh(rate / speed)
+        mean = 0.5 * (mu_driving + mu_backdriven)
+        half = 0.5 * (mu_driving - mu_backdriven)
+        # torque = L + coulomb y + mean |L| y + half L y^2: linear for each sign of L.
+        x = motor_torque - coulomb * y
+        load = x / (1.0 + half * y * y + np.sign(x) * mean * y)
+        return [u, rate, gear / inertia, (load - gear) / B]
+
+    expected = solve_ivp(rates, (0.0, 1.0), start, rtol=1e-10, atol=1e-12).y[:, -1]
+    run = simulate(robot, start[:2], start[2:], 1.0, step=5e-4,
+                   torque=[0.0, motor_torque], integrator=integrator)
+    end = np.concatenate([run.q[-1], run.u[-1]])
+    assert np.abs(expected).min() > 0.01
+    assert_allclose(end, expected, atol=2e-4 if integrator == 'implicit' else 2e-6)
 
 
 def test_the_integration_of_the_deflection_is_of_order_five():
