@@ -183,7 +183,8 @@ class TrajectoryOptimizer:
         self._regularization = 0.0
         self._stalled = False
         self._t = 0.0
-        self._has_target = False
+        self._set: Array | Motion | None = None  # the target
+        self._parameters_of_target = np.zeros(0)
         # q = 0 closes no loop and deflects no beam: of those the user states a target.
         if robot.equations.in_joint_rates and not robot.model.flexible:
             self.set_target(np.zeros(len(names)))
@@ -230,16 +231,22 @@ class TrajectoryOptimizer:
         joints, or of as many driving joints as a mechanism has independent speeds. t, s,
         is also the time at the beginning for constraints and speeds that depend on it.
         The target of the torques is what the target needs: those of gravity, or of
-        inverse dynamics, with the present payload. A configuration that looks like
-        degrees is warned of.
+        inverse dynamics, with the gravity and the payload of each `solve`. A
+        configuration that looks like degrees is warned of.
         """
-        elapsed = self.interval * np.arange(1, self.nodes + 1)
-        times = constant(t, (), 't (s)', InputError) + elapsed
-        self._arrays.targets[:] = self._target.rows(target, times)
+        time = float(constant(t, (), 't (s)', InputError))
+        self._write_target(target, time)
         if not isinstance(target, Motion):
-            warn_of_degrees(self.robot, np.asarray(target, dtype=float), 'target')
-        self._t = float(t)
-        self._has_target = True
+            target = np.array(target, dtype=float)  # callers may change their array
+            warn_of_degrees(self.robot, target, 'target')
+        self._t = time
+        self._set = target
+
+    def _write_target(self, target: ArrayLike | Motion, t: float) -> None:
+        """Write the rows of a target, and the parameters with which they are computed."""
+        times = t + self.interval * np.arange(1, self.nodes + 1)
+        self._arrays.targets[:] = self._target.rows(target, times)
+        self._parameters_of_target = self.robot.parameters.block.copy()
 
     def holding_torques(self, q: ArrayLike) -> Array:
         """Return the torques of the actuators that hold gravity at q, (m,)."""
@@ -326,9 +333,13 @@ class TrajectoryOptimizer:
         arrays = self._arrays
         integer(iterations, 'iterations', 0)
         number(tolerance, 'tolerance', 'a number >= 0', lambda x: x >= 0.0)
-        if not self._has_target:
+        if self._set is None:
             raise InputError('target: none; expected a call of set_target before')
-        arrays.constants[NUMBERS + arrays.sizes.limits:] = self.robot.parameters.block
+        parameters = self.robot.parameters.block
+        arrays.constants[NUMBERS + arrays.sizes.limits:] = parameters
+        # The torques of the target are those of the present gravity and payload.
+        if not np.array_equal(parameters, self._parameters_of_target):
+            self._write_target(self._set, self._t)
         cost = self._first_cost(self._first_state(q, u))
         if not np.isfinite(cost):
             return None

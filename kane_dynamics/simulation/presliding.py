@@ -18,7 +18,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Chunk, Observer
 from kane_dynamics.simulation.step_kernels import deflections_of
 from kane_dynamics.simulation.step_size import REAL_RADIUS, settling_rates
-from kane_dynamics.simulation.sticking.friction_state import FrictionSamples
+from kane_dynamics.simulation.sticking.friction_state import FrictionSamples, stops_of
 from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
 import numpy as np
 
@@ -94,8 +94,8 @@ class BristleFriction:
 
 
 def bristle_friction(robot: Robot, stops: bool) -> BristleFriction:
-    """Return the `BristleFriction` of a robot, made once and kept with it."""
-    key = 'bristles', stops
+    """Return the `BristleFriction` of a robot, made once for its limits and kept with it."""
+    key = 'bristles', stops_of(robot, stops)
     kept = robot.kernels.kept
     if key not in kept:
         kept[key] = BristleFriction(robot, stops)

@@ -104,7 +104,7 @@ class SwitchingSteps(Steps):
         # All simulations begin in the user's speeds; those that change have a history.
         self._phases = [Phase(source.robot, self._usual)] * count
         self._switched: set[int] = set()  # simulations that left their first phase
-        self._sources: dict[tuple[int, float], TorqueInput] = {}
+        self._sources: dict[tuple[Robot, float], TorqueInput] = {}
         self._history: list[list[tuple[int, Robot]]] = [[(-1, source.robot)]
                                                         for _ in range(count)]
         self._user = UserSpeeds(source.robot, self._with_stops, self._sticks)
@@ -139,15 +139,15 @@ class SwitchingSteps(Steps):
         """Return the simulations in groups of the same phase."""
         if count and not self._switched:
             return [list(range(count))]
-        groups: dict[tuple[int, float], list[int]] = {}
+        groups: dict[tuple[Robot, float], list[int]] = {}
         for i, phase in enumerate(self._phases[:count]):
-            groups.setdefault((id(phase.robot), phase.limit), []).append(i)
+            groups.setdefault((phase.robot, phase.limit), []).append(i)
         return list(groups.values())
 
     def _source_of(self, simulations: Sequence[int]) -> TorqueInput:
         """Return the native step of simulations in the same phase."""
         phase = self._phases[simulations[0]]
-        key = id(phase.robot), phase.limit
+        key = phase.robot, phase.limit
         if key not in self._sources:
             # The kernel of the same step in the speeds of the phase, with its limits of
             # the margin.

@@ -265,7 +265,7 @@ class UserSpeeds:
 
 def _parts_by_robot(history: History, sampled: Array) -> list[tuple[Robot, list[_Part]]]:
     """Return the samples of each choice of speeds, in all simulations."""
-    groups: dict[int, tuple[Robot, list[_Part]]] = {}
+    groups: dict[Robot, list[_Part]] = {}
     for i, changes in enumerate(history):
         # Samples after the begin of each choice belong to it.
         begins = np.searchsorted(sampled, [step for step, _ in changes],
@@ -273,9 +273,8 @@ def _parts_by_robot(history: History, sampled: Array) -> list[tuple[Robot, list[
         ends = [*begins[1:], len(sampled)]
         for begin, end, (_, robot) in zip(begins, ends, changes):
             if end > begin:
-                _, parts = groups.setdefault(id(robot), (robot, []))
-                parts.append(_Part(i, slice(begin, end)))
-    return list(groups.values())
+                groups.setdefault(robot, []).append(_Part(i, slice(begin, end)))
+    return list(groups.items())
 
 
 def actuator_torques(equations: Equations, names: Sequence[str], q: Any, tau: Any,

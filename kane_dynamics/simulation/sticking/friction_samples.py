@@ -12,7 +12,8 @@ from kane_dynamics.simulation.step_kernels import StepChoice
 from kane_dynamics.simulation.sticking.friction_state import (friction_state,
                                                               FrictionModes,
                                                               FrictionSamples,
-                                                              FrictionState, NEGLIGIBLE)
+                                                              FrictionState, NEGLIGIBLE,
+                                                              stops_of)
 from kane_dynamics.simulation.sticking.transition_kernel import (settled_modes,
                                                                  settling_kernel)
 import numpy as np
@@ -85,8 +86,8 @@ class ExactFriction:
 
 
 def exact_friction(robot: Robot, stops: bool) -> ExactFriction:
-    """Return the `ExactFriction` of a robot, made once and kept with it."""
-    key = 'exact friction', stops
+    """Return the `ExactFriction` of a robot, made once for its limits and kept with it."""
+    key = 'exact friction', stops_of(robot, stops)
     kept = robot.kernels.kept
     if key not in kept:
         kept[key] = ExactFriction(friction_state(robot, stops))

@@ -505,13 +505,20 @@ class FrictionState:
 
 def friction_state(robot: Robot, stops: bool,
                    dual_to: tuple[str, ...] | None = None) -> FrictionState:
-    """Return the `FrictionState` of a robot, made once and kept with it."""
-    key = 'friction', stops, dual_to
+    """Return the `FrictionState` of a robot, made once for its limits and kept with it."""
+    key = 'friction', stops_of(robot, stops), dual_to
     kept = robot.kernels.kept
     if key not in kept:
         kept[key] = FrictionState(robot, stops, dual_to)
     state: FrictionState = kept[key]
     return state
+
+
+def stops_of(robot: Robot, stops: bool) -> tuple[bytes, bytes] | None:
+    """Return the present stops of a robot, as a key; None if they do not act."""
+    if not stops:
+        return None
+    return robot.limits.lower.tobytes(), robot.limits.upper.tobytes()
 
 
 def traced_forces(equations: Any, joints: list[int], q: Vector, u: Vector, tau: Vector,

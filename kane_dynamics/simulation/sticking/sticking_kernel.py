@@ -12,6 +12,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
+from kane_dynamics.mechanics.algebra.flags import finite
 from kane_dynamics.mechanics.integrators.held_joints import Held, held_response
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, trace_program
@@ -129,12 +130,10 @@ def _end_valid(contact: FrictionState, after: Vector, directions: Vector, sides:
                 past = select(x < low, 1.0, select(high < x, 1.0, 0.0))
                 valid = valid * (1.0 - past * (1.0 - side * side))
 
-    # The independent speeds are regular, and the state is finite (x * 0 is NaN if not).
+    # The independent speeds are regular, and the state is finite.
     if equations.watched:
         valid = valid * select(after[-1] > 0.0, 1.0, 0.0)
-    for x in (*q, *u):
-        valid = valid * select(x * 0.0 < 1.0, 1.0, 0.0)
-    return valid
+    return valid * finite([*q, *u])
 
 
 def without_drift(contact: FrictionState, modes: Matrix, after: Vector,

@@ -56,7 +56,8 @@ class _Event(NamedTuple):
 def _kernels(choice: StepChoice, contact: FrictionState) -> EventKernels:
     """Return the kernels of one choice of the step, which slides or also sticks."""
     # Kernels are kept with the robot: many simulations use the same.
-    key = 'sticking', choice.needed(contact.robot), contact.stops
+    # The stops themselves are arguments.
+    key = 'sticking', choice.needed(contact.robot), contact.stops, tuple(contact.joints)
     kept = contact.robot.kernels.kept
     if key not in kept:
         kept[key] = EventKernels(sticking_kernel(choice, contact, holds=False),
@@ -109,15 +110,15 @@ class Sticking:
         self._robot, self._step, self._start = robot, step, start
         self.stops = stops
         self.changed = False
-        self._states: dict[int, FrictionState] = {}
-        self._kernels: dict[int, EventKernels] = {}  # by robot
+        self._states: dict[Robot, FrictionState] = {}
+        self._kernels: dict[Robot, EventKernels] = {}
         self._impacts: dict[int, dict[int, list[tuple[float, float]]]] = {}
         self._hits: dict[int, list[tuple[int, StopEvent]]] = {}
         self._events: list[StopEvent] = []
 
     def state_of(self, source: TorqueInput) -> FrictionState:
         """Return the friction of the robot of a source, in its speeds."""
-        key = id(source.robot)
+        key = source.robot
         if key not in self._states:
             dual_to = source.choice.needed(source.robot).dual_to
             self._states[key] = friction_state(source.robot, self.stops, dual_to)
@@ -125,7 +126,7 @@ class Sticking:
 
     def _kernels_of(self, source: TorqueInput) -> EventKernels:
         """Return the kernels of the steps of a source."""
-        key = id(source.robot)
+        key = source.robot
         if key not in self._kernels:
             self._kernels[key] = _kernels(source.choice, self.state_of(source))
         return self._kernels[key]

@@ -210,6 +210,31 @@ def test_numbers_that_are_not_finite_change_nothing():
         PredictiveController(swing_up('acrobot'), disturbance_gain=-1.0)
 
 
+@pytest.mark.parametrize('target', ['configuration', 'motion'])
+def test_gravity_and_payload_may_change_while_the_target_stands(target):
+    model = load_urdf(resource_path('urdf', 'two_link.urdf'))
+    robot = Robot(model, payload_frame=model.frames[-1].name)
+    goal = GOAL
+    if target == 'motion':
+        goal = Motion.from_points([0.0, 10.0], [GOAL, GOAL],
+                                  joint_names=robot.joint_names)
+    controller = PredictiveController(TrajectoryOptimizer(
+        robot, nodes=NODES, interval=INTERVAL, torque_limits=3.0 * LIMITS))
+    controller.set_target(goal)
+    q = GOAL.copy()
+    for change in ('payload', 'gravity'):
+        controller.torque(q, [0.0, 0.0], CYCLE)
+        if change == 'payload':
+            robot.parameters.payload = Inertial(3.0, np.zeros(3), np.zeros((3, 3)))
+        else:
+            robot.parameters.gravity = [4.0, 0.0, -6.0]
+        path = simulate(robot, q, [0.0, 0.0], 1.0, step=CYCLE, sample=CYCLE,
+                        torque=lambda t, q, u: controller.torque(q, u, CYCLE))
+        q = path.q[-1]
+        assert np.abs(q - GOAL).max() < 1e-5
+        np.testing.assert_allclose(path.tau[-1], robot.gravity_force(GOAL), atol=1e-2)
+
+
 ERRORS = {'mass': 'masses and inertias 10 % larger', 'payload': '2 kg in the hand'}
 
 

@@ -236,6 +236,39 @@ def test_an_acrobot_swings_up_though_its_torque_weighs_little(angles, cost):
     np.testing.assert_allclose(needed, plan.tau, atol=1e-8)
 
 
+@pytest.mark.parametrize('elapsed', [0.0, INTERVAL, 2.25 * INTERVAL, 100.0])
+def test_shifted_torques_are_those_of_a_later_time(elapsed):
+    problem = optimizer(arm())
+    tau = np.random.default_rng(1).uniform(-5.0, 5.0, (NODES, 2))
+    problem.start(tau)
+    problem.shift(elapsed)
+    later = np.arange(NODES) + elapsed / INTERVAL
+    expected = np.stack([np.interp(later, np.arange(NODES), column) for column in tau.T],
+                        axis=1)
+    np.testing.assert_allclose(problem.solve([0.2, 0.4], [0.0, 0.0], iterations=0).tau,
+                               expected, rtol=0, atol=1e-12)
+
+
+def test_a_shifted_plan_continues_with_the_torques_and_feedback_of_its_states():
+    problem = optimizer(arm())
+    plan = problem.solve([0.2, 0.4], [0.0, 0.0])
+    assert np.abs(np.diff(plan.gains[:4], axis=0)).max() > 0.1
+    problem.shift(INTERVAL)
+    state = np.concatenate([plan.q[1], plan.u[1]])
+    again = problem.solve(state[:2], state[2:], iterations=0)
+    np.testing.assert_allclose(again.tau[:-1], plan.tau[1:], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(again.q[:-1], plan.q[1:], rtol=0, atol=1e-12)
+    # From another state on, the plan's feedback acts at the later states.
+    other = state + [0.01, -0.02, 0.1, 0.2]
+    away = problem.solve(other[:2], other[2:], iterations=0)
+    for k in range(1, NODES - 1):
+        off = np.concatenate([away.q[k] - plan.q[k + 1], away.u[k] - plan.u[k + 1]])
+        torque = plan.tau[k + 1] + plan.gains[k + 1] @ off
+        np.testing.assert_allclose(away.tau[k], np.clip(torque, [-30.0, -8.0], [30.0, 8.0]),
+                                   rtol=0, atol=1e-9)
+    assert np.abs(away.tau[1:-1] - plan.tau[2:]).max() > 0.1
+
+
 def test_bad_arguments_are_named():
     robot = arm()
     for options, words in (

@@ -14,7 +14,11 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.friction import (AT_BOUND, friction_torque, held_forces,
                                               holding_interval)
+from kane_dynamics.native.tracing.program import evaluate, trace_program
+from kane_dynamics.simulation.step_kernels import state_layout
 from kane_dynamics.simulation.sticking import sticking_steps, transition_kernel
+from kane_dynamics.simulation.sticking.friction_state import friction_state
+from kane_dynamics.simulation.sticking.sticking_kernel import _end_valid
 from kinds_of_mechanism import case, elastic_case, torque_of
 from linkages import at_angle, four_bar_model, PIN, sleigh
 from mechanisms import random_model, wheel, with_joints
@@ -745,3 +749,47 @@ def test_forces_of_joints_at_rest_solve_their_complementarity_problem(seed):
     assert np.abs(v[between]).max(initial=0.0) < 1e-9
     assert (v[f >= largest - 1e-12] <= 1e-9).all()
     assert (v[f <= least + 1e-12] >= -1e-9).all()
+
+
+@pytest.mark.parametrize('stops_of_first_run', [np.inf, 1.0])
+@pytest.mark.parametrize('law', [{'friction': 0.01}, {
+    'friction': 0.01, 'presliding_stiffness': 50.0}], ids=['dry', 'bristles'])
+def test_stops_are_those_of_the_present_limits(stops_of_first_run, law):
+    # Two wheels: in chosen speeds the simulation runs in a robot of its own.
+    b = ModelBuilder('wheels', gravity=(0, 0, 0))
+    for name in ('first', 'second'):
+        b.body(name, axis=(0, 0, 1), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)), **law)
+    sticks = 'presliding_stiffness' not in law
+    for robot in (Robot(b.model()), Robot(b.model(), speeds=absolute_rates)):
+        most = {}
+        for stop in (stops_of_first_run, 0.4, np.inf, 0.6):
+            ends = np.array([stop, np.inf])
+            robot.limits = replace(robot.limits, lower=-ends, upper=ends)
+            run = simulate(robot, [0.0, 0.0], [1.0, 0.0], 2.0, step=2e-3, stops=True,
+                           sticking=sticks, torque=[0.5, 0.0])
+            most[stop] = run.q[:, 0].max()
+            pressed = np.abs(run.stop_forces[-1, 0]) > 0.1
+            assert pressed == np.isfinite(stop)
+        for stop in (0.4, 0.6):
+            assert most[stop] == pytest.approx(stop, abs=1e-6)
+        assert most[np.inf] > 1.2
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+def test_a_step_that_ends_with_a_number_that_is_not_finite_is_not_valid(value):
+    robot = wheel(friction=1.0)
+    contact = friction_state(robot, False)
+    layout = state_layout(robot)
+
+    def valid(state):
+        return _end_valid(contact, state, np.ones(1), np.zeros(1), contact.lower,
+                          contact.upper)
+    program = trace_program('valid', lambda state: np.array([valid(state)]),
+                            [('state', (layout.size,))])
+    for place in range(2):
+        state = np.ones(layout.size)
+        assert valid(state) == 1.0
+        assert evaluate(program, [state]) == 1.0
+        state[place] = value
+        assert valid(state) == 0.0
+        assert evaluate(program, [state]) == 0.0
