@@ -44,8 +44,9 @@ def transmitted_torques(model, q, u, udot):
     """Return B theta'' + k(delta) + D delta' of each motor, (n,), 0 of other joints."""
     loads = np.zeros(model.n)
     for _, drive, link, motor in model.drives:
-        gear = spring_torque(drive, q[motor] - q[link]) + drive.damping * (u[motor] - u[link])
-        loads[motor] = drive.rotor_inertia * udot[motor] + gear
+        spring = spring_torque(drive, q[motor] - q[link])
+        damping = drive.damping * (u[motor] - u[link])
+        loads[motor] = drive.rotor_inertia * udot[motor] + spring + damping
     return loads
 
 

@@ -313,7 +313,8 @@ def test_a_damped_drive_with_load_friction_moves_by_its_equations_written_by_han
     B, k, D, inertia = 0.3, 90.0, 6.0, 1.5
     mu_driving, mu_backdriven, coulomb, speed = 0.2, 0.35, 0.4, 0.2
     b = ModelBuilder('wheel')
-    b.body('wheel', axis=(0, 0, 1), inertial=Inertial(0.0, (0, 0, 0), np.eye(3) * inertia),
+    b.body('wheel', axis=(0, 0, 1),
+           inertial=Inertial(0.0, (0, 0, 0), np.eye(3) * inertia),
            drive=Drive(k, rotor_inertia=B, damping=D, friction={
                'friction': coulomb, 'friction_speed': speed, 'load_friction': mu_driving,
                'load_friction_backdriven': mu_backdriven}))

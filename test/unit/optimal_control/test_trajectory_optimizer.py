@@ -264,8 +264,8 @@ def test_a_shifted_plan_continues_with_the_torques_and_feedback_of_its_states():
     for k in range(1, NODES - 1):
         off = np.concatenate([away.q[k] - plan.q[k + 1], away.u[k] - plan.u[k + 1]])
         torque = plan.tau[k + 1] + plan.gains[k + 1] @ off
-        np.testing.assert_allclose(away.tau[k], np.clip(torque, [-30.0, -8.0], [30.0, 8.0]),
-                                   rtol=0, atol=1e-9)
+        expected = np.clip(torque, [-30.0, -8.0], [30.0, 8.0])
+        np.testing.assert_allclose(away.tau[k], expected, rtol=0, atol=1e-9)
     assert np.abs(away.tau[1:-1] - plan.tau[2:]).max() > 0.1
 
 
