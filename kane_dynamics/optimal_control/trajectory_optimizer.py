@@ -244,7 +244,8 @@ class TrajectoryOptimizer:
 
     def _write_target(self, target: ArrayLike | Motion, t: float) -> None:
         """Write the rows of a target, and the parameters with which they are computed."""
-        times = t + self.interval * np.arange(1, self.nodes + 1)
+        elapsed: Array = self.interval * np.arange(1, self.nodes + 1)
+        times = t + elapsed
         self._arrays.targets[:] = self._target.rows(target, times)
         self._parameters_of_target = self.robot.parameters.block.copy()
 

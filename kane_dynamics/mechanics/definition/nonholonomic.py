@@ -16,6 +16,7 @@ from kane_dynamics._util.typing import Array, Matrix
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.mechanics.elastic_joints import damping_torque, drive_forces
 from kane_dynamics.mechanics.friction import carries_loads
 import numpy as np
 
@@ -151,7 +152,7 @@ def inverse_dynamics(mechanism: 'Mechanism', q: Array, u: Array, udot: Array,
         # damping of the drives.
         active = kane.generalized_active_force(model, q, qdot, friction=False, **forces)
         needed = -nonholonomic_force(mechanism, q, active + inertia, t)
-        damping = kane.drive_forces(model, qdot, kane.damping_torque)
+        damping = drive_forces(model, qdot, damping_torque)
         loads = motor_torques(mechanism, q, needed, t, motors) + damping
     active = kane.generalized_active_force(model, q, qdot, friction=friction,
                                            loads=loads, **forces)
