@@ -244,8 +244,7 @@ class TrajectoryOptimizer:
 
     def _write_target(self, target: ArrayLike | Motion, t: float) -> None:
         """Write the rows of a target, and the parameters with which they are computed."""
-        elapsed: Array = self.interval * np.arange(1, self.nodes + 1)
-        times = t + elapsed
+        times: Array = t + self.interval * np.arange(1.0, self.nodes + 1.0)
         self._arrays.targets[:] = self._target.rows(target, times)
         self._parameters_of_target = self.robot.parameters.block.copy()
 
