@@ -200,13 +200,19 @@ class _AlongPath:
             raise InputError('path: no limit of motors, gears or links; expected some '
                              'that bound the motion')
         # Torques of motion fall with the duration; what remains at rest must be held
-        # anyway.
-        while np.abs(limits.of(law)).max() > ROOM:
+        # anyway: the start uses a share of what that leaves of each limit.
+        at_rest = law._replace(duration=SLOWEST)
+        held = np.abs(limits.of(at_rest))
+        if held.max() >= 1.0:
+            raise self._not_held(limits, at_rest)
+        while (np.abs(limits.of(law)) > held + ROOM * (1.0 - held)).any():
             law = law._replace(duration=SLOWER * law.duration)
-            if law.duration > SLOWEST:
-                raise InputError(f'path: {self._worst(limits, law)}; expected motors and '
-                                 'gears that hold the arm on it')
         return law
+
+    def _not_held(self, limits: '_Limits', law: TimeLaw) -> InputError:
+        """Return the error for a path on which a slow law exceeds a limit."""
+        return InputError(f'path: {self._worst(limits, law)}; expected motors and gears '
+                          'that hold the arm on it')
 
     def _worst(self, limits: '_Limits', law: TimeLaw) -> str:
         """Return the use of the limits by a slow law in words."""
@@ -239,8 +245,12 @@ class _AlongPath:
         law = TimeLaw(law.duration, coefficients)
         limits = self.limits(law)
         # What the approximation changed may exceed a limit slightly.
+        slower = 1.0 + SLIGHT
         while np.abs(limits.of(law)).max() >= 1.0:
-            law = law._replace(duration=(1.0 + SLIGHT) * law.duration)
+            law = law._replace(duration=slower * law.duration)
+            slower *= slower
+            if law.duration > SLOWEST:
+                raise self._not_held(limits, law)
         return law
 
     def result(self, law: TimeLaw) -> tuple[ElasticTiming, float]:

@@ -58,9 +58,9 @@ from numpy.typing import ArrayLike, NDArray
 
 LOWEST, HIGHEST = 1e-6, 1e4  # range of the search
 PRECISION = 1e-10  # relative, of the speed with friction, power limits or beams
-# Relative steps of the speeds that are tried with elastic joints: where a limit is used
-# `FAR` times, and nearer.
-WIDE, COARSE, FAR = 0.1, 0.01, 10.0
+# Relative steps of the speeds that are tried with elastic joints: the least one, and that of
+# an arm which its motors cannot hold. Torques of motors grow with at most that power.
+COARSE, WIDE, POWER = 0.01, 0.1, 4
 
 Indices = NDArray[np.int_]
 
@@ -201,11 +201,14 @@ def _with_finer_samples(highest: Callable[[Array], float | None],
 
 def _fastest_of_drives(drives: DrivesAlong, most: float) -> TimeScale | None:
     """Return the highest speed of a motion of elastic joints, if there is one."""
+    highest_before = min(most, HIGHEST)
+
     def demanded(additional: Array, speed: float) -> Demand:
         return drives.demand_at(speed, additional=additional)
 
     def highest(additional: Array) -> float | None:
-        """Return the highest speed that fits at the samples."""
+        """Return the highest speed that fits at the samples, which further ones lower."""
+        nonlocal highest_before
         # A position limit that the links exceed even at the slowest speed is exceeded at
         # any.
         slowest = demanded(additional, LOWEST)
@@ -218,23 +221,27 @@ def _fastest_of_drives(drives: DrivesAlong, most: float) -> TimeScale | None:
         rates = np.abs(slowest.u[:, drives.links]).max(axis=0) / LOWEST
         with np.errstate(divide='ignore', invalid='ignore'):
             bound = drives.limits.velocity[drives.links] / rates
-        top = min(most, HIGHEST, float(np.fmin.reduce(bound, initial=math.inf)))
-        return _highest_tried(partial(demanded, additional), top)
+        top = float(np.fmin.reduce(bound, initial=highest_before))
+        speed = _highest_tried(partial(demanded, additional), slowest, top)
+        if speed is not None:
+            highest_before = speed
+        return speed
     return _with_finer_samples(highest, demanded)
 
 
-def _highest_tried(at_samples: Callable[[float], Demand], top: float) -> float | None:
-    """Return the highest speed up to `top` at which a demand fits, or None."""
-    if top < LOWEST:
-        return None
-    too_fast, speed = top, top
+def _highest_tried(at_samples: Callable[[float], Demand], slowest: Demand, top: float
+                   ) -> float | None:
+    """
+    Return the highest speed up to `top` at which a demand fits, or None.
+
+    `slowest` is the demand at the lowest speed.
+    """
+    too_fast = speed = top
     demanded = at_samples(speed)
-    # Slower in wide steps while the demand is far above the limits, in small ones near
-    # them.
+    # Slower in steps that the excess over the limits implies.
     while not demanded.fits:
         too_fast = speed
-        largest = max(float(uses.max()) for uses in demanded.uses.values())
-        speed = speed / (1.0 + (WIDE if largest > FAR else COARSE))
+        speed = speed / _slowdown(demanded, slowest)
         if speed < LOWEST:
             return None
         demanded = at_samples(speed)
@@ -247,6 +254,26 @@ def _highest_tried(at_samples: Callable[[float], Demand], top: float) -> float |
         else:
             too_fast = middle
     return speed
+
+
+def _slowdown(demanded: Demand, slowest: Demand) -> float:
+    """
+    Return a factor by which a motion is too fast at least; infinite if no speed fits.
+
+    What a motion uses of a limit beyond the use at rest grows with at most the fourth
+    power of the speed.
+    """
+    use = np.concatenate(list(demanded.uses.values()))
+    at_rest = np.concatenate(list(slowest.uses.values()))
+    largest = float(at_rest.max())
+    if largest < 1.0:
+        available = 1.0 - at_rest
+        excess = float(((use - at_rest) / available).max())
+        return max(1.0 + COARSE, excess**(1.0 / POWER))
+    # The arm cannot be held somewhere. Only a motion that helps its motors as much fits.
+    if np.abs(use - at_rest).max() < largest - 1.0:
+        return math.inf
+    return max(1.0 + WIDE, float(use.max())**(1.0 / POWER))
 
 
 def _bound(demanded: Demand, speed: float) -> TimeScale:

@@ -5,7 +5,7 @@ import math
 
 from kane_dynamics import (Drive, Inertial, InputError, Limits, ModelBuilder, Motion,
                            Robot, rod, simulate, SmoothMotion, with_drives)
-from kane_dynamics.feasibility import demand, time_optimal
+from kane_dynamics.feasibility import demand, fastest, time_optimal
 import numpy as np
 from numpy.testing import assert_allclose
 import pytest
@@ -182,6 +182,29 @@ def test_limits_of_acceleration_and_power_hold():
     assert needed.fits
     assert needed.uses['power'][1] > 0.99
     assert np.abs(needed.udot).max() <= 8.0 * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize('share', [0.8, 0.92, 0.99, 0.995])
+def test_an_arm_whose_motor_holds_it_near_its_limit_has_a_timing(share):
+    # The arm is level at its start, where its weight is held by a share of the limit.
+    weight = 4.0 * 9.81 * 0.25
+    robot = Robot(with_drives(arm_of_limits(), {'shoulder': Drive(
+        9e2, rotor_inertia=1.0, motor_effort=weight / share)}))
+    timing = time_optimal(robot, [[0.0], [0.8]])
+    needed = demand(robot, timing.motion)
+    assert needed.fits
+    motor = robot.joint_names.index('shoulder_motor')
+    assert needed.uses['effort'][motor] > 0.99
+    # Faster is not possible.
+    assert fastest(robot, timing.motion).speed < 1.02
+
+
+def test_an_arm_whose_motor_cannot_hold_it_is_refused_at_once():
+    weight = 4.0 * 9.81 * 0.25
+    robot = Robot(with_drives(arm_of_limits(), {'shoulder': Drive(
+        9e2, rotor_inertia=1.0, motor_effort=weight / 1.001)}))
+    with pytest.raises(InputError, match=r"'shoulder_motor': 1\.001 times its effort limit"):
+        time_optimal(robot, [[0.0], [0.8]])
 
 
 CORNER = Motion.from_points([0, 1, 2], [[0, 0], [1, 0], [1, 1]],

@@ -8,6 +8,7 @@ from kane_dynamics import (Drive, Inertial, InputError, Limits, load_urdf, Model
                            ModelError, Motion, Robot, rod, SmoothMotion, StiffnessCurve,
                            UrdfError, with_drives)
 from kane_dynamics.feasibility import demand, fastest, largest_payload
+from kane_dynamics.feasibility.torque_demand import DrivesAlong
 from kane_dynamics.model.model import with_payload
 import numpy as np
 from numpy.testing import assert_allclose
@@ -115,6 +116,23 @@ def test_no_limit_bounds_no_speed_and_a_limit_that_gravity_exceeds_all():
     assert fastest(robot_of(), move()).speed == math.inf
     assert fastest(robot_of(gear_effort=5.0), move(), step=0.05) is None
     assert fastest(robot_of(), move(), most=1.5).speed == 1.5
+
+
+@pytest.mark.parametrize('limits', [
+    {'gear_effort': 5.0}, {'motor_effort': 5.0}, {'motor_effort': 60.0},
+    {'gear_effort': 25.5}, {'motor_velocity': 2.0}, {'motor_velocity': 1e-4}])
+def test_the_fastest_speed_is_found_by_few_demands(limits, monkeypatch):
+    # With steps of a hundredth they were 1,450.
+    count = 0
+    of_states = DrivesAlong.demand_at
+
+    def counted(self, *args, **options):
+        nonlocal count
+        count += 1
+        return of_states(self, *args, **options)
+    monkeypatch.setattr(DrivesAlong, 'demand_at', counted)
+    fastest(robot_of(**limits), move(), step=0.05)
+    assert count < 150
 
 
 def test_limits_of_the_joint_are_those_of_its_motor_unless_the_drive_states_others():
