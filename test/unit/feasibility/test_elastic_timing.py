@@ -203,7 +203,7 @@ def test_an_arm_whose_motor_cannot_hold_it_is_refused_at_once():
     weight = 4.0 * 9.81 * 0.25
     robot = Robot(with_drives(arm_of_limits(), {'shoulder': Drive(
         9e2, rotor_inertia=1.0, motor_effort=weight / 1.001)}))
-    with pytest.raises(InputError, match=r"'shoulder_motor': 1\.001 times its effort limit"):
+    with pytest.raises(InputError, match=r"'shoulder_motor': 1\.001 times its effort"):
         time_optimal(robot, [[0.0], [0.8]])
 
 
