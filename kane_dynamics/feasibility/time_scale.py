@@ -269,11 +269,11 @@ def _slowdown(demanded: Demand, slowest: Demand) -> float:
     if largest < 1.0:
         available = 1.0 - at_rest
         excess = float(((use - at_rest) / available).max())
-        return max(1.0 + COARSE, excess**(1.0 / POWER))
+        return max(1.0 + COARSE, math.pow(excess, 1.0 / POWER))
     # The arm cannot be held somewhere. Only a motion that helps its motors as much fits.
     if np.abs(use - at_rest).max() < largest - 1.0:
         return math.inf
-    return max(1.0 + WIDE, float(use.max())**(1.0 / POWER))
+    return max(1.0 + WIDE, math.pow(float(use.max()), 1.0 / POWER))
 
 
 def _bound(demanded: Demand, speed: float) -> TimeScale:
